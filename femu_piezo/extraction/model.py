@@ -1,0 +1,134 @@
+"""The rational model of a piezoelectric one-port: poles, residues and a smooth background in one function."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+NEWTON_STEPS = 6
+
+
+@dataclass(frozen=True)
+class FrequencyAxis:
+    """Maps ω to the normalised variable x = (v − center)/half_width, x ∈ [−1, 1] over the sweep.
+
+    Attributes
+    ----------
+    center, half_width : of v, in rad²/s² (squared) or rad/s (linear)
+    squared : True for v = ω², exact for constant complex moduli (hysteretic loss, λ of eq 14 is a simple pole
+        in ω²); False for v = ω, where a viscous pole is simple too and its mirror image −p* is background
+    """
+
+    center: float
+    half_width: float
+    squared: bool
+
+    @classmethod
+    def of(cls, omega: np.ndarray, squared: bool = True) -> FrequencyAxis:
+        """The axis that spans the sweep `omega` (n,) rad/s."""
+        v = omega**2 if squared else omega
+        return cls(float(v[0] + v[-1]) / 2, float(v[-1] - v[0]) / 2, squared)
+
+    def x(self, omega: np.ndarray) -> np.ndarray:
+        """Normalised variable of (real or complex) ω."""
+        return ((omega**2 if self.squared else omega) - self.center) / self.half_width
+
+    def eigenvalue(self, x: np.ndarray) -> np.ndarray:
+        """λ = v (squared) or v² (linear), rad²/s², of normalised positions x."""
+        v = self.center + self.half_width * np.asarray(x)
+        return v if self.squared else v**2
+
+    def eigenvalue_slope(self, x: np.ndarray) -> np.ndarray:
+        """dλ/dx, rad²/s²."""
+        v = self.center + self.half_width * np.asarray(x)
+        return np.full(v.shape, self.half_width, complex) if self.squared else 2 * v * self.half_width
+
+
+@dataclass(frozen=True)
+class RationalModel:
+    """Y/(jω) = scale · [ Σ_m r_m/(z_m − x) + Σ_k b_k T_k(x) ], all of z, r, b complex.
+
+    Attributes
+    ----------
+    axis : the normalised frequency variable x
+    scale : farad, the size of Y/(jω)
+    poles : (M,) z_m, poles in x; Im z > 0 for a lossy mode
+    residues : (M,) r_m
+    background : (d+1,) Chebyshev coefficients b_k: clamped capacitance and every mode outside the sweep
+    """
+
+    axis: FrequencyAxis
+    scale: float
+    poles: np.ndarray
+    residues: np.ndarray
+    background: np.ndarray
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """(2M + d + 1,) complex: poles, residues, background."""
+        return np.concatenate([self.poles, self.residues, self.background])
+
+    @property
+    def size(self) -> int:
+        """Number of complex parameters."""
+        return 2 * self.poles.size + self.background.size
+
+    def with_parameters(self, theta: np.ndarray) -> RationalModel:
+        """The same structure with other numbers."""
+        m = self.poles.size
+        return RationalModel(self.axis, self.scale, theta[:m], theta[m : 2 * m], theta[2 * m :])
+
+    def charge(self, x: np.ndarray) -> np.ndarray:
+        """The bracket, Y/(jω·scale), at normalised positions x (n,), real or complex."""
+        modes = (self.residues / (self.poles - np.asarray(x)[..., None])).sum(axis=-1)
+        return modes + chebyshev.chebval(x, self.background)
+
+    def charge_slope(self, x: np.ndarray) -> np.ndarray:
+        """d charge / dx."""
+        modes = (self.residues / (self.poles - np.asarray(x)[..., None]) ** 2).sum(axis=-1)
+        return modes + chebyshev.chebval(x, chebyshev.chebder(self.background))
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """(n, 2M + d + 1) exact ∂charge/∂parameters (holomorphic, so complex numbers suffice)."""
+        gap = 1.0 / (self.poles - np.asarray(x)[:, None])
+        columns = chebyshev.chebvander(x, self.background.size - 1)
+        return np.hstack([-self.residues * gap**2, gap, columns])
+
+    def admittance(self, omega: np.ndarray) -> np.ndarray:
+        """Y(ω), siemens."""
+        return 1j * omega * self.scale * self.charge(self.axis.x(omega))
+
+    def zeros(self) -> np.ndarray:
+        """Every root of the charge function in x: the zeros of Y, good and spurious, unsorted.
+
+        The numerator Σ_m r_m Π_{k≠m}(z_k − x) + B(x) Π(z_m − x) is formed in the Chebyshev basis, its roots
+        come from the colleague matrix and are polished by Newton steps on the charge function itself.
+        """
+        if self.poles.size == 0 and self.background.size < 2:
+            return np.zeros(0, complex)
+        total = chebyshev.chebmul(self.background, _from_roots(self.poles))
+        for m, residue in enumerate(self.residues):
+            total = chebyshev.chebadd(total, residue * _from_roots(np.delete(self.poles, m)))
+        roots = chebyshev.chebroots(chebyshev.chebtrim(total, 1e-300))
+        return np.array([self._polish(root) for root in roots], complex)
+
+    def _polish(self, root: complex) -> complex:
+        x = complex(root)
+        for _ in range(NEWTON_STEPS):
+            slope = self.charge_slope(np.array(x))
+            step = complex(self.charge(np.array(x)) / slope)
+            if not np.isfinite(step) or abs(step) > 0.5 * abs(x - root) + 0.1:
+                return complex(root)
+            x -= step
+        return x
+
+    def zero_derivative(self, x: complex) -> np.ndarray:
+        """(2M + d + 1,) dx/dparameters of a zero at x, by implicit differentiation of charge(x) = 0."""
+        return -self.jacobian(np.array([x]))[0] / complex(self.charge_slope(np.array(x)))
+
+
+def _from_roots(roots: np.ndarray) -> np.ndarray:
+    """Chebyshev coefficients of Π (root − x)."""
+    return (-1.0) ** roots.size * chebyshev.chebfromroots(roots)

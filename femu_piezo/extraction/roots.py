@@ -1,0 +1,155 @@
+"""From a fitted model to poles and zeros with joint covariance, sound ones told from spurious ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from femu_piezo.extraction.fit import SweepData, covariance_factor, real_covariance
+from femu_piezo.extraction.model import RationalModel
+from femu_piezo.resonances import Kind, Resonance, ResonanceSet, effective_coupling
+
+MAX_LOSS = 0.3  # beyond η = 0.3 a term is background, not a resonance
+MAX_RELATIVE_STD_LOSS = 0.35  # a resonance has its loss known to better than this
+MIN_RESIDUE_SIGMA = 4.0  # |residue| in units of its standard deviation
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A pole with its zero.
+
+    Attributes
+    ----------
+    pole, zero : the two resonances
+    k_eff : sqrt(1 − Re λ_pole/Re λ_zero), IEEE 176 effective coupling; nan where the zero lies below
+    std_k_eff : its standard deviation from the joint covariance of both, nan where k_eff is
+    """
+
+    pole: Resonance
+    zero: Resonance
+    k_eff: float
+    std_k_eff: float
+
+
+@dataclass(frozen=True)
+class Roots:
+    """Sound resonances inside the sweep, and the significant ones found outside it.
+
+    `outside` are extrapolations: their covariance holds only as far as the model does.
+    """
+
+    inside: ResonanceSet
+    outside: tuple[Resonance, ...]
+
+
+@dataclass(frozen=True)
+class _Root:
+    kind: Kind
+    eigenvalue: complex
+    gradient: np.ndarray
+    residue: complex
+
+
+def resonances(model: RationalModel, data: SweepData, scale: float, band: tuple[float, float]) -> Roots:
+    """Poles and zeros of the model with the joint covariance scale²·(JᴴJ)⁻¹ carried through (delta method).
+
+    Parameters
+    ----------
+    scale : rms residual (1 where the weights are the true ones)
+    band : lowest and highest frequency of the sweep, Hz
+    """
+    factor = scale * covariance_factor(model, data)
+    roots = _poles(model) + _zeros(model)
+    sound = [root for root in roots if _is_sound(root, model, factor)]
+    inside = [r for r in sound if band[0] <= _frequency(r) <= band[1]]
+    inside.sort(key=lambda r: (r.kind != "pole", _frequency(r)))
+    poles, zeros, joint = _with_covariance(inside, factor)
+    outside = [r for r in sound if r not in inside and band[0] / 1.5 <= _frequency(r) <= band[1] * 1.5]
+    far_poles, far_zeros, _ = _with_covariance(sorted(outside, key=_frequency), factor)
+    return Roots(ResonanceSet(poles, zeros, joint), far_poles + far_zeros)
+
+
+def pair(found: ResonanceSet) -> tuple[Pair, ...]:
+    """Match poles with zeros so that Σ sqrt|f_zero − f_pole| is least.
+
+    The concave cost pairs a weak mode with the zero right beside it even where it sits between the pole and
+    the zero of a strong one, where "next zero above" would swap them. Poles or zeros without partner stay
+    single.
+    """
+    if not found.poles or not found.zeros:
+        return ()
+    gap = np.array([[z.frequency_Hz - p.frequency_Hz for z in found.zeros] for p in found.poles])
+    rows, columns = linear_sum_assignment(np.sqrt(np.abs(gap)))
+    return tuple(_coupled(found, i, j) for i, j in zip(rows, columns, strict=True))
+
+
+def _coupled(found: ResonanceSet, i: int, j: int) -> Pair:
+    pole, zero = found.poles[i], found.zeros[j]
+    k = effective_coupling(pole, zero)
+    at, below = 2 * i, 2 * (len(found.poles) + j)
+    real_p, real_z = pole.eigenvalue.real, zero.eigenvalue.real
+    gradient = np.array([-1 / real_z, real_p / real_z**2])
+    block = found.covariance[np.ix_([at, below], [at, below])]
+    std = float(np.sqrt(gradient @ block @ gradient)) / (2 * k) if k > 0 else float("nan")
+    return Pair(pole, zero, k, std)
+
+
+def _poles(model: RationalModel) -> list[_Root]:
+    slope = model.axis.eigenvalue_slope(model.poles)
+    values = model.axis.eigenvalue(model.poles)
+    out = []
+    for m in range(model.poles.size):
+        gradient = np.zeros(model.size, complex)
+        gradient[m] = slope[m]
+        # Y = s·Q, Q ≈ scale·r·λ'/(λ_m − λ) near the pole, λ = −s²: residue of Y at s = p is scale·r·λ'/2
+        residue = complex(model.scale * model.residues[m] * slope[m] / 2)
+        out.append(_Root("pole", complex(values[m]), gradient, residue))
+    return out
+
+
+def _zeros(model: RationalModel) -> list[_Root]:
+    out = []
+    for x in model.zeros():
+        value = complex(model.axis.eigenvalue(x))
+        slope = complex(model.axis.eigenvalue_slope(x))
+        if not 0 <= value.imag <= 2 * MAX_LOSS * value.real:
+            continue
+        # Z = 1/(s·Q): residue at s = z is 1/(z dQ/ds), dQ/ds = −2z dQ/dλ, z² = −λ
+        residue = 1 / (2 * value * model.scale * complex(model.charge_slope(np.array(x))) / slope)
+        out.append(_Root("zero", value, slope * model.zero_derivative(x), complex(residue)))
+    return out
+
+
+def _frequency(root: _Root) -> float:
+    return float(np.sqrt(root.eigenvalue.real) / (2 * np.pi))
+
+
+def _is_sound(root: _Root, model: RationalModel, factor: np.ndarray) -> bool:
+    real, imag = root.eigenvalue.real, root.eigenvalue.imag
+    if real <= 0 or not 0 < imag <= MAX_LOSS * real:
+        return False
+    std = float(np.linalg.norm(root.gradient @ factor)) / np.sqrt(2)
+    if std > MAX_RELATIVE_STD_LOSS * imag:
+        return False
+    if root.kind == "zero":
+        return True
+    m = int(np.argmax(np.abs(root.gradient)))
+    k = model.poles.size + m
+    return abs(model.residues[m]) >= MIN_RESIDUE_SIGMA * float(np.linalg.norm(factor[k]))
+
+
+def _with_covariance(
+    roots: list[_Root], factor: np.ndarray
+) -> tuple[tuple[Resonance, ...], tuple[Resonance, ...], np.ndarray]:
+    if not roots:
+        return (), (), np.zeros((0, 0))
+    spread = np.array([root.gradient for root in roots]) @ factor
+    joint = real_covariance(spread @ spread.conj().T)
+    made = [
+        Resonance(root.kind, root.eigenvalue, joint[2 * i : 2 * i + 2, 2 * i : 2 * i + 2], root.residue)
+        for i, root in enumerate(roots)
+    ]
+    poles = tuple(r for r in made if r.kind == "pole")
+    return poles, tuple(r for r in made if r.kind == "zero"), joint

@@ -1,0 +1,81 @@
+"""The noise of a sweep as the fit uses it: from the file, or learned from the fit's own residual."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import minimize
+
+from femu_piezo.errors import InputError
+from femu_piezo.extraction.fit import ROUNDING
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+
+
+@dataclass(frozen=True)
+class NoiseUsed:
+    """σ_Z(ω) = sqrt((relative·|Z|)² + additive²), the standard deviation of the complex impedance.
+
+    Attributes
+    ----------
+    relative : part proportional to |Z|, dimensionless
+    additive : constant part, ohm
+    origin : "file" where the spectrum carried its noise (relative and additive then are a summary: the median
+        of σ_Z/|Z|, and 0), "residual" where it was learned from the residual of the fit
+    """
+
+    relative: float
+    additive: float
+    origin: Literal["file", "residual"]
+
+    def std(self, impedance: np.ndarray) -> np.ndarray:
+        """(n,) σ_Z, ohm."""
+        return np.hypot(self.relative * np.abs(impedance), self.additive)
+
+
+def weight_of_file(spectrum: ImpedanceSpectrum) -> np.ndarray | None:
+    """(n,) |Z|/σ_Z from the spectrum's own noise, None where it has none."""
+    if spectrum.noise is None:
+        return None
+    if not (np.all(np.isfinite(spectrum.noise)) and np.all(spectrum.noise > 0)):
+        raise InputError(
+            f"{spectrum.source}: the noise must be positive at every point; leave it out if unknown"
+        )
+    return np.abs(spectrum.impedance) / spectrum.noise
+
+
+def noise_from_residual(error: np.ndarray, impedance: np.ndarray, parameters: int) -> NoiseUsed:
+    """Relative and additive noise by maximum likelihood from the misfit of a model.
+
+    Minimises Σ [ln σ_i² + |error_i|²/σ_i²], σ_i² = relative²|Z_i|² + additive², the negative log-likelihood
+    of circular Gaussian errors. Relative noise alone is the default; additive noise instead, or beside it,
+    has to pay ln(2n). The level is corrected for the `parameters` complex numbers taken from the data.
+
+    Parameters
+    ----------
+    error : (n,) complex Z_data − Z_model, ohm
+    impedance : (n,) complex model impedance, ohm
+    """
+    n = error.size
+    power, level = np.abs(error) ** 2, np.abs(impedance) ** 2
+    correction = n / (n - parameters)
+    if np.mean(power / level) < ROUNDING**2:
+        return NoiseUsed(float(np.sqrt(np.mean(power / level) * correction)), 0.0, "residual")
+    parts = [(float(np.mean(power / level)), 0.0), (0.0, float(np.mean(power)))]
+    costs = [
+        2 * n * np.log(parts[0][0]) + 2 * np.sum(np.log(level)),
+        2 * n * np.log(parts[1][1]) + np.log(2 * n),
+    ]
+
+    def negative(log_parts: np.ndarray) -> float:
+        variance = np.exp(log_parts[0]) * level + np.exp(log_parts[1])
+        return float(np.sum(np.log(variance) + power / variance))
+
+    both = minimize(
+        negative, np.log([np.mean(power / level) / 2, np.median(power) / 2]), method="Nelder-Mead"
+    )
+    parts.append((float(np.exp(both.x[0])), float(np.exp(both.x[1]))))
+    costs.append(2 * both.fun - 2 * n + np.log(2 * n))
+    relative, additive = parts[int(np.argmin(costs))]
+    return NoiseUsed(float(np.sqrt(relative * correction)), float(np.sqrt(additive * correction)), "residual")

@@ -1,0 +1,69 @@
+"""The exact 1-D k31 bar (METHOD section 7): known complex poles and zeros, free of our code.
+
+Y = jω (L w/t) [ε33T − d31²/s11 + (d31²/s11) tan X / X], X = (ωL/2) sqrt(ρ s11).
+Poles: cos X = 0, λ_n = ((2n−1)π/L)²/(ρ s11). Zeros: (ε33T − d31²/s11) X cos X + (d31²/s11) sin X = 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+
+EPS0 = 8.854187817e-12
+
+
+@dataclass(frozen=True)
+class Bar:
+    """Thin narrow bar, SI units; defaults: the target plate of the paper's Table 2."""
+
+    length: float = 40e-3
+    width: float = 5e-3
+    thickness: float = 1e-3
+    density: float = 7900.0
+    s11: complex = 15.84e-12 * (1 - 0.016j)
+    d31: complex = -293.25e-12 * (1 - 0.013j)
+    eps33: complex = 2422.5 * EPS0 * (1 - 0.015j)
+
+    def charge(self, omega):
+        """Y/(jω), farad."""
+        x = omega * self.length / 2 * np.sqrt(self.density * self.s11)
+        k = self.d31**2 / self.s11
+        return self.length * self.width / self.thickness * (self.eps33 - k + k * np.tan(x) / x)
+
+    def impedance(self, frequency):
+        """Z at frequency in Hz."""
+        omega = 2 * np.pi * np.asarray(frequency)
+        return 1 / (1j * omega * self.charge(omega))
+
+    def pole(self, n: int) -> complex:
+        """λ of the n-th pole, n = 1, 2, …"""
+        return ((2 * n - 1) * np.pi / self.length) ** 2 / (self.density * self.s11)
+
+    def zero(self, n: int) -> complex:
+        """λ of the n-th zero, by Newton's method on a X cos X + sin X = 0 from just above the pole."""
+        a = (self.eps33 - self.d31**2 / self.s11) / (self.d31**2 / self.s11)
+        x = (2 * n - 1) * np.pi / 2
+        x = x + 1 / (a * x)
+        for _ in range(50):
+            x = x - (np.sin(x) + a * x * np.cos(x)) / (np.cos(x) + a * np.cos(x) - a * x * np.sin(x))
+        return (2 * x / self.length) ** 2 / (self.density * self.s11)
+
+    def residue_of_charge(self, n: int) -> complex:
+        """R_n of Y/(jω) = C + Σ R_n/(λ_n − ω²): tan X / X = Σ 2/(X_n² − X²)."""
+        scale = (self.length / 2) ** 2 * self.density * self.s11
+        k = self.d31**2 / self.s11
+        return self.length * self.width / self.thickness * k * 2 / scale
+
+
+def sweep(
+    bar: Bar, frequency, relative: float = 0.0, additive: float = 0.0, seed: int = 0, noise: bool = False
+):
+    """A sweep with circular complex noise; `noise=True` puts the true noise in the spectrum."""
+    rng = np.random.default_rng(seed)
+    z = bar.impedance(frequency)
+    sigma = np.hypot(relative * np.abs(z), additive)
+    error = sigma * (rng.normal(size=z.size) + 1j * rng.normal(size=z.size)) / np.sqrt(2)
+    return ImpedanceSpectrum(frequency, z + error, noise=sigma if noise else None, source="bar")

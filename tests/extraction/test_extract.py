@@ -1,0 +1,122 @@
+"""`extract` on the exact 1-D bar: true poles and zeros are known to all digits."""
+
+import json
+
+import numpy as np
+import pytest
+
+from femu_piezo.errors import InputError
+from femu_piezo.extraction import extract
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+
+from .bar import Bar, sweep
+
+BAR = Bar()
+
+
+def relative_errors(found, true):
+    return [abs(r.eigenvalue / value - 1) for r, value in zip(found, true, strict=True)]
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "points", "modes"),
+    [(28e3, 48e3, 401, [1]), (90e3, 130e3, 401, [2]), (20e3, 200e3, 801, [1, 2, 3])],
+)
+def test_noise_free_poles_and_zeros_are_exact(low, high, points, modes):
+    found = extract(sweep(BAR, np.linspace(low, high, points))).resonances
+    assert max(relative_errors(found.poles, [BAR.pole(n) for n in modes])) < 1e-8
+    assert max(relative_errors(found.zeros, [BAR.zero(n) for n in modes])) < 1e-8
+
+
+def test_residues_are_those_of_y_and_z():
+    found = extract(sweep(BAR, np.linspace(28e3, 48e3, 401))).resonances
+    # Y = s·Q, Q = R/(λ_p + s²): residue at s = p is R/2
+    assert found.poles[0].residue == pytest.approx(BAR.residue_of_charge(1) / 2, rel=1e-8)
+    zero = found.zeros[0]
+    radius = 1e-4 * abs(zero.pole_s)
+    circle = radius * np.exp(2j * np.pi * np.arange(32) / 32)
+    s = zero.pole_s + circle
+    z = 1 / (s * BAR.charge(s / 1j))
+    assert zero.residue == pytest.approx(np.mean(z * circle), rel=1e-6)
+
+
+def test_noise_is_learned_from_the_sweep():
+    found = extract(sweep(BAR, np.linspace(28e3, 48e3, 801), relative=1e-3, seed=1))
+    assert found.noise.relative == pytest.approx(1e-3, rel=0.1)
+    assert found.noise.additive == 0.0
+    both = extract(sweep(BAR, np.linspace(28e3, 48e3, 1601), relative=1e-3, additive=2.0, seed=2))
+    assert both.noise.relative == pytest.approx(1e-3, rel=0.15)
+    assert both.noise.additive == pytest.approx(2.0, rel=0.15)
+
+
+def test_noise_of_the_file_is_used_and_doubted():
+    frequency = np.linspace(28e3, 48e3, 401)
+    honest = extract(sweep(BAR, frequency, relative=1e-3, noise=True, seed=3))
+    assert honest.status == "ok" and honest.noise.origin == "file"
+    assert honest.reduced_chi_square == pytest.approx(1, abs=0.25)
+    data = sweep(BAR, frequency, relative=1e-3, noise=True, seed=3)
+    wrong = extract(ImpedanceSpectrum(frequency, data.impedance, data.noise / 10))
+    assert wrong.status == "noise_underestimated"
+    ratio = wrong.resonances.poles[0].std_Hz / honest.resonances.poles[0].std_Hz
+    assert ratio == pytest.approx(1, rel=0.2)
+
+
+def test_coupling_and_its_deviation():
+    found = extract(sweep(BAR, np.linspace(28e3, 48e3, 401), relative=1e-3, seed=4))
+    (pair,) = found.pairs
+    truth = np.sqrt(1 - BAR.pole(1).real / BAR.zero(1).real)
+    assert 0 < pair.std_k_eff < 1e-5
+    assert abs(pair.k_eff - truth) < 4 * pair.std_k_eff
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "status", "poles", "zeros"),
+    [
+        (28e3, 37e3, "zero_outside_sweep", 1, 0),
+        (37e3, 48e3, "pole_outside_sweep", 0, 1),
+        (50e3, 80e3, "no_resonance", 0, 0),
+    ],
+)
+def test_what_lies_outside_is_named(low, high, status, poles, zeros):
+    found = extract(sweep(BAR, np.linspace(low, high, 301), relative=1e-3, seed=5))
+    assert found.status == status
+    assert len(found.resonances.poles) == poles and len(found.resonances.zeros) == zeros
+    for r in found.resonances.poles + found.resonances.zeros:
+        truth = BAR.pole(1) if r.kind == "pole" else BAR.zero(1)
+        assert abs(r.eigenvalue / truth - 1) < 1e-4
+
+
+def test_clipped_peak_is_named_and_left_out():
+    frequency = np.linspace(28e3, 48e3, 401)
+    z = sweep(BAR, frequency, relative=1e-4, seed=6).impedance
+    ceiling = 0.6 * np.abs(z).max()
+    clipped = np.where(np.abs(z) > ceiling, z / np.abs(z) * ceiling, z)
+    found = extract(ImpedanceSpectrum(frequency, clipped))
+    assert found.status == "clipped"
+    assert np.array_equal(found.used, np.abs(z) <= ceiling)
+    assert abs(found.resonances.zeros[0].eigenvalue / BAR.zero(1) - 1) < 1e-5
+
+
+def test_too_few_points_are_named():
+    found = extract(sweep(BAR, np.linspace(34e3, 36e3, 5)))
+    assert found.status == "too_few_points" and found.resonances.poles == ()
+    assert json.loads(json.dumps(found.to_json()))["points_used"] == 0
+
+
+def test_json_contract():
+    record = json.loads(
+        json.dumps(extract(sweep(BAR, np.linspace(28e3, 48e3, 201), relative=1e-3)).to_json())
+    )
+    assert set(record["poles"][0]) == {"frequency_Hz", "loss", "std_Hz", "std_loss"}
+    assert record["zeros"][0]["frequency_Hz"] == pytest.approx(
+        np.sqrt(BAR.zero(1).real) / 2 / np.pi, rel=1e-5
+    )
+
+
+def test_impossible_readings_are_refused():
+    z = BAR.impedance(np.linspace(28e3, 48e3, 50))
+    z[7] = np.nan
+    with pytest.raises(InputError, match=r"30857\.1 Hz"):
+        extract(ImpedanceSpectrum(np.linspace(28e3, 48e3, 50), z))
+    with pytest.raises(InputError, match="guess"):
+        extract(ImpedanceSpectrum(np.linspace(28e3, 48e3, 50), np.ones(50)), method="guess")
