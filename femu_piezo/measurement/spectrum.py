@@ -20,12 +20,14 @@ class ImpedanceSpectrum:
     noise : (n,) standard deviation of the complex impedance, ohm, sqrt(E|δZ|²); each of Re, Im has noise/√2.
         None where the file gives none
     source : where the data came from, for messages and reports
+    notes : sentences about what was corrected or is doubtful in the data
     """
 
     frequency: np.ndarray
     impedance: np.ndarray
     noise: np.ndarray | None = None
     source: str = "spectrum"
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         frequency = np.asarray(self.frequency, dtype=float)

@@ -1,0 +1,105 @@
+"""Tables of a specimen file as frozen pydantic models whose errors are one sentence each."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+from typing import Any, ClassVar
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, model_validator
+
+from femu_piezo.errors import InputError
+from femu_piezo.units import parse_quantity, shown
+
+
+class Table(BaseModel):
+    """One table of a specimen file: frozen, no unknown keys, wrong values told in one sentence.
+
+    `title` in the model's configuration is the name of the table; `missing` says, for each key that must be
+    there, what to write. Building a model, from a file (named in the context "file") or in Python, raises
+    `InputError`.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    missing: ClassVar[dict[str, str]] = {}
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _one_sentence(cls, data: Any, handler: Any, info: ValidationInfo) -> Any:
+        try:
+            table = handler(data)
+            problem = table.problem()
+        except ValidationError as error:
+            # an unknown key is told first: it is often the reason why another is missing
+            first = min(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")
+            problem = _sentence(first, cls)
+        if problem:
+            file = (info.context or {}).get("file")
+            raise InputError(f"{file}: {problem}" if file else problem)
+        return table
+
+    def problem(self) -> str | None:
+        """What is wrong between several keys: key, value and what would be right. None if nothing."""
+        return None
+
+
+def _sentence(error: Any, table: type[Table]) -> str:
+    """A pydantic error as one sentence: key, value, what would be right."""
+    names = [table.model_config["title"], *(str(part) for part in error["loc"])]
+    key = ".".join(name for name in names if name)
+    if error["type"] == "value_error":
+        return f"{key}: {error['ctx']['error']}"
+    if error["type"] == "extra_forbidden":
+        known = [field for field in table.model_fields if field != "path"]
+        near = difflib.get_close_matches(names[-1], known, 1)
+        hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
+        return f"{shown(key)[1:-1]} is not a key that is known; {hint}"
+    if error["type"] == "missing":
+        return f"{key} is missing; {table.missing[names[-1]]}"
+    if error["type"] == "model_type":
+        return f"{key} = {shown(error['input'])} is not a table; write [{key}] and its keys below"
+    message = (error["msg"][0].lower() + error["msg"][1:]).replace("a valid boolean", "true or false")
+    return f"{key} = {shown(error['input'])} cannot be used; {message}"
+
+
+def quantity(unit: str, low: float, high: float, hint: str) -> BeforeValidator:
+    """A validator: a number or "40 mm" to SI `unit`, low ≤ value ≤ high, else `hint` is said."""
+
+    def parse(value: object, info: ValidationInfo) -> float | None:
+        if value is None:
+            return None
+        file = (info.context or {}).get("file")
+        where = (f"{file}: " if file else "") + f"{info.config['title']}.{info.field_name}"
+        number = parse_quantity(value, unit, where)
+        if not low <= number <= high:
+            unit_text = "" if unit == "1" else f" {unit}"
+            raise InputError(f"{where}: {shown(value)} is outside {low:g} … {high:g}{unit_text}; {hint}")
+        return number
+
+    return BeforeValidator(parse)
+
+
+def _to_tuple(value: object) -> object:
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _to_pair(value: object) -> object:
+    if isinstance(value, (list, tuple)) and len(value) != 2:
+        raise ValueError(f"{shown(list(value))} has {len(value)} entries; give two, the lower one first")
+    return _to_tuple(value)
+
+
+def _to_path(value: object) -> object:
+    if isinstance(value, (str, Path)) or value is None:
+        return value if value is None else Path(value)
+    raise ValueError(f"a path is a string, not {shown(value)}; write it in quotes")
+
+
+LIST = BeforeValidator(_to_tuple)
+"""Takes the lists of TOML to the tuples of frozen models."""
+
+PAIR = BeforeValidator(_to_pair)
+"""The same for a list of two."""
+
+PATH = BeforeValidator(_to_path)
+"""Takes a string to a path."""

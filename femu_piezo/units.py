@@ -1,0 +1,184 @@
+"""Quantities as people write them ("40 mm", "3400 eps0") to plain SI numbers.
+
+Only units that occur in specimen files are known. They live in a registry of their own: it is built in a few
+milliseconds, has no offset units, and is loaded only when a string carries a unit.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from decimal import Decimal
+from functools import cache
+from typing import TYPE_CHECKING
+
+from femu_piezo.errors import InputError
+
+if TYPE_CHECKING:
+    from pint import UnitRegistry
+
+EPS0 = 8.854187817e-12
+"""Electric constant, F/m, with the digits used by Cong et al. (2022)."""
+
+_LONGEST_QUANTITY = 80
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_FACTOR = r"[A-Za-zµΩ°%]+0?(?:\^[+-]?\d)?"
+_UNIT = re.compile(rf"(?:1?\s*/\s*)?{_FACTOR}(?:\s*[*/ ]\s*{_FACTOR})*")
+
+_PREFIXES = (
+    "pico- = 1e-12 = p-|nano- = 1e-9 = n-|micro- = 1e-6 = µ- = u-|milli- = 1e-3 = m-|centi- = 1e-2 = c-|"
+)
+_PREFIXES += "kilo- = 1e3 = k-|mega- = 1e6 = M-|giga- = 1e9 = G-|tera- = 1e12 = T-|femto- = 1e-15 = f-"
+_UNITS = (
+    "meter = [length] = m = metre",
+    "gram = [mass] = g",
+    "second = [time] = s",
+    "ampere = [current] = A",
+    "inch = 0.0254 * meter = in",
+    "tonne = 1000 * kilogram = t",
+    "litre = 1e-3 * meter ** 3 = L = liter",
+    "hertz = 1 / second = Hz",
+    "newton = kilogram * meter / second ** 2 = N",
+    "pascal = newton / meter ** 2 = Pa",
+    "coulomb = ampere * second = C",
+    "volt = newton * meter / coulomb = V",
+    "farad = coulomb / volt = F",
+    "ohm = volt / ampere = Ω = Ohm",
+    "siemens = ampere / volt = S",
+    "henry = volt * second / ampere = H",
+    f"vacuum_permittivity = {EPS0!r} * farad / meter = eps0",
+    "percent = 0.01 = %",
+)
+_NAMES = (
+    "mm",
+    "cm",
+    "m",
+    "µm",
+    "um",
+    "kg",
+    "g",
+    "Hz",
+    "kHz",
+    "MHz",
+    "Pa",
+    "GPa",
+    "N",
+    "pC",
+    "C",
+    "F",
+    "eps0",
+    "Ohm",
+)
+
+_EXAMPLES = {
+    "m": '"40 mm"',
+    "kg/m^3": '"7900 kg/m^3"',
+    "Hz": '"90 kHz"',
+    "m^2/N": '"16.5e-12 m^2/N"',
+    "C/N": '"-255 pC/N"',
+    "F/m": '"3400 eps0"',
+    "1": '0.01 or "1 %"',
+}
+
+
+def parse_quantity(value: object, unit: str, where: str) -> float:
+    """The SI value of a quantity with the dimension of `unit`.
+
+    Parameters
+    ----------
+    value : a plain number (SI), or a string: a number, or a number with a unit such as "40 mm"
+    unit : the SI unit the result is in, e.g. "m", "kg/m^3", "F/m"; "1" for a pure number
+    where : file and key, for the error message
+
+    Returns
+    -------
+    float, in `unit`
+
+    Raises
+    ------
+    InputError : not a number, not finite, an unknown unit, or a unit of another dimension
+
+    >>> parse_quantity("3400 eps0", "F/m", "geometry") == 3400 * EPS0
+    True
+    """
+    right = f"give a number in {unit}" if unit != "1" else "give a pure number"
+    if unit in _EXAMPLES:
+        right += f" or a string such as {_EXAMPLES[unit]}" if unit != "1" else f" such as {_EXAMPLES[unit]}"
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        raise InputError(f"{where}: {shown(value)} is not a quantity; {right}")
+    if not isinstance(value, str):
+        return _finite(value, value, where, right)
+    text = value.strip().replace("μ", "µ").replace("Ω", "Ω")  # the other two code points of micro and ohm
+    number = _NUMBER.match(text) if len(text) <= _LONGEST_QUANTITY else None
+    if number is None:
+        raise InputError(f"{where}: {shown(value)} does not begin with a number; {right}")
+    unit_text = text[number.end() :].strip()
+    factor = _factor(unit_text, value, unit, where, right) if unit_text else 1
+    _finite(number.group(), value, where, right)
+    magnitude = Decimal(number.group())
+    result = _finite(magnitude * factor, value, where, right)
+    if result == 0 and magnitude != 0:
+        raise InputError(f"{where}: {shown(value)} is too small to be represented; {right}")
+    return result
+
+
+def _finite(number: float | str | Decimal, value: object, where: str, right: str) -> float:
+    """`number` as a finite float."""
+    try:
+        result = float(number)
+    except OverflowError:
+        result = math.inf
+    if not math.isfinite(result):
+        raise InputError(f"{where}: {shown(value)} is not a finite number; {right}")
+    return result
+
+
+def _factor(unit_text: str, value: object, unit: str, where: str, right: str) -> Decimal:
+    """The number of SI `unit` in one `unit_text`."""
+    if unit_text.startswith((",", "_")):
+        raise InputError(f"{where}: {shown(value)} is not a number; write a decimal point and no separators")
+    plain = unit_text.replace("**", "^").replace("²", "^2").replace("³", "^3").replace("·", "*")
+    plain = re.sub(
+        r"(?<![A-Za-zµ])([munpckfµ]?m)([23])(?!\d)", r"\1^\2", plain
+    )  # m2, mm3 as many people write them
+    if not _UNIT.fullmatch(plain):
+        raise InputError(f"{where}: {shown(value)} has no unit that can be read; {right}")
+    if plain.startswith("/"):
+        plain = "1" + plain
+    import pint
+
+    registry = _registry()
+    try:
+        quantity_unit = registry.parse_units(plain)
+    except pint.UndefinedUnitError:
+        unknown = [name for name in re.findall(r"[A-Za-zµΩ°%]+0?", plain) if name not in registry]
+        near = difflib.get_close_matches(unknown[0], _NAMES, 1, 0.3) if unknown else []
+        near += [name for name in _NAMES if unknown and name.lower() == unknown[0].lower()]
+        hint = f"did you mean {near[-1]!r}?" if near else right
+        raise InputError(f"{where}: the unit of {shown(value)} is not known; {hint}") from None
+    target = registry.parse_units(unit) if unit != "1" else registry.dimensionless
+    if quantity_unit.dimensionality != target.dimensionality:
+        raise InputError(f"{where}: {shown(value)} has the wrong dimension; {right}")
+    return Decimal(registry.Quantity(Decimal(1), quantity_unit).to(target).magnitude)
+
+
+@cache
+def _registry() -> UnitRegistry:
+    """The units of specimen files, nothing else (pint is imported here, at first use)."""
+    import pint
+
+    registry = pint.UnitRegistry(
+        None, non_int_type=Decimal
+    )  # exact: 7.9 g/cm^3 is 7900 kg/m^3 to the last bit
+    for definition in (*_PREFIXES.split("|"), *_UNITS):
+        registry.define(definition)
+    return registry
+
+
+def shown(value: object) -> str:
+    """`value` for a message, cut to a readable length."""
+    if isinstance(value, int) and value.bit_length() > 1000:
+        return f"an integer of {value.bit_length()} bits"
+    text = f'"{value}"' if isinstance(value, str) and value.isprintable() else repr(value)
+    return text if len(text) <= 60 else text[:57] + "…"
