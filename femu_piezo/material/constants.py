@@ -1,0 +1,269 @@
+"""The ten complex material parameters (CMPs) of a 4mm/6mm piezoceramic, in d-form and in e-form.
+
+The d-form (s^E, d, ε^T) is canonical: it is what the paper updates and what data sheets print. The e-form
+(c^E, e, ε^S) is what the weak form needs, because every operator is linear in it. Conversion is exact, complex
+and differentiable (Cong et al. 2022, eqs 1-7):
+
+    c^E = (s^E)^-1,    e = d c^E,    ε^S = ε^T − e dᵗ.
+
+Poling axis 3, Voigt order of `femu_piezo.material.voigt`. A lossy constant is value·(1 − j tan) for s^E, d and
+ε^T (eqs 8-10) under the time factor e^{jωt}.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+
+from femu_piezo.errors import InputError
+from femu_piezo.units import EPS0 as EPS0
+
+
+D_FORM = ("s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "eps33T")
+E_FORM = ("c11", "c12", "c13", "c33", "c44", "e31", "e33", "e15", "eps11S", "eps33S")
+
+
+def _elastic_matrix(v11, v12, v13, v33, v44, v66) -> np.ndarray:
+    """(6, 6) transversely isotropic matrix of compliances or stiffnesses."""
+    matrix = np.zeros((6, 6), dtype=complex)
+    matrix[:3, :3] = [[v11, v12, v13], [v12, v11, v13], [v13, v13, v33]]
+    matrix[3, 3] = matrix[4, 4] = v44
+    matrix[5, 5] = v66
+    return matrix
+
+
+def _piezoelectric_matrix(v31, v33, v15) -> np.ndarray:
+    """(3, 6) matrix of d or e constants."""
+    matrix = np.zeros((3, 6), dtype=complex)
+    matrix[2, :3] = v31, v31, v33
+    matrix[0, 4] = matrix[1, 3] = v15
+    return matrix
+
+
+class _Constants:
+    """What both forms share: values as a mapping and as a vector in the order of the fields."""
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        return tuple(field.name for field in fields(cls))
+
+    @classmethod
+    def from_vector(cls, values: np.ndarray):
+        """From (10,) complex values in the order of `names()`."""
+        return cls(*(complex(value) for value in values))
+
+    def vector(self) -> np.ndarray:
+        """(10,) complex values in the order of `names()`, SI units."""
+        return np.array([getattr(self, name) for name in self.names()], dtype=complex)
+
+    def as_dict(self) -> dict[str, complex]:
+        return {name: complex(getattr(self, name)) for name in self.names()}
+
+    def lossless(self):
+        """The same constants without imaginary parts."""
+        return self.from_vector(self.vector().real)
+
+
+@dataclass(frozen=True)
+class ElasticForm(_Constants):
+    """e-form constants: stiffness c^E (Pa), piezoelectric e (C/m²), clamped permittivity ε^S (F/m).
+
+    c66 = (c11 − c12)/2 follows from the symmetry about the poling axis.
+    """
+
+    c11: complex
+    c12: complex
+    c13: complex
+    c33: complex
+    c44: complex
+    e31: complex
+    e33: complex
+    e15: complex
+    eps11S: complex
+    eps33S: complex
+
+    @property
+    def c66(self) -> complex:
+        return (self.c11 - self.c12) / 2
+
+    def stiffness(self) -> np.ndarray:
+        """c^E, (6, 6) complex, Pa."""
+        return _elastic_matrix(self.c11, self.c12, self.c13, self.c33, self.c44, self.c66)
+
+    def piezoelectric(self) -> np.ndarray:
+        """e, (3, 6) complex, C/m²."""
+        return _piezoelectric_matrix(self.e31, self.e33, self.e15)
+
+    def permittivity(self) -> np.ndarray:
+        """ε^S, (3, 3) complex, F/m."""
+        return np.diag([self.eps11S, self.eps11S, self.eps33S]).astype(complex)
+
+    def to_d_form(self) -> PiezoConstants:
+        """Exact inverse of `PiezoConstants.to_e_form`: s = c^-1, d = e s, ε^T = ε^S + d eᵗ (eqs 4-7)."""
+        s = np.linalg.inv(self.stiffness())
+        d = self.piezoelectric() @ s
+        eps = self.permittivity() + d @ self.piezoelectric().T
+        return PiezoConstants(
+            s[0, 0], s[0, 1], s[0, 2], s[2, 2], s[3, 3], d[2, 0], d[2, 2], d[0, 4], eps[0, 0], eps[2, 2]
+        )
+
+
+@dataclass(frozen=True)
+class PiezoConstants(_Constants):
+    """d-form constants: compliance s^E (1/Pa), piezoelectric d (C/N), free permittivity ε^T (F/m), all complex.
+
+    The ten complex material parameters; s66 = 2(s11 − s12).
+    """
+
+    s11: complex
+    s12: complex
+    s13: complex
+    s33: complex
+    s44: complex
+    d31: complex
+    d33: complex
+    d15: complex
+    eps11T: complex
+    eps33T: complex
+
+    @classmethod
+    def from_real(
+        cls, values: Mapping[str, float], tangents: Mapping[str, float] | None = None
+    ) -> PiezoConstants:
+        """From real values and loss tangents, value·(1 − j tan) (eqs 8-10).
+
+        Raises InputError for a missing or unknown name.
+        """
+        tangents = dict(tangents or {})
+        unknown = (set(values) | set(tangents)) - set(D_FORM)
+        missing = set(D_FORM) - set(values)
+        if unknown or missing:
+            raise InputError(f"material constants: unknown {sorted(unknown)}, missing {sorted(missing)}")
+        return cls(**{name: values[name] * (1 - 1j * tangents.get(name, 0.0)) for name in D_FORM})
+
+    @property
+    def s66(self) -> complex:
+        return 2 * (self.s11 - self.s12)
+
+    def tangent(self, name: str) -> float:
+        """Loss tangent of one constant, −Im/Re (eqs 8-10); 0 for a constant that is zero."""
+        value = complex(getattr(self, name))
+        return -value.imag / value.real if value.real != 0 else 0.0
+
+    def with_values(self, **values: complex) -> PiezoConstants:
+        """A copy with some constants replaced (complex values)."""
+        return replace(self, **values)
+
+    def compliance(self) -> np.ndarray:
+        """s^E, (6, 6) complex, 1/Pa."""
+        return _elastic_matrix(self.s11, self.s12, self.s13, self.s33, self.s44, self.s66)
+
+    def piezoelectric(self) -> np.ndarray:
+        """d, (3, 6) complex, C/N."""
+        return _piezoelectric_matrix(self.d31, self.d33, self.d15)
+
+    def permittivity(self) -> np.ndarray:
+        """ε^T, (3, 3) complex, F/m."""
+        return np.diag([self.eps11T, self.eps11T, self.eps33T]).astype(complex)
+
+    def to_e_form(self) -> ElasticForm:
+        """c^E = (s^E)^-1, e = d c^E, ε^S = ε^T − e dᵗ (eqs 1-7), exact for complex values."""
+        c = np.linalg.inv(self.compliance())
+        e = self.piezoelectric() @ c
+        eps = self.permittivity() - e @ self.piezoelectric().T
+        return ElasticForm(
+            c[0, 0], c[0, 1], c[0, 2], c[2, 2], c[3, 3], e[2, 0], e[2, 2], e[0, 4], eps[0, 0], eps[2, 2]
+        )
+
+    def e_form_jacobian(self) -> np.ndarray:
+        """∂(e-form)/∂(d-form), (10, 10) complex: row an e-form, column a d-form constant; holomorphic.
+
+        dc = −c ds c,  de = dd c + d dc,  dε^S = dε^T − de dᵗ − e ddᵗ.
+        """
+        c = np.linalg.inv(self.compliance())
+        d = self.piezoelectric()
+        e = d @ c
+        columns = []
+        for unit in np.eye(10):
+            step = PiezoConstants.from_vector(unit)
+            dc = -c @ step.compliance() @ c
+            de = step.piezoelectric() @ c + d @ dc
+            deps = step.permittivity() - de @ d.T - e @ step.piezoelectric().T
+            columns.append(
+                [dc[0, 0], dc[0, 1], dc[0, 2], dc[2, 2], dc[3, 3]]
+                + [de[2, 0], de[2, 2], de[0, 4], deps[0, 0], deps[2, 2]]
+            )
+        return np.array(columns).T
+
+    @cached_property
+    def coupling(self) -> dict[str, complex]:
+        """Coupling factors of IEEE 176: k31, k33, k15, kp (planar), dimensionless complex."""
+        return {
+            "k31": np.sqrt(self.d31**2 / (self.s11 * self.eps33T)),
+            "k33": np.sqrt(self.d33**2 / (self.s33 * self.eps33T)),
+            "k15": np.sqrt(self.d15**2 / (self.s44 * self.eps11T)) if self.eps11T else 0j,
+            "kp": np.sqrt(2 * self.d31**2 / ((self.s11 + self.s12) * self.eps33T)),
+        }
+
+    def physical_faults(self, tolerance: float = 1e-9) -> list[str]:
+        """Sentences on what cannot be a passive, stable material; empty where all is well.
+
+        Stable: the real part of the d-form matrix [[s, dᵗ], [d, ε^T]] is positive semidefinite (ε11T = 0 of the
+        paper's simplification is allowed). Passive (Holland 1967): its negative imaginary part is positive
+        semidefinite, e.g. Im s11 ≤ 0 and Im s11 · Im ε33T ≥ (Im d31)². `tolerance` is relative to the scaled
+        matrix, whose diagonal is one.
+        """
+        faults = [
+            f"{name} = {getattr(self, name).real:.6g} must be positive"
+            for name in ("s11", "s33", "s44", "eps33T")
+            if not getattr(self, name).real > 0
+        ]
+        if self.eps11T.real < 0:
+            faults.append(f"eps11T = {self.eps11T.real:.6g} must not be negative")
+        if faults:
+            return faults
+        scale = self._scale()
+        for block, names in _BLOCKS:
+            stored = (self._matrix(block).real / np.outer(scale[block], scale[block])).real
+            if np.linalg.eigvalsh(stored)[0] < -tolerance:
+                faults.append(
+                    f"{', '.join(names)} together are not positive definite: no stable material has them"
+                )
+            lost = -self._matrix(block).imag / np.outer(scale[block], scale[block])
+            if np.linalg.eigvalsh(lost)[0] < -tolerance:
+                faults.append(
+                    f"the imaginary parts of {', '.join(names)} would create energy (Holland 1967): "
+                    "a loss tangent is negative or that of d is too large for those of s and eps"
+                )
+        return faults
+
+    def check(self, where: str = "material", *, passive: bool = True) -> PiezoConstants:
+        """Return self, or raise InputError naming the constants that are unphysical."""
+        faults = self.physical_faults()
+        if not passive:
+            faults = [fault for fault in faults if "create energy" not in fault]
+        if faults:
+            raise InputError(f"{where}: {'; '.join(faults)}")
+        return self
+
+    def _matrix(self, block: tuple[int, ...]) -> np.ndarray:
+        full = np.block(
+            [[self.compliance(), self.piezoelectric().T], [self.piezoelectric(), self.permittivity()]]
+        )
+        return full[np.ix_(block, block)]
+
+    def _scale(self) -> dict[tuple[int, ...], np.ndarray]:
+        largest = np.array(
+            [self.s11, self.s11, self.s33, self.s44, self.s44, self.s44] + [self.eps33T] * 3
+        ).real
+        return {block: np.sqrt(largest[list(block)]) for block, _ in _BLOCKS}
+
+
+#: Independent blocks of the d-form matrix and the constants that each couples.
+_BLOCKS = (
+    ((0, 1, 2, 8), ("s11", "s12", "s13", "s33", "d31", "d33", "eps33T")),
+    ((4, 6), ("s44", "d15", "eps11T")),
+)
