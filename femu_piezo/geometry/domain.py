@@ -1,0 +1,56 @@
+"""`Domain`: a mesh with named boundaries and what they mean electrically and by symmetry."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import skfem
+
+from femu_piezo.errors import InputError
+
+
+@dataclass(frozen=True)
+class Domain:
+    """The part of a specimen that is computed, and how the whole follows from it.
+
+    Attributes
+    ----------
+    mesh : scikit-fem mesh with named boundaries, coordinates in m
+    hot, ground : names of the boundaries that carry the two electrodes. On a plane of antisymmetric potential
+        (the mid-plane between the electrodes) φ = 0, so that plane is the ground of the part.
+    symmetry : boundary name → axis (0, 1, 2) whose displacement vanishes there
+    copies : how many copies of the part make the specimen
+    voltage_factor : terminal voltage of the specimen / potential of `hot` in the part
+    poling : (3,) direction of poling in specimen axes
+    """
+
+    mesh: skfem.Mesh
+    hot: tuple[str, ...]
+    ground: tuple[str, ...]
+    symmetry: Mapping[str, int] = field(default_factory=dict)
+    copies: int = 1
+    voltage_factor: float = 1.0
+    poling: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        known = self.mesh.boundaries or {}
+        for name in (*self.hot, *self.ground, *self.symmetry):
+            if name not in known:
+                raise InputError(
+                    f'the mesh has no boundary named "{name}"; it has {", ".join(sorted(known)) or "none"}'
+                )
+        if not self.hot or not self.ground:
+            raise InputError("a domain needs at least one boundary for each of the hot and ground electrodes")
+
+    @property
+    def admittance_factor(self) -> float:
+        """Y of the specimen / Y of the part: stored energy scales with `copies`, voltage with `voltage_factor`."""
+        return self.copies / self.voltage_factor**2
+
+    @property
+    def volume(self) -> float:
+        """Volume of the whole specimen, m³."""
+        basis = skfem.Basis(self.mesh, self.mesh.elem())
+        return float(np.sum(basis.dx)) * self.copies
