@@ -1,0 +1,48 @@
+"""Electrode and symmetry conditions as one prolongation from free unknowns to all degrees of freedom.
+
+Free unknowns: displacements not held by a symmetry plane, potentials away from electrodes, and LAST the
+potential of the hot electrode, one unknown for its whole equipotential. The open-circuit operator is the whole;
+the short-circuit operator is the same without its last row and column. The potential is scaled so that elastic
+and dielectric entries have one magnitude.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+import skfem
+
+from femu_piezo.errors import InputError
+from femu_piezo.forward.gradient_products import FIELDS
+from femu_piezo.geometry.domain import Domain
+
+
+def _boundary_dofs(basis: skfem.Basis, names: tuple[str, ...]) -> np.ndarray:
+    return np.unique(np.concatenate([basis.get_dofs(name).all() for name in names]))
+
+
+def prolongation(basis: skfem.Basis, domain: Domain, potential_scale: float) -> sp.csr_matrix:
+    """(4n, m) matrix from free unknowns to all degrees of freedom, hot electrode last.
+
+    Parameters
+    ----------
+    basis : scalar basis with n degrees of freedom
+    potential_scale : volts per unit of the scaled potential
+    """
+    n = basis.N
+    held = np.zeros(FIELDS * n, dtype=bool)
+    for name, axis in domain.symmetry.items():
+        held[axis * n + _boundary_dofs(basis, (name,))] = True
+    hot = _boundary_dofs(basis, domain.hot)
+    ground = _boundary_dofs(basis, domain.ground)
+    if np.intersect1d(hot, ground).size:
+        raise InputError(
+            "the hot and the ground electrode share points of the mesh: they would be short-circuited"
+        )
+    held[3 * n + ground] = True
+    held[3 * n + hot] = True
+    free = np.flatnonzero(~held)
+    rows = np.concatenate([free, 3 * n + hot])
+    columns = np.concatenate([np.arange(free.size), np.full(hot.size, free.size)])
+    values = np.where(rows >= 3 * n, potential_scale, 1.0)
+    return sp.csr_matrix((values, (rows, columns)), shape=(FIELDS * n, free.size + 1))

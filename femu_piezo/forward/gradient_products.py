@@ -1,0 +1,130 @@
+"""All unit-constant matrices from nine scalar assemblies.
+
+With four fields (u_x, u_y, u_z, φ) on one scalar basis, every bulk form of the problem is
+
+    Σ_{f,g} Σ_{a,b} H[f,a,g,b] ∫ ∂_a v_f ∂_b w_g,
+
+where H is the extended constitutive tensor of Barnett and Lothe (1975): c_iakb for two displacements, e_bia
+for a displacement and the potential, −ε_ab for the potential. So the products G_ab = ∫ ∂_aφ_i ∂_bφ_j contain
+every unit-constant matrix, for any crystal orientation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+import skfem
+
+from femu_piezo.material.constants import ElasticForm
+from femu_piezo.material.voigt import piezoelectric_tensor, stiffness_tensor
+
+FIELDS = 4  #: u_x, u_y, u_z, φ
+
+
+def extended_tensor(constants: ElasticForm, rotation: np.ndarray) -> np.ndarray:
+    """H (4, 3, 4, 3) of e-form constants, x_crystal = R x_specimen; complex, SI."""
+    r = rotation
+    tensor = np.zeros((FIELDS, 3, FIELDS, 3), dtype=complex)
+    c = stiffness_tensor(constants.stiffness())
+    e = piezoelectric_tensor(constants.piezoelectric())
+    tensor[:3, :, :3, :] = np.einsum("pqrs,pi,qj,rk,sl->ijkl", c, r, r, r, r, optimize=True)
+    rotated = np.einsum("pqr,pi,qj,rk->ijk", e, r, r, r, optimize=True)
+    tensor[:3, :, 3, :] = np.einsum("kij->ijk", rotated)
+    tensor[3, :, :3, :] = rotated
+    tensor[3, :, 3, :] = -r.T @ constants.permittivity() @ r
+    return tensor
+
+
+def unit_tensors(rotation: np.ndarray) -> np.ndarray:
+    """(10, 4, 3, 4, 3) real: H of each unit constant, in the order of `ElasticForm.names()`."""
+    return np.array([extended_tensor(ElasticForm.from_vector(unit), rotation).real for unit in np.eye(10)])
+
+
+@dataclass(frozen=True)
+class GradientProducts:
+    """Scalar matrices on one sparsity pattern.
+
+    Attributes
+    ----------
+    indices, indptr : CSR pattern of the scalar basis, n × n
+    gradients : (3, 3, nnz) data of ∫ w ∂_aφ_i ∂_bφ_j
+    mass : (nnz,) data of ∫ w φ_i φ_j
+    """
+
+    indices: np.ndarray
+    indptr: np.ndarray
+    gradients: np.ndarray
+    mass: np.ndarray
+
+    @property
+    def size(self) -> int:
+        return self.indptr.size - 1
+
+    def scalar(self, data: np.ndarray) -> sp.csr_matrix:
+        """The (n, n) matrix with given data on the common pattern."""
+        return sp.csr_matrix((data, self.indices, self.indptr), shape=(self.size, self.size))
+
+    @cached_property
+    def gradient_matrices(self) -> list[list[sp.csr_matrix]]:
+        """G_ab as sparse matrices, [a][b]."""
+        return [[self.scalar(self.gradients[a, b]) for b in range(3)] for a in range(3)]
+
+    def stiffness(self, tensor: np.ndarray) -> sp.csr_matrix:
+        """(4n, 4n) matrix of the extended tensor H (4, 3, 4, 3), fields one after another."""
+        blocks = [
+            [
+                self.scalar(np.einsum("ab,abn->n", tensor[f, :, g, :], self.gradients))
+                if np.any(tensor[f, :, g, :])
+                else None
+                for g in range(FIELDS)
+            ]
+            for f in range(FIELDS)
+        ]
+        for f in range(FIELDS):  # bmat needs one block to know each size
+            if blocks[f][f] is None:
+                blocks[f][f] = sp.csr_matrix((self.size, self.size))
+        return sp.bmat(blocks, format="csr")
+
+    def mass_matrix(self, density: float) -> sp.csr_matrix:
+        """(4n, 4n) matrix of ∫ρ v·u (kg), zero in the potential."""
+        block = self.scalar(density * self.mass)
+        return sp.block_diag([block, block, block, sp.csr_matrix((self.size, self.size))], format="csr")
+
+
+def assemble_gradient_products(basis: skfem.Basis, weight: np.ndarray | None = None) -> GradientProducts:
+    """Assemble the nine gradient products and the mass on a scalar basis.
+
+    Parameters
+    ----------
+    basis : scalar scikit-fem basis (all elements, or those of a region)
+    weight : (n_elements, n_quadrature) factor w under the integral, e.g. a position-dependent constant; 1 where None
+    """
+    dx = basis.dx if weight is None else basis.dx * weight
+    gradient = np.stack([shape[0].grad for shape in basis.basis])  # (shapes, 3, elements, points)
+    value = np.stack([np.broadcast_to(shape[0].value, dx.shape) for shape in basis.basis])
+    count, elements = len(value), dx.shape[0]
+    left = np.moveaxis(gradient, 2, 0).reshape(elements, count * 3, -1)
+    local = (left * dx[:, None, :]) @ left.transpose(0, 2, 1)
+    local = local.reshape(elements, count, 3, count, 3).transpose(2, 4, 0, 1, 3).reshape(9, -1)
+    shapes = value.transpose(1, 0, 2)
+    local_mass = ((shapes * dx[:, None, :]) @ shapes.transpose(0, 2, 1)).ravel()
+
+    dofs = np.asarray(basis.element_dofs, dtype=np.int64).T  # (elements, shapes)
+    rows = np.repeat(dofs, count, axis=1).ravel()
+    columns = np.tile(dofs, (1, count)).ravel()
+    key = rows * basis.N + columns
+    order = np.argsort(key, kind="stable")
+    sorted_key = key[order]
+    starts = np.flatnonzero(np.r_[True, sorted_key[1:] != sorted_key[:-1]])
+    unique = sorted_key[starts]
+    data = [np.add.reduceat(entries[order], starts) for entries in (*local, local_mass)]
+    indptr = np.searchsorted(unique, np.arange(basis.N + 1, dtype=np.int64) * basis.N)
+    return GradientProducts(
+        indices=(unique % basis.N).astype(np.int32),
+        indptr=indptr.astype(np.int32),
+        gradients=np.array(data[:9]).reshape(3, 3, -1),
+        mass=data[9],
+    )

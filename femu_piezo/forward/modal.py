@@ -1,0 +1,131 @@
+"""Closed forms of a small electro-elastic pencil: poles, zeros, Z(f) and exact derivatives of all of them.
+
+With the potential eliminated and the displacement in modal coordinates (w_nᵗw_m = δ_nm) the part's charge per
+volt is a partial fraction
+
+    F(ω) = Q/V = C∞ + Σ_n g_n²/(λ_n − ω²),      Y = jω · admittance_factor · F.
+
+Its poles are λ_n, its zeros the eigenvalues of diag(λ) + g gᵗ/C∞. The charge is stationary in the state x(ω)
+driven by one volt, so ∂F/∂c_q = −xᵗA_q x, again a sum over simple and double poles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+#: Relative distance below which two eigenvalues count as one in the partial fractions.
+_DEGENERATE = 1e-9
+
+
+@dataclass(frozen=True)
+class ModalModel:
+    """Diagonalised reduced model at fixed constants.
+
+    Attributes
+    ----------
+    eigenvalues : (n,) complex λ_n of the short-circuited plate, rad²/s²
+    charges : (n,) complex g_n, modal charge on the hot electrode of the part
+    clamped_capacitance : complex C∞ of the part, F
+    states : (r, n+1) complex, in reduced coordinates: the clamped state for one volt, then x_n of every mode
+    terms : (n_terms, r, r) real projected unit matrices A_q, voltage in volts
+    admittance_factor : Y of the specimen / Y of the part
+    """
+
+    eigenvalues: np.ndarray
+    charges: np.ndarray
+    clamped_capacitance: complex
+    states: np.ndarray
+    terms: np.ndarray
+    admittance_factor: float
+
+    def admittance(self, omega: np.ndarray) -> np.ndarray:
+        """Y of the specimen (k,), siemens, at angular frequencies (k,)."""
+        fraction = self.clamped_capacitance + self._resolvent(omega) @ self.charges**2
+        return 1j * omega * self.admittance_factor * fraction
+
+    def impedance(self, omega: np.ndarray) -> np.ndarray:
+        """Z of the specimen (k,), ohm."""
+        return 1.0 / self.admittance(omega)
+
+    def admittance_jacobian(self, omega: np.ndarray) -> np.ndarray:
+        """∂Y/∂c_q of the specimen, (k, n_terms) complex, for every affine term."""
+        resolvent = self._resolvent(omega)
+        clamped, simple, double = self._partial_fractions
+        fraction = clamped + resolvent @ simple + resolvent**2 @ double
+        return -1j * (omega * self.admittance_factor)[:, None] * fraction
+
+    @cached_property
+    def zeros(self) -> tuple[np.ndarray, np.ndarray]:
+        """(λ, vectors) of the open circuit, in modal coordinates, vᵗv = 1, sorted by Re λ."""
+        matrix = np.diag(self.eigenvalues) + np.outer(self.charges, self.charges) / self.clamped_capacitance
+        values, vectors = np.linalg.eig(matrix)
+        order = np.argsort(values.real)
+        values, vectors = values[order], vectors[:, order]
+        return values, vectors / np.sqrt(np.sum(vectors**2, axis=0))
+
+    @property
+    def zero_amplitudes(self) -> np.ndarray:
+        """(n,) complex open-circuit potential of every zero's mode, V: h = gᵗv/C∞."""
+        return self.charges @ self.zeros[1] / self.clamped_capacitance
+
+    def pole_sensitivity(self, index: int) -> np.ndarray:
+        """∂λ_n/∂c_q of one pole, (n_terms,) complex (eqs 56-60)."""
+        state = self.states[:, index + 1]
+        return np.einsum("i,qij,j->q", state, self.terms, state, optimize=True)
+
+    def zero_sensitivity(self, index: int) -> np.ndarray:
+        """∂λ/∂c_q of one zero, (n_terms,) complex."""
+        state = self.states[:, 1:] @ self.zeros[1][:, index] + self.states[:, 0] * self.zero_amplitudes[index]
+        return np.einsum("i,qij,j->q", state, self.terms, state, optimize=True)
+
+    def _resolvent(self, omega: np.ndarray) -> np.ndarray:
+        return 1.0 / (self.eigenvalues[None, :] - omega[:, None] ** 2)
+
+    @cached_property
+    def _partial_fractions(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """xᵗA_q x = clamped + Σ simple_n/(λ_n − s) + Σ double_n/(λ_n − s)², each per term."""
+        driven = np.concatenate([self.states[:, :1], -self.states[:, 1:] * self.charges], axis=1)
+        real, imag = np.ascontiguousarray(driven.real), np.ascontiguousarray(driven.imag)
+        products = self.terms @ real + 1j * (self.terms @ imag)
+        inner = driven.T @ products  # (n_terms, n+1, n+1)
+        gap = self.eigenvalues[None, :] - self.eigenvalues[:, None]
+        merged = np.abs(gap) <= _DEGENERATE * np.abs(self.eigenvalues)[:, None]
+        weight = np.where(merged, 0.0, 2.0 / np.where(merged, 1.0, gap))
+        modes = inner[:, 1:, 1:]
+        simple = 2 * inner[:, 0, 1:] + np.einsum("qnm,nm->qn", modes, weight)
+        double = np.einsum("qnm,nm->qn", modes, merged)
+        return inner[:, 0, 0], simple.T, double.T
+
+
+def diagonalise(
+    stiffness: np.ndarray, terms: np.ndarray, displacements: int, admittance_factor: float
+) -> ModalModel:
+    """Diagonalise a reduced pencil whose mass is the identity on the displacements.
+
+    Parameters
+    ----------
+    stiffness : (r, r) complex symmetric Σ c_q A_q; unknowns: displacements, inner potentials, hot potential last
+    terms : (n_terms, r, r) the unit matrices
+    displacements : how many of the r unknowns are displacements
+    """
+    u, size = displacements, stiffness.shape[0]
+    right = np.concatenate([stiffness[u:-1, :u], stiffness[u:-1, -1:]], axis=1)
+    eliminated = -np.linalg.solve(
+        stiffness[u:-1, u:-1], right
+    )  # inner potential per displacement and per volt
+    condensed = stiffness[:u, :u] + stiffness[:u, u:-1] @ eliminated[:, :-1]
+    coupling = stiffness[:u, -1] + stiffness[:u, u:-1] @ eliminated[:, -1]
+    clamped = -(stiffness[-1, -1] + stiffness[-1, u:-1] @ eliminated[:, -1])
+    values, vectors = np.linalg.eig((condensed + condensed.T) / 2)
+    order = np.argsort(values.real)
+    values, vectors = values[order], vectors[:, order]
+    vectors = vectors / np.sqrt(np.sum(vectors**2, axis=0))
+    states = np.zeros((size, u + 1), dtype=complex)
+    states[u:-1, 0] = eliminated[:, -1]
+    states[-1, 0] = 1.0
+    states[:u, 1:] = vectors
+    states[u:-1, 1:] = eliminated[:, :-1] @ vectors
+    return ModalModel(values, vectors.T @ coupling, complex(clamped), states, terms, admittance_factor)

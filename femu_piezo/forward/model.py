@@ -1,0 +1,112 @@
+"""`ElectroelasticModel`: the affine operator A(ω, θ) = Σ c_q(θ) A_q − ω² M of one domain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+import skfem
+
+from femu_piezo.errors import InputError
+from femu_piezo.forward.electrodes import prolongation
+from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products, unit_tensors
+from femu_piezo.geometry.domain import Domain
+from femu_piezo.material.constants import E_FORM, ElasticForm
+from femu_piezo.material.voigt import axes_with_poling
+
+#: Scalar element of each mesh type and polynomial order.
+_ELEMENTS = {
+    ("MeshHex1", 1): skfem.ElementHex1,
+    ("MeshHex1", 2): skfem.ElementHex2,
+    ("MeshTet1", 1): skfem.ElementTetP1,
+    ("MeshTet1", 2): skfem.ElementTetP2,
+}
+
+#: Volts per unit of the scaled potential: about sqrt(c/ε) of a piezoceramic, which balances the blocks.
+POTENTIAL_SCALE = 1e9
+
+
+class ElectroelasticModel:
+    """Coupled electro-elastic operator of a domain; unknowns as in `femu_piezo.forward.electrodes`.
+
+    Parameters
+    ----------
+    domain : mesh, electrodes, symmetry
+    density : kg/m³
+    order : polynomial order of the elements, 1 or 2 (default)
+    extra_terms : name → (4n, 4n) matrix of a further term, e.g. the mass of a solder dot
+
+    Attributes
+    ----------
+    terms : names of the affine terms: the ten e-form constants, then the extra ones
+    size : number of free unknowns m, the hot electrode's potential last
+    """
+
+    def __init__(
+        self,
+        domain: Domain,
+        density: float,
+        order: int = 2,
+        extra_terms: Mapping[str, sp.spmatrix] | None = None,
+    ) -> None:
+        try:
+            element = _ELEMENTS[type(domain.mesh).__name__, order]()
+        except KeyError:
+            raise InputError(
+                f"no element of order {order} for meshes of type {type(domain.mesh).__name__}"
+            ) from None
+        self.domain = domain
+        self.density = density
+        self.basis = skfem.Basis(domain.mesh, element, intorder=2 * order)
+        self.products = assemble_gradient_products(self.basis)
+        self.rotation = axes_with_poling(np.array(domain.poling))
+        self.unit_tensors = unit_tensors(self.rotation)
+        self.prolongation = prolongation(self.basis, domain, POTENTIAL_SCALE)
+        self.extra_terms = {
+            name: (self.prolongation.T @ matrix @ self.prolongation).tocsr()
+            for name, matrix in (extra_terms or {}).items()
+        }
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        return (*E_FORM, *self.extra_terms)
+
+    @property
+    def size(self) -> int:
+        return self.prolongation.shape[1]
+
+    def term(self, name: str) -> sp.csr_matrix:
+        """A_q (m, m) real: the operator of one unit constant, which is also ∂A/∂c_q."""
+        if name in self.extra_terms:
+            return self.extra_terms[name]
+        return self._reduced(self.unit_tensors[E_FORM.index(name)])
+
+    def stiffness(self, constants: ElasticForm, extra: Mapping[str, complex] | None = None) -> sp.csr_matrix:
+        """Σ c_q A_q (m, m): real where every constant is real, else complex symmetric."""
+        values = constants.vector()
+        values = values if np.any(values.imag) else values.real
+        matrix = self._reduced(np.tensordot(values, self.unit_tensors, axes=1))
+        for name, coefficient in (extra or {}).items():
+            matrix = matrix + coefficient * self.extra_terms[name]
+        return matrix
+
+    @cached_property
+    def mass(self) -> sp.csr_matrix:
+        """M (m, m), zero in the potential rows."""
+        return self._constrained(self.products.mass_matrix(self.density))
+
+    def displacement(self, vector: np.ndarray) -> np.ndarray:
+        """(3, n) displacement at the degrees of freedom of the scalar basis, m per unit of the vector."""
+        return (self.prolongation @ vector).reshape(FIELDS, -1)[:3]
+
+    def potential(self, vector: np.ndarray) -> np.ndarray:
+        """(n,) electric potential at the degrees of freedom, V per unit of the vector."""
+        return (self.prolongation @ vector).reshape(FIELDS, -1)[3]
+
+    def _reduced(self, tensor: np.ndarray) -> sp.csr_matrix:
+        return self._constrained(self.products.stiffness(tensor))
+
+    def _constrained(self, matrix: sp.spmatrix) -> sp.csr_matrix:
+        return (self.prolongation.T @ matrix @ self.prolongation).tocsr()
