@@ -1,0 +1,102 @@
+"""Free complex parameters: which constants move, and how the others follow.
+
+The ten d-form constants are an affine function of the free ones,
+
+    constants = fixed + directions · θ,
+
+with a unit direction for each free constant of the full anisotropic model, and for the paper's simplification
+the dependent constants moving along (s33 = s13-free copies of s11 and so on). So one class serves both, and the
+derivative of every e-form constant is the chain rule through `PiezoConstants.e_form_jacobian`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from femu_piezo.errors import InputError
+from femu_piezo.material.constants import D_FORM, PiezoConstants
+from femu_piezo.material.simplified import Poling, simplify
+
+
+@dataclass(frozen=True)
+class FreeConstants:
+    """Affine map from free complex parameters to the ten constants.
+
+    Attributes
+    ----------
+    names : free constants, length n
+    fixed : (10,) complex part that does not move
+    directions : (10, n) real ∂constants/∂θ
+    start : (n,) complex values of the free constants in the base set
+    """
+
+    names: tuple[str, ...]
+    fixed: np.ndarray
+    directions: np.ndarray
+    start: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        base: PiezoConstants,
+        names: tuple[str, ...],
+        *,
+        simplified: bool = False,
+        poling: Poling = "thickness",
+    ) -> FreeConstants:
+        """Free the named constants of a base set.
+
+        Raises InputError where the simplification has no such free constant, or a free constant is zero.
+        """
+        if simplified:
+            return cls._simplified(base, names, poling)
+        directions = np.zeros((10, len(names)))
+        for column, name in enumerate(names):
+            directions[D_FORM.index(name), column] = 1.0
+        start = np.array([getattr(base, name) for name in names], dtype=complex)
+        cls._check_nonzero(names, start)
+        return cls(names, base.vector() - directions @ start, directions, start)
+
+    @classmethod
+    def _simplified(cls, base: PiezoConstants, names: tuple[str, ...], poling: Poling) -> FreeConstants:
+        simple = simplify(base, poling)
+        strangers = [name for name in names if name not in simple.free]
+        if strangers:
+            raise InputError(
+                f"material.free names {', '.join(strangers)}, but the simplified model of this poling has only "
+                f"{', '.join(simple.free)}; set simplified = false or free these"
+            )
+        elastic, charge, eps = simple.free
+        moves = {
+            elastic: {"s11": 1.0, "s33": 1.0, "s44": 2.0},
+            charge: {charge: 1.0},
+            eps: {eps: 1.0},
+        }
+        directions = np.zeros((10, len(names)))
+        for column, name in enumerate(names):
+            for moved, rate in moves[name].items():
+                directions[D_FORM.index(moved), column] = rate
+        start = np.array([getattr(simple, name) for name in names], dtype=complex)
+        cls._check_nonzero(names, start)
+        return cls(names, simple.full().vector() - directions @ start, directions, start)
+
+    @staticmethod
+    def _check_nonzero(names: tuple[str, ...], start: np.ndarray) -> None:
+        for name, value in zip(names, start, strict=True):
+            if value == 0:
+                raise InputError(
+                    f"material.free names {name}, which is zero in the base material: give it a starting value"
+                )
+
+    def constants(self, theta: np.ndarray) -> PiezoConstants:
+        """The ten constants at free values θ (n,) complex."""
+        return PiezoConstants.from_vector(self.fixed + self.directions @ theta)
+
+    def e_form_jacobian(self, theta: np.ndarray) -> np.ndarray:
+        """∂(e-form)/∂θ, (10, n) complex."""
+        return self.constants(theta).e_form_jacobian() @ self.directions
+
+    def as_dict(self, theta: np.ndarray) -> dict[str, complex]:
+        return {name: complex(value) for name, value in zip(self.names, theta, strict=True)}
