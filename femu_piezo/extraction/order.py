@@ -6,10 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from femu_piezo.extraction.fit import ROUNDING, Fit, SweepData, fit, solve_linear
+from femu_piezo.extraction.fit import ROUNDING, Fit, SweepData, correlation, covariance_factor, fit, solve_linear
 from femu_piezo.extraction.model import RationalModel
 
 MAX_BACKGROUND = 12
+MAX_LOSS = 0.3  # beyond η = 0.3 a term is background, not a resonance
+MAX_SYSTEMATIC = 0.05  # relative size up to which a smooth misfit may be the instrument's or the model's
+KEEP_SIGMA = 10.0  # a mode whose residue is beyond so many standard deviations needs no removal test
+MAX_PHASE = np.pi / 4  # of a residue: the loss angles of a material turn it by far less
 SCAN_FREQUENCIES = 160
 SCAN_WIDTHS = 8
 MAX_SCAN_POINTS = 2000
@@ -24,48 +28,72 @@ class Candidate:
     modes : number of poles M
     background_degree : degree d of the background polynomial
     misfit : Σ|residual|²
-    bic : Bayesian information criterion with the noise level profiled out (smaller is better)
+    evidence : Bayesian information criterion (`evidence`), smaller is better
     poles : (M,) complex λ, rad²/s²
     """
 
     modes: int
     background_degree: int
     misfit: float
-    bic: float
+    evidence: float
     poles: np.ndarray
 
 
-def bic(result: Fit, data: SweepData) -> float:
-    """N ln(misfit/n) + k ln(N) · N/(N − k − 1), N = 2n real data, k real parameters.
+def evidence(result: Fit, data: SweepData) -> float:
+    """Bayesian information criterion of a fit, N ln(S/n) + k ln(N) · N/(N − k − 1) − 2 Σ ln weight²; less is better.
 
-    −2 ln of the likelihood with the noise *level* profiled out (its *shape* is `data.weight`) plus Schwarz's
-    penalty with the small-sample factor of Hurvich and Tsai (1989), which keeps a model from using up a short
-    sweep. Rounding of double precision counts as noise: noise-free data do not earn endless terms.
+    N = 2n real data, k real parameters: −2 ln of the likelihood of the relative errors with the noise level
+    profiled out, plus Schwarz's penalty with the small-sample factor of Hurvich and Tsai (1989). S is Σ|r|² for
+    white noise, or the innovation of a first-order autoregression with two more parameters where that describes
+    the residual better (`correlation`) and is below `MAX_SYSTEMATIC` in size: a systematic error of instrument
+    or model is then not taken for modes.
+    Here r = weight · ln(charge_model/charge_data), whose noise is the same however wrong the model is.
+    Rounding of double precision counts as noise.
     """
     n, k = len(data), 2 * result.model.size
-    if k + 1 >= 2 * n:
-        return np.inf
+    r = data.weight * np.log(result.model.charge(data.x) / data.charge)
     floor = ROUNDING**2 * float(np.sum(data.weight**2))
-    return 2 * n * np.log((result.misfit + floor) / n) + k * np.log(2 * n) * 2 * n / (2 * n - k - 1)
+    shape = 2 * float(np.sum(np.log(data.weight**2)))
+    options = [(float(np.sum(np.abs(r) ** 2)), k)]
+    if np.mean(np.abs(r / data.weight) ** 2) < MAX_SYSTEMATIC**2:
+        options.append((correlation(r)[1], k + 2))
+    return min(
+        (
+            2 * n * np.log((misfit + floor) / n) + size * np.log(2 * n) * 2 * n / (2 * n - size - 1) - shape
+            for misfit, size in options
+            if size + 1 < 2 * n
+        ),
+        default=np.inf,
+    )
 
 
-def search(data: SweepData, max_modes: int) -> tuple[Fit, list[Candidate]]:
-    """Grow modes and background while the evidence grows, then try to remove each mode again.
+def is_passive(model: RationalModel) -> bool:
+    """No pole inside the sweep draws power the wrong way: |arg| of its residue stays below `MAX_PHASE`.
+
+    The residue of Y/(jω) in λ is a positive number turned by the loss angles of the material; a pole that only
+    soaks up an error of the instrument has any phase. Broad terms (η > MAX_LOSS) are background and free.
+    """
+    value = model.axis.eigenvalue(model.poles)
+    inside = (np.abs(model.poles.real) <= 1) & (value.imag > 0) & (value.imag < MAX_LOSS * value.real)
+    residue = model.residues * model.axis.eigenvalue_slope(model.poles)
+    return bool(np.all(np.abs(np.angle(residue[inside])) <= MAX_PHASE))
+
+
+def search(data: SweepData, max_modes: int, start: RationalModel | None = None) -> tuple[Fit, list[Candidate]]:
+    """Grow modes and background while the evidence grows, then try to remove each mode and degree again.
 
     Returns the chosen fit and every order tried. At each step the moves "one more mode, where a scan of the
-    residual finds most to explain" and "one, two or three more background degrees" compete by `bic`.
+    residual finds most to explain" and "one, two or three more background degrees" compete by `evidence`;
+    models that are not passive are not considered.
     """
     tried: list[Candidate] = []
-    empty = RationalModel(
-        data.axis, data.scale, np.zeros(0, complex), np.zeros(0, complex), np.zeros(2, complex)
-    )
-    best = _record(solve_linear(empty, data), data, tried)
+    nothing = np.zeros(0, complex)
+    first = start or RationalModel(data.axis, data.scale, nothing, nothing, np.zeros(2, complex))
+    best = _record(_refit(first, data), data, tried)
     while True:
         moves = [_record(f, data, tried) for f in _moves(best, data, max_modes)]
-        if not moves:
-            break
-        top = min(moves, key=lambda f: bic(f, data))
-        if bic(top, data) >= bic(best, data):
+        top = min(moves, key=lambda f: evidence(f, data), default=best)
+        if evidence(top, data) >= evidence(best, data):
             break
         best = top
     return _prune(best, data, tried), tried
@@ -83,24 +111,37 @@ def _moves(current: Fit, data: SweepData, max_modes: int) -> list[Fit]:
         out.append(fit(_add_pole(current, data), data))
     for extra in (1, 2, 3):
         if model.background.size - 1 + extra <= MAX_BACKGROUND and model.size + extra < n:
-            wider = solve_linear(widen(model, extra), data)
-            out.append(fit(wider.model, data) if model.poles.size else wider)
-    return out
+            out.append(_refit(widen(model, extra), data))
+    return [f for f in out if is_passive(f.model)]
 
 
 def _prune(best: Fit, data: SweepData, tried: list[Candidate]) -> Fit:
-    improved = True
-    while improved and best.model.poles.size:
-        improved = False
-        for m in range(best.model.poles.size):
-            fewer = replace(
-                best.model, poles=np.delete(best.model.poles, m), residues=np.delete(best.model.residues, m)
-            )
-            trial = _record(fit(solve_linear(fewer, data).model, data), data, tried)
-            if bic(trial, data) < bic(best, data):
-                best, improved = trial, True
-                break
-    return best
+    while True:
+        model = best.model
+        fewer = [
+            replace(model, poles=np.delete(model.poles, m), residues=np.delete(model.residues, m))
+            for m in np.flatnonzero(_significance(best, data) < KEEP_SIGMA)
+        ]
+        if model.background.size > 1:
+            fewer.append(replace(model, background=model.background[:-1]))
+        trials = [_record(_refit(m, data), data, tried) for m in fewer]
+        trials = [f for f in trials if is_passive(f.model)]
+        top = min(trials, key=lambda f: evidence(f, data), default=best)
+        if evidence(top, data) >= evidence(best, data):
+            return best
+        best = top
+
+
+def _significance(result: Fit, data: SweepData) -> np.ndarray:
+    """(M,) |residue| in units of its standard deviation."""
+    m = result.model.poles.size
+    spread = np.linalg.norm(covariance_factor(result.model, data)[m : 2 * m], axis=1) * result.scale
+    return np.abs(result.model.residues) / spread
+
+
+def _refit(model: RationalModel, data: SweepData) -> Fit:
+    linear = solve_linear(model, data)
+    return fit(linear.model, data) if model.poles.size else linear
 
 
 def _add_pole(current: Fit, data: SweepData) -> RationalModel:
@@ -138,7 +179,5 @@ def _trial_poles(x: np.ndarray) -> list[np.ndarray]:
 def _record(result: Fit, data: SweepData, tried: list[Candidate]) -> Fit:
     model = result.model
     poles = data.axis.eigenvalue(model.poles)
-    tried.append(
-        Candidate(model.poles.size, model.background.size - 1, result.misfit, bic(result, data), poles)
-    )
+    tried.append(Candidate(model.poles.size, model.background.size - 1, result.misfit, evidence(result, data), poles))
     return result

@@ -9,9 +9,9 @@ from scipy.optimize import linear_sum_assignment
 
 from femu_piezo.extraction.fit import SweepData, covariance_factor, real_covariance
 from femu_piezo.extraction.model import RationalModel
+from femu_piezo.extraction.order import MAX_LOSS, MAX_PHASE
 from femu_piezo.resonances import Kind, Resonance, ResonanceSet, effective_coupling
 
-MAX_LOSS = 0.3  # beyond η = 0.3 a term is background, not a resonance
 MAX_RELATIVE_STD_LOSS = 0.35  # a resonance has its loss known to better than this
 MIN_RESIDUE_SIGMA = 4.0  # |residue| in units of its standard deviation
 
@@ -52,19 +52,21 @@ class _Root:
     residue: complex
 
 
-def resonances(model: RationalModel, data: SweepData, scale: float, band: tuple[float, float]) -> Roots:
+def resonances(
+    model: RationalModel, data: SweepData, scale: float, correlation: complex, band: tuple[float, float]
+) -> Roots:
     """Poles and zeros of the model with the joint covariance scale²·(JᴴJ)⁻¹ carried through (delta method).
 
     Parameters
     ----------
     scale : rms residual (1 where the weights are the true ones)
+    correlation : φ of the residual, 0 for white noise
     band : lowest and highest frequency of the sweep, Hz
     """
-    factor = scale * covariance_factor(model, data)
+    factor = scale * covariance_factor(model, data, correlation)
     roots = _poles(model) + _zeros(model)
     sound = [root for root in roots if _is_sound(root, model, factor)]
-    inside = [r for r in sound if band[0] <= _frequency(r) <= band[1]]
-    inside.sort(key=lambda r: (r.kind != "pole", _frequency(r)))
+    inside = _interlaced([r for r in sound if band[0] <= _frequency(r) <= band[1]])
     poles, zeros, joint = _with_covariance(inside, factor)
     outside = [r for r in sound if r not in inside and band[0] / 1.5 <= _frequency(r) <= band[1] * 1.5]
     far_poles, far_zeros, _ = _with_covariance(sorted(outside, key=_frequency), factor)
@@ -126,9 +128,24 @@ def _frequency(root: _Root) -> float:
     return float(np.sqrt(root.eigenvalue.real) / (2 * np.pi))
 
 
+def _interlaced(roots: list[_Root]) -> list[_Root]:
+    """Poles, then zeros, by frequency; of two zeros without a pole between them the weaker one is background.
+
+    Foster's theorem: poles and zeros of a passive one-port alternate. A weak mode may sit in reversed order
+    with its zero, so a zero is dropped only where there is no pole to pair it with.
+    """
+    poles = sorted((r for r in roots if r.kind == "pole"), key=_frequency)
+    zeros = sorted((r for r in roots if r.kind == "zero"), key=lambda r: -abs(r.residue))
+    first = _frequency(poles[0]) if poles else np.inf
+    below = any(_frequency(z) < first for z in zeros)
+    return poles + sorted(zeros[: len(poles) + below], key=_frequency)
+
+
 def _is_sound(root: _Root, model: RationalModel, factor: np.ndarray) -> bool:
     real, imag = root.eigenvalue.real, root.eigenvalue.imag
     if real <= 0 or not 0 < imag <= MAX_LOSS * real:
+        return False
+    if abs(np.angle(root.residue * np.sign(model.scale))) > MAX_PHASE:
         return False
     std = float(np.linalg.norm(root.gradient @ factor)) / np.sqrt(2)
     if std > MAX_RELATIVE_STD_LOSS * imag:

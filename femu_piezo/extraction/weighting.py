@@ -39,9 +39,7 @@ def weight_of_file(spectrum: ImpedanceSpectrum) -> np.ndarray | None:
     if spectrum.noise is None:
         return None
     if not (np.all(np.isfinite(spectrum.noise)) and np.all(spectrum.noise > 0)):
-        raise InputError(
-            f"{spectrum.source}: the noise must be positive at every point; leave it out if unknown"
-        )
+        raise InputError(f"{spectrum.source}: the noise must be positive at every point; leave it out if unknown")
     return np.abs(spectrum.impedance) / spectrum.noise
 
 
@@ -72,9 +70,7 @@ def noise_from_residual(error: np.ndarray, impedance: np.ndarray, parameters: in
         variance = np.exp(log_parts[0]) * level + np.exp(log_parts[1])
         return float(np.sum(np.log(variance) + power / variance))
 
-    both = minimize(
-        negative, np.log([np.mean(power / level) / 2, np.median(power) / 2]), method="Nelder-Mead"
-    )
+    both = minimize(negative, np.log([np.mean(power / level) / 2, np.median(power) / 2]), method="Nelder-Mead")
     parts.append((float(np.exp(both.x[0])), float(np.exp(both.x[1]))))
     costs.append(2 * both.fun - 2 * n + np.log(2 * n))
     relative, additive = parts[int(np.argmin(costs))]

@@ -1,0 +1,99 @@
+"""`Extraction`: what a sweep says about the resonances of a specimen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from femu_piezo.extraction.findings import Finding
+from femu_piezo.extraction.order import Candidate
+from femu_piezo.extraction.roots import Pair
+from femu_piezo.extraction.weighting import NoiseUsed
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.resonances import Resonance, ResonanceSet
+
+Method = Literal["maximum_likelihood", "prony_ss"]
+
+
+@dataclass(frozen=True)
+class Extraction:
+    """What a sweep says about the resonances of a specimen.
+
+    Attributes
+    ----------
+    spectrum : the sweep that was analysed, unchanged
+    used : (n,) bool, points that entered the fit (clipped ones do not)
+    resonances : poles and zeros inside the sweep, joint covariance over (Re λ, Im λ)
+    pairs : poles with their zeros, k_eff and its standard deviation
+    outside : significant poles and zeros the fit places outside the sweep, extrapolated
+    impedance : (n,) complex ohm, the fitted Z at the sweep's frequencies
+    residual : (n,) complex, (Z_data − Z_fit)/σ_Z, E|·|² = 1 for a right model; nan where not used
+    noise : the noise the fit used
+    reduced_chi_square : Σ|residual|²/(n − p), about 1 for a right model and a right noise
+    orders : every model order tried, with its evidence
+    findings : what is missing or doubtful, each a code and a sentence
+    method : how the resonances were obtained
+    """
+
+    spectrum: ImpedanceSpectrum
+    used: np.ndarray
+    resonances: ResonanceSet
+    pairs: tuple[Pair, ...]
+    outside: tuple[Resonance, ...]
+    impedance: np.ndarray
+    residual: np.ndarray
+    noise: NoiseUsed | None
+    reduced_chi_square: float
+    orders: tuple[Candidate, ...]
+    findings: tuple[Finding, ...]
+    method: Method = "maximum_likelihood"
+
+    @property
+    def status(self) -> str:
+        """ "ok", or the code of the gravest finding."""
+        return self.findings[0].code if self.findings else "ok"
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The findings as sentences."""
+        return tuple(finding.sentence for finding in self.findings)
+
+    def to_json(self) -> dict:
+        """The contract of `extract`: poles and zeros, and all that qualifies them, JSON types only."""
+        return {
+            "poles": [r.to_json() for r in self.resonances.poles],
+            "zeros": [r.to_json() for r in self.resonances.zeros],
+            "pairs": [
+                {
+                    "pole_Hz": p.pole.frequency_Hz,
+                    "zero_Hz": p.zero.frequency_Hz,
+                    "k_eff": None if np.isnan(p.k_eff) else p.k_eff,
+                    "std_k_eff": None if np.isnan(p.std_k_eff) else p.std_k_eff,
+                    "Q_pole": p.pole.quality_factor,
+                    "Q_zero": p.zero.quality_factor,
+                }
+                for p in self.pairs
+            ],
+            "covariance": None
+            if self.resonances.covariance is None
+            else {
+                "order": "Re λ, Im λ of the poles, then of the zeros, rad^4/s^4",
+                "matrix": self.resonances.covariance.tolist(),
+            },
+            "outside_sweep": [{"kind": r.kind, **r.to_json()} for r in self.outside],
+            "noise": None
+            if self.noise is None
+            else {
+                "relative": self.noise.relative,
+                "additive_ohm": self.noise.additive,
+                "origin": self.noise.origin,
+            },
+            "reduced_chi_square": None if np.isnan(self.reduced_chi_square) else self.reduced_chi_square,
+            "points": len(self.spectrum),
+            "points_used": int(np.count_nonzero(self.used)),
+            "method": self.method,
+            "status": self.status,
+            "notes": list(self.notes),
+        }
