@@ -9,7 +9,7 @@ K is complex symmetric, so the left eigenvector is the plain transpose of the ri
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -18,7 +18,7 @@ import scipy.sparse.linalg as spla
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.linear_solver import factorize
-from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
 from femu_piezo.material.constants import ElasticForm, PiezoConstants
 from femu_piezo.resonances import Kind
 
@@ -64,9 +64,7 @@ class Eigenpairs:
             frequency = np.sqrt(self.eigenvalues.real) / (2 * np.pi)
             weight[(frequency < near_Hz / 2) | (frequency > near_Hz * 2)] = 0.0
         if not weight.max() > 0:
-            raise ConvergenceError(
-                f"no {self.circuit}-circuit mode was computed within a factor two of {near_Hz} Hz"
-            )
+            raise ConvergenceError(f"no {self.circuit}-circuit mode was computed within a factor two of {near_Hz} Hz")
         return int(np.argmax(weight))
 
     def sensitivity(self, model: ElectroelasticModel, mode: int, names: Iterable[str]) -> np.ndarray:
@@ -82,6 +80,7 @@ def solve_eigen(
     count: int = 8,
     near_Hz: float = 0.0,
     tolerance: float = 1e-12,
+    extra: Mapping[str, complex] | None = None,
 ) -> Eigenpairs:
     """The `count` eigenpairs nearest to a frequency, by shift-invert Arnoldi on the sparse pencil.
 
@@ -89,12 +88,13 @@ def solve_eigen(
     ----------
     constants : complex or real e-form constants
     near_Hz : the shift; with 0 the lowest modes. On the full plate six rigid-body modes come first.
+    extra : coefficients of the model's extra terms
 
     Raises
     ------
     ConvergenceError : Arnoldi did not converge, or a residual is above 1e-6 of |λ| ‖Mx‖
     """
-    stiffness = model.stiffness(constants)
+    stiffness = model.stiffness(constants, extra)
     size = model.size - (circuit == "short")
     k, m = stiffness[:size, :size], model.mass[:size, :size]
     shift = _shift(model, k, m, near_Hz)
@@ -108,9 +108,7 @@ def solve_eigen(
             k, count, M=m, sigma=shift, OPinv=inverse, v0=start, tol=tolerance, ncv=max(2 * count + 10, 24)
         )
     except spla.ArpackNoConvergence as error:
-        raise ConvergenceError(
-            f"{circuit}-circuit eigenpairs: {error}; ask for more or other modes"
-        ) from error
+        raise ConvergenceError(f"{circuit}-circuit eigenpairs: {error}; ask for more or other modes") from error
     order = np.argsort(values.real)
     values, vectors = values[order].astype(complex), vectors[:, order].astype(complex)
     vectors /= np.sqrt(np.einsum("ik,ik->k", vectors, m @ vectors))
@@ -136,8 +134,6 @@ def _check_residuals(k, m, values, vectors, circuit) -> None:
 
 
 def _with_amplitudes(circuit: Circuit, stiffness, values, vectors) -> Eigenpairs:
-    from femu_piezo.forward.model import POTENTIAL_SCALE
-
     if circuit == "open":
         return Eigenpairs(circuit, values, vectors, vectors[-1] * POTENTIAL_SCALE)
     coupling = np.asarray(stiffness[:-1, -1].todense()).ravel() / POTENTIAL_SCALE

@@ -36,9 +36,7 @@ def prolongation(basis: skfem.Basis, domain: Domain, potential_scale: float) -> 
     hot = _boundary_dofs(basis, domain.hot)
     ground = _boundary_dofs(basis, domain.ground)
     if np.intersect1d(hot, ground).size:
-        raise InputError(
-            "the hot and the ground electrode share points of the mesh: they would be short-circuited"
-        )
+        raise InputError("the hot and the ground electrode share points of the mesh: they would be short-circuited")
     held[3 * n + ground] = True
     held[3 * n + hot] = True
     free = np.flatnonzero(~held)

@@ -59,11 +59,7 @@ class Factorization:
         right = np.asarray(right, dtype=self._matrix.dtype)
         if self.backend == "scipy":
             return self._factor.solve(np.asfortranarray(right))
-        return (
-            self._factor.solve(right)
-            if right.ndim == 1
-            else self._factor.solve_many(np.ascontiguousarray(right))
-        )
+        return self._factor.solve(right) if right.ndim == 1 else self._factor.solve_many(np.ascontiguousarray(right))
 
 
 def _factor(matrix: sp.csc_matrix, backend: str | None):
@@ -71,9 +67,7 @@ def _factor(matrix: sp.csc_matrix, backend: str | None):
         try:
             return "rslab", rslab.ldlt(matrix, ordering="metis")
         except RuntimeError as error:
-            warnings.warn(
-                f"rslab could not factorise ({error}); SuperLU is used", RuntimeWarning, stacklevel=3
-            )
+            warnings.warn(f"rslab could not factorise ({error}); SuperLU is used", RuntimeWarning, stacklevel=3)
     options = {"SymmetricMode": True}
     data = np.ascontiguousarray(matrix.data)
     matrix = sp.csc_matrix((data, matrix.indices, matrix.indptr), shape=matrix.shape)

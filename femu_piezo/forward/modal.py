@@ -100,9 +100,7 @@ class ModalModel:
         return inner[:, 0, 0], simple.T, double.T
 
 
-def diagonalise(
-    stiffness: np.ndarray, terms: np.ndarray, displacements: int, admittance_factor: float
-) -> ModalModel:
+def diagonalise(stiffness: np.ndarray, terms: np.ndarray, displacements: int, admittance_factor: float) -> ModalModel:
     """Diagonalise a reduced pencil whose mass is the identity on the displacements.
 
     Parameters
@@ -113,9 +111,7 @@ def diagonalise(
     """
     u, size = displacements, stiffness.shape[0]
     right = np.concatenate([stiffness[u:-1, :u], stiffness[u:-1, -1:]], axis=1)
-    eliminated = -np.linalg.solve(
-        stiffness[u:-1, u:-1], right
-    )  # inner potential per displacement and per volt
+    eliminated = -np.linalg.solve(stiffness[u:-1, u:-1], right)  # inner potential per displacement and per volt
     condensed = stiffness[:u, :u] + stiffness[:u, u:-1] @ eliminated[:, :-1]
     coupling = stiffness[:u, -1] + stiffness[:u, u:-1] @ eliminated[:, -1]
     clamped = -(stiffness[-1, -1] + stiffness[-1, u:-1] @ eliminated[:, -1])

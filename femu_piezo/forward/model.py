@@ -54,9 +54,7 @@ class ElectroelasticModel:
         try:
             element = _ELEMENTS[type(domain.mesh).__name__, order]()
         except KeyError:
-            raise InputError(
-                f"no element of order {order} for meshes of type {type(domain.mesh).__name__}"
-            ) from None
+            raise InputError(f"no element of order {order} for meshes of type {type(domain.mesh).__name__}") from None
         self.domain = domain
         self.density = density
         self.basis = skfem.Basis(domain.mesh, element, intorder=2 * order)

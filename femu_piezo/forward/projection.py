@@ -48,15 +48,11 @@ class QuadratureGradients:
     def transpose(self, flux: np.ndarray) -> np.ndarray:
         """Dᵗ applied to a flux (F, 3, p, k) → (F, n, k): the nodal forces of stresses."""
         count, _, p, k = flux.shape
-        result = sum(
-            self.operators[a].T @ flux[:, a].transpose(1, 0, 2).reshape(p, count * k) for a in range(3)
-        )
+        result = sum(self.operators[a].T @ flux[:, a].transpose(1, 0, 2).reshape(p, count * k) for a in range(3))
         return result.reshape(-1, count, k).transpose(1, 0, 2)
 
 
-def project_terms(
-    model: ElectroelasticModel, gradients: QuadratureGradients, basis: np.ndarray
-) -> np.ndarray:
+def project_terms(model: ElectroelasticModel, gradients: QuadratureGradients, basis: np.ndarray) -> np.ndarray:
     """VᵗA_qV for every affine term, (n_terms, r, r) real.
 
     Parameters

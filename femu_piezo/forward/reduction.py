@@ -9,14 +9,13 @@ quadratic form rᵗA^-1 r, estimated with the factor that is already there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse.linalg as spla
 
 from femu_piezo.errors import ConvergenceError
-from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.linear_solver import Factorization, factorize
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
@@ -118,34 +117,29 @@ def _new_directions(old: np.ndarray, vectors: np.ndarray, keep: float, mass) -> 
 
 def reduce_model(
     model: ElectroelasticModel,
-    reference: PiezoConstants,
+    training: Sequence[PiezoConstants],
     band_Hz: float,
     *,
-    accuracy: float = 1e-6,
-    spread: float = 0.15,
-    training: int = 6,
+    accuracy: float = 1e-5,
     max_rounds: int = 8,
 ) -> ReducedModel:
-    """Build a reduced model good to `accuracy` in Z over 0…band_Hz and constants within ±spread of the reference.
+    """Build a reduced model good to `accuracy` in Z over 0…band_Hz at the training constants and between them.
 
     Parameters
     ----------
-    reference : the constants around which the basis is built (their real parts)
-    accuracy : bound on the estimated relative error of Z at every training point
-    spread : relative range of each real constant covered by the training set
-    training : number of training sets of constants
+    training : sets of constants (their real parts); the basis is built around the first
+    accuracy : bound on the estimated relative error of Z at every training point, with 1 % loss throughout
 
     Raises
     ------
     ConvergenceError : the estimate stays above `accuracy` after `max_rounds` enrichments
     """
-    lossless = reference.lossless()
-    stiffness = model.stiffness(lossless.to_e_form())
+    stiffness = model.stiffness(training[0].lossless().to_e_form())
     modes, factor, static = _reference_modes(model, stiffness, band_Hz)
     basis = _Basis(model, static)
     basis.add(np.column_stack([modes, static]), 1e-10)
     gradients = QuadratureGradients(model.basis)
-    samples = list(_training_sets(reference, spread, training))
+    samples = [PiezoConstants.from_vector(constants.vector().real * (1 - 0.01j)) for constants in training]
     for _ in range(max_rounds):
         matrix = basis.matrix
         reduced = ReducedModel(
@@ -164,7 +158,7 @@ def reduce_model(
             break
     raise ConvergenceError(
         f"the reduced model reached a relative error of {error:.1e}, asked were {accuracy:.1e}: "
-        "narrow the band or the spread of the constants, or ask for less accuracy"
+        "narrow the band or the range of the constants, or ask for less accuracy"
     )
 
 
@@ -191,19 +185,6 @@ def _count_below(model: ElectroelasticModel, stiffness, value: float) -> int | N
         return None
     potentials = int(np.sum(model.mass.diagonal() == 0.0))
     return inertia[1] - potentials
-
-
-def _training_sets(reference: PiezoConstants, spread: float, count: int) -> Iterator[PiezoConstants]:
-    """The reference and constants around it: independent ±spread on each, kept stable; 1 % loss throughout."""
-    rng = np.random.default_rng(2022)
-    lossy = reference.lossless().vector() * (1 - 0.01j)
-    yield PiezoConstants.from_vector(lossy)
-    made = 1
-    while made < count:
-        sample = PiezoConstants.from_vector(lossy * (1 + spread * rng.choice([-1.0, 1.0], 10)))
-        if not sample.physical_faults(tolerance=-1e-3 if reference.eps11T else 1e-9):
-            made += 1
-            yield sample
 
 
 def _corrections(
@@ -238,9 +219,7 @@ def _training_frequencies(reduced: ReducedModel, e_form: ElasticForm) -> np.ndar
     values = np.concatenate([modal.eigenvalues, modal.zeros[0]])
     frequency = np.sqrt(np.abs(values.real)) / (2 * np.pi)
     inside = np.sort(frequency[(frequency < reduced.band_Hz) & (values.real > 0)])
-    chosen = (
-        inside[np.linspace(0, inside.size - 1, min(10, inside.size)).astype(int)] if inside.size else inside
-    )
+    chosen = inside[np.linspace(0, inside.size - 1, min(10, inside.size)).astype(int)] if inside.size else inside
     return np.concatenate([chosen, [0.6 * reduced.band_Hz, reduced.band_Hz]])
 
 
@@ -252,8 +231,3 @@ def _reduced_states(reduced: ReducedModel, e_form: ElasticForm, omega: np.ndarra
     load = np.zeros(reduced.size)
     load[-1] = -1.0 / POTENTIAL_SCALE
     return np.stack([np.linalg.solve(stiffness - np.diag(w**2 * mass), load) for w in omega], axis=1)
-
-
-def displacement_rows(model: ElectroelasticModel) -> np.ndarray:
-    """(m,) True where a free unknown is a displacement."""
-    return np.asarray(model.prolongation[: (FIELDS - 1) * model.products.size].sum(axis=0)).ravel() > 0

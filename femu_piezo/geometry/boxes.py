@@ -80,7 +80,6 @@ def _tensor_box(divisions: tuple[int, int, int]) -> skfem.MeshHex:
     grids = [np.linspace(0.0, 1.0, count + 1) for count in divisions]
     mesh = skfem.MeshHex.init_tensor(*grids)
     tests = {
-        name: (lambda x, axis=i // 2, value=float(i % 2): np.isclose(x[axis], value))
-        for i, name in enumerate(FACES)
+        name: (lambda x, axis=i // 2, value=float(i % 2): np.isclose(x[axis], value)) for i, name in enumerate(FACES)
     }
     return mesh.with_boundaries(tests)

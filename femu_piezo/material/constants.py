@@ -130,9 +130,7 @@ class PiezoConstants(_Constants):
     eps33T: complex
 
     @classmethod
-    def from_real(
-        cls, values: Mapping[str, float], tangents: Mapping[str, float] | None = None
-    ) -> PiezoConstants:
+    def from_real(cls, values: Mapping[str, float], tangents: Mapping[str, float] | None = None) -> PiezoConstants:
         """From real values and loss tangents, value·(1 − j tan) (eqs 8-10).
 
         Raises InputError for a missing or unknown name.
@@ -174,9 +172,7 @@ class PiezoConstants(_Constants):
         c = np.linalg.inv(self.compliance())
         e = self.piezoelectric() @ c
         eps = self.permittivity() - e @ self.piezoelectric().T
-        return ElasticForm(
-            c[0, 0], c[0, 1], c[0, 2], c[2, 2], c[3, 3], e[2, 0], e[2, 2], e[0, 4], eps[0, 0], eps[2, 2]
-        )
+        return ElasticForm(c[0, 0], c[0, 1], c[0, 2], c[2, 2], c[3, 3], e[2, 0], e[2, 2], e[0, 4], eps[0, 0], eps[2, 2])
 
     def e_form_jacobian(self) -> np.ndarray:
         """∂(e-form)/∂(d-form), (10, 10) complex: row an e-form, column a d-form constant; holomorphic.
@@ -229,9 +225,7 @@ class PiezoConstants(_Constants):
         for block, names in _BLOCKS:
             stored = (self._matrix(block).real / np.outer(scale[block], scale[block])).real
             if np.linalg.eigvalsh(stored)[0] < -tolerance:
-                faults.append(
-                    f"{', '.join(names)} together are not positive definite: no stable material has them"
-                )
+                faults.append(f"{', '.join(names)} together are not positive definite: no stable material has them")
             lost = -self._matrix(block).imag / np.outer(scale[block], scale[block])
             if np.linalg.eigvalsh(lost)[0] < -tolerance:
                 faults.append(
@@ -250,15 +244,11 @@ class PiezoConstants(_Constants):
         return self
 
     def _matrix(self, block: tuple[int, ...]) -> np.ndarray:
-        full = np.block(
-            [[self.compliance(), self.piezoelectric().T], [self.piezoelectric(), self.permittivity()]]
-        )
+        full = np.block([[self.compliance(), self.piezoelectric().T], [self.piezoelectric(), self.permittivity()]])
         return full[np.ix_(block, block)]
 
     def _scale(self) -> dict[tuple[int, ...], np.ndarray]:
-        largest = np.array(
-            [self.s11, self.s11, self.s33, self.s44, self.s44, self.s44] + [self.eps33T] * 3
-        ).real
+        largest = np.array([self.s11, self.s11, self.s33, self.s44, self.s44, self.s44] + [self.eps33T] * 3).real
         return {block: np.sqrt(largest[list(block)]) for block, _ in _BLOCKS}
 
 

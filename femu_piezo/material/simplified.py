@@ -38,9 +38,7 @@ def compliance_from_stiffness(c: complex, s_cross: complex) -> complex:
     return (1 - product + np.sqrt((3 * product) ** 2 + 2 * product + 1)) / (2 * c)
 
 
-def _isotropic(
-    s: complex, s_cross: complex, *, d31: complex, d33: complex, eps33T: complex
-) -> PiezoConstants:
+def _isotropic(s: complex, s_cross: complex, *, d31: complex, d33: complex, eps33T: complex) -> PiezoConstants:
     return PiezoConstants(
         s11=s,
         s12=s_cross,

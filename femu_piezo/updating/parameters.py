@@ -21,6 +21,35 @@ from femu_piezo.material.simplified import Poling, simplify
 
 
 @dataclass(frozen=True)
+class Estimate:
+    """One complex constant value·(1 − j tan) with standard deviations (None where unknown)."""
+
+    value: float
+    std: float | None
+    tan: float
+    tan_std: float | None
+
+    def to_json(self) -> dict[str, float | None]:
+        return {"value": self.value, "std": self.std, "tan": self.tan, "tan_std": self.tan_std}
+
+
+def estimates(theta: np.ndarray, covariance: np.ndarray | None) -> list[Estimate]:
+    """Estimates of complex θ (n,) from the covariance (2n, 2n) over (Re θ_1, Im θ_1, Re θ_2, …)."""
+    result = []
+    for index, value in enumerate(theta):
+        tan = -value.imag / value.real
+        if covariance is None:
+            result.append(Estimate(float(value.real), None, float(tan), None))
+            continue
+        block = covariance[2 * index : 2 * index + 2, 2 * index : 2 * index + 2]
+        slope = np.array([-tan / value.real, -1 / value.real])  # ∂tan/∂(Re, Im)
+        result.append(
+            Estimate(float(value.real), float(np.sqrt(block[0, 0])), float(tan), float(np.sqrt(slope @ block @ slope)))
+        )
+    return result
+
+
+@dataclass(frozen=True)
 class FreeConstants:
     """Affine map from free complex parameters to the ten constants.
 
@@ -97,6 +126,18 @@ class FreeConstants:
     def e_form_jacobian(self, theta: np.ndarray) -> np.ndarray:
         """∂(e-form)/∂θ, (10, n) complex."""
         return self.constants(theta).e_form_jacobian() @ self.directions
+
+    def training_sets(self, theta: np.ndarray, spread: float, count: int = 7) -> list[PiezoConstants]:
+        """The constants at Re θ, then corners of the box ±spread (relative) around it that are stable materials."""
+        rng = np.random.default_rng(2022)
+        sets = [self.constants(theta.real).lossless()]
+        for _ in range(50 * count):
+            if len(sets) == count:
+                break
+            sample = self.constants(theta.real * (1 + spread * rng.choice([-1.0, 1.0], theta.size))).lossless()
+            if not sample.physical_faults():
+                sets.append(sample)
+        return sets
 
     def as_dict(self, theta: np.ndarray) -> dict[str, complex]:
         return {name: complex(value) for name, value in zip(self.names, theta, strict=True)}

@@ -1,0 +1,174 @@
+"""The command line: parse, call, write, print."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+import click
+
+from femu_piezo.errors import FemuPiezoError
+
+_STARTED = time.perf_counter()
+
+_MANUAL = """Complex material parameters of piezoceramic plates from impedance sweeps.
+
+Give a specimen file (TOML: geometry, start material, the measured sweep) and get the complex elastic,
+piezoelectric and dielectric constants of the piece, by pole-zero finite element model updating (Cong, Hu, Li,
+Smart Mater. Struct. 31, 2022, 125010).
+
+\b
+  femu-piezo simulate plate.toml --out results    poles, zeros and a sweep of the specimen as described
+  femu-piezo extract sweep.csv --out results      poles and zeros of a measured sweep, without any model
+  femu-piezo update plate.toml --out results      the constants that explain the measured sweep
+
+Words: a pole is a pole of the admittance (series resonance, short circuit); a zero is a zero of the admittance
+(parallel resonance, open circuit). A constant is written value (1 − j tan). Every command writes machine-readable
+results (JSON, CSV) beside its pictures (PNG) into the folder --out.
+
+\b
+Exit codes: 0 done · 2 the input is wrong (one sentence says what and where) · 3 a computation did not converge.
+"""
+
+
+class _Commands(click.Group):
+    """Turns every intended error into one sentence on stderr and its exit code."""
+
+    def invoke(self, ctx: click.Context):
+        try:
+            return super().invoke(ctx)
+        except FemuPiezoError as error:
+            click.echo(f"femu-piezo: {error}", err=True)
+            ctx.exit(error.exit_code)
+        except KeyboardInterrupt:
+            click.echo("femu-piezo: interrupted; nothing was written", err=True)
+            ctx.exit(130)
+
+
+@click.group(
+    cls=_Commands, help=_MANUAL, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 118}
+)
+@click.version_option(package_name="femu-piezo")
+def main() -> None:
+    pass
+
+
+_specimen = click.argument("specimen", type=click.Path(path_type=Path), metavar="SPEC")
+_out = click.option("--out", required=True, type=click.Path(path_type=Path), help="folder for the results")
+_correct_phase = click.option(
+    "--correct-phase", is_flag=True, help="turn the phase of the sweep by 180° (a sweep with negative resistance)"
+)
+
+
+def _report_steps(step: str) -> None:
+    """Progress on a terminal: the current step on one line of stderr."""
+    if sys.stdout.isatty() and sys.stderr.isatty():
+        click.echo(f"\r\033[K{step} …", nl=False, err=True)
+
+
+def _end_of_steps() -> None:
+    if sys.stdout.isatty() and sys.stderr.isatty():
+        click.echo("\r\033[K", nl=False, err=True)
+
+
+@main.command()
+@_specimen
+@_out
+@click.option("--full-order", is_flag=True, help="solve the full model at every frequency (slow, for checking)")
+def simulate(specimen: Path, out: Path, full_order: bool) -> None:
+    """Simulate the specimen SPEC: poles, zeros and an impedance sweep.
+
+    Writes simulation.json, impedance.csv and impedance.png. The sweep is that of the [simulation] table of SPEC
+    (start, stop, points, spacing, noise, seed), by default 100 Hz to 3.5 times the fundamental.
+    """
+    from femu_piezo.measurement.readers import write_spectrum
+    from femu_piezo.output.curves import simulation_figure
+    from femu_piezo.output.folder import prepare_folder, write_figure, write_json
+    from femu_piezo.specimen import read_specimen
+    from femu_piezo.study.simulate import simulate as run
+
+    wanted = read_specimen(specimen)
+    prepare_folder(out)
+    result = run(wanted, full_order=full_order)
+    write_spectrum(result.spectrum, out / "impedance.csv")
+    write_figure(out / "impedance.png", simulation_figure(result))
+    write_json(out / "simulation.json", result.to_json())
+    for pole in result.poles:
+        click.echo(f"pole {pole.frequency_Hz:14.3f} Hz   loss {pole.loss:.6f}")
+    for zero in result.zeros:
+        click.echo(f"zero {zero.frequency_Hz:14.3f} Hz   loss {zero.loss:.6f}")
+    click.echo(f"{len(result.spectrum)} points, {result.unknowns} unknowns → {out / 'impedance.csv'}")
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
+@_out
+@_correct_phase
+def extract(file: Path, out: Path, correct_phase: bool) -> None:
+    """Extract poles and zeros with uncertainties from the sweep FILE.
+
+    Reads CSV and delimited text whose header names the columns (|Z| and phase, R and X, G and B), HP 4294A and
+    Keysight E4990A exports. Writes extraction.json and extraction.png.
+    """
+    from femu_piezo.extraction.extract import extract as run
+    from femu_piezo.measurement.readers import read_spectrum
+    from femu_piezo.output.extraction_plots import extraction_figure
+    from femu_piezo.output.folder import prepare_folder, write_figure, write_json
+
+    spectrum = read_spectrum(file, correct_phase=correct_phase)
+    prepare_folder(out)
+    result = run(spectrum)
+    write_figure(out / "extraction.png", extraction_figure(result))
+    write_json(out / "extraction.json", result.to_json())
+    for resonance in (*result.resonances.poles, *result.resonances.zeros):
+        std = "" if resonance.std_Hz is None else f" ± {resonance.std_Hz:.3g}"
+        std_loss = "" if resonance.std_loss is None else f" ± {resonance.std_loss:.2g}"
+        click.echo(
+            f"{resonance.kind} {resonance.frequency_Hz:14.3f}{std} Hz   loss {resonance.loss:.6f}{std_loss}"
+            f"   Q {resonance.quality_factor:.4g}"
+        )
+    for note in (*spectrum.notes, *result.notes):
+        click.echo(f"note: {note}")
+
+
+@main.command()
+@_specimen
+@_out
+@click.option("--timings", is_flag=True, help="print where the time goes")
+def update(specimen: Path, out: Path, timings: bool) -> None:
+    """Update the free constants of SPEC from its measured sweep.
+
+    Writes update.json, impedance.png (measured, baseline and updated), iterations.png and updated.csv (the
+    updated model at the measured frequencies).
+    """
+    from femu_piezo.measurement.readers import write_spectrum
+    from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+    from femu_piezo.output.curves import impedance_figure, iteration_figure
+    from femu_piezo.output.folder import prepare_folder, write_figure, write_json
+    from femu_piezo.output.tables import console, update_table
+    from femu_piezo.specimen import read_specimen
+    from femu_piezo.study.update import update as run
+
+    imported = time.perf_counter() - _STARTED
+    wanted = read_specimen(specimen)
+    prepare_folder(out)
+    try:
+        result = run(wanted, _report_steps)
+    finally:
+        _end_of_steps()
+    drawing = time.perf_counter()
+    write_figure(out / "impedance.png", impedance_figure(result))
+    write_figure(out / "iterations.png", iteration_figure(result))
+    write_spectrum(ImpedanceSpectrum(result.spectrum.frequency, result.updated_curve), out / "updated.csv")
+    write_json(out / "update.json", result.to_json())
+    console().print(update_table(result))
+    if timings:
+        seconds = {"imports": imported, **result.seconds, "pictures and files": time.perf_counter() - drawing}
+        for step, value in seconds.items():
+            click.echo(f"{step:24s} {value:7.3f} s")
+        click.echo(f"{'sum':24s} {sum(seconds.values()):7.3f} s")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,42 @@
+"""Writing a folder of results: everything is computed first, every file appears whole."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import secrets
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from femu_piezo.errors import InputError
+from femu_piezo.files import write_atomically
+
+
+def prepare_folder(out: Path) -> Path:
+    """Create the result folder, so that a wrong place is known before the work; InputError where it cannot be."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be used as result folder ({error.strerror}); choose another --out") from None
+    if not os.access(out, os.W_OK):
+        raise InputError(f"{out}: the folder cannot be written to; choose another --out")
+    return out
+
+
+def write_json(path: Path, record: dict) -> None:
+    """One JSON file, whole or not at all; NaN is refused."""
+    write_atomically(path, json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def write_figure(path: Path, figure: Figure, dots_per_inch: int = 150) -> None:
+    """One PNG, whole or not at all."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=dots_per_inch)
+    beside = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}.tmp")
+    try:
+        beside.write_bytes(buffer.getvalue())
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)

@@ -1,0 +1,52 @@
+"""Start values from the one-dimensional bar formulas of the IEEE standard, so that no user has to guess.
+
+Thin k31 bar: the pole is that of s11, and k31²/(1 − k31²) = (π/2)(f_z/f_p) tan[(π/2)(f_z − f_p)/f_p].
+Slender k33 bar: the zero is that of s33^D, and k33² = (π/2)(f_p/f_z) tan[(π/2)(f_z − f_p)/f_z].
+(IEEE Std 176-1987, sections 6.4.1 and 6.4.2.)
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femu_piezo.material.simplified import Poling
+
+
+def bar_start(
+    poling: Poling, length: float, density: float, pole_Hz: float, zero_Hz: float, eps33T: float
+) -> dict[str, float]:
+    """Real s11 and d31 (poling "thickness") or s33 and d33 ("length") of a bar with this pole and zero.
+
+    Parameters
+    ----------
+    length : m; density : kg/m³; eps33T : F/m
+
+    Returns
+    -------
+    name → SI value; d31 negative, d33 positive, as in every common ceramic
+    """
+    half = np.pi / 2
+    if poling == "thickness":
+        ratio = half * zero_Hz / pole_Hz * np.tan(half * (zero_Hz - pole_Hz) / pole_Hz)
+        k2 = ratio / (1 + ratio)
+        s11 = 1 / (4 * density * length**2 * pole_Hz**2)
+        return {"s11": s11, "d31": -float(np.sqrt(k2 * s11 * eps33T))}
+    k2 = half * pole_Hz / zero_Hz * np.tan(half * (zero_Hz - pole_Hz) / zero_Hz)
+    s33 = 1 / (4 * density * length**2 * zero_Hz**2 * (1 - k2))
+    return {"s33": s33, "d33": float(np.sqrt(k2 * s33 * eps33T))}
+
+
+def k31_bar_admittance(
+    omega: np.ndarray, length: float, width: float, thickness: float, density: float, s11, d31, eps33T
+) -> np.ndarray:
+    """Y = jω (L w/t)[ε33T − d31²/s11 + (d31²/s11) tan X/X], X = (ωL/2) sqrt(ρ s11): exact for a thin narrow bar."""
+    x = omega * length / 2 * np.sqrt(density * s11)
+    motional = d31**2 / s11
+    return 1j * omega * length * width / thickness * (eps33T - motional + motional * np.tan(x) / x)
+
+
+def k33_bar_impedance(omega: np.ndarray, length: float, area: float, density: float, s33, d33, eps33T) -> np.ndarray:
+    """Z = L/(jω A ε33T (1 − k²)) [1 − k² tan X/X], X = (ωL/2) sqrt(ρ s33(1 − k²)): exact for a slender bar."""
+    k2 = d33**2 / (s33 * eps33T)
+    x = omega * length / 2 * np.sqrt(density * s33 * (1 - k2))
+    return length / (1j * omega * area * eps33T * (1 - k2)) * (1 - k2 * np.tan(x) / x)
