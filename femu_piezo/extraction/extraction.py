@@ -7,13 +7,22 @@ from dataclasses import replace
 import numpy as np
 
 from femu_piezo.errors import InputError
-from femu_piezo.extraction.findings import Finding, find_clipping, find_missing, too_few_points
-from femu_piezo.extraction.fit import Fit, SweepData, correlation
-from femu_piezo.extraction.likelihood import is_correlated, maximum_likelihood
+from femu_piezo.extraction.findings import (
+    Finding,
+    find_clipping,
+    find_missing,
+    find_reversed,
+    too_few_points,
+)
+from femu_piezo.extraction.fit import Fit, SweepData, correlation, solve_linear
+from femu_piezo.extraction.likelihood import is_correlated, maximum_likelihood, noise_of
+from femu_piezo.extraction.model import RationalModel
+from femu_piezo.extraction.order import MAX_BACKGROUND, evidence
+from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.extraction.result import Extraction, Method
-from femu_piezo.extraction.roots import pair, resonances
+from femu_piezo.extraction.roots import Roots, pair, resonances
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.resonances import ResonanceSet
+from femu_piezo.resonances import Resonance, ResonanceSet
 
 MAX_MODES = 12
 MIN_POINTS = 8
@@ -32,7 +41,8 @@ def extract(
     ----------
     spectrum : the sweep; its `noise` is used where given, else learned from the residual of the fit
     max_modes : most modes the evidence may ask for (12 where None)
-    method : "maximum_likelihood"
+    method : "maximum_likelihood", or "prony_ss" for the paper's time-domain method (uniform grid): no
+        covariance; the curve is the best one with those poles
 
     Raises
     ------
@@ -45,28 +55,50 @@ def extract(
     clipped, findings = find_clipping(spectrum)
     used = ~clipped
     sweep = spectrum.select(used)
-    result, data, noise, tried = maximum_likelihood(sweep, MAX_MODES if max_modes is None else max_modes)
-    scale = result.scale if noise.origin == "residual" else _inflation(result, findings)
-    phi = _systematic(result, data, findings)
-    roots = resonances(result.model, data, scale, phi, (spectrum.frequency[0], spectrum.frequency[-1]))
-    findings = findings + find_missing(roots, spectrum)
-    model_impedance = 1 / result.model.admittance(spectrum.omega)
+    band = (float(spectrum.frequency[0]), float(spectrum.frequency[-1]))
+    if method == "prony_ss":
+        roots, result, data = _prony_ss(sweep)
+        noise, tried = noise_of(result, sweep), []
+    else:
+        result, data, noise, tried = maximum_likelihood(sweep, MAX_MODES if max_modes is None else max_modes)
+        scale = result.scale if noise.origin == "residual" else _inflation(result, findings)
+        roots = resonances(result.model, data, scale, _systematic(result, data, findings), band)
+    findings = findings + find_reversed(data) + find_missing(roots, spectrum)
+    impedance = 1 / result.model.admittance(spectrum.omega)
     residual = np.full(n, complex("nan+nanj"))
-    sigma = sweep.noise if noise.origin == "file" else noise.std(1 / result.model.admittance(sweep.omega))
-    residual[used] = (sweep.impedance - model_impedance[used]) / sigma
+    sigma = sweep.noise if noise.origin == "file" else noise.std(impedance[used])
+    residual[used] = (sweep.impedance - impedance[used]) / sigma
+    freedom = np.count_nonzero(used) - result.model.size
     return Extraction(
         spectrum=spectrum,
         used=used,
         resonances=replace(roots.inside, notes=tuple(f.sentence for f in findings)),
         pairs=pair(roots.inside),
         outside=roots.outside,
-        impedance=model_impedance,
+        impedance=impedance,
         residual=residual,
         noise=noise,
-        reduced_chi_square=float(np.sum(np.abs(residual[used]) ** 2) / (np.count_nonzero(used) - result.model.size)),
+        reduced_chi_square=float(np.sum(np.abs(residual[used]) ** 2) / freedom),
+        model=result.model,
         orders=tuple(tried),
         findings=tuple(findings),
+        method=method,
     )
+
+
+def _prony_ss(sweep: ImpedanceSpectrum) -> tuple[Roots, Fit, SweepData]:
+    """Poles and zeros of the stable columns, and the best curve with those poles held."""
+    columns = {kind: prony_ss(sweep, kind).diagram.columns for kind in ("pole", "zero")}
+    poles, zeros = (tuple(Resonance(kind, column.eigenvalue) for column in columns[kind]) for kind in ("pole", "zero"))
+    data = SweepData.of(sweep.omega, sweep.admittance, np.ones(len(sweep)), squared=True)
+    at = np.array([(r.eigenvalue - data.axis.center) / data.axis.half_width for r in poles], complex)
+    fits = [
+        solve_linear(RationalModel(data.axis, data.scale, at, np.zeros_like(at), np.zeros(d, complex)), data)
+        for d in range(1, MAX_BACKGROUND + 2)
+        if 2 * at.size + d < len(data)
+    ]
+    best = min(fits, key=lambda f: evidence(f, data))
+    return Roots(ResonanceSet(poles, zeros, None), ()), best, data
 
 
 def _inflation(result: Fit, findings: list[Finding]) -> float:
@@ -100,8 +132,8 @@ def _systematic(result: Fit, data: SweepData, findings: list[Finding]) -> comple
 
 
 def _check(spectrum: ImpedanceSpectrum, method: str, max_modes: int | None) -> None:
-    if method != "maximum_likelihood":
-        raise InputError(f"unknown extraction method '{method}': use maximum_likelihood")
+    if method not in ("maximum_likelihood", "prony_ss"):
+        raise InputError(f"unknown extraction method '{method}': use maximum_likelihood or prony_ss")
     if max_modes is not None and max_modes < 0:
         raise InputError(f"max_modes must be 0 or more, got {max_modes}")
     if not np.all(np.isfinite(spectrum.impedance)) or np.any(spectrum.impedance == 0):
@@ -125,6 +157,7 @@ def _nothing(spectrum: ImpedanceSpectrum, finding: Finding) -> Extraction:
         residual=missing,
         noise=None,
         reduced_chi_square=float("nan"),
+        model=None,
         orders=(),
         findings=(finding,),
     )

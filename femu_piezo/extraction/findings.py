@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from femu_piezo.extraction.fit import SweepData
 from femu_piezo.extraction.roots import Roots
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
@@ -47,6 +48,19 @@ def find_clipping(spectrum: ImpedanceSpectrum) -> tuple[np.ndarray, list[Finding
                 )
             )
     return clipped, findings
+
+
+def find_reversed(data: SweepData) -> list[Finding]:
+    """A sweep whose conductance is negative at most points: −Z was recorded."""
+    if data.scale > 0:
+        return []
+    return [
+        Finding(
+            "negative_resistance",
+            "the resistance is negative at most points: terminals reversed, or 180° in the phase; poles, zeros and "
+            "k_eff do not depend on the sign",
+        )
+    ]
 
 
 def find_missing(roots: Roots, spectrum: ImpedanceSpectrum) -> list[Finding]:

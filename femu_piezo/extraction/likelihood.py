@@ -30,7 +30,7 @@ def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int) -> tuple[Fit, S
         if evidence(other, other_data) < evidence(best, data):
             best, data = other, other_data
     final = _guarded(best, data)
-    return final, data, _noise_of(final, sweep), tried
+    return final, data, noise_of(final, sweep), tried
 
 
 def _learn_noise(
@@ -39,7 +39,7 @@ def _learn_noise(
     """Search with a first guess of the noise shape, then again with the one the residual shows."""
     data = SweepData.of(sweep.omega, sweep.admittance, weight, squared=True)
     best, tried = search(data, max_modes)
-    noise = _noise_of(best, sweep)
+    noise = noise_of(best, sweep)
     if noise.additive == 0 and np.ptp(weight) == 0:
         return best, data, tried
     impedance = 1 / best.model.admittance(sweep.omega)
@@ -48,7 +48,8 @@ def _learn_noise(
     return best, data, tried + again
 
 
-def _noise_of(result: Fit, sweep: ImpedanceSpectrum) -> NoiseUsed:
+def noise_of(result: Fit, sweep: ImpedanceSpectrum) -> NoiseUsed:
+    """The noise of the sweep as the residual of a fit shows it."""
     impedance = 1 / result.model.admittance(sweep.omega)
     return noise_from_residual(sweep.impedance - impedance, impedance, result.model.size)
 

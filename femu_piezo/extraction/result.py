@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from femu_piezo.extraction.findings import Finding
+from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.order import Candidate
 from femu_piezo.extraction.roots import Pair
 from femu_piezo.extraction.weighting import NoiseUsed
@@ -32,6 +33,7 @@ class Extraction:
     residual : (n,) complex, (Z_data − Z_fit)/σ_Z, E|·|² = 1 for a right model; nan where not used
     noise : the noise the fit used
     reduced_chi_square : Σ|residual|²/(n − p), about 1 for a right model and a right noise
+    model : the fitted rational function, None where nothing could be fitted
     orders : every model order tried, with its evidence
     findings : what is missing or doubtful, each a code and a sentence
     method : how the resonances were obtained
@@ -46,6 +48,7 @@ class Extraction:
     residual: np.ndarray
     noise: NoiseUsed | None
     reduced_chi_square: float
+    model: RationalModel | None
     orders: tuple[Candidate, ...]
     findings: tuple[Finding, ...]
     method: Method = "maximum_likelihood"
@@ -91,6 +94,13 @@ class Extraction:
                 "origin": self.noise.origin,
             },
             "reduced_chi_square": None if np.isnan(self.reduced_chi_square) else self.reduced_chi_square,
+            "model": None
+            if self.model is None
+            else {"modes": int(self.model.poles.size), "background_degree": int(self.model.background.size) - 1},
+            "evidence": [
+                {"modes": c.modes, "background_degree": c.background_degree, "evidence": c.evidence}
+                for c in self.orders
+            ],
             "points": len(self.spectrum),
             "points_used": int(np.count_nonzero(self.used)),
             "method": self.method,

@@ -24,7 +24,7 @@ class Pair:
     ----------
     pole, zero : the two resonances
     k_eff : sqrt(1 − Re λ_pole/Re λ_zero), IEEE 176 effective coupling; nan where the zero lies below
-    std_k_eff : its standard deviation from the joint covariance of both, nan where k_eff is
+    std_k_eff : its standard deviation from the joint covariance of both, nan where k_eff is or no covariance
     """
 
     pole: Resonance
@@ -92,10 +92,11 @@ def _coupled(found: ResonanceSet, i: int, j: int) -> Pair:
     k = effective_coupling(pole, zero)
     at, below = 2 * i, 2 * (len(found.poles) + j)
     real_p, real_z = pole.eigenvalue.real, zero.eigenvalue.real
+    if found.covariance is None or not k > 0:
+        return Pair(pole, zero, k, float("nan"))
     gradient = np.array([-1 / real_z, real_p / real_z**2])
     block = found.covariance[np.ix_([at, below], [at, below])]
-    std = float(np.sqrt(gradient @ block @ gradient)) / (2 * k) if k > 0 else float("nan")
-    return Pair(pole, zero, k, std)
+    return Pair(pole, zero, k, float(np.sqrt(gradient @ block @ gradient)) / (2 * k))
 
 
 def _poles(model: RationalModel) -> list[_Root]:

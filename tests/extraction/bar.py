@@ -58,9 +58,7 @@ class Bar:
         return self.length * self.width / self.thickness * k * 2 / scale
 
 
-def sweep(
-    bar: Bar, frequency, relative: float = 0.0, additive: float = 0.0, seed: int = 0, noise: bool = False
-):
+def sweep(bar: Bar, frequency, relative: float = 0.0, additive: float = 0.0, seed: int = 0, noise: bool = False):
     """A sweep with circular complex noise; `noise=True` puts the true noise in the spectrum."""
     rng = np.random.default_rng(seed)
     z = bar.impedance(frequency)

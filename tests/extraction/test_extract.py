@@ -104,13 +104,9 @@ def test_too_few_points_are_named():
 
 
 def test_json_contract():
-    record = json.loads(
-        json.dumps(extract(sweep(BAR, np.linspace(28e3, 48e3, 201), relative=1e-3)).to_json())
-    )
+    record = json.loads(json.dumps(extract(sweep(BAR, np.linspace(28e3, 48e3, 201), relative=1e-3)).to_json()))
     assert set(record["poles"][0]) == {"frequency_Hz", "loss", "std_Hz", "std_loss"}
-    assert record["zeros"][0]["frequency_Hz"] == pytest.approx(
-        np.sqrt(BAR.zero(1).real) / 2 / np.pi, rel=1e-5
-    )
+    assert record["zeros"][0]["frequency_Hz"] == pytest.approx(np.sqrt(BAR.zero(1).real) / 2 / np.pi, rel=1e-5)
 
 
 def test_impossible_readings_are_refused():

@@ -1,0 +1,93 @@
+"""Prony-SS on the exact 1-D bar: the paper's kind of sweep, from near DC on a uniform grid."""
+
+import numpy as np
+import pytest
+
+from femu_piezo.errors import InputError
+from femu_piezo.extraction import extract
+from femu_piezo.extraction.prony_ss import prony_ss
+from femu_piezo.extraction.stabilization import rational_stabilization, stabilize
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+
+from .bar import Bar, sweep
+
+BAR = Bar()
+PAPER = np.arange(100.0, 300_001.0, 100.0)
+
+
+@pytest.mark.parametrize("extension", ["hermitian", "analytic"])
+@pytest.mark.parametrize("kind", ["pole", "zero"])
+def test_noise_free_sweep_from_near_dc(kind, extension):
+    found = prony_ss(sweep(BAR, PAPER), kind, extension=extension).diagram.columns
+    for n in (1, 2, 3):
+        truth = getattr(BAR, kind)(n)
+        assert min(abs(c.eigenvalue / truth - 1) for c in found) < 1e-8
+
+
+@pytest.mark.parametrize("kind", ["pole", "zero"])
+def test_columns_under_noise_are_the_modes_and_nothing_else(kind):
+    found = prony_ss(sweep(BAR, PAPER, relative=1e-3, seed=1), kind).diagram.columns
+    truth = [getattr(BAR, kind)(n) for n in range(1, 5)]
+    assert len(found) == 4
+    assert all(abs(c.eigenvalue / t - 1) < 1e-4 for c, t in zip(found, truth, strict=True))
+
+
+def test_residues_are_those_of_the_charge():
+    data = sweep(BAR, PAPER)
+    poles = prony_ss(data, "pole", band=(100.0, 100_000.0))
+    assert poles.residues[0] == pytest.approx(BAR.residue_of_charge(1), rel=1e-6)
+    offset = prony_ss(data, "pole", band=(10_000.0, 100_000.0), extension="analytic")
+    assert offset.residues[0] == pytest.approx(BAR.residue_of_charge(1), rel=1e-5)  # two tapers leak more
+    zeros = prony_ss(data, "zero", band=(100.0, 100_000.0))
+    near = BAR.zero(1) * (1 + 1e-6)  # R/(λ − λ0) of 1/Q just beside the zero
+    assert zeros.residues[0] == pytest.approx(BAR.zero(1) * 1e-6 / BAR.charge(np.sqrt(near)), rel=1e-4)
+
+
+def test_narrow_band_agrees_with_the_rational_fit():
+    data = sweep(BAR, np.linspace(20e3, 60e3, 801))
+    slow, quick = extract(data, method="prony_ss").resonances, extract(data).resonances
+    assert slow.poles[0].eigenvalue == pytest.approx(quick.poles[0].eigenvalue, rel=1e-5)
+    assert slow.zeros[0].eigenvalue == pytest.approx(quick.zeros[0].eigenvalue, rel=1e-5)
+
+
+def test_wide_band_methods_agree():
+    data = sweep(BAR, PAPER[::2], relative=1e-4, seed=2)
+    found = extract(data, method="prony_ss")
+    assert found.method == "prony_ss" and found.resonances.poles[0].covariance is None
+    for n, (pole, zero) in enumerate(zip(found.resonances.poles, found.resonances.zeros, strict=True), start=1):
+        assert abs(pole.eigenvalue / BAR.pole(n) - 1) < 1e-4
+        assert abs(zero.eigenvalue / BAR.zero(n) - 1) < 1e-4
+
+
+def test_what_the_method_cannot_do_is_refused():
+    with pytest.raises(InputError, match="uniform"):
+        prony_ss(sweep(BAR, np.geomspace(20e3, 60e3, 400)), "pole")
+    with pytest.raises(InputError, match="at least 16"):
+        prony_ss(sweep(BAR, PAPER), "pole", band=(35e3, 36e3))
+    with pytest.raises(InputError, match="multiples of the step"):
+        prony_ss(sweep(BAR, np.arange(20013.0, 60e3, 50.0)), "pole", extension="hermitian")
+
+
+def test_columns_need_continuity_in_frequency_and_loss():
+    steady = 1e10 * (1 + 0.01j)
+    by_order = {
+        m: np.array([steady, 2e10 * (1 + 0.1 * m) * (1 + 0.01j), 4e10 * (1 + 0.01j * 2**m)]) for m in range(1, 9)
+    }
+    diagram = stabilize("pole", by_order)
+    assert [c.eigenvalue for c in diagram.columns] == [steady]
+    assert diagram.columns[0].orders == tuple(range(1, 9)) and diagram.columns[0].spread == 0
+    assert np.count_nonzero(diagram.stable) == 7
+
+
+def test_rational_diagram_on_a_log_grid():
+    poles, zeros = rational_stabilization(sweep(BAR, np.geomspace(25e3, 130e3, 400), relative=1e-4, seed=3))
+    for diagram, truth in ((poles, BAR.pole), (zeros, BAR.zero)):
+        for n in (1, 2):
+            assert min(abs(c.eigenvalue / truth(n) - 1) for c in diagram.columns) < 1e-4
+
+
+def test_reversed_terminals_are_named():
+    data = sweep(BAR, np.linspace(28e3, 48e3, 401), relative=1e-3, seed=4)
+    found = extract(ImpedanceSpectrum(data.frequency, -data.impedance))
+    assert found.status == "negative_resistance"
+    assert found.resonances.poles[0].eigenvalue == pytest.approx(extract(data).resonances.poles[0].eigenvalue, rel=1e-9)
