@@ -1,0 +1,164 @@
+"""The picture of an extraction: curve and fit, residual in σ, stabilization diagrams of poles and zeros."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from femu_piezo.errors import InputError
+from femu_piezo.extraction.prony_ss import prony_ss
+from femu_piezo.extraction.stabilization import StabilizationDiagram, rational_stabilization
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from femu_piezo.extraction import Extraction
+
+DATA = {"color": "#222222", "marker": ".", "linestyle": "none", "markersize": 3.5}
+FIT = {"color": "#c0392b", "linewidth": 1.3}
+POLE, ZERO = "#1f6fb4", "#2a8a4a"
+LABELLED = 6  # so many resonances are written out
+
+
+def extraction_figure(extraction: Extraction) -> Figure:
+    """|Z| and phase with the fit, the residual in σ, and one stabilization diagram each for poles and zeros.
+
+    Blue marks poles, green zeros. The diagrams are those of the method used: Prony-SS, or rational least-squares
+    fits of growing order for the maximum-likelihood method.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.5, 9.0), layout="constrained")
+    axes = figure.subplot_mosaic(
+        [["magnitude", "poles"], ["phase", "zeros"], ["residual", "text"]],
+        gridspec_kw={"height_ratios": [3, 3, 2.4], "width_ratios": [1, 1]},
+    )
+    factor, label = _frequency_unit(extraction)
+    for name in ("phase", "residual", "poles", "zeros"):
+        axes[name].sharex(axes["magnitude"])
+    _curves(extraction, axes["magnitude"], axes["phase"], factor)
+    _residual(extraction, axes["residual"], factor)
+    for name, diagram in zip(("poles", "zeros"), _diagrams(extraction), strict=True):
+        _stabilization(extraction, axes[name], diagram, name, factor)
+    for name in ("residual", "poles", "zeros", "phase"):
+        axes[name].set_xlabel(label)
+    axes["magnitude"].set_xscale("log" if _is_wide(extraction) else "linear")
+    axes["text"].axis("off")
+    axes["text"].text(
+        0.0, 1.0, _summary(extraction), va="top", family="monospace", fontsize=8.5, transform=axes["text"].transAxes
+    )
+    figure.suptitle(f"{extraction.spectrum.source}: poles and zeros ({extraction.method.replace('_', ' ')})")
+    return figure
+
+
+def _frequency_unit(extraction: Extraction) -> tuple[float, str]:
+    if extraction.spectrum.frequency[-1] >= 2e6:
+        return 1e-6, "frequency (MHz)"
+    return 1e-3, "frequency (kHz)"
+
+
+def _is_wide(extraction: Extraction) -> bool:
+    frequency = extraction.spectrum.frequency
+    return bool(frequency[-1] > 100 * frequency[0])
+
+
+def _mark(extraction: Extraction, axes: Axes, factor: float) -> None:
+    for found, colour in ((extraction.resonances.poles, POLE), (extraction.resonances.zeros, ZERO)):
+        for resonance in found:
+            axes.axvline(resonance.frequency_Hz * factor, color=colour, linewidth=0.8, zorder=0)
+
+
+def _curves(extraction: Extraction, magnitude: Axes, phase: Axes, factor: float) -> None:
+    spectrum, used = extraction.spectrum, extraction.used
+    x = spectrum.frequency * factor
+    magnitude.semilogy(x[used], np.abs(spectrum.impedance[used]), label="measured", **DATA)
+    phase.plot(x[used], np.degrees(np.angle(spectrum.impedance[used])), **DATA)
+    if not np.all(used):
+        magnitude.semilogy(
+            x[~used], np.abs(spectrum.impedance[~used]), "x", color="#e67e22", markersize=4, label="left out"
+        )
+    magnitude.semilogy(x, np.abs(extraction.impedance), label="fit", **FIT)
+    phase.plot(x, np.degrees(np.angle(extraction.impedance)), **FIT)
+    for axes in (magnitude, phase):
+        _mark(extraction, axes, factor)
+    magnitude.plot([], [], color=POLE, label="pole")
+    magnitude.plot([], [], color=ZERO, label="zero")
+    magnitude.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=5, frameon=False, fontsize=9)
+    magnitude.set_ylabel("|Z| (Ω)")
+    phase.set(ylabel="phase of Z (°)", yticks=np.arange(-180, 181, 90))
+
+
+def _residual(extraction: Extraction, axes: Axes, factor: float) -> None:
+    x = extraction.spectrum.frequency * factor
+    for part, colour, name in (
+        (extraction.residual.real, "#34495e", "real"),
+        (extraction.residual.imag, "#b07d2b", "imaginary"),
+    ):
+        axes.plot(x, np.sqrt(2) * part, ".", color=colour, markersize=2.5, label=name)
+    axes.axhspan(-1.96, 1.96, color="#e8e8e8", zorder=0, label="95 %")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False, fontsize=8, markerscale=3)
+    axes.set_ylabel("residual of Z (σ)")
+
+
+def _diagrams(extraction: Extraction) -> tuple[StabilizationDiagram, StabilizationDiagram]:
+    sweep = extraction.spectrum.select(extraction.used)
+    if extraction.method == "prony_ss":
+        return prony_ss(sweep, "pole").diagram, prony_ss(sweep, "zero").diagram
+    if len(sweep) < 9:
+        raise InputError(f"{sweep.source}: {len(sweep)} points are too few for a stabilization diagram")
+    return rational_stabilization(sweep)
+
+
+def _stabilization(extraction: Extraction, axes: Axes, diagram: StabilizationDiagram, name: str, factor: float) -> None:
+    spectrum, colour = extraction.spectrum, POLE if name == "poles" else ZERO
+    frequency = np.sqrt(diagram.eigenvalue.real) / (2 * np.pi)
+    low, high = spectrum.frequency[0], spectrum.frequency[-1]
+    seen = (frequency >= low) & (frequency <= high)
+    curve = axes.twinx()
+    response = spectrum.admittance if name == "poles" else spectrum.impedance
+    curve.semilogy(spectrum.frequency * factor, np.abs(response), color="#cccccc", linewidth=1.0)
+    curve.set_ylabel("|Y| (S)" if name == "poles" else "|Z| (Ω)", color="#999999")
+    axes.set_zorder(curve.get_zorder() + 1)
+    axes.patch.set_visible(False)
+    for chosen, style, legend in (
+        (seen & ~diagram.stable, {"marker": "x", "color": "#b0b0b0", "markersize": 3.5}, "new"),
+        (seen & diagram.stable, {"marker": "o", "color": colour, "markersize": 3.5}, "stable"),
+    ):
+        axes.plot(frequency[chosen] * factor, diagram.order[chosen], linestyle="none", label=legend, **style)
+    for column in diagram.columns:
+        at = np.sqrt(column.eigenvalue.real) / (2 * np.pi) * factor
+        axes.axvline(at, color=colour, linewidth=0.8, linestyle="--", zorder=0)
+    axes.plot([], [], color=colour, linewidth=0.8, linestyle="--", label="column")
+    axes.set_ylabel(f"model order ({name})")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False, fontsize=9)
+
+
+def _summary(extraction: Extraction) -> str:
+    lines = [f"{'':5}{'frequency (Hz)':>22}{'loss η':>22}{'Q':>9}"]
+    found = sorted(extraction.resonances.poles + extraction.resonances.zeros, key=lambda r: r.frequency_Hz)
+    for r in found[:LABELLED]:
+        frequency, loss = f"{r.frequency_Hz:.1f}", f"{r.loss:.5f}"
+        if r.covariance is not None:
+            frequency, loss = f"{frequency} ± {r.std_Hz:.2g}", f"{loss} ± {r.std_loss:.1g}"
+        lines.append(f"{r.kind:5}{frequency:>22}{loss:>22}{r.quality_factor:>9.1f}")
+    if len(found) > LABELLED:
+        lines.append(f"and {len(found) - LABELLED} more")
+    for p in extraction.pairs[: LABELLED // 2]:
+        if np.isfinite(p.k_eff):
+            std = "" if np.isnan(p.std_k_eff) else f" ± {p.std_k_eff:.1g}"
+            lines.append(f"k_eff {p.k_eff:.5f}{std}  ({p.pole.frequency_Hz:.0f} – {p.zero.frequency_Hz:.0f} Hz)")
+    if extraction.noise is not None:
+        lines.append(
+            f"noise: {extraction.noise.relative:.2g}·|Z| and {extraction.noise.additive:.2g} Ω "
+            f"(from the {extraction.noise.origin})"
+        )
+    lines += [line for note in extraction.notes for line in _wrapped(note, 66)]
+    return "\n".join(lines)
+
+
+def _wrapped(sentence: str, width: int) -> list[str]:
+    import textwrap
+
+    return textwrap.wrap(sentence, width, initial_indent="! ", subsequent_indent="  ")
