@@ -104,7 +104,7 @@ def assemble_gradient_products(basis: skfem.Basis, weight: np.ndarray | None = N
     """
     dx = basis.dx if weight is None else basis.dx * weight
     gradient = np.stack([shape[0].grad for shape in basis.basis])  # (shapes, 3, elements, points)
-    value = np.stack([np.broadcast_to(shape[0].value, dx.shape) for shape in basis.basis])
+    value = np.stack([np.broadcast_to(np.asarray(shape[0]), dx.shape) for shape in basis.basis])
     count, elements = len(value), dx.shape[0]
     left = np.moveaxis(gradient, 2, 0).reshape(elements, count * 3, -1)
     local = (left * dx[:, None, :]) @ left.transpose(0, 2, 1)

@@ -21,9 +21,11 @@ import numpy as np
 from femu_piezo.errors import InputError
 from femu_piezo.units import EPS0 as EPS0
 
-
 D_FORM = ("s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "eps33T")
 E_FORM = ("c11", "c12", "c13", "c33", "c44", "e31", "e33", "e15", "eps11S", "eps33S")
+
+_ELASTIC = ((0, 0), (0, 1), (0, 2), (2, 2), (3, 3))  #: where 11, 12, 13, 33, 44 stand in a 6 × 6 matrix
+_COUPLING = ((2, 0), (2, 2), (0, 4))  #: where 31, 33, 15 stand in a 3 × 6 matrix
 
 
 def _elastic_matrix(v11, v12, v13, v33, v44, v66) -> np.ndarray:
@@ -189,8 +191,7 @@ class PiezoConstants(_Constants):
             de = step.piezoelectric() @ c + d @ dc
             deps = step.permittivity() - de @ d.T - e @ step.piezoelectric().T
             columns.append(
-                [dc[0, 0], dc[0, 1], dc[0, 2], dc[2, 2], dc[3, 3]]
-                + [de[2, 0], de[2, 2], de[0, 4], deps[0, 0], deps[2, 2]]
+                [*(dc[i, j] for i, j in _ELASTIC), *(de[i, j] for i, j in _COUPLING), deps[0, 0], deps[2, 2]]
             )
         return np.array(columns).T
 

@@ -31,7 +31,7 @@ def _e_form(name, density, source, c, e, eps) -> LibraryMaterial:
     return LibraryMaterial(name, constants, density, source)
 
 
-_MORGAN = "Berlincourt, Krueger, Near, Properties of piezoelectricity ceramics, Technical publication TP-226, Morgan Electro Ceramics"
+_MORGAN = "Berlincourt, Krueger, Near, Properties of piezoelectricity ceramics, TP-226, Morgan Electro Ceramics"
 _LIBRARY = {
     material.name: material
     for material in (

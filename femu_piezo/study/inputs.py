@@ -73,8 +73,8 @@ def prepare(specimen: Specimen) -> Problem:
     charge = "d31" if plate.poling == "thickness" else "d33"
     if getattr(constants, charge) == 0:
         raise InputError(
-            f"{where}: material.{charge} is zero, so a plate poled along its {plate.poling} has no electrical response; "
-            f"give material.{charge}"
+            f"{where}: material.{charge} is zero, so a plate poled along its {plate.poling} has no electrical "
+            f"response; give material.{charge}"
         )
     return Problem(specimen, plate, constants.check(f"{where}: material"), float(density))
 

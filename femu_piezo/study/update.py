@@ -13,15 +13,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from femu_piezo.measurement.readers import read_spectrum
 
 from femu_piezo.errors import InputError
-from femu_piezo.extraction.extract import Extraction, extract
+from femu_piezo.extraction import Extraction, extract
 from femu_piezo.extraction.roots import Pair
 from femu_piezo.forward.fundamental import pair_of, reduced_source
 from femu_piezo.forward.reduction import ReducedModel, reduce_model
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.simplified import simplify
-from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.resonances import Resonance
 from femu_piezo.specimen import Specimen, Update
@@ -30,8 +30,8 @@ from femu_piezo.updating.curve import fit_curve, rms_log_error
 from femu_piezo.updating.parameters import Estimate, FreeConstants, estimates
 from femu_piezo.updating.pole_zero import (
     Step,
-    low_frequency_permittivity,
     propagate_covariance,
+    static_permittivity,
     update_pair,
     update_simplified,
 )
@@ -251,11 +251,10 @@ def _start(problem: Problem, spectrum: ImpedanceSpectrum, pair: Pair) -> tuple[P
 
 
 def _low_permittivity(problem: Problem, spectrum: ImpedanceSpectrum, pair: Pair) -> complex:
-    """Mean of eqs 41, 42 over the first point and all below 1 % of the pole, where the plate is static to 2e-5."""
+    """Mean permittivity of the first point and all below 1 % of the pole, where the plate is static to 2e-5."""
     low = spectrum.frequency <= max(spectrum.frequency[0], 0.01 * pair.pole.frequency_Hz)
     gap, area = problem.plate.electrode_gap, problem.plate.electrode_area
-    points = zip(spectrum.frequency[low], spectrum.impedance[low], strict=True)
-    return complex(np.mean([low_frequency_permittivity(frequency, z, gap, area) for frequency, z in points]))
+    return complex(np.mean(static_permittivity(spectrum.frequency[low], spectrum.impedance[low], gap, area)))
 
 
 def _method(specimen: Specimen, problem: Problem, eps_source: tuple[str, complex]) -> str:

@@ -51,6 +51,8 @@ class PoleZeroUpdate:
 def low_frequency_permittivity(frequency_Hz: float, impedance: complex, gap: float, area: float) -> complex:
     """ε33T = d/(2π f_L A |Z_L|) and tan δ = Re Z_L/|Im Z_L|, returned as ε33T(1 − j tan δ), F/m (eqs 41, 42).
 
+    As printed, with the modulus of Z: the real part is too large by tan²δ/2. `static_permittivity` is exact.
+
     Parameters
     ----------
     frequency_Hz : f_L, far below the first resonance
@@ -59,6 +61,11 @@ def low_frequency_permittivity(frequency_Hz: float, impedance: complex, gap: flo
     """
     eps = gap / (2 * np.pi * frequency_Hz * area * abs(impedance))
     return complex(eps * (1 - 1j * impedance.real / abs(impedance.imag)))
+
+
+def static_permittivity(frequency_Hz: np.ndarray, impedance: np.ndarray, gap: float, area: float) -> np.ndarray:
+    """Complex ε33T = d/(jω A Z) of a stress-free uniform plate, F/m; arguments as `low_frequency_permittivity`."""
+    return gap / (2j * np.pi * frequency_Hz * area * impedance)
 
 
 def _stiffness_slopes(simple: Simplified, sensitivity: np.ndarray) -> np.ndarray:

@@ -1,0 +1,47 @@
+"""Shared fixtures: the paper's plate, and numpy kept to one thread so that two cores suffice."""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+from pathlib import Path
+
+import pytest
+
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.material.constants import EPS0
+from femu_piezo.material.library import library_material
+from femu_piezo.material.simplified import SimplifiedK31
+
+
+@pytest.fixture(scope="session")
+def measured_folder() -> Path:
+    """Folder of the measured sweeps; tests that need it are skipped where it is absent."""
+    folder = Path(os.environ.get("FEMU_PIEZO_MEASURED", Path(__file__).resolve().parents[2] / "shared" / "measured"))
+    if not folder.is_dir():
+        pytest.skip(f"measured sweeps are not at {folder}; set FEMU_PIEZO_MEASURED")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def paper_plate() -> Plate:
+    return Plate(0.040, 0.005, 0.001)
+
+
+@pytest.fixture(scope="session")
+def baseline() -> SimplifiedK31:
+    """Baseline of the paper's Table 1."""
+    return SimplifiedK31.of(library_material("tj52-hd").constants)
+
+
+@pytest.fixture(scope="session")
+def target() -> SimplifiedK31:
+    """Target of the paper's Table 1, with loss."""
+    return SimplifiedK31(
+        s11=15.84e-12 * (1 - 0.016j),
+        d31=-293.25e-12 * (1 - 0.013j),
+        eps33T=2422.5 * EPS0 * (1 - 0.015j),
+        s12=-4.5e-12,
+    )
