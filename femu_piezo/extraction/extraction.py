@@ -12,15 +12,17 @@ from femu_piezo.extraction.findings import (
     find_clipping,
     find_missing,
     find_reversed,
+    find_systematic,
     too_few_points,
 )
-from femu_piezo.extraction.fit import Fit, SweepData, correlation, solve_linear
-from femu_piezo.extraction.likelihood import is_correlated, maximum_likelihood, noise_of
+from femu_piezo.extraction.fit import Fit, SweepData, solve_linear
+from femu_piezo.extraction.likelihood import maximum_likelihood, noise_of
 from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.order import MAX_BACKGROUND, evidence
 from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.extraction.result import Extraction, Method
 from femu_piezo.extraction.roots import Roots, pair, resonances
+from femu_piezo.extraction.spread import fisher_spread, jackknife_spread
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.resonances import Resonance, ResonanceSet
 
@@ -62,8 +64,10 @@ def extract(
     else:
         result, data, noise, tried = maximum_likelihood(sweep, MAX_MODES if max_modes is None else max_modes)
         scale = result.scale if noise.origin == "residual" else _inflation(result, findings)
-        roots = resonances(result.model, data, scale, _systematic(result, data, findings), band)
-    findings = findings + find_reversed(data) + find_missing(roots, spectrum)
+        spread = jackknife_spread(result, data) if data.phi else None
+        fisher = fisher_spread(result.model, data, scale)
+        roots = resonances(result.model, fisher, spread or fisher, band)
+    findings = findings + find_systematic(data) + find_reversed(data) + find_missing(roots, spectrum)
     impedance = 1 / result.model.admittance(spectrum.omega)
     residual = np.full(n, complex("nan+nanj"))
     sigma = sweep.noise if noise.origin == "file" else noise.std(impedance[used])
@@ -114,21 +118,6 @@ def _inflation(result: Fit, findings: list[Finding]) -> float:
         )
     )
     return result.scale
-
-
-def _systematic(result: Fit, data: SweepData, findings: list[Finding]) -> complex:
-    """φ of the residual where it is correlated beyond chance (1 % of white residuals), else 0."""
-    phi, _ = correlation(result.residual)
-    if not is_correlated(result, data):
-        return 0j
-    findings.append(
-        Finding(
-            "correlated_residual",
-            f"neighbouring residuals are correlated ({abs(phi):.2f}): instrument or model err systematically "
-            "beyond the noise; standard deviations are widened for it",
-        )
-    )
-    return phi
 
 
 def _check(spectrum: ImpedanceSpectrum, method: str, max_modes: int | None) -> None:

@@ -50,6 +50,19 @@ def find_clipping(spectrum: ImpedanceSpectrum) -> tuple[np.ndarray, list[Finding
     return clipped, findings
 
 
+def find_systematic(data: SweepData) -> list[Finding]:
+    """A residual that is correlated from point to point."""
+    if data.phi == 0:
+        return []
+    return [
+        Finding(
+            "correlated_residual",
+            f"neighbouring residuals are correlated ({abs(data.phi):.2f}): instrument or model err systematically "
+            "beyond the noise; standard deviations are from leaving out parts of the sweep",
+        )
+    ]
+
+
 def find_reversed(data: SweepData) -> list[Finding]:
     """A sweep whose conductance is negative at most points: −Z was recorded."""
     if data.scale > 0:

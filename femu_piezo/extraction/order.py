@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from femu_piezo.extraction.fit import ROUNDING, Fit, SweepData, correlation, covariance_factor, fit, solve_linear
+from femu_piezo.extraction.fit import ROUNDING, Fit, SweepData, correlation, fit, solve_linear
 from femu_piezo.extraction.model import RationalModel
+from femu_piezo.extraction.spread import fisher_spread
 
 MAX_BACKGROUND = 12
 MAX_LOSS = 0.3  # beyond η = 0.3 a term is background, not a resonance
@@ -135,8 +136,8 @@ def _prune(best: Fit, data: SweepData, tried: list[Candidate]) -> Fit:
 def _significance(result: Fit, data: SweepData) -> np.ndarray:
     """(M,) |residue| in units of its standard deviation."""
     m = result.model.poles.size
-    spread = np.linalg.norm(covariance_factor(result.model, data)[m : 2 * m], axis=1) * result.scale
-    return np.abs(result.model.residues) / spread
+    factor = fisher_spread(result.model, data, result.scale).factor
+    return np.abs(result.model.residues) / np.linalg.norm(factor[m : 2 * m], axis=1)
 
 
 def _refit(model: RationalModel, data: SweepData) -> Fit:
@@ -153,12 +154,13 @@ def _add_pole(current: Fit, data: SweepData) -> RationalModel:
     model = current.model
     pick = np.unique(np.linspace(0, len(data) - 1, min(len(data), MAX_SCAN_POINTS)).astype(int))
     x, row = data.x[pick], (data.weight / data.charge)[pick]
-    basis, _ = np.linalg.qr(row[:, None] * model.jacobian(x))
-    r = current.residual[pick]
+    whiten = data.whiten if pick.size == len(data) else np.asarray
+    basis, _ = np.linalg.qr(whiten(row[:, None] * model.jacobian(x)))
+    r = whiten(current.residual[pick])
     r = r - basis @ (basis.conj().T @ r)
     best_gain, best_z = -1.0, 0j
     for z in _trial_poles(x):
-        atoms = row[:, None] / (z - x[:, None])
+        atoms = whiten(row[:, None] / (z - x[:, None]))
         atoms = atoms - basis @ (basis.conj().T @ atoms)
         gain = np.abs(atoms.conj().T @ r) ** 2 / np.sum(np.abs(atoms) ** 2, axis=0)
         k = int(np.argmax(gain))

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from femu_piezo.extraction.fit import SweepData, covariance_factor, real_covariance
 from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.order import MAX_LOSS, MAX_PHASE
+from femu_piezo.extraction.spread import Spread
 from femu_piezo.resonances import Kind, Resonance, ResonanceSet, effective_coupling
 
 MAX_RELATIVE_STD_LOSS = 0.35  # a resonance has its loss known to better than this
@@ -52,24 +52,24 @@ class _Root:
     residue: complex
 
 
-def resonances(
-    model: RationalModel, data: SweepData, scale: float, correlation: complex, band: tuple[float, float]
-) -> Roots:
-    """Poles and zeros of the model with the joint covariance scale²·(JᴴJ)⁻¹ carried through (delta method).
+def resonances(model: RationalModel, fisher: Spread, spread: Spread, band: tuple[float, float]) -> Roots:
+    """Poles and zeros of the model with their joint covariance (delta method).
 
     Parameters
     ----------
-    scale : rms residual (1 where the weights are the true ones)
-    correlation : φ of the residual, 0 for white noise
+    fisher : second moments of the errors of the model parameters from the noise alone; decides what is sound
+    spread : the ones to report, wider than `fisher` where systematic errors show. The strongest pole and zero
+        are kept however wide
     band : lowest and highest frequency of the sweep, Hz
     """
-    factor = scale * covariance_factor(model, data, correlation)
     roots = _poles(model) + _zeros(model)
-    sound = [root for root in roots if _is_sound(root, model, factor)]
+    sound = [root for root in roots if _is_physical(root, model) and _is_settled(root, model, fisher)]
+    strongest = {r.kind: r for r in sorted(sound, key=lambda r: abs(r.residue))}.values()
+    sound = [r for r in sound if r in strongest or _is_settled(r, model, spread)]
     inside = _interlaced([r for r in sound if band[0] <= _frequency(r) <= band[1]])
-    poles, zeros, joint = _with_covariance(inside, factor)
+    poles, zeros, joint = _with_covariance(inside, spread)
     outside = [r for r in sound if r not in inside and band[0] / 1.5 <= _frequency(r) <= band[1] * 1.5]
-    far_poles, far_zeros, _ = _with_covariance(sorted(outside, key=_frequency), factor)
+    far_poles, far_zeros, _ = _with_covariance(sorted(outside, key=_frequency), spread)
     return Roots(ResonanceSet(poles, zeros, joint), far_poles + far_zeros)
 
 
@@ -142,29 +142,30 @@ def _interlaced(roots: list[_Root]) -> list[_Root]:
     return poles + sorted(zeros[: len(poles) + below], key=_frequency)
 
 
-def _is_sound(root: _Root, model: RationalModel, factor: np.ndarray) -> bool:
+def _is_physical(root: _Root, model: RationalModel) -> bool:
+    """In the right half plane of λ, lossy, not broader than a resonance, and with a passive residue."""
     real, imag = root.eigenvalue.real, root.eigenvalue.imag
-    if real <= 0 or not 0 < imag <= MAX_LOSS * real:
-        return False
-    if abs(np.angle(root.residue * np.sign(model.scale))) > MAX_PHASE:
-        return False
-    std = float(np.linalg.norm(root.gradient @ factor)) / np.sqrt(2)
-    if std > MAX_RELATIVE_STD_LOSS * imag:
+    passive = abs(np.angle(root.residue * np.sign(model.scale))) <= MAX_PHASE
+    return bool(real > 0 and 0 < imag <= MAX_LOSS * real and passive)
+
+
+def _is_settled(root: _Root, model: RationalModel, spread: Spread) -> bool:
+    """Loss and, for a pole, residue known well enough to speak of a resonance."""
+    if spread.size(root.gradient) / np.sqrt(2) > MAX_RELATIVE_STD_LOSS * root.eigenvalue.imag:
         return False
     if root.kind == "zero":
         return True
     m = int(np.argmax(np.abs(root.gradient)))
     k = model.poles.size + m
-    return abs(model.residues[m]) >= MIN_RESIDUE_SIGMA * float(np.linalg.norm(factor[k]))
+    return abs(model.residues[m]) >= MIN_RESIDUE_SIGMA * spread.size(np.eye(model.size)[k])
 
 
 def _with_covariance(
-    roots: list[_Root], factor: np.ndarray
+    roots: list[_Root], spread: Spread
 ) -> tuple[tuple[Resonance, ...], tuple[Resonance, ...], np.ndarray]:
     if not roots:
         return (), (), np.zeros((0, 0))
-    spread = np.array([root.gradient for root in roots]) @ factor
-    joint = real_covariance(spread @ spread.conj().T)
+    joint = spread.covariance(np.array([root.gradient for root in roots]))
     made = [
         Resonance(root.kind, root.eigenvalue, joint[2 * i : 2 * i + 2, 2 * i : 2 * i + 2], root.residue)
         for i, root in enumerate(roots)
