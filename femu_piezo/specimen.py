@@ -244,8 +244,10 @@ class Specimen(Table):
         return self
 
 
-def read_specimen(path: Path | str) -> Specimen:
+def read_specimen(path: Path | str, data_file: Path | str | None = None) -> Specimen:
     """The specimen of a TOML file; paths in it are taken relative to it, `${NAME}` from the environment.
+
+    data_file : the measured sweep, in place of measurement.file
 
     Raises InputError where the file or any value in it cannot be used.
     """
@@ -254,6 +256,10 @@ def read_specimen(path: Path | str) -> Specimen:
     if "path" in data:
         raise InputError(f"{path}: path is not a key that is known; remove it")
     data.setdefault("name", path.stem)
+    if data_file is not None:
+        measurement = data.setdefault("measurement", {})
+        if isinstance(measurement, dict):
+            measurement["file"] = str(Path(data_file).absolute())
     for section in ("geometry", "measurement"):
         table = data.get(section)
         if isinstance(table, dict) and isinstance(table.get("file"), str):
