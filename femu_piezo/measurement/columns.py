@@ -1,0 +1,199 @@
+"""What the columns of an impedance table mean, from their names: quantity, unit and sign.
+
+Understood are a frequency and one of the pairs |Z| and phase, R and X, |Y| and phase, G and B, with units such as
+kHz, kOhm, mS, deg or rad in brackets, after a slash, an underscore or a space.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from femu_piezo.errors import InputError
+
+UNDERSTOOD = (
+    "understood are a frequency with R and X, |Z| and theta, G and B, or |Y| and theta, each with its unit, "
+    'such as "frequency_Hz,resistance_ohm,reactance_ohm" or "Frequency (kHz), |Z| (Ohm), theta (deg)"'
+)
+
+_LABELS = {
+    "frequency": "f freq frequency",
+    "abs_z": "z |z| absz abs(z) zabs magz mag(z) zmag |impedance| impedance impedancemagnitude impedancemag",
+    "phase_z": "thetaz phiz phasez phase(z) zphase argz arg(z) anglez angle(z) zangle impedancephase impedanceangle",
+    "abs_y": "y |y| absy abs(y) yabs magy mag(y) ymag |admittance| admittance admittancemagnitude admittancemag",
+    "phase_y": "thetay phiy phasey phase(y) yphase argy arg(y) angley angle(y) yangle admittancephase admittanceangle",
+    "phase": "theta phi phase angle phaseangle arg",
+    "r": "r rs resistance rez re(z) realz real(z) zreal zre zr z' impedancereal reimpedance",
+    "x": "x xs reactance imz im(z) imagz imag(z) zimag zim z'' impedanceimag imimpedance",
+    "g": "g gp conductance rey re(y) realy real(y) yreal yre y' admittancereal",
+    "b": "b bp susceptance imy im(y) imagy imag(y) yimag yim y'' admittanceimag",
+    "magnitude": "magnitude mag abs modulus",
+    "real": "real re realpart",
+    "imag": "imag im imaginary imagpart imaginarypart",
+    "noise": "noise std noisestd",
+}
+_KINDS = {label: kind for kind, labels in _LABELS.items() for label in labels.split()}
+_FAMILY = {"frequency": "hertz", "phase": "angle", "phase_z": "angle", "phase_y": "angle"}
+_FAMILY |= dict.fromkeys(("abs_z", "r", "x", "noise"), "ohm") | dict.fromkeys(("abs_y", "g", "b"), "siemens")
+_BY_UNIT = {
+    ("magnitude", "ohm"): "abs_z",
+    ("magnitude", "siemens"): "abs_y",
+    ("real", "ohm"): "r",
+    ("real", "siemens"): "g",
+    ("imag", "ohm"): "x",
+    ("imag", "siemens"): "b",
+}
+_SIGNED = ("x", "b", "phase", "phase_z", "phase_y")
+_PREFIX = {"": 1.0, "p": 1e-12, "n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "k": 1e3, "K": 1e3, "M": 1e6, "G": 1e9}
+_PAIRS = (("r", "x"), ("abs_z", "phase_z"), ("g", "b"), ("abs_y", "phase_y"))
+
+
+@dataclass(frozen=True)
+class Column:
+    """Meaning of one column: `kind`, the `scale` to SI (radian for angles), and whether the name gives the unit."""
+
+    kind: str
+    scale: float
+    has_unit: bool
+
+
+def parse_column(name: str) -> Column | None:
+    """The meaning of a column from its name; None where it is not clear or not needed."""
+    text = name.strip().strip('"').strip()
+    for old, new in (("Ω", "Ω"), ("μ", "µ"), ("−", "-"), ("′", "'"), ("″", "''"), ('"', "''"), ("’", "'")):
+        text = text.replace(old, new)
+    if len(text) > 80 or re.search(r"mem(ory)?$", text, re.IGNORECASE):
+        return None
+    text = re.sub(r"[\s_-]*data$", "", text, flags=re.IGNORECASE)
+    label, unit = _split_unit(text)
+    for greek, word in (("θ", "theta"), ("Θ", "theta"), ("φ", "phi"), ("ϕ", "phi"), ("∠", "angle")):
+        label = label.replace(greek, word)
+    key = re.sub(r"[\s_.\-]", "", label.lower())
+    kind = _KINDS.get(key)
+    if kind is None:
+        return None
+    if unit is not None:
+        kind = _BY_UNIT.get((kind, unit[0]), kind)
+        if unit[0] != _FAMILY.get(kind):
+            return None
+    sign = -1.0 if label.startswith("-") else 1.0
+    if kind not in _FAMILY or (sign < 0 and kind not in _SIGNED):
+        return None
+    return Column(kind, sign * (unit[1] if unit else 1.0), unit is not None)
+
+
+def is_unit(name: str) -> bool:
+    """Whether a cell of a header holds a unit and no name, as in a row of units below the names."""
+    return _parse_unit(name.strip().strip('"').strip("()[] ")) is not None
+
+
+def _split_unit(text: str) -> tuple[str, tuple[str, float] | None]:
+    """Name and (family, scale) of a header cell."""
+    for pattern in (r"(.*?)[\s_]*[(\[{]([^()\[\]{}]*)[)\]}]", r"(.+?)(?:\s+in\s+|[\s_/,]+)([^\s_/,]+)"):
+        found = re.fullmatch(pattern, text)
+        unit = _parse_unit(found[2]) if found else None
+        if unit is not None:
+            return found[1].strip(), unit
+    return re.sub(r"\(\s*\)$", "", text).strip(), None
+
+
+def _parse_unit(text: str) -> tuple[str, float] | None:
+    """(family, scale to SI) of a unit; None where it is none."""
+    text = text.strip().strip(".").replace("Ω", "Ω").replace("μ", "µ")
+    if found := re.fullmatch(r"([kmg]?)hz", text, re.IGNORECASE):
+        return "hertz", {"": 1.0, "k": 1e3, "m": 1e6, "g": 1e9}[found[1].lower()]  # nobody means millihertz
+    if found := re.fullmatch(r"([pnuµmkKMG]?)(?i:ohms?|Ω)", text):
+        return "ohm", _PREFIX[found[1]]
+    if found := re.fullmatch(r"([pnuµmk]?)(?i:s|siemens|mho)", text):
+        return "siemens", _PREFIX[found[1]]
+    if re.fullmatch(r"(?i:deg|degs|degrees?|°)", text):
+        return "angle", np.pi / 180
+    if found := re.fullmatch(r"(m?)(?i:rad|radians?)", text):
+        return "angle", _PREFIX[found[1]]
+    return None
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which columns hold the sweep: indices of frequency, of the two of `pair`, of the noise (or None)."""
+
+    frequency: int
+    first: int
+    second: int
+    pair: tuple[str, str]
+    noise: int | None
+
+
+def choose_columns(names: list[str], columns: list[Column | None], source: str) -> Layout:
+    """The columns to take.
+
+    Raises InputError where a frequency or a whole pair is missing, or one quantity is there twice.
+    """
+    shown = ", ".join(name.strip() for name in names)[:120]
+    kinds = [column.kind if column else None for column in columns]
+    if "frequency" not in kinds:
+        raise InputError(f"{source}: no column of ({shown}) is known to be the frequency; {UNDERSTOOD}")
+    owner = "phase_z" if "abs_z" in kinds else "phase_y"
+    kinds = [owner if kind == "phase" and owner not in kinds else kind for kind in kinds]
+    for pair in _PAIRS:
+        if pair[0] in kinds and pair[1] in kinds:
+            break
+    else:
+        raise InputError(f"{source}: the columns ({shown}) hold no whole pair of impedance; {UNDERSTOOD}")
+    for kind in ("frequency", *pair, "noise"):
+        if kinds.count(kind) > 1:
+            raise InputError(
+                f"{source}: {kinds.count(kind)} of the columns ({shown}) could be {kind}; keep one of them"
+            )
+    noise = kinds.index("noise") if "noise" in kinds else None
+    return Layout(kinds.index("frequency"), kinds.index(pair[0]), kinds.index(pair[1]), pair, noise)
+
+
+def angle_scale(values: np.ndarray, column: Column, source: str) -> float:
+    """The factor to radian of a phase column, from its unit, or from its values where it names none.
+
+    Raises InputError where the unit and the values contradict each other.
+    """
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    if not column.has_unit:
+        if largest > 7:
+            return column.scale * np.pi / 180
+        if 0.8 < largest < 3.3:
+            return column.scale
+        raise InputError(f"{source}: the phase column names no unit; write theta (deg) or theta (rad) in its header")
+    degrees = abs(column.scale) == np.pi / 180
+    if degrees and 1.2 < largest < 1.6:
+        raise InputError(
+            f"{source}: the header says degrees, but the phases reach {largest:.4g} at most, as radians do near π/2 = "
+            "1.571; write theta (rad) in the header if they are radians"
+        )
+    if not degrees and largest * abs(column.scale) > 7:
+        raise InputError(
+            f"{source}: the header says radians, but the phases reach {largest:.4g}, more than a full turn; "
+            "write theta (deg) in the header if they are degrees"
+        )
+    return column.scale
+
+
+def to_impedance(pair: tuple[str, str], first: np.ndarray, second: np.ndarray, source: str) -> np.ndarray:
+    """(n,) complex ohm from a pair of columns in SI (angles in radian).
+
+    Raises InputError where a magnitude is negative or an admittance is zero.
+    """
+    if pair[0].startswith("abs"):
+        if np.any(first < 0):
+            raise InputError(
+                f"{source}: {int(np.sum(first < 0))} of {first.size} magnitudes are negative, the first is "
+                f"{first[first < 0][0]:.6g}; are the columns of magnitude and phase exchanged?"
+            )
+        values = first * np.exp(1j * second)
+    else:
+        values = first + 1j * second
+    if pair[0] in ("g", "abs_y"):
+        if np.any(values == 0):
+            raise InputError(f"{source}: {int(np.sum(values == 0))} admittances are zero; remove these points")
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is found by the check for infinities
+            values = 1.0 / values
+    return values

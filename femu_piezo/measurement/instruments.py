@@ -1,0 +1,119 @@
+"""Exports of impedance analysers: HP/Agilent 4294A text files and Keysight E4990A CSV files.
+
+4294A: a head of settings in quotes, then one block of rows for each trace ("TRACE: A", "TRACE: B"); what the traces
+hold stands in "MEASURE PARAMETER". E4990A: comment lines with "!", then for each channel a table between
+"BEGIN CH1_DATA" and "END" (Keysight E4990A help, "Saving trace data to a file").
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from femu_piezo.errors import InputError
+from femu_piezo.measurement.columns import parse_column
+from femu_piezo.measurement.tables import Table, read_table
+
+_PARAMETERS = (
+    (r"IMPEDANCE.*MAG.*PHASE|\|Z\|\s*-", "|Z| (Ohm)", "thetaz"),
+    (r"ADMITTANCE.*MAG.*PHASE|\|Y\|\s*-", "|Y| (S)", "thetay"),
+    (r"IMPEDANCE.*REAL.*IMAG|RESIST.*REACT|\bR\s*-\s*X\b", "R (Ohm)", "X (Ohm)"),
+    (r"ADMITTANCE.*REAL.*IMAG|CONDUCT.*SUSCEPT|\bG\s*-\s*B\b", "G (S)", "B (S)"),
+)
+
+
+def is_4294a(lines: list[str]) -> bool:
+    """Whether the text is an export of a 4294A."""
+    head = lines[:60]
+    return any("MEASURE PARAMETER" in line for line in head) and any("TRACE:" in line for line in lines[:200])
+
+
+def is_keysight(lines: list[str]) -> bool:
+    """Whether the text is a CSV export of an E4990A or of a relative with the same frame."""
+    return any(re.match(r"\s*BEGIN CH\d+_DATA", line) for line in lines[:60])
+
+
+def read_4294a(lines: list[str], source: str) -> Table:
+    """The sweep of a 4294A export as one table.
+
+    Raises InputError where a trace is missing, cut off or on other frequencies, or the parameter is not understood.
+    """
+    starts = [i for i, line in enumerate(lines) if re.match(r'\s*"?TRACE:', line)]
+    head = {}
+    for line in lines[: starts[0]]:
+        key, _, value = line.strip().strip('"').partition(":")
+        head[key.strip().upper()] = value.strip()
+    if "FREQ" not in head.get("SWEEP TYPE", "FREQ").upper():
+        raise InputError(f"{source}: the sweep is over {head['SWEEP TYPE']!r}; a sweep over frequency is needed")
+    first_name, second_name = _parameter(head["MEASURE PARAMETER"], source)
+    blocks = [
+        _block(lines[start:stop], start + 1, head.get("NUMBER OF POINTS", ""), source)
+        for start, stop in zip(starts, [*starts[1:], len(lines)], strict=True)
+    ]
+    if len(blocks) != 2:
+        raise InputError(
+            f"{source}: the number of traces in the export is {len(blocks)}, and two are needed; "
+            "export traces A and B of one sweep, and check that the file is not cut off"
+        )
+    a, b = blocks
+    if a.values.shape != b.values.shape or not np.array_equal(a.values[:, 0], b.values[:, 0]):
+        raise InputError(
+            f"{source}: traces A ({len(a.values)} points) and B ({len(b.values)} points) are not on the same "
+            "frequencies; export the sweep again"
+        )
+    values = np.column_stack([a.values[:, 0], a.values[:, 1], b.values[:, 1]])
+    return Table(["Frequency (Hz)", first_name, second_name], values, a.lines)
+
+
+def _parameter(parameter: str, source: str) -> tuple[str, str]:
+    """Names of the quantities of traces A and B."""
+    for pattern, first, second in _PARAMETERS:
+        if re.search(pattern, parameter.upper()):
+            angle = " (rad)" if "RAD" in parameter.upper() else " (deg)"
+            return first, second + (angle if second.startswith("theta") else "")
+    raise InputError(
+        f"{source}: the measure parameter {parameter!r} is not understood; measure |Z|-theta, R-X, G-B or |Y|-theta"
+    )
+
+
+def _block(lines: list[str], first_line: int, points: str, source: str) -> Table:
+    """One trace: frequency and value (the first column of the data trace)."""
+    header = next((i for i, line in enumerate(lines) if line.lstrip().startswith('"Frequency"')), None)
+    if header is None:
+        raise InputError(f"{source}, line {first_line}: this trace has no line of column names; export the file again")
+    names = [cell.strip().strip('"') for cell in lines[header].split("\t")]
+    if "Data Trace Real" not in names:
+        raise InputError(
+            f'{source}, line {first_line + header}: there is no column "Data Trace Real"; export the data trace'
+        )
+    # the names of a trace say nothing of its meaning: they are replaced by ones that the table reader knows
+    known = "\t".join(f"R{i} (Ohm)" if i else "Frequency (Hz)" for i in range(len(names)))
+    table = read_table([known, *lines[header + 1 :]], source, first_line + header)
+    if points.isdigit() and int(points) != len(table.values):
+        raise InputError(
+            f"{source}: a trace has {len(table.values)} points where the head says {points}; "
+            "the file is cut off or edited, export it again"
+        )
+    return Table(names, table.values[:, [0, names.index("Data Trace Real")]], table.lines)
+
+
+def read_keysight(lines: list[str], source: str) -> tuple[Table, tuple[str, ...]]:
+    """The first channel that holds an impedance, and notes on channels left out.
+
+    Raises InputError where a channel has no END, or none holds an impedance.
+    """
+    starts = [i for i, line in enumerate(lines) if re.match(r"\s*BEGIN CH\d+_DATA", line)]
+    tables: list[Table] = []
+    for start, stop in zip(starts, [*starts[1:], len(lines)], strict=True):
+        end = next((i for i in range(start, stop) if lines[i].strip().rstrip(",;\t") == "END"), None)
+        channel = lines[start].strip().rstrip(",;\t").removeprefix("BEGIN ")
+        if end is None:
+            raise InputError(f"{source}: the block {channel} has no END; the file is cut off, export it again")
+        table = read_table([*lines[start + 1 : end], ""], source, start + 2)
+        tables.append(table)
+    whole = [t for t in tables if sum(parse_column(name) is not None for name in t.names) >= 3] or tables
+    notes = ()
+    if len(tables) > 1:
+        notes = (f"{len(tables)} channels in the file; the first with an impedance was taken",)
+    return whole[0], notes

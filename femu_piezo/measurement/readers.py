@@ -1,0 +1,129 @@
+"""Reading measured sweeps of any known format into an `ImpedanceSpectrum`, and writing them as plain CSV."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from femu_piezo.errors import InputError
+from femu_piezo.files import read_bytes, write_atomically
+from femu_piezo.measurement.checks import check_spectrum, order_points
+from femu_piezo.measurement.columns import Layout, angle_scale, choose_columns, parse_column, to_impedance
+from femu_piezo.measurement.instruments import is_4294a, is_keysight, read_4294a, read_keysight
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.measurement.tables import Table, decode, read_table
+
+_LARGEST_FILE = 300_000_000
+_HEADER = "frequency_Hz,resistance_ohm,reactance_ohm"
+
+
+def read_spectrum(path: Path | str, *, correct_phase: bool = False, noise: float | None = None) -> ImpedanceSpectrum:
+    """The impedance spectrum of a measured sweep.
+
+    Formats: CSV `frequency_Hz,resistance_ohm,reactance_ohm[,noise_ohm]`; other delimited text whose header says what
+    the columns are; HP 4294A text and Keysight E4990A CSV exports.
+
+    Parameters
+    ----------
+    path : the file
+    correct_phase : turn a phase that is wrong by 180° (Re Z < 0) back
+    noise : relative standard deviation of the complex impedance, where it is known; goes before that of the file
+
+    Returns
+    -------
+    ImpedanceSpectrum, with `notes` on what was corrected or is doubtful
+
+    Raises
+    ------
+    InputError : the file or its data cannot be used; the sentence says what to do
+    """
+    path = Path(path)
+    source = str(path)
+    lines = decode(read_bytes(path, _LARGEST_FILE), source).split("\n")
+    notes: tuple[str, ...] = ()
+    if is_4294a(lines):
+        table = read_4294a(lines, source)
+    elif is_keysight(lines):
+        table, notes = read_keysight(lines, source)
+    else:
+        table = read_table(lines, source)
+    del lines
+    spectrum, hertz_stated = _spectrum(table, source, notes)
+    if noise is not None:
+        if not (np.isfinite(noise) and 0 < noise < 1):
+            raise InputError(f"{source}: noise = {noise} is not a relative standard deviation; give one such as 0.001")
+        spectrum = replace(spectrum, noise=noise * np.abs(spectrum.impedance))
+    return _checked(spectrum, correct_phase, hertz_stated)
+
+
+def _spectrum(table: Table, source: str, notes: tuple[str, ...]) -> tuple[ImpedanceSpectrum, bool]:
+    """The table as a spectrum in order of frequency; whether its header states the unit of the frequency."""
+    columns = [parse_column(name) for name in table.names]
+    layout = choose_columns(table.names, columns, source)
+    _refuse_not_finite(table, layout, source)
+    frequency = table.values[:, layout.frequency] * columns[layout.frequency].scale
+    pair = []
+    for index, kind in ((layout.first, layout.pair[0]), (layout.second, layout.pair[1])):
+        values, column = table.values[:, index], columns[index]
+        scale = angle_scale(values, column, source) if kind.startswith("phase") else column.scale
+        pair.append(values * scale)
+    impedance = to_impedance(layout.pair, *pair, source)
+    noise = None
+    if layout.noise is not None:
+        noise = table.values[:, layout.noise] * columns[layout.noise].scale
+        if np.any(noise <= 0):
+            raise InputError(
+                f"{source}: {int(np.sum(noise <= 0))} values of noise are not positive; correct or remove the column"
+            )
+    ordered = order_points(frequency, impedance, noise, table.lines, source)
+    spectrum = ImpedanceSpectrum(*ordered[:3], source=source, notes=notes + ordered[3])
+    return spectrum, columns[layout.frequency].has_unit
+
+
+def _refuse_not_finite(table: Table, layout: Layout, source: str) -> None:
+    """Refuse NaN and infinity in the columns that are used."""
+    used = [layout.frequency, layout.first, layout.second] + ([] if layout.noise is None else [layout.noise])
+    wrong = ~np.isfinite(table.values[:, used]).all(axis=1)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        column = next(index for index in used if not np.isfinite(table.values[row, index]))
+        raise InputError(
+            f"{source}, line {table.lines[row]}: {table.names[column]!r} is {table.values[row, column]}, and so in "
+            f"{int(wrong.sum())} of {wrong.size} rows; measure these points again or remove their lines"
+        )
+
+
+def _checked(spectrum: ImpedanceSpectrum, correct_phase: bool, hertz_stated: bool) -> ImpedanceSpectrum:
+    """The spectrum after the check of its physics, its phase turned where asked; faults that remain are notes."""
+    faults = check_spectrum(spectrum, hertz_stated=hertz_stated)
+    if correct_phase:
+        if not any(fault.kind == "phase_turned" for fault in faults):
+            raise InputError(
+                f"{spectrum.source}: the phase is not turned by 180°, Re Z is negative at "
+                f"{int(np.sum(spectrum.impedance.real < 0))} of {len(spectrum)} points only; "
+                "leave the correction of the phase out"
+            )
+        spectrum = replace(spectrum, impedance=-spectrum.impedance)
+        note = "the phase was turned by 180°: Re Z was negative over most of the sweep"
+        faults = check_spectrum(spectrum, hertz_stated=hertz_stated)
+        spectrum = replace(spectrum, notes=(*spectrum.notes, note))
+    for fault in faults:
+        if fault.fatal:
+            raise InputError(f"{spectrum.source}: {fault.message}")
+    return replace(spectrum, notes=spectrum.notes + tuple(fault.message for fault in faults))
+
+
+def write_spectrum(spectrum: ImpedanceSpectrum, path: Path | str) -> None:
+    """Write CSV `frequency_Hz,resistance_ohm,reactance_ohm[,noise_ohm]` with all digits, beside `path` and renamed.
+
+    Raises InputError where the file cannot be written.
+    """
+    columns = [spectrum.frequency, spectrum.impedance.real, spectrum.impedance.imag]
+    header = _HEADER
+    if spectrum.noise is not None:
+        columns.append(spectrum.noise)
+        header += ",noise_ohm"
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    write_atomically(path, "\n".join([header, *(",".join(map(repr, row)) for row in rows)]) + "\n")

@@ -1,0 +1,215 @@
+"""Delimited text of any dialect to columns of numbers and their names."""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from femu_piezo.errors import InputError
+from femu_piezo.measurement.columns import UNDERSTOOD, is_unit, parse_column
+
+_POINT = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf(?:inity)?)", re.IGNORECASE)
+_COMMA = re.compile(r"[+-]?(?:(?:\d+,?\d*|,\d+)(?:[eE][+-]?\d+)?|nan|inf(?:inity)?)", re.IGNORECASE)
+_COMMENT = ("#", "%", "!", "//")
+_HEADER_LINES = 100
+
+
+@dataclass(frozen=True)
+class Table:
+    """Numbers (rows, columns), the names of the columns, and the line (from 1) on which each row stands."""
+
+    names: list[str]
+    values: np.ndarray
+    lines: np.ndarray
+
+
+def decode(raw: bytes, source: str) -> str:
+    """Text of a file in UTF-8, UTF-16 or, failing these, Latin-1, with "\\n" as line end.
+
+    Raises InputError where it is not text.
+    """
+    encodings = ["utf-8", "latin-1"]
+    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        encodings = ["utf-16"]
+    elif raw.startswith(codecs.BOM_UTF8):
+        encodings = ["utf-8-sig"]
+    elif b"\0" in raw[:2000]:
+        encodings = ["utf-16-be" if raw[:1] == b"\0" else "utf-16-le"]
+    for encoding in encodings:
+        try:
+            text = raw.decode(encoding)
+            break
+        except UnicodeDecodeError:
+            continue
+    else:
+        raise InputError(f"{source}: this is not text, or text cut off in a character; give a text file of a sweep")
+    text = text.rstrip("\x1a").replace("\r\n", "\n").replace("\r", "\n")
+    if not text.strip():
+        raise InputError(f"{source}: the file is empty; give a text file of a sweep")
+    if re.search(r"[\x00-\x08\x0b\x0e-\x1f\x7f]", text):
+        raise InputError(f"{source}: this is a binary file; give a text file of a sweep, such as an export to CSV")
+    return text
+
+
+def read_table(lines: list[str], source: str, first_line: int = 1) -> Table:
+    """The one table in `lines`: a header that names the columns, then rows of numbers to the end.
+
+    Comment lines (#, %, !, //) and blank lines are skipped; the header may be the last comment.
+    `first_line` is the number of the first line in the file, for messages.
+
+    Raises InputError where there is no header, no table, or a line that does not fit it.
+    """
+    start = next((i for i, line in enumerate(lines) if _delimiter(line)), None)
+    if start is None:
+        raise InputError(f"{source}: there are no rows of numbers in this file; {UNDERSTOOD}")
+    delimiter, decimal_comma = _delimiter(lines[start])
+    numbered = [
+        (number, line)
+        for number, line in enumerate(lines[start:], start + first_line)
+        if line.strip() and not line.lstrip().startswith(_COMMENT)
+    ]
+    body = [line.rstrip(" ;\t" if delimiter == ";" else None).rstrip(",") for _, line in numbered]
+    decimal_comma = decimal_comma or (delimiter != "," and any("," in line for line in body[:200]))
+    if decimal_comma:
+        _refuse_thousands(body[:200], source)
+        body = [line.replace(",", ".") for line in body]
+    numbers = np.array([number for number, _ in numbered])
+    values = _parse_rows(body, delimiter, numbers, source)
+    _refuse_cut_last_line(lines, body, delimiter, int(numbers[-1]), source)
+    names = _find_names(lines[max(0, start - _HEADER_LINES) : start], delimiter, values.shape[1], source)
+    return Table(names, values, numbers)
+
+
+def _split(line: str, delimiter: str | None) -> list[str]:
+    """Cells of a row of numbers, without quotes and without empty cells at its end."""
+    cells = [cell.strip().strip('"').strip() for cell in line.strip().split(delimiter)]
+    while cells and not cells[-1]:
+        cells.pop()
+    return cells
+
+
+def _delimiter(line: str) -> tuple[str | None, bool] | None:
+    """(delimiter, whether the decimal sign is a comma) of a row of at least two numbers; None for other lines."""
+    for delimiter in (";", "\t", ",", None):
+        if delimiter is not None and delimiter not in line:
+            continue
+        cells = _split(line, delimiter)
+        if len(cells) < 2:
+            continue
+        if all(_POINT.fullmatch(cell) for cell in cells):
+            return delimiter, False
+        if delimiter != "," and all(_COMMA.fullmatch(cell) for cell in cells):
+            return delimiter, True
+    return None
+
+
+def _refuse_thousands(body: list[str], source: str) -> None:
+    """Refuse numbers such as 1.000,5 or 1,000,000, in which a comma may not be the decimal sign."""
+    for line in body:
+        if re.search(r"\d\.\d+,\d|\d,\d+\.\d|\d,\d+,\d", line):
+            raise InputError(
+                f"{source}: {line.strip()[:60]!r} has numbers with separators of thousands, or points and commas both; "
+                "export plain numbers with one decimal sign"
+            )
+
+
+def _parse_rows(body: list[str], delimiter: str | None, numbers: np.ndarray, source: str) -> np.ndarray:
+    """(rows, columns) of numbers; a row that does not fit is named with its line."""
+    try:
+        return np.loadtxt(body, delimiter=delimiter, comments=None, quotechar='"', ndmin=2)
+    except (ValueError, OverflowError):
+        pass
+    width = len(_split(body[0], delimiter))
+    for number, line in zip(numbers, body, strict=True):
+        cells = _split(line, delimiter)
+        wrong = next((cell for cell in cells if not _POINT.fullmatch(cell)), None)
+        if wrong is not None:
+            raise InputError(f"{source}, line {number}: {wrong[:40]!r} is not a number; correct or remove this line")
+        if len(cells) != width:
+            raise InputError(
+                f"{source}, line {number}: {len(cells)} numbers where the first row has {width}; "
+                "correct the line, or export the file again if it is cut off"
+            )
+    raise InputError(f"{source}: the rows cannot be read as numbers; export the sweep as plain CSV")
+
+
+def _refuse_cut_last_line(lines: list[str], body: list[str], delimiter: str | None, number: int, source: str) -> None:
+    """Refuse a last number that has no line end and looks shorter than those above it."""
+    if not lines[-1].strip() or len(body) < 3:
+        return
+    above = [_split(line, delimiter)[-1].lower() for line in body[-201:-1]]
+    last = _split(body[-1], delimiter)[-1].lower()
+    digits, exponents = _digits_after_point(above), [cell.partition("e")[2].lstrip("+-") for cell in above]
+    exponent = last.partition("e")[2].lstrip("+-")
+    cut = _digits_after_point([last])[0] < min(digits)
+    cut |= len(exponent) < min(len(e) for e in exponents)
+    cut |= bool(exponent) and len(exponent) < min((len(e) for e in exponents if e), default=0)
+    if not exponent and any(exponents):
+        ratio = abs(float(last)) / max(abs(float(above[-1])), 1e-300)
+        cut |= not 1e-3 < ratio < 1e3
+    if cut:
+        raise InputError(
+            f"{source}, line {number}: the file ends in this line, whose last number {last!r} is shorter than those "
+            "above; export the file again, or end the line with a line break if it is whole"
+        )
+
+
+def _digits_after_point(cells: list[str]) -> list[int]:
+    return [len(cell.partition("e")[0].partition(".")[2]) for cell in cells]
+
+
+def _find_names(above: list[str], delimiter: str | None, width: int, source: str) -> list[str]:
+    """The names of the columns from the nearest line above the numbers that names any.
+
+    A line of units alone is joined with the line of names above it.
+    """
+    units: list[str] | None = None
+    nearest = None
+    for line in reversed(above):
+        text = line.strip().lstrip("#%!/").strip()
+        if not text:
+            continue
+        nearest = nearest or text
+        for cells in _header_splits(text, delimiter, width):
+            if any(parse_column(cell) for cell in cells):
+                if units:
+                    cells = [f"{c} ({u})" if u else c for c, u in zip(cells, units, strict=True)]
+                return cells
+            if units is None and any(is_unit(c) for c in cells) and all(is_unit(c) or not c for c in cells):
+                units = [cell.strip("()[] ") for cell in cells]
+    told = f"the line above the numbers, {nearest[:80]!r}, does not name {width} columns" if nearest else "no line does"
+    raise InputError(f"{source}: a header must say what the {width} columns are, and {told}; {UNDERSTOOD}")
+
+
+def _header_splits(text: str, delimiter: str | None, width: int) -> list[list[str]]:
+    """The ways to split a header line into `width` cells, by the delimiter of the numbers first."""
+    ways = []
+    for split in dict.fromkeys((delimiter, "\t", ";", ",", None)):
+        if split is None:
+            ways.append(re.split(r"\s{2,}|\t", text))
+            ways.append(_words_with_units(text))
+        elif split in text:
+            ways.append(next(csv.reader([text], delimiter=split, skipinitialspace=True)))
+    trimmed = []
+    for cells in ways:
+        cells = [cell.strip().strip('"').strip() for cell in cells]
+        while len(cells) > width and not cells[-1]:
+            cells.pop()
+        if len(cells) == width and cells not in trimmed:
+            trimmed.append(cells)
+    return trimmed
+
+
+def _words_with_units(text: str) -> list[str]:
+    """Words, each with the unit in brackets that follows it: 'f (Hz) "R s" [Ohm]' → two cells."""
+    cells: list[str] = []
+    for word in re.findall(r'"[^"]*"|\S+', text):
+        if cells and word[0] in "([":
+            cells[-1] += f" {word}"
+        else:
+            cells.append(word)
+    return cells
