@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from femu_piezo.errors import FemuPiezoError
+from femu_piezo.errors import FemuPiezoError, InputError
 
 _STARTED = time.perf_counter()
 
@@ -56,6 +56,12 @@ def main() -> None:
 
 _specimen = click.argument("specimen", type=click.Path(path_type=Path), metavar="SPEC")
 _out = click.option("--out", required=True, type=click.Path(path_type=Path), help="folder for the results")
+_data = click.option(
+    "--data",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="measured sweep, instead of that named in SPEC",
+)
 _correct_phase = click.option(
     "--correct-phase", is_flag=True, help="turn the phase of the sweep by 180° (a sweep with negative resistance)"
 )
@@ -111,7 +117,7 @@ def extract(file: Path, out: Path, correct_phase: bool) -> None:
     Reads CSV and delimited text whose header names the columns (|Z| and phase, R and X, G and B), HP 4294A and
     Keysight E4990A exports. Writes extraction.json and extraction.png.
     """
-    from femu_piezo.extraction.extract import extract as run
+    from femu_piezo.extraction import extract as run
     from femu_piezo.measurement.readers import read_spectrum
     from femu_piezo.output.extraction_plots import extraction_figure
     from femu_piezo.output.folder import prepare_folder, write_figure, write_json
@@ -133,35 +139,44 @@ def extract(file: Path, out: Path, correct_phase: bool) -> None:
 
 
 @main.command()
-@_specimen
+@click.argument("specimens", type=click.Path(path_type=Path), metavar="SPEC [SPEC …]", nargs=-1, required=True)
 @_out
+@_data
 @click.option("--timings", is_flag=True, help="print where the time goes")
-def update(specimen: Path, out: Path, timings: bool) -> None:
+def update(specimens: tuple[Path, ...], out: Path, data: Path | None, timings: bool) -> None:
     """Update the free constants of SPEC from its measured sweep.
 
-    Writes update.json, impedance.png (measured, baseline and updated), iterations.png and updated.csv (the
-    updated model at the measured frequencies).
+    Several SPEC files are specimens of one material, fitted together: the [material] and [update] tables of the first
+    rule. Writes update.json, impedance.png (measured, baseline and updated), iterations.png and updated.csv (the
+    updated model at the measured frequencies); numbered where there are several specimens.
     """
     from femu_piezo.measurement.readers import write_spectrum
     from femu_piezo.measurement.spectrum import ImpedanceSpectrum
     from femu_piezo.output.curves import impedance_figure, iteration_figure
     from femu_piezo.output.folder import prepare_folder, write_figure, write_json
+    from femu_piezo.output.records import update_record
     from femu_piezo.output.tables import console, update_table
     from femu_piezo.specimen import read_specimen
     from femu_piezo.study.update import update as run
 
     imported = time.perf_counter() - _STARTED
-    wanted = read_specimen(specimen)
+    if data is not None and len(specimens) > 1:
+        raise InputError("--data gives the sweep of one specimen; with several, name each sweep in its own file")
+    wanted = [read_specimen(specimen, data) for specimen in specimens]
     prepare_folder(out)
     try:
         result = run(wanted, _report_steps)
     finally:
         _end_of_steps()
     drawing = time.perf_counter()
-    write_figure(out / "impedance.png", impedance_figure(result))
-    write_figure(out / "iterations.png", iteration_figure(result))
-    write_spectrum(ImpedanceSpectrum(result.spectrum.frequency, result.updated_curve), out / "updated.csv")
-    write_json(out / "update.json", result.to_json())
+    for index, outcome in enumerate(result.outcomes):
+        suffix = f"_{index + 1}" if len(result.outcomes) > 1 else ""
+        write_figure(out / f"impedance{suffix}.png", impedance_figure(outcome))
+        if len(outcome.history) > 1:
+            write_figure(out / f"iterations{suffix}.png", iteration_figure(outcome, tuple(result.parameters)))
+        updated = ImpedanceSpectrum(outcome.measured.spectrum.frequency, outcome.updated_curve)
+        write_spectrum(updated, out / f"updated{suffix}.csv")
+    write_json(out / "update.json", update_record(result))
     console().print(update_table(result))
     if timings:
         seconds = {"imports": imported, **result.seconds, "pictures and files": time.perf_counter() - drawing}

@@ -222,13 +222,10 @@ class PiezoConstants(_Constants):
             faults.append(f"eps11T = {self.eps11T.real:.6g} must not be negative")
         if faults:
             return faults
-        scale = self._scale()
-        for block, names in _BLOCKS:
-            stored = (self._matrix(block).real / np.outer(scale[block], scale[block])).real
-            if np.linalg.eigvalsh(stored)[0] < -tolerance:
+        for index, (_, names) in enumerate(_BLOCKS):
+            if np.linalg.eigvalsh(self._scaled(index, self.vector()).real)[0] < -tolerance:
                 faults.append(f"{', '.join(names)} together are not positive definite: no stable material has them")
-            lost = -self._matrix(block).imag / np.outer(scale[block], scale[block])
-            if np.linalg.eigvalsh(lost)[0] < -tolerance:
+            if np.linalg.eigvalsh(self.loss_block(index))[0] < -tolerance:
                 faults.append(
                     f"the imaginary parts of {', '.join(names)} would create energy (Holland 1967): "
                     "a loss tangent is negative or that of d is too large for those of s and eps"
@@ -244,13 +241,26 @@ class PiezoConstants(_Constants):
             raise InputError(f"{where}: {'; '.join(faults)}")
         return self
 
-    def _matrix(self, block: tuple[int, ...]) -> np.ndarray:
-        full = np.block([[self.compliance(), self.piezoelectric().T], [self.piezoelectric(), self.permittivity()]])
-        return full[np.ix_(block, block)]
+    @property
+    def block_count(self) -> int:
+        """Number of independent blocks of the d-form matrix."""
+        return len(_BLOCKS)
 
-    def _scale(self) -> dict[tuple[int, ...], np.ndarray]:
+    def loss_block(self, index: int, direction: np.ndarray | None = None) -> np.ndarray:
+        """−Im of one block of the d-form matrix, scaled by the diagonal of its real part; must not be negative.
+
+        direction : (10,) complex change of the constants whose block is wanted instead of the constants themselves
+        """
+        return -self._scaled(index, self.vector() if direction is None else direction).imag
+
+    def _scaled(self, index: int, values: np.ndarray) -> np.ndarray:
+        """One block of the d-form matrix of `values`, scaled by this material's own compliances and ε33T."""
+        block = np.array(_BLOCKS[index][0])
+        other = PiezoConstants.from_vector(values)
+        full = np.block([[other.compliance(), other.piezoelectric().T], [other.piezoelectric(), other.permittivity()]])
         largest = np.array([self.s11, self.s11, self.s33, self.s44, self.s44, self.s44] + [self.eps33T] * 3).real
-        return {block: np.sqrt(largest[list(block)]) for block, _ in _BLOCKS}
+        root = np.sqrt(largest[block])
+        return full[np.ix_(block, block)] / np.outer(root, root)
 
 
 #: Independent blocks of the d-form matrix and the constants that each couples.

@@ -11,7 +11,7 @@ from femu_piezo.material.constants import EPS0
 
 if TYPE_CHECKING:
     from femu_piezo.study.simulate import SimulationResult
-    from femu_piezo.study.update import UpdateResult
+    from femu_piezo.study.update import Outcome
 
 MEASURED = {"color": "#222222", "marker": ".", "linestyle": "none", "markersize": 3.5}
 BASELINE = {"color": "#8c8c8c", "linewidth": 1.2, "linestyle": "--"}
@@ -33,30 +33,28 @@ def _frequency_axis(frequency: np.ndarray) -> tuple[float, str, str]:
     return 1e-3, "frequency (kHz)", scale
 
 
-def impedance_figure(result: UpdateResult) -> Figure:
+def impedance_figure(outcome: Outcome) -> Figure:
     """Measured, baseline and updated |Z| and phase, and the relative misfit of both models."""
     figure = Figure(figsize=(8.0, 8.0), layout="constrained")
     magnitude, phase, misfit = figure.subplots(3, 1, sharex=True, height_ratios=[3, 2, 2])
-    spectrum = result.spectrum
+    spectrum, specimen = outcome.measured.spectrum, outcome.measured.problem.specimen
     factor, label, scale = _frequency_axis(spectrum.frequency)
     x = spectrum.frequency * factor
     curves = (
         (spectrum.impedance, "measured", MEASURED),
-        (result.base_curve, "baseline", BASELINE),
-        (result.updated_curve, "updated", UPDATED),
+        (outcome.base_curve, "baseline", BASELINE),
+        (outcome.updated_curve, "updated", UPDATED),
     )
     for impedance, name, style in curves:
         magnitude.semilogy(x, np.abs(impedance), label=name, **style)
         phase.plot(x, np.degrees(np.angle(impedance)), **style)
     for impedance, name, style in curves[1:]:
         misfit.semilogy(x, 100 * np.abs(np.log(impedance / spectrum.impedance)), label=name, **style)
-    held_out = result.problem.specimen.measurement.held_out
+    held_out = specimen.measurement.held_out
     if held_out is not None:
         for axes in (magnitude, phase, misfit):
             axes.axvspan(held_out[0] * factor, held_out[1] * factor, color="#f3e6c4", zorder=0)
-    magnitude.set(
-        ylabel="|Z| (Ω)", xscale=scale, title=f"{result.problem.specimen.name}: impedance, measured and simulated"
-    )
+    magnitude.set(ylabel="|Z| (Ω)", xscale=scale, title=f"{specimen.name}: impedance, measured and simulated")
     phase.set(ylabel="phase of Z (°)", yticks=[-90, -45, 0, 45, 90])
     misfit.set(ylabel="|Δ log Z| (%)", xlabel=label)
     figure.legend(*magnitude.get_legend_handles_labels(), loc="outside upper center", ncols=3, frameon=False)
@@ -65,23 +63,23 @@ def impedance_figure(result: UpdateResult) -> Figure:
     return figure
 
 
-def iteration_figure(result: UpdateResult) -> Figure:
+def iteration_figure(outcome: Outcome, names: tuple[str, ...]) -> Figure:
     """Distance of the model's pole and zero from the measured ones, and the constants, over the iterations."""
     figure = Figure(figsize=(8.0, 6.0), layout="constrained")
     distance, values = figure.subplots(2, 1, sharex=True)
-    steps = np.arange(len(result.history))
-    measured = np.array([result.pair.pole.eigenvalue, result.pair.zero.eigenvalue])
-    error = np.array([np.abs(step.eigenvalues / measured - 1) for step in result.history])
+    steps = np.arange(len(outcome.history))
+    pair = outcome.measured.pair
+    measured = np.array([pair.pole.eigenvalue, pair.zero.eigenvalue])
+    error = np.array([np.abs(step.eigenvalues / measured - 1) for step in outcome.history])
     for column, (name, marker) in enumerate((("pole", "o-"), ("zero", "s-"))):
         distance.semilogy(steps, error[:, column], marker, label=name, markersize=4)
-    for name in result.parameters:
-        moving = np.array([getattr(step.constants, name) for step in result.history])
+    for name in names:
+        moving = np.array([getattr(step.constants, name) for step in outcome.history])
         values.plot(steps, moving.real / moving[-1].real, "o-", label=f"Re {name}", markersize=4)
         if moving[-1].imag:
             values.plot(steps, moving.imag / moving[-1].imag, "s:", label=f"Im {name}", markersize=4)
-    distance.set(
-        ylabel="|λ − λ measured| / |λ|", title=f"{result.problem.specimen.name}: pole-zero iteration (λ = ω²(1 + jη))"
-    )
+    title = f"{outcome.measured.problem.specimen.name}: pole-zero iteration, λ = ω²(1 + jη)"
+    distance.set(ylabel="|λ − λ measured| / |λ|", title=title)
     values.set(ylabel="constant / its final value", xlabel="iteration")
     for axes in (distance, values):
         axes.grid(True, color="#e6e6e6", linewidth=0.6)

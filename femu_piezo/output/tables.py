@@ -6,7 +6,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 
 from femu_piezo.output.curves import PRINTED
-from femu_piezo.study.update import UpdateResult
+from femu_piezo.study.update import Outcome, UpdateResult
 
 
 def number(value: float, std: float | None) -> str:
@@ -18,16 +18,12 @@ def number(value: float, std: float | None) -> str:
 
 
 def update_table(result: UpdateResult) -> RenderableType:
-    """Parameters against the baseline, and poles and zeros measured against simulated."""
-    constants = Table(title=f"{result.problem.specimen.name}: complex material parameters", title_justify="left")
-    for heading, justify in (
-        ("constant", "left"),
-        ("unit", "left"),
-        ("baseline", "right"),
-        ("updated", "right"),
-        ("loss tangent", "right"),
-    ):
-        constants.add_column(heading, justify=justify)
+    """Parameters against the baseline, poles and zeros measured against simulated, and what to know about them."""
+    constants = Table(title=f"{result.name}: complex material parameters", title_justify="left")
+    for heading in ("constant", "unit"):
+        constants.add_column(heading)
+    for heading in ("baseline", "updated", "loss tangent"):
+        constants.add_column(heading, justify="right")
     for name, estimate in result.parameters.items():
         factor, unit = PRINTED[name]
         before = getattr(result.baseline, name).real * factor
@@ -35,27 +31,29 @@ def update_table(result: UpdateResult) -> RenderableType:
         constants.add_row(
             name, unit, f"{before:.6g}", number(estimate.value * factor, std), number(estimate.tan, estimate.tan_std)
         )
-    resonances = Table(title="pole and zero of the fundamental", title_justify="left")
+    parts = [constants, *(_resonance_table(outcome) for outcome in result.outcomes)]
+    lines = [f"method: {result.method}, {result.iterations} pole-zero iterations; eps33T: {result.permittivity_source}"]
+    lines += [
+        f"{outcome.measured.problem.specimen.name}: rms |Δ log Z| baseline {100 * outcome.rms_before:.3g} %, updated "
+        f"{100 * outcome.rms_after:.3g} %; k_eff = {outcome.measured.pair.k_eff:.4f}; {outcome.unknowns} unknowns"
+        for outcome in result.outcomes
+    ]
+    return Group(*parts, "\n".join(lines + [f"note: {note}" for note in result.notes]))
+
+
+def _resonance_table(outcome: Outcome) -> Table:
+    table = Table(title=f"{outcome.measured.problem.specimen.name}: poles and zeros", title_justify="left")
     for heading in ("", "measured (Hz)", "simulated (Hz)", "measured loss", "simulated loss"):
-        resonances.add_column(heading, justify="right")
-    for measured, model in zip((result.pair.pole, result.pair.zero), result.model_pair, strict=True):
-        resonances.add_row(
+        table.add_column(heading, justify="right")
+    for measured, model in outcome.matched:
+        table.add_row(
             measured.kind,
             number(measured.frequency_Hz, measured.std_Hz),
             f"{model.frequency_Hz:.2f}",
             number(measured.loss, measured.std_loss),
             f"{model.loss:.6f}",
         )
-    return Group(constants, resonances, _summary(result))
-
-
-def _summary(result: UpdateResult) -> str:
-    lines = [
-        f"method: {result.method}, {len(result.history) - 1} pole-zero iterations; eps33T: {result.permittivity_source}",
-        f"rms |Δ log Z|: baseline {100 * result.rms_before:.3g} %, updated {100 * result.rms_after:.3g} %; "
-        f"k_eff = {result.pair.k_eff:.4f}; {result.unknowns} unknowns",
-    ]
-    return "\n".join(lines + [f"note: {note}" for note in result.notes])
+    return table
 
 
 def console() -> Console:

@@ -45,6 +45,10 @@ class Problem:
             poling=self.plate.poling,
         )
 
+    def simplified(self, constants: PiezoConstants) -> PiezoConstants:
+        """The paper's simplification of the constants where the specimen asks for it, else themselves."""
+        return simplify(constants, self.plate.poling).full() if self.specimen.material.simplified else constants
+
     def model(
         self, frequency_Hz: float, accuracy: float, symmetric_axes: tuple[int, ...] = EIGHTH, order: int = 2
     ) -> ElectroelasticModel:

@@ -141,3 +141,67 @@ class FreeConstants:
 
     def as_dict(self, theta: np.ndarray) -> dict[str, complex]:
         return {name: complex(value) for name, value in zip(self.names, theta, strict=True)}
+
+
+#: Range of each real part relative to its start, and of each loss tangent, that a fit may use.
+SCALE_RANGE, TANGENT_RANGE = (0.2, 5.0), (-0.2, 1.0)
+
+
+@dataclass(frozen=True)
+class MaterialParameters:
+    """The real unknowns of a fit: for each free constant its real part over a scale, and its loss tangent.
+
+    x = (a_1, tan_1, a_2, tan_2, …) with θ_i = scale_i · a_i (1 − j tan_i).
+
+    Attributes
+    ----------
+    free : the affine map from θ to the ten constants
+    scale : (n,) real, not zero; the start values, so that a = 1 at the start
+    """
+
+    free: FreeConstants
+    scale: np.ndarray
+
+    @classmethod
+    def around(cls, free: FreeConstants, theta: np.ndarray) -> MaterialParameters:
+        return cls(free, np.array(theta.real, dtype=float))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """("s11", "tan_s11", …), length 2n."""
+        return tuple(label for name in self.free.names for label in (name, f"tan_{name}"))
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """(2n, 2) lower and upper bound of every unknown."""
+        return np.tile([SCALE_RANGE, TANGENT_RANGE], (self.scale.size, 1)).astype(float)
+
+    def x_of(self, theta: np.ndarray) -> np.ndarray:
+        """(2n,) unknowns of complex θ (n,)."""
+        return np.stack([theta.real / self.scale, -theta.imag / theta.real], axis=1).ravel()
+
+    def theta(self, x: np.ndarray) -> np.ndarray:
+        """(n,) complex θ."""
+        return self.scale * x[0::2] * (1 - 1j * x[1::2])
+
+    def slopes(self, x: np.ndarray) -> np.ndarray:
+        """(n, 2n) complex ∂θ/∂x."""
+        slopes = np.zeros((self.scale.size, x.size), dtype=complex)
+        index = np.arange(self.scale.size)
+        slopes[index, 2 * index] = self.scale * (1 - 1j * x[1::2])
+        slopes[index, 2 * index + 1] = -1j * self.scale * x[0::2]
+        return slopes
+
+    def constants(self, x: np.ndarray) -> PiezoConstants:
+        return self.free.constants(self.theta(x))
+
+    def coefficient_slopes(self, x: np.ndarray) -> np.ndarray:
+        """(10, 2n) complex ∂(e-form)/∂x."""
+        return self.free.e_form_jacobian(self.theta(x)) @ self.slopes(x)
+
+    def theta_covariance(self, x: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+        """Covariance over (Re θ_1, Im θ_1, …) from that over x."""
+        slopes = self.slopes(x)
+        real = np.empty((2 * self.scale.size, x.size))
+        real[0::2], real[1::2] = slopes.real, slopes.imag
+        return real @ covariance @ real.T

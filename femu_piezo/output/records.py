@@ -1,0 +1,69 @@
+"""Machine-readable results: the JSON contracts of the commands."""
+
+from __future__ import annotations
+
+from femu_piezo.resonances import Resonance
+from femu_piezo.study.update import Outcome, UpdateResult
+
+
+def update_record(result: UpdateResult) -> dict:
+    """update.json: parameters, poles and zeros (of the first specimen; each one's under "specimens"), history."""
+    first = result.outcomes[0]
+    record = {
+        "specimen": result.name,
+        "parameters": {name: estimate.to_json() for name, estimate in result.parameters.items()},
+        "poles": first.records("pole"),
+        "zeros": first.records("zero"),
+        "iterations": result.iterations,
+        "converged": True,  # an update that does not converge raises ConvergenceError and writes nothing
+        "method": result.method,
+        "permittivity": result.permittivity_source,
+        "constants": {
+            name: {"value": value.real, "tan": result.constants.tangent(name)}
+            for name, value in result.constants.as_dict().items()
+        },
+        "specimens": [_specimen_record(outcome, result) for outcome in result.outcomes],
+        "notes": list(result.notes),
+        "seconds": result.seconds,
+    }
+    if result.fit is not None:
+        record["fit"] = {
+            "reduced_chi_square": result.fit.reduced_chi_square,
+            "noise_scale": result.fit.noise_scale,
+            "evaluations": result.fit.evaluations,
+        }
+    if result.known is not None:
+        record["identifiability"] = {
+            "unknowns": {name: result.known.verdict(name) for name in result.known.names},
+            "singular_values": [float(value) for value in result.known.singular_values],
+            "weakest_combinations": result.known.weakest(),
+            "correlated": [list(pair) for pair in result.known.confounded()],
+        }
+    return record
+
+
+def _specimen_record(outcome: Outcome, result: UpdateResult) -> dict:
+    return {
+        "name": outcome.measured.problem.specimen.name,
+        "poles": outcome.records("pole"),
+        "zeros": outcome.records("zero"),
+        "rms_log_error": {"baseline": outcome.rms_before, "updated": outcome.rms_after},
+        "history": [
+            {
+                "constants": {
+                    name: {"value": getattr(step.constants, name).real, "tan": step.constants.tangent(name)}
+                    for name in result.parameters
+                },
+                "pole": _eigenvalue("pole", step.eigenvalues[0]),
+                "zero": _eigenvalue("zero", step.eigenvalues[1]),
+            }
+            for step in outcome.history
+            if len(outcome.history) > 1
+        ],
+        "unknowns": outcome.unknowns,
+    }
+
+
+def _eigenvalue(kind, eigenvalue: complex) -> dict[str, float]:
+    resonance = Resonance(kind, complex(eigenvalue))
+    return {"frequency_Hz": resonance.frequency_Hz, "loss": resonance.loss}

@@ -1,0 +1,139 @@
+"""One specimen with its sweep: poles and zeros extracted, the fundamental chosen, start values by 1-D formulas."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from femu_piezo.errors import InputError
+from femu_piezo.extraction import Extraction, extract
+from femu_piezo.extraction.roots import Pair
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.measurement.readers import read_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.specimen import Specimen, Update
+from femu_piezo.study.inputs import Problem, prepare
+from femu_piezo.updating.pole_zero import static_permittivity
+from femu_piezo.updating.start import bar_start
+
+#: A sweep reaches low frequency where it starts below this share of the fundamental pole: there the plate is free
+#: and uniform, and the error of eq 41 is about k² (f/f_p)² ≈ 2e-4.
+LOW_FREQUENCY_SHARE = 0.03
+#: Eigenvalue error allowed at the end of the sweep when only the fundamental is fitted: the curve is then a picture.
+_PICTURE_ACCURACY = 1e-3
+#: Constants that each poling direction determines from one pole and one zero.
+PAIR_NAMES = {"thickness": ("s11", "d31"), "length": ("s33", "d33")}
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A specimen and what its sweep says without a model.
+
+    Attributes
+    ----------
+    spectrum : the whole sweep;  fitted : without the held-out band
+    pair : pole and zero of the fundamental
+    permittivity : complex ε33T from the low end of the sweep, None where it has none
+    """
+
+    problem: Problem
+    spectrum: ImpedanceSpectrum
+    fitted: ImpedanceSpectrum
+    extraction: Extraction
+    pair: Pair
+    permittivity: complex | None
+
+    @property
+    def band_Hz(self) -> float:
+        """Highest frequency the model must serve."""
+        return float(max(self.spectrum.frequency[-1], 1.05 * self.pair.zero.frequency_Hz))
+
+    @property
+    def relative_noise(self) -> np.ndarray:
+        """(k,) standard deviation of the relative error of `fitted`: of the file, else as the extraction learned it."""
+        if self.fitted.noise is not None:
+            sigma = self.fitted.noise
+        elif self.extraction.noise is not None:
+            sigma = self.extraction.noise.std(self.fitted.impedance)
+        else:
+            sigma = 1e-3 * np.abs(self.fitted.impedance)
+        return sigma / np.abs(self.fitted.impedance)
+
+    @property
+    def noise_known(self) -> bool:
+        """Whether the noise came with the data."""
+        return self.fitted.noise is not None
+
+    def model(self, whole_curve: bool) -> ElectroelasticModel:
+        """Mesh within the specimen's accuracy to the end of the sweep, or (the curve a mere picture) to the zero."""
+        accuracy = (self.problem.specimen.update or Update()).accuracy
+        exact_up_to = self.fitted.frequency[-1] if whole_curve else 1.05 * self.pair.zero.frequency_Hz
+        picture = self.band_Hz * (accuracy / max(accuracy, _PICTURE_ACCURACY)) ** 0.25
+        return self.problem.model(max(exact_up_to, picture), accuracy)
+
+    def start_values(self) -> dict[str, complex]:
+        """Constants the sweep gives by 1-D formulas: s and d of the poling direction, ε33T where it reaches low."""
+        eps = self.permittivity if self.permittivity is not None else self.problem.constants.eps33T
+        plate = self.problem.plate
+        bar = bar_start(
+            plate.poling,
+            plate.length,
+            self.problem.density,
+            self.pair.pole.frequency_Hz,
+            self.pair.zero.frequency_Hz,
+            eps.real,
+        )
+        values = {name: value * (1 - 0.01j) for name, value in bar.items()}
+        if self.permittivity is not None:
+            values["eps33T"] = self.permittivity
+        return {name: value for name, value in values.items() if name in self.problem.specimen.material.free}
+
+
+def measure(specimen: Specimen) -> Measured:
+    """Read and analyse the sweep of a specimen; InputError where file, key or sweep cannot serve."""
+    if specimen.measurement is None:
+        raise InputError(
+            f'{specimen.path or specimen.name}: there is no [measurement] table with file = "…" to update from'
+        )
+    problem = prepare(specimen)
+    wish = specimen.measurement
+    spectrum = read_spectrum(wish.file, correct_phase=wish.correct_phase, noise=wish.noise)
+    fitted = spectrum
+    if wish.held_out is not None:
+        fitted = spectrum.select((spectrum.frequency < wish.held_out[0]) | (spectrum.frequency > wish.held_out[1]))
+    extraction = extract(fitted)
+    pair = fundamental_pair(extraction, spectrum)
+    return Measured(problem, spectrum, fitted, extraction, pair, _low_permittivity(problem, fitted, pair))
+
+
+def fundamental_pair(extraction: Extraction, spectrum: ImpedanceSpectrum) -> Pair:
+    """The pole-zero pair of strongest coupling in the sweep; InputError where there is none."""
+    sound = [pair for pair in extraction.pairs if np.isfinite(pair.k_eff)]
+    if not sound:
+        reasons = f" ({'; '.join(extraction.notes)})" if extraction.notes else ""
+        raise InputError(
+            f"{spectrum.source}: no resonance with both its pole and its zero was found between "
+            f"{spectrum.frequency[0]:.6g} and {spectrum.frequency[-1]:.6g} Hz{reasons}; measure a band that holds both"
+        )
+    return max(sound, key=lambda pair: pair.k_eff)
+
+
+def _low_permittivity(problem: Problem, spectrum: ImpedanceSpectrum, pair: Pair) -> complex | None:
+    """Mean permittivity of the first point and all below 1 % of the pole, where the plate is static to 2e-5."""
+    if spectrum.frequency[0] > LOW_FREQUENCY_SHARE * pair.pole.frequency_Hz:
+        return None
+    low = spectrum.frequency <= max(spectrum.frequency[0], 0.01 * pair.pole.frequency_Hz)
+    gap, area = problem.plate.electrode_gap, problem.plate.electrode_area
+    return complex(np.mean(static_permittivity(spectrum.frequency[low], spectrum.impedance[low], gap, area)))
+
+
+def start_constants(measured: list[Measured]) -> PiezoConstants:
+    """The constants of the first specimen's file, with what the sweeps of all give by 1-D formulas."""
+    problem = measured[0].problem
+    constants = problem.constants
+    for one in measured:
+        constants = constants.with_values(**one.start_values())
+    constants = problem.simplified(constants)
+    return constants.check(f"{problem.specimen.path}: start values of the 1-D bar", passive=False)

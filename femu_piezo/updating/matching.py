@@ -1,0 +1,43 @@
+"""Which mode of the model is which measured resonance: by frequency and by how the terminals drive it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from femu_piezo.errors import ConvergenceError
+from femu_piezo.resonances import Resonance
+
+#: Cost of one e-fold of difference in strength, against one e-fold of difference in λ.
+_STRENGTH_COST = 0.05
+
+
+def match(measured: Sequence[Resonance], eigenvalues: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
+    """Index of the model mode of each measured resonance, one to one.
+
+    Minimises Σ |log λ_model/λ_measured| + 0.05 |log strength ratio| over all assignments, where the strength
+    |a²/λ| is relative to the strongest of each side; measured strengths come from the residues where known.
+
+    Raises ConvergenceError where the model has fewer driven modes than were measured.
+    """
+    if not measured:
+        return np.zeros(0, dtype=int)
+    strength = np.abs(amplitudes**2 / eigenvalues)
+    usable = np.flatnonzero((eigenvalues.real > 0) & (strength > 1e-9 * strength.max()))
+    if usable.size < len(measured):
+        raise ConvergenceError(
+            f"the model has {usable.size} driven modes in the band where {len(measured)} were measured: the sweep "
+            "shows modes this symmetric plate does not have; check shape, electrodes and dimensions"
+        )
+    data = np.array([resonance.eigenvalue.real for resonance in measured])
+    distance = np.abs(np.log(eigenvalues.real[usable][None, :] / data[:, None]))
+    seen = [resonance.residue for resonance in measured]
+    if all(residue is not None for residue in seen):
+        # the residue of Y (of Z) at p is admittance_factor·a²/2 (1/2 with the opposite sign): a² up to a factor
+        weight = np.log(np.abs(np.array(seen)) / data)
+        model = np.log(strength[usable])
+        distance += _STRENGTH_COST * np.abs((model - model.max())[None, :] - (weight - weight.max())[:, None])
+    rows, columns = linear_sum_assignment(distance)
+    return usable[columns[np.argsort(rows)]]
