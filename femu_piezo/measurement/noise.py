@@ -1,0 +1,120 @@
+"""The noise of a sweep, estimated from the sweep itself.
+
+In a short window of neighbouring points an impedance is a rational function of frequency of low degree, resonance or
+not; what such a function leaves over is noise. The fit is linear (p(f) − Z q(f) = 0, the null vector of a small
+matrix), so hundreds of windows cost milliseconds. The median over the windows is blind to single bad ones.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.special import gammaincinv
+
+from femu_piezo.errors import InputError
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+
+_WINDOW = 13
+_DEGREES = ((3, 2), (4, 3))
+_MOST_WINDOWS = 400
+_CROSSINGS = 61
+_GAIN_OF_ADDITIVE = 0.93
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Standard deviation of the complex impedance: sqrt((relative |Z|)² + additive²), ohm.
+
+    Attributes
+    ----------
+    relative : part proportional to |Z|, dimensionless
+    additive : part that does not depend on Z, ohm
+    """
+
+    relative: float
+    additive: float
+
+    def std(self, impedance: np.ndarray) -> np.ndarray:
+        """(n,) standard deviation sqrt(E|δZ|²) at the complex impedances (n,), ohm."""
+        return np.hypot(self.relative * np.abs(impedance), self.additive)
+
+
+def estimate_noise(spectrum: ImpedanceSpectrum) -> NoiseModel:
+    """The noise model of a spectrum: of its own `noise` where that is known, else estimated from its roughness.
+
+    Accuracy on simulated sweeps of a k31 bar (relative noise 1e-4 … 3e-3, tests/measurement/test_noise.py): within
+    25 % from 201 points on and within 40 % at 61 points. A sweep so coarse that a pole and its zero lie three steps
+    apart gives up to twice the noise. Noise that is correlated between
+    neighbouring points (smoothing, interpolation) is not seen.
+
+    Raises InputError below 8 points.
+    """
+    size = len(spectrum)
+    if size < 8:
+        raise InputError(f"{spectrum.source}: {size} points are too few to estimate the noise; measure at least 8")
+    magnitude = np.abs(spectrum.impedance)
+    if spectrum.noise is not None:
+        return _fit_model((spectrum.noise / magnitude) ** 2, magnitude)
+    window = min(_WINDOW, size)
+    candidates = []
+    for degrees in _DEGREES if size >= _WINDOW else ((2, 1),):
+        variance, freedom = _window_variances(spectrum.frequency, spectrum.impedance, degrees, window)
+        # the median of a variance with 2·freedom real degrees of freedom lies below its mean
+        candidates.append(variance * freedom / gammaincinv(freedom, 0.5))
+    variance = min(candidates, key=np.median)
+    typical = np.median(sliding_window_view(magnitude, window), axis=1)
+    return _fit_model(variance, typical[:: _stride(size - window + 1)])
+
+
+def _stride(windows: int) -> int:
+    """Every how manieth window is used."""
+    return -(-windows // _MOST_WINDOWS)
+
+
+def _window_variances(
+    frequency: np.ndarray, impedance: np.ndarray, degrees: tuple[int, int], window: int
+) -> tuple[np.ndarray, int]:
+    """Relative variance of Z in each window about its best rational function; complex degrees of freedom.
+
+    degrees : of numerator and denominator. Returns (windows,) and window − (their unknowns).
+    """
+    step = _stride(frequency.size - window + 1)
+    f = sliding_window_view(frequency, window)[::step]
+    z = sliding_window_view(impedance, window)[::step]
+    x = f - f.mean(axis=1, keepdims=True)
+    x = x / np.abs(x).max(axis=1, keepdims=True)
+    powers = np.polynomial.chebyshev.chebvander(x, max(degrees))
+    numerator, denominator = powers[..., : degrees[0] + 1], powers[..., : degrees[1] + 1]
+    matrix = np.concatenate([numerator / z[..., None], -denominator], axis=-1)
+    weight = np.ones_like(x)
+    for _ in range(2):  # the second pass weighs the linear residual p/Z − q by 1/|q|
+        null = np.linalg.svd(matrix * weight[..., None], full_matrices=False)[2][:, -1, :].conj()
+        q = np.einsum("wij,wj->wi", denominator, null[:, degrees[0] + 1 :])
+        weight = 1 / np.abs(q)
+        weight = weight / weight.max(axis=1, keepdims=True)
+    p_over_z = np.einsum("wij,wj->wi", numerator / z[..., None], null[:, : degrees[0] + 1])
+    freedom = window - (degrees[0] + degrees[1] + 1)
+    return np.sum(np.abs(p_over_z / q - 1) ** 2, axis=1) / freedom, freedom
+
+
+def _fit_model(variance: np.ndarray, magnitude: np.ndarray) -> NoiseModel:
+    """The model whose relative variances relative² + (additive/|Z|)² lie in the middle of those given.
+
+    An additive part is taken only where it explains the variances clearly better. A variance of nothing at all is
+    raised to the rounding of floating-point numbers.
+    """
+    rounding = np.finfo(float).eps
+    logs = np.log(np.maximum(variance, rounding**2))
+    # one row for each |Z| at which both parts are alike: 0 is all relative
+    crossings = np.concatenate([[0.0], np.geomspace(magnitude.min() / 10, magnitude.max() * 10, _CROSSINGS)])
+    shapes = np.log1p((crossings[:, None] / magnitude) ** 2)
+    levels = np.median(logs - shapes, axis=1)
+    misfit = np.mean(np.abs(logs - shapes - levels[:, None]), axis=1)
+    best = int(np.argmin(misfit))
+    independent = max(2.0, variance.size / _WINDOW)  # few windows explain anything by chance
+    if misfit[best] > min(_GAIN_OF_ADDITIVE, 1 - 1 / independent) * misfit[0]:
+        best = 0
+    relative = float(np.exp(levels[best] / 2))
+    return NoiseModel(relative, relative * float(crossings[best]))
