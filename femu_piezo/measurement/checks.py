@@ -99,7 +99,8 @@ def turning_sense(impedance: np.ndarray) -> float:
     Negative (clockwise) for every passive one-port over rising frequency (Foster; for losses the positive-real
     functions); positive where the sign of the reactance is wrong. The noise of single points averages out.
     """
-    reference = np.exp(np.mean(np.log(np.abs(impedance))))
+    impedance = impedance[impedance.real >= 0]  # the others, of noise or a fault, may have an infinite reflection
+    reference = np.exp(np.mean(np.log(np.abs(impedance)))) if impedance.size else 1.0
     reflection = (impedance - reference) / (impedance + reference)
     return float(0.5 * np.sum(np.imag(np.conj(reflection[:-1]) * reflection[1:])))
 
@@ -127,9 +128,10 @@ def _frequency_unit(spectrum: ImpedanceSpectrum, hertz_stated: bool) -> DataFaul
 
 def _roughness(spectrum: ImpedanceSpectrum) -> DataFault | None:
     """Neighbouring points without relation, as after exchanged columns."""
-    z = spectrum.impedance
-    second_difference = np.abs(np.log(z[1:-1] ** 2 / (z[:-2] * z[2:]))) / np.sqrt(6)
-    typical = float(np.median(second_difference))
+    logs = np.log(spectrum.impedance)
+    difference = 2 * logs[1:-1] - logs[:-2] - logs[2:]
+    turn = (difference.imag + np.pi) % (2 * np.pi) - np.pi
+    typical = float(np.median(np.hypot(difference.real, turn))) / np.sqrt(6)
     if typical < 0.25:
         return None
     message = (

@@ -46,7 +46,7 @@ def read_4294a(lines: list[str], source: str) -> Table:
         head[key.strip().upper()] = value.strip()
     if "FREQ" not in head.get("SWEEP TYPE", "FREQ").upper():
         raise InputError(f"{source}: the sweep is over {head['SWEEP TYPE']!r}; a sweep over frequency is needed")
-    first_name, second_name = _parameter(head["MEASURE PARAMETER"], source)
+    first_name, second_name = _parameter(head.get("MEASURE PARAMETER", ""), source)
     blocks = [
         _block(lines[start:stop], start + 1, head.get("NUMBER OF POINTS", ""), source)
         for start, stop in zip(starts, [*starts[1:], len(lines)], strict=True)
