@@ -19,7 +19,7 @@ MIN_COLUMN = 8
 UNIFORM = 1e-6  # relative tolerance of the frequency step
 TAPER = 0.25  # fraction of the band over which the window rises or falls
 NEAR_DC = 0.02  # a band that starts below this fraction of its end needs no rise at the low end
-DEAD_TAPERS = 8.0  # time skipped, in units of 1/taper width: by then the window's own response has decayed
+DEAD_TIME = 4.0
 MIN_SIGNIFICANCE = 20.0  # amplitude of a column in units of its standard deviation
 HANKEL_SIZE = 300
 MAX_ORDER = 40
@@ -56,6 +56,7 @@ def prony_ss(
     band: tuple[float, float] | None = None,
     extension: Extension | None = None,
     taper: tuple[float, float] | None = None,
+    dead_time: float = DEAD_TIME,
     hankel_size: int = HANKEL_SIZE,
     max_order: int = MAX_ORDER,
 ) -> PronySS:
@@ -78,6 +79,8 @@ def prony_ss(
         their outer halves are left out. Near DC the constant
         taken out removes the jump of the imaginary part at ω = 0, which a hysteretic loss has and the
         extension Y(−ω) = Y(ω)* cannot follow; what is left decays like 1/t³.
+    dead_time : the time skipped at the start (and end) of the signal, in units of 1/(taper width in Hz), until
+        the window's own response has decayed. Longer: less leakage of the window, but less is left of the modes.
     extension : "hermitian" is the paper's Y'(−ω) = Y'(ω)*, a real signal and two exponentials per mode; it
         needs a grid through multiples of its step. "analytic" uses the positive frequencies alone: a complex
         signal, one exponential per mode, any offset. Default: hermitian from near DC, else analytic.
@@ -110,7 +113,7 @@ def prony_ss(
         signal, shift = np.fft.ifft(windowed), 2 * np.pi * frequency[0]
         time_step = 1 / (frequency.size * step)
     span = frequency[-1] - frequency[0]
-    dead = int(np.ceil(DEAD_TAPERS / (min(t for t in taper if t > 0) * span * time_step)))
+    dead = int(np.ceil(dead_time / (min(t for t in taper if t > 0) * span * time_step)))
     size = min(hankel_size, (signal.size - 2 * dead) // 2)
     if size < 8:
         raise InputError(

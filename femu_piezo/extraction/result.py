@@ -63,6 +63,11 @@ class Extraction:
         """The findings as sentences."""
         return tuple(finding.sentence for finding in self.findings)
 
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What the losses say: a sentence for each pair whose quality factors differ."""
+        return tuple(p.remark for p in self.pairs if p.remark)
+
     def to_json(self) -> dict:
         """The contract of `extract`: poles and zeros, and all that qualifies them, JSON types only."""
         return {
@@ -76,6 +81,8 @@ class Extraction:
                     "std_k_eff": None if np.isnan(p.std_k_eff) else p.std_k_eff,
                     "Q_pole": p.pole.quality_factor,
                     "Q_zero": p.zero.quality_factor,
+                    "coupling_phase": p.coupling_phase,
+                    "std_coupling_phase": None if np.isnan(p.std_coupling_phase) else p.std_coupling_phase,
                 }
                 for p in self.pairs
             ],
@@ -106,4 +113,5 @@ class Extraction:
             "method": self.method,
             "status": self.status,
             "notes": list(self.notes),
+            "remarks": list(self.remarks),
         }

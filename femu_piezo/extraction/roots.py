@@ -25,12 +25,32 @@ class Pair:
     pole, zero : the two resonances
     k_eff : sqrt(1 − Re λ_pole/Re λ_zero), IEEE 176 effective coupling; nan where the zero lies below
     std_k_eff : its standard deviation from the joint covariance of both, nan where k_eff is or no covariance
+    coupling_phase : arg(1 − λ_pole/λ_zero), rad: the loss angle of k_eff². k² = d²/(s ε) has the angle
+        tan δ + tan φ − 2 tan θ (dielectric, elastic, piezoelectric loss tangent), so the quality factor is
+        higher at the zero than at the pole where the piezoelectric loss is above the mean of the other two
+        (Zhuang, Ural, Tajima, Uchino et al., J. Appl. Phys. 105 (2009) 084110, for Q_A and Q_B)
+    std_coupling_phase : its standard deviation, nan as above
     """
 
     pole: Resonance
     zero: Resonance
     k_eff: float
     std_k_eff: float
+    coupling_phase: float
+    std_coupling_phase: float
+
+    @property
+    def remark(self) -> str | None:
+        """Why the quality factors of pole and zero differ, where they do beyond three standard deviations."""
+        if not abs(self.coupling_phase) > 3 * self.std_coupling_phase:
+            return None
+        above = self.coupling_phase < 0
+        return (
+            f"Q is {self.pole.quality_factor:.0f} at {self.pole.frequency_Hz:.6g} Hz (pole) and "
+            f"{self.zero.quality_factor:.0f} at {self.zero.frequency_Hz:.6g} Hz (zero): the piezoelectric loss "
+            f"tangent lies {'above' if above else 'below'} the mean of the dielectric and elastic ones, "
+            f"2 tan θ − tan δ − tan φ = {-self.coupling_phase:.4f} ± {self.std_coupling_phase:.1g}"
+        )
 
 
 @dataclass(frozen=True)
@@ -90,13 +110,18 @@ def pair(found: ResonanceSet) -> tuple[Pair, ...]:
 def _coupled(found: ResonanceSet, i: int, j: int) -> Pair:
     pole, zero = found.poles[i], found.zeros[j]
     k = effective_coupling(pole, zero)
-    at, below = 2 * i, 2 * (len(found.poles) + j)
-    real_p, real_z = pole.eigenvalue.real, zero.eigenvalue.real
+    ratio = pole.eigenvalue / zero.eigenvalue
+    phase = float(np.angle(1 - ratio))
     if found.covariance is None or not k > 0:
-        return Pair(pole, zero, k, float("nan"))
-    gradient = np.array([-1 / real_z, real_p / real_z**2])
-    block = found.covariance[np.ix_([at, below], [at, below])]
-    return Pair(pole, zero, k, float(np.sqrt(gradient @ block @ gradient)) / (2 * k))
+        return Pair(pole, zero, k, float("nan"), phase, float("nan"))
+    at = [2 * i, 2 * i + 1, 2 * (len(found.poles) + j), 2 * (len(found.poles) + j) + 1]
+    block = found.covariance[np.ix_(at, at)]
+    real = pole.eigenvalue.real / zero.eigenvalue.real
+    gradient = np.array([-1 / zero.eigenvalue.real, 0, real / zero.eigenvalue.real, 0]) / (2 * k)
+    slope = np.array([-1, ratio]) / (zero.eigenvalue * (1 - ratio))  # d ln(1 − λp/λz)/d(λp, λz)
+    turning = np.array([slope[0].imag, slope[0].real, slope[1].imag, slope[1].real])
+    std, std_phase = (float(np.sqrt(g @ block @ g)) for g in (gradient, turning))
+    return Pair(pole, zero, k, std, phase, std_phase)
 
 
 def _poles(model: RationalModel) -> list[_Root]:

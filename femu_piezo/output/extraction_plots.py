@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -154,11 +155,10 @@ def _summary(extraction: Extraction) -> str:
             f"noise: {extraction.noise.relative:.2g}·|Z| and {extraction.noise.additive:.2g} Ω "
             f"(from the {extraction.noise.origin})"
         )
-    lines += [line for note in extraction.notes for line in _wrapped(note, 66)]
+    lines += [line for note in extraction.notes for line in _wrapped(note, "! ")]
+    lines += [line for remark in extraction.remarks for line in _wrapped(remark, "· ")]
     return "\n".join(lines)
 
 
-def _wrapped(sentence: str, width: int) -> list[str]:
-    import textwrap
-
-    return textwrap.wrap(sentence, width, initial_indent="! ", subsequent_indent="  ")
+def _wrapped(sentence: str, mark: str) -> list[str]:
+    return textwrap.wrap(sentence, 74, initial_indent=mark, subsequent_indent="  ")

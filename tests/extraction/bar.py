@@ -12,6 +12,8 @@ import numpy as np
 
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
+from .bounds import Truth
+
 EPS0 = 8.854187817e-12
 
 
@@ -65,3 +67,34 @@ def sweep(bar: Bar, frequency, relative: float = 0.0, additive: float = 0.0, see
     sigma = np.hypot(relative * np.abs(z), additive)
     error = sigma * (rng.normal(size=z.size) + 1j * rng.normal(size=z.size)) / np.sqrt(2)
     return ImpedanceSpectrum(frequency, z + error, noise=sigma if noise else None, source="bar")
+
+
+def truth_of(bar: Bar, *modes: int) -> Truth:
+    """The bar as a `Truth` with the given modes inside the sweep."""
+    return Truth(
+        bar.charge,
+        tuple(bar.pole(n) for n in modes),
+        tuple(bar.residue_of_charge(n) for n in modes),
+        tuple(bar.zero(n) for n in modes),
+    )
+
+
+def close_pair(bar: Bar, apart: float = 0.01, residue: float = 0.01) -> Truth:
+    """The bar with a second mode: frequency 1 + `apart` times the fundamental, `residue` times its residue."""
+    second = bar.pole(1) * (1 + apart) ** 2
+    strength = residue * bar.residue_of_charge(1)
+
+    def charge(omega):
+        return bar.charge(omega) + strength / (second - omega**2)
+
+    def zero(start: complex) -> complex:
+        value = start
+        for _ in range(60):
+            step = 1e-6 * value
+            slope = (charge(np.sqrt(value + step)) - charge(np.sqrt(value - step))) / (2 * step)
+            value = value - charge(np.sqrt(value)) / slope
+        return value
+
+    # at the weak pole the strong mode's field Q0 is smooth: Q0 + strength/(second − s) = 0
+    weak = second + strength / bar.charge(np.sqrt(second))
+    return Truth(charge, (bar.pole(1), second), (bar.residue_of_charge(1), strength), (zero(bar.zero(1)), zero(weak)))

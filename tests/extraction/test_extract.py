@@ -69,6 +69,20 @@ def test_coupling_and_its_deviation():
     assert abs(pair.k_eff - truth) < 4 * pair.std_k_eff
 
 
+@pytest.mark.parametrize(("tan_d31", "order", "remarks"), [(0.013, -1, 1), (0.0155, 0, 0), (0.02, 1, 1)])
+def test_coupling_phase_is_the_balance_of_the_losses(tan_d31, order, remarks):
+    """k² = d²/(s ε) has the angle tan δ + tan φ − 2 tan θ; k_eff² of the fundamental has it to first order."""
+    bar = Bar(d31=-293.25e-12 * (1 - 1j * tan_d31))
+    found = extract(sweep(bar, np.linspace(28e3, 48e3, 401), relative=1e-4, seed=7))
+    (pair,) = found.pairs
+    exact = np.angle(1 - bar.pole(1) / bar.zero(1))
+    assert abs(pair.coupling_phase - exact) < 4 * pair.std_coupling_phase < 1e-4
+    assert pair.coupling_phase == pytest.approx(0.015 + 0.016 - 2 * tan_d31, abs=2e-4)
+    assert len(found.remarks) == remarks
+    if order:
+        assert np.sign(pair.zero.quality_factor - pair.pole.quality_factor) == order
+
+
 @pytest.mark.parametrize(
     ("low", "high", "status", "poles", "zeros"),
     [

@@ -1,0 +1,47 @@
+"""The picture of an extraction carries the data, the fit, the residual and the columns."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from femu_piezo.extraction import extract
+from femu_piezo.output.extraction_plots import extraction_figure
+
+from .bar import Bar, sweep
+
+BAR = Bar()
+
+
+@pytest.mark.parametrize(
+    ("method", "frequency"),
+    [("maximum_likelihood", np.linspace(28e3, 48e3, 301)), ("prony_ss", np.arange(100.0, 100_001.0, 200.0))],
+)
+def test_figure_shows_fit_residual_and_diagram(method, frequency, tmp_path):
+    data = sweep(BAR, frequency, relative=1e-3, seed=1)
+    extraction = extract(data, method=method)
+    figure = extraction_figure(extraction)
+    labels = [axes.get_ylabel() for axes in figure.axes]
+    assert {"|Z| (Ω)", "phase of Z (°)", "residual of Z (σ)", "model order (poles)", "model order (zeros)"} <= set(
+        labels
+    )
+    magnitude, residual = (figure.axes[labels.index(name)] for name in ("|Z| (Ω)", "residual of Z (σ)"))
+    drawn = {line.get_label(): line for line in magnitude.get_lines()}
+    assert drawn["measured"].get_ydata() == pytest.approx(np.abs(data.impedance))
+    assert drawn["fit"].get_ydata() == pytest.approx(np.abs(extraction.impedance))
+    points = np.concatenate([line.get_ydata() for line in residual.get_lines()])
+    # each of Re, Im in units of its own deviation: unit variance to four deviations of a sample variance
+    assert np.var(points) == pytest.approx(1, abs=4 * np.sqrt(2 / points.size))
+    columns = [
+        line for line in figure.axes[labels.index("model order (poles)")].get_lines() if len(line.get_xdata()) == 2
+    ]
+    at = min(abs(line.get_xdata()[0] * 1e3 - extraction.resonances.poles[0].frequency_Hz) for line in columns)
+    assert at < 5
+    figure.savefig(tmp_path / "extraction.png")
+
+
+def test_extraction_does_not_import_matplotlib():
+    import subprocess
+
+    code = "import sys, femu_piezo.extraction; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

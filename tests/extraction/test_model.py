@@ -1,0 +1,143 @@
+"""The rational model and its fit: derivatives, roots and deviations against independent arithmetic."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from femu_piezo.extraction.fit import SweepData, correlation, fit, residual, solve_linear
+from femu_piezo.extraction.model import FrequencyAxis, RationalModel
+from femu_piezo.extraction.spread import Spread, fisher_spread, jackknife_spread
+
+from .bar import Bar, sweep
+
+OMEGA = 2 * np.pi * np.linspace(30e3, 45e3, 60)
+
+
+def made(squared=True):
+    return RationalModel(
+        FrequencyAxis.of(OMEGA, squared),
+        1e-9,
+        np.array([-0.3 + 0.04j, 0.5 + 0.02j]),
+        np.array([0.2 + 0.01j, 0.05 - 0.002j]),
+        np.array([0.7 - 0.01j, 0.1 + 0.02j, -0.03j]),
+    )
+
+
+@pytest.mark.parametrize("squared", [True, False])
+def test_axis_maps_to_the_unit_interval_and_back(squared):
+    axis = FrequencyAxis.of(OMEGA, squared)
+    x = axis.x(OMEGA)
+    assert x[0] == pytest.approx(-1) and x[-1] == pytest.approx(1)
+    assert axis.eigenvalue(x) == pytest.approx(OMEGA**2)
+    step = 1e-6
+    slope = (axis.eigenvalue(x + step) - axis.eigenvalue(x - step)) / (2 * step)
+    assert axis.eigenvalue_slope(x) == pytest.approx(slope, rel=1e-6)
+
+
+def test_charge_is_the_pole_residue_sum():
+    model, x = made(), np.linspace(-1, 1, 7)
+    by_hand = 0.7 - 0.01j + (0.1 + 0.02j) * x - 0.03j * (2 * x**2 - 1)
+    by_hand = by_hand + (0.2 + 0.01j) / (-0.3 + 0.04j - x) + (0.05 - 0.002j) / (0.5 + 0.02j - x)
+    assert model.charge(x) == pytest.approx(by_hand, rel=1e-14)
+    assert model.admittance(OMEGA)[[0, -1]] == pytest.approx(1j * OMEGA[[0, -1]] * 1e-9 * by_hand[[0, -1]], rel=1e-9)
+
+
+def test_jacobian_and_slope_are_the_complex_derivatives():
+    model, x, step = made(), np.linspace(-1, 1, 9), 1e-6
+    theta = model.parameters
+    for k in range(theta.size):
+        for direction in (1, 1j):  # holomorphic: the same derivative along both axes
+            moved = [model.with_parameters(theta + sign * step * direction * np.eye(theta.size)[k]) for sign in (1, -1)]
+            numeric = (moved[0].charge(x) - moved[1].charge(x)) / (2 * step * direction)
+            assert model.jacobian(x)[:, k] == pytest.approx(numeric, rel=1e-6, abs=1e-7)
+    numeric = (model.charge(x + step) - model.charge(x - step)) / (2 * step)
+    assert model.charge_slope(x) == pytest.approx(numeric, rel=1e-6)
+
+
+def test_zeros_are_every_root_and_move_as_their_derivative_says():
+    model = made()
+    zeros = model.zeros()
+    assert zeros.size == 4  # two modes and a background of degree two
+    assert np.abs(model.charge(zeros)).max() < 1e-12
+    change = 1e-7 * (np.arange(model.size) - 2.5j)
+    moved = model.with_parameters(model.parameters + change).zeros()
+    for zero in zeros:
+        nearest = moved[np.argmin(np.abs(moved - zero))]
+        assert nearest - zero == pytest.approx(model.zero_derivative(zero) @ change, rel=1e-4)
+
+
+def test_fit_returns_the_model_that_made_the_data():
+    truth = made()
+    data = SweepData.of(OMEGA, truth.admittance(OMEGA), np.full(OMEGA.size, 1e3), squared=True)
+    start = replace(truth, scale=data.scale, poles=truth.poles * (1 + 0.02j))
+    found = fit(solve_linear(start, data).model, data, tolerance=1e-15)
+    assert found.model.poles == pytest.approx(truth.poles, rel=1e-10)
+    assert found.model.residues * data.scale == pytest.approx(truth.residues * truth.scale, rel=1e-9)
+    assert found.scale < 1e-8
+
+
+def test_residual_is_the_relative_error_of_the_impedance():
+    truth = made()
+    data = SweepData.of(OMEGA, truth.admittance(OMEGA), np.full(OMEGA.size, 1e3), squared=True)
+    off = replace(truth, scale=data.scale, poles=truth.poles + 0.01)
+    z_data, z_model = 1 / truth.admittance(OMEGA), 1 / off.admittance(OMEGA)
+    assert residual(off, data) == pytest.approx(1e3 * (z_data / z_model - 1), rel=1e-9)
+
+
+def test_whitening_makes_a_first_order_error_white():
+    rng = np.random.default_rng(1)
+    n, phi = 4000, 0.8 * np.exp(0.3j)
+    white = (rng.normal(size=n) + 1j * rng.normal(size=n)) / np.sqrt(2)
+    error = np.zeros(n, complex)
+    error[0] = white[0] / np.sqrt(1 - abs(phi) ** 2)
+    for i in range(1, n):
+        error[i] = phi * error[i - 1] + white[i]
+    data = SweepData(FrequencyAxis(0, 1, True), np.zeros(n), np.ones(n), 1.0, np.ones(n), phi)
+    assert data.whiten(error) == pytest.approx(white, abs=1e-12)
+    found, innovation = correlation(error)
+    assert found == pytest.approx(phi, abs=4 * np.sqrt((1 - abs(phi) ** 2) / n))
+    assert innovation == pytest.approx(np.sum(np.abs(white) ** 2), rel=1e-2)
+
+
+def test_fisher_spread_is_the_scatter_of_repeated_fits():
+    bar, frequency, noise = Bar(), np.linspace(28e3, 48e3, 101), 1e-3
+    poles = []
+    for seed in range(150):
+        data = sweep(bar, frequency, relative=noise, seed=seed)
+        rows = SweepData.of(data.omega, data.admittance, np.full(101, 1 / noise), squared=True)
+        at = (bar.pole(1) - rows.axis.center) / rows.axis.half_width
+        start = RationalModel(rows.axis, rows.scale, np.array([at]), np.zeros(1, complex), np.zeros(3, complex))
+        found = fit(solve_linear(start, rows).model, rows, tolerance=1e-12)
+        poles.append(found.model.poles[0])
+    spread = fisher_spread(found.model, rows)
+    stated = spread.covariance(np.eye(found.model.size)[:1])
+    sample = np.cov(np.real(poles), np.imag(poles))
+    # the variance of a sample variance of 150 draws is 2/149 of its square: four standard deviations
+    assert np.diag(sample) == pytest.approx(np.diag(stated), rel=4 * np.sqrt(2 / 149))
+    assert abs(sample[0, 1]) < 4 * stated[0, 0] / np.sqrt(149) + abs(stated[0, 1])
+
+
+def test_sample_spread_is_a_plain_covariance():
+    rng = np.random.default_rng(2)
+    columns = rng.normal(size=(3, 8)) + 1j * rng.normal(size=(3, 8))
+    gradient = np.array([[1.0, 0.5j, -2.0], [0.0, 1.0, 1j]])
+    moved = gradient @ columns
+    parts = np.array([moved[0].real, moved[0].imag, moved[1].real, moved[1].imag])
+    assert Spread(columns, circular=False).covariance(gradient) == pytest.approx(parts @ parts.T)
+
+
+def test_jackknife_of_white_noise_is_near_the_fisher_spread():
+    bar, frequency = Bar(), np.linspace(28e3, 48e3, 801)
+    ratios = []
+    for seed in range(10):
+        data = sweep(bar, frequency, relative=1e-3, seed=seed)
+        rows = SweepData.of(data.omega, data.admittance, np.full(801, 1e3), squared=True)
+        at = (bar.pole(1) - rows.axis.center) / rows.axis.half_width
+        start = RationalModel(rows.axis, rows.scale, np.array([at]), np.zeros(1, complex), np.zeros(3, complex))
+        found = fit(solve_linear(start, rows).model, rows)
+        pole = np.eye(found.model.size)[0]
+        ratios.append(jackknife_spread(found, rows).size(pole) / fisher_spread(found.model, rows).size(pole))
+    assert 0.6 < np.mean(ratios) < 2.0
+    short = SweepData.of(OMEGA[:40], made().admittance(OMEGA[:40]), np.ones(40), squared=True)
+    assert jackknife_spread(solve_linear(made(), short), short) is None
