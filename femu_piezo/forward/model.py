@@ -22,6 +22,8 @@ _ELEMENTS = {
     ("MeshHex1", 2): skfem.ElementHex2,
     ("MeshTet1", 1): skfem.ElementTetP1,
     ("MeshTet1", 2): skfem.ElementTetP2,
+    ("MeshHex2", 2): skfem.ElementHex2,
+    ("MeshTet2", 2): skfem.ElementTetP2,
 }
 
 #: Volts per unit of the scaled potential: about sqrt(c/ε) of a piezoceramic, which balances the blocks.

@@ -15,6 +15,9 @@ import numpy as np
 import skfem
 import skfem.io.meshio
 
+from femu_piezo.errors import InputError
+from femu_piezo.geometry.gmsh_session import gmsh_session
+
 #: The six faces of the unit box, in the order of axes, lower face first.
 FACES = ("x_min", "x_max", "y_min", "y_max", "z_min", "z_max")
 
@@ -26,13 +29,13 @@ MESH_FOLDERS = (_PACKAGE / "meshes", _PACKAGE.parent / "meshes")
 def write_unit_box(divisions: tuple[int, int, int], path: Path) -> None:
     """Write the unit box with nx × ny × nz hexahedra and physical surfaces named as `FACES` (gmsh 4.1).
 
-    Needs gmsh and its system libraries (OSError or ImportError where these are missing).
+    Needs gmsh and its system libraries (InputError where these are missing).
     """
-    import gmsh
-    import pygmsh
-
     nx, ny, nz = divisions
-    with pygmsh.geo.Geometry() as geometry:
+    with gmsh_session("geo") as geometry:
+        import gmsh
+        import pygmsh
+
         corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)]
         points = [geometry.add_point((x, y, 0.0)) for x, y in corners]
         lines = [geometry.add_line(points[i], points[(i + 1) % 4]) for i in range(4)]
@@ -46,7 +49,6 @@ def write_unit_box(divisions: tuple[int, int, int], path: Path) -> None:
         for name, surface in zip(FACES, named, strict=True):
             geometry.add_physical(surface, name)
         geometry.add_physical(volume, "plate")
-        gmsh.option.setNumber("General.Terminal", 0)
         geometry.generate_mesh(dim=3)
         gmsh.option.setNumber("Mesh.Binary", 1)
         pygmsh.write(str(path))
@@ -65,7 +67,7 @@ def unit_box(divisions: tuple[int, int, int]) -> skfem.MeshHex:
     with tempfile.TemporaryDirectory() as folder:
         try:
             write_unit_box(divisions, Path(folder) / name)
-        except (ImportError, OSError):  # gmsh's shared libraries (X11, GLU) are not installed
+        except InputError:  # gmsh's shared libraries (X11, GLU) are not installed
             return _tensor_box(divisions)
         return read_hexahedra(Path(folder) / name)
 

@@ -10,6 +10,7 @@ import numpy as np
 from femu_piezo.errors import InputError
 from femu_piezo.geometry.boxes import FACES, unit_box
 from femu_piezo.geometry.domain import Domain
+from femu_piezo.geometry.shape import driven_mirrors, unit_direction
 
 #: Eigenvalue error of quadratic hexahedra of edge h at shear wavenumber k: about this times (k h)^4. Measured over
 #: plates and bars of several proportions (tests/verification/test_convergence.py holds it to be an upper bound).
@@ -25,12 +26,31 @@ class Plate:
 
     poling "thickness" (k31): electrodes on the two large faces, poled along z.
     poling "length" (k33): electrodes on the two ends, poled along x.
+    direction : poling direction where it is not that of the field between the electrodes, e.g. (1, 0, 0) for a
+        thickness-shear plate poled along its length
     """
 
     length: float
     width: float
     thickness: float
     poling: Literal["thickness", "length"] = "thickness"
+    direction: tuple[float, float, float] | None = None
+
+    @property
+    def poling_direction(self) -> tuple[float, float, float]:
+        """(3,) unit vector of the poling."""
+        along = np.eye(3)[self.poling_axis] if self.direction is None else self.direction
+        return unit_direction(along)
+
+    @property
+    def volume(self) -> float:
+        """m³"""
+        return float(np.prod(self.dimensions))
+
+    @property
+    def mirrors(self) -> tuple[int, ...]:
+        """Axes about whose mid-plane the driven field is symmetric: all three where poled along the field."""
+        return driven_mirrors(EIGHTH, self.poling_direction, self.poling_axis)
 
     @property
     def dimensions(self) -> np.ndarray:
@@ -39,6 +59,7 @@ class Plate:
 
     @property
     def poling_axis(self) -> int:
+        """Axis of the field between the electrodes."""
         return 2 if self.poling == "thickness" else 0
 
     @property
@@ -70,6 +91,11 @@ class Plate:
         halves = np.array([2.0 if axis in symmetric_axes else 1.0 for axis in range(3)])
         return tuple(int(count) for count in np.ceil(self.dimensions / halves / edge))
 
+    def domain_for(self, accuracy: float, frequency_Hz: float, shear_speed: float, symmetric: bool = True) -> Domain:
+        """The computed part with elements fine enough; see `femu_piezo.geometry.shape.Shape`."""
+        axes = self.mirrors if symmetric else ()
+        return self.domain(self.divisions(accuracy, frequency_Hz, shear_speed, axes), axes)
+
     def domain(self, divisions: tuple[int, int, int], symmetric_axes: tuple[int, ...] = EIGHTH) -> Domain:
         """The computed part, cut at the mid-plane of every axis in `symmetric_axes`.
 
@@ -80,6 +106,11 @@ class Plate:
         """
         if any(count < 1 for count in divisions):
             raise InputError(f"mesh divisions must be at least 1 along each axis, got {divisions}")
+        if set(symmetric_axes) - set(self.mirrors):
+            raise InputError(
+                f"a plate with its field along axis {self.poling_axis} and poled along {self.poling_direction} has no "
+                f"mirror planes normal to the axes {symmetric_axes}; it has those of {self.mirrors}"
+            )
         size = np.array(
             [extent / 2 if axis in symmetric_axes else extent for axis, extent in enumerate(self.dimensions)]
         )
@@ -88,8 +119,6 @@ class Plate:
         )
         mesh = unit_box(divisions).scaled(size).translated(origin)
         hot, ground = FACES[2 * self.poling_axis + 1], FACES[2 * self.poling_axis]
-        direction = np.zeros(3)
-        direction[self.poling_axis] = 1.0
         return Domain(
             mesh=mesh,
             hot=(hot,),
@@ -97,5 +126,5 @@ class Plate:
             symmetry={FACES[2 * axis]: axis for axis in symmetric_axes},
             copies=2 ** len(symmetric_axes),
             voltage_factor=2.0 if self.poling_axis in symmetric_axes else 1.0,
-            poling=tuple(direction),
+            poling=self.poling_direction,
         )

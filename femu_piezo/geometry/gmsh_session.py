@@ -1,0 +1,77 @@
+"""A gmsh session through pygmsh that prints nothing, keeps the signal handlers and leaves no state behind."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import meshio
+
+from femu_piezo.errors import InputError
+
+#: Debian packages with the shared libraries that the gmsh wheel loads (ldd libgmsh.so, 4.15).
+GMSH_PACKAGES = "libglu1-mesa libgl1 libgomp1 libxrender1 libxcursor1 libxft2 libxinerama1"
+
+
+@contextmanager
+def gmsh_session(kernel: str = "occ") -> Iterator:
+    """Yield a pygmsh geometry ("occ" or "geo"); the raw model is `gmsh.model`.
+
+    Raises
+    ------
+    InputError : gmsh cannot be loaded (the sentence names the system packages)
+    """
+    try:
+        import gmsh
+        import pygmsh
+    except (ImportError, OSError) as error:
+        raise InputError(
+            f"gmsh cannot be loaded on this machine ({error}), and this shape needs it to be meshed; on Debian or "
+            f"Ubuntu: apt-get install {GMSH_PACKAGES} (rectangular plates and disks by ready meshes do without)"
+        ) from None
+    if gmsh.isInitialized():
+        raise InputError("another gmsh session is open in this process; call gmsh.finalize() before meshing a shape")
+    geometry = (pygmsh.occ if kernel == "occ" else pygmsh.geo).Geometry()
+    # pygmsh would read the user's gmsh settings and take over Ctrl-C, so the session is opened here
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("General.NumThreads", 1)
+        gmsh.model.add("specimen")
+        yield geometry
+    finally:
+        gmsh.finalize()
+
+
+def mesh_solid(build: Callable[[object], None], options: Mapping[str, float], what: str) -> meshio.Mesh:
+    """Mesh the solid that `build(gmsh)` draws with the OpenCASCADE kernel.
+
+    Parameters
+    ----------
+    options : gmsh options, e.g. {"Mesh.MeshSizeMax": 1e-3}
+    what : the shape in words, for messages
+
+    Raises
+    ------
+    InputError : gmsh is missing, or cannot draw or mesh the shape
+    """
+    with gmsh_session(), tempfile.TemporaryDirectory() as folder:
+        import gmsh
+        import pygmsh
+
+        path = Path(folder) / "solid.msh"
+        try:
+            build(gmsh)
+            gmsh.model.occ.synchronize()
+            for name, value in options.items():
+                gmsh.option.setNumber(name, value)
+            gmsh.model.mesh.generate(3)
+            gmsh.option.setNumber("Mesh.Binary", 1)
+            pygmsh.write(str(path))
+        except InputError:
+            raise
+        except Exception as error:  # gmsh raises plain Exception for everything
+            raise InputError(f"gmsh cannot mesh {what}: {error}; check its dimensions against each other") from None
+        return meshio.read(path)

@@ -1,0 +1,79 @@
+"""What every shape offers, and which mirror planes a driven specimen has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Protocol
+
+import numpy as np
+
+from femu_piezo.errors import InputError
+from femu_piezo.geometry.domain import Domain
+
+
+class Shape(Protocol):
+    """A specimen's body with its electrodes and poling, coordinates in m.
+
+    Attributes
+    ----------
+    poling : "thickness" or "length": axis of the field between the electrodes, and of poling where that is not
+        given as a direction of its own
+    poling_direction : (3,) unit vector of the poling in specimen axes
+    volume : m³;  electrode_area : of the hot electrode, m²;  electrode_gap : distance between the electrodes, m
+    """
+
+    @property
+    def poling(self) -> str: ...
+
+    @property
+    def poling_direction(self) -> tuple[float, float, float]: ...
+
+    @property
+    def volume(self) -> float: ...
+
+    @property
+    def electrode_area(self) -> float: ...
+
+    @property
+    def electrode_gap(self) -> float: ...
+
+    def domain_for(self, accuracy: float, frequency_Hz: float, shear_speed: float, symmetric: bool = True) -> Domain:
+        """The computed part, its quadratic elements fine enough for a relative eigenvalue error `accuracy`.
+
+        Parameters
+        ----------
+        frequency_Hz : highest frequency of interest
+        shear_speed : slowest shear wave, m/s
+        symmetric : cut at the mirror planes of the driven field; False for the whole body
+        """
+        ...
+
+
+def unit_direction(direction: Iterable[float]) -> tuple[float, float, float]:
+    """A direction scaled to length one; InputError where it has none."""
+    vector = np.array(tuple(direction), dtype=float)
+    length = np.linalg.norm(vector) if vector.shape == (3,) else 0.0
+    if not (np.isfinite(length) and length > 0):
+        raise InputError(f"a poling direction needs three numbers that are not all zero, got {list(vector)}")
+    return tuple(float(value) for value in vector / length)
+
+
+def driven_mirrors(geometric: Iterable[int], poling: tuple[float, float, float], field_axis: int) -> tuple[int, ...]:
+    """Axes about whose mid-plane the driven displacement is symmetric, out of those that mirror body and electrodes.
+
+    A mirror keeps a poling that lies in its plane and turns round one along its normal (e → −e). So a mirror that
+    keeps each electrode needs the poling in its plane, and the mirror that exchanges them, normal to the field,
+    needs it along its normal: then φ is antisymmetric.
+
+    Parameters
+    ----------
+    geometric : axes (0, 1, 2) whose mid-plane mirrors the body; electrodes go over into themselves, or into each
+        other for `field_axis`
+    """
+    component = np.abs(np.array(poling))
+    along = [axis for axis in range(3) if component[axis] > 1 - 1e-12]
+    return tuple(
+        axis
+        for axis in sorted(geometric)
+        if (axis == field_axis and axis in along) or (axis != field_axis and component[axis] < 1e-12)
+    )

@@ -1,0 +1,322 @@
+"""`Slab`: a plane outline of constant thickness with holes, chamfers and any electrodes on its two faces.
+
+Disks, rings, trapezoids, plates with rounded corners or holes are outlines; `femu_piezo.geometry.catalogue` makes
+them in one line each. Curved sides are followed by quadratic elements.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+import skfem
+import skfem.io.meshio
+
+from femu_piezo.errors import InputError
+from femu_piezo.geometry.domain import Domain
+from femu_piezo.geometry.gmsh_session import mesh_solid
+from femu_piezo.geometry.quality import check_electrodes, check_elements
+from femu_piezo.geometry.regions import Circle, Footprint, Region
+from femu_piezo.geometry.shape import driven_mirrors, unit_direction
+from femu_piezo.geometry.slab_cad import (
+    divide_curves,
+    draw_chamfered,
+    draw_extruded,
+    grade_to_electrodes,
+    partial_footprints,
+)
+
+#: Eigenvalue error of quadratic elements of edge h at shear wavenumber k: at most this times (k h)^4
+#: (tests/geometry/test_slab.py holds it as an upper bound).
+_ERROR_CONSTANT = {"hexahedron": 3e-3, "tetrahedron": 3e-3}
+#: Drawing units per metre.
+_DRAWING_UNIT = 1e3
+#: Elements of a full circle at least.
+_PER_CIRCLE = 12
+#: Tetrahedra at electrode edges inside a face, relative to the others. The edge singularity leaves a relative error
+#: of λ of a few 1e-4 with them, up to 1e-3 with hexahedra, whatever the accuracy asked for.
+_AT_ELECTRODES = 0.25
+
+Elements = Literal["hexahedron", "tetrahedron"]
+
+
+@dataclass(frozen=True)
+class Electrodes:
+    """How the two faces are covered; without arguments both fully, up to the edge.
+
+    Attributes
+    ----------
+    margin : bare rim of both faces along every edge, m
+    span : (start, length) of the hot electrode along x from the end x_min, m; all where None
+    wrap : (length, gap): the ground goes round the end x_min and covers `length` of the hot face there, then a bare
+        gap, then the hot electrode, m
+    """
+
+    margin: float = 0.0
+    span: tuple[float, float] | None = None
+    wrap: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.margin < 0:
+            raise InputError(f"the electrode margin {self.margin:g} m must not be negative")
+        if self.wrap is not None and self.margin > 0:
+            raise InputError("a wrap-around electrode reaches the edge, so it has no electrode margin; give one")
+        if self.wrap is not None and self.span is not None:
+            raise InputError("a hot electrode is either partial in length or leaves room for a wrap-around; give one")
+        if self.wrap is not None and not (self.wrap[0] > 0 and self.wrap[1] > 0):
+            raise InputError(f"a wrap-around electrode needs a positive length and gap, got {self.wrap} m")
+        if self.span is not None and not (self.span[0] >= 0 and self.span[1] > 0):
+            raise InputError(f"a partial electrode needs a start ≥ 0 and a positive length, got {self.span} m")
+
+    def scaled(self, factor: float) -> Electrodes:
+        def times(pair: tuple[float, float] | None) -> tuple[float, float] | None:
+            return None if pair is None else (pair[0] * factor, pair[1] * factor)
+
+        return Electrodes(self.margin * factor, times(self.span), times(self.wrap))
+
+
+@dataclass(frozen=True)
+class Slab:
+    """A slab about the origin: outline in x, y, faces at z = ±thickness/2, the hot electrode on top (m).
+
+    Attributes
+    ----------
+    holes : circular through-holes
+    chamfer : width of the 45° bevel along the outer edges of both faces; bare of electrode
+    direction : poling direction; +z (through the thickness, along the field) where None
+    elements : "hexahedron", "tetrahedron", or None for hexahedra where the shape has them (no chamfer)
+    """
+
+    outline: Region
+    thickness: float
+    holes: tuple[Circle, ...] = ()
+    electrodes: Electrodes = field(default_factory=Electrodes)
+    chamfer: float = 0.0
+    direction: tuple[float, float, float] | None = None
+    elements: Elements | None = None
+
+    def __post_init__(self) -> None:
+        if not self.thickness > 0:
+            raise InputError(f"the thickness {self.thickness:g} m must be positive")
+        if not 0 <= self.chamfer < self.thickness / 2:
+            raise InputError(
+                f"the chamfer {self.chamfer:g} m must be at least 0 and below half the thickness, "
+                f"{self.thickness / 2:g} m"
+            )
+        if self.chamfer and self.elements == "hexahedron":
+            raise InputError("a chamfered slab is meshed by tetrahedra; leave elements out")
+        self._check_holes()
+        if self.direction is not None:
+            unit_direction(self.direction)
+        _ = (self.hot, self.ground_top)  # raises where an electrode does not fit
+
+    def _check_holes(self) -> None:
+        for index, hole in enumerate(self.holes):
+            x, y = hole.center
+            room = float(self.outline.depth(np.array([x]), np.array([y]))[0]) - self.chamfer
+            if room <= hole.diameter / 2:
+                raise InputError(
+                    f"the hole of diameter {hole.diameter:g} m at ({x:g}, {y:g}) m does not lie inside the plate: "
+                    f"there the edge is {max(room, 0):g} m away"
+                )
+            for other in self.holes[:index]:
+                if np.hypot(x - other.center[0], y - other.center[1]) <= (hole.diameter + other.diameter) / 2:
+                    raise InputError(f"the holes at {other.center} and {hole.center} m overlap")
+
+    @property
+    def poling(self) -> str:
+        """The field goes through the thickness."""
+        return "thickness"
+
+    @property
+    def length(self) -> float:
+        """Extent along x, m."""
+        return self.outline.extents[1] - self.outline.extents[0]
+
+    @property
+    def poling_direction(self) -> tuple[float, float, float]:
+        return (0.0, 0.0, 1.0) if self.direction is None else unit_direction(self.direction)
+
+    @property
+    def hot(self) -> Footprint:
+        """The electrode on the upper face."""
+        x_min, x_max = self.outline.extents[:2]
+        x_range = None
+        if self.electrodes.wrap is not None:
+            x_range = (x_min + sum(self.electrodes.wrap), x_max)
+        if self.electrodes.span is not None:
+            start, length = self.electrodes.span
+            if start + length > (x_max - x_min) * (1 + 1e-9):
+                raise InputError(
+                    f"the partial electrode from {start:g} m, {length:g} m long, ends beyond the plate, which is "
+                    f"{x_max - x_min:g} m long"
+                )
+            x_range = (x_min + start, x_min + start + length)
+        if x_range is not None and not x_range[0] < x_range[1]:
+            raise InputError(
+                f"the wrap-around of {sum(self.electrodes.wrap):g} m (length and gap) leaves no room for the hot "
+                f"electrode on a plate {x_max - x_min:g} m long"
+            )
+        return self._face(x_range)
+
+    @property
+    def ground(self) -> Footprint:
+        """The electrode on the lower face."""
+        return self._face(None)
+
+    @property
+    def ground_top(self) -> Footprint | None:
+        """The wrapped part of the ground electrode on the upper face, None where there is none."""
+        if self.electrodes.wrap is None:
+            return None
+        x_min = self.outline.extents[0]
+        return self._face((x_min, x_min + self.electrodes.wrap[0]))
+
+    def _face(self, x_range: tuple[float, float] | None) -> Footprint:
+        rim = max(self.electrodes.margin, self.chamfer)
+        margin = self.electrodes.margin
+        outline = self.outline.inset(rim) if rim else self.outline
+        holes = tuple(hole.inset(-margin) for hole in self.holes)
+        return Footprint(outline, holes, x_range)
+
+    @property
+    def volume(self) -> float:
+        """Volume of the body, m³; the chamfer by its depth integral ∫ (A − A(inset z)) dz."""
+        area = self.outline.area - sum(hole.area for hole in self.holes)
+        if not self.chamfer:
+            return area * self.thickness
+        depth, weight = np.polynomial.legendre.leggauss(8)
+        insets = [self.outline.inset(self.chamfer * (1 + point) / 2).area for point in depth]
+        lost = np.sum(weight * (self.outline.area - np.array(insets))) * self.chamfer / 2
+        return area * self.thickness - 2 * float(lost)
+
+    @property
+    def electrode_area(self) -> float:
+        """Area of the hot electrode, m²; exact, or by a fine grid where it is cut in x."""
+        hot = self.hot
+        if hot.x_range is None:
+            return hot.outline.area - sum(hole.area for hole in hot.holes)
+        x_min, x_max, y_min, y_max = hot.outline.extents
+        low, high = max(x_min, hot.x_range[0]), min(x_max, hot.x_range[1])
+        x = low + (high - low) * (np.arange(1200) + 0.5) / 1200
+        y = y_min + (y_max - y_min) * (np.arange(1200) + 0.5) / 1200
+        share = np.mean(hot.covers(*(grid.ravel() for grid in np.meshgrid(x, y))))
+        return float(share * (high - low) * (y_max - y_min))
+
+    @property
+    def electrode_gap(self) -> float:
+        """Distance between the electrodes, m."""
+        return self.thickness
+
+    @property
+    def mirrors(self) -> tuple[int, ...]:
+        """Axes about whose mid-plane the driven field is symmetric."""
+        axes = set(self.hot.mirrors & self.outline.mirrors)
+        for hole in self.holes:
+            axes &= hole.mirrors
+        if self.electrodes.span is None and self.electrodes.wrap is None:
+            axes.add(2)
+        if self.electrodes.wrap is not None:
+            axes -= {0}
+        return driven_mirrors(axes, self.poling_direction, field_axis=2)
+
+    @property
+    def element_shape(self) -> Elements:
+        return self.elements or ("tetrahedron" if self.chamfer else "hexahedron")
+
+    def edge_length(self, accuracy: float, frequency_Hz: float, shear_speed: float) -> float:
+        """Edge of quadratic elements that keep eigenvalues within `accuracy` of converged at `frequency_Hz`, m."""
+        constant = _ERROR_CONSTANT[self.element_shape]
+        return (accuracy / constant) ** 0.25 * shear_speed / (2 * np.pi * frequency_Hz)
+
+    def domain_for(self, accuracy: float, frequency_Hz: float, shear_speed: float, symmetric: bool = True) -> Domain:
+        """The computed part with elements fine enough; see `femu_piezo.geometry.shape.Shape`."""
+        return self.domain(self.edge_length(accuracy, frequency_Hz, shear_speed), symmetric)
+
+    def domain(self, edge: float, symmetric: bool = True) -> Domain:
+        """The computed part with elements of a given edge (m), cut at its mirror planes where `symmetric`."""
+        mirrors = self.mirrors if symmetric else ()
+        drawn = self.scaled(_DRAWING_UNIT)  # the tolerances of OpenCASCADE are made for drawings in mm
+        mesh = drawn._labelled(drawn._mesh(edge * _DRAWING_UNIT, mirrors), mirrors).scaled(1 / _DRAWING_UNIT)
+        check_elements(mesh, "the mesh of the slab")
+        ground = "mirror_z" if 2 in mirrors else "ground"
+        check_electrodes(mesh, "hot", ground, "the slab")
+        return Domain(
+            mesh=mesh,
+            hot=("hot",),
+            ground=(ground,),
+            symmetry={f"mirror_{'xyz'[axis]}": axis for axis in mirrors},
+            copies=2 ** len(mirrors),
+            voltage_factor=2.0 if 2 in mirrors else 1.0,
+            poling=self.poling_direction,
+        )
+
+    def scaled(self, factor: float) -> Slab:
+        """The same slab with every length times `factor`."""
+        return replace(
+            self,
+            outline=self.outline.scaled(factor),
+            thickness=self.thickness * factor,
+            holes=tuple(hole.scaled(factor) for hole in self.holes),
+            electrodes=self.electrodes.scaled(factor),
+            chamfer=self.chamfer * factor,
+        )
+
+    def _mesh(self, edge: float, mirrors: tuple[int, ...]) -> skfem.Mesh:
+        hexahedra = self.element_shape == "hexahedron"
+        height = self.thickness / 2 if 2 in mirrors else self.thickness
+        edge = min(edge, 2 * height)
+        options = {
+            "Mesh.MeshSizeMax": edge,
+            "Mesh.MeshSizeFromCurvature": _PER_CIRCLE,
+            "Mesh.ElementOrder": 2,
+            "Mesh.SecondOrderIncomplete": 0,
+            "Mesh.HighOrderOptimize": 1,
+        }
+        if hexahedra:
+            options |= {"Mesh.RecombineAll": 1, "Mesh.RecombinationAlgorithm": 3, "Mesh.Algorithm": 8}
+        draw = draw_chamfered if self.chamfer else draw_extruded
+        least = 2 if partial_footprints(self) and 2 not in mirrors else 1
+        layers = max(least, int(np.ceil(height / edge - 1e-9))) if hexahedra else None
+
+        def build(gmsh) -> None:
+            draw(gmsh, self, mirrors, layers)
+            divide_curves(gmsh, edge, _PER_CIRCLE, even=hexahedra)
+            if not hexahedra:
+                grade_to_electrodes(gmsh, self, mirrors, edge, edge * _AT_ELECTRODES)
+
+        raw = mesh_solid(build, options, "the slab")
+        kind = "hexahedron27" if hexahedra else "tetra10"
+        if {cell.type for cell in raw.cells} & {"wedge18", "hexahedron27", "tetra10"} != {kind}:
+            raise InputError("gmsh left elements of another kind than hexahedra in the slab; use tetrahedra")
+        return skfem.io.meshio.from_meshio(raw, force_meshio_type=kind, ignore_orientation=True)
+
+    def _labelled(self, mesh: skfem.Mesh, mirrors: tuple[int, ...]) -> skfem.Mesh:
+        """The mesh with boundaries hot, ground and mirror_x, mirror_y, mirror_z by where their facets lie."""
+        near = 1e-6 * min(self.thickness, self.outline.extents[1])
+        half = self.thickness / 2
+        tests = {f"mirror_{'xyz'[axis]}": (lambda x, axis=axis: np.abs(x[axis]) < near) for axis in mirrors}
+        tests["hot"] = lambda x: (np.abs(x[2] - half) < near) & self.hot.covers(x[0], x[1])
+        if 2 not in mirrors:
+            tests["ground"] = lambda x: self._is_ground(x, near)
+        return mesh.with_boundaries(tests)
+
+    def _is_ground(self, x: np.ndarray, near: float) -> np.ndarray:
+        half = self.thickness / 2
+        on = (np.abs(x[2] + half) < near) & self.ground.covers(x[0], x[1])
+        if self.ground_top is None:
+            return on
+        on |= (np.abs(x[2] - half) < near) & self.ground_top.covers(x[0], x[1])
+        return on | self._on_wrapped_end(x)
+
+    def _on_wrapped_end(self, x: np.ndarray) -> np.ndarray:
+        """Facets of the side that the wrap-around covers: the end x_min, of a disk the rim beyond the strip."""
+        x_min, x_max = self.outline.extents[:2]
+        side = np.abs(x[2]) < self.thickness / 2 * (1 - 1e-6)
+        if isinstance(self.outline, Circle):
+            in_hole = np.zeros(x.shape[1], dtype=bool)
+            for hole in self.holes:
+                in_hole |= hole.depth(x[0], x[1]) > -1e-3 * hole.diameter
+            return side & (x[0] < x_min + self.electrodes.wrap[0]) & ~in_hole
+        return side & (np.abs(x[0] - x_min) < 1e-6 * (x_max - x_min))
