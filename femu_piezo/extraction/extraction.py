@@ -94,7 +94,7 @@ def _prony_ss(sweep: ImpedanceSpectrum) -> tuple[Roots, Fit, SweepData]:
     """Poles and zeros of the stable columns, and the best curve with those poles held."""
     columns = {kind: prony_ss(sweep, kind).diagram.columns for kind in ("pole", "zero")}
     poles, zeros = (tuple(Resonance(kind, column.eigenvalue) for column in columns[kind]) for kind in ("pole", "zero"))
-    data = SweepData.of(sweep.omega, sweep.admittance, np.ones(len(sweep)), squared=True)
+    data = SweepData.of(sweep.omega, sweep.admittance, np.ones(len(sweep)))
     at = np.array([(r.eigenvalue - data.axis.center) / data.axis.half_width for r in poles], complex)
     fits = [
         solve_linear(RationalModel(data.axis, data.scale, at, np.zeros_like(at), np.zeros(d, complex)), data)

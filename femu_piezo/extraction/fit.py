@@ -36,9 +36,9 @@ class SweepData:
     phi: complex = 0j
 
     @classmethod
-    def of(cls, omega: np.ndarray, admittance: np.ndarray, weight: np.ndarray, squared: bool) -> SweepData:
+    def of(cls, omega: np.ndarray, admittance: np.ndarray, weight: np.ndarray) -> SweepData:
         """Normalise Y (n,) S over ω (n,) rad/s; `scale` carries the sign of the conductance."""
-        axis = FrequencyAxis.of(omega, squared)
+        axis = FrequencyAxis.of(omega)
         charge = admittance / (1j * omega)
         scale = float(np.median(np.abs(charge)) * np.sign(np.median(admittance.real)))
         return cls(axis, axis.x(omega), charge / scale, scale, np.asarray(weight, float))

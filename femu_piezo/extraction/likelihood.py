@@ -11,7 +11,7 @@ from femu_piezo.extraction.order import Candidate, evidence, search, widen
 from femu_piezo.extraction.weighting import NoiseUsed, noise_from_residual, weight_of_file
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
-GUARD_DEGREES = 1  # background degrees beyond the evidence: an omitted term biases, an idle one costs 3 % of σ
+GUARD_DEGREES = 2  # background beyond the evidence: an omitted degree biases, an idle one costs 3 % of σ
 WHITENING_ROUNDS = 2
 FEW_POINTS = 200  # below, one sweep hardly tells relative from additive noise: both are tried as a start
 
@@ -20,7 +20,7 @@ def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int) -> tuple[Fit, S
     """Order search and final fit; without a noise in the file the noise is searched along with the order."""
     given = weight_of_file(sweep)
     if given is not None:
-        data = SweepData.of(sweep.omega, sweep.admittance, given, squared=True)
+        data = SweepData.of(sweep.omega, sweep.admittance, given)
         best, tried = search(data, max_modes)
     else:
         size = np.abs(sweep.impedance)
@@ -46,7 +46,7 @@ def _learn_noise(
     sweep: ImpedanceSpectrum, max_modes: int, weight: np.ndarray
 ) -> tuple[Fit, SweepData, list[Candidate]]:
     """Search with a first guess of the noise shape, then again with the one the residual shows."""
-    data = SweepData.of(sweep.omega, sweep.admittance, weight, squared=True)
+    data = SweepData.of(sweep.omega, sweep.admittance, weight)
     best, tried = search(data, max_modes)
     noise = noise_of(best, sweep)
     if noise.additive == 0 and np.ptp(weight) == 0:

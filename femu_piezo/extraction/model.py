@@ -12,38 +12,33 @@ NEWTON_STEPS = 6
 
 @dataclass(frozen=True)
 class FrequencyAxis:
-    """Maps ω to the normalised variable x = (v − center)/half_width, x ∈ [−1, 1] over the sweep.
+    """Maps ω to the normalised variable x = (ω² − center)/half_width, x ∈ [−1, 1] over the sweep.
+
+    In ω² the λ of eq 14 is a simple pole for constant complex moduli (hysteretic loss). It is one for viscous loss
+    too: 1/(ω₁² − ω² + jωγ) has its pole at ω² = −p², and √ω² is smooth elsewhere in the sweep, so that the mirror
+    image −p* and the frequency dependence of the loss are background.
 
     Attributes
     ----------
-    center, half_width : of v, in rad²/s² (squared) or rad/s (linear)
-    squared : True for v = ω², exact for constant complex moduli (hysteretic loss, λ of eq 14 is a simple pole
-        in ω²); False for v = ω, where a viscous pole is simple too and its mirror image −p* is background
+    center, half_width : rad²/s²
     """
 
     center: float
     half_width: float
-    squared: bool
 
     @classmethod
-    def of(cls, omega: np.ndarray, squared: bool = True) -> FrequencyAxis:
+    def of(cls, omega: np.ndarray) -> FrequencyAxis:
         """The axis that spans the sweep `omega` (n,) rad/s."""
-        v = omega**2 if squared else omega
-        return cls(float(v[0] + v[-1]) / 2, float(v[-1] - v[0]) / 2, squared)
+        low, high = float(omega[0]) ** 2, float(omega[-1]) ** 2
+        return cls((low + high) / 2, (high - low) / 2)
 
     def x(self, omega: np.ndarray) -> np.ndarray:
         """Normalised variable of (real or complex) ω."""
-        return ((omega**2 if self.squared else omega) - self.center) / self.half_width
+        return (omega**2 - self.center) / self.half_width
 
     def eigenvalue(self, x: np.ndarray) -> np.ndarray:
-        """λ = v (squared) or v² (linear), rad²/s², of normalised positions x."""
-        v = self.center + self.half_width * np.asarray(x)
-        return v if self.squared else v**2
-
-    def eigenvalue_slope(self, x: np.ndarray) -> np.ndarray:
-        """dλ/dx, rad²/s²."""
-        v = self.center + self.half_width * np.asarray(x)
-        return np.full(v.shape, self.half_width, complex) if self.squared else 2 * v * self.half_width
+        """λ, rad²/s², of normalised positions x."""
+        return self.center + self.half_width * np.asarray(x)
 
 
 @dataclass(frozen=True)

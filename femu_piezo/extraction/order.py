@@ -76,7 +76,7 @@ def is_passive(model: RationalModel) -> bool:
     """
     value = model.axis.eigenvalue(model.poles)
     inside = (np.abs(model.poles.real) <= 1) & (value.imag > 0) & (value.imag < MAX_LOSS * value.real)
-    residue = model.residues * model.axis.eigenvalue_slope(model.poles)
+    residue = model.residues
     return bool(np.all(np.abs(np.angle(residue[inside])) <= MAX_PHASE))
 
 

@@ -125,28 +125,23 @@ def _coupled(found: ResonanceSet, i: int, j: int) -> Pair:
 
 
 def _poles(model: RationalModel) -> list[_Root]:
-    slope = model.axis.eigenvalue_slope(model.poles)
-    values = model.axis.eigenvalue(model.poles)
-    out = []
-    for m in range(model.poles.size):
-        gradient = np.zeros(model.size, complex)
-        gradient[m] = slope[m]
-        # Y = s·Q, Q ≈ scale·r·λ'/(λ_m − λ) near the pole, λ = −s²: residue of Y at s = p is scale·r·λ'/2
-        residue = complex(model.scale * model.residues[m] * slope[m] / 2)
-        out.append(_Root("pole", complex(values[m]), gradient, residue))
+    out, width = [], model.axis.half_width
+    for m, x in enumerate(model.poles):
+        # Y = s·Q and Q ≈ scale·width·r/(λ_m + s²) near s = p, λ_m = −p²: the residue of Y is scale·width·r/2
+        residue = complex(model.scale * width * model.residues[m] / 2)
+        out.append(_Root("pole", complex(model.axis.eigenvalue(x)), width * np.eye(model.size)[m], residue))
     return out
 
 
 def _zeros(model: RationalModel) -> list[_Root]:
-    out = []
+    out, width = [], model.axis.half_width
     for x in model.zeros():
         value = complex(model.axis.eigenvalue(x))
-        slope = complex(model.axis.eigenvalue_slope(x))
         if not 0 <= value.imag <= 2 * MAX_LOSS * value.real:
             continue
-        # Z = 1/(s·Q): residue at s = z is 1/(z dQ/ds), dQ/ds = −2z dQ/dλ, z² = −λ
-        residue = 1 / (2 * value * model.scale * complex(model.charge_slope(np.array(x))) / slope)
-        out.append(_Root("zero", value, slope * model.zero_derivative(x), complex(residue)))
+        # Z = 1/(s·Q): the residue at s = z is 1/(z dQ/ds), dQ/ds = −2z dQ/dλ, z² = −λ
+        residue = 1 / (2 * value * model.scale * complex(model.charge_slope(np.array(x))) / width)
+        out.append(_Root("zero", value, width * model.zero_derivative(x), residue))
     return out
 
 

@@ -110,7 +110,7 @@ def rational_stabilization(
     and reweighted by 1/|D| (Sanathanan and Koerner 1963). Quick and free of choices, but biased by noise: the
     diagram shows which modes are there, the maximum-likelihood fit says where.
     """
-    data = SweepData.of(spectrum.omega, spectrum.admittance, np.ones(len(spectrum)), squared=True)
+    data = SweepData.of(spectrum.omega, spectrum.admittance, np.ones(len(spectrum)))
     low, high = (2 * np.pi * spectrum.frequency[0]) ** 2, (2 * np.pi * spectrum.frequency[-1]) ** 2
     poles, zeros = {}, {}
     for order in range(1, min(max_order, len(spectrum) // 3) + 1):

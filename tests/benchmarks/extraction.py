@@ -8,6 +8,7 @@ from the repository root. Truth: the exact 1-D bar (tests/extraction/bar.py); bo
 from __future__ import annotations
 
 import argparse
+import os
 import time
 import warnings
 from pathlib import Path
@@ -17,6 +18,7 @@ from scipy.interpolate import AAA
 
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.prony_ss import prony_ss
+from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 from ..extraction.bar import Bar, close_pair, sweep, truth_of
@@ -136,7 +138,9 @@ def against_bound(title, truth, frequency, noise, draws, names=None) -> None:
     exact = 1 / (1j * omega * truth.charge(omega))
     targets = (truth.poles[0], truth.zeros[0])
     print(f"\n{title}, {frequency.size} points, noise {noise:g}, {draws} draws, degree {bound.degree} in the bound")
-    print(f"  {'method':20}{'':5}{'rms/bound':>10}{'bias/σ':>9}{'68 %':>7}{'95 %':>7}{'failed':>8}{'ms':>7}")
+    print(
+        f"  {'method':20}{'':5}{'rms/bound':>10}{'median':>9}{'bias/σ':>9}{'68 %':>7}{'95 %':>7}{'failed':>8}{'ms':>7}"
+    )
     for name, method in methods(noise).items():
         if names is not None and name not in names:
             continue
@@ -149,13 +153,14 @@ def against_bound(title, truth, frequency, noise, draws, names=None) -> None:
         good = [r for r in results if r is not None]
         for i, kind in enumerate(("pole", "zero")):
             if not good:
-                print(f"  {name:20}{kind:5}{'-':>10}{'-':>9}{'-':>7}{'-':>7}{draws:>8}{spent:>7.0f}")
+                print(f"  {name:20}{kind:5}{'-':>10}{'-':>9}{'-':>9}{'-':>7}{'-':>7}{draws:>8}{spent:>7.0f}")
                 continue
             errors = [r[i][0] - targets[i] for r in good]
             stated = [r[i][1] for r in good] if name == "maximum likelihood" else None
             s = score(errors, stated, (bound.poles if i == 0 else bound.zeros)[0])
             cover = "".join(f"{'-':>7}" if np.isnan(c) else f"{100 * c:>7.1f}" for c in (s.cover68, s.cover95))
-            print(f"  {name:20}{kind:5}{s.rms:>10.3g}{s.bias:>9.2g}{cover}{draws - len(good):>8}{spent:>7.0f}")
+            figures = f"{s.rms:>10.3g}{s.median:>9.3g}{s.bias:>9.2g}{cover}"
+            print(f"  {name:20}{kind:5}{figures}{draws - len(good):>8}{spent:>7.0f}")
 
 
 def close_modes(draws) -> None:
@@ -189,6 +194,26 @@ def close_modes(draws) -> None:
         print(f"  noise {noise:g}: both found {seen}/{draws}, bound of the weak λ {weak:.1e}; rms/bound: {ratios}")
 
 
+def measured(folder: Path) -> None:
+    """Poles, zeros and quality factors of the measured sweeps."""
+    if not folder.is_dir():
+        print(f"\nmeasured sweeps are not at {folder}; set FEMU_PIEZO_MEASURED")
+        return
+    print("\nMeasured sweeps (deviations from leaving out twentieths of the sweep)")
+    for name in ("k31_bar_pzt_12x3x1mm.txt", "disk_radial_35x2mm.csv", "hp4294a_sample.txt"):
+        found = extract(read_spectrum(folder / name, correct_phase=name.startswith("hp")))
+        print(f"  {name}: residual rms {np.sqrt(found.reduced_chi_square):.2f} σ, status {found.status}")
+        for r in (*found.resonances.poles, *found.resonances.zeros):
+            print(
+                f"    {r.kind} {r.frequency_Hz:10.1f} ± {r.std_Hz:6.1f} Hz  loss {r.loss:.5f} ± {r.std_loss:.5f}"
+                f"  Q {r.quality_factor:6.1f}"
+            )
+        for pair in found.pairs:
+            print(f"    k_eff {pair.k_eff:.4f} ± {pair.std_k_eff:.4f}")
+        for remark in found.remarks:
+            print(f"    {remark}")
+
+
 def main() -> None:
     """Print every table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -216,6 +241,8 @@ def main() -> None:
         for frequency in list_:
             against_bound(f"fundamental, {name}", truth_of(BAR, 1), frequency, 1e-3, draws, ["maximum likelihood"])
     close_modes(draws)
+    here = Path(__file__).resolve().parents[3] / "shared" / "measured"
+    measured(Path(os.environ.get("FEMU_PIEZO_MEASURED", here)))
     print(f"\n{time.perf_counter() - started:.0f} s, {Path(__file__).name}")
 
 

@@ -97,11 +97,13 @@ def _rest_at(truth: Truth, zero: complex, s, degree: int, background, q) -> comp
 class Score:
     """Errors of one resonance over many draws, against its bound.
 
-    rms : rms |δλ| / bound; bias : |mean| of Re and of Im in units of the bound's std of that part;
+    rms : rms |δλ| / bound; median : median |δλ| / bound, 0.83 for Gaussian errors at the bound;
+    bias : |mean| of Re and of Im in units of the bound's std of that part;
     cover68, cover95 : share of Re and Im inside the stated 68 % and 95 % intervals, nan without covariance
     """
 
     rms: float
+    median: float
     bias: float
     cover68: float
     cover95: float
@@ -113,7 +115,8 @@ def score(errors, deviations, bound: float) -> Score:
     part = bound / np.sqrt(2)
     bias = max(abs(errors.real.mean()), abs(errors.imag.mean())) / part
     rms = float(np.sqrt(np.mean(np.abs(errors) ** 2)) / bound)
+    median = float(np.median(np.abs(errors)) / bound)
     if deviations is None:
-        return Score(rms, float(bias), float("nan"), float("nan"))
+        return Score(rms, median, float(bias), float("nan"), float("nan"))
     scaled = np.abs(np.column_stack([errors.real, errors.imag]) / np.asarray(deviations))
-    return Score(rms, float(bias), float(np.mean(scaled < 0.99446)), float(np.mean(scaled < 1.95996)))
+    return Score(rms, median, float(bias), float(np.mean(scaled < 0.99446)), float(np.mean(scaled < 1.95996)))

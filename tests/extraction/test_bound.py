@@ -34,7 +34,7 @@ def study(truth, frequency, noise, draws, seed=0):
 
 @pytest.mark.parametrize(("low", "high", "mode"), [(28e3, 48e3, 1), (90e3, 130e3, 2)])
 def test_bound_in_a_few_draws(low, high, mode):
-    draws = 25
+    draws = 16
     for s in study(truth_of(BAR, mode), np.linspace(low, high, 401), 1e-3, draws).values():
         # 2·draws squared Gaussian errors: four standard deviations of their mean, about the goal 1.15
         assert s.rms**2 < 1.15**2 * (1 + 4 / np.sqrt(draws))

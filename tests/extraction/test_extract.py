@@ -28,6 +28,22 @@ def test_noise_free_poles_and_zeros_are_exact(low, high, points, modes):
     assert max(relative_errors(found.zeros, [BAR.zero(n) for n in modes])) < 1e-8
 
 
+def test_viscous_circuit_is_exact_too():
+    """Butterworth-Van Dyke circuit: C0 beside R-L-C, poles −R/2L ± j…, no hysteretic loss anywhere."""
+    frequency = np.linspace(28e3, 48e3, 401)
+    c0, c1, w1, q = 1e-9, 0.14e-9, 2 * np.pi * 35e3, 60.0
+    inductance = 1 / (w1**2 * c1)
+    resistance = w1 * inductance / q
+    s = 2j * np.pi * frequency
+    z = 1 / (s * c0 + 1 / (resistance + s * inductance + 1 / (s * c1)))
+    decay = resistance / (2 * inductance)
+    pole = -decay + 1j * np.sqrt(w1**2 - decay**2)
+    zero = -decay + 1j * np.sqrt((1 / c1 + 1 / c0) / inductance - decay**2)
+    found = extract(ImpedanceSpectrum(frequency, z)).resonances
+    assert found.poles[0].pole_s == pytest.approx(pole, rel=1e-8)
+    assert found.zeros[0].pole_s == pytest.approx(zero, rel=1e-8)
+
+
 def test_residues_are_those_of_y_and_z():
     found = extract(sweep(BAR, np.linspace(28e3, 48e3, 401))).resonances
     # Y = s·Q, Q = R/(λ_p + s²): residue at s = p is R/2
