@@ -74,7 +74,7 @@ def unit_box(divisions: tuple[int, int, int]) -> skfem.MeshHex:
 
 def read_hexahedra(path: Path) -> skfem.MeshHex:
     """A hexahedral gmsh file as a scikit-fem mesh; physical surfaces become named boundaries."""
-    mesh = skfem.io.meshio.from_meshio(meshio.read(path), ignore_orientation=True)
+    mesh = skfem.io.meshio.from_meshio(meshio.read(path, file_format="gmsh"), ignore_orientation=True)
     return replace(mesh, _subdomains=None)
 
 
