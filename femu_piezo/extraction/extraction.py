@@ -13,6 +13,7 @@ from femu_piezo.extraction.findings import (
     find_missing,
     find_reversed,
     find_systematic,
+    gravest_first,
     too_few_points,
 )
 from femu_piezo.extraction.fit import Fit, SweepData, solve_linear
@@ -52,10 +53,10 @@ def extract(
     """
     _check(spectrum, method, max_modes)
     n = len(spectrum)
-    if n < MIN_POINTS:
-        return _nothing(spectrum, too_few_points(spectrum, MIN_POINTS))
     clipped, findings = find_clipping(spectrum)
     used = ~clipped
+    if np.count_nonzero(used) < MIN_POINTS:
+        return _nothing(spectrum, [too_few_points(spectrum, int(np.count_nonzero(used)), MIN_POINTS), *findings])
     sweep = spectrum.select(used)
     band = (float(spectrum.frequency[0]), float(spectrum.frequency[-1]))
     if method == "prony_ss":
@@ -67,7 +68,7 @@ def extract(
         spread = jackknife_spread(result, data) if data.phi else None
         fisher = fisher_spread(result.model, data, scale)
         roots = resonances(result.model, fisher, spread or fisher, band)
-    findings = findings + find_systematic(data) + find_reversed(data) + find_missing(roots, spectrum)
+    findings = gravest_first(findings + find_systematic(data) + find_reversed(data) + find_missing(roots, spectrum))
     impedance = 1 / result.model.admittance(spectrum.omega)
     residual = np.full(n, complex("nan+nanj"))
     sigma = sweep.noise if noise.origin == "file" else noise.std(impedance[used])
@@ -85,7 +86,7 @@ def extract(
         reduced_chi_square=float(np.sum(np.abs(residual[used]) ** 2) / freedom),
         model=result.model,
         orders=tuple(tried),
-        findings=tuple(findings),
+        findings=findings,
         method=method,
     )
 
@@ -133,13 +134,13 @@ def _check(spectrum: ImpedanceSpectrum, method: str, max_modes: int | None) -> N
         )
 
 
-def _nothing(spectrum: ImpedanceSpectrum, finding: Finding) -> Extraction:
+def _nothing(spectrum: ImpedanceSpectrum, findings: list[Finding]) -> Extraction:
     n = len(spectrum)
     missing = np.full(n, complex("nan+nanj"))
     return Extraction(
         spectrum=spectrum,
         used=np.zeros(n, bool),
-        resonances=ResonanceSet((), (), None, (finding.sentence,)),
+        resonances=ResonanceSet((), (), None, tuple(f.sentence for f in findings)),
         pairs=(),
         outside=(),
         impedance=missing,
@@ -148,5 +149,5 @@ def _nothing(spectrum: ImpedanceSpectrum, finding: Finding) -> Extraction:
         reduced_chi_square=float("nan"),
         model=None,
         orders=(),
-        findings=(finding,),
+        findings=tuple(findings),
     )

@@ -13,19 +13,37 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 CLIPPED_RUN = 4  # so many equal extreme readings side by side are a clipped peak, not chance
 
 
+# Every code, the gravest first
+CODES = (
+    "too_few_points",
+    "no_resonance",
+    "clipped",
+    "zero_outside_sweep",
+    "pole_outside_sweep",
+    "negative_resistance",
+    "noise_underestimated",
+    "correlated_residual",
+)
+
+
 @dataclass(frozen=True)
 class Finding:
-    """One thing missing or doubtful: a code for programs, a sentence for people."""
+    """One thing missing or doubtful: a code (one of `CODES`) for programs, a sentence for people."""
 
     code: str
     sentence: str
 
 
-def too_few_points(spectrum: ImpedanceSpectrum, needed: int) -> Finding:
+def gravest_first(findings: list[Finding]) -> tuple[Finding, ...]:
+    """The findings in the order of `CODES`."""
+    return tuple(sorted(findings, key=lambda finding: CODES.index(finding.code)))
+
+
+def too_few_points(spectrum: ImpedanceSpectrum, usable: int, needed: int) -> Finding:
     """Fewer points than the smallest model with one mode and a capacitance has unknowns."""
     return Finding(
         "too_few_points",
-        f"{spectrum.source}: {len(spectrum)} points are fewer than the {needed} that one resonance on a "
+        f"{spectrum.source}: {usable} usable points are fewer than the {needed} that one resonance on a "
         "background needs; measure more points",
     )
 
@@ -33,6 +51,8 @@ def too_few_points(spectrum: ImpedanceSpectrum, needed: int) -> Finding:
 def find_clipping(spectrum: ImpedanceSpectrum) -> tuple[np.ndarray, list[Finding]]:
     """(n,) bool: runs of at least `CLIPPED_RUN` equal readings at the largest or smallest |Z|."""
     size = np.abs(spectrum.impedance)
+    if size.size < CLIPPED_RUN:
+        return np.zeros(size.size, bool), []
     clipped = np.zeros(size.size, bool)
     findings = []
     for extreme, name in ((size.max(), "largest"), (size.min(), "smallest")):

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femu_piezo.errors import InputError
 from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.extraction.stabilization import StabilizationDiagram, rational_stabilization
 
@@ -26,8 +25,8 @@ LABELLED = 6  # so many resonances are written out
 def extraction_figure(extraction: Extraction) -> Figure:
     """|Z| and phase with the fit, the residual in σ, and one stabilization diagram each for poles and zeros.
 
-    Blue marks poles, green zeros. The diagrams are those of the method used: Prony-SS, or rational least-squares
-    fits of growing order for the maximum-likelihood method.
+    Where nothing could be fitted: the sweep and why. Blue marks poles, green zeros. The diagrams are those of the
+    method used: Prony-SS, or rational least-squares fits of growing order for the maximum-likelihood method.
     """
     from matplotlib.figure import Figure
 
@@ -40,9 +39,10 @@ def extraction_figure(extraction: Extraction) -> Figure:
     for name in ("phase", "residual", "poles", "zeros"):
         axes[name].sharex(axes["magnitude"])
     _curves(extraction, axes["magnitude"], axes["phase"], factor)
-    _residual(extraction, axes["residual"], factor)
-    for name, diagram in zip(("poles", "zeros"), _diagrams(extraction), strict=True):
-        _stabilization(extraction, axes[name], diagram, name, factor)
+    if extraction.model is not None:
+        _residual(extraction, axes["residual"], factor)
+        for name, diagram in zip(("poles", "zeros"), _diagrams(extraction), strict=True):
+            _stabilization(extraction, axes[name], diagram, name, factor)
     for name in ("residual", "poles", "zeros", "phase"):
         axes[name].set_xlabel(label)
     axes["magnitude"].set_xscale("log" if _is_wide(extraction) else "linear")
@@ -72,7 +72,8 @@ def _mark(extraction: Extraction, axes: Axes, factor: float) -> None:
 
 
 def _curves(extraction: Extraction, magnitude: Axes, phase: Axes, factor: float) -> None:
-    spectrum, used = extraction.spectrum, extraction.used
+    spectrum = extraction.spectrum
+    used = extraction.used if extraction.model is not None else np.ones(len(spectrum), bool)
     x = spectrum.frequency * factor
     magnitude.semilogy(x[used], np.abs(spectrum.impedance[used]), label="measured", **DATA)
     phase.plot(x[used], np.degrees(np.angle(spectrum.impedance[used])), **DATA)
@@ -80,8 +81,9 @@ def _curves(extraction: Extraction, magnitude: Axes, phase: Axes, factor: float)
         magnitude.semilogy(
             x[~used], np.abs(spectrum.impedance[~used]), "x", color="#e67e22", markersize=4, label="left out"
         )
-    magnitude.semilogy(x, np.abs(extraction.impedance), label="fit", **FIT)
-    phase.plot(x, np.degrees(np.angle(extraction.impedance)), **FIT)
+    if extraction.model is not None:
+        magnitude.semilogy(x, np.abs(extraction.impedance), label="fit", **FIT)
+        phase.plot(x, np.degrees(np.angle(extraction.impedance)), **FIT)
     for axes in (magnitude, phase):
         _mark(extraction, axes, factor)
     magnitude.plot([], [], color=POLE, label="pole")
@@ -107,8 +109,6 @@ def _diagrams(extraction: Extraction) -> tuple[StabilizationDiagram, Stabilizati
     sweep = extraction.spectrum.select(extraction.used)
     if extraction.method == "prony_ss":
         return prony_ss(sweep, "pole").diagram, prony_ss(sweep, "zero").diagram
-    if len(sweep) < 9:
-        raise InputError(f"{sweep.source}: {len(sweep)} points are too few for a stabilization diagram")
     return rational_stabilization(sweep)
 
 

@@ -133,6 +133,14 @@ def test_too_few_points_are_named():
     assert json.loads(json.dumps(found.to_json()))["points_used"] == 0
 
 
+def test_a_sweep_clipped_to_nothing_is_named():
+    frequency = np.linspace(28e3, 48e3, 12)
+    z = BAR.impedance(frequency)
+    found = extract(ImpedanceSpectrum(frequency, z / np.abs(z) * 100.0))
+    assert found.status == "too_few_points"
+    assert "clipped" in [f.code for f in found.findings]
+
+
 def test_json_contract():
     record = json.loads(json.dumps(extract(sweep(BAR, np.linspace(28e3, 48e3, 201), relative=1e-3)).to_json()))
     assert set(record["poles"][0]) == {"frequency_Hz", "loss", "std_Hz", "std_loss"}

@@ -15,7 +15,7 @@ BAR = Bar()
 
 @pytest.mark.parametrize(
     ("method", "frequency"),
-    [("maximum_likelihood", np.linspace(28e3, 48e3, 301)), ("prony_ss", np.arange(100.0, 100_001.0, 200.0))],
+    [("maximum_likelihood", np.linspace(28e3, 48e3, 301)), ("prony_ss", np.arange(100.0, 100_001.0, 250.0))],
 )
 def test_figure_shows_fit_residual_and_diagram(method, frequency, tmp_path):
     data = sweep(BAR, frequency, relative=1e-3, seed=1)
@@ -37,6 +37,15 @@ def test_figure_shows_fit_residual_and_diagram(method, frequency, tmp_path):
     ]
     at = min(abs(line.get_xdata()[0] * 1e3 - extraction.resonances.poles[0].frequency_Hz) for line in columns)
     assert at < 5
+    figure.savefig(tmp_path / "extraction.png")
+
+
+def test_figure_of_too_few_points_says_so(tmp_path):
+    data = sweep(BAR, np.linspace(34e3, 36e3, 5))
+    figure = extraction_figure(extract(data))
+    written = " ".join(text.get_text() for axes in figure.axes for text in axes.texts)
+    assert "5 usable points are fewer than the 8" in written
+    assert figure.axes[0].get_lines()[0].get_ydata() == pytest.approx(np.abs(data.impedance))
     figure.savefig(tmp_path / "extraction.png")
 
 
