@@ -11,9 +11,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from femu_piezo.errors import InputError
+from femu_piezo.measurement.orientation import misread_as
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 FEWEST_POINTS = 8
+_CAUSES = {
+    "phase_turned": "{told}: the phase is turned by 180°; set correct_phase = true in [measurement] of the specimen "
+    "file (or --correct-phase) to turn it back",
+    "reactance_sign": "the locus of Z turns counter-clockwise as the frequency rises, which no passive piece does; the "
+    "sign of the reactance (phase, susceptance) is swapped: change the sign of that column",
+    "resistance_sign": "{told} and the locus turns counter-clockwise; change the sign of the resistance column",
+    "columns_exchanged": "{told} and the piece looks like a resistor; the columns of resistance and reactance are "
+    "exchanged: exchange them or their names",
+    "admittance_exchanged": "the piece looks like a resistor over most of the sweep; the columns of conductance and "
+    "susceptance are exchanged: exchange them or their names",
+}
 
 
 @dataclass(frozen=True)
@@ -22,8 +34,8 @@ class DataFault:
 
     Attributes
     ----------
-    kind : "too_few", "khz_for_hz", "phase_turned", "columns_exchanged", "resistance_sign", "reactance_sign",
-        "not_passive" or "rough"
+    kind : "too_few", "khz_for_hz", "phase_turned", "reactance_sign", "resistance_sign",
+        "columns_exchanged", "admittance_exchanged", "not_passive" or "rough"
     message : one sentence with the numbers and the remedy
     indices : (k,) int, the points concerned, counted from 0; empty where it is the whole sweep
     fatal : whether the sweep cannot be used as it is
@@ -93,18 +105,6 @@ def check_spectrum(spectrum: ImpedanceSpectrum, *, hertz_stated: bool = True) ->
     return sorted((fault for fault in faults if fault), key=lambda fault: not fault.fatal)
 
 
-def turning_sense(impedance: np.ndarray) -> float:
-    """½ ∫ |Γ|² dφ of the reflection Γ = (Z − Z0)/(Z + Z0), Z0 the geometric mean of |Z|; rad.
-
-    Negative (clockwise) for every passive one-port over rising frequency (Foster; for losses the positive-real
-    functions); positive where the sign of the reactance is wrong. The noise of single points averages out.
-    """
-    impedance = impedance[impedance.real >= 0]  # the others, of noise or a fault, may have an infinite reflection
-    reference = np.exp(np.mean(np.log(np.abs(impedance)))) if impedance.size else 1.0
-    reflection = (impedance - reference) / (impedance + reference)
-    return float(0.5 * np.sum(np.imag(np.conj(reflection[:-1]) * reflection[1:])))
-
-
 def _frequency_unit(spectrum: ImpedanceSpectrum, hertz_stated: bool) -> DataFault | None:
     """Frequencies of a few hundred "Hz" that must be kHz."""
     low, high = spectrum.frequency[[0, -1]]
@@ -142,46 +142,20 @@ def _roughness(spectrum: ImpedanceSpectrum) -> DataFault | None:
 
 
 def _passivity(spectrum: ImpedanceSpectrum) -> list[DataFault]:
-    """Negative resistance and a locus that turns the wrong way."""
-    z = spectrum.impedance
-    negative = np.flatnonzero(z.real < 0)
-    share = negative.size / z.size
-    told = f"Re Z is negative at {negative.size} of {z.size} points"
-    if share > 0.5 and _mostly_turned(z):
-        counter_clockwise = turning_sense(-z) > 0.2
-        exchanged = z.imag + 1j * z.real
-        if counter_clockwise and np.mean(exchanged.real >= 0) > 0.9:
-            message = f"{told} while Im Z is positive; the columns of resistance and reactance are exchanged"
-            return [DataFault("columns_exchanged", message, negative)]
-        if counter_clockwise:
-            message = f"{told} and the locus turns counter-clockwise; change the sign of the resistance column"
-            return [DataFault("resistance_sign", message, negative)]
-        message = (
-            f"{told}: the phase is turned by 180°; set correct_phase = true in [measurement] of the specimen file "
-            "(or --correct-phase) to turn it back"
-        )
-        return [DataFault("phase_turned", message, negative)]
-    faults = []
-    if turning_sense(z if share <= 0.5 else -z) > 0.2:
-        message = (
-            "the locus of Z turns counter-clockwise with rising frequency, against any passive piece; the sign of the "
-            "reactance (or phase, or susceptance) is swapped: change the sign of that column, or exchange the two"
-        )
-        faults.append(DataFault("reactance_sign", message, np.array([], dtype=int)))
-    if negative.size:
-        worst = negative[np.argmin(z.real[negative] / np.abs(z[negative]))]
-        first = ", ".join(f"{f:.6g}" for f in spectrum.frequency[negative[:3]])
-        message = (
-            f"{told} (at {first}{' …' if negative.size > 3 else ''} Hz; the phase reaches "
-            f"{np.degrees(np.angle(z[worst])):.2f}° at {spectrum.frequency[worst]:.6g} Hz), which no passive piece "
-            "does; check the compensation of the fixture, or leave these points out"
-        )
-        faults.append(DataFault("not_passive", message, negative, fatal=False))
-    return faults
-
-
-def _mostly_turned(impedance: np.ndarray) -> bool:
-    """Whether Re Z is negative in earnest, not by a small error of the phase near ±90°."""
-    cosine = impedance.real / np.abs(impedance)
-    strongest = np.argsort(np.abs(cosine))[-max(3, cosine.size // 20) :]
-    return bool(np.median(cosine[strongest]) < -0.1)
+    """Signs and columns in the wrong place; single points of negative resistance."""
+    cause = misread_as(spectrum.impedance)
+    negative = np.flatnonzero(spectrum.impedance.real < 0)
+    told = f"Re Z is negative at {negative.size} of {len(spectrum)} points"
+    if cause is not None:
+        return [DataFault(cause, _CAUSES[cause].format(told=told), negative)]
+    if not negative.size:
+        return []
+    cosine = spectrum.impedance.real / np.abs(spectrum.impedance)
+    worst = int(np.argmin(cosine))
+    first = ", ".join(f"{f:.6g}" for f in spectrum.frequency[negative[:3]])
+    message = (
+        f"{told} (at {first}{' …' if negative.size > 3 else ''} Hz; the phase is "
+        f"{np.degrees(np.angle(spectrum.impedance[worst])):.2f}° at {spectrum.frequency[worst]:.6g} Hz), which no "
+        "passive piece does; check the compensation of the fixture, or leave these points out"
+    )
+    return [DataFault("not_passive", message, negative, fatal=False)]

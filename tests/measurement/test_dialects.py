@@ -1,0 +1,178 @@
+"""Every dialect that is understood gives back the numbers that were written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from femu_piezo.errors import InputError
+from femu_piezo.measurement.columns import parse_column
+from femu_piezo.measurement.readers import read_spectrum, write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+
+from .sweeps import SOFT, bar_impedance, columns_of, write_4294a, write_e4990a
+
+FREQUENCY = np.linspace(30e3, 50e3, 41)
+IMPEDANCE = bar_impedance(FREQUENCY, **SOFT)
+HEADERS = {
+    "z_deg": [
+        ("|Z| (Ohm)", "theta (deg)"),
+        ("|Z| [kΩ]", "θ [°]"),
+        ("Zabs/MOhm", "phase(Z)/deg"),
+        ("Z_ohm", "Phase_deg"),
+    ],
+    "z_rad": [("|Z| (Ohm)", "theta (rad)"), ("Impedance (mOhm)", "Phase angle (mrad)")],
+    "rx": [("R (Ohm)", "X (Ohm)"), ("Re(Z) (kOhm)", "Im(Z) (kOhm)"), ("Z'/Ω", "-Z''/Ω"), ("resistance", "reactance")],
+    "y_deg": [("|Y| (mS)", "theta (deg)"), ("Ymag [µS]", "thetaY [deg]"), ("Magnitude (S)", "Phase (deg)")],
+    "gb": [("G (S)", "B (S)"), ("conductance (uS)", "susceptance (mS)"), ("Re(Y) (nS)", "Im(Y) (nS)")],
+}
+FREQUENCY_NAMES = ("f (Hz)", "Frequency [kHz]", "freq/MHz", "frequency_Hz", "Frequency", "f in GHz", "FREQ(KHZ)")
+
+
+def read_text(folder: Path, text: str, encoding: str = "utf-8", **options) -> ImpedanceSpectrum:
+    path = folder / "sweep.txt"
+    path.write_bytes(text.encode(encoding))
+    return read_spectrum(path, **options)
+
+
+def assert_same(spectrum: ImpedanceSpectrum, rtol: float = 1e-12) -> None:
+    assert len(spectrum) == FREQUENCY.size
+    np.testing.assert_allclose(spectrum.frequency, FREQUENCY, rtol=rtol)
+    assert np.max(np.abs(spectrum.impedance / IMPEDANCE - 1)) < 10 * rtol
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=250)
+@given(st.data())
+def test_any_dialect_reads_the_same_numbers(tmp_path: Path, data: st.DataObject) -> None:
+    pair = data.draw(st.sampled_from(sorted(HEADERS)))
+    names = [data.draw(st.sampled_from(FREQUENCY_NAMES)), *data.draw(st.sampled_from(HEADERS[pair]))]
+    scales = [parse_column(name).scale if pair[:1] not in "zy" or i < 2 else None for i, name in enumerate(names)]
+    columns = [FREQUENCY, *columns_of(FREQUENCY, IMPEDANCE, pair)]
+    if scales[2] is None:
+        scales[2] = 1e-3 if "mrad" in names[2] else 1.0  # columns_of gives the unit of the header already
+    columns = [column / scale for column, scale in zip(columns, scales, strict=True)]
+    order = data.draw(st.permutations(range(3)))
+    delimiter = data.draw(st.sampled_from([",", ";", "\t", ", ", "   "]))
+    comma = delimiter in (";", "\t") and data.draw(st.booleans())
+    quoted = data.draw(st.booleans()) or delimiter == "   "
+    comment = data.draw(st.sampled_from(["", "# ", "% ", "! "]))
+    header = delimiter.join(f'"{names[i]}"' if quoted else names[i] for i in order)
+    rows = [delimiter.join(repr(float(columns[i][k])) for i in order) for k in range(FREQUENCY.size)]
+    if comma:
+        rows = [row.replace(".", ",") for row in rows]
+    if data.draw(st.booleans()):
+        rows.insert(7, "# a remark, 1, 2")
+        rows.insert(9, "")
+    before = data.draw(st.sampled_from([[], ["instrument X, 2020", ""], ["# made by hand"]]))
+    lines = [*before, comment + header, *rows, ""]
+    text = data.draw(st.sampled_from(["\n", "\r\n", "\r"])).join(lines)
+    assert_same(read_text(tmp_path, text, data.draw(st.sampled_from(["utf-8", "utf-8-sig", "utf-16", "utf-16-le"]))))
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=40)
+@given(st.integers(8, 60), st.booleans(), st.integers(0, 2**31))
+def test_our_csv_keeps_every_bit(tmp_path: Path, points: int, noisy: bool, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    frequency = np.sort(rng.uniform(1e4, 1e6, points))
+    impedance = bar_impedance(frequency, **SOFT)
+    noise = rng.uniform(1e-3, 1, points) if noisy else None
+    path = tmp_path / "impedance.csv"
+    write_spectrum(ImpedanceSpectrum(frequency, impedance, noise), path)
+    assert path.read_text().splitlines()[0].startswith("frequency_Hz,resistance_ohm,reactance_ohm")
+    spectrum = read_spectrum(path)
+    np.testing.assert_array_equal(spectrum.frequency, frequency)
+    np.testing.assert_array_equal(spectrum.impedance, impedance)
+    assert (spectrum.noise is None) == (noise is None)
+    if noisy:
+        np.testing.assert_array_equal(spectrum.noise, noise)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["impedance.csv"]
+
+
+@pytest.mark.parametrize(
+    ("parameter", "pair"),
+    [
+        ("IMPEDANCE MAG PHASE (DEG)", "z_deg"),
+        ("IMPEDANCE MAG PHASE (RAD)", "z_rad"),
+        ("ADMITTANCE MAG PHASE (DEG)", "y_deg"),
+        ("R-X", "rx"),
+        ("IMPEDANCE REAL IMAG", "rx"),
+        ("G-B", "gb"),
+    ],
+)
+def test_4294a(tmp_path: Path, parameter: str, pair: str) -> None:
+    assert_same(read_text(tmp_path, write_4294a(FREQUENCY, *columns_of(FREQUENCY, IMPEDANCE, pair), parameter)), 1e-11)
+
+
+def test_4294a_faults(tmp_path: Path) -> None:
+    pair = columns_of(FREQUENCY, IMPEDANCE, "z_deg")
+    text = write_4294a(FREQUENCY, *pair, "IMPEDANCE MAG PHASE (DEG)")
+    lines = text.splitlines()
+    for wrong, told in (
+        (write_4294a(FREQUENCY, *pair, "CP-D"), "measure parameter 'CP-D' is not understood"),
+        (write_4294a(FREQUENCY, *pair, "IMPEDANCE MAG PHASE (DEG)", "LIN OSC"), "over frequency"),
+        ("\n".join(lines[:60]), "points where the head says 41|two are needed"),
+        ("\n".join(lines[:40]) + "\n", "points where the head says 41"),
+        (text.replace("Data Trace Real", "Memory Trace Real"), "Data Trace Real"),
+    ):
+        with pytest.raises(InputError, match=told):
+            read_text(tmp_path, wrong)
+
+
+@pytest.mark.parametrize(
+    ("names", "pair"),
+    [
+        ("|Z|(Ohm)-data, theta-z(deg)-data", "z_deg"),
+        ("R(Ohm)-data, X(Ohm)-data", "rx"),
+        ("Z-Real(Ohm)-data, Z-Imag(Ohm)-data", "rx"),
+        ("G(S)-data, B(S)-data", "gb"),
+        ("Y-Real(S)-data, Y-Imag(S)-data", "gb"),
+        ("|Y|(S)-data, theta-y(deg)-data", "y_deg"),
+    ],
+)
+@pytest.mark.parametrize("memory", [False, True])
+def test_e4990a(tmp_path: Path, names: str, pair: str, memory: bool) -> None:
+    text = write_e4990a(FREQUENCY, *columns_of(FREQUENCY, IMPEDANCE, pair), names, memory)
+    assert_same(read_text(tmp_path, text))
+    with pytest.raises(InputError, match="no END"):
+        read_text(tmp_path, text.removesuffix("END\n"))
+    other = write_e4990a(FREQUENCY, FREQUENCY, FREQUENCY, "Cp(F)-data, D()-data").replace("CH1", "CH2")
+    both = read_text(tmp_path, other + text)
+    assert_same(both)
+    assert "2 channels" in both.notes[0]
+
+
+def test_a_row_of_units_below_the_names(tmp_path: Path) -> None:
+    r, x = columns_of(FREQUENCY, IMPEDANCE, "rx")
+    rows = [f"{f / 1e3!r}\t{a!r}\t{b!r}" for f, a, b in zip(FREQUENCY.tolist(), r.tolist(), x.tolist(), strict=True)]
+    assert_same(read_text(tmp_path, "\n".join(["Frequency\tR\tX", "kHz\tOhm\tOhm", *rows, ""])))
+
+
+@pytest.mark.parametrize(
+    ("header", "told"),
+    [
+        ("u,v,w", "header must say"),
+        ("", "header must say"),
+        ("frequency_Hz,resistance_ohm", "header must say"),
+        ("frequency_Hz,R (kHz),X (ohm)", "no whole pair"),
+        ("frequency_Hz,Cp (F),D", "no whole pair"),
+        ("frequency_Hz,R (ohm),R (ohm)", "no whole pair"),
+        ("Hz,R (ohm),X (ohm)", "to be the frequency"),
+        ("frequency_Hz,Magnitude,theta (deg)", "no whole pair"),
+    ],
+)
+def test_columns_of_unclear_meaning_are_refused(tmp_path: Path, header: str, told: str) -> None:
+    rows = [f"{f:.3f},{z.real!r},{z.imag!r}" for f, z in zip(FREQUENCY, IMPEDANCE.tolist(), strict=True)]
+    with pytest.raises(InputError, match=told) as caught:
+        read_text(tmp_path, "\n".join([header, *rows, ""]))
+    assert "understood are" in str(caught.value)
+
+
+def test_a_long_file(tmp_path: Path) -> None:
+    frequency = np.linspace(1e3, 5e5, 100_000)
+    spectrum = ImpedanceSpectrum(frequency, bar_impedance(frequency, **SOFT))
+    write_spectrum(spectrum, tmp_path / "long.csv")
+    np.testing.assert_array_equal(read_spectrum(tmp_path / "long.csv").impedance, spectrum.impedance)
