@@ -1,11 +1,13 @@
 """Sparse symmetric indefinite factorisation behind one small function.
 
 rslab's LDLᵗ (real symmetric or complex symmetric, A = Aᵗ) does the work; scipy's SuperLU stands in where rslab
-is missing or gives up. Every solution is checked by its residual and refined once if need be.
+is missing or gives up. Every solution is checked by its residual and refined once if need be. The symbolic
+analysis of a pattern is kept by `Analysis`, for sweeps over frequency or constants.
 """
 
 from __future__ import annotations
 
+import os
 import warnings
 
 import numpy as np
@@ -21,6 +23,8 @@ except ImportError:  # no wheel for this platform
 
 #: Relative residual above which a solution is refined, and above which it is refused.
 REFINE_ABOVE, REFUSE_ABOVE = 1e-11, 1e-7
+#: Unknowns below which one thread is fastest, and the most threads a factorisation gains from.
+_SMALL, _MOST_THREADS = 20_000, 4
 
 
 class Factorization:
@@ -32,11 +36,10 @@ class Factorization:
     backend : "rslab" or "scipy"
     """
 
-    def __init__(self, matrix: sp.spmatrix, backend: str | None = None) -> None:
-        self._matrix = sp.csc_matrix(matrix)
-        self.backend, self._factor = _factor(self._matrix, backend)
-        real = not np.iscomplexobj(self._matrix.data)
-        self.inertia = tuple(self._factor.inertia) if self.backend == "rslab" and real else None
+    def __init__(self, matrix: sp.csc_matrix, factor, backend: str) -> None:
+        self._matrix, self._factor, self.backend = matrix, factor, backend
+        real = not np.iscomplexobj(matrix.data)
+        self.inertia = tuple(factor.inertia) if backend == "rslab" and real else None
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """A^-1 right, shape (n,) or (n, k); ConvergenceError where the residual stays large."""
@@ -62,16 +65,52 @@ class Factorization:
         return self._factor.solve(right) if right.ndim == 1 else self._factor.solve_many(np.ascontiguousarray(right))
 
 
-def _factor(matrix: sp.csc_matrix, backend: str | None):
-    if rslab is not None and backend != "scipy":
-        try:
-            return "rslab", rslab.ldlt(matrix, ordering="metis")
-        except RuntimeError as error:
-            warnings.warn(f"rslab could not factorise ({error}); SuperLU is used", RuntimeWarning, stacklevel=3)
-    options = {"SymmetricMode": True}
-    data = np.ascontiguousarray(matrix.data)
-    matrix = sp.csc_matrix((data, matrix.indices, matrix.indptr), shape=matrix.shape)
-    return "scipy", spla.splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options=options)
+class Analysis:
+    """Symbolic analysis of a sparsity pattern, kept from one matrix to the next for as long as the pattern stays.
+
+    Parameters
+    ----------
+    backend : None for the best at hand, "scipy" to force SuperLU (which keeps no analysis)
+    """
+
+    def __init__(self, backend: str | None = None) -> None:
+        self._rslab = rslab is not None and backend != "scipy"
+        self._symbolic = self._pattern = None
+        self.analyses = 0  #: symbolic analyses made so far
+
+    def factorize(self, matrix: sp.spmatrix) -> Factorization:
+        """Factorise a real or complex symmetric matrix (A = Aᵗ, not Hermitian)."""
+        matrix = _canonical(matrix)
+        if self._rslab:
+            if not self._matches(matrix):
+                self._analyse(matrix)
+            try:
+                return Factorization(matrix, self._symbolic.factor(matrix.data[self._lower]), "rslab")
+            except RuntimeError as error:
+                warnings.warn(f"rslab could not factorise ({error}); SuperLU is used", RuntimeWarning, stacklevel=2)
+        return Factorization(matrix, _superlu(matrix), "scipy")
+
+    def _matches(self, matrix: sp.csc_matrix) -> bool:
+        if self._pattern is None:
+            return False
+        indptr, indices = self._pattern
+        return np.array_equal(matrix.indptr, indptr) and np.array_equal(matrix.indices, indices)
+
+    def _analyse(self, matrix: sp.csc_matrix) -> None:
+        size = matrix.shape[0]
+        columns = np.repeat(np.arange(size, dtype=np.int32), np.diff(matrix.indptr))
+        self._pattern = matrix.indptr, matrix.indices
+        self._lower = np.flatnonzero(matrix.indices >= columns)  # rslab reads the lower triangle
+        self._symbolic = rslab.analyze(matrix, path="ldlt", ordering="metis", threads=threads_for(size))
+        self.analyses += 1
+
+
+def threads_for(unknowns: int) -> int:
+    """Threads for one sparse factorisation: one for a small operator, never more than the process may use."""
+    if unknowns < _SMALL:
+        return 1
+    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
+    return min(available, _MOST_THREADS)
 
 
 def factorize(matrix: sp.spmatrix, backend: str | None = None) -> Factorization:
@@ -81,4 +120,21 @@ def factorize(matrix: sp.spmatrix, backend: str | None = None) -> Factorization:
     ----------
     backend : None for the best at hand, "scipy" to force SuperLU
     """
-    return Factorization(matrix, backend)
+    return Analysis(backend).factorize(matrix)
+
+
+def _canonical(matrix: sp.spmatrix) -> sp.csc_matrix:
+    """CSC with sorted indices; a CSR matrix is its own transpose here, so no conversion is made."""
+    if matrix.format == "csr":
+        matrix = matrix.T
+    matrix = sp.csc_matrix(matrix)
+    if not matrix.has_sorted_indices:
+        matrix = matrix.sorted_indices()
+    return matrix
+
+
+def _superlu(matrix: sp.csc_matrix):
+    data = np.ascontiguousarray(matrix.data)
+    matrix = sp.csc_matrix((data, matrix.indices, matrix.indptr), shape=matrix.shape)
+    options = {"SymmetricMode": True}
+    return spla.splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.1, options=options)

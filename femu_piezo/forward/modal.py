@@ -26,7 +26,7 @@ class ModalModel:
 
     Attributes
     ----------
-    eigenvalues : (n,) complex λ_n of the short-circuited plate, rad²/s²
+    eigenvalues : (n,) complex λ_n of the short-circuited plate, rad²/s² (real where the constants are)
     charges : (n,) complex g_n, modal charge on the hot electrode of the part
     clamped_capacitance : complex C∞ of the part, F
     states : (r, n+1) complex, in reduced coordinates: the clamped state for one volt, then x_n of every mode
@@ -50,47 +50,51 @@ class ModalModel:
         """Z of the specimen (k,), ohm."""
         return 1.0 / self.admittance(omega)
 
-    def admittance_jacobian(self, omega: np.ndarray) -> np.ndarray:
-        """∂Y/∂c_q of the specimen, (k, n_terms) complex, for every affine term."""
+    def admittance_jacobian(self, omega: np.ndarray, directions: np.ndarray | None = None) -> np.ndarray:
+        """∂Y/∂c_q of the specimen, (k, n_terms) complex, for every affine term.
+
+        Parameters
+        ----------
+        directions : (n_terms, n) ∂c/∂θ, real or complex; gives ∂Y/∂θ (k, n) instead, cheaper for few θ
+        """
         resolvent = self._resolvent(omega)
-        clamped, simple, double = self._partial_fractions
-        fraction = clamped + resolvent @ simple + resolvent**2 @ double
+        clamped, simple, double = self._partial_fractions(directions)
+        fraction = clamped + resolvent @ simple
+        if np.any(double):
+            fraction += resolvent**2 @ double
         return -1j * (omega * self.admittance_factor)[:, None] * fraction
 
     @cached_property
     def zeros(self) -> tuple[np.ndarray, np.ndarray]:
         """(λ, vectors) of the open circuit, in modal coordinates, vᵗv = 1, sorted by Re λ."""
         matrix = np.diag(self.eigenvalues) + np.outer(self.charges, self.charges) / self.clamped_capacitance
-        values, vectors = np.linalg.eig(matrix)
-        order = np.argsort(values.real)
-        values, vectors = values[order], vectors[:, order]
-        return values, vectors / np.sqrt(np.sum(vectors**2, axis=0))
+        return _eigen(matrix)
 
     @property
     def zero_amplitudes(self) -> np.ndarray:
         """(n,) complex open-circuit potential of every zero's mode, V: h = gᵗv/C∞."""
         return self.charges @ self.zeros[1] / self.clamped_capacitance
 
+    def zero_states(self) -> np.ndarray:
+        """(r, n) states of the zeros in reduced coordinates, vᵗv = 1 in the displacements."""
+        return self.states[:, 1:] @ self.zeros[1] + self.states[:, :1] * self.zero_amplitudes
+
     def pole_sensitivity(self, index: int) -> np.ndarray:
         """∂λ_n/∂c_q of one pole, (n_terms,) complex (eqs 56-60)."""
         state = self.states[:, index + 1]
-        return np.einsum("i,qij,j->q", state, self.terms, state, optimize=True)
+        return (self.terms @ state) @ state
 
     def zero_sensitivity(self, index: int) -> np.ndarray:
         """∂λ/∂c_q of one zero, (n_terms,) complex."""
         state = self.states[:, 1:] @ self.zeros[1][:, index] + self.states[:, 0] * self.zero_amplitudes[index]
-        return np.einsum("i,qij,j->q", state, self.terms, state, optimize=True)
+        return (self.terms @ state) @ state
 
     def _resolvent(self, omega: np.ndarray) -> np.ndarray:
         return 1.0 / (self.eigenvalues[None, :] - omega[:, None] ** 2)
 
-    @cached_property
-    def _partial_fractions(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """xᵗA_q x = clamped + Σ simple_n/(λ_n − s) + Σ double_n/(λ_n − s)², each per term."""
-        driven = np.concatenate([self.states[:, :1], -self.states[:, 1:] * self.charges], axis=1)
-        real, imag = np.ascontiguousarray(driven.real), np.ascontiguousarray(driven.imag)
-        products = self.terms @ real + 1j * (self.terms @ imag)
-        inner = driven.T @ products  # (n_terms, n+1, n+1)
+    def _partial_fractions(self, directions: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """xᵗA_q x = clamped + Σ simple_n/(λ_n − s) + Σ double_n/(λ_n − s)², each per term or direction."""
+        inner = self._driven_products(directions)  # (terms, n+1, n+1)
         gap = self.eigenvalues[None, :] - self.eigenvalues[:, None]
         merged = np.abs(gap) <= _DEGENERATE * np.abs(self.eigenvalues)[:, None]
         weight = np.where(merged, 0.0, 2.0 / np.where(merged, 1.0, gap))
@@ -99,13 +103,36 @@ class ModalModel:
         double = np.einsum("qnm,nm->qn", modes, merged)
         return inner[:, 0, 0], simple.T, double.T
 
+    def _driven_products(self, directions: np.ndarray | None) -> np.ndarray:
+        """XᵗA_qX (terms, n+1, n+1) of the driven parts X: clamped state, −g_n x_n."""
+        driven = np.concatenate([self.states[:, :1], -self.states[:, 1:] * self.charges], axis=1)
+        if directions is not None:
+            count, size, _ = self.terms.shape
+            terms = (directions.T @ self.terms.reshape(count, -1)).reshape(-1, size, size)
+            return driven.T @ (terms @ driven)
+        size, width = driven.shape
+        real, imag = np.ascontiguousarray(driven.real), np.ascontiguousarray(driven.imag)
+        flat = self.terms.reshape(-1, size)
+        products = (flat @ np.hstack([real, imag])).reshape(-1, size, 2 * width)
+        return driven.T @ (products[:, :, :width] + 1j * products[:, :, width:])
+
+
+def _eigen(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenpairs of a symmetric matrix, real or complex, vᵗv = 1, sorted by real part."""
+    if not np.iscomplexobj(matrix):
+        return np.linalg.eigh(matrix)
+    values, vectors = np.linalg.eig(matrix)
+    order = np.argsort(values.real)
+    values, vectors = values[order], vectors[:, order]
+    return values, vectors / np.sqrt(np.sum(vectors**2, axis=0))
+
 
 def diagonalise(stiffness: np.ndarray, terms: np.ndarray, displacements: int, admittance_factor: float) -> ModalModel:
     """Diagonalise a reduced pencil whose mass is the identity on the displacements.
 
     Parameters
     ----------
-    stiffness : (r, r) complex symmetric Σ c_q A_q; unknowns: displacements, inner potentials, hot potential last
+    stiffness : (r, r) symmetric Σ c_q A_q, real or complex; unknowns: displacements, inner potentials, hot potential
     terms : (n_terms, r, r) the unit matrices
     displacements : how many of the r unknowns are displacements
     """
@@ -115,13 +142,10 @@ def diagonalise(stiffness: np.ndarray, terms: np.ndarray, displacements: int, ad
     condensed = stiffness[:u, :u] + stiffness[:u, u:-1] @ eliminated[:, :-1]
     coupling = stiffness[:u, -1] + stiffness[:u, u:-1] @ eliminated[:, -1]
     clamped = -(stiffness[-1, -1] + stiffness[-1, u:-1] @ eliminated[:, -1])
-    values, vectors = np.linalg.eig((condensed + condensed.T) / 2)
-    order = np.argsort(values.real)
-    values, vectors = values[order], vectors[:, order]
-    vectors = vectors / np.sqrt(np.sum(vectors**2, axis=0))
-    states = np.zeros((size, u + 1), dtype=complex)
+    values, vectors = _eigen((condensed + condensed.T) / 2)
+    states = np.zeros((size, u + 1), dtype=stiffness.dtype)
     states[u:-1, 0] = eliminated[:, -1]
     states[-1, 0] = 1.0
     states[:u, 1:] = vectors
     states[u:-1, 1:] = eliminated[:, :-1] @ vectors
-    return ModalModel(values, vectors.T @ coupling, complex(clamped), states, terms, admittance_factor)
+    return ModalModel(values, vectors.T @ coupling, clamped.item(), states, terms, admittance_factor)

@@ -1,85 +1,122 @@
-"""Projection of the affine terms on a small basis, through field gradients at the quadrature points.
+"""Images A_q V of every affine term on a growing basis, from scalar gradient products: no sparse A_q is formed.
 
-Every bulk term is A_q = Dᵗ (w H_q) D with D the gradients of the four fields at the quadrature points, w the
-quadrature weights and H_q the extended tensor of one unit constant. On a basis V only the gradients D V are
-needed: VᵗA_qV = (D V)ᵗ (w H_q) (D V), all terms from one set of inner products and no sparse A_q formed.
+With the four fields of the basis vectors on the nodes, every bulk term is a combination of G_ab V_g (see
+`femu_piezo.forward.gradient_products`), so nine sparse products serve all ten constants. The images give the
+projections VᵗA_qV and the residuals Σ c_q A_q V y of reduced states at any constants.
+
+Rows and columns are split in displacements "u" and potentials "p" (hot electrode last among the rows, lifting of
+the voltage first among the columns), because a term couples few of the four blocks.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-import skfem
 
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.model import ElectroelasticModel
 
-#: Voigt strains as combinations of displacement gradients u_i,j, then −E as gradients of φ.
-_CHUNK_BYTES = 256e6
+_BLOCKS = ("uu", "pu", "up", "pp")  #: rows then columns
+_CHUNK_BYTES = 128e6
 
 
-class QuadratureGradients:
-    """Gradient operators D_a at the quadrature points, scaled by the square root of the weights.
+class TermImages:
+    """A_q V for every affine term of a model and the basis columns added so far.
 
     Attributes
     ----------
-    operators : three (p, n) sparse matrices: sqrt(w) ∂_a of a nodal field at the p points
+    displacements : number of displacement unknowns of the full model, which come first
     """
 
-    def __init__(self, basis: skfem.Basis) -> None:
-        root = np.sqrt(basis.dx)
-        gradient = np.stack([shape[0].grad for shape in basis.basis])  # (shapes, 3, elements, points)
-        count, _, elements, points = gradient.shape
-        columns = np.repeat(np.asarray(basis.element_dofs).T, points, axis=0).ravel()
-        indptr = np.arange(elements * points + 1) * count
-        shape = (elements * points, basis.N)
-        self.operators = [
-            sp.csr_matrix(((gradient[:, a] * root).transpose(1, 2, 0).ravel(), columns, indptr), shape=shape)
-            for a in range(3)
+    def __init__(self, model: ElectroelasticModel) -> None:
+        self._model = model
+        nodes = model.basis.N
+        self.displacements = int(np.count_nonzero(model.mass.diagonal()))
+        split = {"u": slice(0, self.displacements), "p": slice(self.displacements, model.size)}
+        rows = {"u": slice(0, 3 * nodes), "p": slice(3 * nodes, FIELDS * nodes)}
+        prolongation = sp.csr_matrix(model.prolongation)
+        self._prolong = {kind: prolongation[rows[kind]][:, split[kind]] for kind in "up"}
+        self._restrict = {kind: self._prolong[kind].T.tocsr() for kind in "up"}
+        self._extra = [
+            {block: matrix[split[block[0]]][:, split[block[1]]] for block in _BLOCKS}
+            for matrix in model.extra_terms.values()
         ]
+        count = len(model.unit_tensors) + len(self._extra)
+        self._images: list[dict[str, np.ndarray]] = [{} for _ in range(count)]
 
-    def of(self, fields: np.ndarray) -> np.ndarray:
-        """Gradients of nodal fields (F, n, k) → (F, 3, p, k), scaled by sqrt(w)."""
-        count, n, k = fields.shape
-        flat = np.ascontiguousarray(np.moveaxis(fields, 0, 1).reshape(n, count * k))
-        stacked = np.stack([operator @ flat for operator in self.operators])
-        return stacked.reshape(3, -1, count, k).transpose(2, 0, 1, 3)
+    def add(self, kind: str, columns: np.ndarray) -> None:
+        """Append the images of further basis columns of one kind, (rows of that kind, k) real."""
+        nodes = self._model.basis.N
+        width = max(1, int(_CHUNK_BYTES / (8 * 27 * nodes)))
+        for start in range(0, columns.shape[1], width):
+            part = columns[:, start : start + width]
+            images = self._bulk_images(kind, part) + [
+                {row: blocks[row + kind] @ part for row in "up" if blocks[row + kind].nnz} for blocks in self._extra
+            ]
+            for stored, fresh in zip(self._images, images, strict=True):
+                for row, image in fresh.items():
+                    old = stored.get(row + kind)
+                    stored[row + kind] = image if old is None else np.hstack([old, image])
 
-    def transpose(self, flux: np.ndarray) -> np.ndarray:
-        """Dᵗ applied to a flux (F, 3, p, k) → (F, n, k): the nodal forces of stresses."""
-        count, _, p, k = flux.shape
-        result = sum(self.operators[a].T @ flux[:, a].transpose(1, 0, 2).reshape(p, count * k) for a in range(3))
-        return result.reshape(-1, count, k).transpose(1, 0, 2)
+    def _bulk_images(self, kind: str, columns: np.ndarray) -> list[dict[str, np.ndarray]]:
+        fields = range(3) if kind == "u" else (3,)
+        k, nodes = columns.shape[1], self._model.basis.N
+        nodal = (self._prolong[kind] @ columns).reshape(len(fields), nodes, k)
+        wide = np.ascontiguousarray(nodal.transpose(1, 0, 2).reshape(nodes, -1))
+        matrices = self._model.products.gradient_matrices
+        moved = {}
+        for a in range(3):
+            for b in range(3):
+                product = (matrices[a][b] @ wide).reshape(nodes, len(fields), k)
+                for position, g in enumerate(fields):
+                    moved[a, g, b] = product[:, position]
+        return [self._combine(tensor, moved, fields, (nodes, k)) for tensor in self._model.unit_tensors]
 
+    def _combine(self, tensor: np.ndarray, moved: dict, fields, shape: tuple[int, int]) -> dict[str, np.ndarray]:
+        """Restrict Σ H[f,a,g,b] G_ab V_g to the unknowns, rows "u" (f < 3) and "p" (f = 3) where not zero."""
+        result = {}
+        for row, targets in (("u", range(3)), ("p", (3,))):
+            part = tensor[list(targets)][:, :, list(fields)]
+            if not np.any(part):
+                continue
+            total = np.zeros((len(targets), *shape))
+            for f, a, g, b in zip(*np.nonzero(part), strict=True):
+                total[f] += part[f, a, g, b] * moved[a, fields[g], b]
+            result[row] = self._restrict[row] @ total.reshape(-1, shape[1])
+        return result
 
-def project_terms(model: ElectroelasticModel, gradients: QuadratureGradients, basis: np.ndarray) -> np.ndarray:
-    """VᵗA_qV for every affine term, (n_terms, r, r) real.
+    def project(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """VᵗA_qV, (n_terms, r, r) real symmetric; columns u, then those of p after its first, then its first.
 
-    Parameters
-    ----------
-    basis : (m, r) real basis V in free unknowns
-    """
-    full = (model.prolongation @ basis).reshape(FIELDS, -1, basis.shape[1])
-    field = gradients.of(full).reshape(FIELDS * 3, -1, basis.shape[1])
-    active = [index for index in range(FIELDS * 3) if np.any(field[index])]
-    inner = {(i, j): field[i].T @ field[j] for i in active for j in active if i <= j}
-    count = len(model.unit_tensors)
-    result = np.zeros((count + len(model.extra_terms), basis.shape[1], basis.shape[1]))
-    for q, tensor in enumerate(model.unit_tensors):
-        matrix = tensor.reshape(FIELDS * 3, FIELDS * 3)
-        for i, j in zip(*np.nonzero(matrix), strict=True):
-            if i in active and j in active:
-                block = inner[i, j] if i <= j else inner[j, i].T
-                result[q] += matrix[i, j] * block
-    for q, matrix in enumerate(model.extra_terms.values(), start=count):
-        result[q] = basis.T @ (matrix @ basis)
-    return (result + result.transpose(0, 2, 1)) / 2
+        Parameters
+        ----------
+        u, p : the basis columns added so far, p with the lifting of the voltage first
+        """
+        ku, size = u.shape[1], u.shape[1] + p.shape[1]
+        result = np.zeros((len(self._images), size, size))
+        for matrix, blocks in zip(result, self._images, strict=True):
+            if "uu" in blocks:
+                matrix[:ku, :ku] = u.T @ blocks["uu"]
+            if "pu" in blocks:
+                matrix[ku:, :ku] = p.T @ blocks["pu"]
+                matrix[:ku, ku:] = matrix[ku:, :ku].T
+            if "pp" in blocks:
+                matrix[ku:, ku:] = p.T @ blocks["pp"]
+        order = np.r_[0:ku, ku + 1 : size, ku]
+        result = result[:, order][:, :, order]
+        return (result + result.transpose(0, 2, 1)) / 2
 
-
-def apply_stiffness(
-    model: ElectroelasticModel, gradients: QuadratureGradients, tensor: np.ndarray, vectors: np.ndarray
-) -> np.ndarray:
-    """A x for many vectors (m, k) and one extended tensor (4, 3, 4, 3), without forming A."""
-    full = (model.prolongation @ vectors).reshape(FIELDS, -1, vectors.shape[1])
-    flux = np.einsum("fagb,gbpk->fapk", tensor, gradients.of(full), optimize=True)
-    return model.prolongation.T @ gradients.transpose(flux).reshape(-1, vectors.shape[1])
+    def apply(self, coefficients: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """Σ c_q A_q V y, (m, k), for reduced states y (r, k) in the order of `project` and coefficients (n_terms,)."""
+        ku = next(blocks["uu"].shape[1] for blocks in self._images if "uu" in blocks)
+        parts = {"u": states[:ku], "p": np.concatenate([states[-1:], states[ku:-1]])}
+        rows = {"u": self.displacements, "p": self._model.size - self.displacements}
+        result = {kind: np.zeros((rows[kind], states.shape[1]), np.result_type(coefficients, states)) for kind in "up"}
+        for block in _BLOCKS:
+            present = [(c, q[block]) for c, q in zip(coefficients, self._images, strict=True) if block in q and c != 0]
+            if present:
+                total = present[0][0] * present[0][1]
+                for coefficient, image in present[1:]:
+                    total += coefficient * image
+                result[block[0]] += total @ parts[block[1]]
+        return np.concatenate([result["u"], result["p"]])

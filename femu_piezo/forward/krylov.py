@@ -1,0 +1,79 @@
+"""Krylov vectors of the driven plate: the reference part of a reduced basis from one real factorisation.
+
+With K_σ = K − σM and the static response x_0 = K_σ^-1 b, the driven state is
+
+    x(ω) = (1 − s K_σ^-1 M)^-1 x_0,    s = ω² − σ,    bᵗx = bᵗx_0 + s x_0ᵗM x,
+
+so Lanczos vectors of K_σ^-1 M started from x_0 hold every mode that the terminals drive and no other one.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from femu_piezo.errors import ConvergenceError
+from femu_piezo.forward.linear_solver import Factorization
+
+#: Loss with which convergence is judged, and Lanczos steps between judgements.
+LOSS, _STEPS, _MOST_STEPS = 0.005, 6, 1200
+
+
+def driven_krylov(
+    factor: Factorization, mass: sp.spmatrix, static: np.ndarray, shift: float, top: float, accuracy: float
+) -> np.ndarray:
+    """Vectors x_0, K_σ^-1 M q_1, … until Z up to ω² = top has settled to `accuracy` (relative); (m, j) real.
+
+    Parameters
+    ----------
+    factor : of K − shift · M, all m unknowns
+    mass : (n_u, n_u) M of the displacements, which come first
+    static : (m,) K_σ^-1 b
+
+    Raises
+    ------
+    ConvergenceError : more steps than a sensible mesh and band can need
+    """
+    split = mass.shape[0]
+    norm = np.sqrt(static[:split] @ (mass @ static[:split]))
+    lanczos, weighted, solutions = [static[:split] / norm], [], [static]
+    projected = np.zeros((0, 0))
+    previous, settled = None, np.inf
+    while settled > accuracy:
+        if len(lanczos) > _MOST_STEPS:
+            raise ConvergenceError(
+                f"{_MOST_STEPS} Lanczos steps left Z with a relative change of {settled:.1e}: narrow the band"
+            )
+        for _ in range(_STEPS):
+            weighted.append(mass @ lanczos[-1])
+            right = np.zeros(static.size)
+            right[:split] = weighted[-1]
+            solution = factor.solve(right)
+            solutions.append(solution)
+            q, mq = np.array(lanczos), np.array(weighted)
+            fresh, column = solution[:split], 0.0
+            for _ in range(2):
+                part = mq @ fresh
+                fresh, column = fresh - part @ q, column + part
+            projected = np.pad(projected, (0, 1))
+            projected[:, -1] = projected[-1, :] = column
+            lanczos.append(fresh / np.sqrt(fresh @ (mass @ fresh)))
+        current = np.linalg.eigh(projected)
+        if previous is not None:
+            settled = _change(previous, current, static[-1], norm, shift, top)
+        previous = current
+    return np.column_stack(solutions)
+
+
+def _change(previous, current, static_potential: float, norm: float, shift: float, top: float) -> float:
+    """Largest relative change of bᵗx between two Ritz decompositions, at its resonances and in between."""
+    ritz = shift + 1 / current[0][current[0] > 0]
+    squares = np.concatenate([ritz[(ritz > 0) & (ritz < top)], np.linspace(0.01, 1.0, 60) ** 2 * top])
+    s = (squares / (1 + 1j * LOSS))[:, None] - shift
+
+    def response(pairs) -> np.ndarray:
+        values, vectors = pairs
+        return -static_potential + (s * norm**2 * vectors[0] ** 2 / (1 - s * values)).sum(axis=1)
+
+    new = response(current)
+    return float(np.max(np.abs(response(previous) / new - 1)))

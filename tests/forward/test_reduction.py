@@ -1,0 +1,138 @@
+"""Reduced against full model: at random constants, for every kind of plate, with the estimate above the true error."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from femu_piezo.errors import ConvergenceError
+from femu_piezo.forward.eigen import solve_eigen
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.reduction import reduce_model
+from femu_piezo.forward.response import full_impedance
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.material.library import library_material
+from femu_piezo.updating.parameters import FreeConstants
+
+PZT = library_material("pzt-5h").constants.lossless()
+TANGENTS = np.array([14, 12, 13, 15, 20, 16, 17, 18, 19, 20]) * 1e-3
+LOSSY = PiezoConstants.from_vector(PZT.vector() * (1 - 1j * TANGENTS))
+
+
+def resonances_Hz(modal, band: float) -> np.ndarray:
+    """Frequencies of all poles and zeros in the band, Hz: where an error of the basis shows most."""
+    values = np.concatenate([modal.eigenvalues, modal.zeros[0]]).real
+    frequency = np.sqrt(values[values > 0]) / (2 * np.pi)
+    return frequency[(frequency > 100.0) & (frequency < band)]
+
+
+def true_error(model, reduced, e_form, band: float, most: int = 8, extra=None) -> float:
+    """Largest relative error of Z at up to `most` poles and zeros and at three other frequencies."""
+    special = resonances_Hz(reduced.modal(e_form, extra), band)
+    chosen = np.random.default_rng(0).permutation(special)[:most]
+    frequency = np.concatenate([chosen, [100.0, 0.55 * band, band]])
+    full = full_impedance(model, e_form, frequency, extra)
+    return float(np.max(np.abs(reduced.impedance(e_form, frequency, extra) / full - 1)))
+
+
+CASES = {
+    "k31 eighth": (Plate(40e-3, 5e-3, 1e-3), (12, 2, 1), (0, 1, 2), 200e3),
+    "k31 full, six rigid bodies": (Plate(12e-3, 5e-3, 1e-3), (8, 3, 2), (), 250e3),
+    "k33 bar": (Plate(20e-3, 2e-3, 2e-3, "length"), (10, 1, 1), (0, 1, 2), 250e3),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("accuracy", [1e-4, 1e-6])
+def test_one_lossy_set_is_as_accurate_as_asked(name, accuracy):
+    plate, divisions, axes, band = CASES[name]
+    model = ElectroelasticModel(plate.domain(divisions, axes), 7500.0)
+    reduced = reduce_model(model, [LOSSY], band, accuracy=accuracy)
+    assert true_error(model, reduced, LOSSY.to_e_form(), band) < accuracy
+    assert reduced.estimated_error < accuracy
+    assert reduced.size < 60
+
+
+@pytest.fixture(scope="module")
+def trained():
+    model = ElectroelasticModel(Plate(40e-3, 5e-3, 1e-3).domain((12, 2, 1)), 7500.0)
+    free = FreeConstants.of(PZT, ("s11", "d31", "eps33T"))
+    band = 200e3
+    reduced = reduce_model(model, free.training_sets(free.start, 0.15), band, accuracy=1e-5)
+    return model, free, band, reduced
+
+
+def test_random_constants_in_the_trained_range(trained):
+    """Any three constants within ±15 %, any loss tangents in 0.5 … 2 %: the accuracy asked for holds."""
+    model, free, band, reduced = trained
+    rng = np.random.default_rng(3)
+    for _ in range(6):
+        tangents = rng.uniform(0.005, 0.02, 3)
+        theta = free.start.real * (1 + 0.15 * rng.uniform(-1, 1, 3)) * (1 - 1j * tangents)
+        assert true_error(model, reduced, free.constants(theta).to_e_form(), band) < 1e-5
+
+
+def test_poles_and_zeros_are_those_of_the_full_model(trained):
+    model, free, _, reduced = trained
+    theta = free.start.real * np.array([1.1, 0.9, 1.05]) * (1 - 1j * np.array([0.01, 0.02, 0.015]))
+    e_form = free.constants(theta).to_e_form()
+    modal = reduced.modal(e_form)
+    for circuit, found in (("short", modal.eigenvalues), ("open", modal.zeros[0])):
+        exact = solve_eigen(model, e_form, circuit, 6, near_Hz=60e3)
+        strong = exact.eigenvalues[(exact.participation > 1e-3) & (exact.eigenvalues.real < (2 * np.pi * 190e3) ** 2)]
+        assert strong.size >= 2
+        for value in strong:
+            assert np.min(np.abs(found - value)) < 1e-7 * abs(value)
+
+
+def test_jacobian_is_the_derivative(trained):
+    """∂Y/∂c_q against Richardson-extrapolated differences, at resonances and off them; directions contract it."""
+    _, free, band, reduced = trained
+    theta = free.start.real * (1 - 1j * np.array([0.01, 0.02, 0.015]))
+    e_form = free.constants(theta).to_e_form()
+    omega = 2 * np.pi * np.array([100.0, 30e3, 0.5 * band, band])
+    exact = reduced.modal(e_form).admittance_jacobian(omega)
+    vector = e_form.vector()
+    size = np.abs(reduced.modal(e_form).admittance(omega))
+
+    def admittance(index, step):
+        moved = vector.copy()
+        moved[index] *= 1 + step
+        return reduced.modal_at(moved).admittance(omega)
+
+    for index in np.flatnonzero(vector):
+        coarse, fine = ((admittance(index, h) - admittance(index, -h)) / (2 * h) for h in (2e-4, 1e-4))
+        slope = (4 * fine - coarse) / 3
+        assert np.all(np.abs(exact[:, index] * vector[index] - slope) < 1e-7 * np.maximum(np.abs(slope), size))
+    directions = free.e_form_jacobian(theta)
+    contracted = reduced.modal(e_form).admittance_jacobian(omega, directions)
+    size = np.abs(exact @ directions).max(axis=0)
+    np.testing.assert_allclose(contracted / size, exact @ directions / size, atol=1e-9)
+
+
+def test_extra_terms_are_trained_too():
+    """A point mass near the corner of a plate: its coefficient is −ω²m, so real negative coefficients train it."""
+    plate, band, mass = Plate(12e-3, 5e-3, 1e-3), 150e3, 5e-6
+    domain = plate.domain((6, 2, 1), (2,))
+    bare = ElectroelasticModel(domain, 7500.0)
+    nodes = bare.basis.N
+    corner = int(np.argmax(bare.basis.doflocs.sum(axis=0)))
+    diagonal = np.zeros(4 * nodes)
+    diagonal[[corner, nodes + corner, 2 * nodes + corner]] = 1.0
+    model = ElectroelasticModel(domain, 7500.0, extra_terms={"point_mass": sp.diags(diagonal)})
+    top = -mass * (2 * np.pi * band) ** 2
+    training = [(LOSSY, {"point_mass": share * top}) for share in (0.0, 0.1, 0.4, 1.0)]
+    reduced = reduce_model(model, training, band, accuracy=1e-5)
+    e_form = LOSSY.to_e_form()
+    for share in (0.0, 0.2, 1.0):
+        assert true_error(model, reduced, e_form, band, extra={"point_mass": share * top}) < 1e-5
+    with pytest.raises(KeyError, match="no terms"):
+        reduced.modal(e_form, {"spring": 1.0})
+
+
+def test_an_accuracy_out_of_reach_is_refused(trained):
+    model, free, band, _ = trained
+    with pytest.raises(ConvergenceError, match="narrow the band"):
+        reduce_model(model, free.training_sets(free.start, 0.15), band, accuracy=1e-9, max_rounds=2)
