@@ -21,6 +21,7 @@ from pydantic import ConfigDict, model_validator
 from femu_piezo.errors import InputError
 from femu_piezo.files import read_bytes, write_atomically
 from femu_piezo.schema import LIST, PAIR, PATH, Table, quantity
+from femu_piezo.specimen_geometry import Geometry as Geometry
 from femu_piezo.units import EPS0, shown
 
 CONSTANTS = ("s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "eps33T")
@@ -28,19 +29,8 @@ CONSTANTS = ("s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "
 
 _LARGEST_FILE = 1_000_000
 _FREE = {"thickness": ("s11", "d31", "eps33T"), "length": ("s33", "d33", "eps33T")}
-_DIMENSIONS = {
-    "plate": ("length", "width", "thickness"),
-    "disk": ("diameter", "thickness"),
-    "ring": ("diameter", "inner_diameter", "thickness"),
-    "mesh": ("file",),
-}
-_ALL_DIMENSIONS = ("length", "width", "thickness", "diameter", "inner_diameter", "file")
+_FREE_IN_SHEAR = ("s44", "d15", "eps11T")
 
-
-Length = Annotated[float, quantity("m", 1e-6, 10.0, 'is the unit right (mm taken for m)? write "40 mm"')]
-Density = Annotated[
-    float, quantity("kg/m^3", 100, 30000, 'is the unit right? write "7900 kg/m^3" or "7.9 g/cm^3"')
-]
 Frequency = Annotated[float, quantity("Hz", 1e-3, 1e10, 'give a positive frequency such as "90 kHz"')]
 _COMPLIANCE = "compliances are given in m^2/N, such as 16.5e-12"
 Compliance = Annotated[float, quantity("m^2/N", 1e-14, 1e-9, _COMPLIANCE)]
@@ -59,40 +49,6 @@ RelativeNoise = Annotated[
     float, quantity("1", 0, 1, 'noise is the relative standard deviation, such as 0.001 or "0.1 %"')
 ]
 Accuracy = Annotated[float, quantity("1", 1e-9, 0.1, "give the relative eigenvalue error, such as 1e-4")]
-
-
-class Geometry(Table):
-    """Shape and dimensions in m; `poling` is also the direction of the field between the electrodes."""
-
-    model_config = ConfigDict(title="geometry")
-
-    missing: ClassVar[dict[str, str]] = {"shape": f"give one of {', '.join(_DIMENSIONS)}"}
-
-    shape: Literal["plate", "disk", "ring", "mesh"]
-    length: Length | None = None
-    width: Length | None = None
-    thickness: Length | None = None
-    diameter: Length | None = None
-    inner_diameter: Length | None = None
-    file: Annotated[Path | None, PATH] = None
-    density: Density | None = None
-    poling: Literal["thickness", "length"] = "thickness"
-
-    def problem(self) -> str | None:
-        wanted = _DIMENSIONS[self.shape]
-        for name in _ALL_DIMENSIONS:
-            if name in wanted and getattr(self, name) is None:
-                return f"geometry.{name} is missing; a {self.shape} needs {', '.join(wanted)}"
-            if name not in wanted and getattr(self, name) is not None:
-                return f"geometry.{name} does not belong to a {self.shape}, which has {', '.join(wanted)}"
-        if self.shape == "ring" and self.inner_diameter >= self.diameter:
-            return (
-                f"geometry.inner_diameter = {self.inner_diameter:g} m is not smaller than diameter = "
-                f"{self.diameter:g} m; are the two exchanged?"
-            )
-        if self.poling == "length" and self.shape != "plate":
-            return f'geometry.poling = "length" is for a plate; a {self.shape} is poled along "thickness"'
-        return None
 
 
 class Material(Table):
@@ -239,7 +195,7 @@ class Specimen(Table):
     @model_validator(mode="after")
     def _default_free(self) -> Specimen:
         if self.material.free is None:
-            material = self.material.model_copy(update={"free": _FREE[self.geometry.poling]})
+            material = self.material.model_copy(update={"free": _FREE.get(self.geometry.poling, _FREE_IN_SHEAR)})
             object.__setattr__(self, "material", material)
         return self
 

@@ -10,6 +10,9 @@ import numpy as np
 from femu_piezo.errors import InputError
 from femu_piezo.geometry.domain import Domain
 
+#: Unknowns of the largest model that is attempted.
+MOST_UNKNOWNS = 250_000
+
 
 class Shape(Protocol):
     """A specimen's body with its electrodes and poling, coordinates in m.
@@ -56,6 +59,17 @@ def unit_direction(direction: Iterable[float]) -> tuple[float, float, float]:
     if not (np.isfinite(length) and length > 0):
         raise InputError(f"a poling direction needs three numbers that are not all zero, got {list(vector)}")
     return tuple(float(value) for value in vector / length)
+
+
+def check_size(elements: float, kind: str) -> None:
+    """InputError where a mesh would be too large for a factorisation in a few GB of memory."""
+    # cubes of one edge length hold one hexahedron of 32 unknowns or about eight tetrahedra of 6 unknowns each
+    unknowns = elements * (32 if kind == "hexahedron" else 48)
+    if unknowns > MOST_UNKNOWNS:
+        raise InputError(
+            f"the mesh would have about {unknowns:.2g} unknowns, and at most {MOST_UNKNOWNS:g} can be solved; lower "
+            "the highest frequency (simulation.stop) or ask for less accuracy (update.accuracy, such as 1e-3)"
+        )
 
 
 def driven_mirrors(geometric: Iterable[int], poling: tuple[float, float, float], field_axis: int) -> tuple[int, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 from femu_piezo.errors import InputError
 from femu_piezo.geometry.boxes import FACES, unit_box
 from femu_piezo.geometry.domain import Domain
-from femu_piezo.geometry.shape import driven_mirrors, unit_direction
+from femu_piezo.geometry.shape import check_size, driven_mirrors, unit_direction
 
 #: Eigenvalue error of quadratic hexahedra of edge h at shear wavenumber k: about this times (k h)^4. Measured over
 #: plates and bars of several proportions (tests/verification/test_convergence.py holds it to be an upper bound).
@@ -94,7 +94,9 @@ class Plate:
     def domain_for(self, accuracy: float, frequency_Hz: float, shear_speed: float, symmetric: bool = True) -> Domain:
         """The computed part with elements fine enough; see `femu_piezo.geometry.shape.Shape`."""
         axes = self.mirrors if symmetric else ()
-        return self.domain(self.divisions(accuracy, frequency_Hz, shear_speed, axes), axes)
+        divisions = self.divisions(accuracy, frequency_Hz, shear_speed, axes)
+        check_size(float(np.prod(divisions)), "hexahedron")
+        return self.domain(divisions, axes)
 
     def domain(self, divisions: tuple[int, int, int], symmetric_axes: tuple[int, ...] = EIGHTH) -> Domain:
         """The computed part, cut at the mid-plane of every axis in `symmetric_axes`.

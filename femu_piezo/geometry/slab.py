@@ -18,7 +18,7 @@ from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.gmsh_session import mesh_solid
 from femu_piezo.geometry.quality import check_electrodes, check_elements
 from femu_piezo.geometry.regions import Circle, Footprint, Region
-from femu_piezo.geometry.shape import driven_mirrors, unit_direction
+from femu_piezo.geometry.shape import check_size, driven_mirrors, unit_direction
 from femu_piezo.geometry.slab_cad import (
     divide_curves,
     draw_chamfered,
@@ -29,7 +29,7 @@ from femu_piezo.geometry.slab_cad import (
 
 #: Eigenvalue error of quadratic elements of edge h at shear wavenumber k: at most this times (k h)^4
 #: (tests/geometry/test_slab.py holds it as an upper bound).
-_ERROR_CONSTANT = {"hexahedron": 3e-3, "tetrahedron": 3e-3}
+_ERROR_CONSTANT = {"hexahedron": 1e-3, "tetrahedron": 1e-3}
 #: Drawing units per metre.
 _DRAWING_UNIT = 1e3
 #: Elements of a full circle at least.
@@ -232,7 +232,10 @@ class Slab:
 
     def domain_for(self, accuracy: float, frequency_Hz: float, shear_speed: float, symmetric: bool = True) -> Domain:
         """The computed part with elements fine enough; see `femu_piezo.geometry.shape.Shape`."""
-        return self.domain(self.edge_length(accuracy, frequency_Hz, shear_speed), symmetric)
+        edge = self.edge_length(accuracy, frequency_Hz, shear_speed)
+        copies = 2 ** len(self.mirrors) if symmetric else 1
+        check_size(self.volume / copies / edge**3, self.element_shape)
+        return self.domain(edge, symmetric)
 
     def domain(self, edge: float, symmetric: bool = True) -> Domain:
         """The computed part with elements of a given edge (m), cut at its mirror planes where `symmetric`."""

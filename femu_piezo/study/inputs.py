@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from femu_piezo.errors import InputError
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.geometry.shapes import EIGHTH, Plate
+from femu_piezo.geometry.shape import Shape
+from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.material.simplified import simplify
 from femu_piezo.specimen import Specimen
+from femu_piezo.study.shapes import first_mode_Hz, shape_of
 from femu_piezo.updating.parameters import FreeConstants
+
+#: Eigenvalue error allowed at the end of a sweep of shapes other than rectangular plates.
+_ERROR_AT_END = 1e-3
 
 
 @dataclass(frozen=True)
@@ -22,12 +28,13 @@ class Problem:
 
     Attributes
     ----------
+    plate : the body with its electrodes; a `Plate`, or any other `Shape`
     constants : the ten constants of the specimen file, the paper's simplification applied where asked for
     density : kg/m³
     """
 
     specimen: Specimen
-    plate: Plate
+    plate: Shape
     constants: PiezoConstants
     density: float
 
@@ -50,37 +57,59 @@ class Problem:
         return simplify(constants, self.plate.poling).full() if self.specimen.material.simplified else constants
 
     def model(
-        self, frequency_Hz: float, accuracy: float, symmetric_axes: tuple[int, ...] = EIGHTH, order: int = 2
+        self, frequency_Hz: float, accuracy: float, symmetric_axes: tuple[int, ...] | None = None, order: int = 2
     ) -> ElectroelasticModel:
-        """Model of the plate whose eigenvalues are within `accuracy` of converged up to a frequency."""
-        divisions = self.plate.divisions(accuracy, frequency_Hz, self.shear_speed, symmetric_axes)
-        return ElectroelasticModel(self.plate.domain(divisions, symmetric_axes), self.density, order)
+        """Model of the body whose eigenvalues are within `accuracy` of converged up to a frequency.
 
-    @property
+        Parameters
+        ----------
+        symmetric_axes : mirror planes to cut at; all that the shape has where None, () for the whole body
+        """
+        if symmetric_axes and isinstance(self.plate, Plate):
+            divisions = self.plate.divisions(accuracy, frequency_Hz, self.shear_speed, symmetric_axes)
+            return ElectroelasticModel(self.plate.domain(divisions, symmetric_axes), self.density, order)
+        whole = symmetric_axes == ()
+        domain = self.plate.domain_for(accuracy, frequency_Hz, self.shear_speed, symmetric=not whole)
+        return ElectroelasticModel(domain, self.density, order)
+
+    def equivalent_frequency(self, highest_Hz: float, accuracy: float) -> float:
+        """Frequency up to which `accuracy` is asked of the mesh, for a sweep that ends at `highest_Hz`.
+
+        The end itself for a plate. Other shapes cost more: `accuracy` up to 1.5 times the expected first pole, and
+        1e-3 at the end, where the error of an eigenvalue grows by the fourth power of frequency.
+        """
+        if isinstance(self.plate, Plate) and self.plate.direction is None:
+            return highest_Hz
+        first = min(1.5 * self.expected_pole_Hz, highest_Hz)
+        return max(first, highest_Hz * min(1.0, accuracy / _ERROR_AT_END) ** 0.25)
+
+    @cached_property
     def expected_pole_Hz(self) -> float:
-        """Fundamental of the thin bar, Hz: where to look for the first mode before anything is measured."""
-        s = self.constants.s11 if self.plate.poling == "thickness" else self.constants.s33
-        return float(1 / (2 * self.plate.length * np.sqrt(self.density * s.real)))
+        """First driven mode in the thin limit, Hz: where to look for it before anything is measured."""
+        return first_mode_Hz(self.plate, self.constants, self.density)
 
 
-def prepare(specimen: Specimen) -> Problem:
-    """Build the problem of a specimen; InputError with file and key where the specimen cannot be computed."""
+def prepare(specimen: Specimen, *, passive: bool = True) -> Problem:
+    """Build the problem of a specimen; InputError with file and key where the specimen cannot be computed.
+
+    passive : refuse constants that would create energy; False where loss tangents are only a start
+    """
     where = str(specimen.path or specimen.name)
     base = library_material(specimen.material.base) if specimen.material.base else None
     density = specimen.geometry.density or (base.density if base else None)
     if density is None:
         raise InputError(f'{where}: geometry.density is missing and there is no base material; write "7800 kg/m^3"')
     constants = _constants(specimen, base.constants if base else None)
-    plate = _plate(specimen, where)
+    plate = shape_of(specimen)
     if specimen.material.simplified:
         constants = simplify(constants, plate.poling).full()
-    charge = "d31" if plate.poling == "thickness" else "d33"
+    charge = _driving_constant(plate)
     if getattr(constants, charge) == 0:
         raise InputError(
-            f"{where}: material.{charge} is zero, so a plate poled along its {plate.poling} has no electrical "
+            f"{where}: material.{charge} is zero, so a body poled along {_named(plate)} has no electrical "
             f"response; give material.{charge}"
         )
-    return Problem(specimen, plate, constants.check(f"{where}: material"), float(density))
+    return Problem(specimen, plate, constants.check(f"{where}: material", passive=passive), float(density))
 
 
 def _constants(specimen: Specimen, base: PiezoConstants | None) -> PiezoConstants:
@@ -91,8 +120,14 @@ def _constants(specimen: Specimen, base: PiezoConstants | None) -> PiezoConstant
     return PiezoConstants(**values)
 
 
-def _plate(specimen: Specimen, where: str) -> Plate:
-    geometry = specimen.geometry
-    if geometry.shape != "plate":
-        raise InputError(f'{where}: geometry.shape = "{geometry.shape}" cannot be computed yet; a "plate" can')
-    return Plate(geometry.length, geometry.width, geometry.thickness, geometry.poling)
+def _driving_constant(shape: Shape) -> str:
+    """The piezoelectric constant that drives the first mode: d15 where the field lies across the poling."""
+    along = abs(shape.poling_direction[0 if shape.poling == "length" else 2])
+    if along < 1e-6:
+        return "d15"
+    return "d31" if shape.poling == "thickness" else "d33"
+
+
+def _named(shape: Shape) -> str:
+    axis = shape.poling_direction
+    return f"its {shape.poling}" if axis[0 if shape.poling == "length" else 2] == 1 else f"the direction {list(axis)}"

@@ -72,7 +72,7 @@ def simulate(specimen: Specimen, *, full_order: bool = False) -> SimulationResul
     problem = prepare(specimen)
     frequency = sweep_frequencies(problem)
     accuracy = specimen.update.accuracy if specimen.update else 1e-4
-    model = problem.model(frequency[-1], accuracy)
+    model = problem.model(problem.equivalent_frequency(frequency[-1], accuracy), accuracy)
     reduced = reduce_model(model, [problem.constants], frequency[-1], accuracy=min(1e-6, accuracy / 10))
     e_form = problem.constants.to_e_form()
     modal = reduced.modal(e_form)

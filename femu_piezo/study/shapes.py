@@ -1,0 +1,87 @@
+"""From the [geometry] table of a specimen file to a shape, and where its first driven mode is to be expected."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femu_piezo.errors import InputError
+from femu_piezo.forward.thin_limits import thin_bar_frequency, thin_disk_frequency, thin_ring_frequency
+from femu_piezo.geometry import catalogue
+from femu_piezo.geometry.mesh_file import MeshFile
+from femu_piezo.geometry.regions import Circle
+from femu_piezo.geometry.shape import Shape
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.geometry.slab import Electrodes, Slab
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.specimen import Specimen
+from femu_piezo.specimen_geometry import Geometry
+
+
+def shape_of(specimen: Specimen) -> Shape:
+    """The body of a specimen; InputError with file and key where its dimensions do not go together."""
+    try:
+        return _shape(specimen.geometry)
+    except InputError as error:
+        raise InputError(f"{specimen.path or specimen.name}: geometry: {error}") from None
+
+
+def _shape(geometry: Geometry) -> Shape:
+    direction = None if isinstance(geometry.poling, str) else geometry.poling
+    if geometry.shape == "mesh":
+        body = MeshFile(geometry.file, geometry.unit or 1.0, direction or (0.0, 0.0, 1.0))
+        _ = body.mesh  # its checks come before any other work
+        return body
+    if geometry.shape == "plate" and geometry.plain:
+        poling = "length" if geometry.poling == "length" else "thickness"
+        return Plate(geometry.length, geometry.width, geometry.thickness, poling, direction)
+    if geometry.shape == "square" and geometry.plain:
+        return Plate(geometry.length, geometry.length, geometry.thickness, "thickness", direction)
+    options = {
+        "holes": _holes(geometry),
+        "electrodes": _electrodes(geometry),
+        "chamfer": geometry.chamfer or 0.0,
+        "direction": direction,
+        "elements": geometry.elements,
+    }
+    if geometry.shape == "disk":
+        return catalogue.disk(geometry.diameter, geometry.thickness, **options)
+    if geometry.shape == "ring":
+        return catalogue.ring(geometry.diameter, geometry.inner_diameter, geometry.thickness, **options)
+    if geometry.shape == "trapezoid":
+        return catalogue.trapezoid(geometry.length, geometry.width, geometry.width_end, geometry.thickness, **options)
+    width = geometry.length if geometry.shape == "square" else geometry.width
+    return catalogue.plate(geometry.length, width, geometry.thickness, geometry.corner_radius or 0.0, **options)
+
+
+def _holes(geometry: Geometry) -> tuple[Circle, ...]:
+    if geometry.hole_diameter is None:
+        return ()
+    return (Circle(geometry.hole_diameter, geometry.hole_position or (0.0, 0.0)),)
+
+
+def _electrodes(geometry: Geometry) -> Electrodes:
+    span = wrap = None
+    if geometry.electrode_length is not None:
+        span = (geometry.electrode_start or 0.0, geometry.electrode_length)
+    if geometry.wrap_length is not None:
+        wrap = (geometry.wrap_length, geometry.wrap_gap)
+    return Electrodes(geometry.electrode_margin or 0.0, span, wrap)
+
+
+def first_mode_Hz(shape: Shape, constants: PiezoConstants, density: float) -> float:
+    """First driven mode in the limit of a thin body, Hz: bar, disk or ring, along the thickness for tall ones."""
+    sheared = abs(shape.poling_direction[0 if shape.poling == "length" else 2]) < 0.5
+    if sheared:
+        return thin_bar_frequency(constants.s44, density, shape.electrode_gap)
+    if isinstance(shape, Plate):
+        compliance = constants.s11 if shape.poling == "thickness" else constants.s33
+        return thin_bar_frequency(compliance, density, shape.length)
+    size = shape.extents if isinstance(shape, MeshFile) else np.array([shape.length, shape.length, shape.thickness])
+    if size[2] > size[:2].max():
+        return thin_bar_frequency(constants.s33, density, size[2])
+    if not isinstance(shape, Slab) or not isinstance(shape.outline, Circle):
+        return thin_bar_frequency(constants.s11, density, float(size.max()))
+    inner = max((hole.diameter for hole in shape.holes if hole.center == (0.0, 0.0)), default=0.0)
+    if inner > 0.3 * shape.outline.diameter:
+        return thin_ring_frequency(constants, density, (inner + shape.outline.diameter) / 4)
+    return thin_disk_frequency(constants, density, shape.outline.diameter / 2)
