@@ -165,10 +165,12 @@ def _digits_after_point(cells: list[str]) -> list[int]:
 def _find_names(above: list[str], delimiter: str | None, width: int, source: str) -> list[str]:
     """The names of the columns from the nearest line above the numbers that names any.
 
-    A line of units alone is joined with the line of names above it.
+    A line of units alone is joined with the line of names above it; any other line between is refused, for it may
+    be a damaged row.
     """
     units: list[str] | None = None
     nearest = None
+    unread: str | None = None
     for line in reversed(above):
         text = line.strip().lstrip("#%!/").strip()
         if not text:
@@ -176,11 +178,19 @@ def _find_names(above: list[str], delimiter: str | None, width: int, source: str
         nearest = nearest or text
         for cells in _header_splits(text, delimiter, width):
             if any(parse_column(cell) for cell in cells):
+                if unread:
+                    raise InputError(
+                        f"{source}: {unread[:60]!r} below the names of the columns is no row of numbers; correct it"
+                    )
                 if units:
                     cells = [f"{c} ({u})" if u else c for c, u in zip(cells, units, strict=True)]
                 return cells
             if units is None and any(is_unit(c) for c in cells) and all(is_unit(c) or not c for c in cells):
                 units = [cell.strip("()[] ") for cell in cells]
+                break
+        else:
+            if not line.lstrip().startswith(_COMMENT):
+                unread = text
     told = f"the line above the numbers, {nearest[:80]!r}, does not name {width} columns" if nearest else "no line does"
     raise InputError(f"{source}: a header must say what the {width} columns are, and {told}; {UNDERSTOOD}")
 

@@ -176,3 +176,22 @@ def test_a_long_file(tmp_path: Path) -> None:
     spectrum = ImpedanceSpectrum(frequency, bar_impedance(frequency, **SOFT))
     write_spectrum(spectrum, tmp_path / "long.csv")
     np.testing.assert_array_equal(read_spectrum(tmp_path / "long.csv").impedance, spectrum.impedance)
+
+
+def test_a_damaged_first_row_is_not_skipped(tmp_path: Path) -> None:
+    rows = [f"{f!r},{z.real!r},{z.imag!r}" for f, z in zip(FREQUENCY.tolist(), IMPEDANCE.tolist(), strict=True)]
+    rows[0] = rows[0].replace(",", ",x", 1)
+    with pytest.raises(InputError, match="is no row of numbers"):
+        read_text(tmp_path, "\n".join(["frequency_Hz,resistance_ohm,reactance_ohm", *rows, ""]))
+
+
+@pytest.mark.parametrize("form", ["{}", "{:.6f}", "{:.8e}", "{:.9g}"])
+def test_a_last_line_without_end_is_whole_or_refused(tmp_path: Path, form: str) -> None:
+    rows = [
+        ",".join(form.format(value) for value in (f, z.real, z.imag))
+        for f, z in zip(FREQUENCY.tolist(), IMPEDANCE.tolist(), strict=True)
+    ]
+    text = "\n".join(["frequency_Hz,resistance_ohm,reactance_ohm", *rows])
+    assert_same(read_text(tmp_path, text), 1e-7)
+    with pytest.raises(InputError, match=r"line 42: .*(file ends|numbers where)"):
+        read_text(tmp_path, text[:-7])
