@@ -61,14 +61,16 @@ def extract(
     band = (float(spectrum.frequency[0]), float(spectrum.frequency[-1]))
     if method == "prony_ss":
         roots, result, data = _prony_ss(sweep)
-        noise, tried = noise_of(result, sweep), []
+        noise, tried, phi = noise_of(result, sweep), (), 0j
     else:
-        result, data, noise, tried = maximum_likelihood(sweep, MAX_MODES if max_modes is None else max_modes)
+        estimate = maximum_likelihood(sweep, MAX_MODES if max_modes is None else max_modes)
+        result, data, noise, tried = estimate.fit, estimate.data, estimate.noise, estimate.orders
+        phi = estimate.correlation
         scale = result.scale if noise.origin == "residual" else _inflation(result, findings)
-        spread = jackknife_spread(result, data) if data.phi else None
+        spread = jackknife_spread(result, data) if phi else None
         fisher = fisher_spread(result.model, data, scale)
         roots = resonances(result.model, fisher, spread or fisher, band)
-    findings = gravest_first(findings + find_systematic(data) + find_reversed(data) + find_missing(roots, spectrum))
+    findings = gravest_first(findings + find_systematic(phi) + find_reversed(data) + find_missing(roots, spectrum))
     impedance = 1 / result.model.admittance(spectrum.omega)
     residual = np.full(n, complex("nan+nanj"))
     sigma = sweep.noise if noise.origin == "file" else noise.std(impedance[used])
@@ -85,7 +87,7 @@ def extract(
         noise=noise,
         reduced_chi_square=float(np.sum(np.abs(residual[used]) ** 2) / freedom),
         model=result.model,
-        orders=tuple(tried),
+        orders=tried,
         findings=findings,
         method=method,
     )

@@ -70,14 +70,14 @@ def find_clipping(spectrum: ImpedanceSpectrum) -> tuple[np.ndarray, list[Finding
     return clipped, findings
 
 
-def find_systematic(data: SweepData) -> list[Finding]:
+def find_systematic(phi: complex) -> list[Finding]:
     """A residual that is correlated from point to point."""
-    if data.phi == 0:
+    if phi == 0:
         return []
     return [
         Finding(
             "correlated_residual",
-            f"neighbouring residuals are correlated ({abs(data.phi):.2f}): instrument or model err systematically "
+            f"neighbouring residuals are correlated ({abs(phi):.2f}): instrument or model err systematically "
             "beyond the noise; standard deviations are from leaving out parts of the sweep",
         )
     ]

@@ -25,7 +25,6 @@ class SweepData:
     scale : farad; negative where most readings have a negative conductance (reversed terminals)
     weight : (n,) 1/(relative standard deviation of the complex impedance); only its shape matters for the
         search, its size for the covariance
-    phi : correlation of neighbouring weighted errors, E[r_i r*_{i−1}] = φ E|r|²; 0 for white noise
     """
 
     axis: FrequencyAxis
@@ -33,7 +32,6 @@ class SweepData:
     charge: np.ndarray
     scale: float
     weight: np.ndarray
-    phi: complex = 0j
 
     @classmethod
     def of(cls, omega: np.ndarray, admittance: np.ndarray, weight: np.ndarray) -> SweepData:
@@ -46,17 +44,6 @@ class SweepData:
     def __len__(self) -> int:
         return self.x.size
 
-    def whiten(self, rows: np.ndarray) -> np.ndarray:
-        """rows_i − φ rows_{i−1} of an (n,) or (n, p) array: uncorrelated where rows follow `phi`.
-
-        The first row is multiplied by sqrt(1 − |φ|²), so that every row has the variance of the innovation.
-        """
-        if self.phi == 0:
-            return rows
-        out = rows - self.phi * np.roll(rows, 1, axis=0)
-        out[0] = np.sqrt(1 - abs(self.phi) ** 2) * rows[0]
-        return out
-
 
 @dataclass(frozen=True)
 class Fit:
@@ -66,7 +53,7 @@ class Fit:
     ----------
     model : the model
     residual : (n,) complex, weight · (charge_model/charge_data − 1): the misfit in units of the noise
-    misfit : Σ|whitened residual|²
+    misfit : Σ|residual|²
     """
 
     model: RationalModel
@@ -80,7 +67,7 @@ class Fit:
 
     @property
     def scale(self) -> float:
-        """rms whitened residual per degree of freedom: 1 where the noise is known and the model is right."""
+        """rms residual per degree of freedom: 1 where the noise is known and the model is right."""
         return float(np.sqrt(2 * self.misfit / self.degrees_of_freedom))
 
 
@@ -102,17 +89,17 @@ def fit(model: RationalModel, data: SweepData, tolerance: float = 1e-5, max_step
     `tolerance` (relative), or none does.
     """
     row = (data.weight / data.charge)[:, None]
-    r = data.whiten(residual(model, data))
+    r = residual(model, data)
     cost, damping = _power(r), 1e-3
     for _ in range(max_steps):
-        q, upper = np.linalg.qr(data.whiten(row * model.jacobian(data.x)))
+        q, upper = np.linalg.qr(row * model.jacobian(data.x))
         target = -(q.conj().T @ r)
         lower = np.diag(np.linalg.norm(upper, axis=0))
         while damping < MAX_DAMPING:
             system = np.vstack([upper, np.sqrt(damping) * lower])
             step = np.linalg.lstsq(system, np.concatenate([target, np.zeros_like(target)]), rcond=None)[0]
             trial = model.with_parameters(model.parameters + step)
-            r = data.whiten(residual(trial, data))
+            r = residual(trial, data)
             if _power(r) < cost:
                 break
             damping *= 10
@@ -131,8 +118,8 @@ def _power(r: np.ndarray) -> float:
 def solve_linear(model: RationalModel, data: SweepData) -> Fit:
     """Residues and background by linear least squares, poles held."""
     m = model.poles.size
-    columns = data.whiten((data.weight / data.charge)[:, None] * model.jacobian(data.x)[:, m:])
-    linear = np.linalg.lstsq(columns, data.whiten(data.weight.astype(complex)), rcond=None)[0]
+    columns = (data.weight / data.charge)[:, None] * model.jacobian(data.x)[:, m:]
+    linear = np.linalg.lstsq(columns, data.weight.astype(complex), rcond=None)[0]
     return _as_fit(model.with_parameters(np.concatenate([model.poles, linear])), data)
 
 
@@ -151,4 +138,4 @@ def correlation(residual: np.ndarray) -> tuple[complex, float]:
 
 def _as_fit(model: RationalModel, data: SweepData) -> Fit:
     r = residual(model, data)
-    return Fit(model, r, float(np.sum(np.abs(data.whiten(r)) ** 2)))
+    return Fit(model, r, float(np.sum(np.abs(r) ** 2)))

@@ -2,68 +2,88 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from femu_piezo.extraction.fit import ROUNDING, Fit, SweepData, correlation, fit, residual
+from femu_piezo.extraction.fit import ROUNDING, Fit, SweepData, correlation, fit
 from femu_piezo.extraction.order import Candidate, evidence, search, widen
 from femu_piezo.extraction.weighting import NoiseUsed, noise_from_residual, weight_of_file
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 GUARD_DEGREES = 2  # background beyond the evidence: an omitted degree biases, an idle one costs 3 % of σ
-WHITENING_ROUNDS = 2
 FEW_POINTS = 200  # below, one sweep hardly tells relative from additive noise: both are tried as a start
 
 
-def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int) -> tuple[Fit, SweepData, NoiseUsed, list[Candidate]]:
-    """Order search and final fit; without a noise in the file the noise is searched along with the order."""
+@dataclass(frozen=True)
+class Estimate:
+    """The fit, the data as it saw them, the noise used, every order tried, and the systematic error.
+
+    `correlation` is φ of neighbouring residuals where it is beyond chance, 0 where the residual is white.
+    """
+
+    fit: Fit
+    data: SweepData
+    noise: NoiseUsed
+    orders: tuple[Candidate, ...]
+    correlation: complex
+
+
+def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int) -> Estimate:
+    """Order search and final fit; without a noise in the file the noise is searched along with the order.
+
+    Where the residual stays correlated, instrument or model err systematically. A noise learned from such a
+    residual would give away the regions where the error is largest, so every point then counts alike (relative
+    weights), and the correlation is returned for the deviations to allow for it.
+    """
     given = weight_of_file(sweep)
-    if given is not None:
-        data = SweepData.of(sweep.omega, sweep.admittance, given)
-        best, tried = search(data, max_modes)
-    else:
-        size = np.abs(sweep.impedance)
-        best, data, tried = _learn_noise(sweep, max_modes, np.ones(len(sweep)))
-        if len(sweep) < FEW_POINTS or np.ptp(data.weight) > 0 or is_correlated(best, data):
-            other, other_data, other_tried = _learn_noise(sweep, max_modes, size / np.median(size))
-            tried = tried + other_tried
-            if evidence(other, other_data) < evidence(best, data):
-                best, data = other, other_data
-    for _ in range(WHITENING_ROUNDS if is_correlated(best, data) else 0):
-        if given is None:
-            data = replace(data, weight=_innovation_weight(best, data, sweep))
-        data = replace(data, phi=correlation(residual(best.model, data))[0])
-        best, again = search(data, max_modes, best.model)
+    weight = np.ones(len(sweep)) if given is None else given
+    data = SweepData.of(sweep.omega, sweep.admittance, weight)
+    best, tried = search(data, max_modes)
+    if given is None:
+        plain, plain_data = best, data
+        best, data, again = _learn_noise(sweep, max_modes, best, data)
         tried = tried + again
+        if is_correlated(best, data):
+            best, data = plain, plain_data
     final = _guarded(best, data)
+    phi = correlation(final.residual)[0] if is_correlated(final, data) else 0j
     if given is not None:
-        return final, data, NoiseUsed(float(np.median(1 / given)), 0.0, "file"), tried
-    return final, data, noise_of(final, sweep), tried
+        noise = NoiseUsed(float(np.median(1 / given)), 0.0, "file")
+    elif phi:
+        noise = NoiseUsed(final.scale, 0.0, "residual")
+    else:
+        noise = noise_of(final, sweep)
+    return Estimate(final, data, noise, tuple(tried), phi)
 
 
 def _learn_noise(
-    sweep: ImpedanceSpectrum, max_modes: int, weight: np.ndarray
+    sweep: ImpedanceSpectrum, max_modes: int, best: Fit, data: SweepData
 ) -> tuple[Fit, SweepData, list[Candidate]]:
-    """Search with a first guess of the noise shape, then again with the one the residual shows."""
-    data = SweepData.of(sweep.omega, sweep.admittance, weight)
-    best, tried = search(data, max_modes)
+    """The noise shape the residual shows, and the orders it supports; a second start from purely additive noise."""
+    best, data, tried = _reweighted(sweep, max_modes, best, data)
+    if len(sweep) < FEW_POINTS or np.ptp(data.weight) > 0 or is_correlated(best, data):
+        size = np.abs(sweep.impedance)
+        additive = replace(data, weight=size / np.median(size))
+        first, again = search(additive, max_modes)
+        other, other_data, more = _reweighted(sweep, max_modes, first, additive)
+        tried = tried + again + more
+        if evidence(other, other_data) < evidence(best, data):
+            best, data = other, other_data
+    return best, data, tried
+
+
+def _reweighted(
+    sweep: ImpedanceSpectrum, max_modes: int, best: Fit, data: SweepData
+) -> tuple[Fit, SweepData, list[Candidate]]:
+    """The search continued with the noise that the residual shows, if that differs in shape."""
     noise = noise_of(best, sweep)
-    if noise.additive == 0 and np.ptp(weight) == 0:
-        return best, data, tried
+    if noise.additive == 0 and np.ptp(data.weight) == 0:
+        return best, data, []
     impedance = 1 / best.model.admittance(sweep.omega)
     data = replace(data, weight=np.abs(impedance) / noise.std(impedance))
-    best, again = search(data, max_modes, best.model)
-    return best, data, tried + again
-
-
-def _innovation_weight(result: Fit, data: SweepData, sweep: ImpedanceSpectrum) -> np.ndarray:
-    """(n,) |Z|/σ with the relative and additive parts of the innovation: what neighbours do not share."""
-    impedance = 1 / result.model.admittance(sweep.omega)
-    phi, _ = correlation(result.residual)
-    innovation = replace(data, phi=phi).whiten(result.residual) / data.weight
-    noise = noise_from_residual(innovation * impedance, impedance, result.model.size)
-    return np.abs(impedance) / noise.std(impedance)
+    best, tried = search(data, max_modes, best.model)
+    return best, data, tried
 
 
 def noise_of(result: Fit, sweep: ImpedanceSpectrum) -> NoiseUsed:
@@ -80,7 +100,7 @@ def _guarded(best: Fit, data: SweepData) -> Fit:
 
 
 def is_correlated(result: Fit, data: SweepData) -> bool:
-    """Whether neighbouring residuals are correlated beyond chance (1 % of white residuals) and rounding."""
+    """Whether neighbouring residuals are correlated beyond chance (1 in 10 000 white residuals) and rounding."""
     phi, _ = correlation(result.residual)
     relative = np.linalg.norm(result.residual) / np.linalg.norm(data.weight)
-    return bool(relative > 10 * ROUNDING and abs(phi) ** 2 * result.residual.size > np.log(100))
+    return bool(relative > 10 * ROUNDING and abs(phi) ** 2 * result.residual.size > np.log(1e4))

@@ -154,13 +154,12 @@ def _add_pole(current: Fit, data: SweepData) -> RationalModel:
     model = current.model
     pick = np.unique(np.linspace(0, len(data) - 1, min(len(data), MAX_SCAN_POINTS)).astype(int))
     x, row = data.x[pick], (data.weight / data.charge)[pick]
-    whiten = data.whiten if pick.size == len(data) else np.asarray
-    basis, _ = np.linalg.qr(whiten(row[:, None] * model.jacobian(x)))
-    r = whiten(current.residual[pick])
+    basis, _ = np.linalg.qr(row[:, None] * model.jacobian(x))
+    r = current.residual[pick]
     r = r - basis @ (basis.conj().T @ r)
     best_gain, best_z = -1.0, 0j
     for z in _trial_poles(x):
-        atoms = whiten(row[:, None] / (z - x[:, None]))
+        atoms = row[:, None] / (z - x[:, None])
         atoms = atoms - basis @ (basis.conj().T @ atoms)
         gain = np.abs(atoms.conj().T @ r) ** 2 / np.sum(np.abs(atoms) ** 2, axis=0)
         k = int(np.argmax(gain))

@@ -199,7 +199,7 @@ def measured(folder: Path) -> None:
     if not folder.is_dir():
         print(f"\nmeasured sweeps are not at {folder}; set FEMU_PIEZO_MEASURED")
         return
-    print("\nMeasured sweeps (deviations from leaving out twentieths of the sweep)")
+    print("\nMeasured sweeps (deviations from leaving out eighths and twelfths of the sweep)")
     for name in ("k31_bar_pzt_12x3x1mm.txt", "disk_radial_35x2mm.csv", "hp4294a_sample.txt"):
         found = extract(read_spectrum(folder / name, correct_phase=name.startswith("hp")))
         print(f"  {name}: residual rms {np.sqrt(found.reduced_chi_square):.2f} σ, status {found.status}")
