@@ -72,14 +72,20 @@ class GradientProducts:
         """G_ab as sparse matrices, [a][b]."""
         return [[self.scalar(self.gradients[a, b]) for b in range(3)] for a in range(3)]
 
+    def combine(self, coefficients: np.ndarray) -> np.ndarray | None:
+        """(nnz,) data of Σ h_ab G_ab for h (3, 3), None where h = 0."""
+        total = None
+        for a, b in zip(*np.nonzero(coefficients), strict=True):
+            part = coefficients[a, b] * self.gradients[a, b]
+            total = part if total is None else total + part
+        return total
+
     def stiffness(self, tensor: np.ndarray) -> sp.csr_matrix:
         """(4n, 4n) matrix of the extended tensor H (4, 3, 4, 3), fields one after another."""
         blocks = [
             [
-                self.scalar(np.einsum("ab,abn->n", tensor[f, :, g, :], self.gradients))
-                if np.any(tensor[f, :, g, :])
-                else None
-                for g in range(FIELDS)
+                None if block is None else self.scalar(block)
+                for block in (self.combine(tensor[f, :, g, :]) for g in range(FIELDS))
             ]
             for f in range(FIELDS)
         ]

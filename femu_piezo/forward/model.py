@@ -11,6 +11,7 @@ import skfem
 
 from femu_piezo.errors import InputError
 from femu_piezo.forward.electrodes import prolongation
+from femu_piezo.forward.free_pattern import FreePattern
 from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products, unit_tensors
 from femu_piezo.geometry.domain import Domain
 from femu_piezo.material.constants import E_FORM, ElasticForm
@@ -106,7 +107,11 @@ class ElectroelasticModel:
         return (self.prolongation @ vector).reshape(FIELDS, -1)[3]
 
     def _reduced(self, tensor: np.ndarray) -> sp.csr_matrix:
-        return self._constrained(self.products.stiffness(tensor))
+        return self._pattern.stiffness(tensor)
+
+    @cached_property
+    def _pattern(self) -> FreePattern:
+        return FreePattern(self.products, sp.csr_matrix(self.prolongation))
 
     def _constrained(self, matrix: sp.spmatrix) -> sp.csr_matrix:
         return (self.prolongation.T @ matrix @ self.prolongation).tocsr()

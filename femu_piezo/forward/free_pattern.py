@@ -1,0 +1,101 @@
+"""Operators in free unknowns straight from gradient products, on one sparsity pattern found once.
+
+The prolongation of `femu_piezo.forward.electrodes` only drops held unknowns, scales potentials and joins the hot
+electrode into the last unknown. So an entry of a scalar matrix goes to a position that is known beforehand, and the
+operator of any tensor costs one pass over the scalar entries per pair of fields.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+
+from femu_piezo.forward.gradient_products import FIELDS, GradientProducts
+
+
+class FreePattern:
+    """Sparsity pattern (m, m) of the coupled operator in free unknowns, the hot electrode's potential last.
+
+    Parameters
+    ----------
+    products : scalar gradient products on n nodes
+    prolongation : (4n, m) from free unknowns to all; each row has at most one entry, the last column is the electrode
+    """
+
+    def __init__(self, products: GradientProducts, prolongation: sp.csr_matrix) -> None:
+        self._products, n, self.size = products, products.size, prolongation.shape[1]
+        entries = np.diff(prolongation.indptr)
+        if entries.max() > 1:
+            raise ValueError("a degree of freedom depends on two free unknowns: the pattern cannot be scattered")
+        free = np.full(FIELDS * n, -1)
+        free[entries == 1] = prolongation.indices
+        self._hot = (free == self.size - 1)[3 * n :]
+        free[free == self.size - 1] = -1
+        self._free = free.reshape(FIELDS, n)
+        self._scale = [1.0, 1.0, 1.0, float(np.abs(prolongation.data).max())]
+        self._rows = np.repeat(np.arange(n, dtype=np.int32), np.diff(products.indptr))
+        self._touches = products.scalar(np.ones(products.indices.size)) @ self._hot > 0
+        self._offsets, width = self._column_offsets()
+        self.indptr, self._hot_rows = self._row_starts(width + self._touches)
+        self.indices = self._fill_indices()
+
+    def _column_offsets(self) -> tuple[list[np.ndarray], np.ndarray]:
+        """Per field, the place of every scalar entry within its row of the operator; the row lengths (n,)."""
+        starts, width, offsets = self._products.indptr, np.zeros(self._products.size, dtype=np.int64), []
+        for g in range(FIELDS):
+            before = np.concatenate([[0], np.cumsum(self._free[g][self._products.indices] >= 0)])
+            offsets.append((before[:-1] - before[starts[:-1]][self._rows] + width[self._rows]).astype(np.int32))
+            width = width + np.diff(before[starts])
+        return offsets, width
+
+    def _row_starts(self, width: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(m+1,) row pointers, and the free unknowns coupled to the electrode, which fill the last row."""
+        lengths = np.zeros(self.size, dtype=np.int64)
+        coupled = []
+        for f in range(FIELDS):
+            kept = self._free[f] >= 0
+            lengths[self._free[f][kept]] = width[kept]
+            coupled.append(self._free[f][kept & self._touches])
+        hot_rows = np.concatenate(coupled)
+        lengths[-1] = hot_rows.size + 1
+        return np.concatenate([[0], np.cumsum(lengths)]), hot_rows
+
+    def _targets(self, f: int, g: int) -> tuple[np.ndarray, np.ndarray]:
+        """Scalar entries that survive in block (f, g), and where they go in the data of the operator."""
+        rows = self._free[f][self._rows]
+        kept = np.flatnonzero((rows >= 0) & (self._free[g][self._products.indices] >= 0))
+        return kept, self.indptr[rows[kept]] + self._offsets[g][kept]
+
+    def _fill_indices(self) -> np.ndarray:
+        indices = np.full(self.indptr[-1], self.size - 1, dtype=np.int32)
+        for f in range(FIELDS):
+            for g in range(FIELDS):
+                kept, target = self._targets(f, g)
+                indices[target] = self._free[g][self._products.indices[kept]]
+        indices[self.indptr[-2] : -1] = self._hot_rows
+        return indices
+
+    def stiffness(self, tensor: np.ndarray) -> sp.csr_matrix:
+        """(m, m) operator of an extended tensor H (4, 3, 4, 3), real or complex, symmetric in (f,a) ↔ (g,b)."""
+        data = np.zeros(self.indptr[-1], dtype=tensor.dtype)
+        ends = self.indptr[1:] - 1
+        for f in range(FIELDS):
+            for g in range(FIELDS):
+                block = self._products.combine(tensor[f, :, g, :])
+                if block is None:
+                    continue
+                block = block * (self._scale[f] * self._scale[g])
+                kept, target = self._targets(f, g)
+                data[target] = block[kept]
+                if g == 3:
+                    self._couple(data, ends, f, self._products.scalar(block) @ self._hot)
+        return sp.csr_matrix((data, self.indices, self.indptr), shape=(self.size, self.size))
+
+    def _couple(self, data: np.ndarray, ends: np.ndarray, f: int, column: np.ndarray) -> None:
+        """Write the electrode's column and row for field f from ∫ against the electrode's potential (n,)."""
+        coupled = (self._free[f] >= 0) & self._touches
+        data[ends[self._free[f][coupled]]] = column[coupled]
+        first = self.indptr[-2] + np.sum([np.sum((self._free[h] >= 0) & self._touches) for h in range(f)], dtype=int)
+        data[first : first + np.count_nonzero(coupled)] = column[coupled]
+        if f == 3:
+            data[-1] = column[self._hot].sum()
