@@ -22,6 +22,7 @@ Smart Mater. Struct. 31, 2022, 125010).
   femu-piezo simulate plate.toml --out results    poles, zeros and a sweep of the specimen as described
   femu-piezo extract sweep.csv --out results      poles and zeros of a measured sweep, without any model
   femu-piezo update plate.toml --out results      the constants that explain the measured sweep
+  femu-piezo identify plate.toml --out results    which constants such a sweep can determine, and what else to measure
 
 Words: a pole is a pole of the admittance (series resonance, short circuit); a zero is a zero of the admittance
 (parallel resonance, open circuit). A constant is written value (1 − j tan). Every command writes machine-readable
@@ -146,23 +147,23 @@ def extract(file: Path, out: Path, correct_phase: bool) -> None:
 def update(specimens: tuple[Path, ...], out: Path, data: Path | None, timings: bool) -> None:
     """Update the free constants of SPEC from its measured sweep.
 
-    Several SPEC files are specimens of one material, fitted together: the [material] and [update] tables of the first
-    rule. Writes update.json, impedance.png (measured, baseline and updated), iterations.png and updated.csv (the
-    updated model at the measured frequencies); numbered where there are several specimens.
+    Several SPEC files, or a study file with specimens = ["a.toml", "b.toml"], are specimens of one material, fitted
+    together: the [material] and [update] tables of the first rule. Writes update.json, impedance.png (measured,
+    baseline and updated), iterations.png, sensitivity.png and updated.csv (the updated model at the measured
+    frequencies); numbered where there are several specimens.
     """
     from femu_piezo.measurement.readers import write_spectrum
     from femu_piezo.measurement.spectrum import ImpedanceSpectrum
     from femu_piezo.output.curves import impedance_figure, iteration_figure
     from femu_piezo.output.folder import prepare_folder, write_figure, write_json
     from femu_piezo.output.records import update_record
+    from femu_piezo.output.sensitivity import sensitivity_figure
     from femu_piezo.output.tables import console, update_table
-    from femu_piezo.specimen import read_specimen
+    from femu_piezo.specimen import read_specimens
     from femu_piezo.study.update import update as run
 
     imported = time.perf_counter() - _STARTED
-    if data is not None and len(specimens) > 1:
-        raise InputError("--data gives the sweep of one specimen; with several, name each sweep in its own file")
-    wanted = [read_specimen(specimen, data) for specimen in specimens]
+    wanted = read_specimens(specimens, data)
     prepare_folder(out)
     try:
         result = run(wanted, _report_steps)
@@ -176,6 +177,7 @@ def update(specimens: tuple[Path, ...], out: Path, data: Path | None, timings: b
             write_figure(out / f"iterations{suffix}.png", iteration_figure(outcome, tuple(result.parameters)))
         updated = ImpedanceSpectrum(outcome.measured.spectrum.frequency, outcome.updated_curve)
         write_spectrum(updated, out / f"updated{suffix}.csv")
+        write_figure(out / f"sensitivity{suffix}.png", sensitivity_figure(outcome.sensitivity))
     write_json(out / "update.json", update_record(result))
     console().print(update_table(result))
     if timings:
@@ -183,6 +185,38 @@ def update(specimens: tuple[Path, ...], out: Path, data: Path | None, timings: b
         for step, value in seconds.items():
             click.echo(f"{step:24s} {value:7.3f} s")
         click.echo(f"{'sum':24s} {sum(seconds.values()):7.3f} s")
+
+
+@main.command()
+@click.argument("specimens", type=click.Path(path_type=Path), metavar="SPEC [SPEC …]", nargs=-1, required=True)
+@_out
+@click.option("--noise", default=1e-3, show_default=True, help="relative noise of the sweep, standard deviation")
+def identify(specimens: tuple[Path, ...], out: Path, noise: float) -> None:
+    """Predict which constants a sweep of SPEC can determine, before or without measuring.
+
+    The sweep is that of the [simulation] table; all ten constants are free. Several SPEC files are sweeps of one
+    material taken together. Says which further measurement would determine the rest. Writes identifiability.json and
+    sensitivity.png.
+    """
+    from femu_piezo.output.folder import prepare_folder, write_figure, write_json
+    from femu_piezo.output.sensitivity import sensitivity_figure
+    from femu_piezo.output.tables import console, identifiability_table
+    from femu_piezo.specimen import read_specimens
+    from femu_piezo.study.identify import identify as run
+
+    wanted = read_specimens(specimens)
+    if not 0 < noise < 1:
+        raise InputError(f"--noise {noise:g} is not a relative standard deviation; give one such as 0.001")
+    prepare_folder(out)
+    try:
+        result = run(wanted, noise, _report_steps)
+    finally:
+        _end_of_steps()
+    for index, sensitivity in enumerate(result.sensitivities):
+        suffix = f"_{index + 1}" if len(result.sensitivities) > 1 else ""
+        write_figure(out / f"sensitivity{suffix}.png", sensitivity_figure(sensitivity))
+    write_json(out / "identifiability.json", result.to_json())
+    console().print(identifiability_table(result))
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ import json
 import os
 import re
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -35,15 +36,12 @@ Frequency = Annotated[float, quantity("Hz", 1e-3, 1e10, 'give a positive frequen
 _COMPLIANCE = "compliances are given in m^2/N, such as 16.5e-12"
 Compliance = Annotated[float, quantity("m^2/N", 1e-14, 1e-9, _COMPLIANCE)]
 CrossCompliance = Annotated[float, quantity("m^2/N", -1e-9, 1e-9, _COMPLIANCE)]
-Charge = Annotated[
-    float, quantity("C/N", -1e-8, 1e-8, "piezoelectric constants are given in C/N, such as -255e-12")
-]
-Permittivity = Annotated[
-    float, quantity("F/m", EPS0, 1e6 * EPS0, 'permittivities are given in F/m or as "3400 eps0"')
-]
+Charge = Annotated[float, quantity("C/N", -1e-8, 1e-8, "piezoelectric constants are given in C/N, such as -255e-12")]
+Permittivity = Annotated[float, quantity("F/m", EPS0, 1e6 * EPS0, 'permittivities are given in F/m or as "3400 eps0"')]
 LossTangent = Annotated[float, quantity("1", 0, 1, 'loss tangents are pure numbers such as 0.015 or "1.5 %"')]
-CrossLossTangent = Annotated[
-    float, quantity("1", -1, 1, 'loss tangents are pure numbers such as 0.015 or "1.5 %"')
+CrossLossTangent = Annotated[float, quantity("1", -1, 1, 'loss tangents are pure numbers such as 0.015 or "1.5 %"')]
+PriorStd = Annotated[
+    float, quantity("1", 1e-6, 10, 'prior knowledge is a relative standard deviation, such as 0.05 or "5 %"')
 ]
 RelativeNoise = Annotated[
     float, quantity("1", 0, 1, 'noise is the relative standard deviation, such as 0.001 or "0.1 %"')
@@ -52,7 +50,10 @@ Accuracy = Annotated[float, quantity("1", 1e-9, 0.1, "give the relative eigenval
 
 
 class Material(Table):
-    """A base of the material library and overrides, or all ten constants; complex: value (1 − j tan)."""
+    """A base of the material library and overrides, or all ten constants; complex: value (1 − j tan).
+
+    std_s11 and so on: how well the real part is known beforehand, relative; a prior of the curve fit.
+    """
 
     model_config = ConfigDict(title="material")
 
@@ -77,6 +78,16 @@ class Material(Table):
     tan_d15: CrossLossTangent | None = None
     tan_eps11T: LossTangent | None = None
     tan_eps33T: LossTangent | None = None
+    std_s11: PriorStd | None = None
+    std_s12: PriorStd | None = None
+    std_s13: PriorStd | None = None
+    std_s33: PriorStd | None = None
+    std_s44: PriorStd | None = None
+    std_d31: PriorStd | None = None
+    std_d33: PriorStd | None = None
+    std_d15: PriorStd | None = None
+    std_eps11T: PriorStd | None = None
+    std_eps33T: PriorStd | None = None
     free: Annotated[tuple[str, ...] | None, LIST] = None
     simplified: bool = False
 
@@ -90,6 +101,12 @@ class Material(Table):
         """The loss tangents given here: name of the constant → tan. Absent: that of `base`, else 0."""
         tangents = {name: getattr(self, f"tan_{name}") for name in CONSTANTS}
         return {name: tan for name, tan in tangents.items() if tan is not None}
+
+    @property
+    def priors(self) -> dict[str, float]:
+        """Relative standard deviations of what is known beforehand: name of the constant → std."""
+        found = {name: getattr(self, f"std_{name}") for name in CONSTANTS}
+        return {name: std for name, std in found.items() if std is not None}
 
     def problem(self) -> str | None:
         if self.base is not None and not (self.base.strip() and self.base.isprintable()):
@@ -152,21 +169,13 @@ class Simulation(Table):
 
 
 class Update(Table):
-    """How to update. `accuracy`: relative eigenvalue error of the mesh; poles, zeros: how many, or all."""
+    """How to update. `accuracy`: relative eigenvalue error of the mesh; `loss`: of the curve fit, robust or not."""
 
     model_config = ConfigDict(title="update")
 
     method: Literal["auto", "pole_zero", "curve"] = "auto"
     accuracy: Accuracy = 1e-4
-    poles: int | None = None
-    zeros: int | None = None
-
-    def problem(self) -> str | None:
-        for name in ("poles", "zeros"):
-            count = getattr(self, name)
-            if count is not None and not 1 <= count <= 1000:
-                return f"update.{name} = {count} is outside 1 … 1000; leave it out to use all that are found"
-        return None
+    loss: Literal["linear", "soft_l1", "huber", "cauchy"] = "linear"
 
 
 class Specimen(Table):
@@ -198,6 +207,26 @@ class Specimen(Table):
             material = self.material.model_copy(update={"free": _FREE.get(self.geometry.poling, _FREE_IN_SHEAR)})
             object.__setattr__(self, "material", material)
         return self
+
+
+def read_specimens(paths: Sequence[Path | str], data_file: Path | str | None = None) -> list[Specimen]:
+    """The specimens of several files; a study file, which has only `specimens = ["a.toml", …]`, stands for those."""
+    found = []
+    for path in map(Path, paths):
+        data = _parse_toml(path)
+        members = data.get("specimens")
+        if members is None:
+            found.append(read_specimen(path, data_file))
+            continue
+        right = 'a study file has only specimens = ["k31.toml", "k33.toml"], paths relative to it'
+        if set(data) - {"specimens", "name"} or not isinstance(members, list) or not members:
+            raise InputError(f"{path}: {right}")
+        if not all(isinstance(member, str) for member in members):
+            raise InputError(f"{path}: specimens = {shown(members)} holds something else than paths; {right}")
+        found += [read_specimen(_resolve(member, path, f"{path}: specimens")) for member in members]
+    if data_file is not None and len(found) > 1:
+        raise InputError("--data gives the sweep of one specimen; with several, name each sweep in its own file")
+    return found
 
 
 def read_specimen(path: Path | str, data_file: Path | str | None = None) -> Specimen:
@@ -232,14 +261,10 @@ def _parse_toml(path: Path) -> dict[str, Any]:
             raise InputError(f"{path}: this is not a text file; give a specimen file in TOML")
         return tomllib.loads(text)
     except UnicodeDecodeError:
-        raise InputError(
-            f"{path}: this is not UTF-8 text; give a specimen file in TOML, saved as UTF-8"
-        ) from None
+        raise InputError(f"{path}: this is not UTF-8 text; give a specimen file in TOML, saved as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         reason = str(error)[0].lower() + str(error)[1:]
-        raise InputError(
-            f'{path}: this is not TOML: {reason}; write KEY = VALUE, strings in "quotes"'
-        ) from None
+        raise InputError(f'{path}: this is not TOML: {reason}; write KEY = VALUE, strings in "quotes"') from None
     except (ValueError, RecursionError):  # an integer of thousands of digits, or brackets nested as deep
         raise InputError(
             f"{path}: a number or a nesting in this file is too long; write a plain specimen file"
@@ -285,9 +310,7 @@ def _relative(file: Path, specimen: Path) -> str:
     """`file` as the specimen file writes it: relative where it lies in the same folder or below."""
     absolute, folder = Path(os.path.abspath(file)), Path(os.path.abspath(specimen.parent))
     if "${" in str(absolute):
-        raise InputError(
-            f"{specimen}: the path {absolute} contains '${{', which stands for a variable; rename it"
-        )
+        raise InputError(f"{specimen}: the path {absolute} contains '${{', which stands for a variable; rename it")
     return str(absolute.relative_to(folder)) if absolute.is_relative_to(folder) else str(absolute)
 
 

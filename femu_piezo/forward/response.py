@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+import scipy.sparse as sp
 
 from femu_piezo.forward.linear_solver import factorize
 from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
@@ -18,17 +19,16 @@ from femu_piezo.material.constants import ElasticForm
 
 
 def driven_state(
-    model: ElectroelasticModel,
-    constants: ElasticForm,
-    frequency_Hz: float,
-    extra: Mapping[str, complex] | None = None,
+    model: ElectroelasticModel, constants: ElasticForm, frequency_Hz: float, extra: Mapping[str, complex] | None = None
 ) -> np.ndarray:
     """(m,) complex unknowns for unit charge drawn from the hot electrode: the column −A^-1 e_h (scaled unknowns)."""
-    omega = 2 * np.pi * frequency_Hz
-    matrix = model.stiffness(constants, extra) - omega**2 * model.mass
+    return _driven(model, model.stiffness(constants, extra), frequency_Hz)
+
+
+def _driven(model: ElectroelasticModel, stiffness: sp.spmatrix, frequency_Hz: float) -> np.ndarray:
     load = np.zeros(model.size)
     load[-1] = -1.0
-    return factorize(matrix).solve(load)
+    return factorize(stiffness - (2 * np.pi * frequency_Hz) ** 2 * model.mass).solve(load)
 
 
 def full_impedance(
@@ -38,9 +38,7 @@ def full_impedance(
     extra: Mapping[str, complex] | None = None,
 ) -> np.ndarray:
     """Z of the specimen at each frequency by direct solves, (n,) complex ohm."""
-    result = np.empty(len(frequency_Hz), dtype=complex)
-    for index, frequency in enumerate(frequency_Hz):
-        state = driven_state(model, constants, frequency, extra)
-        part = state[-1] * POTENTIAL_SCALE**2 / (2j * np.pi * frequency)
-        result[index] = part / model.domain.admittance_factor
-    return result
+    stiffness = model.stiffness(constants, extra)
+    inverse_capacitance = np.array([_driven(model, stiffness, frequency)[-1] for frequency in frequency_Hz])
+    part = inverse_capacitance * POTENTIAL_SCALE**2 / (2j * np.pi * np.asarray(frequency_Hz))
+    return part / model.domain.admittance_factor

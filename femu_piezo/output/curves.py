@@ -25,7 +25,7 @@ PRINTED = {
 }
 
 
-def _frequency_axis(frequency: np.ndarray) -> tuple[float, str, str]:
+def frequency_axis(frequency: np.ndarray) -> tuple[float, str, str]:
     """Factor, label and scale of a frequency axis: logarithmic over more than two decades."""
     scale = "log" if frequency[-1] > 100 * frequency[0] else "linear"
     if frequency[-1] >= 2e6:
@@ -38,7 +38,7 @@ def impedance_figure(outcome: Outcome) -> Figure:
     figure = Figure(figsize=(8.0, 8.0), layout="constrained")
     magnitude, phase, misfit = figure.subplots(3, 1, sharex=True, height_ratios=[3, 2, 2])
     spectrum, specimen = outcome.measured.spectrum, outcome.measured.problem.specimen
-    factor, label, scale = _frequency_axis(spectrum.frequency)
+    factor, label, scale = frequency_axis(spectrum.frequency)
     x = spectrum.frequency * factor
     curves = (
         (spectrum.impedance, "measured", MEASURED),
@@ -93,7 +93,7 @@ def simulation_figure(result: SimulationResult) -> Figure:
     figure = Figure(figsize=(8.0, 5.5), layout="constrained")
     magnitude, phase = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     spectrum = result.spectrum
-    factor, label, scale = _frequency_axis(spectrum.frequency)
+    factor, label, scale = frequency_axis(spectrum.frequency)
     magnitude.semilogy(spectrum.frequency * factor, np.abs(spectrum.impedance), **UPDATED)
     phase.plot(spectrum.frequency * factor, np.degrees(np.angle(spectrum.impedance)), **UPDATED)
     for resonances, marker, name in ((result.poles, "v", "poles"), (result.zeros, "^", "zeros")):

@@ -6,6 +6,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 
 from femu_piezo.output.curves import PRINTED
+from femu_piezo.study.identify import IdentifyResult
 from femu_piezo.study.update import Outcome, UpdateResult
 
 
@@ -56,8 +57,39 @@ def _resonance_table(outcome: Outcome) -> Table:
     return table
 
 
+def _percent(std: float) -> str:
+    return f"{100 * std:.2g} %" if std < 10 else "> 1000 %"
+
+
 def console() -> Console:
     """Terminal output; plain and 110 wide where standard output is no terminal."""
     import sys
 
     return Console() if sys.stdout.isatty() else Console(width=110, no_color=True, highlight=False)
+
+
+def identifiability_table(result: IdentifyResult) -> RenderableType:
+    """Predicted standard deviations of the ten constants, and what to measure next."""
+    table = Table(
+        title=f"{' + '.join(result.names)}: what a sweep with {100 * result.noise:g} % noise tells",
+        title_justify="left",
+    )
+    table.add_column("constant")
+    for heading in ("std, all free", "std, others known", "std of tangent", "determined"):
+        table.add_column(heading, justify="right")
+    known = result.known
+    for index, name in enumerate(known.names):
+        if name.startswith("tan_"):
+            continue
+        table.add_row(
+            name,
+            _percent(known.std[index]),
+            _percent(known.std_alone[index]),
+            f"{known.std[index + 1]:.2g}" if known.std[index + 1] < 10 else "> 10",
+            known.verdict(name),
+        )
+    lines = [f"least known: {sentence}" for sentence in known.weakest()]
+    for item in result.recommendations:
+        gained = ", ".join(item.gained) or "no further constant"
+        lines.append(f"measure {item.measurement}: determines {gained}")
+    return Group(table, "\n".join(lines))

@@ -89,10 +89,10 @@ class Problem:
         return first_mode_Hz(self.plate, self.constants, self.density)
 
 
-def prepare(specimen: Specimen, *, passive: bool = True) -> Problem:
+def prepare(specimen: Specimen, *, check: bool = True) -> Problem:
     """Build the problem of a specimen; InputError with file and key where the specimen cannot be computed.
 
-    passive : refuse constants that would create energy; False where loss tangents are only a start
+    check : refuse constants of no stable, passive material; False where they are only a start
     """
     where = str(specimen.path or specimen.name)
     base = library_material(specimen.material.base) if specimen.material.base else None
@@ -109,7 +109,9 @@ def prepare(specimen: Specimen, *, passive: bool = True) -> Problem:
             f"{where}: material.{charge} is zero, so a body poled along {_named(plate)} has no electrical "
             f"response; give material.{charge}"
         )
-    return Problem(specimen, plate, constants.check(f"{where}: material", passive=passive), float(density))
+    if check:
+        constants.check(f"{where}: material")
+    return Problem(specimen, plate, constants, float(density))
 
 
 def _constants(specimen: Specimen, base: PiezoConstants | None) -> PiezoConstants:

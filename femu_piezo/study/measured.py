@@ -16,7 +16,7 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen import Specimen, Update
 from femu_piezo.study.inputs import Problem, prepare
 from femu_piezo.updating.pole_zero import static_permittivity
-from femu_piezo.updating.start import bar_start
+from femu_piezo.updating.start import bar_permittivity, bar_start
 
 #: A sweep reaches low frequency where it starts below this share of the fundamental pole: there the plate is free
 #: and uniform, and the error of eq 41 is about k² (f/f_p)² ≈ 2e-4.
@@ -74,21 +74,32 @@ class Measured:
         return self.problem.model(max(exact_up_to, picture), accuracy)
 
     def start_values(self) -> dict[str, complex]:
-        """Constants the sweep gives by 1-D formulas: s and d of the poling direction, ε33T where it reaches low."""
-        eps = self.permittivity if self.permittivity is not None else self.problem.constants.eps33T
-        plate = self.problem.plate
-        bar = bar_start(
+        """Constants the sweep gives by 1-D formulas: s and d of the poling direction, and ε33T."""
+        plate, density = self.problem.plate, self.problem.density
+        pole, zero = self.pair.pole.frequency_Hz, self.pair.zero.frequency_Hz
+        free = self.problem.specimen.material.free
+        values = {}
+        if "eps33T" in free:
+            values["eps33T"] = self._start_permittivity()
+        eps = values.get("eps33T", self.problem.constants.eps33T).real
+        bar = bar_start(plate.poling, plate.length, density, pole, zero, eps)
+        values |= {name: value * (1 - 0.01j) for name, value in bar.items() if name in free}
+        return values
+
+    def _start_permittivity(self) -> complex:
+        if self.permittivity is not None:
+            return self.permittivity
+        plate, lowest = self.problem.plate, self.fitted
+        eps = bar_permittivity(
             plate.poling,
-            plate.length,
-            self.problem.density,
             self.pair.pole.frequency_Hz,
             self.pair.zero.frequency_Hz,
-            eps.real,
+            lowest.frequency[0],
+            lowest.admittance[0],
+            plate.electrode_gap,
+            plate.electrode_area,
         )
-        values = {name: value * (1 - 0.01j) for name, value in bar.items()}
-        if self.permittivity is not None:
-            values["eps33T"] = self.permittivity
-        return {name: value for name, value in values.items() if name in self.problem.specimen.material.free}
+        return eps * (1 - 0.01j) if eps > 0 else self.problem.constants.eps33T
 
 
 def measure(specimen: Specimen) -> Measured:
@@ -97,7 +108,7 @@ def measure(specimen: Specimen) -> Measured:
         raise InputError(
             f'{specimen.path or specimen.name}: there is no [measurement] table with file = "…" to update from'
         )
-    problem = prepare(specimen)
+    problem = prepare(specimen, check=False)
     wish = specimen.measurement
     spectrum = read_spectrum(wish.file, correct_phase=wish.correct_phase, noise=wish.noise)
     fitted = spectrum
@@ -136,4 +147,14 @@ def start_constants(measured: list[Measured]) -> PiezoConstants:
     for one in measured:
         constants = constants.with_values(**one.start_values())
     constants = problem.simplified(constants)
-    return constants.check(f"{problem.specimen.path}: start values of the 1-D bar", passive=False)
+    where = f"{problem.specimen.path}: with the start values of the 1-D bar"
+    return constants.check(where, passive=False)
+
+
+def baseline_constants(measured: list[Measured], start: PiezoConstants) -> tuple[PiezoConstants, tuple[str, ...]]:
+    """The constants of the file as the baseline; the start values, with a note, where those are no stable material."""
+    constants = measured[0].problem.constants
+    faults = [fault for fault in constants.physical_faults() if "create energy" not in fault]
+    if not faults:
+        return constants, ()
+    return start, (f"the baseline is that of the start values, since in the specimen file {'; '.join(faults)}",)

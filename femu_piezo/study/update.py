@@ -24,13 +24,14 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.simplified import simplify
 from femu_piezo.resonances import Resonance
 from femu_piezo.specimen import Specimen, Update
-from femu_piezo.study.measured import PAIR_NAMES, Measured, measure, start_constants
-from femu_piezo.updating.data import CurveData, Passivity, rms_log_error, weak_prior
+from femu_piezo.study.measured import PAIR_NAMES, Measured, baseline_constants, measure, start_constants
+from femu_piezo.updating.data import CurveData, Passivity, Prior, rms_log_error, weak_prior
 from femu_piezo.updating.identifiability import Identifiability, identifiability
 from femu_piezo.updating.least_squares import Fit, fit
 from femu_piezo.updating.matching import match
 from femu_piezo.updating.parameters import Estimate, FreeConstants, MaterialParameters, estimates
 from femu_piezo.updating.pole_zero import Step, propagate_covariance, update_pair, update_simplified
+from femu_piezo.updating.sensitivity import Sensitivity, sensitivity
 
 #: Relative range of the free constants that one reduced basis covers, and how far they may leave it.
 _SPREAD, _LEAVE = 0.25, 0.3
@@ -49,6 +50,7 @@ class Outcome:
     matched : (measured, simulated) resonances, poles then zeros
     base_curve, updated_curve : (n,) complex ohm at the sweep's frequencies
     history : pole-zero iterations on its fundamental
+    sensitivity : of Z to each of the ten constants at the solution
     """
 
     measured: Measured
@@ -56,6 +58,7 @@ class Outcome:
     base_curve: np.ndarray
     updated_curve: np.ndarray
     history: tuple[Step, ...]
+    sensitivity: Sensitivity
     unknowns: int
 
     @property
@@ -140,16 +143,17 @@ def update(specimens: Specimen | Sequence[Specimen], progress: Progress | None =
     clock.step("read and extract")
     measured = [measure(specimen) for specimen in specimens]
     start = start_constants(measured)
+    baseline, baseline_notes = baseline_constants(measured, start)
     method, origin = _method(measured)
     clock.step("mesh and assemble")
     run = _Run(measured, [one.model(whole_curve=method == "curve") for one in measured], clock)
     state = run.solve(start, method)
     clock.step("curves")
-    outcomes = tuple(run.outcome(index, state) for index in range(len(measured)))
+    outcomes = tuple(run.outcome(index, state, baseline) for index in range(len(measured)))
     clock.step(None)
     return UpdateResult(
         name=" + ".join(specimen.name for specimen in specimens),
-        baseline=measured[0].problem.constants,
+        baseline=baseline,
         constants=state.constants,
         parameters=_parameters(state, measured),
         outcomes=outcomes,
@@ -157,7 +161,7 @@ def update(specimens: Specimen | Sequence[Specimen], progress: Progress | None =
         method=method,
         fit=state.fit,
         known=state.known,
-        notes=_notes(measured, state),
+        notes=(*baseline_notes, *_notes(measured, state)),
         seconds=clock.seconds,
     )
 
@@ -270,8 +274,9 @@ class _Run:
             for one, basis in zip(self._measured, state.reduced, strict=True)
         ]
         known = all(one.noise_known for one in self._measured)
-        blocks = [*curves, weak_prior(parameters, state.theta), Passivity()]
-        solution = fit(blocks, parameters, state.theta, noise_known=known)
+        wish = self._problem.specimen.update or Update()
+        blocks = [*curves, self._prior(parameters), Passivity()]
+        solution = fit(blocks, parameters, state.theta, noise_known=known, loss=wish.loss)
         if not known:
             solution = replace(solution, groups=_correlated_groups(curves, solution))
         data_only = np.concatenate([curve.jacobian(parameters, solution.x) for curve in curves])
@@ -286,10 +291,21 @@ class _Run:
             known=told,
         )
 
-    def outcome(self, index: int, state: _State) -> Outcome:
+    def _prior(self, parameters: MaterialParameters) -> Prior:
+        """The weak prior around the specimen file's values, and what the file says is known better."""
+        names, material = parameters.free.names, self._problem.specimen.material
+        centre = np.array([getattr(self._problem.constants, name) for name in names])
+        weak = weak_prior(parameters, centre)
+        known = {
+            name: (getattr(self._problem.constants, name).real, std * abs(getattr(self._problem.constants, name).real))
+            for name, std in material.priors.items()
+            if name in names
+        }
+        return Prior({**weak.values, **known}, name="prior")
+
+    def outcome(self, index: int, state: _State, base: PiezoConstants) -> Outcome:
         """Curves and matched resonances of one specimen at the solution."""
         one, model = self._measured[index], self._models[index]
-        base = one.problem.constants
         base_curve = reduce_model(model, [base], one.band_Hz).impedance(base.to_e_form(), one.spectrum.frequency)
         modal = state.reduced[index].modal(state.constants.to_e_form())
         return Outcome(
@@ -298,6 +314,9 @@ class _Run:
             base_curve=base_curve,
             updated_curve=modal.impedance(one.spectrum.omega),
             history=state.histories[index],
+            sensitivity=sensitivity(
+                one.problem.specimen.name, state.reduced[index], state.constants, one.spectrum.frequency
+            ),
             unknowns=model.size,
         )
 

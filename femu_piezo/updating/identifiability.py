@@ -16,7 +16,7 @@ WELL, AT_ALL = 0.01, 0.05
 #: The same for a loss tangent, absolute.
 TANGENT_WELL, TANGENT_AT_ALL = 0.002, 0.01
 #: Singular values below this share of the largest count as zero.
-_ZERO = 1e-12
+_ZERO = 1e-15
 
 
 @dataclass(frozen=True)

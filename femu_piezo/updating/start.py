@@ -36,6 +36,26 @@ def bar_start(
     return {"s33": s33, "d33": float(np.sqrt(k2 * s33 * eps33T))}
 
 
+def bar_permittivity(
+    poling: Poling, pole_Hz: float, zero_Hz: float, frequency_Hz: float, admittance: complex, gap: float, area: float
+) -> float:
+    """ε33T of a bar with this pole and zero from one point of its sweep away from both, F/m.
+
+    Solves the bar formulas below for ε33T: Im Y = ω ε33T A/d [1 − k² + k² tan X/X] with X = (π/2) f/f_p for k31,
+    Im Y = ω ε33T A/d (1 − k²)/[1 − k² tan X/X] with X = (π/2) f/f_z for k33.
+    """
+    half = np.pi / 2
+    if poling == "thickness":
+        ratio = half * zero_Hz / pole_Hz * np.tan(half * (zero_Hz - pole_Hz) / pole_Hz)
+        k2, x = ratio / (1 + ratio), half * frequency_Hz / pole_Hz
+        share = 1 - k2 + k2 * np.tan(x) / x
+    else:
+        k2 = half * pole_Hz / zero_Hz * np.tan(half * (zero_Hz - pole_Hz) / zero_Hz)
+        x = half * frequency_Hz / zero_Hz
+        share = (1 - k2) / (1 - k2 * np.tan(x) / x)
+    return float(admittance.imag * gap / (2 * np.pi * frequency_Hz * area * share))
+
+
 def k31_bar_admittance(
     omega: np.ndarray, length: float, width: float, thickness: float, density: float, s11, d31, eps33T
 ) -> np.ndarray:

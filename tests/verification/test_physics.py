@@ -12,7 +12,7 @@ from femu_piezo.forward.response import driven_state, full_impedance
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.constants import D_FORM, E_FORM, PiezoConstants
 from femu_piezo.material.library import library_material
-from femu_piezo.updating.start import bar_start, k31_bar_admittance, k33_bar_impedance
+from femu_piezo.updating.start import bar_permittivity, bar_start, k31_bar_admittance, k33_bar_impedance
 
 PZT = library_material("pzt-5h").constants
 LOSSY = PiezoConstants.from_vector(PZT.vector() * (1 - 1j * np.array([14, 12, 13, 15, 20, 16, 17, 18, 19, 20]) * 1e-3))
@@ -63,6 +63,14 @@ def test_bar_start_inverts_the_bar_formulas(poling):
         pole = grid[np.argmin(np.abs(z))]
     for name, value in bar_start(poling, length, density, pole, zero, PZT.eps33T.real).items():
         assert value == pytest.approx(getattr(PZT, name).real, rel=2e-4), name
+    omega = 2 * np.pi * 0.8 * pole
+    if poling == "thickness":
+        y = k31_bar_admittance(omega, length, 1, 1, density, PZT.s11.real, PZT.d31.real, PZT.eps33T.real)
+        gap, area = 1.0, length
+    else:
+        y = 1 / k33_bar_impedance(omega, length, 1, density, PZT.s33.real, PZT.d33.real, PZT.eps33T.real)
+        gap, area = length, 1.0
+    assert bar_permittivity(poling, pole, zero, 0.8 * pole, y, gap, area) == pytest.approx(PZT.eps33T.real, rel=1e-3)
 
 
 def test_vm175_cube():

@@ -1,0 +1,171 @@
+"""`identify`: which constants a sweep can determine, and which further measurement would determine the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from femu_piezo.forward.reduction import reduce_model
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.material.constants import D_FORM
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.specimen import Specimen
+from femu_piezo.study.inputs import Problem, prepare
+from femu_piezo.study.simulate import sweep_frequencies
+from femu_piezo.updating.data import CurveData
+from femu_piezo.updating.identifiability import Identifiability, identifiability
+from femu_piezo.updating.parameters import FreeConstants, MaterialParameters
+from femu_piezo.updating.sensitivity import Sensitivity, sensitivity
+
+#: Eigenvalue error of the mesh: sensitivities need not be better.
+_ACCURACY = 1e-3
+#: Points of a candidate sweep.
+_POINTS = 801
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """A further measurement and what it would add.
+
+    Attributes
+    ----------
+    measurement : in words
+    gained : constants the data would then determine to better than 5 % and did not before
+    std : constant → joint relative standard deviation with it
+    """
+
+    measurement: str
+    gained: tuple[str, ...]
+    std: dict[str, float]
+
+
+@dataclass(frozen=True)
+class IdentifyResult:
+    """Prediction for one or several sweeps of one material."""
+
+    names: tuple[str, ...]
+    noise: float
+    known: Identifiability
+    sensitivities: tuple[Sensitivity, ...]
+    recommendations: tuple[Recommendation, ...]
+
+    def to_json(self) -> dict:
+        def finite(value: float) -> float | None:
+            return float(value) if np.isfinite(value) else None
+
+        return {
+            "specimens": list(self.names),
+            "relative_noise": self.noise,
+            "constants": {
+                name: {
+                    "determined": self.known.verdict(name),
+                    "relative_std": finite(self.known.std[index]),
+                    "relative_std_if_all_else_known": finite(self.known.std_alone[index]),
+                    "tan_std": finite(self.known.std[index + 1]),
+                }
+                for index, name in enumerate(self.known.names)
+                if not name.startswith("tan_")
+            },
+            "weakest_combinations": self.known.weakest(),
+            "recommendations": [
+                {
+                    "measurement": item.measurement,
+                    "would_determine": list(item.gained),
+                    "relative_std": {name: finite(std) for name, std in item.std.items()},
+                }
+                for item in self.recommendations
+            ],
+        }
+
+
+def identify(
+    specimens: list[Specimen], noise: float, progress: Callable[[str], None] = lambda step: None
+) -> IdentifyResult:
+    """Predict the joint standard deviations of all ten constants from sweeps with relative noise.
+
+    The constants are those of the first specimen's file; constants that are zero there cannot be free.
+    """
+    problems = [prepare(specimen) for specimen in specimens]
+    first = problems[0]
+    blocks, pictures = [], []
+    for problem in problems:
+        progress(problem.specimen.name)
+        block, picture = _jacobian(problem, first, sweep_frequencies(problem), noise)
+        blocks.append(block)
+        pictures.append(picture)
+    names, values = _unknowns(first)
+    known = identifiability(np.concatenate(blocks), names, values)
+    recommendations = []
+    for words, problem, frequency in _candidates(problems):
+        progress(words)
+        extra, _ = _jacobian(problem, first, frequency, noise)
+        joint = identifiability(np.concatenate([*blocks, extra]), names, values)
+        recommendations.append(_recommendation(words, known, joint))
+    recommendations.sort(key=lambda item: (-len(item.gained), sum(np.log(list(item.std.values())))))
+    return IdentifyResult(
+        tuple(problem.specimen.name for problem in problems), noise, known, tuple(pictures), tuple(recommendations)
+    )
+
+
+def _free(problem: Problem) -> FreeConstants:
+    names = tuple(name for name in D_FORM if getattr(problem.constants, name) != 0)
+    return FreeConstants.of(problem.constants, names)
+
+
+def _unknowns(first: Problem) -> tuple[tuple[str, ...], np.ndarray]:
+    free = _free(first)
+    parameters = MaterialParameters.around(free, free.start)
+    return parameters.names, parameters.x_of(free.start)
+
+
+def _jacobian(problem: Problem, first: Problem, frequency: np.ndarray, noise: float) -> tuple[np.ndarray, Sensitivity]:
+    """Whitened Jacobian of one predicted sweep in the unknowns of the first specimen's material."""
+    free = _free(first)
+    parameters = MaterialParameters.around(free, free.start)
+    constants = free.constants(free.start)
+    reduced = reduce_model(
+        problem.model(frequency[-1], _ACCURACY), free.training_sets(free.start, 0.05), frequency[-1], accuracy=1e-4
+    )
+    impedance = reduced.impedance(constants.to_e_form(), frequency)
+    curve = CurveData("prediction", reduced, ImpedanceSpectrum(frequency, impedance), np.full(frequency.size, noise))
+    jacobian = curve.jacobian(parameters, parameters.x_of(free.start))
+    return jacobian, sensitivity(problem.specimen.name, reduced, constants, frequency)
+
+
+def _candidates(problems: list[Problem]) -> list[tuple[str, Problem, np.ndarray]]:
+    """Further measurements worth a thought: a wider band, the other poling direction, a square plate."""
+    found = []
+    for problem in problems:
+        top = 2 * sweep_frequencies(problem)[-1]
+        words = f"the same {problem.specimen.name} up to {top / 1e3:.0f} kHz"
+        found.append((words, problem, np.linspace(100.0, top, _POINTS)))
+    first = problems[0]
+    polings = {problem.plate.poling for problem in problems}
+    extent = float(min(first.plate.length, 20e-3))
+    others = []
+    if "length" not in polings:
+        others.append((f"a k33 bar {extent * 1e3:.0f} × {extent * 150:.1f} × {extent * 150:.1f} mm", "length", 0.15))
+    if "thickness" not in polings:
+        others.append((f"a k31 plate {extent * 1e3:.0f} × {extent * 200:.1f} × {extent * 50:.1f} mm", "thickness", 0.2))
+    for words, poling, share in others:
+        plate = Plate(extent, share * extent, (0.05 if poling == "thickness" else share) * extent, poling)
+        found.append(_other(words, first, plate, 3.5))
+    square = Plate(extent, extent, 0.05 * extent)
+    found.append(
+        _other(f"a square plate {extent * 1e3:.0f} × {extent * 1e3:.0f} × {extent * 50:.1f} mm", first, square, 3.5)
+    )
+    return found
+
+
+def _other(words: str, first: Problem, plate: Plate, reach: float) -> tuple[str, Problem, np.ndarray]:
+    problem = replace(first, plate=plate)
+    top = reach * problem.expected_pole_Hz
+    return f"{words} up to {top / 1e3:.0f} kHz", problem, np.linspace(100.0, top, _POINTS)
+
+
+def _recommendation(words: str, before: Identifiability, after: Identifiability) -> Recommendation:
+    real = [name for name in before.names if not name.startswith("tan_")]
+    gained = tuple(name for name in real if before.verdict(name) == "not" and after.verdict(name) != "not")
+    return Recommendation(words, gained, {name: float(after.std[after.names.index(name)]) for name in real})

@@ -1,0 +1,80 @@
+"""Specimens with sweeps made by a full solve at every frequency on another mesh than any update uses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.response import full_impedance
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.material.library import library_material
+from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+
+TANGENTS = np.array([15, 13, 12, 16, 20, 13, 12, 14, 18, 17]) * 1e-3
+DENSITY = 7500.0
+
+#: One [geometry] table per specimen of the tests, with the mesh its data come from and the band.
+BODIES = {
+    "k31": (Plate(12e-3, 3e-3, 1e-3), (11, 4, 2), (105e3, 140e3)),
+    "k33": (Plate(10e-3, 2e-3, 2e-3, "length"), (12, 3, 3), (100e3, 215e3)),
+}
+
+
+@pytest.fixture(scope="session")
+def truth() -> PiezoConstants:
+    """PZT-5H, fully anisotropic, every constant with its own loss tangent."""
+    constants = PiezoConstants.from_vector(library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS))
+    assert constants.physical_faults() == []
+    return constants
+
+
+@pytest.fixture(scope="session")
+def sweeps(truth) -> dict[str, ImpedanceSpectrum]:
+    """Noise-free sweeps of the bodies: 500 Hz and 60 points about the fundamental."""
+    found = {}
+    for name, (plate, divisions, band) in BODIES.items():
+        model = ElectroelasticModel(plate.domain(divisions), DENSITY)
+        frequency = np.concatenate([[500.0], np.linspace(*band, 60)])
+        found[name] = ImpedanceSpectrum(frequency, full_impedance(model, truth.to_e_form(), frequency))
+    return found
+
+
+@pytest.fixture
+def write_specimen_of(tmp_path, truth):
+    """Write specimen file and sweep of a body: free constants wrong by given factors, all others true."""
+
+    def write(
+        name: str,
+        sweep: ImpedanceSpectrum,
+        free: tuple[str, ...],
+        factors=None,
+        extra: str = "",
+        more: str = "",
+        lossy=False,
+    ) -> Path:
+        plate = BODIES[name][0]
+        factors = factors or {}
+        lines = [
+            f'name = "{name}"',
+            "[geometry]",
+            'shape = "plate"',
+            f'poling = "{plate.poling}"',
+            f"density = {DENSITY}",
+        ]
+        lines += [f"{key} = {getattr(plate, key)!r}" for key in ("length", "width", "thickness")]
+        lines += ["[material]", f"free = {list(free)}"]
+        for constant, value in truth.as_dict().items():
+            lines.append(f"{constant} = {value.real * factors.get(constant, 1.0)!r}")
+            lines.append(f"tan_{constant} = {0.0 if constant in free and not lossy else truth.tangent(constant)!r}")
+        lines += [extra, "[measurement]", f'file = "{name}.csv"', more]
+        write_spectrum(sweep, tmp_path / f"{name}.csv")
+        path = tmp_path / f"{name}.toml"
+        path.write_text("\n".join(lines), encoding="utf-8")
+        return path
+
+    return write

@@ -1,0 +1,144 @@
+"""`update` from specimen file and sweep to constants: recovery, intervals, joint specimens, clear failure."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from femu_piezo.cli import main
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.specimen import read_specimen, read_specimens
+from femu_piezo.study.update import update
+
+TRIO = ("s11", "d31", "eps33T")
+
+
+def noisy(sweep: ImpedanceSpectrum, level: float, seed: int) -> ImpedanceSpectrum:
+    normal = np.random.default_rng(seed).standard_normal((2, len(sweep)))
+    error = level * (normal[0] + 1j * normal[1]) / np.sqrt(2)
+    return ImpedanceSpectrum(sweep.frequency, sweep.impedance * (1 + error))
+
+
+@pytest.mark.parametrize("method", ["pole_zero", "curve"])
+def test_noise_free_recovery(sweeps, write_specimen_of, truth, method):
+    """Fully anisotropic, start 20 to 30 % off: real parts to 1e-5, tangents to 1e-3 (relative)."""
+    spec = write_specimen_of(
+        "k31",
+        sweeps["k31"],
+        TRIO,
+        {"s11": 0.8, "d31": 1.25, "eps33T": 0.7},
+        more=f'[update]\nmethod = "{method}"\naccuracy = 1e-6',
+    )
+    result = update(read_specimen(spec))
+    assert result.method == method
+    for name in TRIO:
+        value = getattr(result.constants, name)
+        exact = getattr(truth, name)
+        limit = 3e-5 if method == "pole_zero" else 1e-5  # ε33T at 500 Hz is static to (f/f_p)² k² ≈ 3e-6 only
+        assert value.real == pytest.approx(exact.real, rel=limit), name
+        assert result.constants.tangent(name) == pytest.approx(truth.tangent(name), rel=1e-3), name
+
+
+def test_joint_k31_and_k33_determine_more_constants(sweeps, write_specimen_of, truth):
+    """Two specimens of one material: both pairs, the permittivity and s13, with the intervals covering the truth."""
+    free = ("s11", "s12", "s13", "s33", "d31", "d33", "eps33T")
+    factors = {"s11": 0.9, "s12": 1.1, "s13": 0.93, "s33": 1.1, "d31": 0.9, "d33": 1.1, "eps33T": 0.9}
+    noise = "noise = 0.0005"
+    paths = [
+        write_specimen_of(name, noisy(sweeps[name], 5e-4, 3), free, factors, more=noise) for name in ("k31", "k33")
+    ]
+    result = update(read_specimens(paths))
+    assert len(result.outcomes) == 2
+    for name in ("s11", "s33", "d31", "d33", "eps33T"):
+        estimate = result.parameters[name]
+        assert abs(estimate.value - getattr(truth, name).real) < 4 * estimate.std, name
+        assert result.known.verdict(name) == "well", name
+        assert estimate.std / abs(estimate.value) < 0.01
+        assert abs(estimate.tan - truth.tangent(name)) < 4 * estimate.tan_std, name
+
+
+def test_prior_of_the_specimen_file_is_kept_where_the_data_say_nothing(sweeps, write_specimen_of):
+    free = (*TRIO, "s44")
+    spec = write_specimen_of("k31", sweeps["k31"], free, {"s44": 1.02}, extra='std_s44 = "1 %"', more="noise = 0.001")
+    result = update(read_specimen(spec))
+    estimate = result.parameters["s44"]
+    assert result.known.verdict("s44") == "not"
+    assert estimate.std / estimate.value == pytest.approx(0.01, rel=0.3)
+    assert any("do not determine" in note and "s44" in note for note in result.notes)
+
+
+def test_command_line_writes_the_contract(sweeps, write_specimen_of, tmp_path):
+    spec = write_specimen_of("k31", noisy(sweeps["k31"], 1e-3, 1), TRIO)
+    out = tmp_path / "out"
+    answer = CliRunner().invoke(main, ["update", str(spec), "--out", str(out), "--timings"])
+    assert answer.exit_code == 0, answer.output
+    record = json.loads((out / "update.json").read_text(encoding="utf-8"))
+    assert set(record["parameters"]) == set(TRIO)
+    for estimate in record["parameters"].values():
+        assert set(estimate) == {"value", "std", "tan", "tan_std"}
+        assert estimate["std"] > 0 and estimate["tan_std"] > 0
+    for kind in ("poles", "zeros"):
+        assert set(record[kind][0]) == {"measured", "model"}
+        assert record[kind][0]["model"]["frequency_Hz"] == pytest.approx(
+            record[kind][0]["measured"]["frequency_Hz"], rel=1e-4
+        )
+    assert record["converged"] is True and record["iterations"] >= 1
+    for name in ("impedance.png", "iterations.png", "sensitivity.png", "updated.csv"):
+        assert (out / name).stat().st_size > 1000
+    assert not [path for path in out.iterdir() if path.name.endswith(".tmp")]
+
+
+def test_simulate_then_extract_then_update(write_specimen_of, sweeps, tmp_path):
+    """The commands fit each other: what simulate writes, extract and update read, and its poles are found."""
+    spec = write_specimen_of("k31", sweeps["k31"], TRIO, lossy=True)
+    spec.write_text(
+        spec.read_text(encoding="utf-8") + "\n[simulation]\nstart = 100e3\nstop = 140e3\npoints = 201\nnoise = 1e-4\n",
+        encoding="utf-8",
+    )
+    run = CliRunner()
+    assert run.invoke(main, ["simulate", str(spec), "--out", str(tmp_path / "s")]).exit_code == 0
+    assert run.invoke(main, ["extract", str(tmp_path / "s/impedance.csv"), "--out", str(tmp_path / "e")]).exit_code == 0
+    simulated = json.loads((tmp_path / "s/simulation.json").read_text(encoding="utf-8"))
+    extracted = json.loads((tmp_path / "e/extraction.json").read_text(encoding="utf-8"))
+    for kind in ("poles", "zeros"):
+        assert extracted[kind][0]["frequency_Hz"] == pytest.approx(simulated[kind][0]["frequency_Hz"], rel=1e-5)
+        assert extracted[kind][0]["loss"] == pytest.approx(simulated[kind][0]["loss"], rel=2e-2)
+    answer = run.invoke(
+        main, ["update", str(spec), "--data", str(tmp_path / "s/impedance.csv"), "--out", str(tmp_path / "u")]
+    )
+    assert answer.exit_code == 0, answer.output
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "code"),
+    [
+        (("[measurement]", "[measurements]"), "measurement", 2),
+        (('file = "k31.csv"', 'file = "nothing.csv"'), "nothing.csv", 2),
+        (("'s11', 'd31', 'eps33T'", "'s11', 'q31'"), "q31", 2),
+        (("thickness = 0.001", "thickness = -0.001"), "thickness", 2),
+    ],
+)
+def test_wrong_input_is_one_sentence(sweeps, write_specimen_of, tmp_path, change, words, code):
+    spec = write_specimen_of("k31", sweeps["k31"], TRIO)
+    text = spec.read_text(encoding="utf-8")
+    assert change[0] in text
+    spec.write_text(text.replace(*change), encoding="utf-8")
+    out = tmp_path / "out"
+    answer = CliRunner().invoke(main, ["update", str(spec), "--out", str(out)])
+    assert answer.exit_code == code
+    assert words in answer.output
+    assert "Traceback" not in answer.output
+    assert answer.output.strip().count("\n") == 0
+    assert not out.exists() or not list(out.iterdir())
+
+
+def test_wrong_density_does_not_pass_for_convergence(sweeps, write_specimen_of, tmp_path):
+    """A sweep whose band holds no resonance of its own is refused, not fitted."""
+    sweep = sweeps["k31"]
+    spec = write_specimen_of("k31", sweep.band(105e3, 114e3), TRIO)
+    answer = CliRunner().invoke(main, ["update", str(spec), "--out", str(tmp_path / "out")])
+    assert answer.exit_code == 2
+    assert "no resonance with both its pole and its zero" in answer.output
