@@ -10,28 +10,22 @@ from scipy.optimize import minimize
 
 from femu_piezo.errors import InputError
 from femu_piezo.extraction.fit import ROUNDING
+from femu_piezo.measurement.noise import NoiseModel
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 
 @dataclass(frozen=True)
-class NoiseUsed:
-    """σ_Z(ω) = sqrt((relative·|Z|)² + additive²), the standard deviation of the complex impedance.
+class NoiseUsed(NoiseModel):
+    """σ_Z(ω) = sqrt((relative·|Z|)² + additive²), the standard deviation of the complex impedance in the fit.
 
     Attributes
     ----------
-    relative : part proportional to |Z|, dimensionless
-    additive : constant part, ohm
-    origin : "file" where the spectrum carried its noise (relative and additive then are a summary: the median
-        of σ_Z/|Z|, and 0), "residual" where it was learned from the residual of the fit
+    relative, additive : as in `NoiseModel`
+    origin : "file" where the spectrum carried its noise (relative then is the median of σ_Z/|Z|, additive 0),
+        "residual" where it was learned from the residual of the fit
     """
 
-    relative: float
-    additive: float
     origin: Literal["file", "residual"]
-
-    def std(self, impedance: np.ndarray) -> np.ndarray:
-        """(n,) σ_Z, ohm."""
-        return np.hypot(self.relative * np.abs(impedance), self.additive)
 
 
 def weight_of_file(spectrum: ImpedanceSpectrum) -> np.ndarray | None:
