@@ -11,9 +11,11 @@ from femu_piezo.study.update import Outcome, UpdateResult
 
 
 def number(value: float, std: float | None) -> str:
-    """A value with as many digits as its standard deviation deserves."""
+    """A value with as many digits as its standard deviation deserves; eight where that is below 1e-7 of it."""
     if std is None or not std > 0:
         return f"{value:.6g}"
+    if std < 1e-7 * abs(value):
+        return f"{value:.8g}"
     digits = max(0, -int(f"{std:.1e}".split("e")[1]) + 1)
     return f"{value:.{digits}f} ± {std:.{digits}f}"
 

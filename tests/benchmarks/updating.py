@@ -1,0 +1,158 @@
+"""What `update` reaches: starts 30 % off, intervals, cost of the simplification, time. python tests/benchmarks/updating.py
+
+Data come from a full solve at every frequency on another mesh than the model's, fully anisotropic PZT-5H with its
+own loss tangent for every constant. Takes some minutes.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import time
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from femu_piezo.errors import ConvergenceError
+from femu_piezo.forward.fundamental import reduced_source
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.reduction import reduce_model
+from femu_piezo.forward.response import full_impedance
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.material.library import library_material
+from femu_piezo.material.simplified import simplify
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.updating.data import CurveData, Passivity, weak_prior
+from femu_piezo.updating.least_squares import fit
+from femu_piezo.updating.parameters import FreeConstants, MaterialParameters
+from femu_piezo.updating.pole_zero import update_pair
+
+DENSITY = 7500.0
+TANGENTS = np.array([15, 13, 12, 16, 20, 13, 12, 14, 18, 17]) * 1e-3
+TRUTH = PiezoConstants.from_vector(library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS))
+PLATE = Plate(12e-3, 3e-3, 1e-3)
+TRIO = ("s11", "d31", "eps33T")
+CONSOLE = Console(width=110)
+
+
+def data(band: tuple[float, float], points: int, divisions: tuple[int, int, int]) -> ImpedanceSpectrum:
+    """Noise-free sweep by full solves."""
+    model = ElectroelasticModel(PLATE.domain(divisions), DENSITY)
+    frequency = np.linspace(*band, points)
+    return ImpedanceSpectrum(frequency, full_impedance(model, TRUTH.to_e_form(), frequency))
+
+
+def noisy(sweep: ImpedanceSpectrum, level: float, seed: int) -> ImpedanceSpectrum:
+    normal = np.random.default_rng(seed).standard_normal((2, len(sweep)))
+    error = level * (normal[0] + 1j * normal[1]) / np.sqrt(2)
+    return ImpedanceSpectrum(sweep.frequency, sweep.impedance * (1 + error))
+
+
+def _model(band: float, accuracy: float) -> ElectroelasticModel:
+    shear = 1 / np.sqrt(DENSITY * max(TRUTH.s44.real, TRUTH.s66.real))
+    return ElectroelasticModel(PLATE.domain(PLATE.divisions(accuracy, band, shear)), DENSITY)
+
+
+def starts(sweep: ImpedanceSpectrum, count: int = 50) -> None:
+    """Every free real part drawn within ±30 %: pole-zero Newton from there, then the curve."""
+    model = _model(sweep.frequency[-1], 1e-5)
+    free = FreeConstants.of(TRUTH, TRIO)
+    reduced = reduce_model(model, free.training_sets(free.start, 0.3), sweep.frequency[-1])
+    rng = np.random.default_rng(5)
+    found, failed = [], []
+    for _ in range(count):
+        theta = free.start.real * (1 + rng.uniform(-0.3, 0.3, 3)) * (1 - 0.01j)
+        parameters = MaterialParameters.around(free, theta)
+        curve = CurveData("sweep", reduced, sweep, np.full(len(sweep), 1e-3))
+        try:
+            solution = fit([curve, weak_prior(parameters, theta), Passivity()], parameters, theta)
+            found.append(solution.theta)
+        except ConvergenceError as error:
+            failed.append(str(error))
+    found = np.array(found)
+    spread = np.max(np.abs(found / np.median(found.real, axis=0).astype(complex).real - found.mean(axis=0) / found.mean(axis=0).real), axis=0)
+    same = np.all(np.abs(found / found.mean(axis=0) - 1) < 1e-4, axis=1)
+    CONSOLE.print(
+        f"starts ±30 %, curve fit alone: {len(found)} of {count} converged, {same.sum()} to the same answer "
+        f"(largest spread {spread.max():.1e}); failures: {failed or 'none'}"
+    )
+
+
+def coverage(sweep: ImpedanceSpectrum, draws: int = 100, level: float = 1e-3) -> None:
+    """Errors in units of the stated standard deviations over noise draws."""
+    model = _model(sweep.frequency[-1], 1e-6)
+    free = FreeConstants.of(TRUTH, TRIO)
+    reduced = reduce_model(model, free.training_sets(free.start, 0.1), sweep.frequency[-1], accuracy=1e-6)
+    parameters = MaterialParameters.around(free, free.start)
+    exact = parameters.x_of(free.start)
+    pulls = []
+    for seed in range(draws):
+        curve = CurveData("sweep", reduced, noisy(sweep, level, seed), np.full(len(sweep), level))
+        solution = fit([curve], parameters, free.start)
+        pulls.append((solution.x - exact) / np.sqrt(np.diag(solution.covariance)))
+    pulls = np.array(pulls)
+    table = Table(title=f"intervals, {draws} draws of {100 * level:g} % noise", title_justify="left")
+    for heading in ("unknown", "mean / σ", "within 1 σ", "within 1.96 σ"):
+        table.add_column(heading, justify="right")
+    for column, name in enumerate(parameters.names):
+        p = pulls[:, column]
+        inside = [f"{100 * np.mean(np.abs(p) < limit):.0f} %" for limit in (1, 1.96)]
+        table.add_row(name, f"{p.mean():+.2f}", *inside)
+    table.add_row("all", f"{pulls.mean():+.2f}", *[f"{100 * np.mean(np.abs(pulls) < s):.0f} %" for s in (1, 1.96)])
+    CONSOLE.print(table)
+
+
+def simplification(narrow: ImpedanceSpectrum, wide: ImpedanceSpectrum) -> None:
+    """Bias of the paper's isotropic simplification where the truth is anisotropic."""
+    table = Table(title="bias of the isotropic simplification, truth anisotropic PZT-5H", title_justify="left")
+    for heading in ("sweep", *TRIO, *(f"tan {name}" for name in TRIO)):
+        table.add_column(heading, justify="right")
+    base = simplify(TRUTH, "thickness").full()
+    for words, sweep in (("fundamental", narrow), ("with overtones", wide)):
+        free = FreeConstants.of(base, TRIO, simplified=True)
+        reduced = reduce_model(
+            _model(sweep.frequency[-1], 1e-5), free.training_sets(free.start, 0.2), sweep.frequency[-1]
+        )
+        parameters = MaterialParameters.around(free, free.start)
+        curve = CurveData("sweep", reduced, sweep, np.full(len(sweep), 1e-3))
+        solution = fit([curve], parameters, free.start, noise_known=False)
+        real = [100 * (value.real / getattr(TRUTH, name).real - 1) for name, value in zip(TRIO, solution.theta)]
+        tan = [100 * (-value.imag / value.real / TRUTH.tangent(name) - 1) for name, value in zip(TRIO, solution.theta)]
+        table.add_row(words, *(f"{value:+.2f} %" for value in (*real, *tan)))
+    CONSOLE.print(table)
+
+
+def speed(sweep: ImpedanceSpectrum) -> None:
+    """Curve fit of six real unknowns at 1601 points on a standing basis."""
+    free = FreeConstants.of(TRUTH, TRIO)
+    reduced = reduce_model(_model(sweep.frequency[-1], 1e-4), free.training_sets(free.start, 0.2), sweep.frequency[-1])
+    frequency = np.linspace(sweep.frequency[0], sweep.frequency[-1], 1601)
+    sampled = ImpedanceSpectrum(frequency, reduced.impedance(TRUTH.to_e_form(), frequency))
+    theta = free.start.real * np.array([1.03, 0.95, 1.05]) * (1 - 0.01j)
+    parameters = MaterialParameters.around(free, theta)
+    times = []
+    for seed in range(5):
+        curve = CurveData("sweep", reduced, noisy(sampled, 1e-3, seed), np.full(1601, 1e-3))
+        begin = time.perf_counter()
+        pole = reduced_source(reduced)(TRUTH, 118e3)
+        two = FreeConstants.of(free.constants(theta), ("s11", "d31"))
+        update_pair(reduced_source(reduced), two, pole.eigenvalues)
+        solution = fit([curve], parameters, theta)
+        times.append(time.perf_counter() - begin)
+    CONSOLE.print(
+        f"curve fit, six real unknowns, 1601 points, {reduced.size} reduced unknowns: median {np.median(times):.3f} s "
+        f"of 5 ({solution.evaluations} evaluations)"
+    )
+
+
+if __name__ == "__main__":
+    fundamental = data((105e3, 140e3), 201, (12, 4, 2))
+    overtones = data((50e3, 450e3), 401, (18, 5, 2))
+    speed(fundamental)
+    starts(fundamental)
+    coverage(fundamental)
+    simplification(fundamental, overtones)
