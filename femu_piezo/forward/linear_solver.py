@@ -7,7 +7,6 @@ analysis of a pattern is kept by `Analysis`, for sweeps over frequency or consta
 
 from __future__ import annotations
 
-import os
 import warnings
 
 import numpy as np
@@ -15,6 +14,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from femu_piezo.errors import ConvergenceError
+from femu_piezo.forward.threads import useful_threads
 
 try:
     import rslab
@@ -23,8 +23,6 @@ except ImportError:  # no wheel for this platform
 
 #: Relative residual above which a solution is refined, and above which it is refused.
 REFINE_ABOVE, REFUSE_ABOVE = 1e-11, 1e-7
-#: Unknowns below which one thread is fastest, and the most threads a factorisation gains from.
-_SMALL, _MOST_THREADS = 20_000, 4
 
 
 class Factorization:
@@ -101,16 +99,8 @@ class Analysis:
         columns = np.repeat(np.arange(size, dtype=np.int32), np.diff(matrix.indptr))
         self._pattern = matrix.indptr, matrix.indices
         self._lower = np.flatnonzero(matrix.indices >= columns)  # rslab reads the lower triangle
-        self._symbolic = rslab.analyze(matrix, path="ldlt", ordering="metis", threads=threads_for(size))
+        self._symbolic = rslab.analyze(matrix, path="ldlt", ordering="metis", threads=useful_threads(size))
         self.analyses += 1
-
-
-def threads_for(unknowns: int) -> int:
-    """Threads for one sparse factorisation: one for a small operator, never more than the process may use."""
-    if unknowns < _SMALL:
-        return 1
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else (os.cpu_count() or 1)
-    return min(available, _MOST_THREADS)
 
 
 def factorize(matrix: sp.spmatrix, backend: str | None = None) -> Factorization:

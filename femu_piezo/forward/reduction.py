@@ -19,6 +19,7 @@ from femu_piezo.forward.linear_solver import factorize
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduced_basis import ReducedBasis
+from femu_piezo.forward.threads import blas_limit, useful_threads
 from femu_piezo.forward.training import TrainingSet, compressed, state_residuals, worst_change
 from femu_piezo.material.constants import E_FORM, ElasticForm, PiezoConstants
 
@@ -42,6 +43,7 @@ class ReducedModel:
     basis : (m, r) real, free unknowns of the full model, to show mode shapes
     estimated_error : estimated relative error of Z at the training points, with 0.5 % loss
     band_Hz : highest frequency the basis was built for
+    training : (n_points, n_terms) real coefficients of all affine terms at which the basis was trained
     """
 
     terms: tuple[str, ...]
@@ -51,6 +53,7 @@ class ReducedModel:
     basis: np.ndarray = field(repr=False)
     estimated_error: float
     band_Hz: float
+    training: np.ndarray = field(repr=False)
 
     @property
     def size(self) -> int:
@@ -71,8 +74,9 @@ class ReducedModel:
 
     def modal_at(self, coefficients: np.ndarray) -> ModalModel:
         """Closed forms at given coefficients (n_terms,) of all affine terms."""
-        stiffness = np.tensordot(coefficients, self.matrices, axes=1)
-        return diagonalise(stiffness, self.matrices, self.displacements, self.admittance_factor)
+        with blas_limit():
+            stiffness = np.tensordot(coefficients, self.matrices, axes=1)
+            return diagonalise(stiffness, self.matrices, self.displacements, self.admittance_factor)
 
     def impedance(
         self, constants: ElasticForm, frequency_Hz: np.ndarray, extra: Mapping[str, complex] | None = None
@@ -101,9 +105,23 @@ def reduce_model(
     ------
     ConvergenceError : the estimate stays above `accuracy` after `max_rounds` enrichments
     """
-    top = (2 * np.pi * band_Hz) ** 2
     points = [_coefficients(model, point) for point in _with_neighbours(training)]
     checks = [_coefficients(model, point) for point in _reflections(training)]
+    with blas_limit(useful_threads(model.size)):
+        basis, sets, error = _enriched(model, points, checks, band_Hz, accuracy, max_rounds)
+        return _finished(model, basis, sets, band_Hz, accuracy, error)
+
+
+def _enriched(
+    model: ElectroelasticModel,
+    points: list[np.ndarray],
+    checks: list[np.ndarray],
+    band_Hz: float,
+    accuracy: float,
+    max_rounds: int,
+) -> tuple[ReducedBasis, list[TrainingSet], float]:
+    """Basis enriched until the estimate at points and checks is below half of `accuracy`; errors as `reduce_model`."""
+    top = (2 * np.pi * band_Hz) ** 2
     basis, factor, scale = _reference_basis(model, points[0], top, accuracy)
     sets = _train(basis, [*points, *checks], top)
     change, active = np.full(len(sets), np.inf), np.arange(len(points))
@@ -115,7 +133,7 @@ def reduce_model(
         sets, error = fresh, _predicted(before, change)
         active = np.flatnonzero(error > 0.1 * accuracy)
         if error.max() < 0.5 * accuracy:
-            return _finished(model, basis, sets, band_Hz, accuracy, float(error.max()))
+            return basis, sets, float(error.max())
         if added == 0:
             break
     raise ConvergenceError(
@@ -192,19 +210,22 @@ def _reference_basis(model: ElectroelasticModel, coefficients: np.ndarray, top: 
 def _finished(model, basis: ReducedBasis, sets, band_Hz: float, accuracy: float, error: float) -> ReducedModel:
     """Compress to the leading principal components of the training states that keep the accuracy."""
     ku, matrices = basis.u.shape[1], basis.matrices()
+    rotation, new_ku, loss = np.eye(matrices.shape[1]), ku, 0.0
     for tolerance in np.sqrt(accuracy * LOSS) * np.array([1.0, 0.5, 0.25, 0.1, 0.03, 0.01]):
-        rotation, new_ku = TrainingSet.principal_components(sets, matrices, ku, tolerance)
-        small = rotation.T @ matrices @ rotation
-        new = [TrainingSet.of(small, new_ku, item.coefficients, item.top) for item in sets]
-        loss = max(worst_change(few, all_) for few, all_ in zip(new, sets, strict=True))
-        if loss < 0.25 * accuracy:
-            return ReducedModel(
-                model.terms,
-                small,
-                new_ku,
-                model.domain.admittance_factor,
-                basis.matrix @ rotation,
-                error + loss,
-                band_Hz,
-            )
-    return ReducedModel(model.terms, matrices, ku, model.domain.admittance_factor, basis.matrix, error, band_Hz)
+        few, few_ku = TrainingSet.principal_components(sets, matrices, ku, tolerance)
+        small = few.T @ matrices @ few
+        new = [TrainingSet.of(small, few_ku, item.coefficients, item.top) for item in sets]
+        change = max(worst_change(less, all_) for less, all_ in zip(new, sets, strict=True))
+        if change < 0.25 * accuracy:
+            rotation, new_ku, loss = few, few_ku, change
+            break
+    return ReducedModel(
+        terms=model.terms,
+        matrices=rotation.T @ matrices @ rotation,
+        displacements=new_ku,
+        admittance_factor=model.domain.admittance_factor,
+        basis=basis.matrix @ rotation,
+        estimated_error=error + loss,
+        band_Hz=band_Hz,
+        training=np.array([item.coefficients for item in sets]),
+    )

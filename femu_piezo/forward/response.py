@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 import scipy.sparse as sp
 
-from femu_piezo.forward.linear_solver import factorize
+from femu_piezo.forward.linear_solver import Analysis
 from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
 from femu_piezo.material.constants import ElasticForm
 
@@ -22,13 +22,13 @@ def driven_state(
     model: ElectroelasticModel, constants: ElasticForm, frequency_Hz: float, extra: Mapping[str, complex] | None = None
 ) -> np.ndarray:
     """(m,) complex unknowns for unit charge drawn from the hot electrode: the column −A^-1 e_h (scaled unknowns)."""
-    return _driven(model, model.stiffness(constants, extra), frequency_Hz)
+    return _driven(model, model.stiffness(constants, extra), frequency_Hz, Analysis())
 
 
-def _driven(model: ElectroelasticModel, stiffness: sp.spmatrix, frequency_Hz: float) -> np.ndarray:
+def _driven(model: ElectroelasticModel, stiffness: sp.spmatrix, frequency_Hz: float, analysis: Analysis) -> np.ndarray:
     load = np.zeros(model.size)
     load[-1] = -1.0
-    return factorize(stiffness - (2 * np.pi * frequency_Hz) ** 2 * model.mass).solve(load)
+    return analysis.factorize(stiffness - (2 * np.pi * frequency_Hz) ** 2 * model.mass).solve(load)
 
 
 def full_impedance(
@@ -37,8 +37,8 @@ def full_impedance(
     frequency_Hz: np.ndarray,
     extra: Mapping[str, complex] | None = None,
 ) -> np.ndarray:
-    """Z of the specimen at each frequency by direct solves, (n,) complex ohm."""
-    stiffness = model.stiffness(constants, extra)
-    inverse_capacitance = np.array([_driven(model, stiffness, frequency)[-1] for frequency in frequency_Hz])
+    """Z of the specimen at each frequency by direct solves on one symbolic analysis, (n,) complex ohm."""
+    stiffness, analysis = model.stiffness(constants, extra), Analysis()
+    inverse_capacitance = np.array([_driven(model, stiffness, f, analysis)[-1] for f in frequency_Hz])
     part = inverse_capacitance * POTENTIAL_SCALE**2 / (2j * np.pi * np.asarray(frequency_Hz))
     return part / model.domain.admittance_factor

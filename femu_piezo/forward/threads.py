@@ -1,0 +1,39 @@
+"""Threads: dense algebra on small matrices runs on one thread, sparse factorisations on as many as they gain from.
+
+The reduced model works on matrices of order 100: a BLAS that wakes 64 threads for each of them is many times slower
+than one thread, and two processes doing so on few cores stop each other. `blas_limit` keeps such sections to few
+threads and restores the limits afterwards; it never raises a limit that the user has set.
+"""
+
+from __future__ import annotations
+
+import os
+from functools import lru_cache
+
+from threadpoolctl import ThreadpoolController
+
+#: Unknowns below which one thread is fastest, and the most threads that an operator gains from.
+_SMALL, _MOST_THREADS = 20_000, 4
+
+
+@lru_cache(maxsize=1)
+def _blas() -> ThreadpoolController:
+    return ThreadpoolController().select(user_api="blas")
+
+
+def blas_limit(threads: int = 1):
+    """Context in which every BLAS of the process uses at most so many threads."""
+    current = [library.num_threads for library in _blas().lib_controllers]
+    return _blas().limit(limits=min([threads, *current]))
+
+
+def available_cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def useful_threads(unknowns: int) -> int:
+    """Threads for one sparse operator: one for a small one, never more than the process may use."""
+    return 1 if unknowns < _SMALL else min(available_cores(), _MOST_THREADS)
