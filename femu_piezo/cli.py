@@ -21,6 +21,7 @@ Smart Mater. Struct. 31, 2022, 125010).
 \b
   femu-piezo simulate plate.toml --out results    poles, zeros and a sweep of the specimen as described
   femu-piezo extract sweep.csv --out results      poles and zeros of a measured sweep, without any model
+  femu-piezo modes plate.toml --out results       pictures of the driven modes
   femu-piezo update plate.toml --out results      the constants that explain the measured sweep
   femu-piezo identify plate.toml --out results    which constants such a sweep can determine, and what else to measure
 
@@ -217,6 +218,44 @@ def identify(specimens: tuple[Path, ...], out: Path, noise: float) -> None:
         write_figure(out / f"sensitivity{suffix}.png", sensitivity_figure(sensitivity))
     write_json(out / "identifiability.json", result.to_json())
     console().print(identifiability_table(result))
+
+
+@main.command()
+@_specimen
+@_out
+@click.option("--count", type=click.IntRange(1, 200), help="only so many modes, the lowest ones")
+@click.option("--band", nargs=2, type=float, metavar="LOW HIGH", help="only modes with poles in this band, Hz")
+@click.option("--animate", is_flag=True, help="an animated GIF of every mode as well")
+@click.option("--html", "scene", is_flag=True, help="an interactive scene as well (one HTML file, no network)")
+def modes(
+    specimen: Path, out: Path, count: int | None, band: tuple[float, float] | None, animate: bool, scene: bool
+) -> None:
+    """Draw the driven modes of the specimen SPEC: poles and zeros, what the body does, k_eff.
+
+    Writes modes.json, mode_01.png, mode_02.png … and the sheet modes.png; with --animate mode_01.gif …, with
+    --html modes.html. The band ends by default at 3.5 times the expected fundamental.
+    """
+    from femu_piezo.output.folder import prepare_folder, write_binary, write_figure, write_json
+    from femu_piezo.output.modes import animation, mode_figure, overview_figure
+    from femu_piezo.specimen import read_specimen
+    from femu_piezo.study.modes import find_modes
+
+    wanted = read_specimen(specimen)
+    prepare_folder(out)
+    result = find_modes(wanted, band=band, count=count)
+    for number, mode in enumerate(result.modes):
+        write_figure(out / f"mode_{number + 1:02d}.png", mode_figure(result, number), 200)
+        if animate:
+            write_binary(out / f"mode_{number + 1:02d}.gif", animation(result, number))
+        zero = "" if mode.zero is None else f"   zero {mode.zero.frequency_Hz:14.3f} Hz   k_eff {mode.k_eff:.4f}"
+        click.echo(f"pole {mode.pole.frequency_Hz:14.3f} Hz{zero}   {mode.pole_family}")
+    write_figure(out / "modes.png", overview_figure(result), 200)
+    if scene:
+        from femu_piezo.output.scene import scene_html
+
+        write_binary(out / "modes.html", scene_html(result).encode("utf-8"))
+    write_json(out / "modes.json", result.to_json())
+    click.echo(f"{len(result.modes)} modes, {result.model.size} unknowns → {out / 'modes.png'}")
 
 
 if __name__ == "__main__":

@@ -34,9 +34,14 @@ def write_figure(path: Path, figure: Figure, dots_per_inch: int = 150) -> None:
     """One PNG, whole or not at all."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dots_per_inch)
+    write_binary(path, buffer.getvalue())
+
+
+def write_binary(path: Path, data: bytes) -> None:
+    """One binary file, whole or not at all."""
     beside = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}.tmp")
     try:
-        beside.write_bytes(buffer.getvalue())
+        beside.write_bytes(data)
         os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)

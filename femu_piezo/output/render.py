@@ -1,0 +1,195 @@
+"""One mode shape drawn off-screen: displaced body with colours, its outline at rest, the edges of the electrodes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from femu_piezo.forward.mode_family import real_phase
+from femu_piezo.output.off_screen import pyvista_off_screen
+from femu_piezo.output.surface import BARE, GROUND, HOT, Surface, surface_of
+
+if TYPE_CHECKING:
+    from femu_piezo.study.modes import DrivenMode, ModesResult
+
+#: Largest drawn displacement relative to the longest side; of thickness modes relative to the thickness.
+_EXAGGERATION, _IN_THICKNESS = 0.07, 0.3
+COLORS = {"displacement": "viridis", "potential": "RdBu_r"}
+ELECTRODE_COLORS = {BARE: "#e8dfc8", HOT: "#c0392b", GROUND: "#1f4e79"}
+WINDOW = (1500, 1000)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One mode ready to draw: surface points, motion (real, scaled for drawing) and its colours.
+
+    Attributes
+    ----------
+    motion : (p, 3) complex drawn displacement, m
+    colors : (p,) complex relative values; quantity : "displacement" (magnitude) or "potential"
+    """
+
+    surface: Surface
+    motion: np.ndarray
+    colors: np.ndarray
+    quantity: str
+
+    def at(self, phase: float) -> tuple[np.ndarray, np.ndarray]:
+        """Points (p, 3) and relative colours (p,) at a phase of the oscillation, rad."""
+        turn = np.exp(1j * phase)
+        points = self.surface.points + (self.motion * turn).real
+        if self.quantity == "potential":
+            return points, (self.colors * turn).real
+        return points, self.colors.real * abs(np.cos(phase))
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        return (-1.0, 1.0) if self.quantity == "potential" else (0.0, 1.0)
+
+
+def shapes_of(result: ModesResult, mode: DrivenMode, subdivisions: int = 4) -> tuple[Shape, ...]:
+    """The pole's shape coloured by displacement and, where there is one, the zero's coloured by potential.
+
+    With short-circuited electrodes the potential vanishes on them, so it is shown at the zero.
+    """
+    vectors = [(mode.pole_vector, "displacement", mode.pole_family)]
+    if mode.zero_vector is not None:
+        vectors.append((mode.zero_vector, "potential", mode.zero_family))
+    return tuple(_shape(result, *entry, subdivisions) for entry in vectors)
+
+
+def _shape(result: ModesResult, vector: np.ndarray, quantity: str, words: str, subdivisions: int) -> Shape:
+    surface = surface_of(result.model, real_phase(vector)[:, None], subdivisions)
+    displacement, potential = surface.displacement[0], surface.potential[0]
+    hot, ground = (potential[surface.triangles[surface.electrode == label]].real.mean() for label in (HOT, GROUND))
+    if quantity == "potential" and hot < ground:  # shown at the instant of positive voltage
+        displacement, potential = -displacement, -potential
+    size = np.linalg.norm(displacement.real, axis=1)
+    largest = size.max()
+    box = np.ptp(surface.points, axis=0)
+    reach = _IN_THICKNESS * box.min() if "thickness" in words else _EXAGGERATION * box.max()
+    if quantity == "potential":
+        middle = (potential.real.max() + potential.real.min()) / 2  # only differences of potential mean anything
+        centred = potential - middle
+        colors = centred / max(np.abs(centred.real).max(), 1e-300)
+    else:
+        colors = size / largest + 0j
+    return Shape(surface, displacement * (reach / largest), colors, quantity)
+
+
+class Renderer:
+    """One off-screen window that draws a shape again and again; close it after use (a context manager)."""
+
+    def __init__(self, shape: Shape, window: tuple[int, int] = WINDOW) -> None:
+        pv = pyvista_off_screen()
+        self._shape = shape
+        surface = shape.surface
+        faces = np.hstack([np.full((len(surface.triangles), 1), 3), surface.triangles]).ravel()
+        self._mesh = pv.PolyData(surface.points.copy(), faces)
+        self._mesh["value"] = np.zeros(len(surface.points))
+        self._plotter = plotter = pv.Plotter(off_screen=True, window_size=list(window))
+        plotter.set_background("white")
+        plotter.add_mesh(
+            self._mesh,
+            scalars="value",
+            cmap=COLORS[shape.quantity],
+            clim=shape.limits,
+            show_scalar_bar=False,
+            ambient=0.35,
+            diffuse=0.7,
+            specular=0.1,
+            smooth_shading=False,
+        )
+        rest = pv.PolyData(surface.points, faces)
+        self._borders = [(self._border(pv, label), ELECTRODE_COLORS[label]) for label in (HOT, GROUND)]
+        for (lines, _), color in self._borders:
+            if lines is not None:
+                plotter.add_mesh(lines, color=color, line_width=5, render_lines_as_tubes=True, lighting=False)
+        outline = _sharp_edges(pv, rest)
+        if outline.n_points:
+            plotter.add_mesh(outline, color="#555555", line_width=2)
+        plotter.camera_position = _camera(surface.points)
+        plotter.enable_anti_aliasing("ssaa")
+
+    def _border(self, pv, label: int):
+        """Lines around an electrode and the surface points that they follow."""
+        surface = self._shape.surface
+        triangles = surface.triangles[surface.electrode == label]
+        if not len(triangles):
+            return None, None
+        _, merged = np.unique(np.round(surface.points / (1e-7 * surface.extent)), axis=0, return_inverse=True)
+        merged = merged.ravel()
+        edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+        keys = np.sort(merged[edges], axis=1)
+        _, first, count = np.unique(keys, axis=0, return_index=True, return_counts=True)
+        border = edges[first[count == 1]]
+        cells = np.hstack([np.full((len(border), 1), 2), np.arange(border.size).reshape(-1, 2)]).ravel()
+        return pv.PolyData(surface.points[border.ravel()].copy(), lines=cells), border.ravel()
+
+    def image(self, phase: float = 0.0) -> np.ndarray:
+        """(height, width, 3) picture of the body at a phase of its oscillation."""
+        points, colors = self._shape.at(phase)
+        self._mesh.points = points
+        self._mesh["value"] = colors
+        for (lines, where), _ in self._borders:
+            if lines is not None:
+                lines.points = points[where]
+        self._plotter.render()
+        return self._plotter.screenshot(return_img=True)
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._plotter.close()
+
+
+def _sharp_edges(pv, mesh):
+    """The edges of the undeformed body."""
+    return mesh.clean(tolerance=1e-7).extract_feature_edges(
+        feature_angle=40, boundary_edges=False, non_manifold_edges=False, manifold_edges=False
+    )
+
+
+def _camera(points: np.ndarray, above: bool = True) -> list:
+    """Oblique view from above or below that fits the body."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    center, size = (low + high) / 2, high - low
+    direction = np.array([0.55, -1.0, 0.75 if above else -0.75])
+    direction /= np.linalg.norm(direction)
+    distance = 1.75 * np.linalg.norm(size)
+    return [tuple(center + distance * direction), tuple(center), (0.0, 0.0, 1.0)]
+
+
+def cropped(image: np.ndarray, margin: int = 12) -> np.ndarray:
+    """The picture without its white surroundings."""
+    inked = np.any(image < 250, axis=2)
+    rows, columns = np.flatnonzero(inked.any(axis=1)), np.flatnonzero(inked.any(axis=0))
+    if not rows.size:
+        return image
+    top, left = max(rows[0] - margin, 0), max(columns[0] - margin, 0)
+    return image[top : rows[-1] + margin + 1, left : columns[-1] + margin + 1]
+
+
+def electrode_image(result: ModesResult, above: bool = True, window: tuple[int, int] = (1000, 700)) -> np.ndarray:
+    """(height, width, 3) picture of the body at rest: hot electrode red, ground blue, bare ceramic pale."""
+    pv = pyvista_off_screen()
+    surface = surface_of(result.model, result.modes[0].pole_vector[:, None])
+    plotter = pv.Plotter(off_screen=True, window_size=list(window))
+    plotter.set_background("white")
+    for label, color in ELECTRODE_COLORS.items():
+        triangles = surface.triangles[surface.electrode == label]
+        if len(triangles):
+            faces = np.hstack([np.full((len(triangles), 1), 3), triangles]).ravel()
+            plotter.add_mesh(pv.PolyData(surface.points, faces), color=color, ambient=0.4, diffuse=0.65)
+    faces = np.hstack([np.full((len(surface.triangles), 1), 3), surface.triangles]).ravel()
+    outline = _sharp_edges(pv, pv.PolyData(surface.points, faces))
+    if outline.n_points:
+        plotter.add_mesh(outline, color="#333333", line_width=2)
+    plotter.camera_position = _camera(surface.points, above)
+    plotter.enable_anti_aliasing("ssaa")
+    image = plotter.screenshot(return_img=True)
+    plotter.close()
+    return cropped(image)

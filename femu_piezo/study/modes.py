@@ -1,0 +1,153 @@
+"""`modes`: the driven modes of a specimen in a band, poles and zeros, with their shapes and what they are in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from femu_piezo.errors import InputError
+from femu_piezo.forward.mode_family import family, real_phase
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.reduction import reduce_model
+from femu_piezo.resonances import Resonance, effective_coupling
+from femu_piezo.specimen import Specimen
+from femu_piezo.study.inputs import Problem, prepare
+
+#: Share of the strongest mode's |a²/λ| below which a mode is not shown: the terminals hardly see it.
+_VISIBLE = 1e-3
+#: Largest estimated error of the reduced model from which the modes are taken.
+_REDUCTION_ERROR = 1e-6
+
+
+@dataclass(frozen=True)
+class DrivenMode:
+    """A pole and the zero that belongs to it.
+
+    Attributes
+    ----------
+    pole, zero : short- and open-circuit resonance; zero None where none lies between this pole and the next
+    pole_family, zero_family : what the body does, in words
+    participation : share of the pole in the sum of |a²/λ| over the modes shown
+    pole_vector, zero_vector : (m,) complex free unknowns of the model
+    """
+
+    pole: Resonance
+    zero: Resonance | None
+    pole_family: str
+    zero_family: str | None
+    participation: float
+    pole_vector: np.ndarray = field(repr=False)
+    zero_vector: np.ndarray | None = field(repr=False)
+
+    @property
+    def k_eff(self) -> float | None:
+        """Effective coupling factor of the pair (IEEE 176); None without a zero."""
+        return None if self.zero is None else effective_coupling(self.pole, self.zero)
+
+    def to_json(self) -> dict:
+        record = {
+            "pole": _record(self.pole, self.pole_family),
+            "zero": None if self.zero is None else _record(self.zero, self.zero_family),
+            "k_eff": self.k_eff,
+            "participation": self.participation,
+        }
+        return record
+
+
+def _record(resonance: Resonance, words: str) -> dict:
+    return {"frequency_Hz": resonance.frequency_Hz, "loss": resonance.loss, "family": words}
+
+
+@dataclass(frozen=True)
+class ModesResult:
+    """The modes of a specimen in a band (Hz), the model their vectors belong to."""
+
+    specimen: Specimen
+    model: ElectroelasticModel = field(repr=False)
+    modes: tuple[DrivenMode, ...]
+    band: tuple[float, float]
+
+    def to_json(self) -> dict:
+        return {
+            "specimen": self.specimen.name,
+            "band_Hz": list(self.band),
+            "unknowns": self.model.size,
+            "modes": [mode.to_json() for mode in self.modes],
+        }
+
+
+def find_modes(specimen: Specimen, *, band: tuple[float, float] | None = None, count: int | None = None) -> ModesResult:
+    """The driven modes of a specimen.
+
+    Parameters
+    ----------
+    band : (low, high) Hz; from zero to 3.5 times the expected fundamental where None
+    count : only so many, the lowest ones
+
+    Raises
+    ------
+    InputError : the specimen cannot be computed, or the band holds no driven mode
+    """
+    problem = prepare(specimen)
+    if band is not None and not 0 <= band[0] < band[1]:
+        raise InputError(f"--band {band[0]:g} {band[1]:g} is no band; give the lower frequency first, in Hz")
+    low, high = band or (0.0, 3.5 * problem.expected_pole_Hz)
+    model = _model(problem, high)
+    reduced = reduce_model(model, [problem.constants], 1.3 * high, accuracy=_REDUCTION_ERROR)
+    modal = reduced.modal(problem.constants.to_e_form())
+    values, inner = modal.zeros
+    open_states = modal.states[:, 1:] @ inner + modal.states[:, :1] * modal.zero_amplitudes
+    poles = _driven("pole", modal.eigenvalues, modal.charges, reduced.basis @ modal.states[:, 1:], 1.3 * high)
+    zeros = _driven("zero", values, modal.zero_amplitudes, reduced.basis @ open_states, 1.3 * high)
+    pairs = [pair for pair in _pairs(poles, zeros) if low <= pair[0][0].frequency_Hz <= high][:count]
+    if not pairs:
+        raise InputError(
+            f"{specimen.path or specimen.name}: no driven mode lies between {low:.6g} and {high:.6g} Hz; the first is "
+            f"expected near {problem.expected_pole_Hz:.4g} Hz, so give another --band"
+        )
+    total = sum(pole[2] for pole, _ in pairs)
+    modes = tuple(_mode(model, pole, zero, total) for pole, zero in pairs)
+    return ModesResult(specimen, model, modes, (low, high))
+
+
+def _model(problem: Problem, high: float) -> ElectroelasticModel:
+    accuracy = problem.specimen.update.accuracy if problem.specimen.update else 1e-4
+    return problem.model(problem.equivalent_frequency(high, accuracy), accuracy)
+
+
+_Found = tuple[Resonance, np.ndarray, float]
+
+
+def _driven(kind, eigenvalues, amplitudes, vectors, highest: float) -> list[_Found]:
+    """(resonance, vector, |a²/λ|) of the modes the terminals see, in order of frequency."""
+    weight = np.abs(amplitudes**2 / eigenvalues)
+    frequency = np.sqrt(np.abs(eigenvalues.real)) / (2 * np.pi)
+    inside = (frequency <= highest) & (eigenvalues.real > 0)
+    if not inside.any():
+        return []
+    chosen = np.flatnonzero(inside & (weight > _VISIBLE * weight[inside].max()))
+    chosen = chosen[np.argsort(eigenvalues[chosen].real)]
+    return [(Resonance(kind, complex(eigenvalues[i])), real_phase(vectors[:, i]), float(weight[i])) for i in chosen]
+
+
+def _pairs(poles: list[_Found], zeros: list[_Found]) -> list[tuple[_Found, _Found | None]]:
+    """Each pole with the last zero below the next pole."""
+    pairs = []
+    for index, pole in enumerate(poles):
+        above = poles[index + 1][0].frequency_Hz if index + 1 < len(poles) else np.inf
+        between = [zero for zero in zeros if pole[0].frequency_Hz < zero[0].frequency_Hz <= above]
+        pairs.append((pole, between[-1] if above < np.inf and between else (between[0] if between else None)))
+    return pairs
+
+
+def _mode(model: ElectroelasticModel, pole: _Found, zero: _Found | None, total: float) -> DrivenMode:
+    return DrivenMode(
+        pole=pole[0],
+        zero=None if zero is None else zero[0],
+        pole_family=family(model, pole[1]),
+        zero_family=None if zero is None else family(model, zero[1]),
+        participation=pole[2] / total,
+        pole_vector=pole[1],
+        zero_vector=None if zero is None else zero[1],
+    )
