@@ -9,7 +9,6 @@ import numpy as np
 from femu_piezo.errors import InputError
 from femu_piezo.extraction import Extraction, extract
 from femu_piezo.extraction.roots import Pair
-from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
@@ -66,12 +65,15 @@ class Measured:
         """Whether the noise came with the data."""
         return self.fitted.noise is not None
 
-    def model(self, whole_curve: bool) -> ElectroelasticModel:
-        """Mesh within the specimen's accuracy to the end of the sweep, or (the curve a mere picture) to the zero."""
+    def model_frequency(self, whole_curve: bool) -> float:
+        """Frequency up to which the mesh must be within the specimen's accuracy, Hz.
+
+        The end of the fitted sweep, or (the curve a mere picture) the zero.
+        """
         accuracy = (self.problem.specimen.update or Update()).accuracy
         exact_up_to = self.fitted.frequency[-1] if whole_curve else 1.05 * self.pair.zero.frequency_Hz
         picture = self.band_Hz * (accuracy / max(accuracy, _PICTURE_ACCURACY)) ** 0.25
-        return self.problem.model(max(exact_up_to, picture), accuracy)
+        return float(max(exact_up_to, picture))
 
     def start_values(self) -> dict[str, complex]:
         """Constants the sweep gives by 1-D formulas: s and d of the poling direction, and ε33T."""

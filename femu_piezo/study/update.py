@@ -18,12 +18,12 @@ import numpy as np
 from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.forward.fundamental import dominant_index, reduced_source
 from femu_piezo.forward.modal import ModalModel
-from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.forward.reduction import ReducedModel, reduce_model
+from femu_piezo.forward.reduction import ReducedModel
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.simplified import simplify
 from femu_piezo.resonances import Resonance
 from femu_piezo.specimen import Specimen, Update
+from femu_piezo.study.bases import LEAVE, Bases
 from femu_piezo.study.measured import PAIR_NAMES, Measured, baseline_constants, measure, start_constants
 from femu_piezo.updating.data import CurveData, Passivity, Prior, rms_log_error, weak_prior
 from femu_piezo.updating.identifiability import Identifiability, identifiability
@@ -33,8 +33,6 @@ from femu_piezo.updating.parameters import Estimate, FreeConstants, MaterialPara
 from femu_piezo.updating.pole_zero import Step, propagate_covariance, update_pair, update_simplified
 from femu_piezo.updating.sensitivity import Sensitivity, sensitivity
 
-#: Relative range of the free constants that one reduced basis covers, and how far they may leave it.
-_SPREAD, _LEAVE = 0.25, 0.3
 #: Bands of a sweep whose residuals count as one where neighbours are correlated.
 _BANDS = 15
 
@@ -128,10 +126,17 @@ class _Clock:
             self._progress(name)
 
 
-def update(specimens: Specimen | Sequence[Specimen], progress: Progress | None = None) -> UpdateResult:
+def update(
+    specimens: Specimen | Sequence[Specimen], progress: Progress | None = None, bases: Bases | None = None
+) -> UpdateResult:
     """Update the free constants of a material from the measured sweeps of one or more specimens of it.
 
     The first specimen's [material] and [update] rule; the others bring geometry and sweep.
+
+    Parameters
+    ----------
+    progress : called with the name of each step
+    bases : where models and reduced bases come from; made for these specimens alone where None
 
     Raises
     ------
@@ -146,7 +151,7 @@ def update(specimens: Specimen | Sequence[Specimen], progress: Progress | None =
     baseline, baseline_notes = baseline_constants(measured, start)
     method, origin = _method(measured)
     clock.step("mesh and assemble")
-    run = _Run(measured, [one.model(whole_curve=method == "curve") for one in measured], clock)
+    run = _Run(measured, method, clock, bases or Bases())
     state = run.solve(start, method)
     clock.step("curves")
     outcomes = tuple(run.outcome(index, state, baseline) for index in range(len(measured)))
@@ -205,8 +210,9 @@ class _State:
 class _Run:
     """Pole-zero iteration and curve fit on reduced bases that follow the constants."""
 
-    def __init__(self, measured: list[Measured], models: list[ElectroelasticModel], clock: _Clock) -> None:
-        self._measured, self._models, self._clock = measured, models, clock
+    def __init__(self, measured: list[Measured], method: str, clock: _Clock, bases: Bases) -> None:
+        self._measured, self._clock, self._bases = measured, clock, bases
+        self._models = [bases.model(one, whole_curve=method == "curve") for one in measured]
         self._problem = measured[0].problem
 
     def solve(self, start: PiezoConstants, method: str) -> _State:
@@ -214,9 +220,8 @@ class _Run:
         constants = start
         for _ in range(6):
             free = self._problem.free(constants)
-            if anchor is None or np.max(np.abs(free.start.real / anchor - 1)) > _LEAVE:
-                anchor = free.start.real
-                reduced = self._reduce(free)
+            if anchor is None or np.max(np.abs(free.start.real / anchor - 1)) > LEAVE:
+                anchor, reduced = self._reduce(free)
             self._clock.step("pole-zero update")
             histories = state.histories if state else None
             state = self._pole_zero(free, reduced)
@@ -225,17 +230,18 @@ class _Run:
                 self._clock.step("curve fit")
                 state = self._curve(state)
             constants = state.constants
-            if np.max(np.abs(state.theta.real / anchor - 1)) <= _LEAVE:
+            if np.max(np.abs(state.theta.real / anchor - 1)) <= LEAVE:
                 return state
         raise ConvergenceError(
             "the constants kept leaving the range of the reduced model; start from a closer base material or free fewer"
         )
 
-    def _reduce(self, free: FreeConstants) -> tuple[ReducedModel, ...]:
+    def _reduce(self, free: FreeConstants) -> tuple[np.ndarray, tuple[ReducedModel, ...]]:
+        """The free values that the bases are trained around, and the bases."""
         self._clock.step("reduce")
-        training = free.training_sets(free.start, _SPREAD)
-        return tuple(
-            reduce_model(model, training, one.band_Hz) for model, one in zip(self._models, self._measured, strict=True)
+        around = self._bases.anchor(self._problem, free)
+        return around.start.real, tuple(
+            self._bases.reduced(model, around, one) for model, one in zip(self._models, self._measured, strict=True)
         )
 
     def _pole_zero(self, free: FreeConstants, reduced: tuple[ReducedModel, ...]) -> _State:
@@ -306,7 +312,8 @@ class _Run:
     def outcome(self, index: int, state: _State, base: PiezoConstants) -> Outcome:
         """Curves and matched resonances of one specimen at the solution."""
         one, model = self._measured[index], self._models[index]
-        base_curve = reduce_model(model, [base], one.band_Hz).impedance(base.to_e_form(), one.spectrum.frequency)
+        basis = self._bases.baseline(model, base, one)
+        base_curve = basis.impedance(base.to_e_form(), one.spectrum.frequency)
         modal = state.reduced[index].modal(state.constants.to_e_form())
         return Outcome(
             measured=one,
