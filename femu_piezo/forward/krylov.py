@@ -1,6 +1,6 @@
 """Krylov vectors of the driven plate: the reference part of a reduced basis from one real factorisation.
 
-With K_σ = K − σM and the static response x_0 = K_σ^-1 b, the driven state is
+With K_σ = K − σM, a shift σ inside the band and x_0 = K_σ^-1 b, the driven state is
 
     x(ω) = (1 − s K_σ^-1 M)^-1 x_0,    s = ω² − σ,    bᵗx = bᵗx_0 + s x_0ᵗM x,
 
@@ -67,7 +67,7 @@ def driven_krylov(
 
 def _change(previous, current, static_potential: float, norm: float, shift: float, top: float) -> float:
     """Largest relative change of bᵗx between two Ritz decompositions, at its resonances and in between."""
-    ritz = shift + 1 / current[0][current[0] > 0]
+    ritz = shift + 1 / current[0]
     squares = np.concatenate([ritz[(ritz > 0) & (ritz < top)], np.linspace(0.01, 1.0, 60) ** 2 * top])
     s = (squares / (1 + 1j * LOSS))[:, None] - shift
 

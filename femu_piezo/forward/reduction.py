@@ -17,7 +17,7 @@ from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.krylov import LOSS, driven_krylov
 from femu_piezo.forward.linear_solver import factorize
 from femu_piezo.forward.modal import ModalModel, diagonalise
-from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
 from femu_piezo.forward.reduced_basis import ReducedBasis
 from femu_piezo.forward.threads import blas_limit, useful_threads
 from femu_piezo.forward.training import TrainingSet, compressed, state_residuals, worst_change
@@ -28,6 +28,10 @@ TrainingPoint = PiezoConstants | tuple[PiezoConstants, Mapping[str, float]]
 
 #: Share of the largest correction below which a direction is not added to the basis.
 _KEEP = 1e-3
+
+#: Where in the band the operator is factorised, as shares of the highest ω²; the next where the electrode's
+#: potential is nearly zero there (the potential somewhere inside is larger than so many times the electrode's).
+_SHIFTS, _LARGEST_LIFTING = (0.4, 0.33, 0.47), 30.0
 
 
 @dataclass(frozen=True)
@@ -192,17 +196,19 @@ def _coefficients(model: ElectroelasticModel, point: TrainingPoint) -> np.ndarra
 
 
 def _reference_basis(model: ElectroelasticModel, coefficients: np.ndarray, top: float, accuracy: float):
-    """Krylov basis at the reference, the factor of K − σM at a low shift, and the diagonal that scales residuals."""
+    """Krylov basis at the reference, the factor of K − σM inside the band, and the diagonal that scales residuals."""
     constants = ElasticForm.from_vector(coefficients[: len(E_FORM)])
     extra = dict(zip(model.terms[len(E_FORM) :], coefficients[len(E_FORM) :], strict=True))
     stiffness = model.stiffness(constants, extra)
-    shift = -0.02 * top
-    factor = factorize(stiffness - shift * model.mass)
     load = np.zeros(model.size)
     load[-1] = -1.0
-    static = factor.solve(load)
-    basis = ReducedBasis(model, stiffness, static)
-    vectors = driven_krylov(factor, basis.mass, static, shift, top, 0.1 * accuracy)
+    for share in _SHIFTS:
+        factor = factorize(stiffness - share * top * model.mass)
+        static = factor.solve(load)
+        basis = ReducedBasis(model, stiffness, static)
+        if np.abs(basis.p).max() * POTENTIAL_SCALE < _LARGEST_LIFTING:
+            break
+    vectors = driven_krylov(factor, basis.mass, static, share * top, top, 0.1 * accuracy)
     basis.add(vectors / np.linalg.norm(vectors[: basis.split], axis=0), 1e-8)
     return basis, factor, np.abs(stiffness.diagonal())
 
