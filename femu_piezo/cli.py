@@ -23,6 +23,7 @@ Smart Mater. Struct. 31, 2022, 125010).
   femu-piezo extract sweep.csv --out results      poles and zeros of a measured sweep, without any model
   femu-piezo modes plate.toml --out results       pictures of the driven modes
   femu-piezo update plate.toml --out results      the constants that explain the measured sweep
+  femu-piezo batch lot --out results              update every specimen of a folder, one table and a lot report
   femu-piezo identify plate.toml --out results    which constants such a sweep can determine, and what else to measure
 
 Words: a pole is a pole of the admittance (series resonance, short circuit); a zero is a zero of the admittance
@@ -66,6 +67,9 @@ _data = click.option(
 )
 _correct_phase = click.option(
     "--correct-phase", is_flag=True, help="turn the phase of the sweep by 180° (a sweep with negative resistance)"
+)
+_report = click.option(
+    "--report", is_flag=True, help="report.html as well: everything on one page that needs no network"
 )
 
 
@@ -144,14 +148,15 @@ def extract(file: Path, out: Path, correct_phase: bool) -> None:
 @click.argument("specimens", type=click.Path(path_type=Path), metavar="SPEC [SPEC …]", nargs=-1, required=True)
 @_out
 @_data
+@_report
 @click.option("--timings", is_flag=True, help="print where the time goes")
-def update(specimens: tuple[Path, ...], out: Path, data: Path | None, timings: bool) -> None:
+def update(specimens: tuple[Path, ...], out: Path, data: Path | None, report: bool, timings: bool) -> None:
     """Update the free constants of SPEC from its measured sweep.
 
     Several SPEC files, or a study file with specimens = ["a.toml", "b.toml"], are specimens of one material, fitted
     together: the [material] and [update] tables of the first rule. Writes update.json, impedance.png (measured,
     baseline and updated), iterations.png, sensitivity.png and updated.csv (the updated model at the measured
-    frequencies); numbered where there are several specimens.
+    frequencies); numbered where there are several specimens. With --report also report.html, which holds all of it.
     """
     from femu_piezo.measurement.readers import write_spectrum
     from femu_piezo.measurement.spectrum import ImpedanceSpectrum
@@ -180,12 +185,60 @@ def update(specimens: tuple[Path, ...], out: Path, data: Path | None, timings: b
         write_spectrum(updated, out / f"updated{suffix}.csv")
         write_figure(out / f"sensitivity{suffix}.png", sensitivity_figure(outcome.sensitivity))
     write_json(out / "update.json", update_record(result))
+    if report:
+        from femu_piezo.output.report_update import write_update_report
+
+        write_update_report(out / "report.html", result)
     console().print(update_table(result))
     if timings:
         seconds = {"imports": imported, **result.seconds, "pictures and files": time.perf_counter() - drawing}
         for step, value in seconds.items():
             click.echo(f"{step:24s} {value:7.3f} s")
         click.echo(f"{'sum':24s} {sum(seconds.values()):7.3f} s")
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@_out
+@click.option("--specimen", type=click.Path(path_type=Path), metavar="SPEC", help="DIR holds sweeps of this specimen")
+@click.option("--workers", type=click.IntRange(1, 1024), help="processes on this machine [default: its cores]")
+@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler of a cluster, such as tcp://host:8786")
+@click.option(
+    "--time-limit",
+    default=900.0,
+    show_default=True,
+    type=click.FloatRange(1, 1e6),
+    help="seconds after which one specimen is given up",
+)
+@_correct_phase
+def batch(
+    folder: Path,
+    out: Path,
+    specimen: Path | None,
+    workers: int | None,
+    scheduler: str | None,
+    time_limit: float,
+    correct_phase: bool,
+) -> None:
+    """Update every specimen file (*.toml) in DIR, or with --specimen every sweep in DIR.
+
+    Writes table.csv and table.parquet (one row per file, those without a result with the reason), lot.json, lot.txt
+    and lot.png (distributions, control limits, outliers, drift over serial number), and records/ with the full
+    result of each. What is finished is kept at once: after an interruption the same command continues; only new and
+    changed files are computed.
+    """
+    from femu_piezo.batch.command import run_batch
+
+    if scheduler is not None and workers is not None:
+        raise InputError("--workers is for processes of this machine; leave it out where --scheduler is given")
+    if folder.resolve() == out.resolve():
+        raise InputError(
+            f"--out {out}: the results cannot go into the folder of the lot; give another, such as {out}/out"
+        )
+    text, code = run_batch(folder, out, specimen, workers, scheduler, time_limit, correct_phase)
+    click.echo(text, nl=False, err=code == 130)
+    if code:
+        click.get_current_context().exit(code)
 
 
 @main.command()

@@ -9,7 +9,8 @@ from femu_piezo.material.constants import D_FORM
 from femu_piezo.output.curves import MEASURED, frequency_axis
 from femu_piezo.updating.sensitivity import Sensitivity
 
-_COLOURS = dict(
+#: Colour of each constant, the same in every picture.
+COLOURS = dict(
     zip(
         D_FORM,
         ("#1f4e79", "#2e86c1", "#85c1e9", "#148f77", "#7dcea0", "#c0392b", "#e67e22", "#f5b041", "#6c3483", "#a569bd"),
@@ -29,7 +30,7 @@ def sensitivity_figure(result: Sensitivity) -> Figure:
     for name in result.strongest():
         values = size[:, D_FORM.index(name)]
         if values.max() > 1e-4 * size.max():
-            slopes.semilogy(x, values, color=_COLOURS[name], label=name, linewidth=1.3)
+            slopes.semilogy(x, values, color=COLOURS[name], label=name, linewidth=1.3)
     magnitude.set(ylabel="|Z| (Ω)", xscale=scale, title=f"{result.title}: sensitivity of Z to each constant")
     slopes.set(ylabel="|∂ log Z / ∂ log θ|", xlabel=label, ylim=(1e-4 * size.max(), 2 * size.max()))
     slopes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)

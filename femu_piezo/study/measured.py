@@ -51,14 +51,21 @@ class Measured:
 
     @property
     def relative_noise(self) -> np.ndarray:
-        """(k,) standard deviation of the relative error of `fitted`: of the file, else as the extraction learned it."""
-        if self.fitted.noise is not None:
-            sigma = self.fitted.noise
+        """(k,) standard deviation of the relative error of `fitted`."""
+        return self.relative_noise_of(self.fitted)
+
+    def relative_noise_of(self, spectrum: ImpedanceSpectrum) -> np.ndarray:
+        """(n,) standard deviation of the relative error of a part of the sweep, sqrt(E|δZ/Z|²).
+
+        That of the file, else as the extraction learned it, else 0.1 %.
+        """
+        if spectrum.noise is not None:
+            sigma = spectrum.noise
         elif self.extraction.noise is not None:
-            sigma = self.extraction.noise.std(self.fitted.impedance)
+            sigma = self.extraction.noise.std(spectrum.impedance)
         else:
-            sigma = 1e-3 * np.abs(self.fitted.impedance)
-        return sigma / np.abs(self.fitted.impedance)
+            sigma = 1e-3 * np.abs(spectrum.impedance)
+        return sigma / np.abs(spectrum.impedance)
 
     @property
     def noise_known(self) -> bool:

@@ -18,6 +18,7 @@ import numpy as np
 from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.forward.fundamental import dominant_index, reduced_source
 from femu_piezo.forward.modal import ModalModel
+from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import ReducedModel
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.simplified import simplify
@@ -49,6 +50,7 @@ class Outcome:
     base_curve, updated_curve : (n,) complex ohm at the sweep's frequencies
     history : pole-zero iterations on its fundamental
     sensitivity : of Z to each of the ten constants at the solution
+    unknowns : of the full model;  mesh : what it is, in words
     """
 
     measured: Measured
@@ -58,6 +60,7 @@ class Outcome:
     history: tuple[Step, ...]
     sensitivity: Sensitivity
     unknowns: int
+    mesh: str
 
     @property
     def rms_before(self) -> float:
@@ -285,8 +288,9 @@ class _Run:
         solution = fit(blocks, parameters, state.theta, noise_known=known, loss=wish.loss)
         if not known:
             solution = replace(solution, groups=_correlated_groups(curves, solution))
-        data_only = np.concatenate([curve.jacobian(parameters, solution.x) for curve in curves])
-        told = identifiability(data_only / solution.noise_scale, parameters.names, solution.x)
+        from_data = [curve.jacobian(parameters, solution.x) / solution.noise_scale for curve in curves]
+        weak = weak_prior(parameters, solution.theta).jacobian(parameters, solution.x)
+        told = identifiability(np.concatenate([*from_data, weak]), parameters.names, solution.x)
         constants = state.free.constants(solution.theta)
         return replace(
             state,
@@ -325,7 +329,15 @@ class _Run:
                 one.problem.specimen.name, state.reduced[index], state.constants, one.spectrum.frequency
             ),
             unknowns=model.size,
+            mesh=_mesh_words(model, state.reduced[index]),
         )
+
+
+def _mesh_words(model: ElectroelasticModel, reduced: ReducedModel) -> str:
+    mesh, copies = model.domain.mesh, model.domain.copies
+    part = "the whole body" if copies == 1 else f"1/{copies} of the body, cut at its mirror planes"
+    kind = "hexahedra" if "Hex" in type(mesh).__name__ else "tetrahedra"
+    return f"{mesh.nelements} quadratic {kind} in {part}; {model.size} unknowns, reduced to {reduced.size}"
 
 
 def _correlated_groups(curves: list[CurveData], solution: Fit) -> np.ndarray | None:

@@ -1,0 +1,120 @@
+"""The charts of a report of an update: curves, residuals in σ, sensitivities."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femu_piezo.material.constants import D_FORM
+from femu_piezo.output.chart import Axis, Band, Chart, Series
+from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
+from femu_piezo.output.sensitivity import COLOURS
+from femu_piezo.study.update import Outcome
+
+#: Constants whose sensitivity is below this share of the strongest are left out of the picture.
+_SEEN = 1e-3
+
+
+def curve_charts(outcome: Outcome) -> list[Chart]:
+    """|Z|, phase and the residual of the updated model in σ, zoomed together."""
+    measured = outcome.measured
+    spectrum = measured.spectrum
+    factor, label, scale = frequency_axis(spectrum.frequency)
+    x, name = spectrum.frequency * factor, measured.problem.specimen.name
+    axis, group = Axis(label, log=scale == "log"), f"curves of {name}"
+    curves = (
+        ("measured", spectrum.impedance, MEASURED["color"], "points"),
+        ("baseline", outcome.base_curve, BASELINE["color"], "dashed"),
+        ("updated", outcome.updated_curve, UPDATED["color"], "line"),
+    )
+    held_out = measured.problem.specimen.measurement.held_out
+    bands = () if held_out is None else (Band("x", held_out[0] * factor, held_out[1] * factor, "not seen by the fit"),)
+    residual = residual_in_sigma(outcome)
+    return [
+        Chart(
+            axis,
+            Axis("|Z| (Ω)", log=True),
+            tuple(Series(words, x, np.abs(z), color, kind) for words, z, color, kind in curves),
+            group,
+            bands,
+            {"around the fundamental": _around_fundamental(outcome, factor)},
+            height=320,
+        ),
+        Chart(
+            axis,
+            Axis("phase of Z (°)", limits=(-95.0, 95.0)),
+            tuple(Series(words, x, np.degrees(np.angle(z)), color, kind) for words, z, color, kind in curves),
+            group,
+            bands,
+            height=240,
+        ),
+        Chart(
+            axis,
+            Axis("residual (σ)"),
+            (
+                Series("residual of log |Z|", x, residual.real, "#34495e", "points"),
+                Series("residual of the phase", x, residual.imag, "#b07d2b", "points"),
+            ),
+            group,
+            (*bands, Band("y", -1.96, 1.96, "95 % of pure noise", "#e8e8e8")),
+            height=240,
+            caption=_residual_words(outcome, residual),
+        ),
+    ]
+
+
+def _around_fundamental(outcome: Outcome, factor: float) -> tuple[float, float]:
+    pair, frequency = outcome.measured.pair, outcome.measured.spectrum.frequency
+    span = pair.zero.frequency_Hz - pair.pole.frequency_Hz
+    low, high = pair.pole.frequency_Hz - span, pair.zero.frequency_Hz + span
+    return float(max(low, frequency[0]) * factor), float(min(high, frequency[-1]) * factor)
+
+
+def residual_in_sigma(outcome: Outcome) -> np.ndarray:
+    """(n,) complex (log Z_updated − log Z_measured)/σ; Re and Im have unit variance where model and noise are right."""
+    measured = outcome.measured
+    sigma = measured.relative_noise_of(measured.spectrum)
+    return np.sqrt(2.0) * np.log(outcome.updated_curve / measured.spectrum.impedance) / sigma
+
+
+def _residual_words(outcome: Outcome, residual: np.ndarray) -> str:
+    measured = outcome.measured
+    if measured.noise_known:
+        origin = "σ is the noise given with the data"
+    elif measured.extraction.noise is not None:
+        origin = "σ is the noise that the extraction found, without any model of the body"
+    else:
+        origin = "the noise is unknown; σ is taken as 0.1 % of |Z|"
+    rms = np.sqrt(np.mean(np.abs(residual) ** 2) / 2)
+    neighbours = float(np.sum((residual[1:] * residual[:-1].conj()).real) / np.sum(np.abs(residual) ** 2))
+    if neighbours > max(0.2, 4 / np.sqrt(2 * residual.size)):
+        verdict = (
+            f"and neighbours are alike (correlation {neighbours:.2f}): this is no noise but an error of the model or "
+            "of the instrument, smooth in frequency"
+        )
+    elif rms > 1.3:
+        verdict = "more than noise alone would leave, without structure in frequency"
+    else:
+        verdict = "as noise alone would leave it"
+    return f"{origin}. Root mean square of this residual: {rms:.3g} σ, {verdict}."
+
+
+def sensitivity_chart(outcome: Outcome) -> Chart:
+    """|∂log Z/∂log θ| of each constant over the sweep (the paper's figure 3)."""
+    result = outcome.sensitivity
+    factor, label, scale = frequency_axis(result.frequency)
+    size = np.abs(result.values)
+    series = tuple(
+        Series(name, result.frequency * factor, size[:, D_FORM.index(name)], COLOURS[name])
+        for name in result.strongest()
+        if size[:, D_FORM.index(name)].max() > _SEEN * size.max()
+    )
+    return Chart(
+        Axis(label, log=scale == "log"),
+        Axis("|∂ log Z / ∂ log θ|", log=True, limits=(float(_SEEN * size.max()), float(1.5 * size.max()))),
+        series,
+        f"sensitivity of {result.title}",
+        views={"around the fundamental": _around_fundamental(outcome, factor)},
+        height=360,
+        caption="Relative change of Z for a relative change of each constant, at the updated constants: 2 means that "
+        "1 % of the constant moves Z by 2 %. A constant without a curve does not matter in this sweep.",
+    )

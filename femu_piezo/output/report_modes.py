@@ -1,0 +1,36 @@
+"""Mode shapes in a report: the fundamental of each specimen at the updated constants."""
+
+from __future__ import annotations
+
+from femu_piezo.errors import FemuPiezoError
+from femu_piezo.output.modes import mode_figure
+from femu_piezo.output.report import Section, paragraph, picture
+from femu_piezo.specimen import CONSTANTS, Specimen
+from femu_piezo.study.modes import find_modes
+from femu_piezo.study.update import Outcome, UpdateResult
+
+
+def mode_section(result: UpdateResult) -> Section:
+    """Pictures of the fundamental; a sentence in place of each that cannot be drawn here."""
+    return Section("modes", "Mode shapes", "".join(_fundamental(result, outcome) for outcome in result.outcomes))
+
+
+def _fundamental(result: UpdateResult, outcome: Outcome) -> str:
+    pair = outcome.measured.pair
+    specimen = updated_specimen(outcome.measured.problem.specimen, result)
+    try:
+        found = find_modes(specimen, band=(0.0, 1.2 * pair.zero.frequency_Hz))
+        distance = [abs(mode.pole.frequency_Hz - pair.pole.frequency_Hz) for mode in found.modes]
+        number = distance.index(min(distance))
+        mode = found.modes[number]
+        words = f"{specimen.name}: {mode.pole_family} at {mode.pole.frequency_Hz / 1e3:.6g} kHz (short circuit)"
+        return picture(mode_figure(found, number), f"{words} with the updated constants; displacement exaggerated.")
+    except (FemuPiezoError, RuntimeError, OSError) as error:  # a report without this picture is still a report
+        return paragraph(f"The mode shape of {specimen.name} could not be drawn here: {error}.", "note")
+
+
+def updated_specimen(specimen: Specimen, result: UpdateResult) -> Specimen:
+    """The specimen with the updated constants in place of those of its file."""
+    values = {name: getattr(result.constants, name).real for name in CONSTANTS}
+    tangents = {f"tan_{name}": result.constants.tangent(name) for name in CONSTANTS}
+    return specimen.model_copy(update={"material": specimen.material.model_copy(update=values | tangents)})

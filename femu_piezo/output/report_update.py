@@ -1,0 +1,251 @@
+"""The sections that an update brings to a report: what was found, how well, and what the data cannot tell."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+
+import numpy as np
+
+from femu_piezo.material.constants import D_FORM
+from femu_piezo.output.curves import PRINTED
+from femu_piezo.output.records import update_record
+from femu_piezo.output.report import (
+    Cell,
+    Section,
+    notes,
+    paragraph,
+    provenance_section,
+    table,
+    write_report,
+)
+from femu_piezo.output.report_curves import curve_charts, sensitivity_chart
+from femu_piezo.output.report_modes import mode_section
+from femu_piezo.output.tables import number
+from femu_piezo.study.update import Outcome, UpdateResult
+
+#: What each constant is, for readers who do not have the notation by heart.
+MEANING = {
+    "s11": "elastic compliance across the poling",
+    "s12": "cross compliance, both directions across the poling",
+    "s13": "cross compliance, along and across the poling",
+    "s33": "elastic compliance along the poling",
+    "s44": "shear compliance in planes through the poling axis",
+    "d31": "strain across the poling per field along it",
+    "d33": "strain along the poling per field along it",
+    "d15": "shear strain per field across the poling",
+    "eps11T": "free permittivity across the poling",
+    "eps33T": "free permittivity along the poling",
+}
+_VERDICT = {"well": "determined well", "weakly": "determined weakly", "not": "not determined"}
+
+
+def write_update_report(path: Path, result: UpdateResult, command: str = "femu-piezo update") -> None:
+    """Write the report of an update; the embedded record is that of update.json."""
+    count = len(result.outcomes)
+    subtitle = f"Complex material parameters from {'a measured sweep' if count == 1 else f'{count} measured sweeps'}"
+    sections = [*update_sections(result), update_provenance(result, command)]
+    write_report(path, result.name, subtitle, sections, update_record(result))
+
+
+def update_sections(result: UpdateResult) -> list[Section]:
+    """Summary, parameters, curves, resonances, identifiability, sensitivity, mode shapes."""
+    many = len(result.outcomes) > 1
+    curves, resonances, sensitivities = "", "", ""
+    for index, outcome in enumerate(result.outcomes):
+        heading = f"<h3>{index + 1}: {_escaped(outcome)}</h3>" if many else ""
+        curves += heading + "".join(chart.html() for chart in curve_charts(outcome))
+        resonances += heading + _resonances(outcome, index)
+        sensitivities += heading + sensitivity_chart(outcome).html()
+    return [
+        Section("summary", "Summary", _summary(result)),
+        Section("parameters", "Parameters", _parameters(result)),
+        Section("curves", "Curves", curves),
+        Section("resonances", "Poles and zeros", resonances),
+        Section("identifiability", "What the data cannot tell", _identifiability(result)),
+        Section("sensitivity", "Sensitivity", sensitivities),
+        mode_section(result),
+    ]
+
+
+def _escaped(outcome: Outcome) -> str:
+    return html.escape(outcome.measured.problem.specimen.name)
+
+
+def _frequency(value: float) -> str:
+    return f"{value / 1e6:.6g} MHz" if value >= 1e6 else f"{value / 1e3:.6g} kHz" if value >= 1e3 else f"{value:.6g} Hz"
+
+
+def _summary(result: UpdateResult) -> str:
+    found = "; ".join(_sentence(name, result) for name in result.parameters)
+    parts = [paragraph(f"Found: {found}.", "key")]
+    for outcome in result.outcomes:
+        measured, pair = outcome.measured, outcome.measured.pair
+        frequency = measured.spectrum.frequency
+        parts.append(
+            paragraph(
+                f"{measured.problem.specimen.name}: {len(measured.spectrum)} points from {_frequency(frequency[0])} to "
+                f"{_frequency(frequency[-1])}; series resonance (pole) at {_frequency(pair.pole.frequency_Hz)} with "
+                f"Q = {pair.pole.quality_factor:.4g}, parallel resonance (zero) at "
+                f"{_frequency(pair.zero.frequency_Hz)} with Q = {pair.zero.quality_factor:.4g}, effective coupling "
+                f"k_eff = {pair.k_eff:.4f}. The root mean square difference between simulated and measured log Z "
+                f"falls from {100 * outcome.rms_before:.3g} % with the baseline to {100 * outcome.rms_after:.3g} %."
+            )
+        )
+    parts.append(paragraph(_method(result)))
+    return "".join(parts) + notes(result.notes)
+
+
+def _sentence(name: str, result: UpdateResult) -> str:
+    estimate, (factor, unit) = result.parameters[name], PRINTED[name]
+    std = None if estimate.std is None else estimate.std * factor
+    return f"{name} = ({number(estimate.value * factor, std)}) {unit}, loss {number(estimate.tan, estimate.tan_std)}"
+
+
+def _method(result: UpdateResult) -> str:
+    if result.method == "pole_zero":
+        return (
+            f"Method: the finite element model's first pole and zero were brought onto the measured ones in "
+            f"{result.iterations} iterations with exact sensitivities (Cong, Hu, Li 2022). eps33T: "
+            f"{result.permittivity_source}. The rest of the curve was not fitted; it is a test."
+        )
+    return (
+        f"Method: {result.iterations} pole-zero iterations, then the whole measured curve by maximum likelihood. "
+        f"eps33T: {result.permittivity_source}."
+    )
+
+
+def _parameters(result: UpdateResult) -> str:
+    rows = []
+    for name, estimate in result.parameters.items():
+        factor, unit = PRINTED[name]
+        before = getattr(result.baseline, name).real
+        std = None if estimate.std is None else estimate.std * factor
+        key = f"parameters.{name}"
+        rows.append(
+            (
+                name,
+                MEANING[name],
+                unit,
+                f"{before * factor:.6g}",
+                Cell(number(estimate.value * factor, std), f"{key}.value", estimate.value),
+                Cell(_interval(estimate.value, estimate.std, factor), f"{key}.std", estimate.std),
+                f"{100 * (estimate.value / before - 1):+.2f} %" if before else "",
+                Cell(number(estimate.tan, estimate.tan_std), f"{key}.tan", estimate.tan),
+                Cell(_interval(estimate.tan, estimate.tan_std, 1.0), f"{key}.tan_std", estimate.tan_std),
+            )
+        )
+    interval = "95 % interval"
+    headings = ("", "meaning", "unit", "baseline", "updated", interval, "change", "loss tangent", interval)
+    words = (
+        "A complex constant is value·(1 − j tan), time factor exp(jωt). ± is one standard deviation; the interval is "
+        "1.96 of them to either side, under the noise of the sweep alone: an error of the dimensions, of the density "
+        "or of a constant held fixed comes on top."
+    )
+    return table(headings, rows, kind="parameters") + paragraph(words)
+
+
+def _interval(value: float, std: float | None, factor: float) -> str:
+    if std is None:
+        return "unknown"
+    low, high = (value - 1.96 * std) * factor, (value + 1.96 * std) * factor
+    digits = max(0, 1 - int(np.floor(np.log10(abs(std * factor))))) if std > 0 else 6
+    return f"{min(low, high):.{min(digits, 9)}f} … {max(low, high):.{min(digits, 9)}f}"
+
+
+def _resonances(outcome: Outcome, index: int) -> str:
+    rows, counts = [], {"pole": 0, "zero": 0}
+    for data, model in outcome.matched:
+        key = f"specimens.{index}.{data.kind}s.{counts[data.kind]}"
+        counts[data.kind] += 1
+        difference = model.frequency_Hz - data.frequency_Hz
+        loss = model.loss - data.loss
+        rows.append(
+            (
+                data.kind,
+                Cell(number(data.frequency_Hz, data.std_Hz), f"{key}.measured.frequency_Hz", data.frequency_Hz),
+                Cell(f"{model.frequency_Hz:.2f}", f"{key}.model.frequency_Hz", model.frequency_Hz),
+                f"{1e6 * difference / data.frequency_Hz:+.1f} ppm{_in_sigma(difference, data.std_Hz)}",
+                Cell(number(data.loss, data.std_loss), f"{key}.measured.loss", data.loss),
+                Cell(f"{model.loss:.6f}", f"{key}.model.loss", model.loss),
+                f"{100 * loss / data.loss:+.2f} %{_in_sigma(loss, data.std_loss)}",
+                f"{data.quality_factor:.4g}",
+            )
+        )
+    headings = (
+        "", "measured (Hz)", "simulated (Hz)", "difference", "measured loss", "simulated loss", "difference", "Q",
+    )  # fmt: skip
+    words = (
+        "Pole: pole of the admittance, series resonance, short circuit. Zero: zero of the admittance, parallel "
+        "resonance, open circuit. λ = ω²(1 + jη): the frequency is √(Re λ)/2π, the loss η = 1/Q."
+    )
+    return table(headings, rows) + paragraph(words)
+
+
+def _in_sigma(difference: float, std: float | None) -> str:
+    return "" if not std else f" ({difference / std:+.2g} σ)"
+
+
+def _identifiability(result: UpdateResult) -> str:
+    parts = []
+    known = result.known
+    if known is None:
+        parts.append(
+            paragraph(
+                "One complex pole and one complex zero determine two complex constants exactly, and the low-frequency "
+                "capacitance the permittivity: nothing is left over to contradict them but the rest of the curve."
+            )
+        )
+    else:
+        rows = [
+            (name, _VERDICT[known.verdict(name)], _size(known.std[index]), _size(known.std_alone[index]))
+            for index, name in enumerate(known.names)
+        ]
+        headings = ("unknown", "verdict", "std", "std if all others were known")
+        caption = "From the data alone, without any prior; real parts relative to their value, tangents absolute"
+        parts.append(table(headings, rows, caption, "words"))
+        parts += [paragraph(f"Least known combination: {sentence}.") for sentence in known.weakest(1)]
+        parts += [
+            paragraph(f"{first} and {second} trade against each other (correlation {value:+.3f}).")
+            for first, second, value in known.confounded()
+        ]
+    return "".join(parts) + _held_fixed(result)
+
+
+def _size(std: float) -> str:
+    return f"{std:.2g}" if std < 10 else "open"
+
+
+def _held_fixed(result: UpdateResult) -> str:
+    """The constants that were not free, and how much the sweep would notice an error in each."""
+    fixed = [name for name in D_FORM if name not in result.parameters and getattr(result.constants, name) != 0]
+    if not fixed:
+        return ""
+    rows = []
+    for name in fixed:
+        factor, unit = PRINTED[name]
+        column = D_FORM.index(name)
+        largest = max(float(np.max(np.abs(one.sensitivity.values[:, column]))) for one in result.outcomes)
+        value = getattr(result.constants, name)
+        rows.append((name, MEANING[name], f"{value.real * factor:.5g} {unit}", f"{largest:.2g} %"))
+    headings = ("constant", "meaning", "held at", "1 % of error in it moves Z at most by")
+    return table(headings, rows, "Held fixed: the result is right only as far as these are", "words")
+
+
+def update_provenance(result: UpdateResult, command: str) -> Section:
+    """Inputs with checksums, density and dimensions as used, mesh, times."""
+    inputs, facts = [], [("command", command)]
+    for outcome in result.outcomes:
+        problem = outcome.measured.problem
+        specimen = problem.specimen
+        inputs += [path for path in (specimen.path, specimen.measurement.file) if path is not None]
+        given = {key: value for key, value in specimen.geometry if value is not None and key != "density"}
+        words = ", ".join(f"{key} {_dimension(value)}" for key, value in given.items())
+        facts.append((f"body of {specimen.name}", f"{words}; density {problem.density:.6g} kg/m³"))
+        facts.append((f"mesh of {specimen.name}", outcome.mesh))
+    times = ", ".join(f"{step} {seconds:.3g} s" for step, seconds in result.seconds.items())
+    return provenance_section(inputs, [*facts, ("times", times)])
+
+
+def _dimension(value: object) -> str:
+    return f"{1e3 * value:.6g} mm" if isinstance(value, float) else str(value)

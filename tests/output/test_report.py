@@ -1,0 +1,175 @@
+"""The report of an update: one file, nothing from elsewhere, the numbers of update.json, and it runs in a browser."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from femu_piezo.cli import main
+from femu_piezo.errors import InputError
+from femu_piezo.output import report_modes
+from femu_piezo.output.report import Section, report_html
+
+ROOT = Path(__file__).resolve().parents[2]
+SPEC = ROOT / "tutorials" / "k31_plate" / "plate.toml"
+VOID = {"meta", "link", "img", "br", "hr", "input"}
+
+
+class Page(HTMLParser):
+    """Elements in order, their nesting checked, cells with keys and scripts collected."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.elements: list[tuple[str, dict]] = []
+        self.cells: dict[str, tuple[float, str]] = {}
+        self.scripts: list[tuple[dict, str]] = []
+        self._cell = None
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        attributes = dict(attrs)
+        self.elements.append((tag, attributes))
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag == "td" and "data-value" in attributes:
+            self._cell = attributes
+        if tag == "script":
+            self.scripts.append((attributes, ""))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+        if tag == "td":
+            self._cell = None
+
+    def handle_data(self, data):
+        if self._cell is not None:
+            self.cells[self._cell["data-key"]] = (float(self._cell["data-value"]), data)
+        if self.open and self.open[-1] == "script":
+            attributes, text = self.scripts[-1]
+            self.scripts[-1] = (attributes, text + data)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("report")
+    answer = CliRunner().invoke(main, ["update", str(SPEC), "--out", str(out), "--report"])
+    assert answer.exit_code == 0, answer.output
+    return out
+
+
+@pytest.fixture(scope="module")
+def page(folder) -> Page:
+    return Page((folder / "report.html").read_text(encoding="utf-8"))
+
+
+def test_structure(page):
+    assert page.open == []
+    sections = [attributes["id"] for tag, attributes in page.elements if tag == "section"]
+    assert sections == [
+        "summary",
+        "parameters",
+        "curves",
+        "resonances",
+        "identifiability",
+        "sensitivity",
+        "modes",
+        "provenance",
+    ]
+    links = [attributes["href"] for tag, attributes in page.elements if tag == "a"]
+    assert links == [f"#{name}" for name in sections]
+
+
+def test_nothing_from_elsewhere(folder, page):
+    for tag, attributes in page.elements:
+        for key in ("src", "href", "action", "poster", "data", "srcset"):
+            assert re.match(r"^(#|data:)", attributes.get(key) or "#"), (tag, attributes)
+        assert not (tag == "link" and attributes.get("rel") == "stylesheet")
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    assert set(re.findall(r"https?://[^\s\"'<>]+", text)) <= {"http://www.w3.org/2000/svg"}  # a name, not an address
+    assert not re.search(r"@import|url\((?!#)(?!data:)[^$]", text)
+    assert not re.search(r"\bfetch\(|XMLHttpRequest|import\(", text)
+
+
+def test_numbers_are_those_of_update_json(folder, page):
+    record = json.loads((folder / "update.json").read_text(encoding="utf-8"))
+    embedded = next(text for attributes, text in page.scripts if attributes.get("id") == "record")
+    assert json.loads(embedded) == record
+    assert {key.split(".")[1] for key in page.cells if key.startswith("parameters.")} == set(record["parameters"])
+    for key, (value, text) in page.cells.items():
+        found = record
+        for part in key.split("."):
+            found = found[int(part)] if part.isdigit() else found[part]
+        assert value == found, key
+        if key.endswith((".value", ".tan")):
+            name = key.split(".")[1]
+            factor = {"s": 1e12, "d": 1e12, "e": 1 / 8.8541878128e-12}[name[0]] if key.endswith(".value") else 1.0
+            assert float(text.split(" ± ")[0]) == pytest.approx(value * factor, rel=1e-5), key
+    assert sum(key.endswith(".model.loss") for key in page.cells) == len(record["poles"]) + len(record["zeros"])
+
+
+def test_checksums_of_the_inputs(folder):
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    for path in (SPEC, SPEC.parent / "sweep.csv"):
+        assert hashlib.sha256(path.read_bytes()).hexdigest() in text
+
+
+def test_curves_hold_the_sweep(page):
+    sweep = (SPEC.parent / "sweep.csv").read_text(encoding="utf-8").splitlines()
+    first = [float(value) for value in sweep[1].split(",")]
+    charts = [
+        json.loads(text)
+        for attributes, text in page.scripts
+        if attributes.get("type") == "application/json" and "id" not in attributes
+    ]
+    magnitude = charts[0]["series"][0]
+    assert magnitude["name"] == "measured" and len(magnitude["x"]) == len(sweep) - 1
+    assert magnitude["y"][0] == pytest.approx(abs(complex(*first[1:])), rel=1e-6)
+    assert {chart["y"]["label"] for chart in charts} >= {"|Z| (Ω)", "phase of Z (°)", "residual (σ)"}
+
+
+def test_a_machine_without_renderer_still_gets_a_report(monkeypatch, tmp_path):
+    def fails(*_):
+        raise InputError("mode pictures need a library to draw with")
+
+    monkeypatch.setattr(report_modes, "mode_figure", fails)
+    answer = CliRunner().invoke(main, ["update", str(SPEC), "--out", str(tmp_path), "--report"])
+    assert answer.exit_code == 0, answer.output
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "could not be drawn here: mode pictures need a library" in text
+    assert "data:image/png" not in text
+
+
+def test_names_cannot_become_markup():
+    text = report_html("<b>x</b> __RECORD__", "a & b", [Section("s", "<i>", "<p>body</p>")], {"k": "</script>"})
+    page = Page(text)
+    assert "b" not in {tag for tag, _ in page.elements} and page.open == []
+    embedded = next(text for attributes, text in page.scripts if attributes.get("id") == "record")
+    assert json.loads(embedded) == {"k": "</script>"}
+
+
+def test_runs_in_a_browser(folder, tmp_path):
+    """Headless Chromium draws every chart and the picture, and its console stays empty."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("there is no chromium on this machine")
+    flags = (
+        "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+        "--disable-component-update --disable-sync --virtual-time-budget=4000 --enable-logging=stderr --v=0"
+    )
+    command = [browser, *flags.split(), f"--user-data-dir={tmp_path}", "--dump-dom", (folder / "report.html").as_uri()]
+    answer = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert "CONSOLE" not in answer.stderr
+    dom = answer.stdout
+    assert dom.count("<svg") == dom.count('<figure class="chart"') == 4
+    measured = re.search(r'<path d="([^"]+)" stroke="#222222" class="points"', dom)[1]
+    assert measured.count("M") == 500  # every point of the sweep
+    assert "NaN" not in re.sub(r"<script.*?</script>", "", dom, flags=re.S)
