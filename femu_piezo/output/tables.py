@@ -77,7 +77,7 @@ def identifiability_table(result: IdentifyResult) -> RenderableType:
         title_justify="left",
     )
     table.add_column("constant")
-    for heading in ("std, all free", "std, others known", "std of tangent", "determined"):
+    for heading in ("std, others ±50 %", "std, others known", "std of tangent", "determined"):
         table.add_column(heading, justify="right")
     known = result.known
     for index, name in enumerate(known.names):
@@ -94,4 +94,5 @@ def identifiability_table(result: IdentifyResult) -> RenderableType:
     for item in result.recommendations:
         gained = ", ".join(item.gained) or "no further constant"
         lines.append(f"measure {item.measurement}: determines {gained}")
+    lines += result.advice
     return Group(table, "\n".join(lines))

@@ -14,7 +14,7 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen import Specimen
 from femu_piezo.study.inputs import Problem, prepare
 from femu_piezo.study.simulate import sweep_frequencies
-from femu_piezo.updating.data import CurveData
+from femu_piezo.updating.data import CurveData, weak_prior
 from femu_piezo.updating.identifiability import Identifiability, identifiability
 from femu_piezo.updating.parameters import FreeConstants, MaterialParameters
 from femu_piezo.updating.sensitivity import Sensitivity, sensitivity
@@ -51,6 +51,17 @@ class IdentifyResult:
     sensitivities: tuple[Sensitivity, ...]
     recommendations: tuple[Recommendation, ...]
 
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """Sentences on what no sweep computed here can determine."""
+        shear = [name for name in ("s44", "d15", "eps11T") if self.known.verdict_or_absent(name) == "not"]
+        if not shear or any(set(item.gained) & set(shear) for item in self.recommendations):
+            return ()
+        return (
+            f"{', '.join(shear)} act only where the field lies across the poling: measure a shear plate, poled along "
+            "its length and electroded on its large faces (k15); not computed here",
+        )
+
     def to_json(self) -> dict:
         def finite(value: float) -> float | None:
             return float(value) if np.isfinite(value) else None
@@ -77,6 +88,7 @@ class IdentifyResult:
                 }
                 for item in self.recommendations
             ],
+            "advice": list(self.advice),
         }
 
 
@@ -85,7 +97,8 @@ def identify(
 ) -> IdentifyResult:
     """Predict the joint standard deviations of all ten constants from sweeps with relative noise.
 
-    The constants are those of the first specimen's file; constants that are zero there cannot be free.
+    The constants are those of the first specimen's file; constants that are zero there cannot be free. Beside the
+    sweeps stands only the weak prior of `femu_piezo.updating.data.weak_prior` (real parts ±50 %, tangents 0.05).
     """
     problems = [prepare(specimen) for specimen in specimens]
     first = problems[0]
@@ -95,7 +108,8 @@ def identify(
         block, picture = _jacobian(problem, first, sweep_frequencies(problem), noise)
         blocks.append(block)
         pictures.append(picture)
-    names, values = _unknowns(first)
+    names, values, prior = _unknowns(first)
+    blocks.append(prior)
     known = identifiability(np.concatenate(blocks), names, values)
     recommendations = []
     for words, problem, frequency in _candidates(problems):
@@ -114,10 +128,12 @@ def _free(problem: Problem) -> FreeConstants:
     return FreeConstants.of(problem.constants, names)
 
 
-def _unknowns(first: Problem) -> tuple[tuple[str, ...], np.ndarray]:
+def _unknowns(first: Problem) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Names and values of the unknowns, and the Jacobian of the weak prior that keeps the open ones in range."""
     free = _free(first)
     parameters = MaterialParameters.around(free, free.start)
-    return parameters.names, parameters.x_of(free.start)
+    x = parameters.x_of(free.start)
+    return parameters.names, x, weak_prior(parameters, free.start).jacobian(parameters, x)
 
 
 def _jacobian(problem: Problem, first: Problem, frequency: np.ndarray, noise: float) -> tuple[np.ndarray, Sensitivity]:

@@ -44,6 +44,10 @@ class Identifiability:
         well, at_all = (TANGENT_WELL, TANGENT_AT_ALL) if name.startswith("tan_") else (WELL, AT_ALL)
         return "well" if std <= well else "weakly" if std <= at_all else "not"
 
+    def verdict_or_absent(self, name: str) -> str:
+        """As `verdict`, "absent" for an unknown that the problem does not have."""
+        return self.verdict(name) if name in self.names else "absent"
+
     def weakest(self, count: int = 3) -> list[str]:
         """The combinations the data determine least, in words: their standard deviation and largest members."""
         sentences = []
