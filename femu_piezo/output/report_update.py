@@ -22,7 +22,7 @@ from femu_piezo.output.report import (
 from femu_piezo.output.report_curves import curve_charts, sensitivity_chart
 from femu_piezo.output.report_modes import mode_section
 from femu_piezo.output.tables import number
-from femu_piezo.study.update import Outcome, UpdateResult
+from femu_piezo.study.results import Outcome, UpdateResult
 
 #: What each constant is, for readers who do not have the notation by heart.
 MEANING = {
@@ -31,8 +31,8 @@ MEANING = {
     "s13": "cross compliance, along and across the poling",
     "s33": "elastic compliance along the poling",
     "s44": "shear compliance in planes through the poling axis",
-    "d31": "strain across the poling per field along it",
-    "d33": "strain along the poling per field along it",
+    "d31": "strain across the poling per field",
+    "d33": "strain along the poling per field",
     "d15": "shear strain per field across the poling",
     "eps11T": "free permittivity across the poling",
     "eps33T": "free permittivity along the poling",
@@ -116,13 +116,13 @@ def _method(result: UpdateResult) -> str:
 
 
 def _parameters(result: UpdateResult) -> str:
-    rows = []
+    values, tangents = [], []
     for name, estimate in result.parameters.items():
         factor, unit = PRINTED[name]
         before = getattr(result.baseline, name).real
         std = None if estimate.std is None else estimate.std * factor
         key = f"parameters.{name}"
-        rows.append(
+        values.append(
             (
                 name,
                 MEANING[name],
@@ -131,18 +131,27 @@ def _parameters(result: UpdateResult) -> str:
                 Cell(number(estimate.value * factor, std), f"{key}.value", estimate.value),
                 Cell(_interval(estimate.value, estimate.std, factor), f"{key}.std", estimate.std),
                 f"{100 * (estimate.value / before - 1):+.2f} %" if before else "",
+            )
+        )
+        tangents.append(
+            (
+                name,
+                f"{result.baseline.tangent(name) + 0.0:.4g}",
                 Cell(number(estimate.tan, estimate.tan_std), f"{key}.tan", estimate.tan),
                 Cell(_interval(estimate.tan, estimate.tan_std, 1.0), f"{key}.tan_std", estimate.tan_std),
             )
         )
-    interval = "95 % interval"
-    headings = ("", "meaning", "unit", "baseline", "updated", interval, "change", "loss tangent", interval)
     words = (
         "A complex constant is value·(1 − j tan), time factor exp(jωt). ± is one standard deviation; the interval is "
         "1.96 of them to either side, under the noise of the sweep alone: an error of the dimensions, of the density "
         "or of a constant held fixed comes on top."
     )
-    return table(headings, rows, kind="parameters") + paragraph(words)
+    interval = "95 % interval"
+    return (
+        table(("", "meaning", "unit", "baseline", "updated", interval, "change"), values, "Real parts", "parameters")
+        + table(("", "baseline", "updated", interval), tangents, "Loss tangents")
+        + paragraph(words)
+    )
 
 
 def _interval(value: float, std: float | None, factor: float) -> str:
