@@ -20,9 +20,7 @@ def read_bytes(path: Path, largest: int) -> bytes:
         if stat.S_ISDIR(status.st_mode):
             raise InputError(f"{path}: this is a directory; give the path of a file")
         if not stat.S_ISREG(status.st_mode):
-            raise InputError(
-                f"{path}: this is not a regular file (a device or a pipe); give the path of a file"
-            )
+            raise InputError(f"{path}: this is not a regular file (a device or a pipe); give the path of a file")
         if status.st_size > largest:
             raise InputError(
                 f"{path}: the file has {status.st_size / 1e6:.0f} MB, more than the {largest / 1e6:.0f} MB "
@@ -37,8 +35,8 @@ def read_bytes(path: Path, largest: int) -> bytes:
         raise InputError(f"{str(path)!r}: this is not a path; give the path of a file") from None
 
 
-def write_atomically(path: Path | str, text: str) -> None:
-    """Write UTF-8 text beside `path`, then rename: after a crash there is the old file or the new one, whole.
+def write_atomically(path: Path | str, text: str | bytes) -> None:
+    """Write UTF-8 text, or bytes, beside `path`, then rename: after a crash there is the old file or the new one, whole.
 
     Raises InputError where the folder does not exist or cannot be written to.
     """
@@ -47,16 +45,14 @@ def write_atomically(path: Path | str, text: str) -> None:
         raise InputError(f"{path}: this is a directory; give the path of a file")
     beside = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}.tmp")
     try:
-        data = text.encode("utf-8")
+        data = text if isinstance(text, bytes) else text.encode("utf-8")
         with open(beside, "xb") as stream:
             stream.write(data)
             stream.flush()
             os.fsync(stream.fileno())
         os.replace(beside, path)
     except UnicodeEncodeError:
-        raise InputError(
-            f"{path}: the text to write has characters outside Unicode; rename what has them"
-        ) from None
+        raise InputError(f"{path}: the text to write has characters outside Unicode; rename what has them") from None
     except OSError as error:
         raise InputError(f"{path}: the file cannot be written ({error.strerror or error})") from None
     finally:

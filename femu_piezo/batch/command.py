@@ -1,0 +1,61 @@
+"""`femu-piezo batch`: a folder → table and lot report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from femu_piezo.batch.jobs import find_jobs
+from femu_piezo.batch.lot import Lot, lot_of, lot_text
+from femu_piezo.batch.lot_figure import lot_figure
+from femu_piezo.batch.pool import DaskPool, LocalPool, Pool
+from femu_piezo.batch.progress import lot_progress
+from femu_piezo.batch.run import LotResult, run_lot
+from femu_piezo.files import write_atomically
+from femu_piezo.forward.threads import available_cores
+from femu_piezo.output.folder import write_figure, write_json
+
+
+def run_batch(
+    folder: Path,
+    out: Path,
+    specimen: Path | None = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    time_limit_s: float = 900.0,
+    correct_phase: bool = False,
+) -> tuple[str, int]:
+    """Run the lot in a folder and write its results; the text to show, and the exit code.
+
+    0 where at least one specimen has a result, 3 where none has, 130 after Ctrl-C (what is finished is kept).
+    """
+    jobs = find_jobs(folder, specimen, correct_phase=correct_phase)
+
+    def make_pool() -> Pool:
+        if scheduler is not None:
+            return DaskPool(scheduler)
+        return LocalPool(min(workers or available_cores(), len(jobs)), time_limit_s)
+
+    done = 0
+    try:
+        with lot_progress() as shown:
+
+            def finished(count: int, all_: int, record: dict) -> None:
+                nonlocal done
+                done = count
+                shown(count, all_, record)
+
+            result = run_lot(jobs, out, make_pool, finished=finished, patience_s=time_limit_s + 60)
+    except KeyboardInterrupt:
+        return f"femu-piezo: interrupted with {done} of {len(jobs)} done; run the same command to continue\n", 130
+    lot = write_report(result, out)
+    text = lot_text(lot) + f"{result.computed} computed now, {result.kept} kept → {out / 'table.csv'}\n"
+    return text, 0 if result.count("ok") else 3
+
+
+def write_report(result: LotResult, out: Path) -> Lot:
+    """lot.json, lot.txt and lot.png of the rows."""
+    lot = lot_of(result.rows)
+    write_json(out / "lot.json", lot.to_json())
+    write_atomically(out / "lot.txt", lot_text(lot))
+    write_figure(out / "lot.png", lot_figure(lot), dots_per_inch=110)
+    return lot

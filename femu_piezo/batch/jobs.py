@@ -1,0 +1,134 @@
+"""The jobs of a lot: which files belong together, and the checksums that tell whether a result still holds."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import femu_piezo
+from femu_piezo.errors import InputError
+from femu_piezo.specimen import Specimen, read_specimens
+
+#: File name endings of measured sweeps.
+SWEEPS = (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn")
+_ABSENT = "absent"
+
+
+@dataclass(frozen=True)
+class Job:
+    """One row of the lot.
+
+    Attributes
+    ----------
+    name : file name within the lot's folder, unique there
+    specimen : specimen file
+    sweep : measured sweep in place of the specimen file's own; None to use that
+    steps : what to compute, names of `femu_piezo.batch.steps`
+    correct_phase : what to correct in the sweep, whatever the specimen file says
+    """
+
+    name: str
+    specimen: Path
+    sweep: Path | None = None
+    steps: tuple[str, ...] = ("update",)
+    correct_phase: bool = False
+
+    def read(self) -> Inputs:
+        """The specimens to update together with all their files."""
+        files = [self.specimen] if self.sweep is None else [self.specimen, self.sweep]
+        try:
+            specimens = read_specimens([self.specimen], self.sweep)
+        except InputError as error:
+            return Inputs(tuple(files), (), error)
+        for one in specimens:
+            named = (one.path, one.measurement and one.measurement.file, one.geometry.file)
+            files += [path for path in named if path is not None]
+        if self.correct_phase:
+            specimens = [_with_measurement(one, {"correct_phase": True}) for one in specimens]
+        return Inputs(tuple(dict.fromkeys(files)), tuple(specimens), None)
+
+    def checksum(self, program: str, files: tuple[Path, ...]) -> str:
+        """SHA-256 over the program (`program_checksum`), options and input files; another one, another result."""
+        digest = hashlib.sha256(f"{program}\0{self.name}\0{self.steps}\0{self.correct_phase}".encode())
+        for path in files:
+            digest.update(b"\0" + _file_checksum(path).encode())
+        return digest.hexdigest()
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a job works on.
+
+    Attributes
+    ----------
+    files : every file the result depends on, as far as the specimen file could be read
+    specimens : to be updated together; error : why there are none
+    """
+
+    files: tuple[Path, ...]
+    specimens: tuple[Specimen, ...]
+    error: InputError | None
+
+
+def find_jobs(folder: Path, specimen: Path | None = None, *, correct_phase: bool = False) -> list[Job]:
+    """The jobs of a folder in natural order of their names ("plate 9" before "plate 10").
+
+    Parameters
+    ----------
+    specimen : None for a folder of specimen files (.toml); else the specimen file of a folder of sweeps
+
+    Raises
+    ------
+    InputError : there is no such folder, or nothing to do in it
+    """
+    endings = (".toml",) if specimen is None else SWEEPS
+    try:
+        files = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in endings and path.is_file()]
+    except OSError as error:
+        raise InputError(
+            f"{folder}: this is no folder that can be read ({error.strerror}); give that of the lot"
+        ) from None
+    files = [path.absolute() for path in files if not path.name.startswith(".")]
+    if not files:
+        other = "" if specimen else "; for a folder of sweeps of one kind of specimen give --specimen SPEC"
+        raise InputError(f"{folder}: there are no files {' '.join('*' + e for e in endings)} in this folder{other}")
+    if specimen is not None and not specimen.is_file():
+        raise InputError(f"{specimen}: there is no such specimen file; check --specimen")
+    files.sort(key=lambda path: natural_order(path.name))
+    options = {"correct_phase": correct_phase}
+    if specimen is None:
+        return [Job(path.name, path, **options) for path in files]
+    return [Job(path.name, specimen.absolute(), path, **options) for path in files]
+
+
+def natural_order(name: str) -> tuple:
+    """Sorting key that takes digits as numbers."""
+    parts = re.split(r"(\d+)", name)
+    return tuple((part.casefold(), 0) if index % 2 == 0 else ("", int(part)) for index, part in enumerate(parts)), name
+
+
+@cache
+def program_checksum() -> str:
+    """Version and SHA-256 of the program's own sources: any change of them makes a lot compute again."""
+    digest = hashlib.sha256(femu_piezo.__version__.encode())
+    root = Path(femu_piezo.__file__).parent
+    for path in sorted(root.rglob("*.py")):
+        digest.update(f"\0{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes())
+    return f"{femu_piezo.__version__}+{digest.hexdigest()[:16]}"
+
+
+def _file_checksum(path: Path) -> str:
+    try:
+        with open(path, "rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError:
+        return _ABSENT
+
+
+def _with_measurement(specimen: Specimen, wishes: dict[str, bool]) -> Specimen:
+    if specimen.measurement is None:
+        return specimen
+    return specimen.model_copy(update={"measurement": specimen.measurement.model_copy(update=wishes)})

@@ -1,0 +1,198 @@
+"""Statistics of a lot: distribution of every quantity, control limits, outliers by name, drift over serial number.
+
+Centre and spread are median and MAD, so that the outliers themselves do not hide. Serial number is the place of a
+job in the natural order of the file names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from femu_piezo.specimen import CONSTANTS
+
+#: Fewest specimens from which limits, outliers and drift are told.
+FEWEST = 8
+#: Chance of one false outlier, or one false drift, in a whole lot.
+FALSE_ALARM = 0.05
+_MAD_TO_SIGMA = 1.4826
+#: Spread below which values are equal for all purposes, relative.
+_EQUAL = 1e-9
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A value far off its lot: `distance` in robust standard deviations from the centre (or from the drift line)."""
+
+    number: int
+    file: str
+    quantity: str
+    value: float
+    distance: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """One quantity over the lot, SI.
+
+    Attributes
+    ----------
+    number, values : (n,) serial numbers and values of the specimens that have one
+    centre, sigma : median and robust standard deviation
+    limits : control limits centre ± 3 sigma; beyond : how many lie outside
+    measurement : median standard deviation of a single value by its own fit, None where unknown
+    drift : change over the whole lot by a line through the inliers; drift_p : Kendall's test of no drift
+    drifts : whether the drift is significant
+    """
+
+    quantity: str
+    number: np.ndarray
+    values: np.ndarray
+    centre: float
+    sigma: float
+    limits: tuple[float, float]
+    beyond: int
+    measurement: float | None
+    drift: float
+    drift_p: float
+    drifts: bool
+    line: np.ndarray
+
+    def to_json(self) -> dict:
+        quantiles = np.percentile(self.values, [0, 5, 25, 50, 75, 95, 100])
+        names = ("minimum", "p5", "p25", "median", "p75", "p95", "maximum")
+        return {
+            "count": int(self.values.size),
+            "mean": float(np.mean(self.values)),
+            "std": float(np.std(self.values, ddof=1)) if self.values.size > 1 else None,
+            **{name: float(value) for name, value in zip(names, quantiles, strict=True)},
+            "robust_std": self.sigma,
+            "control_limits": list(self.limits),
+            "beyond_limits": self.beyond,
+            "measurement_std": self.measurement,
+            "drift": {"over_lot": self.drift, "p_value": self.drift_p, "significant": self.drifts},
+        }
+
+
+@dataclass(frozen=True)
+class Lot:
+    """What a lot says: how many specimens did what, distributions, outliers, and rows without a result."""
+
+    counts: dict[str, int]
+    distributions: tuple[Distribution, ...]
+    outliers: tuple[Outlier, ...]
+    faults: tuple[tuple[str, str], ...]
+
+    def to_json(self) -> dict:
+        return {
+            "counts": self.counts,
+            "quantities": {one.quantity: one.to_json() for one in self.distributions},
+            "outliers": [vars(one) for one in self.outliers],
+            "faults": [{"file": file, "reason": reason} for file, reason in self.faults],
+        }
+
+
+def lot_of(rows: Sequence[dict]) -> Lot:
+    """The statistics of the rows of a table."""
+    good = [row for row in rows if row["status"] == "ok"]
+    names = [name for name in _quantities() if sum(row.get(name) is not None for row in good) > 0]
+    distributions = tuple(_distribution(name, good, len(names)) for name in names)
+    notes = {row["number"]: row.get("notes") or "" for row in good}
+    files = {row["number"]: row["file"] for row in good}
+    outliers = [item for one in distributions for item in _outliers(one, len(names), files, notes)]
+    outliers.sort(key=lambda item: (item.number, -abs(item.distance)))
+    counts = {"specimens": len(rows)} | {
+        status: sum(row["status"] == status for row in rows) for status in ("ok", "failed", "lost")
+    }
+    faults = tuple((row["file"], row["reason"]) for row in rows if row["status"] != "ok")
+    return Lot(counts, distributions, tuple(outliers), faults)
+
+
+def _quantities() -> list[str]:
+    return [*CONSTANTS, *(f"{name}_tan" for name in CONSTANTS), "k_eff", "rms_log_error"]
+
+
+def _distribution(name: str, good: Sequence[dict], tested: int) -> Distribution:
+    mine = [row for row in good if row.get(name) is not None]
+    number, values = np.array([row["number"] for row in mine]), np.array([row[name] for row in mine], dtype=float)
+    stds = [row[f"{name}_std"] for row in mine if row.get(f"{name}_std") is not None]
+    centre = float(np.median(values))
+    sigma = _robust_std(values - centre)
+    drift, p, line = 0.0, 1.0, np.full(values.size, centre)
+    if values.size >= FEWEST and sigma > 0:
+        inliers = np.abs(values - centre) <= 5 * sigma
+        if np.unique(values[inliers]).size > 1:
+            p = float(stats.kendalltau(number, values).pvalue)
+            slope, offset = np.polyfit(number[inliers] - number.mean(), values[inliers], 1)
+            drift = float(slope * np.ptp(number))
+            line = offset + slope * (number - number.mean())
+    drifts = bool(p < FALSE_ALARM / max(1, tested))
+    limits = (centre - 3 * sigma, centre + 3 * sigma)
+    beyond = int(np.sum((values < limits[0]) | (values > limits[1]))) if values.size >= FEWEST else 0
+    return Distribution(
+        quantity=name,
+        number=number,
+        values=values,
+        centre=centre,
+        sigma=sigma,
+        limits=limits,
+        beyond=beyond,
+        measurement=float(np.median(stds)) if stds else None,
+        drift=drift,
+        drift_p=p,
+        drifts=drifts,
+        line=line if drifts else np.full(values.size, centre),
+    )
+
+
+def _robust_std(residual: np.ndarray) -> float:
+    return float(_MAD_TO_SIGMA * np.median(np.abs(residual - np.median(residual))))
+
+
+def _outliers(one: Distribution, tested: int, files: dict[int, str], notes: dict[int, str]) -> list[Outlier]:
+    """Values that a normal lot of this size would show once in 1/FALSE_ALARM lots; about the line where it drifts."""
+    residual = one.values - one.line
+    scale = max(_robust_std(residual), _EQUAL * abs(one.centre))
+    if one.values.size < FEWEST or scale == 0:
+        return []
+    # the MAD of few values is itself uncertain: Student's distribution with the degrees of freedom it is worth
+    critical = stats.t.isf(FALSE_ALARM / (2 * tested * one.values.size), max(2.0, 0.37 * (one.values.size - 1)))
+    found = []
+    for number, value, distance in zip(one.number.tolist(), one.values.tolist(), residual / scale, strict=True):
+        if abs(distance) > critical:
+            about = "the drift of the lot" if one.drifts else "the median of the lot"
+            side = "above" if distance > 0 else "below"
+            reason = f"{one.quantity} = {value:.5g} is {abs(distance):.1f} σ {side} {about} ({one.centre:.5g})"
+            if notes[number]:
+                reason += f"; {notes[number]}"
+            found.append(Outlier(number, files[number], one.quantity, value, float(distance), reason))
+    return found
+
+
+def lot_text(lot: Lot) -> str:
+    """The report in words."""
+    counts = lot.counts
+    lines = [
+        f"{counts['specimens']} specimens: {counts['ok']} updated, {counts['failed']} refused or not converged, "
+        f"{counts['lost']} lost"
+    ]
+    lines += [
+        f"{one.quantity:12s} median {one.centre:.5g}, robust std {_share(one.sigma, one.centre)}"
+        + ("" if one.measurement is None else f", of one measurement {_share(one.measurement, one.centre)}")
+        + f", limits {one.limits[0]:.5g} … {one.limits[1]:.5g} ({one.beyond} beyond)"
+        + (f", drifts by {one.drift / abs(one.centre):+.2%} over the lot (p = {one.drift_p:.1g})" if one.drifts else "")
+        for one in lot.distributions
+    ]
+    if lot.distributions and lot.distributions[0].values.size < FEWEST:
+        lines.append(f"outliers and drift are told from {FEWEST} specimens on")
+    lines += [f"outlier {one.file}: {one.reason}" for one in lot.outliers]
+    lines += [f"no result {file}: {reason}" for file, reason in lot.faults]
+    return "\n".join(lines) + "\n"
+
+
+def _share(sigma: float, centre: float) -> str:
+    return f"{sigma / abs(centre):.2%}" if centre else f"{sigma:.3g}"

@@ -1,0 +1,257 @@
+"""Worker processes of this machine, or of a cluster through Dask, behind one interface; and the loop that feeds them.
+
+A worker that dies takes what was in flight with it. Which job killed it cannot be known, so those in flight are
+tried again one at a time: the job that dies alone gets a row that says so, the others go on.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import Protocol
+
+from femu_piezo.batch.jobs import program_checksum
+from femu_piezo.batch.worker import THREAD_VARIABLES, start_local_worker
+from femu_piezo.errors import ConvergenceError, InputError
+
+#: Jobs handed to each worker beyond the one it works on, so that it never waits for the next.
+_AHEAD = 1
+#: Jobs that may die one after the other before anything has succeeded.
+_HOPELESS = 4
+
+
+class Pool(Protocol):
+    """Workers.
+
+    Attributes
+    ----------
+    lost : exceptions that mean a dead worker
+    breaks_whole : whether one dead worker loses all that is in flight
+    limit_s : seconds after which a worker ends itself, None where it must not
+    """
+
+    lost: tuple[type[BaseException], ...]
+    breaks_whole: bool
+    limit_s: float | None
+
+    @property
+    def width(self) -> int: ...
+
+    def submit(self, function: Callable, *arguments) -> Future: ...
+
+    def restart(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class LocalPool:
+    """`workers` processes of this machine, each on one thread; they end with this process, however it ends."""
+
+    lost = (BrokenProcessPool,)
+    breaks_whole = True
+
+    def __init__(self, workers: int, limit_s: float | None) -> None:
+        self._workers, self.limit_s = workers, limit_s
+        self._before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+        os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))  # the processes inherit it when they start
+        self._executor = self._new()
+
+    def _new(self) -> Executor:
+        context = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(self._workers, mp_context=context, initializer=start_local_worker)
+
+    @property
+    def width(self) -> int:
+        return self._workers * (1 + _AHEAD)
+
+    def submit(self, function: Callable, *arguments) -> Future:
+        return self._executor.submit(function, *arguments)
+
+    def restart(self) -> None:
+        self._end()
+        self._executor = self._new()
+
+    def close(self) -> None:
+        self._end()
+        for name, value in self._before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+    def _end(self) -> None:
+        processes = list((getattr(self._executor, "_processes", None) or {}).values())
+        self._executor.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            process.kill()
+        for process in processes:
+            process.join()
+
+
+class DaskPool:
+    """The workers of a Dask scheduler; they must run this program and see the same files."""
+
+    breaks_whole = False
+    limit_s = None
+
+    def __init__(self, address: str) -> None:
+        try:
+            from distributed import Client
+            from distributed.scheduler import KilledWorker
+        except ImportError:
+            raise InputError(
+                "--scheduler needs Dask, which is not installed; pip install 'femu-piezo[cluster]'"
+            ) from None
+        self.lost = (KilledWorker,)
+        try:
+            self._client = Client(address, timeout=20, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"--scheduler {address}: no Dask scheduler answers there ({error or type(error).__name__}); start one "
+                "by `dask scheduler` and give its address, such as tcp://host:8786"
+            ) from None
+        self._check()
+        self._executor = self._client.get_executor(pure=False)
+
+    def _check(self) -> None:
+        """InputError where there are no workers, or they run another program."""
+        try:
+            self._client.wait_for_workers(1, timeout=60)
+            programs = self._client.run(program_checksum)
+        except TimeoutError:
+            self._client.close()
+            raise InputError("--scheduler: the scheduler has no workers; start some by `dask worker`") from None
+        except ImportError as error:
+            self._client.close()
+            raise InputError(f"--scheduler: a worker cannot import femu_piezo ({error}); install it there") from None
+        for worker, program in programs.items():
+            if program != program_checksum():
+                self._client.close()
+                raise InputError(
+                    f"--scheduler: worker {worker} runs femu_piezo {program}, this machine {program_checksum()}; "
+                    "install the same on all, and start the workers again"
+                )
+
+    @property
+    def width(self) -> int:
+        return max(1, sum(self._client.nthreads().values())) * (1 + _AHEAD)
+
+    def submit(self, function: Callable, *arguments) -> Future:
+        return self._executor.submit(function, *arguments)
+
+    def restart(self) -> None:
+        """Dask restarts its own workers."""
+
+    def close(self) -> None:
+        self._executor.shutdown(wait=False)
+        self._client.close()
+
+
+def run_all(
+    pool: Pool,
+    function: Callable[..., dict],
+    tasks: Sequence[tuple],
+    finished: Callable[[tuple, dict | None, str], None],
+    patience_s: float,
+) -> None:
+    """Run function(*task) for every task and report each once: finished(task, result, ""), or (task, None, reason).
+
+    Parameters
+    ----------
+    patience_s : what is in flight is given up where no task has finished for so long
+
+    Raises
+    ------
+    ConvergenceError : the workers die on every task, or the cluster is gone
+    """
+    _Dispatch(pool, function, tasks, finished, patience_s).run()
+
+
+class _Dispatch:
+    def __init__(self, pool, function, tasks, finished, patience_s) -> None:
+        self._pool, self._function, self._finished, self._patience = pool, function, finished, patience_s
+        self._waiting, self._suspects = deque(tasks), deque()
+        self._running: dict[Future, tuple[tuple, bool, float]] = {}
+        self._succeeded = self._died = 0
+
+    def run(self) -> None:
+        while self._waiting or self._suspects or self._running:
+            self._fill()
+            done, _ = wait(self._running, timeout=self._patience, return_when=FIRST_COMPLETED)
+            if not done:
+                self._give_up()
+                continue
+            if any(self._is_lost(future) for future in done) and self._pool.breaks_whole:
+                done, _ = wait(self._running)  # all are lost at once, or had finished
+            broken = [self._take(future) for future in done]
+            if any(broken):
+                self._pool.restart()
+
+    def _fill(self) -> None:
+        """Suspects one at a time, else as many as the pool takes."""
+        try:
+            if self._suspects:
+                if not self._running:
+                    self._start(self._suspects, alone=True)
+                return
+            while self._waiting and len(self._running) < self._pool.width:
+                self._start(self._waiting, alone=False)
+        except BrokenProcessPool:  # a worker died while it was idle
+            if not self._running:
+                self._died += 1
+                self._check_hope("")
+                self._pool.restart()
+                self._fill()
+
+    def _start(self, queue: deque, alone: bool) -> None:
+        future = self._pool.submit(self._function, *queue[0], self._pool.limit_s)
+        self._running[future] = (queue.popleft(), alone, time.monotonic())
+
+    def _is_lost(self, future: Future) -> bool:
+        return not future.cancelled() and isinstance(future.exception(), self._pool.lost)
+
+    def _take(self, future: Future) -> bool:
+        """Report a future that is done; whether its worker was lost."""
+        task, alone, began = self._running.pop(future)
+        if not self._is_lost(future):
+            try:
+                result = future.result()
+            except (CancelledError, OSError) as error:
+                raise ConvergenceError(
+                    f"the workers are gone ({type(error).__name__}); what is finished is kept, run the same command "
+                    "again to continue"
+                ) from None
+            self._succeeded += 1
+            self._finished(task, result, "")
+            return False
+        if not alone:
+            self._suspects.append(task)
+            return True
+        elapsed, limit = time.monotonic() - began, self._pool.limit_s
+        self._died += 1
+        if limit is not None and elapsed >= limit:
+            self._finished(task, None, f"it took longer than the {limit:g} s allowed, and was ended; see --time-limit")
+        else:
+            self._check_hope(str(future.exception()))
+            self._finished(task, None, "the worker process died of it (out of memory, or a crash of a library)")
+        return True
+
+    def _check_hope(self, reason: str) -> None:
+        if self._died >= _HOPELESS and not self._succeeded:
+            raise ConvergenceError(
+                f"the worker processes die at once, {self._died} one after the other {reason}; run `femu-piezo update` "
+                "on one of the files to see why, and try fewer --workers if memory is short"
+            )
+
+    def _give_up(self) -> None:
+        """Nothing has finished for too long (a cluster without workers, or a hang)."""
+        for future, (task, _, _) in self._running.items():
+            future.cancel()
+            self._finished(task, None, f"no worker has answered for {self._patience:g} s")
+        self._running.clear()
+        self._pool.restart()

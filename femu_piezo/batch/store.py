@@ -1,0 +1,66 @@
+"""Results on disk: one file per job, whole at every moment; one run at a time in a folder."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from femu_piezo.batch.worker import FINAL
+from femu_piezo.errors import InputError
+from femu_piezo.files import write_atomically
+
+_KEYS = {"name", "checksum", "status", "reason", "columns", "results"}
+
+
+class Records:
+    """The records of a lot, one JSON file each in `folder`."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._folder = folder
+        for left in folder.glob(".*.tmp"):  # of a run that was killed while it wrote
+            left.unlink(missing_ok=True)
+
+    def path(self, name: str) -> Path:
+        """File of the job `name`."""
+        if len(name.encode()) > 200:
+            name = hashlib.sha256(name.encode()).hexdigest()
+        return self._folder / f"{name}.json"
+
+    def read(self, name: str, checksum: str) -> dict | None:
+        """The record of a job where it is final and of these inputs; None where it must be computed."""
+        try:
+            found = json.loads(self.path(name).read_bytes())
+        except (OSError, ValueError, RecursionError):
+            return None
+        if not isinstance(found, dict) or set(found) != _KEYS or not isinstance(found["columns"], dict):
+            return None
+        return found if found["checksum"] == checksum and found["status"] in FINAL else None
+
+    def write(self, record: dict) -> None:
+        """Make a record durable."""
+        text = json.dumps(record, indent=1, allow_nan=False, ensure_ascii=False)
+        write_atomically(self.path(record["name"]), text + "\n")
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Hold the folder for one run; InputError where another run holds it. A killed run holds nothing."""
+    try:
+        import fcntl
+    except ImportError:  # not on Windows: there two runs at once are the user's affair
+        yield
+        return
+    with open(folder / ".lock", "a") as stream:
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(
+                f"{folder}: another batch writes to this folder; wait for its end, or choose another --out"
+            ) from None
+        yield
+        os.ftruncate(stream.fileno(), 0)

@@ -1,0 +1,65 @@
+"""The table of a lot: one row per job, as CSV and Parquet with the same columns."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+from femu_piezo.batch.steps import CONSTANT_COLUMNS, UPDATE_COLUMNS
+from femu_piezo.files import write_atomically
+
+_FIRST = ("number", "file", "specimen", "status", "reason")
+_TEXT = {"file", "specimen", "status", "reason", "method", "notes"}
+_WHOLE = {"number", "iterations"}
+
+
+def rows_of(records: Sequence[dict]) -> list[dict]:
+    """Rows in the order of the records, numbered from 1."""
+    rows = []
+    for number, record in enumerate(records, 1):
+        head = {"number": number, "file": record["name"], "status": record["status"], "reason": record["reason"]}
+        rows.append({**record["columns"], **head})
+    return rows
+
+
+def columns_of(rows: Sequence[dict]) -> list[str]:
+    """The columns in their order: of constants only those that some row has, then what further steps brought."""
+    present = {name for row in rows for name in row}
+    known = [*_FIRST, *(name for name in UPDATE_COLUMNS if name in present or name not in CONSTANT_COLUMNS)]
+    return known + sorted(present - set(known))
+
+
+def write_table(rows: Sequence[dict], csv_path: Path, parquet_path: Path) -> None:
+    """Write both files, each whole or not at all; the same rows give the same bytes. Values in SI units."""
+    import pyarrow
+    import pyarrow.parquet
+
+    columns = columns_of(rows)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([_cell(row.get(name)) for name in columns] for row in rows)
+    write_atomically(csv_path, text.getvalue())
+    fields = [(name, _type(pyarrow, name, rows)) for name in columns]
+    table = pyarrow.table(
+        [pyarrow.array([row.get(name) for row in rows], kind) for name, kind in fields], names=columns
+    )
+    buffer = io.BytesIO()
+    pyarrow.parquet.write_table(table, buffer)
+    write_atomically(parquet_path, buffer.getvalue())
+
+
+def _cell(value) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        return repr(value)
+    return " ".join(str(value).split())
+
+
+def _type(pyarrow, name: str, rows: Sequence[dict]):
+    if name in _TEXT or any(isinstance(row.get(name), str) for row in rows):
+        return pyarrow.string()
+    return pyarrow.int64() if name in _WHOLE else pyarrow.float64()

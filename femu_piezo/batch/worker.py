@@ -1,0 +1,117 @@
+"""What runs in a worker process, local or of a cluster: one job in, one record out, never an exception of the job.
+
+A record is JSON: {"name", "checksum", "status", "reason", "columns", "results"}. Status "ok" and "failed" (wrong
+input, no convergence) are final for these inputs; "lost" (a dead worker, an unexpected error) is tried again by the
+next run.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import traceback
+import warnings
+
+from femu_piezo.batch.jobs import Job
+from femu_piezo.errors import FemuPiezoError
+
+FINAL = ("ok", "failed")
+#: Variables that keep a process to one thread of dense and sparse algebra; read when the libraries load.
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS")
+
+_one_at_a_time = threading.Lock()  # a cluster's worker may have several threads; gmsh and the shared bases may not
+_shared_bases = None
+
+
+def run_job(job: Job, checksum: str, program: str, limit_s: float | None = None) -> dict:
+    """Compute one job.
+
+    Parameters
+    ----------
+    checksum : of the job where it was found; another one here means changed or other files
+    program : `program_checksum` of the caller
+    limit_s : the process ends itself after so many seconds, whatever it hangs in; None for never
+    """
+    with _one_at_a_time:
+        if limit_s is not None:
+            faulthandler.dump_traceback_later(limit_s, exit=True, file=_nowhere())
+        try:
+            return _computed(job, checksum, program)
+        finally:
+            if limit_s is not None:
+                faulthandler.cancel_dump_traceback_later()
+
+
+def record(job: Job, checksum: str, status: str, reason: str = "", columns=None, results=None) -> dict:
+    """The record of a job in JSON types."""
+    return {
+        "name": job.name,
+        "checksum": checksum,
+        "status": status,
+        "reason": reason,
+        "columns": columns or {},
+        "results": results or {},
+    }
+
+
+def _computed(job: Job, checksum: str, program: str) -> dict:
+    from femu_piezo.batch.steps import STEPS
+
+    inputs = job.read()
+    if job.checksum(program, inputs.files) != checksum:
+        return record(job, checksum, "lost", _changed(job))
+    columns, results = {}, {}
+    try:
+        if inputs.error is not None:
+            raise inputs.error
+        columns["specimen"] = " + ".join(one.name for one in inputs.specimens)
+        for step in job.steps:
+            found, results[step] = STEPS[step](list(inputs.specimens), _bases())
+            columns |= found
+        status, reason = "ok", ""
+    except FemuPiezoError as error:
+        status, reason = "failed", str(error)
+    except Exception as error:  # the lot goes on; the row says that this is no fault of the input
+        status, reason = "lost", f"unexpected {type(error).__name__}: {' '.join(str(error).split()) or 'no message'}"
+        results["traceback"] = traceback.format_exc()
+    if job.checksum(program, inputs.files) != checksum:
+        return record(job, checksum, "lost", _changed(job))
+    return record(job, checksum, status, reason, columns, results)
+
+
+def _changed(job: Job) -> str:
+    return (
+        f"{job.name}: its files changed during the work, or this worker sees other files than the machine that "
+        "started the lot; keep them still, on a file system that all workers share"
+    )
+
+
+def _bases():
+    global _shared_bases
+    if _shared_bases is None:
+        from femu_piezo.study.bases import SharedBases
+
+        _shared_bases = SharedBases()
+    return _shared_bases
+
+
+def _nowhere():
+    global _null
+    try:
+        return _null
+    except NameError:
+        _null = open(os.devnull, "w")  # noqa: SIM115 - kept open for the life of the process
+        return _null
+
+
+def start_local_worker() -> None:
+    """In a new local worker process: Ctrl-C is the parent's business, and the worker ends when the parent does."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    warnings.simplefilter("ignore")
+    sys.stdout = _nowhere()
+    parent = multiprocessing.parent_process()
+    threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
