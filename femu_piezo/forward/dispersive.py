@@ -3,7 +3,8 @@
 No closed form serves all frequencies then. In the modal coordinates of the mean coefficients the modes near the
 band are kept; the other modes and the inner potentials are eliminated exactly at a few Chebyshev points of log ω.
 Their Schur complement has no resonance in the band, so polynomials interpolate it in between; exact values at
-frequencies between the nodes decide how many nodes it takes.
+frequencies between the nodes decide how many nodes it takes. With x(ω) the state driven by one volt,
+∂Y/∂c_q = −jω xᵗA_q x.
 """
 
 from __future__ import annotations
@@ -24,46 +25,68 @@ Coefficients = Callable[[np.ndarray], np.ndarray]
 _KEEP, _NODES = (2.0, 8.0, 32.0), (8, 16, 32)
 
 
-def dispersive_impedance(
+@dataclass(frozen=True)
+class DispersiveResponse:
+    """Response at frequency-dependent coefficients.
+
+    Attributes
+    ----------
+    omega : (k,) rad/s
+    charge : (k,) charge per volt of the part
+    states : (k, r) reduced state driven by one volt, unknowns of the reduced model
+    """
+
+    omega: np.ndarray
+    charge: np.ndarray
+    states: np.ndarray
+    reduced: ReducedModel
+
+    @property
+    def admittance(self) -> np.ndarray:
+        """Y of the specimen (k,), siemens."""
+        return 1j * self.omega * self.reduced.admittance_factor * self.charge
+
+    @property
+    def impedance(self) -> np.ndarray:
+        """Z of the specimen (k,), ohm."""
+        return 1 / self.admittance
+
+    def admittance_jacobian(self) -> np.ndarray:
+        """∂Y(ω)/∂c_q(ω) (k, n_terms); a parameter θ gets Σ_q ∂Y/∂c_q ∂c_q(ω)/∂θ."""
+        count, size, _ = self.reduced.matrices.shape
+        columns = self.reduced.matrices.transpose(1, 0, 2).reshape(size, -1)
+        with blas_limit():
+            products = (self.states.real @ columns) + 1j * (self.states.imag @ columns)
+        energy = np.einsum("kqr,kr->kq", products.reshape(-1, count, size), self.states)
+        return -1j * (self.omega * self.reduced.admittance_factor)[:, None] * energy
+
+
+def dispersive_response(
     reduced: ReducedModel, coefficients: Coefficients, omega: np.ndarray, *, accuracy: float = 1e-7
-) -> np.ndarray:
-    """Z of the specimen (k,), ohm, at coefficients c_q(ω) of the affine terms.
+) -> DispersiveResponse:
+    """Response at coefficients c_q(ω) of the affine terms.
 
     Parameters
     ----------
     coefficients : function of ω (n,) → (n, n_terms) complex, smooth in log ω
     omega : (k,) rad/s, positive
     accuracy : relative error allowed beside the one of the reduced model; where interpolation does not reach it
-        (rough coefficients, a heavy mass), every frequency is solved with all unknowns
+        (rough coefficients, a heavy mass), every frequency is solved with all unknowns. 0 asks for that at once.
     """
     omega = np.asarray(omega, dtype=float)
     with blas_limit():
-        charge = _interpolated(reduced, coefficients, omega, accuracy)
-    if charge is None:
-        return dispersive_impedance_exact(reduced, coefficients, omega)
-    return 1 / (1j * omega * reduced.admittance_factor * charge)
-
-
-def _interpolated(
-    reduced: ReducedModel, coefficients: Coefficients, omega: np.ndarray, accuracy: float
-) -> np.ndarray | None:
-    """F(ω) (k,) with the fewest modes and nodes that pass the check, None where none does."""
-    for keep in _KEEP:
-        system = _System.of(reduced, coefficients, omega, keep)
-        for count in _NODES:
-            charge = system.charge(omega, count)
-            probes = _probes(charge)
-            if np.max(np.abs(charge[probes] / system.exact_charge(omega[probes]) - 1)) < accuracy:
-                return charge
-    return None
-
-
-def dispersive_impedance_exact(reduced: ReducedModel, coefficients: Coefficients, omega: np.ndarray) -> np.ndarray:
-    """The same by one dense solve of all reduced unknowns per frequency; arguments as `dispersive_impedance`."""
-    omega = np.asarray(omega, dtype=float)
-    with blas_limit():
-        charge = _System.of(reduced, coefficients, omega, _KEEP[0]).exact_charge(omega)
-    return 1 / (1j * omega * reduced.admittance_factor * charge)
+        for keep in _KEEP if accuracy > 0 else ():
+            system = _System.of(reduced, coefficients, omega, keep)
+            for count in _NODES:
+                charge, states = system.interpolated(omega, count)
+                probes = _probes(charge)
+                exact, _ = system.exact(omega[probes])
+                if np.max(np.abs(charge[probes] / exact - 1)) < accuracy:
+                    return DispersiveResponse(omega, charge, states @ system.basis.T, reduced)
+        system = _System.of(reduced, coefficients, omega, _KEEP[0])
+        parts = [system.exact(part) for part in np.array_split(omega, max(1, omega.size // 64))]
+        charge, states = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return DispersiveResponse(omega, charge, states @ system.basis.T, reduced)
 
 
 def _probes(charge: np.ndarray) -> np.ndarray:
@@ -76,13 +99,14 @@ def _probes(charge: np.ndarray) -> np.ndarray:
 class _System:
     """Affine terms in modal coordinates of the mean coefficients, kept unknowns first.
 
-    terms (n_terms, r, r); coefficients c(ω); inertia (r,) diagonal of the mass; kept: the voltage and the modes
-    near the band
+    terms (n_terms, r, r); coefficients c(ω); inertia (r,) diagonal of the mass; basis (r, r) the coordinates in
+    unknowns of the reduced model; kept: the voltage and the modes near the band
     """
 
     terms: np.ndarray
     coefficients: Coefficients
     inertia: np.ndarray
+    basis: np.ndarray
     kept: int
 
     @classmethod
@@ -93,7 +117,7 @@ class _System:
         inner = np.eye(size)[:, u : size - 1]
         basis = np.column_stack([modal.states[:, 0], modes[:, near], modes[:, ~near], inner])
         inertia = np.concatenate([[0.0], np.ones(u), np.zeros(size - 1 - u)])
-        return cls(basis.T @ reduced.matrices @ basis, coefficients, inertia, 1 + int(near.sum()))
+        return cls(basis.T @ reduced.matrices @ basis, coefficients, inertia, basis, 1 + int(near.sum()))
 
     def _matrices(self, omega: np.ndarray, rows: slice, columns: slice) -> np.ndarray:
         """A(ω) − ω²M (k, …) of a block of unknowns."""
@@ -103,24 +127,26 @@ class _System:
             matrix[:, index, index] -= (omega**2)[:, None] * self.inertia[rows]
         return matrix
 
-    def exact_charge(self, omega: np.ndarray) -> np.ndarray:
-        """Charge per volt F(ω) with all unknowns."""
-        parts = np.array_split(omega, max(1, omega.size // 64))
-        return np.concatenate([_charge(self._matrices(part, slice(None), slice(None))) for part in parts])
+    def exact(self, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Charge per volt (k,) and driven state (k, r) with all unknowns."""
+        return _driven(self._matrices(omega, slice(None), slice(None)))
 
-    def charge(self, omega: np.ndarray, count: int) -> np.ndarray:
-        """F(ω) with the Schur complement of the other unknowns interpolated from `count` Chebyshev points of log ω."""
+    def interpolated(self, omega: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """The same with the elimination of the other unknowns interpolated from `count` Chebyshev points of log ω."""
         near, far = slice(0, self.kept), slice(self.kept, None)
         low, high = np.log([omega.min(), omega.max()])
         nodes = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (np.arange(count) + 0.5) / count)
         coupling = self._matrices(np.exp(nodes), far, near)
-        block = self._matrices(np.exp(nodes), far, far)
-        schur = coupling.transpose(0, 2, 1) @ np.linalg.solve(block, coupling)
+        follow = -np.linalg.solve(self._matrices(np.exp(nodes), far, far), coupling)
+        schur = coupling.transpose(0, 2, 1) @ follow
         weights = BarycentricInterpolator(nodes, np.eye(count))(np.log(omega))
-        return _charge(self._matrices(omega, near, near) - np.tensordot(weights, schur, axes=1))
+        charge, states = _driven(self._matrices(omega, near, near) + np.tensordot(weights, schur, axes=1))
+        others = sum(weights[:, [node]] * (states @ follow[node].T) for node in range(count))
+        return charge, np.hstack([states, others])
 
 
-def _charge(matrix: np.ndarray) -> np.ndarray:
-    """F = −(A_vv − A_vr A_rr^-1 A_rv) for matrices (k, r, r) with the voltage first."""
-    solution = np.linalg.solve(matrix[:, 1:, 1:], matrix[:, 1:, :1])
-    return -(matrix[:, 0, 0] - np.einsum("kr,kr->k", matrix[:, 0, 1:], solution[:, :, 0]))
+def _driven(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """F = −(A_vv + A_vr x_r) (k,) and x = (1, x_r), x_r = −A_rr^-1 A_rv, for matrices (k, r, r), voltage first."""
+    rest = -np.linalg.solve(matrix[:, 1:, 1:], matrix[:, 1:, :1])[:, :, 0]
+    charge = -(matrix[:, 0, 0] + np.einsum("kr,kr->k", matrix[:, 0, 1:], rest))
+    return charge, np.column_stack([np.ones(len(rest)), rest])
