@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from femu_piezo.material.constants import EPS0
 
 if TYPE_CHECKING:
+    from femu_piezo.study.results import Outcome
     from femu_piezo.study.simulate import SimulationResult
-    from femu_piezo.study.update import Outcome
 
 MEASURED = {"color": "#222222", "marker": ".", "linestyle": "none", "markersize": 3.5}
 BASELINE = {"color": "#8c8c8c", "linewidth": 1.2, "linestyle": "--"}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from femu_piezo.resonances import Resonance
-from femu_piezo.study.update import Outcome, UpdateResult
+from femu_piezo.study.results import Outcome, UpdateResult
 
 
 def update_record(result: UpdateResult) -> dict:

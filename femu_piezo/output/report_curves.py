@@ -8,7 +8,7 @@ from femu_piezo.material.constants import D_FORM
 from femu_piezo.output.chart import Axis, Band, Chart, Series
 from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
 from femu_piezo.output.sensitivity import COLOURS
-from femu_piezo.study.update import Outcome
+from femu_piezo.study.results import Outcome
 
 #: Constants whose sensitivity is below this share of the strongest are left out of the picture.
 _SEEN = 1e-3

@@ -7,7 +7,7 @@ from femu_piezo.output.modes import mode_figure
 from femu_piezo.output.report import Section, paragraph, picture
 from femu_piezo.specimen import CONSTANTS, Specimen
 from femu_piezo.study.modes import find_modes
-from femu_piezo.study.update import Outcome, UpdateResult
+from femu_piezo.study.results import Outcome, UpdateResult
 
 
 def mode_section(result: UpdateResult) -> Section:

@@ -7,7 +7,7 @@ from rich.table import Table
 
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.study.identify import IdentifyResult
-from femu_piezo.study.update import Outcome, UpdateResult
+from femu_piezo.study.results import Outcome, UpdateResult
 
 
 def number(value: float, std: float | None) -> str:

@@ -1,0 +1,89 @@
+"""What `update` returns: the constants, and what they say about each specimen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.resonances import Resonance
+from femu_piezo.study.measured import Measured
+from femu_piezo.updating.data import rms_log_error
+from femu_piezo.updating.identifiability import Identifiability
+from femu_piezo.updating.least_squares import Fit
+from femu_piezo.updating.parameters import Estimate
+from femu_piezo.updating.pole_zero import Step
+from femu_piezo.updating.sensitivity import Sensitivity
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the update says about one specimen.
+
+    Attributes
+    ----------
+    matched : (measured, simulated) resonances, poles then zeros
+    base_curve, updated_curve : (n,) complex ohm at the sweep's frequencies
+    history : pole-zero iterations on its fundamental
+    sensitivity : of Z to each of the ten constants at the solution
+    unknowns : of the full model;  mesh : what it is, in words
+    """
+
+    measured: Measured
+    matched: tuple[tuple[Resonance, Resonance], ...]
+    base_curve: np.ndarray
+    updated_curve: np.ndarray
+    history: tuple[Step, ...]
+    sensitivity: Sensitivity
+    unknowns: int
+    mesh: str
+
+    @property
+    def rms_before(self) -> float:
+        """rms |Δ log Z| of the baseline over the whole sweep."""
+        return rms_log_error(self.base_curve, self.measured.spectrum.impedance)
+
+    @property
+    def rms_after(self) -> float:
+        return rms_log_error(self.updated_curve, self.measured.spectrum.impedance)
+
+    def records(self, kind: str) -> list[dict]:
+        """The contract's list of poles or zeros."""
+        return [
+            {"measured": data.to_json(), "model": {"frequency_Hz": model.frequency_Hz, "loss": model.loss}}
+            for data, model in self.matched
+            if data.kind == kind
+        ]
+
+
+@dataclass(frozen=True)
+class UpdateResult:
+    """Everything `update` found.
+
+    Attributes
+    ----------
+    baseline, constants : the ten constants before and after
+    parameters : free constant → estimate
+    permittivity_source : how ε33T was obtained, in words
+    fit : the curve fit, None where the poles and zeros alone were used
+    known : what the data tell about each unknown, None without a curve fit
+    seconds : step → time
+    """
+
+    name: str
+    baseline: PiezoConstants
+    constants: PiezoConstants
+    parameters: dict[str, Estimate]
+    outcomes: tuple[Outcome, ...]
+    permittivity_source: str
+    method: str
+    fit: Fit | None
+    known: Identifiability | None
+    notes: tuple[str, ...]
+    seconds: dict[str, float]
+
+    @property
+    def iterations(self) -> int:
+        """Pole-zero iterations made, over all specimens."""
+        return sum(len(outcome.history) - 1 for outcome in self.outcomes)
