@@ -16,6 +16,8 @@ from functools import cached_property
 
 import numpy as np
 
+from femu_piezo.forward.threads import blas_limit
+
 #: Relative distance below which two eigenvalues count as one in the partial fractions.
 _DEGENERATE = 1e-9
 
@@ -43,7 +45,8 @@ class ModalModel:
 
     def admittance(self, omega: np.ndarray) -> np.ndarray:
         """Y of the specimen (k,), siemens, at angular frequencies (k,)."""
-        fraction = self.clamped_capacitance + self._resolvent(omega) @ self.charges**2
+        with blas_limit():
+            fraction = self.clamped_capacitance + self._resolvent(omega) @ self.charges**2
         return 1j * omega * self.admittance_factor * fraction
 
     def impedance(self, omega: np.ndarray) -> np.ndarray:
@@ -57,11 +60,10 @@ class ModalModel:
         ----------
         directions : (n_terms, n) ∂c/∂θ, real or complex; gives ∂Y/∂θ (k, n) instead, cheaper for few θ
         """
-        resolvent = self._resolvent(omega)
-        clamped, simple, double = self._partial_fractions(directions)
-        fraction = clamped + resolvent @ simple
-        if np.any(double):
-            fraction += resolvent**2 @ double
+        with blas_limit():
+            resolvent = self._resolvent(omega)
+            clamped, simple, double = self._partial_fractions(directions)
+            fraction = clamped + resolvent @ simple + resolvent**2 @ double
         return -1j * (omega * self.admittance_factor)[:, None] * fraction
 
     @cached_property
