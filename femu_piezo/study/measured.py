@@ -22,6 +22,8 @@ from femu_piezo.updating.start import bar_permittivity, bar_start
 LOW_FREQUENCY_SHARE = 0.03
 #: Eigenvalue error allowed at the end of the sweep when only the fundamental is fitted: the curve is then a picture.
 _PICTURE_ACCURACY = 1e-3
+#: Share of the strongest coupling from which a pair may be the fundamental.
+_STRONG = 0.6
 #: Constants that each poling direction determines from one pole and one zero.
 PAIR_NAMES = {"thickness": ("s11", "d31"), "length": ("s33", "d33")}
 
@@ -129,7 +131,11 @@ def measure(specimen: Specimen) -> Measured:
 
 
 def fundamental_pair(extraction: Extraction, spectrum: ImpedanceSpectrum) -> Pair:
-    """The pole-zero pair of strongest coupling in the sweep; InputError where there is none."""
+    """The lowest pole-zero pair that is coupled at least 0.6 times as strongly as the strongest in the sweep.
+
+    Length modes lose coupling with the square of their order, but a width mode may be coupled as strongly as the
+    fundamental; flexural and lateral intruders are weak. InputError where there is no pair.
+    """
     sound = [pair for pair in extraction.pairs if np.isfinite(pair.k_eff)]
     if not sound:
         reasons = f" ({'; '.join(extraction.notes)})" if extraction.notes else ""
@@ -137,7 +143,9 @@ def fundamental_pair(extraction: Extraction, spectrum: ImpedanceSpectrum) -> Pai
             f"{spectrum.source}: no resonance with both its pole and its zero was found between "
             f"{spectrum.frequency[0]:.6g} and {spectrum.frequency[-1]:.6g} Hz{reasons}; measure a band that holds both"
         )
-    return max(sound, key=lambda pair: pair.k_eff)
+    strongest = max(pair.k_eff for pair in sound)
+    strong = [pair for pair in sound if pair.k_eff >= _STRONG * strongest]
+    return min(strong, key=lambda pair: pair.pole.frequency_Hz)
 
 
 def _low_permittivity(problem: Problem, spectrum: ImpedanceSpectrum, pair: Pair) -> complex | None:

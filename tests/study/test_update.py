@@ -142,3 +142,20 @@ def test_wrong_density_does_not_pass_for_convergence(sweeps, write_specimen_of, 
     answer = CliRunner().invoke(main, ["update", str(spec), "--out", str(tmp_path / "out")])
     assert answer.exit_code == 2
     assert "no resonance with both its pole and its zero" in answer.output
+
+
+def test_the_fundamental_is_the_lowest_strong_pair():
+    """A width mode coupled a little more strongly, an overtone and a weak low intruder do not pass for it."""
+    from types import SimpleNamespace
+
+    from femu_piezo.extraction.roots import Pair
+    from femu_piezo.resonances import Resonance
+    from femu_piezo.study.measured import fundamental_pair
+
+    def pair(frequency: float, k_eff: float) -> Pair:
+        eigenvalue = (2 * np.pi * frequency) ** 2 * (1 + 0.01j)
+        return Pair(Resonance("pole", eigenvalue), Resonance("zero", eigenvalue / (1 - k_eff**2)), k_eff, 0.001, 0.0, 0.001)
+
+    pairs = [pair(20e3, 0.05), pair(36e3, 0.40), pair(108e3, 0.12), pair(280e3, 0.45)]
+    found = fundamental_pair(SimpleNamespace(pairs=pairs, notes=()), None)
+    assert found.pole.frequency_Hz == pytest.approx(36e3)
