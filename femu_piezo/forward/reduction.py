@@ -109,8 +109,9 @@ def reduce_model(
     ------
     ConvergenceError : the estimate stays above `accuracy` after `max_rounds` enrichments
     """
-    points = [_coefficients(model, point) for point in _with_neighbours(training)]
-    checks = [_coefficients(model, point) for point in _reflections(training)]
+    points = _distinct([_coefficients(model, point) for point in _with_neighbours(training)])
+    both = _distinct([*points, *(_coefficients(model, point) for point in _reflections(training))])
+    checks = both[len(points) :]
     with blas_limit(useful_threads(model.size)):
         basis, sets, error = _enriched(model, points, checks, band_Hz, accuracy, max_rounds)
         return _finished(model, basis, sets, band_Hz, accuracy, error)
@@ -187,6 +188,15 @@ def _reflections(training: Sequence[TrainingPoint]) -> list[TrainingPoint]:
     first = points[0][0].vector().real
     mirrored = [(PiezoConstants.from_vector(2 * first - item.vector().real), extra) for item, extra in points[1:]]
     return [(constants, extra) for constants, extra in mirrored if not constants.physical_faults()]
+
+
+def _distinct(points: list[np.ndarray]) -> list[np.ndarray]:
+    """The points in their order without those that repeat an earlier one."""
+    result = []
+    for point in points:
+        if not any(np.allclose(point, other, rtol=1e-9, atol=0.0) for other in result):
+            result.append(point)
+    return result
 
 
 def _coefficients(model: ElectroelasticModel, point: TrainingPoint) -> np.ndarray:
