@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -29,7 +31,7 @@ def gmsh_session(kernel: str = "occ") -> Iterator:
     except (ImportError, OSError) as error:
         raise InputError(
             f"gmsh cannot be loaded on this machine ({error}), and this shape needs it to be meshed; on Debian or "
-            f"Ubuntu: apt-get install {GMSH_PACKAGES} (rectangular plates and disks by ready meshes do without)"
+            f"Ubuntu: apt-get install {GMSH_PACKAGES} (plain rectangular plates do without)"
         ) from None
     if gmsh.isInitialized():
         raise InputError("another gmsh session is open in this process; call gmsh.finalize() before meshing a shape")
@@ -74,4 +76,5 @@ def mesh_solid(build: Callable[[object], None], options: Mapping[str, float], wh
             raise
         except Exception as error:  # gmsh raises plain Exception for everything
             raise InputError(f"gmsh cannot mesh {what}: {error}; check its dimensions against each other") from None
-        return meshio.read(path)
+        with contextlib.redirect_stdout(io.StringIO()):  # meshio prints an empty line
+            return meshio.read(path)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -16,6 +16,7 @@ import meshio
 import numpy as np
 import skfem
 import skfem.io.meshio
+from scipy.spatial import cKDTree
 
 from femu_piezo.errors import InputError
 from femu_piezo.files import read_bytes
@@ -25,7 +26,7 @@ from femu_piezo.geometry.shape import unit_direction
 
 _LARGEST_FILE = 500_000_000
 _SUPPORTED = ("hexahedron27", "tetra10", "hexahedron", "tetra")
-_SURFACE_ONLY = {"triangle", "quad", "triangle6", "quad9"}
+_SURFACE_ONLY = {"triangle", "quad", "triangle6", "quad8", "quad9"}
 #: Extents in m outside which the unit is probably wrong.
 _PLAUSIBLE = (2e-5, 1.0)
 
@@ -150,13 +151,43 @@ def _read(path: Path) -> skfem.Mesh:
         )
     if not solid:
         raise InputError(f"{path}: there are no volume elements; mesh in three dimensions and name a physical volume")
-    raw = _one_block_per_kind(raw)
-    return skfem.io.meshio.from_meshio(raw, force_meshio_type=solid[0], ignore_orientation=True)
+    body = meshio.Mesh(raw.points, [(cell.type, cell.data) for cell in raw.cells if cell.type == solid[0]])
+    mesh = skfem.io.meshio.from_meshio(body, force_meshio_type=solid[0], ignore_orientation=True)
+    return replace(mesh, _boundaries=_named_facets(raw, mesh, path) or None)
 
 
-def _one_block_per_kind(raw: meshio.Mesh) -> meshio.Mesh:
-    """Keep cells and their named sets; unnamed sets and point data of other programs are of no use here."""
-    names = [name for name in raw.cell_sets if not name.startswith("gmsh:")]
-    for name in names:
-        raw.cell_sets[name] = [np.zeros(0, dtype=int) if part is None else part for part in raw.cell_sets[name]]
-    return raw
+def _named_facets(raw: meshio.Mesh, mesh: skfem.Mesh, path: Path) -> dict[str, np.ndarray]:
+    """Name → facets of the mesh at the places of the surface cells that carry it."""
+    corners = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "quad9": 4}
+    tree = cKDTree(mesh.p[:, mesh.facets].mean(axis=1).T)
+    near = 1e-6 * float(np.ptp(mesh.p, axis=1).max())
+    found: dict[str, np.ndarray] = {}
+    for name, parts in _surface_sets(raw).items():
+        centers = [
+            raw.points[block.data[part][:, : corners[block.type]]].mean(axis=1)
+            for block, part in zip(raw.cells, parts, strict=True)
+            if block.type in corners and part is not None and len(part)
+        ]
+        if not centers:
+            continue
+        distance, facets = tree.query(np.concatenate(centers))
+        if distance.max() > near:
+            raise InputError(
+                f'{path}: {int(np.sum(distance > near))} cells of the surface "{name}" are no faces of volume '
+                "elements; mesh body and surface together"
+            )
+        found[name] = np.unique(facets).astype(np.int32)
+    return found
+
+
+def _surface_sets(raw: meshio.Mesh) -> dict[str, list]:
+    """Name → indices per block of cells; from named sets (.msh 4.1), else from physical tags (.msh 2.2)."""
+    sets = {name: list(parts) for name, parts in raw.cell_sets.items() if not name.startswith("gmsh:")}
+    if sets or "gmsh:physical" not in raw.cell_data:
+        return sets
+    tags = raw.cell_data["gmsh:physical"]
+    return {
+        name: [np.flatnonzero(part == number) for part in tags]
+        for name, (number, dimension) in raw.field_data.items()
+        if dimension == 2
+    }

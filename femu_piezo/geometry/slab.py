@@ -269,7 +269,8 @@ class Slab:
     def _mesh(self, edge: float, mirrors: tuple[int, ...]) -> skfem.Mesh:
         hexahedra = self.element_shape == "hexahedron"
         height = self.thickness / 2 if 2 in mirrors else self.thickness
-        edge = min(edge, 2 * height)
+        if not hexahedra or partial_footprints(self):  # flat hexahedra follow smooth fields well
+            edge = min(edge, 2 * height)
         options = {
             "Mesh.MeshSizeMax": edge,
             "Mesh.MeshSizeFromCurvature": _PER_CIRCLE,

@@ -93,13 +93,14 @@ def find_modes(specimen: Specimen, *, band: tuple[float, float] | None = None, c
     if band is not None and not 0 <= band[0] < band[1]:
         raise InputError(f"--band {band[0]:g} {band[1]:g} is no band; give the lower frequency first, in Hz")
     low, high = band or (0.0, 3.5 * problem.expected_pole_Hz)
-    model = _model(problem, high)
-    reduced = reduce_model(model, [problem.constants], 1.3 * high, accuracy=_REDUCTION_ERROR)
+    model = _model(problem, max(high, problem.expected_pole_Hz))
+    reduced_to = max(1.3 * high, 1.5 * problem.expected_pole_Hz)
+    reduced = reduce_model(model, [problem.constants], reduced_to, accuracy=_REDUCTION_ERROR)
     modal = reduced.modal(problem.constants.to_e_form())
     values, inner = modal.zeros
     open_states = modal.states[:, 1:] @ inner + modal.states[:, :1] * modal.zero_amplitudes
-    poles = _driven("pole", modal.eigenvalues, modal.charges, reduced.basis @ modal.states[:, 1:], 1.3 * high)
-    zeros = _driven("zero", values, modal.zero_amplitudes, reduced.basis @ open_states, 1.3 * high)
+    poles = _driven("pole", modal.eigenvalues, modal.charges, reduced.basis @ modal.states[:, 1:], reduced_to)
+    zeros = _driven("zero", values, modal.zero_amplitudes, reduced.basis @ open_states, reduced_to)
     pairs = [pair for pair in _pairs(poles, zeros) if low <= pair[0][0].frequency_Hz <= high][:count]
     if not pairs:
         raise InputError(

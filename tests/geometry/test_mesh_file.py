@@ -1,0 +1,153 @@
+"""A user's own mesh: read, checked, computed; every fault told in one sentence."""
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+import skfem
+
+from femu_piezo.errors import InputError
+from femu_piezo.forward.eigen import solve_eigen
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry.gmsh_session import gmsh_session
+from femu_piezo.geometry.mesh_file import MeshFile
+from femu_piezo.geometry.quality import check_electrodes, check_elements
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.material.library import library_material
+
+VM175 = library_material("pzt-4-vm175")
+
+
+def write_box(
+    path: Path, names: dict[str, tuple[int, ...]], order: int = 2, size: float = 20.0, mesh: float = 7.0
+) -> None:
+    """A box in mm; faces 1 … 6 of OpenCASCADE are x_min x_max y_min y_max z_min z_max."""
+    with gmsh_session():
+        import gmsh
+
+        box = gmsh.model.occ.addBox(0, 0, 0, size, size, size)
+        gmsh.model.occ.synchronize()
+        for name, faces in names.items():
+            gmsh.model.addPhysicalGroup(2, list(faces), name=name)
+        gmsh.model.addPhysicalGroup(3, [box], name="body")
+        gmsh.option.setNumber("Mesh.MeshSizeMax", mesh)
+        gmsh.option.setNumber("Mesh.ElementOrder", order)
+        gmsh.model.mesh.generate(3)
+        gmsh.write(str(path))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_own_mesh_of_the_cube_has_the_modes_of_vm175(tmp_path: Path, order: int) -> None:
+    write_box(tmp_path / "cube.msh", {"hot": (6,), "ground": (5,)}, order)
+    shape = MeshFile(tmp_path / "cube.msh", unit=1e-3)
+    assert shape.volume == pytest.approx(8e-6, rel=1e-9)
+    assert shape.electrode_area == pytest.approx(4e-4, rel=1e-9)
+    assert shape.electrode_gap == pytest.approx(0.02, rel=1e-9)
+    model = ElectroelasticModel(shape.domain_for(), VM175.density)
+    for circuit, hertz in (("short", 65_101), ("open", 79_808)):
+        modes = solve_eigen(model, VM175.constants.to_e_form(), circuit, 8, near_Hz=hertz)
+        found = np.sqrt(modes.eigenvalues.real[modes.dominant(hertz)]) / (2 * np.pi)
+        assert found == pytest.approx(hertz, rel=4e-3)
+
+
+def test_named_mirror_planes_make_the_whole(tmp_path: Path) -> None:
+    names = {"hot": (6,), "ground": (5,), "mirror_x": (1,), "mirror_y": (3,)}
+    write_box(tmp_path / "quarter.msh", names, size=10.0, mesh=5.0)
+    shape = MeshFile(tmp_path / "quarter.msh", unit=1e-3)
+    assert shape.domain_for().copies == 4
+    assert shape.extents == pytest.approx([0.02, 0.02, 0.01])
+    part = ElectroelasticModel(shape.domain_for(), VM175.density)
+    whole = ElectroelasticModel(Plate(0.02, 0.02, 0.01).domain((4, 4, 2)), VM175.density)
+    constants = VM175.constants.to_e_form()
+    modes = solve_eigen(whole, constants, "short", 4)
+    expected = np.sqrt(modes.eigenvalues.real[modes.dominant()]) / (2 * np.pi)
+    modes = solve_eigen(part, constants, "short", 8, near_Hz=expected)
+    hertz = np.sqrt(np.abs(modes.eigenvalues.real)) / (2 * np.pi)
+    nearest = int(np.argmin(np.abs(hertz - expected)))
+    assert hertz[nearest] == pytest.approx(expected, rel=1e-3)
+    assert modes.participation[nearest] > 0.5
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        ({"hot": (6,)}, 'no surface named "ground"; it has hot'),
+        ({}, "it has no named surface"),
+        ({"hot": (6,), "ground": (4,)}, 'electrodes "hot" and "ground" touch at'),
+    ],
+)
+def test_wrong_electrodes_are_told(tmp_path: Path, names: dict, told: str) -> None:
+    write_box(tmp_path / "cube.msh", names, order=1)
+    with pytest.raises(InputError, match=told) as caught:
+        MeshFile(tmp_path / "cube.msh", unit=1e-3).domain_for()
+    assert str(tmp_path / "cube.msh") in str(caught.value)
+
+
+def test_wrong_unit_wrong_poling_and_no_mesh_are_told(tmp_path: Path) -> None:
+    write_box(tmp_path / "cube.msh", {"hot": (6,), "ground": (5,), "mirror_z": (5,)}, order=1)
+    with pytest.raises(InputError, match=r"geometry\.unit"):
+        MeshFile(tmp_path / "cube.msh").domain_for()
+    with pytest.raises(InputError, match='"mirror_z" cannot be a mirror plane'):
+        MeshFile(tmp_path / "cube.msh", unit=1e-3).domain_for()
+    (tmp_path / "text.msh").write_text("no mesh")
+    with pytest.raises(InputError, match="cannot read this as a mesh"):
+        MeshFile(tmp_path / "text.msh").domain_for()
+    with pytest.raises(InputError, match="no such file"):
+        MeshFile(tmp_path / "absent.msh").domain_for()
+    flat = meshio.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [("triangle", [[0, 1, 2]])])
+    flat.write(tmp_path / "flat.vtk")
+    with pytest.raises(InputError, match="no volume elements"):
+        MeshFile(tmp_path / "flat.vtk").domain_for()
+
+
+def test_inverted_and_loose_elements_are_told() -> None:
+    mesh = skfem.MeshHex.init_tensor(*[np.linspace(0, 1, 3)] * 3)
+    check_elements(mesh)
+    points = mesh.p.copy()
+    middle = np.flatnonzero(np.all(np.isclose(points, 0.5), axis=0))[0]
+    points[:, middle] = 1.3
+    with pytest.raises(InputError, match=r"inverted or degenerate elements? of 8, the first at"):
+        check_elements(skfem.MeshHex(points, mesh.t))
+    both = skfem.MeshHex(np.hstack([mesh.p, mesh.p + 3.0]), np.hstack([mesh.t, mesh.t + mesh.p.shape[1]]))
+    with pytest.raises(InputError, match="2 parts that share no points"):
+        check_elements(both)
+
+
+def test_electrode_inside_the_body_is_told() -> None:
+    mesh = skfem.MeshHex.init_tensor(*[np.linspace(0, 1, 3)] * 3)
+    mesh = mesh.with_boundaries(
+        {"hot": lambda x: np.isclose(x[2], 0.5), "ground": lambda x: np.isclose(x[2], 0)}, False
+    )
+    with pytest.raises(InputError, match='facets of "hot" lie inside the body'):
+        check_electrodes(mesh, "hot", "ground")
+
+
+def test_meshing_is_silent_and_leaves_ctrl_c_alone(capfd: pytest.CaptureFixture[str]) -> None:
+    import signal
+
+    from femu_piezo.geometry.catalogue import disk
+
+    before = signal.getsignal(signal.SIGINT)
+    disk(10e-3, 1e-3).domain(2e-3)
+    assert signal.getsignal(signal.SIGINT) is before
+    captured = capfd.readouterr()
+    assert captured.out == captured.err == ""
+
+
+def test_missing_gmsh_is_one_sentence_and_boxes_do_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    import builtins
+
+    from femu_piezo.geometry.catalogue import disk
+
+    real = builtins.__import__
+
+    def without_gmsh(name, *args, **kwargs):
+        if name == "gmsh":
+            raise OSError("libGLU.so.1: cannot open shared object file: No such file or directory")
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", without_gmsh)
+    with pytest.raises(InputError, match=r"libGLU\.so\.1.*apt-get install libglu1-mesa"):
+        disk(10e-3, 1e-3).domain(2e-3)
+    assert Plate(40e-3, 5e-3, 1e-3).domain((5, 1, 1)).volume == pytest.approx(200e-9)

@@ -1,0 +1,165 @@
+"""Mode shapes: words from displacement fields, mirrored parts against whole bodies, pictures, files of the command."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from femu_piezo.errors import InputError
+from femu_piezo.forward.eigen import solve_eigen
+from femu_piezo.forward.mode_family import family, motion_of
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry.catalogue import disk
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.material.library import library_material
+from femu_piezo.output.surface import GROUND, HOT, surface_of
+from femu_piezo.specimen import read_specimen
+from femu_piezo.study.modes import find_modes
+
+PIC255 = library_material("pic255")
+K31 = """
+name = "bar"
+[geometry]
+shape = "plate"
+length = "20 mm"
+width = "3 mm"
+thickness = "1 mm"
+[material]
+base = "pic255"
+tan_s11 = 0.01
+[update]
+accuracy = 1e-3
+"""
+
+
+def specimen(folder: Path, text: str = K31):
+    path = folder / "specimen.toml"
+    path.write_text(text)
+    return read_specimen(path)
+
+
+def made_up(model: ElectroelasticModel, displacement) -> np.ndarray:
+    """Free unknowns of a given displacement field (x, y, z) → (u_x, u_y, u_z), by its nodal values."""
+    x = model.basis.doflocs
+    nodal = np.concatenate([*(np.broadcast_to(part, x[0].shape) for part in displacement(*x)), np.zeros(x.shape[1])])
+    return np.asarray(model.prolongation.T @ nodal) * (np.asarray(model.mass.diagonal()) > 0)
+
+
+@pytest.mark.parametrize(
+    ("words", "field"),
+    [
+        ("first length extension", lambda x, y, z: (np.sin(np.pi * x / 20e-3), 0, 0)),
+        ("length extension, third harmonic", lambda x, y, z: (np.sin(3 * np.pi * x / 20e-3), 0, 0)),
+        ("first width extension", lambda x, y, z: (0, np.sin(np.pi * y / 8e-3), 0)),
+        ("first thickness extension", lambda x, y, z: (0, 0, np.sin(np.pi * z / 1e-3))),
+        (
+            "flexure along the length",
+            lambda x, y, z: (
+                z * 2 * np.pi / 20e-3 * np.sin(2 * np.pi * x / 20e-3),
+                0,
+                np.cos(2 * np.pi * x / 20e-3),
+            ),
+        ),
+        ("thickness shear", lambda x, y, z: (np.sin(np.pi * z / 1e-3), 0, 0)),
+        ("face shear", lambda x, y, z: (y, x, 0)),
+    ],
+)
+def test_family_is_read_from_the_displacement(words: str, field) -> None:
+    model = ElectroelasticModel(Plate(20e-3, 8e-3, 1e-3).domain((10, 4, 2), ()), 7800.0)
+    assert family(model, made_up(model, field)) == words
+
+
+def test_radial_modes_of_a_disk_are_named_in_order() -> None:
+    model = ElectroelasticModel(disk(20e-3, 1e-3).domain(2.5e-3), PIC255.density)
+    modes = solve_eigen(model, PIC255.constants.to_e_form(), "short", 24)
+    driven = np.flatnonzero(modes.participation > 1e-3)
+    assert [family(model, modes.vectors[:, i]) for i in driven[:2]] == ["first radial", "second radial"]
+    motion = motion_of(model, modes.vectors[:, driven[0]])
+    assert motion.radial > 0.999
+    others = np.setdiff1d(np.arange(24), driven)
+    assert family(model, modes.vectors[:, others[0]]) == "contour mode of a disk (not axisymmetric)"
+
+
+@pytest.mark.parametrize("circuit", ["short", "open"])
+def test_mirrored_part_shows_the_mode_of_the_whole(circuit: str) -> None:
+    plate = Plate(10e-3, 4e-3, 2e-3)
+    fields = []
+    for axes, divisions in (((0, 1, 2), (4, 2, 1)), ((), (8, 4, 2))):
+        model = ElectroelasticModel(plate.domain(divisions, axes), PIC255.density)
+        modes = solve_eigen(model, PIC255.constants.to_e_form(), circuit, 10, near_Hz=1.6e5)
+        index = modes.dominant(1.6e5)
+        surface = surface_of(model, modes.vectors[:, [index]], subdivisions=2)
+        order = np.lexsort(np.round(surface.points.T * 1e7))
+        points, first = np.unique(np.round(surface.points[order] * 1e7), axis=0, return_index=True)
+        u, phi = surface.displacement[0][order][first].real, surface.potential[0][order][first].real
+        sign = np.sign(u[np.argmax(points[:, 0]), 0])
+        top = phi[points[:, 2] == points[:, 2].max()].mean()
+        bottom = phi[points[:, 2] == points[:, 2].min()].mean()
+        scale = np.abs(u).max()
+        fields.append((points, sign * u / scale, sign * (phi - (top + bottom) / 2) / scale, surface))
+    (points, u, phi, part), (other_points, other_u, other_phi, whole) = fields
+    assert np.array_equal(points, other_points)
+    assert u == pytest.approx(other_u, abs=2e-4)
+    assert phi == pytest.approx(other_phi, abs=2e-3 * np.abs(other_phi).max())
+    for label in (HOT, GROUND):
+        assert np.sum(part.electrode == label) == np.sum(whole.electrode == label)
+
+
+def test_modes_of_a_bar_are_those_of_the_thin_bar(tmp_path: Path) -> None:
+    result = find_modes(specimen(tmp_path))
+    first = result.modes[0]
+    s11 = PIC255.constants.s11.real
+    assert first.pole.frequency_Hz == pytest.approx(1 / (2 * 20e-3 * np.sqrt(PIC255.density * s11)), rel=0.01)
+    assert first.pole_family == first.zero_family == "first length extension"
+    k31 = abs(PIC255.constants.coupling["k31"])
+    ratio = np.pi / 2 * first.zero.frequency_Hz / first.pole.frequency_Hz  # IEEE 176: k²/(1−k²) = x tan(x − π/2)
+    assert np.sqrt(1 / (1 + 1 / (ratio * np.tan(ratio - np.pi / 2)))) == pytest.approx(k31, rel=0.03)
+    assert sum(mode.participation for mode in result.modes) == pytest.approx(1.0)
+
+
+def test_band_without_modes_and_wrong_band_are_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no driven mode lies between 1000 and 2000 Hz"):
+        find_modes(specimen(tmp_path), band=(1e3, 2e3))
+    with pytest.raises(InputError, match="is no band"):
+        find_modes(specimen(tmp_path), band=(2e3, 1e3))
+
+
+def test_command_writes_pictures_animation_scene_and_json_in_silence(tmp_path: Path) -> None:
+    specimen(tmp_path)
+    environment = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    command = [sys.executable, "-m", "femu_piezo.cli", "modes", "specimen.toml", "--out", "out", "--count", "1"]
+    done = subprocess.run(
+        [*command, "--animate", "--html"], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    out = tmp_path / "out"
+    assert {path.name for path in out.iterdir()} == {
+        "modes.json",
+        "modes.png",
+        "modes.html",
+        "mode_01.png",
+        "mode_01.gif",
+    }
+    record = json.loads((out / "modes.json").read_text())
+    assert record["modes"][0]["pole"]["family"] == "first length extension"
+    from PIL import Image
+
+    with Image.open(out / "mode_01.gif") as movie:
+        assert movie.n_frames == 24
+        frames = []
+        for index in (0, 12):
+            movie.seek(index)
+            frames.append(np.asarray(movie.convert("RGB"), dtype=float))
+    assert np.mean(np.abs(frames[0] - frames[1])) > 1.0
+    with Image.open(out / "mode_01.png") as picture:
+        pixels = np.asarray(picture.convert("RGB"))
+    assert picture.size[0] > 2000
+    assert np.mean(np.any(pixels < 200, axis=2)) > 0.03
+    page = (out / "modes.html").read_text()
+    assert "http" not in page.replace("http-equiv", "")
+    assert "__DATA__" not in page
