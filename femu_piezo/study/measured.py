@@ -1,4 +1,4 @@
-"""One specimen with its sweep: poles and zeros extracted, the fundamental chosen, start values by 1-D formulas."""
+"""One specimen with its sweep: poles and zeros extracted, the fundamental chosen, start values from the sweep."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen import Specimen, Update
 from femu_piezo.study.inputs import Problem, prepare
+from femu_piezo.study.starts import has_uniform_field, start_permittivity, start_values
 from femu_piezo.updating.pole_zero import static_permittivity
-from femu_piezo.updating.start import bar_permittivity, bar_start
 
 #: A sweep reaches low frequency where it starts below this share of the fundamental pole: there the plate is free
 #: and uniform, and the error of eq 41 is about k² (f/f_p)² ≈ 2e-4.
@@ -24,8 +24,6 @@ LOW_FREQUENCY_SHARE = 0.03
 _PICTURE_ACCURACY = 1e-3
 #: Share of the strongest coupling from which a pair may be the fundamental.
 _STRONG = 0.6
-#: Constants that each poling direction determines from one pole and one zero.
-PAIR_NAMES = {"thickness": ("s11", "d31"), "length": ("s33", "d33")}
 
 
 @dataclass(frozen=True)
@@ -70,6 +68,13 @@ class Measured:
         return sigma / np.abs(spectrum.impedance)
 
     @property
+    def permittivity_covariance(self) -> np.ndarray:
+        """(2, 2) covariance of (Re, Im) of `permittivity` by the noise of the points it is the mean of, (F/m)²."""
+        noise = self.relative_noise[_static_points(self.fitted, self.pair)]
+        variance = abs(self.permittivity) ** 2 * float(np.mean(noise**2)) / noise.size
+        return np.eye(2) * variance / 2
+
+    @property
     def noise_known(self) -> bool:
         """Whether the noise came with the data."""
         return self.fitted.noise is not None
@@ -82,35 +87,22 @@ class Measured:
         accuracy = (self.problem.specimen.update or Update()).accuracy
         exact_up_to = self.fitted.frequency[-1] if whole_curve else 1.05 * self.pair.zero.frequency_Hz
         picture = self.band_Hz * (accuracy / max(accuracy, _PICTURE_ACCURACY)) ** 0.25
-        return float(max(exact_up_to, picture))
+        return self.problem.equivalent_frequency(float(max(exact_up_to, picture)), accuracy)
 
     def start_values(self) -> dict[str, complex]:
-        """Constants the sweep gives by 1-D formulas: s and d of the poling direction, and ε33T."""
-        plate, density = self.problem.plate, self.problem.density
-        pole, zero = self.pair.pole.frequency_Hz, self.pair.zero.frequency_Hz
+        """Free constants that the sweep gives by thin-body formulas."""
         free = self.problem.specimen.material.free
         values = {}
         if "eps33T" in free:
             values["eps33T"] = self._start_permittivity()
         eps = values.get("eps33T", self.problem.constants.eps33T).real
-        bar = bar_start(plate.poling, plate.length, density, pole, zero, eps)
-        values |= {name: value * (1 - 0.01j) for name, value in bar.items() if name in free}
-        return values
+        found = start_values(self.problem, self.pair, eps)
+        return values | {name: value for name, value in found.items() if name in free}
 
     def _start_permittivity(self) -> complex:
         if self.permittivity is not None:
             return self.permittivity
-        plate, lowest = self.problem.plate, self.fitted
-        eps = bar_permittivity(
-            plate.poling,
-            self.pair.pole.frequency_Hz,
-            self.pair.zero.frequency_Hz,
-            lowest.frequency[0],
-            lowest.admittance[0],
-            plate.electrode_gap,
-            plate.electrode_area,
-        )
-        return eps * (1 - 0.01j) if eps > 0 else self.problem.constants.eps33T
+        return start_permittivity(self.problem, self.pair, self.fitted.frequency[0], self.fitted.admittance[0])
 
 
 def measure(specimen: Specimen) -> Measured:
@@ -149,22 +141,30 @@ def fundamental_pair(extraction: Extraction, spectrum: ImpedanceSpectrum) -> Pai
 
 
 def _low_permittivity(problem: Problem, spectrum: ImpedanceSpectrum, pair: Pair) -> complex | None:
-    """Mean permittivity of the first point and all below 1 % of the pole, where the plate is static to 2e-5."""
-    if spectrum.frequency[0] > LOW_FREQUENCY_SHARE * pair.pole.frequency_Hz:
+    """Mean permittivity of the first point and all below 1 % of the pole, where the body is static to 2e-5.
+
+    None where the sweep does not reach so low, or the field is not uniform.
+    """
+    if spectrum.frequency[0] > LOW_FREQUENCY_SHARE * pair.pole.frequency_Hz or not has_uniform_field(problem.plate):
         return None
-    low = spectrum.frequency <= max(spectrum.frequency[0], 0.01 * pair.pole.frequency_Hz)
+    low = _static_points(spectrum, pair)
     gap, area = problem.plate.electrode_gap, problem.plate.electrode_area
     return complex(np.mean(static_permittivity(spectrum.frequency[low], spectrum.impedance[low], gap, area)))
 
 
+def _static_points(spectrum: ImpedanceSpectrum, pair: Pair) -> np.ndarray:
+    """(k,) bool: the first point and all below 1 % of the pole, where the body is static to 2e-5."""
+    return spectrum.frequency <= max(spectrum.frequency[0], 0.01 * pair.pole.frequency_Hz)
+
+
 def start_constants(measured: list[Measured]) -> PiezoConstants:
-    """The constants of the first specimen's file, with what the sweeps of all give by 1-D formulas."""
+    """The constants of the first specimen's file, with what the sweeps of all give by thin-body formulas."""
     problem = measured[0].problem
     constants = problem.constants
     for one in measured:
         constants = constants.with_values(**one.start_values())
     constants = problem.simplified(constants)
-    where = f"{problem.specimen.path}: with the start values of the 1-D bar"
+    where = f"{problem.specimen.path}: with the start values of the thin body"
     return constants.check(where, passive=False)
 
 

@@ -17,8 +17,9 @@ from femu_piezo.resonances import Resonance
 from femu_piezo.specimen import Update
 from femu_piezo.study.bases import LEAVE, Bases
 from femu_piezo.study.clock import Clock
-from femu_piezo.study.measured import PAIR_NAMES, Measured
+from femu_piezo.study.measured import Measured
 from femu_piezo.study.results import Outcome
+from femu_piezo.study.starts import pair_names
 from femu_piezo.updating.data import CurveData, Passivity, Prior, weak_prior
 from femu_piezo.updating.identifiability import Identifiability, identifiability
 from femu_piezo.updating.least_squares import Fit, fit
@@ -86,14 +87,15 @@ class Run:
         constants, histories = free.constants(free.start), []
         covariance = np.zeros((2 * free.start.size, 2 * free.start.size))
         for one, basis in zip(self._measured, reduced, strict=True):
-            names = PAIR_NAMES[one.problem.plate.poling]
-            if not set(names) <= set(free.names):
+            names = pair_names(one.problem.plate)
+            if not names or not set(names) <= set(free.names):
                 histories.append((Step(constants, np.full(2, np.nan + 0j)),))
                 continue
             found, block = self._pole_zero_one(one, basis, constants, names)
             constants = found.constants
             histories.append(found.history)
-            where = [2 * free.names.index(name) + part for name in names for part in (0, 1)]
+            carried = (*names, "eps33T") if block is not None and len(block) > 4 else names
+            where = [2 * free.names.index(name) + part for name in carried for part in (0, 1)]
             covariance[np.ix_(where, where)] = np.nan if block is None else block
         theta = np.array([getattr(constants, name) for name in free.names])
         unknown = None if np.any(np.isnan(covariance)) else covariance
@@ -109,7 +111,12 @@ class Run:
         else:
             found = update_pair(reduced_source(basis), two, target)
         covariance = _pair_covariance(one)
-        return found, None if covariance is None else propagate_covariance(found, two, covariance)
+        if covariance is None:
+            return found, None
+        if one.permittivity is None or "eps33T" not in self._problem.specimen.material.free:
+            return found, propagate_covariance(found, two, covariance)
+        eps = FreeConstants.of(constants, ("eps33T",), simplified=simplified, poling=poling)
+        return found, propagate_covariance(found, two, covariance, eps, one.permittivity_covariance)
 
     def _curve(self, state: State) -> State:
         parameters = MaterialParameters.around(state.free, state.theta)

@@ -10,17 +10,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-
-import numpy as np
 
 from femu_piezo.errors import InputError
 from femu_piezo.specimen import Specimen, Update
 from femu_piezo.study.bases import Bases
 from femu_piezo.study.clock import Clock, Progress
-from femu_piezo.study.measured import PAIR_NAMES, Measured, baseline_constants, measure, start_constants
+from femu_piezo.study.measured import Measured, baseline_constants, measure, start_constants
 from femu_piezo.study.results import UpdateResult
 from femu_piezo.study.solving import Run, State
+from femu_piezo.study.starts import pair_names
 from femu_piezo.updating.parameters import Estimate, estimates
 
 
@@ -58,7 +56,7 @@ def update(
         name=" + ".join(specimen.name for specimen in specimens),
         baseline=baseline,
         constants=state.constants,
-        parameters=_parameters(state, measured),
+        parameters=_parameters(state),
         outcomes=outcomes,
         permittivity_source="fitted to the curve" if method == "curve" and origin != "given" else origin,
         method=method,
@@ -74,14 +72,14 @@ def _method(measured: list[Measured]) -> tuple[str, str]:
     first = measured[0]
     specimen, free = first.problem.specimen, set(first.problem.specimen.material.free)
     wish = (specimen.update or Update()).method
-    names = set(PAIR_NAMES[first.problem.plate.poling])
+    names = set(pair_names(first.problem.plate))
     if "eps33T" not in free:
         origin = "given"
     elif first.permittivity is not None:
         origin = f"low frequency ({first.spectrum.frequency[0]:.6g} Hz, eqs 41 and 42)"
     else:
         origin = "curve"
-    enough = free - {"eps33T"} == names and origin != "curve" and len(measured) == 1
+    enough = bool(names) and free - {"eps33T"} == names and origin != "curve" and len(measured) == 1
     if wish == "pole_zero" and not enough:
         raise InputError(
             f'{specimen.path or specimen.name}: update.method = "pole_zero" finds {" and ".join(sorted(names))} of one '
@@ -91,16 +89,10 @@ def _method(measured: list[Measured]) -> tuple[str, str]:
     return ("pole_zero" if enough and wish != "curve" else "curve"), origin
 
 
-def _parameters(state: State, measured: list[Measured]) -> dict[str, Estimate]:
+def _parameters(state: State) -> dict[str, Estimate]:
     if state.fit is not None:
         return state.fit.estimates
-    found = dict(zip(state.free.names, estimates(state.theta, state.covariance), strict=True))
-    noise = measured[0].extraction.noise
-    if "eps33T" in found:
-        relative = None if noise is None else float(noise.relative / np.sqrt(2))
-        value = found["eps33T"]
-        found["eps33T"] = replace(value, std=None if relative is None else value.value * relative, tan_std=relative)
-    return found
+    return dict(zip(state.free.names, estimates(state.theta, state.covariance), strict=True))
 
 
 def _notes(measured: list[Measured], state: State) -> tuple[str, ...]:

@@ -3,11 +3,15 @@
 Thin k31 bar: the pole is that of s11, and k31²/(1 − k31²) = (π/2)(f_z/f_p) tan[(π/2)(f_z − f_p)/f_p].
 Slender k33 bar: the zero is that of s33^D, and k33² = (π/2)(f_p/f_z) tan[(π/2)(f_z − f_p)/f_z].
 (IEEE Std 176-1987, sections 6.4.1 and 6.4.2.)
+Thin disk: with σ = −s12/s11 and η = ω a sqrt(ρ s11 (1 − σ²)), the pole is η J0(η) = (1 − σ) J1(η), and at the zero
+kp²/(1 − kp²) = [(1 − σ) − η J0(η)/J1(η)]/(1 + σ)  (the same, section 4.1.3; `femu_piezo.forward.thin_limits`).
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import brentq
+from scipy.special import jv
 
 from femu_piezo.material.simplified import Poling
 
@@ -54,6 +58,49 @@ def bar_permittivity(
         x = half * frequency_Hz / zero_Hz
         share = (1 - k2) / (1 - k2 * np.tan(x) / x)
     return float(admittance.imag * gap / (2 * np.pi * frequency_Hz * area * share))
+
+
+def disk_start(
+    radius: float, density: float, poisson: float, pole_Hz: float, zero_Hz: float, eps33T: float
+) -> dict[str, float]:
+    """Real s11, s12 and d31 of a thin disk with this pole and zero of its first radial mode.
+
+    Parameters
+    ----------
+    radius : m; density : kg/m³; poisson : σ = −s12/s11, which one pole and one zero do not tell; eps33T : F/m
+
+    Returns
+    -------
+    name → SI value; s12 = −σ s11, d31 negative
+    """
+    root, kp2 = _disk_root_and_coupling(poisson, zero_Hz / pole_Hz)
+    s11 = (root / (2 * np.pi * pole_Hz * radius)) ** 2 / (density * (1 - poisson**2))
+    return {
+        "s11": float(s11),
+        "s12": float(-poisson * s11),
+        "d31": -float(np.sqrt(kp2 * s11 * (1 - poisson) * eps33T / 2)),
+    }
+
+
+def disk_permittivity(
+    poisson: float, pole_Hz: float, zero_Hz: float, frequency_Hz: float, admittance: complex, gap: float, area: float
+) -> float:
+    """ε33T of a thin disk with this pole and zero from one point of its sweep away from both, F/m.
+
+    Im Y = ω ε33T A/d [1 − kp² + kp² (1 + σ) J1(η)/(η J0(η) − (1 − σ) J1(η))].
+    """
+    root, kp2 = _disk_root_and_coupling(poisson, zero_Hz / pole_Hz)
+    eta = root * frequency_Hz / pole_Hz
+    share = 1 - kp2 + kp2 * (1 + poisson) * jv(1, eta) / (eta * jv(0, eta) - (1 - poisson) * jv(1, eta))
+    return float(admittance.imag * gap / (2 * np.pi * frequency_Hz * area * share))
+
+
+def _disk_root_and_coupling(poisson: float, ratio: float) -> tuple[float, float]:
+    """η of the first pole, and kp² from the zero at `ratio` times its frequency."""
+    root = brentq(lambda eta: eta * jv(0, eta) - (1 - poisson) * jv(1, eta), 0.5, 2.4048)
+    eta = root * ratio
+    odds = ((1 - poisson) - eta * jv(0, eta) / jv(1, eta)) / (1 + poisson)
+    return float(root), float(odds / (1 + odds))
 
 
 def k31_bar_admittance(

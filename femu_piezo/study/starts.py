@@ -1,0 +1,81 @@
+"""Start values of an update from pole, zero and one more point of the sweep, by the thin-body formula of the shape."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femu_piezo.extraction.roots import Pair
+from femu_piezo.geometry.regions import Circle
+from femu_piezo.geometry.shape import Shape
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.geometry.slab import Slab
+from femu_piezo.study.inputs import Problem
+from femu_piezo.updating.start import bar_permittivity, bar_start, disk_permittivity, disk_start
+
+#: Loss tangent that every start value is given.
+_TANGENT = 0.01
+#: Relative difference of electrode area times gap from the volume below which the field is uniform.
+_UNIFORM = 1e-4
+
+
+def poled_along_field(shape: Shape) -> bool:
+    """Whether the poling is along the field: then s and d of that direction drive the first mode."""
+    return abs(shape.poling_direction[0 if shape.poling == "length" else 2]) > 1 - 1e-9
+
+
+def pair_names(shape: Shape) -> tuple[str, ...]:
+    """The two constants that one pole and one zero of the fundamental determine; none for a body poled askew."""
+    if not poled_along_field(shape):
+        return ()
+    return ("s11", "d31") if shape.poling == "thickness" else ("s33", "d33")
+
+
+def has_uniform_field(shape: Shape) -> bool:
+    """Whether the static field is uniform and along the poling, so that the capacitance is ε33T A/d (eqs 41, 42)."""
+    full = abs(shape.electrode_area * shape.electrode_gap / shape.volume - 1) < _UNIFORM
+    return full and poled_along_field(shape)
+
+
+def solid_disk_radius(shape: Shape) -> float | None:
+    """Radius of a disk without holes, m; None for every other shape."""
+    if isinstance(shape, Slab) and isinstance(shape.outline, Circle) and not shape.holes:
+        return shape.outline.diameter / 2
+    return None
+
+
+def start_values(problem: Problem, pair: Pair, eps33T: float) -> dict[str, complex]:
+    """Constants that pole and zero give by a thin-body formula; none where the body is poled askew.
+
+    Bar: s and d. Disk: s11 and d31, and s12 at the specimen file's Poisson ratio. Others: as a bar whose first mode
+    lies where that of the file's constants is expected.
+    """
+    shape, constants = problem.plate, problem.constants
+    if not poled_along_field(shape):
+        return {}
+    pole, zero = pair.pole.frequency_Hz, pair.zero.frequency_Hz
+    radius = solid_disk_radius(shape)
+    if radius is not None:
+        found = disk_start(radius, problem.density, _poisson(problem), pole, zero, eps33T)
+    elif isinstance(shape, Plate):
+        found = bar_start(shape.poling, shape.length, problem.density, pole, zero, eps33T)
+    else:
+        length = 1 / (2 * problem.expected_pole_Hz * np.sqrt(problem.density * constants.s11.real))
+        found = bar_start(shape.poling, float(length), problem.density, pole, zero, eps33T)
+    return {name: value * (1 - 1j * _TANGENT) for name, value in found.items()}
+
+
+def start_permittivity(problem: Problem, pair: Pair, frequency_Hz: float, admittance: complex) -> complex:
+    """ε33T from one point of the sweep by the same formulas; that of the file where they give nothing sensible."""
+    shape = problem.plate
+    if not poled_along_field(shape):
+        return problem.constants.eps33T
+    point = (pair.pole.frequency_Hz, pair.zero.frequency_Hz, frequency_Hz, admittance)
+    if solid_disk_radius(shape) is not None:
+        eps = disk_permittivity(_poisson(problem), *point, shape.electrode_gap, shape.electrode_area)
+    else:
+        eps = bar_permittivity(shape.poling, *point, shape.electrode_gap, shape.electrode_area)
+    return eps * (1 - 1j * _TANGENT) if eps > 0 else problem.constants.eps33T
+
+
+def _poisson(problem: Problem) -> float:
+    return float(-(problem.constants.s12 / problem.constants.s11).real)
