@@ -97,7 +97,7 @@ SHAPES = {
 
 
 @pytest.mark.parametrize("name", SHAPES)
-@pytest.mark.parametrize("symmetric", [True, False])
+@pytest.mark.parametrize("symmetric", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_volume_and_electrode_area_are_those_of_the_drawing(name: str, symmetric: bool) -> None:
     shape = SHAPES[name]
     domain = shape.domain(1 * MM, symmetric)
