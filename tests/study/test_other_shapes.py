@@ -95,8 +95,15 @@ def test_update_of_a_partly_covered_trapezoid(tmp_path, truth):
         truth,
         body,
         body.domain(0.8e-3),
-        ['shape = "trapezoid"', "length = 14e-3", "width = 4e-3", "width_end = 2e-3", "thickness = 1e-3"]
-        + ["electrode_start = 0.0", "electrode_length = 9e-3"],
+        [
+            'shape = "trapezoid"',
+            "length = 14e-3",
+            "width = 4e-3",
+            "width_end = 2e-3",
+            "thickness = 1e-3",
+            "electrode_start = 0.0",
+            "electrode_length = 9e-3",
+        ],
         ("s11", "d31", "eps33T"),
         {"s11": 1.2, "d31": 0.85, "eps33T": 1.2},
         (95e3, 120e3),
