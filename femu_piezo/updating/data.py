@@ -66,7 +66,9 @@ class CurveData:
     def jacobian(self, parameters: MaterialParameters, x: np.ndarray) -> np.ndarray:
         modal = self.reduced.modal(parameters.constants(x).to_e_form())
         omega = self.spectrum.omega
-        slopes = modal.admittance_jacobian(omega)[:, :10] @ parameters.coefficient_slopes(x)
+        directions = np.zeros((len(self.reduced.terms), x.size), dtype=complex)
+        directions[:10] = parameters.coefficient_slopes(x)
+        slopes = modal.admittance_jacobian(omega, directions)
         relative = -slopes / modal.admittance(omega)[:, None] * self._weight[:, None]
         return np.concatenate([relative.real, relative.imag])
 
