@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import io
+import signal
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -15,6 +17,17 @@ from femu_piezo.errors import InputError
 
 #: Debian packages with the shared libraries that the gmsh wheel loads (ldd libgmsh.so, 4.15).
 GMSH_PACKAGES = "libglu1-mesa libgl1 libgomp1 libxrender1 libxcursor1 libxft2 libxinerama1"
+
+
+def _ignore_broken_pipes() -> None:
+    """Undo what gmsh does to SIGPIPE: by default it ends the process, Python ignores it and raises BrokenPipeError.
+
+    The C call works in every thread, as the workers of a cluster need it.
+    """
+    if hasattr(signal, "SIGPIPE") and signal.getsignal(signal.SIGPIPE) == signal.SIG_IGN:
+        setsig = ctypes.pythonapi.PyOS_setsig
+        setsig.argtypes, setsig.restype = (ctypes.c_int, ctypes.c_void_p), ctypes.c_void_p
+        setsig(signal.SIGPIPE, int(signal.SIG_IGN))
 
 
 @contextmanager
@@ -38,6 +51,7 @@ def gmsh_session(kernel: str = "occ") -> Iterator:
     geometry = (pygmsh.occ if kernel == "occ" else pygmsh.geo).Geometry()
     # pygmsh would read the user's gmsh settings and take over Ctrl-C, so the session is opened here
     gmsh.initialize(readConfigFiles=False, interruptible=False)
+    _ignore_broken_pipes()
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("General.NumThreads", 1)
