@@ -23,6 +23,8 @@ from femu_piezo.errors import ConvergenceError, InputError
 _AHEAD = 1
 #: Jobs that may die one after the other before anything has succeeded.
 _HOPELESS = 4
+#: Seconds to wait for the answer of a scheduler.
+CONNECT_S = 20
 
 
 class Pool(Protocol):
@@ -109,7 +111,7 @@ class DaskPool:
             ) from None
         self.lost = (KilledWorker,)
         try:
-            self._client = Client(address, timeout=20, set_as_default=False)
+            self._client = Client(address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InputError(
                 f"--scheduler {address}: no Dask scheduler answers there ({error or type(error).__name__}); start one "

@@ -15,6 +15,8 @@ import sys
 import threading
 import traceback
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from femu_piezo.batch.jobs import Job
 from femu_piezo.errors import FemuPiezoError
@@ -36,14 +38,20 @@ def run_job(job: Job, checksum: str, program: str, limit_s: float | None = None)
     program : `program_checksum` of the caller
     limit_s : the process ends itself after so many seconds, whatever it hangs in; None for never
     """
-    with _one_at_a_time:
+    with _one_at_a_time, ended_after(limit_s):
+        return _computed(job, checksum, program)
+
+
+@contextmanager
+def ended_after(limit_s: float | None) -> Iterator[None]:
+    """End the whole process where the block takes longer, be it in a library that never returns; None: no limit."""
+    if limit_s is not None:
+        faulthandler.dump_traceback_later(limit_s, exit=True, file=_nowhere())
+    try:
+        yield
+    finally:
         if limit_s is not None:
-            faulthandler.dump_traceback_later(limit_s, exit=True, file=_nowhere())
-        try:
-            return _computed(job, checksum, program)
-        finally:
-            if limit_s is not None:
-                faulthandler.cancel_dump_traceback_later()
+            faulthandler.cancel_dump_traceback_later()
 
 
 def record(job: Job, checksum: str, status: str, reason: str = "", columns=None, results=None) -> dict:

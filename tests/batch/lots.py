@@ -1,0 +1,111 @@
+"""Small lots with known constants: sweeps of exact 1-D k31 bars, free of any model, and pools for tests."""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+import sys
+import time
+from concurrent.futures import Future
+from pathlib import Path
+
+import numpy as np
+import psutil
+
+from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+
+S11, D31, EPS33T = 16.5e-12 * (1 - 0.015j), -274e-12 * (1 - 0.013j), 3400 * 8.854e-12 * (1 - 0.016j)
+FREQUENCY = np.linspace(26e3, 46e3, 121)
+
+SPECIMEN = """
+[geometry]
+shape = "plate"
+length = "40 mm"
+width = "3 mm"
+thickness = "0.5 mm"
+density = "7500 kg/m^3"
+poling = "thickness"
+[material]
+base = "pzt-5h"
+[update]
+accuracy = 1e-2
+[measurement]
+file = "{file}"
+"""
+
+
+def sweep(seed: int, scatter: float = 0.01, noise: float = 1e-3) -> ImpedanceSpectrum:
+    """A bar whose constants scatter by `scatter`, with relative noise."""
+    rng = np.random.default_rng(seed)
+    s11, d31, eps = np.array([S11, D31, EPS33T]) * (1 + scatter * rng.standard_normal(3))
+    x = np.pi * FREQUENCY * 40e-3 * np.sqrt(7500.0 * s11)
+    capacitance = 40e-3 * 3e-3 / 0.5e-3 * (eps - d31**2 / s11 * (1 - np.tan(x) / x))
+    error = noise * (rng.standard_normal((2, FREQUENCY.size)).T @ [1, 1j]) / np.sqrt(2)
+    return ImpedanceSpectrum(FREQUENCY, (1 + error) / (2j * np.pi * FREQUENCY * capacitance))
+
+
+def write_lot(folder: Path, count: int) -> tuple[Path, Path]:
+    """A folder of sweeps p1.csv … and the specimen file beside it."""
+    sweeps = folder / "sweeps"
+    sweeps.mkdir(parents=True)
+    for number in range(1, count + 1):
+        write_spectrum(sweep(number), sweeps / f"p{number}.csv")
+    specimen = folder / "bar.toml"
+    specimen.write_text(SPECIMEN.format(file="sweeps/p1.csv"), encoding="utf-8")
+    return sweeps, specimen
+
+
+class InlinePool:
+    """Runs every task at once in this process, in the order it comes, or the last first."""
+
+    lost = ()
+    breaks_whole = False
+    limit_s = None
+    width = 10_000
+
+    def __init__(self) -> None:
+        self.done: list[str] = []
+
+    def submit(self, function, *arguments) -> Future:
+        future = Future()
+        future.set_result(function(*arguments))
+        self.done.append(arguments[0].name)
+        return future
+
+    def restart(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def deadly(task: str, limit_s: float | None) -> dict:
+    """Work for the pool: "die" ends the process, "sleep" hangs, "slow" takes long, others answer."""
+    from femu_piezo.batch.worker import ended_after
+
+    with ended_after(limit_s):
+        if task == "die":
+            os._exit(7)
+        time.sleep({"sleep": 600, "slow": 0.3}.get(task.split()[0], 0.0))
+        return {"task": task, "threads": os.environ.get("OMP_NUM_THREADS")}
+
+
+def kill_at_random(sweeps: Path, specimen: Path, out: Path, kills: int, seed: int, longest_s: float) -> int:
+    """Start the batch and kill -9 it after random times, then let it finish; how often it was alive when killed.
+
+    Asserts that the worker processes of a killed batch end by themselves.
+    """
+    draw, killed = random.Random(seed), 0
+    command = [sys.executable, "-m", "femu_piezo.cli", "batch", str(sweeps), "--specimen", str(specimen)]
+    command += ["--out", str(out), "--workers", "2"]
+    for _ in range(kills):
+        process = psutil.Popen(command, stdout=subprocess.DEVNULL)
+        time.sleep(draw.uniform(0.3, longest_s))
+        alive = process.poll() is None
+        children = process.children(recursive=True) if alive else []
+        process.kill()
+        process.wait()
+        killed += alive
+        assert not psutil.wait_procs(children, timeout=20)[1], "workers outlived the batch"
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    return killed

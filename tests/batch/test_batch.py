@@ -1,0 +1,198 @@
+"""A lot end to end: rows for good and bad files, resume, independence of the order of work, Dask, kill -9."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pyarrow.parquet
+import pytest
+from click.testing import CliRunner
+from lots import S11, InlinePool, sweep, write_lot
+
+from femu_piezo.batch.jobs import Job, find_jobs, natural_order
+from femu_piezo.batch.run import run_lot
+from femu_piezo.cli import main
+from femu_piezo.errors import InputError
+from femu_piezo.measurement.readers import write_spectrum
+
+
+def no_pool():
+    raise AssertionError("nothing was to be computed")
+
+
+def table(out: Path) -> list[dict[str, str]]:
+    with open(out / "table.csv", encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.fixture(scope="module")
+def lot(tmp_path_factory) -> tuple[Path, Path, Path]:
+    """Sweeps, specimen and finished results of a lot of six, made by the command line with two processes."""
+    folder = tmp_path_factory.mktemp("lot")
+    sweeps, specimen = write_lot(folder, 6)
+    (sweeps / "p2.csv").write_bytes(b"\x00\x01\x02")
+    write_spectrum(sweep(3).band(26e3, 30e3), sweeps / "p3.csv")
+    arguments = ["batch", str(sweeps), "--specimen", str(specimen), "--out", str(folder / "out"), "--workers", "2"]
+    answer = CliRunner().invoke(main, arguments)
+    assert answer.exit_code == 0, answer.output
+    return sweeps, specimen, folder / "out"
+
+
+def test_good_and_bad_files_are_rows(lot):
+    rows = table(lot[2])
+    assert [row["file"] for row in rows] == [f"p{i}.csv" for i in range(1, 7)]
+    assert [row["status"] for row in rows] == ["ok", "failed", "failed", "ok", "ok", "ok"]
+    assert "p2.csv" in rows[1]["reason"] and "no resonance" in rows[2]["reason"]
+    for row in rows:
+        if row["status"] == "ok":  # 1-D sweeps against a 3 mm wide plate: s11 within a few per mille of the bar's
+            assert float(row["s11"]) == pytest.approx(S11.real, rel=0.05)
+            assert 0 < float(row["s11_std"]) < 0.01 * float(row["s11"])
+    record = json.loads((lot[2] / "records" / "p1.csv.json").read_text(encoding="utf-8"))
+    assert record["results"]["update"]["parameters"]["s11"]["value"] == float(rows[0]["s11"])
+
+
+def test_parquet_holds_the_same(lot):
+    rows, other = table(lot[2]), pyarrow.parquet.read_table(lot[2] / "table.parquet").to_pylist()
+    assert list(rows[0]) == list(other[0])
+    for row, same in zip(rows, other, strict=True):
+        assert {name: "" if value is None else str(value) for name, value in same.items()} == row
+
+
+def test_lot_report(lot):
+    report = json.loads((lot[2] / "lot.json").read_text(encoding="utf-8"))
+    assert report["counts"] == {"specimens": 6, "ok": 4, "failed": 2, "lost": 0}
+    assert {item["file"] for item in report["faults"]} == {"p2.csv", "p3.csv"}
+    assert report["quantities"]["s11"]["count"] == 4
+    assert (lot[2] / "lot.png").stat().st_size > 10_000
+
+
+def test_nothing_is_computed_twice_and_changes_are(lot, tmp_path):
+    sweeps, specimen, out = lot
+    before = (out / "table.csv").read_bytes(), (out / "table.parquet").read_bytes()
+    result = run_lot(find_jobs(sweeps, specimen), out, no_pool)
+    assert (result.kept, result.computed) == (6, 0)
+    assert ((out / "table.csv").read_bytes(), (out / "table.parquet").read_bytes()) == before
+
+    old = (sweeps / "p5.csv").read_bytes()
+    write_spectrum(sweep(50), sweeps / "p5.csv")
+    pool = InlinePool()
+    run_lot(find_jobs(sweeps, specimen), out, lambda: pool)
+    assert pool.done == ["p5.csv"]
+    assert (out / "table.csv").read_bytes() != before[0]
+    (sweeps / "p5.csv").write_bytes(old)
+    run_lot(find_jobs(sweeps, specimen), out, lambda: pool)
+    assert (out / "table.csv").read_bytes() == before[0]
+
+
+def test_the_order_of_work_and_the_process_do_not_change_a_bit(lot, tmp_path):
+    """Rows of two spawned processes, and of this one the last first: the same bytes."""
+    jobs = find_jobs(lot[0], lot[1])
+    run_lot(list(reversed(jobs)), tmp_path / "reversed", InlinePool)
+    run_lot(jobs, tmp_path / "reversed", no_pool)
+    assert (tmp_path / "reversed/table.csv").read_bytes() == (lot[2] / "table.csv").read_bytes()
+
+
+def test_damaged_and_foreign_records_are_computed_again(lot, tmp_path):
+    jobs = find_jobs(lot[0], lot[1])[3:]
+    run_lot(jobs, tmp_path, InlinePool)
+    records = sorted((tmp_path / "records").iterdir())
+    records[0].write_bytes(records[0].read_bytes()[:100])
+    records[1].write_text("[]", encoding="utf-8")
+    (tmp_path / "records" / ".p9.csv.json.1.ab.tmp").write_text("half", encoding="utf-8")
+    pool = InlinePool()
+    run_lot(jobs, tmp_path, lambda: pool)
+    assert len(pool.done) == 2
+    assert not list((tmp_path / "records").glob(".*"))
+
+
+def test_unexpected_errors_are_rows_and_tried_again(lot, tmp_path, monkeypatch):
+    from femu_piezo.batch import steps
+
+    def broken(specimens, bases):
+        raise ZeroDivisionError("by\nnothing")
+
+    jobs = find_jobs(lot[0], lot[1])[:1]
+    with monkeypatch.context() as patch:
+        patch.setitem(steps.STEPS, "update", broken)
+        result = run_lot(jobs, tmp_path, InlinePool)
+    assert result.rows[0]["status"] == "lost"
+    assert "ZeroDivisionError: by nothing" in result.rows[0]["reason"]
+    assert run_lot(jobs, tmp_path, InlinePool).rows[0]["status"] == "ok"
+
+
+def test_a_file_that_changes_during_the_work_is_told(lot, tmp_path):
+    jobs = [Job("p1.csv", lot[1], lot[0] / "p1.csv")]
+
+    class Changing(InlinePool):
+        def submit(self, function, job, checksum, *rest):
+            return super().submit(function, job, "0" * 64, *rest)
+
+    row = run_lot(jobs, tmp_path, Changing).rows[0]
+    assert row["status"] == "lost" and "changed during the work" in row["reason"]
+
+
+def test_folder_of_specimen_files(tmp_path):
+    specimen = write_lot(tmp_path, 1)[1]
+    for number in (9, 10):
+        text = specimen.read_text(encoding="utf-8").replace('length = "40 mm"', f'length = "{39 + number / 10} mm"')
+        (tmp_path / f"bar {number}.toml").write_text(f'name = "bar {number}"\n{text}', encoding="utf-8")
+    specimen.write_text("name = ", encoding="utf-8")
+    result = run_lot(find_jobs(tmp_path), tmp_path / "out", InlinePool)
+    assert [row["file"] for row in result.rows] == ["bar 9.toml", "bar 10.toml", "bar.toml"]
+    assert [row["status"] for row in result.rows] == ["ok", "ok", "failed"]
+    assert result.rows[0]["s11"] > result.rows[1]["s11"]  # same sweep, longer bar: stiffer
+
+
+def test_natural_order():
+    names = ["p10", "p9", "P1", "a2b10", "a2b9", "7", "x"]
+    assert sorted(names, key=natural_order) == ["7", "a2b9", "a2b10", "P1", "p9", "p10", "x"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["{sweeps}", "--out", "{tmp}/o"], "no files *.toml"),
+        (["{tmp}/none", "--out", "{tmp}/o"], "no folder"),
+        (["{sweeps}", "--specimen", "{tmp}/none.toml", "--out", "{tmp}/o"], "no such specimen file"),
+        (["{sweeps}", "--specimen", "{specimen}", "--out", "{sweeps}"], "cannot go into the folder of the lot"),
+        (
+            ["{sweeps}", "--specimen", "{specimen}", "--out", "{tmp}/o", "--scheduler", "x", "--workers", "1"],
+            "--workers",
+        ),
+        (["{sweeps}", "--specimen", "{specimen}", "--out", "{tmp}/o", "--scheduler", "tcp://127.0.0.1:1"], "scheduler"),
+    ],
+)
+def test_wrong_use_is_one_sentence(lot, tmp_path, arguments, words, monkeypatch):
+    monkeypatch.setattr("femu_piezo.batch.pool.CONNECT_S", 1)
+    filled = [item.format(sweeps=lot[0], specimen=lot[1], tmp=tmp_path) for item in arguments]
+    answer = CliRunner().invoke(main, ["batch", *filled])
+    assert answer.exit_code == 2, answer.output
+    assert words in answer.output and answer.output.count("\n") == 1
+
+
+def test_two_runs_cannot_share_a_folder(lot, tmp_path):
+    def second_run():
+        with pytest.raises(InputError, match="another batch"):
+            run_lot(jobs, tmp_path, no_pool)
+        return InlinePool()
+
+    jobs = find_jobs(lot[0], lot[1])[:1]
+    run_lot(jobs, tmp_path, second_run)
+
+
+def test_dask_gives_the_same_table(lot, tmp_path):
+    from distributed import LocalCluster
+
+    from femu_piezo.batch.pool import DaskPool
+
+    with LocalCluster(1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster:
+        run_lot(find_jobs(lot[0], lot[1]), tmp_path, lambda: DaskPool(cluster.scheduler_address))
+    assert (tmp_path / "table.csv").read_bytes() == (lot[2] / "table.csv").read_bytes()
+
+
+def test_kill_and_resume_ends_in_the_identical_table(lot, tmp_path):
+    kill_at_random(lot[0], lot[1], tmp_path, kills=2, seed=1, longest_s=4)
+    assert (tmp_path / "table.csv").read_bytes() == (lot[2] / "table.csv").read_bytes()
+    assert (tmp_path / "table.parquet").read_bytes() == (lot[2] / "table.parquet").read_bytes()

@@ -1,0 +1,73 @@
+"""Statistics of lots with planted outliers and drifts; false alarms in clean lots."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from femu_piezo.batch.lot import lot_of, lot_text
+from femu_piezo.batch.lot_figure import lot_figure
+
+CENTRE, SIGMA = 16.5e-12, 0.2e-12
+
+
+def rows(values: np.ndarray, note: str = "") -> list[dict]:
+    return [
+        {"number": i, "file": f"p{i}.csv", "status": "ok", "reason": "", "s11": v, "s11_std": SIGMA / 10, "notes": note}
+        for i, v in enumerate(values.tolist(), 1)
+    ]
+
+
+def clean(count: int, seed: int) -> np.ndarray:
+    return CENTRE + SIGMA * np.random.default_rng(seed).standard_normal(count)
+
+
+@pytest.mark.parametrize("count", [8, 20, 60, 300])
+def test_clean_lots_raise_few_alarms(count):
+    """Each kind of alarm in at most 5 % of lots by construction; with 200 lots, 20 is three deviations above."""
+    lots = [lot_of(rows(clean(count, seed))) for seed in range(200)]
+    assert sum(bool(lot.outliers) for lot in lots) <= 20
+    assert sum(lot.distributions[0].drifts for lot in lots) <= 20
+
+
+def test_robust_spread_and_limits():
+    values = clean(400, 1)
+    values[:8] *= 3
+    one = lot_of(rows(values)).distributions[0]
+    assert one.centre == pytest.approx(CENTRE, rel=1e-2)
+    assert one.sigma == pytest.approx(SIGMA, rel=0.15)
+    assert one.limits == pytest.approx((one.centre - 3 * one.sigma, one.centre + 3 * one.sigma))
+    assert one.measurement == pytest.approx(SIGMA / 10)
+
+
+def test_outliers_are_named_with_their_reason():
+    values = clean(50, 2)
+    values[16] += 8 * SIGMA
+    lot = lot_of(rows(values, note="a jump at 90 kHz"))
+    assert [item.file for item in lot.outliers] == ["p17.csv"]
+    assert "above the median" in lot.outliers[0].reason and "a jump at 90 kHz" in lot.outliers[0].reason
+    assert "p17.csv" in lot_text(lot)
+
+
+def test_drift_is_found_and_outliers_are_told_about_it():
+    ramp = np.linspace(-3, 3, 100) * SIGMA
+    values = clean(100, 3) + ramp
+    values[5] += 9 * SIGMA  # near the median of the lot, far from its line
+    lot = lot_of(rows(values))
+    assert lot.distributions[0].drifts
+    assert lot.distributions[0].drift == pytest.approx(6 * SIGMA, rel=0.2)
+    assert [item.file for item in lot.outliers] == ["p6.csv"]
+
+
+def test_failed_rows_count_and_equal_values_are_no_outliers():
+    lot = lot_of([*rows(np.full(20, CENTRE)), {"number": 21, "file": "x", "status": "failed", "reason": "broken"}])
+    assert lot.counts == {"specimens": 21, "ok": 20, "failed": 1, "lost": 0}
+    assert lot.faults == (("x", "broken"),)
+    assert not lot.outliers and not lot.distributions[0].drifts
+    assert len(lot_figure(lot).axes) == 2
+
+
+def test_an_empty_lot_is_reported():
+    lot = lot_of([{"number": 1, "file": "x", "status": "lost", "reason": "died"}])
+    assert "1 lost" in lot_text(lot)
+    assert lot_figure(lot) is not None

@@ -1,0 +1,71 @@
+"""Dead, hanging and idle workers: the lot goes on, the culprit is named, nothing is left running."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from lots import deadly
+
+from femu_piezo.batch.pool import LocalPool, run_all
+from femu_piezo.errors import ConvergenceError
+
+
+def outcome(tasks: list[str], workers: int = 2, limit_s: float | None = None) -> dict[str, str]:
+    """Task → "ok" or the reason why not."""
+    found = {}
+
+    def finished(task, result, reason):
+        assert task[0] not in found
+        found[task[0]] = "ok" if result else reason
+
+    pool = LocalPool(workers, limit_s)
+    try:
+        run_all(pool, deadly, [(task,) for task in tasks], finished, patience_s=60)
+    finally:
+        pool.close()
+    return found
+
+
+def test_a_dead_worker_costs_its_job_only():
+    tasks = ["a 1", "slow 2", "die", "a 3", "slow 4", "a 5"]
+    found = outcome(tasks)
+    assert set(found) == set(tasks)
+    assert "died" in found.pop("die")
+    assert set(found.values()) == {"ok"}
+
+
+def test_a_hang_ends_after_the_time_limit():
+    found = outcome(["a 1", "sleep", "a 2"], workers=1, limit_s=1.5)
+    assert "longer than the 1.5 s" in found["sleep"]
+    assert found["a 1"] == found["a 2"] == "ok"
+
+
+def test_workers_that_always_die_end_the_lot(monkeypatch):
+    monkeypatch.setattr("femu_piezo.batch.pool._HOPELESS", 1)
+    with pytest.raises(ConvergenceError, match="die at once"):
+        outcome(["die"], workers=1)
+
+
+def test_silence_is_given_up():
+    found = {}
+    pool = LocalPool(1, None)
+    try:
+        run_all(pool, deadly, [("sleep",)], lambda task, result, reason: found.update({task[0]: reason}), patience_s=2)
+    finally:
+        pool.close()
+    assert "no worker has answered for 2 s" in found["sleep"]
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs the signal masks of /proc")
+def test_a_mesh_does_not_make_broken_pipes_deadly():
+    """gmsh resets SIGPIPE; a worker whose caller is gone would then die at its next write, with no error."""
+    import signal
+
+    from femu_piezo.geometry.gmsh_session import gmsh_session
+
+    with gmsh_session("geo"):
+        pass
+    with open("/proc/self/status", encoding="ascii") as stream:
+        ignored = next(int(line.split()[1], 16) for line in stream if line.startswith("SigIgn"))
+    assert ignored >> (signal.SIGPIPE - 1) & 1
