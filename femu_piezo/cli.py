@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from pathlib import Path
@@ -11,6 +12,8 @@ import click
 from femu_piezo.errors import FemuPiezoError, InputError
 
 _STARTED = time.perf_counter()
+# Dense algebra here is on small matrices, where more BLAS threads only wait for each other; read when numpy loads.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 _MANUAL = """Complex material parameters of piezoceramic plates from impedance sweeps.
 

@@ -11,7 +11,7 @@ ROOT = Path(femu_piezo.__file__).parent
 
 #: Layers from the bottom; a module may import its own layer and those below.
 LAYERS = (
-    {"errors", "units", "files", "schema", "resonances"},
+    {"errors", "units", "files", "schema", "resonances", "threads"},
     {"specimen", "specimen_geometry"},
     {"material"},
     {"measurement", "geometry"},

@@ -26,6 +26,7 @@ from femu_piezo.extraction.roots import Roots, pair, resonances
 from femu_piezo.extraction.spread import fisher_spread, jackknife_spread
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.resonances import Resonance, ResonanceSet
+from femu_piezo.threads import blas_limit
 
 MAX_MODES = 12
 MIN_POINTS = 8
@@ -52,6 +53,11 @@ def extract(
     InputError : a sweep with impossible values, an unknown method
     """
     _check(spectrum, method, max_modes)
+    with blas_limit():
+        return _extract(spectrum, max_modes, method)
+
+
+def _extract(spectrum: ImpedanceSpectrum, max_modes: int | None, method: Method) -> Extraction:
     n = len(spectrum)
     clipped, findings = find_clipping(spectrum)
     used = ~clipped

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 
 from femu_piezo.forward.reduction import ReducedModel
-from femu_piezo.forward.threads import blas_limit
+from femu_piezo.threads import blas_limit
 
 #: ω (k,) → c (k, n_terms)
 Coefficients = Callable[[np.ndarray], np.ndarray]

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from femu_piezo.errors import ConvergenceError
-from femu_piezo.forward.threads import useful_threads
+from femu_piezo.threads import useful_threads
 
 try:
     import rslab

@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from femu_piezo.forward.threads import blas_limit
+from femu_piezo.threads import blas_limit
 
 #: Relative distance below which two eigenvalues count as one in the partial fractions.
 _DEGENERATE = 1e-9

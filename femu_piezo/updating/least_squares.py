@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from femu_piezo.errors import ConvergenceError
+from femu_piezo.threads import blas_limit
 from femu_piezo.updating.data import DataBlock
 from femu_piezo.updating.parameters import Estimate, MaterialParameters, estimates
 
@@ -113,18 +114,19 @@ def fit(
 
     lower, upper = parameters.bounds.T
     x0 = np.clip(parameters.x_of(start), lower + _NEAR_BOUND, upper - _NEAR_BOUND)
-    solution = least_squares(
-        residual,
-        x0,
-        jacobian,
-        bounds=(lower, upper),
-        x_scale="jac",
-        loss=loss,
-        xtol=1e-12,
-        ftol=1e-12,
-        gtol=1e-12,
-        max_nfev=200,
-    )
+    with blas_limit():
+        solution = least_squares(
+            residual,
+            x0,
+            jacobian,
+            bounds=(lower, upper),
+            x_scale="jac",
+            loss=loss,
+            xtol=1e-12,
+            ftol=1e-12,
+            gtol=1e-12,
+            max_nfev=200,
+        )
     stuck = [parameters.names[i] for i in np.flatnonzero(solution.active_mask)]
     if solution.status <= 0 or stuck:
         where = f"; {', '.join(stuck)} ended on the border of the physical range" if stuck else ""

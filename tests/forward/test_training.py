@@ -13,7 +13,7 @@ from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
 from femu_piezo.forward.projection import TermImages
 from femu_piezo.forward.reduced_basis import ReducedBasis
 from femu_piezo.forward.reduction import reduce_model
-from femu_piezo.forward.threads import available_cores, blas_limit, useful_threads
+from femu_piezo.threads import available_cores, blas_limit, useful_threads
 from femu_piezo.forward.training import TrainingSet, state_residuals
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.constants import E_FORM, ElasticForm
