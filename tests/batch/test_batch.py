@@ -9,7 +9,7 @@ from pathlib import Path
 import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
-from lots import S11, InlinePool, sweep, write_lot
+from lots import S11, InlinePool, kill_at_random, sweep, write_lot
 
 from femu_piezo.batch.jobs import Job, find_jobs, natural_order
 from femu_piezo.batch.run import run_lot
