@@ -93,12 +93,22 @@ class IdentifyResult:
 
 
 def identify(
-    specimens: list[Specimen], noise: float, progress: Callable[[str], None] = lambda step: None
+    specimens: list[Specimen],
+    noise: float,
+    progress: Callable[[str], None] = lambda step: None,
+    *,
+    recommend: bool = True,
 ) -> IdentifyResult:
     """Predict the joint standard deviations of all ten constants from sweeps with relative noise.
 
     The constants are those of the first specimen's file; constants that are zero there cannot be free. Beside the
     sweeps stands only the weak prior of `femu_piezo.updating.data.weak_prior` (real parts ±50 %, tangents 0.05).
+
+    Parameters
+    ----------
+    noise : relative standard deviation of every point
+    progress : called with the name of each step
+    recommend : compute what further measurements would add, which takes longer than the rest
     """
     problems = [prepare(specimen) for specimen in specimens]
     first = problems[0]
@@ -112,7 +122,7 @@ def identify(
     blocks.append(prior)
     known = identifiability(np.concatenate(blocks), names, values)
     recommendations = []
-    for words, problem, frequency in _candidates(problems):
+    for words, problem, frequency in _candidates(problems) if recommend else []:
         progress(words)
         extra, _ = _jacobian(problem, first, frequency, noise)
         joint = identifiability(np.concatenate([*blocks, extra]), names, values)
