@@ -11,8 +11,8 @@ from femu_piezo.batch.pool import DaskPool, LocalPool, Pool
 from femu_piezo.batch.progress import lot_progress
 from femu_piezo.batch.run import LotResult, run_lot
 from femu_piezo.files import write_atomically
-from femu_piezo.threads import available_cores
 from femu_piezo.output.folder import write_figure, write_json
+from femu_piezo.threads import available_cores
 
 
 def run_batch(

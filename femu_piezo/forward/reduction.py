@@ -19,9 +19,9 @@ from femu_piezo.forward.linear_solver import factorize
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
 from femu_piezo.forward.reduced_basis import ReducedBasis
-from femu_piezo.threads import blas_limit, useful_threads
 from femu_piezo.forward.training import TrainingSet, compressed, state_residuals, worst_change
 from femu_piezo.material.constants import E_FORM, ElasticForm, PiezoConstants
+from femu_piezo.threads import blas_limit, useful_threads
 
 #: Constants, or constants with real coefficients of extra terms, at which the basis is trained.
 TrainingPoint = PiezoConstants | tuple[PiezoConstants, Mapping[str, float]]

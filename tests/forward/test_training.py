@@ -13,11 +13,11 @@ from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
 from femu_piezo.forward.projection import TermImages
 from femu_piezo.forward.reduced_basis import ReducedBasis
 from femu_piezo.forward.reduction import reduce_model
-from femu_piezo.threads import available_cores, blas_limit, useful_threads
 from femu_piezo.forward.training import TrainingSet, state_residuals
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.constants import E_FORM, ElasticForm
 from femu_piezo.material.library import library_material
+from femu_piezo.threads import available_cores, blas_limit, useful_threads
 
 PZT = library_material("pzt-5h").constants.lossless()
 E_CONSTANTS = PZT.to_e_form()
