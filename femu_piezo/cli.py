@@ -27,6 +27,7 @@ Smart Mater. Struct. 31, 2022, 125010).
   femu-piezo modes plate.toml --out results       pictures of the driven modes
   femu-piezo update plate.toml --out results      the constants that explain the measured sweep
   femu-piezo batch lot --out results              update every specimen of a folder, one table and a lot report
+  femu-piezo diagnose plate.toml --out results    what the simulation gets wrong, and the named cause
   femu-piezo identify plate.toml --out results    which constants such a sweep can determine, and what else to measure
 
 Words: a pole is a pole of the admittance (series resonance, short circuit); a zero is a zero of the admittance
@@ -274,6 +275,36 @@ def identify(specimens: tuple[Path, ...], out: Path, noise: float) -> None:
         write_figure(out / f"sensitivity{suffix}.png", sensitivity_figure(sensitivity))
     write_json(out / "identifiability.json", result.to_json())
     console().print(identifiability_table(result))
+
+
+@main.command()
+@_specimen
+@_out
+@_data
+def diagnose(specimen: Path, out: Path, data: Path | None) -> None:
+    """Say what the simulation of SPEC gets wrong, and name the cause.
+
+    Fits the free constants, then every candidate effect together with them (leads, losses, held constants, dimensions,
+    electrodes). Writes diagnosis.json, diagnosis.png (residuals before and after) and extended.toml, a specimen file
+    with the named effects as known.
+    """
+    from femu_piezo.output.diagnosis import diagnosis_figure, diagnosis_record, diagnosis_table
+    from femu_piezo.output.folder import prepare_folder, write_figure, write_json
+    from femu_piezo.output.tables import console
+    from femu_piezo.specimen import read_specimen, write_specimen
+    from femu_piezo.study.diagnose import diagnose as run
+    from femu_piezo.study.diagnose import extended_specimen
+
+    wanted = read_specimen(specimen, data)
+    prepare_folder(out)
+    try:
+        result = run(wanted, _report_steps)
+    finally:
+        _end_of_steps()
+    write_figure(out / "diagnosis.png", diagnosis_figure(result))
+    write_specimen(extended_specimen(result), out / "extended.toml")
+    write_json(out / "diagnosis.json", diagnosis_record(result))
+    console().print(diagnosis_table(result))
 
 
 @main.command()

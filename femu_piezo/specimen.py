@@ -126,7 +126,10 @@ class Material(Table):
 
 
 class Measurement(Table):
-    """A measured sweep: `file` (absolute once read); `held_out`: a band (low, high), Hz, that no fit sees."""
+    """A measured sweep: `file` (absolute once read); `held_out`: a band (low, high), Hz, that no fit sees.
+
+    correct_phase: turn the phase by 180°; mask_faults: leave out spikes, mains lines and the shorter side of jumps.
+    """
 
     model_config = ConfigDict(title="measurement")
 
@@ -135,6 +138,7 @@ class Measurement(Table):
     file: Annotated[Path, PATH]
     held_out: Annotated[tuple[Frequency, Frequency] | None, PAIR] = None
     correct_phase: bool = False
+    mask_faults: bool = False
     noise: RelativeNoise | None = None
 
     def problem(self) -> str | None:
@@ -179,7 +183,10 @@ class Update(Table):
 
 
 class Specimen(Table):
-    """One piece: geometry, material and, where given, its measured sweep and what to do with them."""
+    """One piece: geometry, material and, where given, its measured sweep and what to do with them.
+
+    effects : what the specimen has beyond the base model, effect → parameter → value, by the names of `diagnose`
+    """
 
     model_config = ConfigDict(title="")
     missing: ClassVar[dict[str, str]] = {
@@ -194,6 +201,7 @@ class Specimen(Table):
     measurement: Measurement | None = None
     simulation: Simulation | None = None
     update: Update | None = None
+    effects: dict[str, dict[str, float | str]] | None = None
     path: Path | None = None
 
     def problem(self) -> str | None:
@@ -252,6 +260,17 @@ def read_specimen(path: Path | str, data_file: Path | str | None = None) -> Spec
     return Specimen.model_validate(data | {"path": path}, context={"file": str(path)})
 
 
+def with_measurement(specimens: Sequence[Specimen], **wishes: bool) -> list[Specimen]:
+    """The specimens with those keys of [measurement] set that are True here, whatever their files say."""
+    asked = {key: True for key, wish in wishes.items() if wish}
+    return [
+        one
+        if one.measurement is None or not asked
+        else one.model_copy(update={"measurement": one.measurement.model_copy(update=asked)})
+        for one in specimens
+    ]
+
+
 def _parse_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file as they stand."""
     raw = read_bytes(path, _LARGEST_FILE)
@@ -303,6 +322,8 @@ def write_specimen(specimen: Specimen, path: Path | str) -> None:
         for key, value in table:
             if value is not None:
                 lines.append(f"{key} = {_toml(_relative(value, path) if isinstance(value, Path) else value)}")
+    for name, values in (specimen.effects or {}).items():
+        lines += ["", f"[effects.{name}]", *(f"{key} = {_toml(value)}" for key, value in values.items())]
     write_atomically(path, "\n".join(lines) + "\n")
 
 

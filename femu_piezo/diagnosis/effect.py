@@ -1,0 +1,153 @@
+"""`Effect`: something a real specimen has and the base model leaves out, as data.
+
+An effect changes the affine model A = Σ c_q A_q − ω² M at one or more of four places, each with exact slopes:
+
+    constants   the ten d-form constants, over frequency or not         θ → θ'(ω, p)
+    stretch     the dimensions along the axes                           s_a(p): ∂_a → ∂_a/s_a, dV → s_x s_y s_z dV
+    terms       further stiffness or inertia terms on the mesh          + c(ω, p) A_extra, − ω² m(p) M_extra
+    circuit     a two-port around the terminals                         Z → Z'(ω, p)
+
+Effects compose: a list of them is applied in order, circuits last. Each file of `femu_piezo.diagnosis.effects` holds
+one; it needs no change anywhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import scipy.sparse as sp
+
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.material.constants import PiezoConstants
+
+#: (θ (k, 10), tangents (k, 10, n_x) = ∂θ/∂x, ω (k,), p (n,)) → (θ', its tangents, ∂θ'/∂p (k, 10, n)). The map may be
+#: real-linear only (it may treat Re and Im apart); x and p are real.
+ConstantsHook = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+#: p (n,) → factors s (3,) on the dimensions along x, y, z, and ∂s/∂p (3, n)
+StretchHook = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+#: (ω (k,), p (n,)) → coefficient (k,) complex, and ∂/∂p (k, n)
+CoefficientHook = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+#: (ω (k,), Z (k,), p (n,)) → Z' (k,), ∂Z'/∂Z (k,), ∂Z'/∂p (k, n)
+CircuitHook = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One real parameter of an effect.
+
+    Attributes
+    ----------
+    unit : in words of SI, "1" for a pure number
+    low, high : bounds of a fit; 0 (or `rest`) lies between: there the effect vanishes
+    scale : a usual size, the unit of the fit
+    starts : further values to start a fit from, beside the one that linearisation at `rest` gives
+    rest : the value at which the effect vanishes
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    scale: float
+    starts: tuple[float, ...] = ()
+    rest: float = 0.0
+
+
+@dataclass(frozen=True)
+class ExtraTerm:
+    """A further term of the affine model.
+
+    Attributes
+    ----------
+    kind : "stiffness" adds c A to the operator, "inertia" adds −ω² c A (c must not depend on ω then)
+    matrix : builds A, (4n, 4n) sparse over all degrees of freedom, fields one after another
+    coefficient : c(ω, p) with slopes
+    training : values of c that the reduced basis must serve
+    """
+
+    name: str
+    kind: Literal["stiffness", "inertia"]
+    matrix: Callable[[ElectroelasticModel], sp.spmatrix]
+    coefficient: CoefficientHook
+    training: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A candidate cause of a misfit.
+
+    Attributes
+    ----------
+    name : as in results and in the [effects] table of a specimen file
+    sentence : what it is, in physical words
+    variant : the constant that is meant, where one name has several candidates
+    law : another formula of the same cause, where it has several
+    confusable_with : names of effects and constants it may be hard to tell from
+    advice : further measurements that separate it from those
+    dispersive : whether `constants` or a coefficient depends on ω
+    """
+
+    name: str
+    sentence: str
+    parameters: tuple[EffectParameter, ...]
+    variant: str = ""
+    law: str = ""
+    confusable_with: tuple[str, ...] = ()
+    advice: tuple[str, ...] = ()
+    constants: ConstantsHook | None = None
+    stretch: StretchHook | None = None
+    terms: tuple[ExtraTerm, ...] = ()
+    circuit: CircuitHook | None = None
+    dispersive: bool = False
+
+    @property
+    def key(self) -> str:
+        """Name, variant and law, unique in the library."""
+        return f"{self.title}/{self.law}" if self.law else self.title
+
+    @property
+    def title(self) -> str:
+        """The cause in words of the library: its name, with the constant it is about."""
+        return f"{self.name}:{self.variant}" if self.variant else self.name
+
+    @property
+    def rest(self) -> np.ndarray:
+        """(n,) parameters at which the effect vanishes."""
+        return np.array([parameter.rest for parameter in self.parameters])
+
+    @property
+    def scale(self) -> np.ndarray:
+        """(n,) unit of each parameter in a fit."""
+        return np.array([parameter.scale for parameter in self.parameters])
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """(n, 2) lower and upper bounds."""
+        return np.array([[parameter.low, parameter.high] for parameter in self.parameters])
+
+
+@dataclass(frozen=True)
+class EffectContext:
+    """What the library must know of a specimen to make its candidates.
+
+    Attributes
+    ----------
+    fundamental_Hz : pole of the fundamental, where laws over frequency are anchored
+    free : names of the free constants; all others are held
+    constants : the ten constants of the base model
+    axes : the dimensions that the specimen has, by name, as axis numbers
+    density : kg/m³
+    thickness : extent along the electrodes' normal, m
+    impedance : typical |Z| of the sweep, ohm
+    """
+
+    fundamental_Hz: float
+    free: tuple[str, ...]
+    constants: PiezoConstants
+    axes: Mapping[str, int]
+    density: float
+    thickness: float
+    impedance: float = field(default=1e3)

@@ -1,0 +1,43 @@
+"""A heavy film on both electroded faces: −ω² μ ∫ v·u dS, μ in kg/m² on each face."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+import skfem
+
+from femu_piezo.diagnosis.effect import Effect, EffectContext, EffectParameter, ExtraTerm
+from femu_piezo.forward.model import ElectroelasticModel
+
+
+def film(model: ElectroelasticModel) -> sp.csr_matrix:
+    """∫ v·u over the electrodes of the computed part that are real faces, (4n, 4n), m² per unit of displacement².
+
+    A plane of antisymmetric potential is a ground of the part but no face of the body.
+    """
+    domain = model.domain
+    faces = [name for name in (*domain.hot, *domain.ground) if name not in domain.symmetry]
+    basis = skfem.FacetBasis(
+        model.basis.mesh, model.basis.elem, facets=np.concatenate([model.basis.mesh.boundaries[f] for f in faces])
+    )
+    block = skfem.BilinearForm(lambda u, v, w: u * v).assemble(basis)
+    return sp.block_diag([block, block, block, sp.csr_matrix(block.shape)], format="csr")
+
+
+def _mass(omega: np.ndarray, p: np.ndarray):
+    return np.full(omega.shape, p[0], dtype=complex), np.ones((omega.size, 1), dtype=complex)
+
+
+def candidates(context: EffectContext) -> tuple[Effect, ...]:
+    """Bounded by a fifth of the specimen's own mass per area and face."""
+    own = context.density * context.thickness / 2
+    return (
+        Effect(
+            name="electrode_mass",
+            sentence="the electrodes are heavy: a film of mass on both faces",
+            parameters=(EffectParameter("mass_per_area", "kg/m^2", -0.02 * own, 0.2 * own, 0.005 * own),),
+            confusable_with=("wrong_length", "s11"),
+            advice=("weigh the specimen and compare with density × volume", "measure the thickness of the electrodes"),
+            terms=(ExtraTerm("film", "inertia", film, _mass),),
+        ),
+    )

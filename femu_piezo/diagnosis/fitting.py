@@ -1,0 +1,201 @@
+"""One joint fit of material and effects to a sweep, with everything that comparing fits needs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from femu_piezo.diagnosis.evaluation import Evaluation
+from femu_piezo.diagnosis.joint import JointParameters
+from femu_piezo.errors import ConvergenceError
+from femu_piezo.updating.data import Prior
+
+#: Contiguous bands of the leave-band-out prediction.
+_BANDS = 10
+#: Distance to a bound, relative to its range, that a start keeps.
+_MARGIN = 1e-6
+
+
+@dataclass(frozen=True)
+class SweepData:
+    """The sweep that fits may see.
+
+    Attributes
+    ----------
+    impedance : (k,) measured Z, ohm
+    relative_noise : (k,) sqrt(E|δZ/Z|²)
+    noise_known : whether it came with the data (else it was estimated from the sweep alone)
+    prior : prior knowledge of the free constants
+    """
+
+    impedance: np.ndarray
+    relative_noise: np.ndarray
+    noise_known: bool
+    prior: Prior
+
+    @property
+    def weight(self) -> np.ndarray:
+        return np.sqrt(2.0) / self.relative_noise
+
+    def select(self, keep: np.ndarray) -> SweepData:
+        return replace(self, impedance=self.impedance[keep], relative_noise=self.relative_noise[keep])
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """A fit of the material with some effects.
+
+    Attributes
+    ----------
+    x : (n_x,) solution
+    residual : (2k,) whitened (log Z_model − log Z)/σ, Re then Im
+    jacobian : (2k, n_x)
+    penalty : squared residuals of the prior
+    on_bound : names of the unknowns that ended on a bound
+    """
+
+    parameters: JointParameters
+    x: np.ndarray
+    residual: np.ndarray
+    jacobian: np.ndarray
+    penalty: float
+    on_bound: tuple[str, ...]
+    data: SweepData
+
+    @property
+    def chi_square(self) -> float:
+        """Σ residual² of data and prior."""
+        return float(self.residual @ self.residual) + self.penalty
+
+    @property
+    def freedom(self) -> int:
+        return self.residual.size - self.x.size
+
+    @property
+    def noise_scale(self) -> float:
+        """Factor on the noise that the misfit asks for; at least 1."""
+        return float(np.sqrt(max(1.0, self.chi_square / self.freedom)))
+
+    @property
+    def bic(self) -> float:
+        """χ² + k ln n where the noise is known, n ln(χ²/n) + k ln n where it is profiled; smaller is better."""
+        n, price = self.residual.size, self.x.size * np.log(self.residual.size)
+        if self.data.noise_known:
+            return self.chi_square + price
+        return float(n * np.log(self.chi_square / n) + price)
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """(n_x, n_x), scaled by the misfit."""
+        _, singular, rotation = np.linalg.svd(self.jacobian, full_matrices=False)
+        return self.noise_scale**2 * (rotation.T / singular**2) @ rotation
+
+    @property
+    def std(self) -> np.ndarray:
+        return np.sqrt(np.diag(self.covariance))
+
+    def predicted(self, bands: int = _BANDS) -> np.ndarray:
+        """(k,) complex whitened error of each point as predicted by a fit that did not see its band.
+
+        Linear: (I − H_bb)^-1 r_b with the hat matrix H = J (JᵗJ)^-1 Jᵗ.
+        """
+        k = self.residual.size // 2
+        basis = np.linalg.svd(self.jacobian, full_matrices=False)[0]
+        found = np.empty(2 * k)
+        for points in np.array_split(np.arange(k), bands):
+            rows = np.concatenate([points, points + k])
+            hat = basis[rows] @ basis[rows].T
+            found[rows] = np.linalg.lstsq(np.eye(rows.size) - hat, self.residual[rows], rcond=1e-10)[0]
+        return found[:k] + 1j * found[k:]
+
+    @property
+    def held_out_score(self) -> float:
+        """rms of the leave-band-out prediction, in σ: about 1 for a right model."""
+        return float(np.sqrt(np.mean(np.abs(self.predicted()) ** 2) / 2))
+
+
+def whitened(
+    evaluation: Evaluation, data: SweepData, parameters: JointParameters, x: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Residual (2k,) = (log Z_model − log Z)/σ as Re, Im, and its Jacobian (2k, n_x)."""
+    z, tangents = evaluation.with_jacobian(parameters, x)
+    difference = np.log(z / data.impedance) * data.weight
+    slopes = tangents / z[:, None] * data.weight[:, None]
+    return (
+        np.concatenate([difference.real, difference.imag]),
+        np.concatenate([slopes.real, slopes.imag]),
+    )
+
+
+class _Problem:
+    """Residual and Jacobian of data and prior, the last evaluation kept."""
+
+    def __init__(self, evaluation: Evaluation, data: SweepData, parameters: JointParameters) -> None:
+        self._evaluation, self._data, self._parameters = evaluation, data, parameters
+        self._x: np.ndarray | None = None
+
+    def _evaluate(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self._x is None or not np.array_equal(x, self._x):
+            self._x = x.copy()
+            residual, jacobian = whitened(self._evaluation, self._data, self._parameters, x)
+            material = self._parameters.material
+            own = x[: 2 * material.scale.size]
+            rows = np.zeros((len(self._data.prior.values), x.size))
+            rows[:, : own.size] = self._data.prior.jacobian(material, own)
+            self._last = (
+                np.concatenate([residual, self._data.prior.residual(material, own)]),
+                np.concatenate([jacobian, rows]),
+            )
+        return self._last
+
+    def residual(self, x: np.ndarray) -> np.ndarray:
+        return self._evaluate(x)[0]
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        return self._evaluate(x)[1]
+
+
+def fit_joint(
+    evaluation: Evaluation, data: SweepData, parameters: JointParameters, starts: Sequence[np.ndarray]
+) -> JointFit:
+    """The best of the fits from several starts (n_x,).
+
+    Raises ConvergenceError where none settles.
+    """
+    problem, best = _Problem(evaluation, data, parameters), None
+    lower, upper = parameters.bounds.T
+    margin = _MARGIN * (upper - lower)
+    for start in starts:
+        x0 = np.clip(start, lower + margin, upper - margin)
+        solution = least_squares(
+            problem.residual,
+            x0,
+            problem.jacobian,
+            bounds=(lower, upper),
+            x_scale="jac",
+            xtol=1e-9,
+            ftol=1e-9,
+            gtol=1e-9,
+            max_nfev=60,
+        )
+        if solution.status >= 0 and (best is None or solution.cost < best.cost - 1e-6):
+            best = solution
+    if best is None:
+        raise ConvergenceError(
+            f"no fit of {', '.join(parameters.names)} settled: check dimensions, density and poling, or free fewer "
+            "constants"
+        )
+    rows = 2 * data.impedance.size
+    return JointFit(
+        parameters=parameters,
+        x=best.x,
+        residual=best.fun[:rows],
+        jacobian=best.jac[:rows],
+        penalty=float(best.fun[rows:] @ best.fun[rows:]),
+        on_bound=tuple(parameters.names[i] for i in np.flatnonzero(best.active_mask)),
+        data=data,
+    )

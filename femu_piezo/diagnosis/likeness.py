@@ -1,0 +1,76 @@
+"""Which effects a sweep cannot show or tell apart, by the model alone: tangents in the noise-weighted Jacobian."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from femu_piezo.diagnosis.effect import Effect
+from femu_piezo.diagnosis.evaluation import Evaluation
+from femu_piezo.diagnosis.fitting import JointFit, whitened
+
+#: |cos| of two tangents, free of what the constants can do, that counts as parallel.
+PARALLEL = 0.99
+#: σ that an effect of usual size (its scale) must leave after the constants have been refitted, to be seen at all.
+VISIBLE = 5.0
+#: Share of a tangent outside the span of the constants below which the two are one.
+_SHARE = 0.02
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """How an effect moves the sweep at the base fit.
+
+    Attributes
+    ----------
+    outside : (2k, n) part that no constant can imitate, whitened, for one scale of each parameter
+    visible : σ that one scale of the effect leaves after a refit of the constants
+    share : |outside| / |tangent|
+    nearest : the free constant (or loss tangent) that imitates it best
+    """
+
+    effect: Effect
+    outside: np.ndarray
+    visible: float
+    share: float
+    nearest: str
+
+    @property
+    def hidden(self) -> bool:
+        """Whether the sweep cannot tell it from the free constants."""
+        return self.share < _SHARE or self.visible < VISIBLE
+
+
+def tangents(evaluation: Evaluation, base: JointFit, effects: Sequence[Effect]) -> list[Tangent]:
+    """Tangent of each effect at rest on top of the base fit."""
+    span = np.linalg.svd(base.jacobian, full_matrices=False)[0]
+    found = []
+    for effect in effects:
+        parameters = base.parameters.with_effect(effect)
+        x = np.concatenate([base.x, effect.rest / effect.scale])
+        own = whitened(evaluation, base.data, parameters, x)[1][:, base.x.size :]
+        outside = own - span @ (span.T @ own)
+        size, left = np.linalg.norm(own), np.linalg.norm(outside)
+        moves = np.linalg.lstsq(base.jacobian, own, rcond=None)[0]
+        strength = np.linalg.norm(base.jacobian, axis=0)[:, None] * np.abs(moves)
+        nearest = base.parameters.names[int(np.argmax(strength.sum(axis=1)))]
+        found.append(Tangent(effect, outside, float(left), float(left / size), nearest))
+    return found
+
+
+def parallel(first: Tangent, second: Tangent, size: float) -> bool:
+    """Whether a second effect of as many parameters moves the sweep as the first does at its size.
+
+    Parallel once the constants are refitted, and what is not parallel below `VISIBLE` σ.
+
+    Parameters
+    ----------
+    size : of the first effect over its scale
+    """
+    if first.outside.shape != second.outside.shape or first.hidden or second.hidden:
+        return False
+    q1, q2 = (np.linalg.qr(t.outside)[0] for t in (first, second))
+    cosine = min(1.0, float(np.linalg.svd(q1.T @ q2, compute_uv=False).min()))
+    return cosine > PARALLEL and np.sqrt(1 - cosine**2) * first.visible * abs(size) < VISIBLE

@@ -1,0 +1,71 @@
+"""Is anything left? Size and whiteness of whitened residuals, and where in frequency the structure lies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+#: Lags of the whiteness test; share of false alarms that each test accepts.
+_LAGS, _LEVEL = 6, 2e-3
+#: Parts of the sweep that are judged one by one.
+_PARTS = 24
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """What a fit leaves over.
+
+    Attributes
+    ----------
+    size : χ² / degrees of freedom
+    p_size : probability of a χ² as large for a right model and noise; None where the noise was estimated
+    p_white : the same for the correlation of neighbours
+    worst_Hz : bands (low, high) whose share of the misfit stands out, worst first
+    """
+
+    size: float
+    p_size: float | None
+    p_white: float
+    worst_Hz: tuple[tuple[float, float], ...]
+
+    @property
+    def structured(self) -> bool:
+        """Whether something is left beyond noise; false alarms at most 0.4 % (tests/diagnosis/test_residuals.py)."""
+        return self.p_white < _LEVEL or (self.p_size is not None and self.p_size < _LEVEL)
+
+
+def remaining(residual: np.ndarray, unknowns: int, frequency: np.ndarray, noise_known: bool) -> Remaining:
+    """Judge whitened residuals (2k,), Re then Im, of a fit with so many unknowns at frequencies (k,)."""
+    freedom = residual.size - unknowns
+    square = float(residual @ residual)
+    return Remaining(
+        size=square / freedom,
+        p_size=float(chi2.sf(square, freedom)) if noise_known else None,
+        p_white=whiteness(residual),
+        worst_Hz=_worst(residual, frequency, square / freedom),
+    )
+
+
+def whiteness(residual: np.ndarray) -> float:
+    """Ljung-Box probability of the correlations of neighbours in Re and Im, lags 1 to 6; needs no noise level."""
+    k = residual.size // 2
+    total = 0.0
+    for part in (residual[:k], residual[k:]):
+        power = np.sum(part**2)
+        for lag in range(1, _LAGS + 1):
+            total += k * (k + 2) / (k - lag) * (np.sum(part[lag:] * part[:-lag]) / power) ** 2
+    return float(chi2.sf(total, 2 * _LAGS))
+
+
+def _worst(residual: np.ndarray, frequency: np.ndarray, size: float) -> tuple[tuple[float, float], ...]:
+    """Bands with more misfit than chance gives (1 in 1000 each), by their excess; relative to σ² = min(1, size)."""
+    k = residual.size // 2
+    power = (residual[:k] ** 2 + residual[k:] ** 2) / min(1.0, size)
+    found = []
+    for points in np.array_split(np.arange(k), min(_PARTS, k)):
+        excess = float(np.sum(power[points]))
+        if chi2.sf(excess, 2 * points.size) < 1e-3:
+            found.append((excess - 2 * points.size, (float(frequency[points[0]]), float(frequency[points[-1]]))))
+    return tuple(band for _, band in sorted(found, reverse=True))

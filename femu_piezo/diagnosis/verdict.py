@@ -1,0 +1,111 @@
+"""none / effect / unknown, with causes, what they cannot be told from, and what to measure next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from femu_piezo.diagnosis.compare import Comparison, Found
+from femu_piezo.diagnosis.effect import Effect
+from femu_piezo.diagnosis.fitting import JointFit
+from femu_piezo.diagnosis.likeness import Tangent, parallel
+from femu_piezo.diagnosis.residuals import Remaining, remaining
+
+#: Share of the misfit that may stay unexplained under a named cause.
+_UNEXPLAINED = 0.2
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A named cause.
+
+    Attributes
+    ----------
+    values, std : of its parameters, SI
+    probability : from the evidence against all other candidates and none, times the share of the misfit explained
+    indistinguishable_from : names of effects or constants (as "s11", or "NAME (constant)" for a held one)
+    """
+
+    effect: Effect
+    values: np.ndarray
+    std: np.ndarray
+    probability: float
+    indistinguishable_from: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer.
+
+    Attributes
+    ----------
+    before, after : what the base and the final fit leave over
+    unexplained : share of the base's misfit beyond noise that the final fit leaves
+    hidden : effects that this sweep cannot show: (effect, the constant that imitates it)
+    """
+
+    word: Literal["none", "effect", "unknown"]
+    causes: tuple[Cause, ...]
+    before: Remaining
+    after: Remaining
+    unexplained: float
+    hidden: tuple[tuple[Effect, str], ...]
+    measurements: tuple[str, ...]
+
+
+def judge(comparison: Comparison, tangents: list[Tangent], frequency: np.ndarray) -> Verdict:
+    """The verdict of a comparison over a sweep (k,) Hz."""
+    known = comparison.base.data.noise_known
+    before = remaining(comparison.base.residual, comparison.base.x.size, frequency, known)
+    after = remaining(comparison.final.residual, comparison.final.x.size, frequency, known)
+    unexplained = _unexplained(comparison.base, comparison.final)
+    doubt = unexplained if after.structured else 0.0
+    causes = tuple(
+        _cause(found, index, comparison.final, tangents, 1 - doubt) for index, found in enumerate(comparison.found)
+    )
+    if causes:
+        word = "unknown" if after.structured and unexplained > _UNEXPLAINED else "effect"
+    else:
+        word = "unknown" if before.structured else "none"
+    hidden = tuple((t.effect, t.nearest) for t in tangents if t.hidden)
+    return Verdict(word, causes, before, after, unexplained, hidden, _measurements(causes, hidden))
+
+
+def _unexplained(base: JointFit, final: JointFit) -> float:
+    """(χ²_final − freedom)/(χ²_base − freedom) within 0…1; 0 where the base has no excess."""
+    excess = base.chi_square - base.freedom
+    return float(np.clip((final.chi_square - final.freedom) / excess, 0.0, 1.0)) if excess > 0 else 0.0
+
+
+def _cause(found: Found, index: int, final: JointFit, tangents: list[Tangent], explained: float) -> Cause:
+    effect = found.effect
+    place = [e.key for e in final.parameters.effects].index(effect.key)
+    columns = final.parameters.columns(place)
+    chances = found.probabilities()
+    same = [e.key for e, _ in found.alternatives if e.title == effect.title]
+    own = next(t for t in tangents if t.effect.key == effect.key)
+    alike = [e.title for e in found.alike]
+    size = float(np.max(np.abs(final.parameters.values(final.x)[place] / effect.scale)))
+    alike += [t.effect.title for t in tangents if t.effect.title != effect.title and parallel(own, t, size)]
+    if own.hidden:
+        alike.append(own.nearest)
+    alike = [other for other in dict.fromkeys(alike) if other != effect.title]
+    return Cause(
+        effect=effect,
+        values=final.parameters.values(final.x)[place],
+        std=final.std[columns] * effect.scale,
+        probability=float(sum(chances[key] for key in same)) * explained,
+        indistinguishable_from=tuple(alike),
+    )
+
+
+def _measurements(causes: tuple[Cause, ...], hidden: tuple[tuple[Effect, str], ...]) -> tuple[str, ...]:
+    """Advice for the causes that are not alone in their class, then for what the sweep cannot show."""
+    found = [words for cause in causes if cause.indistinguishable_from for words in cause.effect.advice]
+    found += [words for cause in causes if not cause.indistinguishable_from for words in cause.effect.advice[:1]]
+    for effect, constant in hidden:
+        if effect.name != "wrong_insensitive_parameter":
+            found += [f"to tell {effect.name} from {constant}: {words}" for words in effect.advice[:2]]
+    return tuple(dict.fromkeys(found))

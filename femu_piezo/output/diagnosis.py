@@ -1,0 +1,202 @@
+"""diagnosis.json, the picture of residuals before and after, and the terminal table."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+from rich.console import Group, RenderableType
+from rich.table import Table
+
+from femu_piezo.diagnosis.fitting import JointFit
+from femu_piezo.diagnosis.verdict import Cause
+from femu_piezo.output.curves import BASELINE, MEASURED, PRINTED, UPDATED, frequency_axis
+from femu_piezo.output.tables import number
+from femu_piezo.study.diagnose import Diagnosis
+
+
+def diagnosis_record(result: Diagnosis) -> dict:
+    """diagnosis.json."""
+    verdict, comparison = result.verdict, result.comparison
+    return {
+        "specimen": result.specimen.name,
+        "verdict": verdict.word,
+        "causes": [_cause_record(cause) for cause in verdict.causes],
+        "candidates": _candidates(result),
+        "gain": result.gain,
+        "parameters": {
+            "before": {name: e.to_json() for name, e in result.constants(comparison.base).items()},
+            "after": {name: e.to_json() for name, e in result.constants(comparison.final).items()},
+        },
+        "recommended_measurements": list(verdict.measurements),
+        "remaining": {
+            "before": _remaining(verdict.before),
+            "after": _remaining(verdict.after),
+            "unexplained": verdict.unexplained,
+        },
+        "not_visible": [
+            {"effect": effect.title, "indistinguishable_from": [constant]} for effect, constant in verdict.hidden
+        ],
+        "noise": {
+            "relative": float(np.median(result.relative_noise)),
+            "origin": "file" if comparison.base.data.noise_known else "estimated from the sweep",
+        },
+        "model": {"unknowns": result.unknowns, "reduced": result.reduced_size},
+        "notes": list(result.notes),
+        "seconds": result.seconds,
+    }
+
+
+def _cause_record(cause: Cause) -> dict:
+    parameters = zip(cause.effect.parameters, cause.values, cause.std, strict=True)
+    return {
+        "effect": cause.effect.name,
+        "parameters": {
+            p.name: {"value": float(value), "std": float(std), "unit": p.unit} for p, value, std in parameters
+        },
+        "probability": cause.probability,
+        "indistinguishable_from": list(cause.indistinguishable_from),
+        "sentence": cause.effect.sentence,
+        "law": cause.effect.law or None,
+    }
+
+
+def _remaining(left) -> dict:
+    return {
+        "structured": left.structured,
+        "size": left.size,
+        "p_size": left.p_size,
+        "p_white": left.p_white,
+        "worst_Hz": [list(band) for band in left.worst_Hz],
+    }
+
+
+def _candidates(result: Diagnosis) -> list[dict]:
+    """Every candidate alone with the constants, best first; evidence as the gain in BIC over the base."""
+    base, verdict = result.comparison.base, result.verdict
+    hidden = {effect.key: constant for effect, constant in verdict.hidden}
+    records = []
+    for effect, fit in result.comparison.singles:
+        record = {
+            "effect": effect.name,
+            "law": effect.law or None,
+            "converged": fit is not None,
+            "indistinguishable_from": [hidden[effect.key]] if effect.key in hidden else [],
+        }
+        if fit is not None:
+            record |= {
+                "parameters": _values(fit),
+                "evidence": base.bic - fit.bic,
+                "chi_square": fit.chi_square,
+                "left_out_sigma": fit.held_out_score,
+                "on_bound": list(fit.on_bound),
+            }
+        records.append(record)
+    return sorted(records, key=lambda record: -record.get("evidence", -np.inf))
+
+
+def _values(fit: JointFit) -> dict:
+    effect, columns = fit.parameters.effects[-1], fit.parameters.columns(len(fit.parameters.effects) - 1)
+    values, std = fit.parameters.values(fit.x)[-1], fit.std[columns] * effect.scale
+    return {
+        p.name: {"value": float(value), "std": float(sigma), "unit": p.unit}
+        for p, value, sigma in zip(effect.parameters, values, std, strict=True)
+    }
+
+
+def diagnosis_figure(result: Diagnosis) -> Figure:
+    """|Z| measured and modelled, and what base and extended model leave over, in σ."""
+    figure = Figure(figsize=(8.0, 8.5), layout="constrained")
+    magnitude, before, after = figure.subplots(3, 1, sharex=True, height_ratios=[3, 2, 2])
+    spectrum, sigma = result.spectrum, result.relative_noise / np.sqrt(2)
+    factor, label, scale = frequency_axis(spectrum.frequency)
+    x = spectrum.frequency * factor
+    magnitude.semilogy(x, np.abs(spectrum.impedance), label="measured", **MEASURED)
+    magnitude.semilogy(x, np.abs(result.curves[0]), label="base model, updated", **BASELINE)
+    named = " and ".join(cause.effect.title.replace("_", " ") for cause in result.verdict.causes)
+    if named:
+        magnitude.semilogy(x, np.abs(result.curves[1]), label=f"with {named}", **UPDATED)
+    panels = ((before, result.curves[0], "base model"), (after, result.curves[1], named and f"with {named}"))
+    for axes, curve, words in panels:
+        error = np.log(curve / spectrum.impedance) / sigma
+        axes.axhspan(-2, 2, color="#dfe8df", zorder=0)
+        axes.plot(x, error.real, ".", color="#1f4e79", markersize=3, label="log |Z|")
+        axes.plot(x, error.imag, ".", color="#d98032", markersize=3, label="phase")
+        limit = max(5.0, 1.1 * float(np.max(np.abs([error.real, error.imag]))))
+        axes.set(ylabel="residual (σ)", ylim=(-limit, limit), yscale="symlog" if limit > 30 else "linear")
+        axes.set_title(words or "no effect named: as above", fontsize=10, loc="left")
+    if not np.all(result.fitted):
+        unseen = x[~result.fitted]
+        for axes in (magnitude, before, after):
+            axes.axvspan(unseen[0], unseen[-1], color="#f3e6c4", zorder=0)
+    words = {"none": "nothing beyond noise", "effect": named, "unknown": "something that no candidate explains"}
+    magnitude.set(ylabel="|Z| (Ω)", xscale=scale, title=f"{result.specimen.name}: {words[result.verdict.word]}")
+    magnitude.legend(frameon=False, fontsize=9)
+    before.legend(frameon=False, fontsize=9, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderpad=0.1)
+    after.set_xlabel(label)
+    for axes in (magnitude, before, after):
+        axes.grid(True, color="#e6e6e6", linewidth=0.6)
+    return figure
+
+
+def diagnosis_table(result: Diagnosis) -> RenderableType:
+    """Verdict in words, the best candidates, the constants before and after, what to measure."""
+    verdict = result.verdict
+    lines = [_headline(result)]
+    for cause in verdict.causes:
+        values = ", ".join(
+            f"{p.name} = {number(v, s)} {'' if p.unit == '1' else p.unit}".strip()
+            for p, v, s in zip(cause.effect.parameters, cause.values, cause.std, strict=True)
+        )
+        lines.append(f"  {cause.effect.title}: {cause.effect.sentence}; {values}; probability {cause.probability:.3f}")
+        if cause.indistinguishable_from:
+            lines.append(f"    this sweep cannot tell it from {', '.join(cause.indistinguishable_from)}")
+    gain = result.gain
+    lines.append(
+        f"error on unseen data: {100 * gain['held_out_before']:.3g} % before, {100 * gain['held_out_after']:.3g} % "
+        f"after, noise {100 * gain['noise_floor']:.3g} %"
+    )
+    if verdict.causes and verdict.after.structured:
+        bands = ", ".join(f"{low / 1e3:.4g}-{high / 1e3:.4g} kHz" for low, high in verdict.after.worst_Hz[:3])
+        lines.append(f"left over: {100 * verdict.unexplained:.2g} % of the misfit, most of it at {bands or 'all over'}")
+    tail = [f"measure: {words}" for words in verdict.measurements] + [f"note: {note}" for note in result.notes]
+    return Group("\n".join(lines), _candidate_table(result), _constant_table(result), "\n".join(tail))
+
+
+def _headline(result: Diagnosis) -> str:
+    words = {
+        "none": "nothing beyond the noise is left over; no effect is needed",
+        "effect": "the simulation lacks an effect",
+        "unknown": "something is left over that no candidate explains well",
+    }
+    return f"{result.specimen.name}: {result.verdict.word}: {words[result.verdict.word]}"
+
+
+def _candidate_table(result: Diagnosis) -> Table:
+    table = Table(title="candidates, each alone with the constants", title_justify="left")
+    table.add_column("effect")
+    for heading in ("evidence", "left-out error (σ)", "size"):
+        table.add_column(heading, justify="right")
+    base = result.comparison.base
+    table.add_row("none", "0", f"{base.held_out_score:.3g}", "")
+    ranked = sorted(
+        ((effect, fit) for effect, fit in result.comparison.singles if fit is not None), key=lambda item: item[1].bic
+    )
+    for effect, fit in ranked[:8]:
+        sizes = ", ".join(f"{number(v['value'], v['std'])} {v['unit']}" for v in _values(fit).values())
+        table.add_row(effect.key, f"{base.bic - fit.bic:.1f}", f"{fit.held_out_score:.3g}", sizes)
+    return table
+
+
+def _constant_table(result: Diagnosis) -> Table:
+    table = Table(title="constants", title_justify="left")
+    for heading in ("constant", "unit"):
+        table.add_column(heading)
+    for heading in ("before", "after", "tangent before", "tangent after"):
+        table.add_column(heading, justify="right")
+    before, after = (result.constants(fit) for fit in (result.comparison.base, result.comparison.final))
+    for name, old in before.items():
+        factor, unit = PRINTED[name]
+        new = after[name]
+        cells = [number(e.value * factor, e.std * factor) for e in (old, new)]
+        table.add_row(name, unit, *cells, *(number(e.tan, e.tan_std) for e in (old, new)))
+    return table
