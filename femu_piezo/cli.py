@@ -72,6 +72,9 @@ _data = click.option(
 _correct_phase = click.option(
     "--correct-phase", is_flag=True, help="turn the phase of the sweep by 180° (a sweep with negative resistance)"
 )
+_mask_faults = click.option(
+    "--mask-faults", is_flag=True, help="leave out spikes, mains lines and the shorter side of jumps in the sweep"
+)
 _report = click.option(
     "--report", is_flag=True, help="report.html as well: everything on one page that needs no network"
 )
@@ -121,7 +124,8 @@ def simulate(specimen: Path, out: Path, full_order: bool) -> None:
 @click.argument("file", type=click.Path(path_type=Path), metavar="FILE")
 @_out
 @_correct_phase
-def extract(file: Path, out: Path, correct_phase: bool) -> None:
+@_mask_faults
+def extract(file: Path, out: Path, correct_phase: bool, mask_faults: bool) -> None:
     """Extract poles and zeros with uncertainties from the sweep FILE.
 
     Reads CSV and delimited text whose header names the columns (|Z| and phase, R and X, G and B), HP 4294A and
@@ -132,7 +136,7 @@ def extract(file: Path, out: Path, correct_phase: bool) -> None:
     from femu_piezo.output.extraction_plots import extraction_figure
     from femu_piezo.output.folder import prepare_folder, write_figure, write_json
 
-    spectrum = read_spectrum(file, correct_phase=correct_phase)
+    spectrum = read_spectrum(file, correct_phase=correct_phase, mask_faults=mask_faults)
     prepare_folder(out)
     result = run(spectrum)
     write_figure(out / "extraction.png", extraction_figure(result))
@@ -153,8 +157,18 @@ def extract(file: Path, out: Path, correct_phase: bool) -> None:
 @_out
 @_data
 @_report
+@_correct_phase
+@_mask_faults
 @click.option("--timings", is_flag=True, help="print where the time goes")
-def update(specimens: tuple[Path, ...], out: Path, data: Path | None, report: bool, timings: bool) -> None:
+def update(
+    specimens: tuple[Path, ...],
+    out: Path,
+    data: Path | None,
+    report: bool,
+    correct_phase: bool,
+    mask_faults: bool,
+    timings: bool,
+) -> None:
     """Update the free constants of SPEC from its measured sweep.
 
     Several SPEC files, or a study file with specimens = ["a.toml", "b.toml"], are specimens of one material, fitted
@@ -169,11 +183,11 @@ def update(specimens: tuple[Path, ...], out: Path, data: Path | None, report: bo
     from femu_piezo.output.records import update_record
     from femu_piezo.output.sensitivity import sensitivity_figure
     from femu_piezo.output.tables import console, update_table
-    from femu_piezo.specimen import read_specimens
+    from femu_piezo.specimen import read_specimens, with_measurement
     from femu_piezo.study.update import update as run
 
     imported = time.perf_counter() - _STARTED
-    wanted = read_specimens(specimens, data)
+    wanted = with_measurement(read_specimens(specimens, data), correct_phase=correct_phase, mask_faults=mask_faults)
     prepare_folder(out)
     try:
         result = run(wanted, _report_steps)
@@ -215,6 +229,7 @@ def update(specimens: tuple[Path, ...], out: Path, data: Path | None, report: bo
     help="seconds after which one specimen is given up",
 )
 @_correct_phase
+@_mask_faults
 def batch(
     folder: Path,
     out: Path,
@@ -223,6 +238,7 @@ def batch(
     scheduler: str | None,
     time_limit: float,
     correct_phase: bool,
+    mask_faults: bool,
 ) -> None:
     """Update every specimen file (*.toml) in DIR, or with --specimen every sweep in DIR.
 
@@ -239,7 +255,7 @@ def batch(
         raise InputError(
             f"--out {out}: the results cannot go into the folder of the lot; give another, such as {out}/out"
         )
-    text, code = run_batch(folder, out, specimen, workers, scheduler, time_limit, correct_phase)
+    text, code = run_batch(folder, out, specimen, workers, scheduler, time_limit, correct_phase, mask_faults)
     click.echo(text, nl=False, err=code == 130)
     if code:
         click.get_current_context().exit(code)

@@ -36,7 +36,7 @@ def read_bytes(path: Path, largest: int) -> bytes:
 
 
 def write_atomically(path: Path | str, text: str | bytes) -> None:
-    """Write UTF-8 text, or bytes, beside `path`, then rename: after a crash there is the old file or the new one, whole.
+    """Write UTF-8 text, or bytes, beside `path`, then rename: after a crash there is the old or the new file, whole.
 
     Raises InputError where the folder does not exist or cannot be written to.
     """

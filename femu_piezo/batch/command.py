@@ -23,12 +23,13 @@ def run_batch(
     scheduler: str | None = None,
     time_limit_s: float = 900.0,
     correct_phase: bool = False,
+    mask_faults: bool = False,
 ) -> tuple[str, int]:
     """Run the lot in a folder and write its results; the text to show, and the exit code.
 
     0 where at least one specimen has a result, 3 where none has, 130 after Ctrl-C (what is finished is kept).
     """
-    jobs = find_jobs(folder, specimen, correct_phase=correct_phase)
+    jobs = find_jobs(folder, specimen, correct_phase=correct_phase, mask_faults=mask_faults)
 
     def make_pool() -> Pool:
         if scheduler is not None:

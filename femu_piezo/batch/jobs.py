@@ -10,7 +10,7 @@ from pathlib import Path
 
 import femu_piezo
 from femu_piezo.errors import InputError
-from femu_piezo.specimen import Specimen, read_specimens
+from femu_piezo.specimen import Specimen, read_specimens, with_measurement
 
 #: File name endings of measured sweeps.
 SWEEPS = (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn")
@@ -27,7 +27,7 @@ class Job:
     specimen : specimen file
     sweep : measured sweep in place of the specimen file's own; None to use that
     steps : what to compute, names of `femu_piezo.batch.steps`
-    correct_phase : what to correct in the sweep, whatever the specimen file says
+    correct_phase, mask_faults : what to correct in the sweep, whatever the specimen file says
     """
 
     name: str
@@ -35,6 +35,7 @@ class Job:
     sweep: Path | None = None
     steps: tuple[str, ...] = ("update",)
     correct_phase: bool = False
+    mask_faults: bool = False
 
     def read(self) -> Inputs:
         """The specimens to update together with all their files."""
@@ -46,13 +47,15 @@ class Job:
         for one in specimens:
             named = (one.path, one.measurement and one.measurement.file, one.geometry.file)
             files += [path for path in named if path is not None]
-        if self.correct_phase:
-            specimens = [_with_measurement(one, {"correct_phase": True}) for one in specimens]
+        asked = {"correct_phase": self.correct_phase, "mask_faults": self.mask_faults}
+        specimens = with_measurement(specimens, **asked)
         return Inputs(tuple(dict.fromkeys(files)), tuple(specimens), None)
 
     def checksum(self, program: str, files: tuple[Path, ...]) -> str:
         """SHA-256 over the program (`program_checksum`), options and input files; another one, another result."""
-        digest = hashlib.sha256(f"{program}\0{self.name}\0{self.steps}\0{self.correct_phase}".encode())
+        digest = hashlib.sha256(
+            f"{program}\0{self.name}\0{self.steps}\0{self.correct_phase}{self.mask_faults}".encode()
+        )
         for path in files:
             digest.update(b"\0" + _file_checksum(path).encode())
         return digest.hexdigest()
@@ -73,7 +76,9 @@ class Inputs:
     error: InputError | None
 
 
-def find_jobs(folder: Path, specimen: Path | None = None, *, correct_phase: bool = False) -> list[Job]:
+def find_jobs(
+    folder: Path, specimen: Path | None = None, *, correct_phase: bool = False, mask_faults: bool = False
+) -> list[Job]:
     """The jobs of a folder in natural order of their names ("plate 9" before "plate 10").
 
     Parameters
@@ -98,7 +103,7 @@ def find_jobs(folder: Path, specimen: Path | None = None, *, correct_phase: bool
     if specimen is not None and not specimen.is_file():
         raise InputError(f"{specimen}: there is no such specimen file; check --specimen")
     files.sort(key=lambda path: natural_order(path.name))
-    options = {"correct_phase": correct_phase}
+    options = {"correct_phase": correct_phase, "mask_faults": mask_faults}
     if specimen is None:
         return [Job(path.name, path, **options) for path in files]
     return [Job(path.name, specimen.absolute(), path, **options) for path in files]
@@ -126,9 +131,3 @@ def _file_checksum(path: Path) -> str:
             return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError:
         return _ABSENT
-
-
-def _with_measurement(specimen: Specimen, wishes: dict[str, bool]) -> Specimen:
-    if specimen.measurement is None:
-        return specimen
-    return specimen.model_copy(update={"measurement": specimen.measurement.model_copy(update=wishes)})

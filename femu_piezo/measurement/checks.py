@@ -6,11 +6,11 @@ a passive capacitor with resonances, so Re Z ≥ 0 and its locus turns clockwise
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from femu_piezo.errors import InputError
+from femu_piezo.measurement.data_fault import DataFault as DataFault
+from femu_piezo.measurement.faults import local_faults
 from femu_piezo.measurement.orientation import misread_as
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
@@ -26,25 +26,6 @@ _CAUSES = {
     "admittance_exchanged": "the piece looks like a resistor over most of the sweep; the columns of conductance and "
     "susceptance are exchanged: exchange them or their names",
 }
-
-
-@dataclass(frozen=True)
-class DataFault:
-    """One fault of a sweep.
-
-    Attributes
-    ----------
-    kind : "too_few", "khz_for_hz", "phase_turned", "reactance_sign", "resistance_sign",
-        "columns_exchanged", "admittance_exchanged", "not_passive" or "rough"
-    message : one sentence with the numbers and the remedy
-    indices : (k,) int, the points concerned, counted from 0; empty where it is the whole sweep
-    fatal : whether the sweep cannot be used as it is
-    """
-
-    kind: str
-    message: str
-    indices: np.ndarray
-    fatal: bool = True
 
 
 def order_points(
@@ -102,6 +83,8 @@ def check_spectrum(spectrum: ImpedanceSpectrum, *, hertz_stated: bool = True) ->
         message = f"the sweep has {len(spectrum)} points, and at least {FEWEST_POINTS} are needed; measure more points"
         return [DataFault("too_few", message, whole)]
     faults = [_frequency_unit(spectrum, hertz_stated), _roughness(spectrum), *_passivity(spectrum)]
+    if not any(faults):  # in a sweep that is wrong as a whole there is no telling what single points do
+        faults = local_faults(spectrum)
     return sorted((fault for fault in faults if fault), key=lambda fault: not fault.fatal)
 
 

@@ -9,8 +9,10 @@ import numpy as np
 
 from femu_piezo.errors import InputError
 from femu_piezo.files import read_bytes, write_atomically
-from femu_piezo.measurement.checks import check_spectrum, order_points
+from femu_piezo.measurement.checks import FEWEST_POINTS, check_spectrum, order_points
 from femu_piezo.measurement.columns import Layout, angle_scale, choose_columns, parse_column, to_impedance
+from femu_piezo.measurement.data_fault import DataFault
+from femu_piezo.measurement.faults import MASKABLE, without_faults
 from femu_piezo.measurement.instruments import is_4294a, is_keysight, read_4294a, read_keysight
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.tables import Table, decode, read_table
@@ -19,7 +21,9 @@ _LARGEST_FILE = 300_000_000
 _HEADER = "frequency_Hz,resistance_ohm,reactance_ohm"
 
 
-def read_spectrum(path: Path | str, *, correct_phase: bool = False, noise: float | None = None) -> ImpedanceSpectrum:
+def read_spectrum(
+    path: Path | str, *, correct_phase: bool = False, mask_faults: bool = False, noise: float | None = None
+) -> ImpedanceSpectrum:
     """The impedance spectrum of a measured sweep.
 
     Formats: CSV `frequency_Hz,resistance_ohm,reactance_ohm[,noise_ohm]`; other delimited text whose header says what
@@ -29,6 +33,7 @@ def read_spectrum(path: Path | str, *, correct_phase: bool = False, noise: float
     ----------
     path : the file
     correct_phase : turn a phase that is wrong by 180° (Re Z < 0) back
+    mask_faults : leave out the points of spikes, mains lines and negative resistance, and the shorter side of a jump
     noise : relative standard deviation of the complex impedance, where it is known; goes before that of the file
 
     Returns
@@ -55,7 +60,7 @@ def read_spectrum(path: Path | str, *, correct_phase: bool = False, noise: float
         if not (np.isfinite(noise) and 0 < noise < 1):
             raise InputError(f"{source}: noise = {noise} is not a relative standard deviation; give one such as 0.001")
         spectrum = replace(spectrum, noise=noise * np.abs(spectrum.impedance))
-    return _checked(spectrum, correct_phase, hertz_stated)
+    return _checked(spectrum, correct_phase, mask_faults, hertz_stated)
 
 
 def _spectrum(table: Table, source: str, notes: tuple[str, ...]) -> tuple[ImpedanceSpectrum, bool]:
@@ -95,7 +100,9 @@ def _refuse_not_finite(table: Table, layout: Layout, source: str) -> None:
         )
 
 
-def _checked(spectrum: ImpedanceSpectrum, correct_phase: bool, hertz_stated: bool) -> ImpedanceSpectrum:
+def _checked(
+    spectrum: ImpedanceSpectrum, correct_phase: bool, mask_faults: bool, hertz_stated: bool
+) -> ImpedanceSpectrum:
     """The spectrum after the check of its physics, its phase turned where asked; faults that remain are notes."""
     faults = check_spectrum(spectrum, hertz_stated=hertz_stated)
     if correct_phase:
@@ -112,7 +119,24 @@ def _checked(spectrum: ImpedanceSpectrum, correct_phase: bool, hertz_stated: boo
     for fault in faults:
         if fault.fatal:
             raise InputError(f"{spectrum.source}: {fault.message}")
+    if mask_faults:
+        spectrum, faults = _masked(spectrum, faults)
     return replace(spectrum, notes=spectrum.notes + tuple(fault.message for fault in faults))
+
+
+def _masked(spectrum: ImpedanceSpectrum, faults: list[DataFault]) -> tuple[ImpedanceSpectrum, list[DataFault]]:
+    """The spectrum without the points of faults that can be left out, a note on each; and the faults that stay."""
+    keep = without_faults(spectrum, faults)
+    if keep.sum() < max(FEWEST_POINTS, len(spectrum) // 4):
+        raise InputError(
+            f"{spectrum.source}: mask_faults would leave {int(keep.sum())} of {len(spectrum)} points; measure again"
+        )
+    notes = tuple(
+        f"left out (mask_faults), {fault.indices.size} points: {fault.message.partition('; ')[0]}"
+        for fault in faults
+        if fault.kind in MASKABLE
+    )
+    return replace(spectrum.select(keep), notes=spectrum.notes + notes), [f for f in faults if f.kind not in MASKABLE]
 
 
 def write_spectrum(spectrum: ImpedanceSpectrum, path: Path | str) -> None:

@@ -113,7 +113,9 @@ def measure(specimen: Specimen) -> Measured:
         )
     problem = prepare(specimen, check=False)
     wish = specimen.measurement
-    spectrum = read_spectrum(wish.file, correct_phase=wish.correct_phase, noise=wish.noise)
+    spectrum = read_spectrum(
+        wish.file, correct_phase=wish.correct_phase, mask_faults=wish.mask_faults, noise=wish.noise
+    )
     fitted = spectrum
     if wish.held_out is not None:
         fitted = spectrum.select((spectrum.frequency < wish.held_out[0]) | (spectrum.frequency > wish.held_out[1]))

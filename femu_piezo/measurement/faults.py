@@ -1,0 +1,232 @@
+"""Physical faults inside a sweep: jumps (range switch), spikes, lines of the mains, quantised readings.
+
+Spikes and jumps are told against local rational fits of two sizes that must agree, so that resonances are not taken
+for them. A resonance narrower than the steps of the sweep is one point off its neighbours and looks like a spike.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femu_piezo.measurement.data_fault import DataFault
+from femu_piezo.measurement.local_fits import left_out, stepped
+from femu_piezo.measurement.noise import estimate_noise
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+
+#: Standard deviations from which a point or a step is off, and the residual up to which a window is well described.
+_OFF, _DESCRIBED = 7.0, 1.6
+#: Windows: points and degrees of the rational function. A majority must agree (a function with a free pole can hide
+#: a spike in one of them); the short one serves lines of the mains.
+_SPIKE_WINDOWS = ((13, (3, 2)), (17, (4, 3)), (11, (2, 1)), (13, (2, 2)), (17, (3, 2)))
+_JUMP_WINDOWS = ((16, (3, 2)), (22, (4, 3)), (14, (2, 1)), (16, (2, 2)), (22, (3, 2)))
+_MAINS_WINDOW = ((9, (2, 1)),)
+_FEWEST = 24
+#: Kinds of faults whose points can be left out.
+MASKABLE = ("jump", "spike", "mains", "not_passive")
+_WIDEST_SPIKE, _MOST_CANDIDATES, _ROUNDS = 3, 200, 6
+#: Relative noise below which no instrument is believed.
+_FINEST = 2e-5
+_MAINS_TO, _MAINS = 1100.0, (50.0, 60.0)
+_REMEDY = "measure again, or set mask_faults = true in [measurement] of the specimen file (or --mask-faults)"
+
+
+def local_faults(spectrum: ImpedanceSpectrum) -> list[DataFault]:
+    """Jumps, spikes, mains lines and quantised readings of a spectrum, none of them fatal."""
+    quantised, quantum = _quantised(spectrum)
+    found = [quantised] if quantised else []
+    if len(spectrum) < _FEWEST:
+        return found
+    sigma = estimate_noise(spectrum).std(spectrum.impedance) / np.abs(spectrum.impedance)
+    sigma = np.sqrt(sigma**2 + quantum**2 + _FINEST**2)
+    spikes = _spikes(spectrum.frequency, spectrum.impedance, sigma)
+    rest = np.delete(np.arange(len(spectrum)), sorted(spikes))
+    jumps = [(int(rest[after]), step) for after, step in _jumps(spectrum.select(rest), sigma[rest])]
+    for after, _ in jumps:  # what one side makes of the other
+        spikes = {point: off for point, off in spikes.items() if not -2 <= point - after <= 3}
+    return [*_jump_faults(spectrum, jumps), *_spike_faults(spectrum, spikes), *found]
+
+
+def without_faults(spectrum: ImpedanceSpectrum, faults: list[DataFault]) -> np.ndarray:
+    """(n,) bool: the points that no jump, spike or mains line spoils; of the sides of jumps the longest."""
+    keep = np.ones(len(spectrum), dtype=bool)
+    for fault in faults:
+        if fault.kind in MASKABLE:
+            keep[fault.indices] = False
+    return keep
+
+
+def _candidates(z: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """(n,) |distance| of each point from the cubic through its four neighbours, in standard deviations of noise."""
+    logs = np.log(np.abs(z)) + 1j * np.unwrap(np.angle(z))
+    middle = logs[2:-2] - (-logs[:-4] + 4 * logs[1:-3] + 4 * logs[3:-1] - logs[4:]) / 6
+    distance = np.abs(middle) / (1.4 * sigma[2:-2])
+    return np.concatenate([[np.inf] * 2, distance, [np.inf] * 2])
+
+
+def _jumps(spectrum: ImpedanceSpectrum, sigma: np.ndarray) -> list[tuple[int, complex]]:
+    """(last point before, log of the factor behind) of every jump."""
+    z, f, size = spectrum.impedance, spectrum.frequency, len(spectrum)
+    distance = _candidates(z, sigma)
+    near = np.minimum(distance[:-1], distance[1:])  # a jump moves the points on both of its sides off
+    near[:5] = near[size - 6 :] = 0.0  # too few points on one side
+    after = np.sort(np.argsort(near)[::-1][:_MOST_CANDIDATES])
+    after = after[near[after] > 2.5]
+    if not after.size or size < max(width for width, _ in _JUMP_WINDOWS):
+        return []
+    votes, steps = np.zeros((len(_JUMP_WINDOWS), after.size)), np.zeros((len(_JUMP_WINDOWS), after.size), complex)
+    for row, shape in enumerate(_JUMP_WINDOWS):
+        hopeful = np.flatnonzero(np.sum(votes > _OFF, axis=0) >= row - 2)
+        steps[row, hopeful], off, rest = stepped(f, z, sigma, after[hopeful], shape)
+        votes[row, hopeful] = np.where(rest < _DESCRIBED, off, 0.0)
+    order = np.argsort(votes, axis=0)
+    score = np.take_along_axis(votes, order[2:3], axis=0)[0]  # what three of five reach
+    steps = np.take_along_axis(steps, order[2:3], axis=0)[0]
+    found: list[tuple[int, complex]] = []
+    for best in np.argsort(score)[::-1]:
+        if score[best] > _OFF and all(abs(after[best] - other) > 8 for other, _ in found):
+            found.append((int(after[best]), complex(steps[best])))
+    return sorted(found)
+
+
+def _spikes(f: np.ndarray, z: np.ndarray, sigma: np.ndarray) -> dict[int, float]:
+    """Point → distance in standard deviations, of every point that is off; again without those found."""
+    found: dict[int, float] = {}
+    index = np.arange(f.size)
+    for _ in range(_ROUNDS):
+        fresh = _spikes_once(f[index], z[index], sigma[index])
+        if not fresh:
+            break
+        found |= {int(index[k]): off for k, off in fresh.items()}
+        index = np.delete(index, sorted(fresh))
+    return found
+
+
+def _spikes_once(f: np.ndarray, z: np.ndarray, sigma: np.ndarray) -> dict[int, float]:
+    if f.size < _FEWEST:
+        return {}
+    distance = _candidates(z, sigma)
+    first = np.sort(np.argsort(distance)[::-1][:_MOST_CANDIDATES])
+    first = first[distance[first] > 3]
+    found: dict[int, float] = {}
+    for shapes, chosen in ((_SPIKE_WINDOWS, first), (_MAINS_WINDOW, first[_is_mains(f[first])])):
+        for count in range(1, _WIDEST_SPIKE + 1):
+            cases = chosen[chosen + count <= f.size]
+            off = _agreed(f, z, sigma, cases, count, shapes)
+            at_end = (cases < 2) | (cases + count > f.size - 2)  # where the prediction is an extrapolation
+            for k, distance_of in zip(cases.tolist(), off.tolist(), strict=True):
+                points = range(k, k + count)
+                limit = 2 * _OFF if at_end[cases == k][0] else _OFF
+                if distance_of > limit and not any(point in found for point in points):
+                    found |= dict.fromkeys(points, distance_of)
+    return found
+
+
+def _agreed(f, z, sigma, cases: np.ndarray, count: int, shapes) -> np.ndarray:
+    """(k,) distance that the majority of the windows reaches, for `count` points left out from each case on."""
+    votes, majority = np.zeros((len(shapes), cases.size)), len(shapes) // 2 + 1
+    for row, shape in enumerate(shapes):
+        hopeful = np.flatnonzero(np.sum(votes > _OFF, axis=0) >= row - (len(shapes) - majority))
+        if hopeful.size:
+            distances, rest = left_out(f, z, sigma, cases[hopeful], count, shape)
+            votes[row, hopeful] = np.where(rest < _DESCRIBED, distances.min(axis=1), 0.0)
+    return np.sort(votes, axis=0)[len(shapes) - majority]
+
+
+def _is_mains(frequency: np.ndarray) -> np.ndarray:
+    """Whether frequencies lie on a multiple of 50 or 60 Hz, to 1.5 Hz."""
+    near = [np.abs(frequency - line * np.maximum(1, np.round(frequency / line))) < 1.5 for line in _MAINS]
+    return np.any(near, axis=0) & (frequency < _MAINS_TO)
+
+
+def _jump_faults(spectrum: ImpedanceSpectrum, jumps: list[tuple[int, complex]]) -> list[DataFault]:
+    """One fault per jump; its points are those outside the longest stretch, shared out to the jump beside them."""
+    edges = [0, *(after + 1 for after, _ in jumps), len(spectrum)]
+    longest = int(np.argmax(np.diff(edges)))
+    faults = []
+    for place, (after, step) in enumerate(jumps):
+        side = np.arange(edges[place], edges[place + 1]) if place < longest else np.arange(after + 1, edges[place + 2])
+        low, high = spectrum.frequency[[after, after + 1]]
+        message = (
+            f"the impedance jumps by {np.expm1(step.real):+.2%} and {np.degrees(step.imag):+.2f}° between {low:.6g} "
+            f"and {high:.6g} Hz, as a change of the instrument's range does; fix the range and {_REMEDY}, which "
+            f"leaves out {side.size} points, {spectrum.frequency[side[0]]:.6g} to {spectrum.frequency[side[-1]]:.6g} Hz"
+        )
+        faults.append(DataFault("jump", message, side, fatal=False))
+    return faults
+
+
+def _spike_faults(spectrum: ImpedanceSpectrum, spikes: dict[int, float]) -> list[DataFault]:
+    points = np.array(sorted(spikes), dtype=int)
+    mains = _is_mains(spectrum.frequency[points])
+    faults = []
+    for kind, chosen, what in (
+        ("mains", points[mains], "multiples of the frequency of the mains, which leaks into the reading"),
+        ("spike", points[~mains], "single readings in error, or a resonance narrower than the steps"),
+    ):
+        if chosen.size:
+            shown = ", ".join(f"{f:.6g}" for f in spectrum.frequency[chosen[:5]])
+            worst = max(spikes[int(point)] for point in chosen)
+            message = (
+                f"{chosen.size} point{'s are' if chosen.size > 1 else ' is'} off the neighbours by up to {worst:.0f} "
+                f"standard deviations, at {shown}{' …' if chosen.size > 5 else ''} Hz: {what}; {_REMEDY}"
+            )
+            faults.append(DataFault(kind, message, chosen, fatal=False))
+    return faults
+
+
+def _quantised(spectrum: ImpedanceSpectrum) -> tuple[DataFault | None, np.ndarray]:
+    """Readings coarser than their own scatter; and the relative step of Z by the resolution, (n,)."""
+    z, y = spectrum.impedance, 1 / spectrum.impedance
+    none = np.zeros(z.size)
+    columns = {
+        "|Z|": (np.abs(z), 1 / np.abs(z)),
+        "resistance": (z.real, 1 / np.abs(z)),
+        "reactance": (z.imag, 1 / np.abs(z)),
+        "phase": (np.angle(z, deg=True), np.full(z.size, np.pi / 180)),
+        "phase in radian": (np.angle(z), np.ones(z.size)),
+        "|Y|": (np.abs(y), 1 / np.abs(y)),
+        "conductance": (y.real, 1 / np.abs(y)),
+        "susceptance": (y.imag, 1 / np.abs(y)),
+    }
+    if z.size < _FEWEST:
+        return None, none
+    worst, told = none, None
+    for name, (values, relative) in columns.items():
+        step = _resolution(values)
+        if step is not None and np.median(step * relative) > np.median(worst):
+            worst, told = step * relative, (name, float(np.median(step)))
+    if told is None:
+        return None, none
+    noise = estimate_noise(spectrum).std(z) / np.abs(z)
+    equal = _repeats(columns[told[0]][0])
+    if np.median(worst) < 2 * np.median(noise) and equal < 0.2:
+        return None, worst
+    message = (
+        f"the {told[0]} is read in steps of {told[1]:.3g}, coarser than its noise ({equal:.0%} of the neighbours are "
+        f"equal), which is an error of {np.median(worst) / np.sqrt(12):.1e} of |Z|; export more digits, or give "
+        f"noise = {np.median(worst) / np.sqrt(12):.1g} in [measurement]"
+    )
+    return DataFault("quantised", message, np.array([], dtype=int), fatal=False), worst
+
+
+def _repeats(values: np.ndarray) -> float:
+    """Share of neighbours that are equal."""
+    return float(np.mean(np.abs(np.diff(values)) <= 1e-12 * np.abs(values[1:])))
+
+
+def _resolution(values: np.ndarray) -> np.ndarray | None:
+    """(n,) step of the readings: a fixed decimal one, or that of a fixed number of digits; None for fine readings."""
+    largest = float(np.max(np.abs(values)))
+    if largest == 0 or np.unique(values).size < 3:
+        return None
+    for exponent in range(int(np.floor(np.log10(largest))), int(np.floor(np.log10(largest))) - 6, -1):
+        for factor in (5, 2, 1):
+            step = factor * 10.0**exponent
+            if np.all(np.abs(values / step - np.round(values / step)) < 1e-7 * np.maximum(1, np.abs(values / step))):
+                return np.full(values.size, step)
+    size = np.floor(np.log10(np.maximum(np.abs(values), 1e-300)))
+    for digits in range(1, 6):
+        step = 10.0 ** (size - digits + 1)
+        if np.all(np.abs(values / step - np.round(values / step)) < 1e-7 * 10.0**digits):
+            return step
+    return None

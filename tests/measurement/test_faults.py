@@ -1,0 +1,115 @@
+"""Jumps, spikes, mains lines and quantised readings are found where they are; clean sweeps have none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from femu_piezo.errors import InputError
+from femu_piezo.measurement.faults import local_faults
+from femu_piezo.measurement.readers import read_spectrum, write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+
+from .sweeps import HARD, SOFT, bar_impedance, with_noise
+
+BANDS = [(30e3, 50e3), (32e3, 42e3), (1e3, 5e5), (38e3, 44e3), (100.0, 2e4), (5e3, 120e3)]
+
+
+def noisy(points: int, level: float, material: dict, seed: int, band=(30e3, 50e3)) -> tuple[np.ndarray, np.ndarray]:
+    frequency = np.linspace(*band, points)
+    impedance = bar_impedance(frequency, **material)
+    return frequency, with_noise(impedance, level * np.abs(impedance), seed)
+
+
+def faults_of(frequency: np.ndarray, impedance: np.ndarray) -> dict[str, list[int]]:
+    return {fault.kind: fault.indices.tolist() for fault in local_faults(ImpedanceSpectrum(frequency, impedance))}
+
+
+def test_clean_noisy_sweeps_have_hardly_any_faults() -> None:
+    """200 sweeps of 61 … 1601 points, noise 1e-4 … 3e-3, linear and logarithmic, with and without resonances."""
+    rng, alarms = np.random.default_rng(7), 0
+    for seed in range(200):
+        points, level = int(rng.choice([61, 101, 201, 401, 801, 1601])), 10 ** rng.uniform(-4, -2.52)
+        band = BANDS[rng.integers(len(BANDS))]
+        frequency = np.geomspace(*band, points) if rng.random() < 0.3 else np.linspace(*band, points)
+        impedance = bar_impedance(frequency, **(SOFT, HARD)[seed % 2])
+        alarms += bool(faults_of(frequency, with_noise(impedance, level * np.abs(impedance), seed)))
+    assert alarms <= 2
+
+
+@pytest.mark.parametrize("material", [SOFT, HARD])
+@pytest.mark.parametrize("points", [101, 401])
+def test_spikes_are_found_and_nothing_else(points: int, material: dict) -> None:
+    """Twenty standard deviations in any direction, anywhere: at least 19 of 20, no other point."""
+    rng, hits = np.random.default_rng(points), 0
+    for seed in range(20):
+        frequency, impedance = noisy(points, (1e-4, 1e-3)[seed % 2], material, seed)
+        place = int(rng.integers(5, points - 5))
+        impedance[place] *= 1 + 20 * (1e-4, 1e-3)[seed % 2] * np.exp(2j * np.pi * rng.random())
+        found = faults_of(frequency, impedance)
+        assert found in ({}, {"spike": [place]})
+        hits += bool(found)
+    assert hits >= 19
+
+
+@pytest.mark.parametrize("material", [SOFT, HARD])
+@pytest.mark.parametrize("points", [101, 401])
+def test_jumps_are_found_at_their_place(points: int, material: dict) -> None:
+    """A step of gain and phase by twenty standard deviations: at least 18 of 20, at the right point."""
+    rng, hits = np.random.default_rng(points), 0
+    for seed in range(20):
+        frequency, impedance = noisy(points, (1e-4, 1e-3)[seed % 2], material, seed)
+        place = int(rng.integers(15, points - 15))
+        impedance[place:] *= np.exp(20 * (1e-4, 1e-3)[seed % 2] * np.exp(2j * np.pi * rng.random()))
+        found = faults_of(frequency, impedance)
+        shorter = list(range(place)) if place < points - place else list(range(place, points))
+        hits += found == {"jump": shorter}
+    assert hits >= 18
+
+
+def test_lines_of_the_mains_are_named() -> None:
+    frequency = np.arange(20.0, 1000.0, 5.0)
+    impedance = bar_impedance(frequency, **SOFT)
+    impedance = with_noise(impedance, 1e-3 * np.abs(impedance), 1)
+    lines = np.isin(frequency, (50, 60, 100, 150, 250))
+    impedance[lines] *= 1.1
+    assert faults_of(frequency, impedance) == {"mains": np.flatnonzero(lines).tolist()}
+
+
+@pytest.mark.parametrize("column", ["phase", "|Z|", "resistance"])
+def test_coarse_readings_are_told(column: str) -> None:
+    frequency, impedance = noisy(201, 1e-4, SOFT, 1)
+    size, phase = np.abs(impedance), np.angle(impedance, deg=True)
+    if column == "phase":
+        phase = np.round(phase)
+    if column == "|Z|":
+        size = 5 * np.round(size / 5)
+    read = size * np.exp(1j * np.radians(phase))
+    if column == "resistance":
+        read = np.round(impedance.real, -1) + 1j * np.round(impedance.imag, -1)
+    faults = local_faults(ImpedanceSpectrum(frequency, read))
+    assert [fault.kind for fault in faults] == ["quantised"]
+    assert column in faults[0].message
+
+
+def test_masking_leaves_the_good_points_and_says_so(tmp_path: Path) -> None:
+    frequency, impedance = noisy(401, 1e-3, SOFT, 3)
+    impedance[300] *= 1.2
+    impedance[60:] *= 1.05
+    write_spectrum(ImpedanceSpectrum(frequency, impedance), tmp_path / "x.csv")
+    told = read_spectrum(tmp_path / "x.csv")
+    assert len(told) == 401 and "jumps by +5." in told.notes[0] and "mask_faults" in told.notes[0]
+    masked = read_spectrum(tmp_path / "x.csv", mask_faults=True)
+    assert np.array_equal(masked.frequency, np.delete(frequency[60:], 240))
+    assert all(note.startswith("left out (mask_faults)") for note in masked.notes) and len(masked.notes) == 2
+
+
+def test_masking_that_leaves_too_little_is_refused(tmp_path: Path) -> None:
+    frequency, impedance = noisy(400, 1e-3, SOFT, 3)
+    for place in range(80, 400, 80):
+        impedance[place:] *= 1.05
+    write_spectrum(ImpedanceSpectrum(frequency, impedance), tmp_path / "x.csv")
+    with pytest.raises(InputError, match="would leave 80 of 400 points"):
+        read_spectrum(tmp_path / "x.csv", mask_faults=True)
