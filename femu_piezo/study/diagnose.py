@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femu_piezo.diagnosis.compare import Comparison, compare
-from femu_piezo.diagnosis.effect import EffectContext
-from femu_piezo.diagnosis.effects import REFERENCE, from_table, library
+from femu_piezo.diagnosis.effects import REFERENCE, library
 from femu_piezo.diagnosis.evaluation import Evaluation
 from femu_piezo.diagnosis.extended_model import ExtendedModel, extend_model
 from femu_piezo.diagnosis.fitting import JointFit, SweepData
@@ -23,7 +22,7 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.noise import estimate_noise
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen import Specimen, Update
-from femu_piezo.study.inputs import Problem
+from femu_piezo.study.effects import effect_context, known_effects
 from femu_piezo.study.measured import Measured, measure
 from femu_piezo.study.update import update
 from femu_piezo.updating.data import CurveData, weak_prior
@@ -80,21 +79,6 @@ class Diagnosis:
         return dict(zip(material.free.names, estimates(material.theta(x[:own]), covariance), strict=True))
 
 
-def effect_context(problem: Problem, fundamental_Hz: float, impedance: float) -> EffectContext:
-    """What the library of effects must know of a specimen."""
-    geometry = problem.specimen.geometry
-    named = {"plate": {"length": 0, "width": 1, "thickness": 2}}.get(geometry.shape, {"thickness": 2})
-    return EffectContext(
-        fundamental_Hz=fundamental_Hz,
-        free=tuple(problem.specimen.material.free),
-        constants=problem.constants,
-        axes=named if geometry.shape in ("plate", "disk", "ring") else {},
-        density=problem.density,
-        thickness=problem.plate.electrode_gap,
-        impedance=impedance,
-    )
-
-
 def diagnose(specimen: Specimen, progress: Progress | None = None, *, most: int = 3) -> Diagnosis:
     """Compare every candidate effect with the sweep of a specimen.
 
@@ -117,8 +101,7 @@ def diagnose(specimen: Specimen, progress: Progress | None = None, *, most: int 
     context = effect_context(
         measured.problem, measured.pair.pole.frequency_Hz, float(np.median(np.abs(measured.spectrum.impedance)))
     )
-    where = str(specimen.path or specimen.name)
-    fixed = from_table(specimen.effects or {}, context, where)
+    fixed = known_effects(measured.problem, context.fundamental_Hz, context.impedance)
     taken = {effect.title for effect, _ in fixed}
     candidates = tuple(effect for effect in library(context) if effect.title not in taken)
     clock["read and extract"], began = time.perf_counter() - began, time.perf_counter()

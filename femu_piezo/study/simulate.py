@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from femu_piezo.errors import InputError
 from femu_piezo.forward.modal import ModalModel
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.forward.response import full_impedance
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.resonances import Resonance
 from femu_piezo.specimen import Simulation, Specimen
+from femu_piezo.study.effects import simulated_with_effects
 from femu_piezo.study.inputs import Problem, prepare
 
 #: Share of the strongest mode's |a²/λ| below which a mode is not listed: the terminals do not see it.
@@ -68,8 +70,12 @@ def simulate(specimen: Specimen, *, full_order: bool = False) -> SimulationResul
     Parameters
     ----------
     full_order : solve the full model at every frequency instead of the reduced one
+
+    The effects of an [effects] table change the sweep; poles and zeros stay those of the bare body.
     """
     problem = prepare(specimen)
+    if specimen.effects and full_order:
+        raise InputError(f"{specimen.path or specimen.name}: a full-order simulation knows no [effects]; leave one out")
     frequency = sweep_frequencies(problem)
     accuracy = specimen.update.accuracy if specimen.update else 1e-4
     model = problem.model(problem.equivalent_frequency(frequency[-1], accuracy), accuracy)
@@ -77,6 +83,8 @@ def simulate(specimen: Specimen, *, full_order: bool = False) -> SimulationResul
     e_form = problem.constants.to_e_form()
     modal = reduced.modal(e_form)
     impedance = full_impedance(model, e_form, frequency) if full_order else modal.impedance(2 * np.pi * frequency)
+    if specimen.effects:
+        impedance = simulated_with_effects(problem, model, frequency)
     poles, zeros = visible_resonances(modal, frequency[-1])
     return SimulationResult(specimen, _with_noise(specimen, frequency, impedance), poles, zeros, model.size)
 

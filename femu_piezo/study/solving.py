@@ -17,6 +17,7 @@ from femu_piezo.resonances import Resonance
 from femu_piezo.specimen import Update
 from femu_piezo.study.bases import LEAVE, Bases
 from femu_piezo.study.clock import Clock
+from femu_piezo.study.effects import EffectCurve, effect_curve, has_effects
 from femu_piezo.study.measured import Measured
 from femu_piezo.study.results import Outcome
 from femu_piezo.study.starts import pair_names
@@ -44,6 +45,7 @@ class State:
     histories: tuple[tuple[Step, ...], ...]
     fit: Fit | None = None
     known: Identifiability | None = None
+    curves: tuple[CurveData | EffectCurve, ...] = ()
 
 
 class Run:
@@ -84,6 +86,9 @@ class Run:
         )
 
     def _pole_zero(self, free: FreeConstants, reduced: tuple[ReducedModel, ...]) -> State:
+        if has_effects(self._measured):  # poles and zeros are not those of the bare body: the curve is fitted at once
+            start = (Step(free.constants(free.start), np.full(2, np.nan + 0j)),)
+            return State(start[0].constants, free, free.start, None, reduced, (start,) * len(self._measured))
         constants, histories = free.constants(free.start), []
         covariance = np.zeros((2 * free.start.size, 2 * free.start.size))
         for one, basis in zip(self._measured, reduced, strict=True):
@@ -121,8 +126,10 @@ class Run:
     def _curve(self, state: State) -> State:
         parameters = MaterialParameters.around(state.free, state.theta)
         curves = [
-            CurveData(one.problem.specimen.name, basis, one.fitted, one.relative_noise)
-            for one, basis in zip(self._measured, state.reduced, strict=True)
+            effect_curve(one, model, parameters.free.at(state.theta))
+            if one.problem.specimen.effects
+            else CurveData(one.problem.specimen.name, basis, one.fitted, one.relative_noise)
+            for one, basis, model in zip(self._measured, state.reduced, self._models, strict=True)
         ]
         known = all(one.noise_known for one in self._measured)
         wish = self._problem.specimen.update or Update()
@@ -141,6 +148,7 @@ class Run:
             covariance=solution.theta_covariance,
             fit=solution,
             known=told,
+            curves=tuple(curves),
         )
 
     def _prior(self, parameters: MaterialParameters) -> Prior:
@@ -161,11 +169,14 @@ class Run:
         basis = self._bases.baseline(model, base, one)
         base_curve = basis.impedance(base.to_e_form(), one.spectrum.frequency)
         modal = state.reduced[index].modal(state.constants.to_e_form())
+        updated = modal.impedance(one.spectrum.omega)
+        if one.problem.specimen.effects:
+            updated = state.curves[index].impedance(state.fit.parameters, state.fit.x, one.spectrum.omega)
         return Outcome(
             measured=one,
             matched=_matched(one, modal),
             base_curve=base_curve,
-            updated_curve=modal.impedance(one.spectrum.omega),
+            updated_curve=updated,
             history=state.histories[index],
             sensitivity=sensitivity(
                 one.problem.specimen.name, state.reduced[index], state.constants, one.spectrum.frequency

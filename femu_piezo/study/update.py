@@ -15,6 +15,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.specimen import Specimen, Update
 from femu_piezo.study.bases import Bases
 from femu_piezo.study.clock import Clock, Progress
+from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, baseline_constants, measure, start_constants
 from femu_piezo.study.results import UpdateResult
 from femu_piezo.study.solving import Run, State
@@ -43,7 +44,7 @@ def update(
     clock = Clock(progress)
     clock.step("read and extract")
     measured = [measure(specimen) for specimen in specimens]
-    start = start_constants(measured)
+    start = measured[0].problem.constants if has_effects(measured) else start_constants(measured)
     baseline, baseline_notes = baseline_constants(measured, start)
     method, origin = _method(measured)
     clock.step("mesh and assemble")
@@ -79,12 +80,18 @@ def _method(measured: list[Measured]) -> tuple[str, str]:
         origin = f"low frequency ({first.spectrum.frequency[0]:.6g} Hz, eqs 41 and 42)"
     else:
         origin = "curve"
-    enough = bool(names) and free - {"eps33T"} == names and origin != "curve" and len(measured) == 1
+    enough = (
+        not has_effects(measured)
+        and bool(names)
+        and free - {"eps33T"} == names
+        and origin != "curve"
+        and len(measured) == 1
+    )
     if wish == "pole_zero" and not enough:
         raise InputError(
             f'{specimen.path or specimen.name}: update.method = "pole_zero" finds {" and ".join(sorted(names))} of one '
-            "specimen at a known eps33T; the sweep does not reach low frequency or other constants are free, so give "
-            'eps33T and take it out of material.free, or use method = "curve"'
+            "specimen without [effects] at a known eps33T; the sweep does not reach low frequency or other constants "
+            'are free, so give eps33T and take it out of material.free, or use method = "curve"'
         )
     return ("pole_zero" if enough and wish != "curve" else "curve"), origin
 

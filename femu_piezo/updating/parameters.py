@@ -11,7 +11,7 @@ derivative of every e-form constant is the chain rule through `PiezoConstants.e_
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -138,6 +138,10 @@ class FreeConstants:
             if not sample.physical_faults():
                 sets.append(sample)
         return sets
+
+    def at(self, theta: np.ndarray) -> FreeConstants:
+        """The same map, started from other free values."""
+        return replace(self, start=np.array(theta, dtype=complex))
 
     def as_dict(self, theta: np.ndarray) -> dict[str, complex]:
         return {name: complex(value) for name, value in zip(self.names, theta, strict=True)}

@@ -1,0 +1,47 @@
+"""A plate as an extended reduced model with the whole library, and the independent Ritz model of the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from femu_piezo.diagnosis.effect import EffectContext
+from femu_piezo.diagnosis.effects import library
+from femu_piezo.diagnosis.evaluation import Evaluation
+from femu_piezo.diagnosis.extended_model import extend_model
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.material.library import library_material
+from femu_piezo.updating.parameters import FreeConstants, MaterialParameters
+
+SIZE, DENSITY = (12e-3, 6.5e-3, 1.5e-3), 7500.0
+TANGENTS = np.array([15, 13, 12, 16, 20, 13, 12, 14, 18, 17]) * 1e-3
+FUNDAMENTAL = 117e3
+#: Up to the third resonance, with its pole and zero well sampled.
+FREQUENCY = np.concatenate([np.linspace(5e3, 110e3, 12), np.linspace(112e3, 126e3, 15), np.linspace(130e3, 225e3, 30)])
+
+
+class Setup:
+    """The model, its library and the unknowns of the truth."""
+
+    def __init__(self) -> None:
+        self.theta = library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS)
+        constants = PiezoConstants.from_vector(self.theta)
+        free = FreeConstants.of(constants, ("s11", "d31", "eps33T"))
+        self.material = MaterialParameters.around(free, free.start)
+        self.x = self.material.x_of(free.start)
+        context = EffectContext(
+            FUNDAMENTAL, free.names, constants, {"length": 0, "width": 1, "thickness": 2}, DENSITY, SIZE[2], 2e3
+        )
+        self.library = {effect.key: effect for effect in library(context)}
+        model = ElectroelasticModel(Plate(*SIZE).domain((16, 9, 2)), DENSITY)
+        training = [constants, *free.training_sets(free.start, 0.04, 3)[1:]]
+        training += [constants.lossless().with_values(s12=1.08 * constants.s12.real)]
+        self.model = extend_model(model, training, list(self.library.values()), FREQUENCY[-1], accuracy=1e-5)
+        self.evaluation = Evaluation(self.model, 2 * np.pi * FREQUENCY)
+
+
+@pytest.fixture(scope="session")
+def setup() -> Setup:
+    return Setup()

@@ -1,0 +1,187 @@
+"""Every effect: Z against an independent Ritz solution or a closed formula, Jacobian against differences, limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden_effects.ritz import RitzPlate
+
+from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
+from femu_piezo.diagnosis.effects import from_table
+from femu_piezo.diagnosis.effects.frequency_dependent_elastic_loss import partner
+from femu_piezo.diagnosis.joint import JointParameters
+from femu_piezo.errors import InputError
+
+OMEGA = 2 * np.pi * FREQUENCY
+ORDERS = (13, 10, 5)
+#: Effect → size at which it is tested.
+SIZES = {
+    "series_resistance": 3.0,
+    "series_inductance": 5e-6,
+    "stray_capacitance": 20e-12,
+    "leakage": 2e-5,
+    "dielectric_dispersion": 0.03,
+    "frequency_dependent_elastic_loss": 0.7,
+    "frequency_dependent_elastic_loss/causal": -0.6,
+    "wrong_insensitive_parameter:s12": 0.06,
+    "wrong_length": 0.012,
+    "wrong_width": -0.012,
+    "wrong_thickness": 0.015,
+    "electrode_mass": 0.15,
+}
+
+
+def evaluate(setup, key: str, size: float, x: np.ndarray | None = None):
+    effect = setup.library[key]
+    parameters = JointParameters(setup.material).with_effect(effect)
+    x = setup.x if x is None else x
+    return setup.evaluation.with_jacobian(parameters, np.append(x, size / effect.scale))
+
+
+@pytest.fixture(scope="module")
+def bare():
+    """Z of the bare plate by the independent model."""
+
+    def solve(theta, size=SIZE, film=0.0):
+        return RitzPlate(size, DENSITY, ORDERS, film).impedance(theta, FREQUENCY)
+
+    return solve
+
+
+def reference(key: str, size: float, theta: np.ndarray, bare) -> np.ndarray:
+    """Z with the effect, nothing of femu_piezo used."""
+    if key.startswith("wrong_"):
+        name = key.removeprefix("wrong_")
+        if ":" in name:
+            return bare(theta * (1 + size * (np.arange(10) == 1)))
+        grown = np.array(SIZE)
+        grown[("length", "width", "thickness").index(name)] *= 1 + size
+        return bare(theta, size=grown)
+    if key == "electrode_mass":
+        return bare(theta, film=size)
+    if key == "dielectric_dispersion":
+        return bare(lambda f: theta * (1 - size * np.log10(f / FUNDAMENTAL) * (np.arange(10) == 9)))
+    if key.startswith("frequency"):
+        elastic = np.arange(10) < 5
+
+        def law(f):
+            ratio = f / FUNDAMENTAL
+            real = theta.real.copy()
+            if key.endswith("causal"):
+                shift = (ratio**size - 1) / np.tan(size * np.pi / 2) - 2 / np.pi * np.log(ratio)
+                real = real + elastic * theta.imag * shift
+            return real + 1j * theta.imag * np.where(elastic, ratio**size, 1.0)
+
+        return bare(law)
+    z = bare(theta)
+    return {
+        "series_resistance": z + size,
+        "series_inductance": z + 1j * OMEGA * size,
+        "stray_capacitance": 1 / (1 / z + 1j * OMEGA * size),
+        "leakage": 1 / (1 / z + size),
+    }[key]
+
+
+@pytest.mark.parametrize("key", SIZES)
+def test_impedance_against_independent_solution(setup, bare, key):
+    """Within 1.5e-3 everywhere (mesh error at the upper resonances) and a hundredth of the effect itself."""
+    z, _ = evaluate(setup, key, SIZES[key])
+    rest = setup.evaluation.impedance(JointParameters(setup.material), setup.x)
+    exact = reference(key, SIZES[key], setup.theta, bare)
+    own = np.abs(np.log(exact / bare(setup.theta)))
+    error = np.abs(np.log(z / exact))
+    # what the effect changes, the error of the mesh taken out
+    change = np.abs(np.log(z / rest) - np.log(exact / bare(setup.theta)))
+    assert np.max(error) < 1.5e-3
+    assert np.sqrt(np.mean(change**2)) < 0.01 * np.sqrt(np.mean(own**2))
+
+
+def test_every_jacobian_against_richardson_differences(setup):
+    rng = np.random.default_rng(5)
+    for key, effect in setup.library.items():
+        size = SIZES.get(key, 0.05)
+        parameters = JointParameters(setup.material).with_effect(effect)
+        x = np.append(setup.x * (1 + 0.01 * rng.standard_normal(setup.x.size)), size / effect.scale)
+        direction = np.append(0.1 * rng.standard_normal(setup.x.size), 0.3)
+        z, tangents = setup.evaluation.with_jacobian(parameters, x)
+
+        def along(t, parameters=parameters, x=x, direction=direction):
+            return setup.evaluation.impedance(parameters, x + t * direction)
+
+        h = 1e-3
+        numeric = (8 * (along(h) - along(-h)) - along(2 * h) + along(-2 * h)) / (12 * h)
+        slope = tangents @ direction
+        assert np.max(np.abs((slope - numeric) / z)) < 1e-5 * np.max(np.abs(slope / z)), key
+
+
+def test_effects_vanish_at_rest(setup):
+    rest = setup.evaluation.impedance(JointParameters(setup.material), setup.x)
+    for key, effect in setup.library.items():
+        z, _ = evaluate(setup, key, effect.rest[0])
+        np.testing.assert_allclose(z, rest, rtol=2e-7, err_msg=key)
+
+
+def test_effects_compose(setup):
+    """A stretch, a dispersion, a wrong constant and two circuits at once: values and Jacobian."""
+    names = ("wrong_width", "dielectric_dispersion", "wrong_insensitive_parameter:s13", "leakage", "series_resistance")
+    parameters, x = JointParameters(setup.material), setup.x
+    for name in names:
+        effect = setup.library[name]
+        parameters, x = parameters.with_effect(effect), np.append(x, 0.5)
+    z, tangents = setup.evaluation.with_jacobian(parameters, x)
+    inner = JointParameters(setup.material, parameters.effects[:3])
+    bare = setup.evaluation.impedance(inner, x[:-2])
+    g, r = (0.5 * setup.library[name].scale[0] for name in names[3:])
+    np.testing.assert_allclose(z, 1 / (1 / bare + g) + r, rtol=1e-10)
+    for column in range(x.size):
+        step = np.zeros(x.size)
+        step[column] = 1e-4
+        numeric = (
+            setup.evaluation.impedance(parameters, x + step) - setup.evaluation.impedance(parameters, x - step)
+        ) / 2e-4
+        assert np.max(np.abs((tangents[:, column] - numeric) / z)) < 1e-4 * np.max(np.abs(tangents[:, column] / z))
+
+
+def test_strata_sum_to_the_bulk_matrices(setup):
+    for q in range(10):
+        total = setup.model.strata[setup.model.owner == q].sum(axis=0)
+        assert np.max(np.abs(total - setup.model.bulk[q])) < 1e-9 * np.max(np.abs(setup.model.bulk[q]))
+
+
+def test_partner_of_a_loss_law_is_kramers_kronig():
+    """(jω)^n has real and imaginary part in the ratio cot(nπ/2); the series about n = 0 joins the formula."""
+    logs = np.linspace(-2.0, 1.0, 7)
+    for n in (0.3, -0.5):
+        causal = (1j * np.exp(logs)) ** n
+        ratio = causal.real / causal.imag * np.exp(n * logs) - 1 / np.tan(n * np.pi / 2)
+        np.testing.assert_allclose(partner(n, logs)[0], ratio - 2 / np.pi * logs, atol=1e-12)
+    for n in (9.99e-4, 1.001e-3):
+        exact = (np.exp(n * logs) - 1) / np.tan(n * np.pi / 2) - 2 / np.pi * logs
+        np.testing.assert_allclose(partner(n, logs)[0], exact, atol=1e-8)
+        difference = (partner(n + 1e-6, logs)[0] - partner(n - 1e-6, logs)[0]) / 2e-6
+        np.testing.assert_allclose(partner(n, logs)[1], difference, atol=2e-3)
+
+
+def test_table_of_effects_is_read_with_units_and_refused_in_one_sentence(setup):
+    from dataclasses import replace
+
+    from femu_piezo.diagnosis.effect import EffectContext
+
+    context = EffectContext(
+        FUNDAMENTAL, ("s11",), setup.material.constants(setup.x), {"length": 0}, DENSITY, SIZE[2], 2e3
+    )
+    table = {"series_resistance": {"resistance": "2 ohm"}, "wrong_insensitive_parameter": {"s12": 0.02, "s13": -0.01}}
+    found = {effect.key: values[0] for effect, values in from_table(table, context, "plate.toml")}
+    assert found == {
+        "series_resistance": 2.0,
+        "wrong_insensitive_parameter:s12": 0.02,
+        "wrong_insensitive_parameter:s13": -0.01,
+    }
+    for wrong, words in (
+        ({"ghost": {"a": 1.0}}, "ghost"),
+        ({"leakage": {"resistance": 1.0}}, "conductance"),
+        ({"leakage": {}}, "conductance"),
+        ({"wrong_width": {"relative_error": 0.01}}, "wrong_width"),
+    ):
+        with pytest.raises(InputError, match=words):
+            from_table(wrong, replace(context), "plate.toml")
