@@ -26,12 +26,17 @@ MASKABLE = ("jump", "spike", "mains", "not_passive")
 _WIDEST_SPIKE, _MOST_CANDIDATES, _ROUNDS = 3, 200, 6
 #: Relative noise below which no instrument is believed.
 _FINEST = 2e-5
+#: |Z| in ohm between which numbers are looked at in detail; others are told by the checks of the whole sweep.
+_SANE = 1e-12, 1e18
 _MAINS_TO, _MAINS = 1100.0, (50.0, 60.0)
 _REMEDY = "measure again, or set mask_faults = true in [measurement] of the specimen file (or --mask-faults)"
 
 
 def local_faults(spectrum: ImpedanceSpectrum) -> list[DataFault]:
     """Jumps, spikes, mains lines and quantised readings of a spectrum, none of them fatal."""
+    magnitude = np.abs(spectrum.impedance)
+    if not _SANE[0] < magnitude.min() <= magnitude.max() < _SANE[1]:
+        return []
     quantised, quantum = _quantised(spectrum)
     found = [quantised] if quantised else []
     if len(spectrum) < _FEWEST:
@@ -108,10 +113,16 @@ def _spikes_once(f: np.ndarray, z: np.ndarray, sigma: np.ndarray) -> dict[int, f
     first = np.sort(np.argsort(distance)[::-1][:_MOST_CANDIDATES])
     first = first[distance[first] > 3]
     found: dict[int, float] = {}
-    for shapes, chosen in ((_SPIKE_WINDOWS, first), (_MAINS_WINDOW, first[_is_mains(f[first])])):
+    mains = _is_mains(f)
+    for shapes, chosen in ((_SPIKE_WINDOWS, first), (_MAINS_WINDOW, first[mains[first] & (first >= 2)])):
         for count in range(1, _WIDEST_SPIKE + 1):
             cases = chosen[chosen + count <= f.size]
-            off = _agreed(f, z, sigma, cases, count, shapes)
+            trusted = sigma
+            if shapes is _MAINS_WINDOW:  # other lines in the window may be off as well: they must not bear witness
+                cases, trusted = cases[mains[cases + count - 1]], np.where(mains, 1e3, 1.0) * sigma
+                if np.sum(mains) > 0.4 * np.sum(f < _MAINS_TO):
+                    continue
+            off = _agreed(f, z, sigma, trusted, cases, count, shapes)
             at_end = (cases < 2) | (cases + count > f.size - 2)  # where the prediction is an extrapolation
             for k, distance_of in zip(cases.tolist(), off.tolist(), strict=True):
                 points = range(k, k + count)
@@ -121,13 +132,13 @@ def _spikes_once(f: np.ndarray, z: np.ndarray, sigma: np.ndarray) -> dict[int, f
     return found
 
 
-def _agreed(f, z, sigma, cases: np.ndarray, count: int, shapes) -> np.ndarray:
+def _agreed(f, z, sigma, trusted, cases: np.ndarray, count: int, shapes) -> np.ndarray:
     """(k,) distance that the majority of the windows reaches, for `count` points left out from each case on."""
     votes, majority = np.zeros((len(shapes), cases.size)), len(shapes) // 2 + 1
     for row, shape in enumerate(shapes):
         hopeful = np.flatnonzero(np.sum(votes > _OFF, axis=0) >= row - (len(shapes) - majority))
         if hopeful.size:
-            distances, rest = left_out(f, z, sigma, cases[hopeful], count, shape)
+            distances, rest = left_out(f, z, sigma, trusted, cases[hopeful], count, shape)
             votes[row, hopeful] = np.where(rest < _DESCRIBED, distances.min(axis=1), 0.0)
     return np.sort(votes, axis=0)[len(shapes) - majority]
 
