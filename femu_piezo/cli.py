@@ -47,10 +47,19 @@ class _Commands(click.Group):
             return super().invoke(ctx)
         except FemuPiezoError as error:
             click.echo(f"femu-piezo: {error}", err=True)
+            _tidy()
             ctx.exit(error.exit_code)
         except KeyboardInterrupt:
-            click.echo("femu-piezo: interrupted; nothing was written", err=True)
+            click.echo("femu-piezo: interrupted", err=True)
+            _tidy()
             ctx.exit(130)
+
+
+def _tidy() -> None:
+    """Leave no empty result folder behind."""
+    from femu_piezo.output.folder import remove_empty_folders
+
+    remove_empty_folders()
 
 
 @click.group(

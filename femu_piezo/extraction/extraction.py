@@ -10,6 +10,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.extraction.findings import (
     Finding,
     find_clipping,
+    find_lossless,
     find_missing,
     find_reversed,
     find_systematic,
@@ -63,6 +64,8 @@ def _extract(spectrum: ImpedanceSpectrum, max_modes: int | None, method: Method)
     used = ~clipped
     if np.count_nonzero(used) < MIN_POINTS:
         return _nothing(spectrum, [too_few_points(spectrum, int(np.count_nonzero(used)), MIN_POINTS), *findings])
+    if lossless := find_lossless(spectrum):
+        return _nothing(spectrum, lossless)
     sweep = spectrum.select(used)
     band = (float(spectrum.frequency[0]), float(spectrum.frequency[-1]))
     if method == "prony_ss":

@@ -16,6 +16,7 @@ CLIPPED_RUN = 4  # so many equal extreme readings side by side are a clipped pea
 # Every code, the gravest first
 CODES = (
     "too_few_points",
+    "lossless",
     "no_resonance",
     "clipped",
     "zero_outside_sweep",
@@ -32,6 +33,17 @@ class Finding:
 
     code: str
     sentence: str
+
+
+def find_lossless(spectrum: ImpedanceSpectrum) -> list[Finding]:
+    """A sweep without any resistance: a simulation of a material without loss, which no instrument can show."""
+    if np.any(np.abs(spectrum.impedance.real) > 1e-9 * np.abs(spectrum.impedance.imag)):
+        return []
+    sentence = (
+        "the sweep has no resistance at all, so its resonances have no width: it is simulated without loss; give the "
+        "material loss tangents such as tan_s11 = 0.015"
+    )
+    return [Finding("lossless", sentence)]
 
 
 def gravest_first(findings: list[Finding]) -> tuple[Finding, ...]:

@@ -38,7 +38,8 @@ class SweepData:
         """Normalise Y (n,) S over ω (n,) rad/s; `scale` carries the sign of the conductance."""
         axis = FrequencyAxis.of(omega)
         charge = admittance / (1j * omega)
-        scale = float(np.median(np.abs(charge)) * np.sign(np.median(admittance.real)))
+        sign = -1.0 if np.median(admittance.real) < 0 else 1.0
+        scale = float(np.median(np.abs(charge)) * sign)
         return cls(axis, axis.x(omega), charge / scale, scale, np.asarray(weight, float))
 
     def __len__(self) -> int:

@@ -46,12 +46,17 @@ class Eigenpairs:
 
     @property
     def kind(self) -> Kind:
+        """ "pole" for short circuit, "zero" for open circuit."""
         return "pole" if self.circuit == "short" else "zero"
 
     @property
     def participation(self) -> np.ndarray:
-        """(k,) share of each mode in the sum |a²/λ| over the modes computed: how strongly the terminals drive it."""
-        weight = np.abs(self.amplitudes**2 / self.eigenvalues)
+        """(k,) share of each mode in the sum |a²/λ| over the modes computed: how strongly the terminals drive it.
+
+        Rigid-body modes of a whole plate (λ = 0 up to rounding) have no share.
+        """
+        elastic = self.eigenvalues.real > 1e-6 * np.abs(self.eigenvalues).max()
+        weight = np.abs(self.amplitudes**2 / np.where(elastic, self.eigenvalues, 1.0)) * elastic
         return weight / weight.sum()
 
     def dominant(self, near_Hz: float | None = None) -> int:
@@ -61,7 +66,7 @@ class Eigenpairs:
         """
         weight = self.participation.copy()
         if near_Hz is not None:
-            frequency = np.sqrt(self.eigenvalues.real) / (2 * np.pi)
+            frequency = np.sqrt(np.abs(self.eigenvalues.real)) / (2 * np.pi)
             weight[(frequency < near_Hz / 2) | (frequency > near_Hz * 2)] = 0.0
         if not weight.max() > 0:
             raise ConvergenceError(f"no {self.circuit}-circuit mode was computed within a factor two of {near_Hz} Hz")
@@ -92,7 +97,7 @@ def solve_eigen(
 
     Raises
     ------
-    ConvergenceError : Arnoldi did not converge, or a residual is above 1e-6 of |λ| ‖Mx‖
+    ConvergenceError : Arnoldi did not converge, or a residual is above 1e-8 of the diagonal of K times ‖x‖
     """
     stiffness = model.stiffness(constants, extra)
     size = model.size - (circuit == "short")

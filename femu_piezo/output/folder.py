@@ -13,16 +13,29 @@ from matplotlib.figure import Figure
 from femu_piezo.errors import InputError
 from femu_piezo.files import write_atomically
 
+_made: list[Path] = []
+
 
 def prepare_folder(out: Path) -> Path:
     """Create the result folder, so that a wrong place is known before the work; InputError where it cannot be."""
     try:
-        out.mkdir(parents=True, exist_ok=True)
+        if not out.exists():
+            out.mkdir(parents=True)
+            _made.append(out)
+        out.mkdir(exist_ok=True)
     except OSError as error:
         raise InputError(f"{out}: cannot be used as result folder ({error.strerror}); choose another --out") from None
     if not os.access(out, os.W_OK):
         raise InputError(f"{out}: the folder cannot be written to; choose another --out")
     return out
+
+
+def remove_empty_folders() -> None:
+    """Remove the folders that `prepare_folder` made and nothing was written to: a refused run leaves nothing."""
+    while _made:
+        folder = _made.pop()
+        if folder.is_dir() and not any(folder.iterdir()):
+            folder.rmdir()
 
 
 def write_json(path: Path, record: dict) -> None:

@@ -17,6 +17,7 @@ class Clock:
         self._last, self._name = time.perf_counter(), None
 
     def step(self, name: str | None) -> None:
+        """End the running step and begin the next; None ends the last."""
         now = time.perf_counter()
         if self._name is not None:
             self.seconds[self._name] = round(self.seconds.get(self._name, 0.0) + now - self._last, 4)

@@ -31,7 +31,7 @@ from femu_piezo.updating.parameters import Estimate, FreeConstants, MaterialPara
 
 #: Mesh error (relative, of eigenvalues at the end of the sweep) and error of the reduced model, as shares of the noise,
 #: and the ranges they are kept in.
-_MESH_SHARE, _MESH_RANGE = 1 / 30, (1e-5, 1e-4)
+_MESH_SHARE, _MESH_RANGE = 1 / 60, (5e-6, 1e-4)
 _BASIS_SHARE, _BASIS_RANGE = 1 / 30, (5e-6, 5e-5)
 #: Relative range of the free and of the held constants that the basis is trained for, and how far a base fit may
 #: leave the first before the basis is made anew.

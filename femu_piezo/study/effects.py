@@ -62,6 +62,7 @@ class EffectCurve:
     effects: tuple[tuple[Effect, np.ndarray], ...]
     spectrum: ImpedanceSpectrum
     relative_noise: np.ndarray
+    measured = True
 
     def residual(self, parameters: MaterialParameters, x: np.ndarray) -> np.ndarray:
         z = self.impedance(parameters, x, self.spectrum.omega)

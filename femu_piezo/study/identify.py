@@ -63,6 +63,8 @@ class IdentifyResult:
         )
 
     def to_json(self) -> dict:
+        """Contents of identifiability.json; null for what is infinite."""
+
         def finite(value: float) -> float | None:
             return float(value) if np.isfinite(value) else None
 

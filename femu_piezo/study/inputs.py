@@ -95,7 +95,10 @@ def prepare(specimen: Specimen, *, check: bool = True) -> Problem:
     check : refuse constants of no stable, passive material; False where they are only a start
     """
     where = str(specimen.path or specimen.name)
-    base = library_material(specimen.material.base) if specimen.material.base else None
+    try:
+        base = library_material(specimen.material.base) if specimen.material.base else None
+    except InputError as error:
+        raise InputError(f"{where}: material.base: {error}") from None
     density = specimen.geometry.density or (base.density if base else None)
     if density is None:
         raise InputError(f'{where}: geometry.density is missing and there is no base material; write "7800 kg/m^3"')

@@ -9,6 +9,7 @@ import numpy as np
 from femu_piezo.errors import InputError
 from femu_piezo.extraction import Extraction, extract
 from femu_piezo.extraction.roots import Pair
+from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
@@ -16,10 +17,13 @@ from femu_piezo.specimen import Specimen, Update
 from femu_piezo.study.inputs import Problem, prepare
 from femu_piezo.study.starts import has_uniform_field, start_permittivity, start_values
 from femu_piezo.updating.pole_zero import static_permittivity
+from femu_piezo.updating.start import bar_coupling
 
 #: A sweep reaches low frequency where it starts below this share of the fundamental pole: there the plate is free
 #: and uniform, and the error of eq 41 is about k² (f/f_p)² ≈ 2e-4.
 LOW_FREQUENCY_SHARE = 0.03
+#: Points below this share of the pole enter the mean; the known rise of a bar, 2e-3 k² there, is taken out.
+LOW_POINTS_SHARE = 0.05
 #: Eigenvalue error allowed at the end of the sweep when only the fundamental is fitted: the curve is then a picture.
 _PICTURE_ACCURACY = 1e-3
 #: Share of the strongest coupling from which a pair may be the fundamental.
@@ -70,7 +74,7 @@ class Measured:
     @property
     def permittivity_covariance(self) -> np.ndarray:
         """(2, 2) covariance of (Re, Im) of `permittivity` by the noise of the points it is the mean of, (F/m)²."""
-        noise = self.relative_noise[_static_points(self.fitted, self.pair)]
+        noise = self.relative_noise[_low_points(self.problem, self.fitted, self.pair)]
         variance = abs(self.permittivity) ** 2 * float(np.mean(noise**2)) / noise.size
         return np.eye(2) * variance / 2
 
@@ -89,9 +93,8 @@ class Measured:
         picture = self.band_Hz * (accuracy / max(accuracy, _PICTURE_ACCURACY)) ** 0.25
         return self.problem.equivalent_frequency(float(max(exact_up_to, picture)), accuracy)
 
-    def start_values(self) -> dict[str, complex]:
-        """Free constants that the sweep gives by thin-body formulas."""
-        free = self.problem.specimen.material.free
+    def start_values(self, free: tuple[str, ...]) -> dict[str, complex]:
+        """Those of the free constants that the sweep gives by thin-body formulas."""
         values = {}
         if "eps33T" in free:
             values["eps33T"] = self._start_permittivity()
@@ -143,20 +146,42 @@ def fundamental_pair(extraction: Extraction, spectrum: ImpedanceSpectrum) -> Pai
 
 
 def _low_permittivity(problem: Problem, spectrum: ImpedanceSpectrum, pair: Pair) -> complex | None:
-    """Mean permittivity of the first point and all below 1 % of the pole, where the body is static to 2e-5.
+    """Mean permittivity of the low points; None where the sweep has none or the static field is not uniform.
 
-    None where the sweep does not reach so low, or the field is not uniform.
+    A reading far from the others (five of their robust deviations) is left out where there are enough to tell.
     """
     if spectrum.frequency[0] > LOW_FREQUENCY_SHARE * pair.pole.frequency_Hz or not has_uniform_field(problem.plate):
         return None
-    low = _static_points(spectrum, pair)
+    low = _low_points(problem, spectrum, pair)
     gap, area = problem.plate.electrode_gap, problem.plate.electrode_area
-    return complex(np.mean(static_permittivity(spectrum.frequency[low], spectrum.impedance[low], gap, area)))
+    frequency = spectrum.frequency[low]
+    apparent = static_permittivity(frequency, spectrum.impedance[low], gap, area)
+    values = apparent / (1 + _quasistatic_rise(problem, pair, frequency))
+    distance = np.abs(values - (np.median(values.real) + 1j * np.median(values.imag)))
+    if values.size >= 5:
+        values = values[distance <= 5 * max(np.median(distance) / 0.83, 1e-9 * abs(values[0]))]
+    return complex(np.mean(values))
 
 
-def _static_points(spectrum: ImpedanceSpectrum, pair: Pair) -> np.ndarray:
-    """(k,) bool: the first point and all below 1 % of the pole, where the body is static to 2e-5."""
-    return spectrum.frequency <= max(spectrum.frequency[0], 0.01 * pair.pole.frequency_Hz)
+def _low_points(problem: Problem, spectrum: ImpedanceSpectrum, pair: Pair) -> np.ndarray:
+    """(k,) bool: the points below 5 % of the pole for a bar, whose rise is known; below 1 % for other bodies."""
+    share = LOW_POINTS_SHARE if isinstance(problem.plate, Plate) else 0.01
+    return spectrum.frequency <= max(spectrum.frequency[0], share * pair.pole.frequency_Hz)
+
+
+def _quasistatic_rise(problem: Problem, pair: Pair, frequency: np.ndarray) -> np.ndarray:
+    """Relative rise of the capacitance towards the resonance, k² X²/3 with X = (π/2) f/f_p (bar, tan X/X ≈ 1 + X²/3).
+
+    For a k33 bar k²/(1 − k²) X²/3 with X = (π/2) f/f_z. Zero for bodies other than bars.
+    """
+    if not isinstance(problem.plate, Plate):
+        return np.zeros(frequency.shape)
+    if problem.plate.poling == "length":
+        x = np.pi / 2 * frequency / pair.zero.frequency_Hz
+        k2 = bar_coupling("length", pair.pole.frequency_Hz, pair.zero.frequency_Hz)
+        return k2 / (1 - k2) * x**2 / 3
+    x = np.pi / 2 * frequency / pair.pole.frequency_Hz
+    return bar_coupling("thickness", pair.pole.frequency_Hz, pair.zero.frequency_Hz) * x**2 / 3
 
 
 def start_constants(measured: list[Measured]) -> PiezoConstants:
@@ -164,7 +189,7 @@ def start_constants(measured: list[Measured]) -> PiezoConstants:
     problem = measured[0].problem
     constants = problem.constants
     for one in measured:
-        constants = constants.with_values(**one.start_values())
+        constants = constants.with_values(**one.start_values(problem.specimen.material.free))
     constants = problem.simplified(constants)
     where = f"{problem.specimen.path}: with the start values of the thin body"
     return constants.check(where, passive=False)

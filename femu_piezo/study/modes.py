@@ -46,6 +46,7 @@ class DrivenMode:
         return None if self.zero is None else effective_coupling(self.pole, self.zero)
 
     def to_json(self) -> dict:
+        """Pole, zero, families and k_eff, JSON types only."""
         record = {
             "pole": _record(self.pole, self.pole_family),
             "zero": None if self.zero is None else _record(self.zero, self.zero_family),
@@ -69,6 +70,7 @@ class ModesResult:
     band: tuple[float, float]
 
     def to_json(self) -> dict:
+        """Contents of modes.json."""
         return {
             "specimen": self.specimen.name,
             "band_Hz": list(self.band),

@@ -46,6 +46,7 @@ class Outcome:
 
     @property
     def rms_after(self) -> float:
+        """rms |Δ log Z| of the updated model over the whole sweep."""
         return rms_log_error(self.updated_curve, self.measured.spectrum.impedance)
 
     def records(self, kind: str) -> list[dict]:

@@ -31,6 +31,7 @@ class SimulationResult:
     unknowns: int
 
     def to_json(self) -> dict:
+        """Contents of simulation.json."""
         return {
             "specimen": self.specimen.name,
             "poles": [resonance.to_json() for resonance in self.poles],

@@ -57,6 +57,7 @@ class Run:
         self._problem = measured[0].problem
 
     def solve(self, start: PiezoConstants, method: str) -> State:
+        """Iterate from start constants by "pole_zero" or "curve"; ConvergenceError where it does not settle."""
         state, anchor = None, None
         constants = start
         for _ in range(6):
@@ -135,7 +136,7 @@ class Run:
         wish = self._problem.specimen.update or Update()
         blocks = [*curves, self._prior(parameters), Passivity()]
         solution = fit(blocks, parameters, state.theta, noise_known=known, loss=wish.loss)
-        if not known:
+        if solution.noise_scale != 1.0:
             solution = replace(solution, groups=_correlated_groups(curves, solution))
         from_data = [curve.jacobian(parameters, solution.x) / solution.noise_scale for curve in curves]
         weak = weak_prior(parameters, solution.theta).jacobian(parameters, solution.x)

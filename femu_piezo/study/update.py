@@ -11,16 +11,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from femu_piezo.errors import InputError
 from femu_piezo.specimen import Specimen, Update
 from femu_piezo.study.bases import Bases
 from femu_piezo.study.clock import Clock, Progress
 from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, baseline_constants, measure, start_constants
-from femu_piezo.study.results import UpdateResult
+from femu_piezo.study.results import Outcome, UpdateResult
 from femu_piezo.study.solving import Run, State
 from femu_piezo.study.starts import pair_names
 from femu_piezo.updating.parameters import Estimate, estimates
+
+#: rms |Δ log Z| of an updated model that is told as poor where it is also well above the noise.
+_POOR = 0.01
 
 
 def update(
@@ -63,7 +68,7 @@ def update(
         method=method,
         fit=state.fit,
         known=state.known,
-        notes=(*baseline_notes, *_notes(measured, state)),
+        notes=(*baseline_notes, *_notes(measured, state, outcomes)),
         seconds=clock.seconds,
     )
 
@@ -102,11 +107,25 @@ def _parameters(state: State) -> dict[str, Estimate]:
     return dict(zip(state.free.names, estimates(state.theta, state.covariance), strict=True))
 
 
-def _notes(measured: list[Measured], state: State) -> tuple[str, ...]:
-    notes = [note for one in measured for note in (*one.spectrum.notes, *one.extraction.notes)]
+def _notes(measured: list[Measured], state: State, outcomes: tuple[Outcome, ...]) -> tuple[str, ...]:
+    notes = [note for one in measured for note in one.spectrum.notes]
+    notes += [f"poles and zeros: {note}" for one in measured for note in one.extraction.notes]
     notes += [f"updated constants: {fault}" for fault in state.constants.physical_faults(tolerance=1e-3)]
     if state.known is not None:
         loose = [name for name in state.known.names if state.known.verdict(name) == "not"]
         if loose:
-            notes.append(f"the data do not determine {', '.join(loose)}: these stand where the weak prior holds them")
+            notes.append(f"the data do not determine {', '.join(loose)}: these stand where the prior holds them")
+    if state.fit is not None and state.fit.noise_scale > 1 and all(one.noise_known for one in measured):
+        notes.append(
+            f"the sweep misses the model by {state.fit.noise_scale:.3g} times its stated noise: the standard "
+            "deviations are those of this misfit, not of the noise"
+        )
+    for one, outcome in zip(measured, outcomes, strict=True):
+        noise = float(np.median(one.relative_noise))
+        if outcome.rms_after > max(_POOR, 5 * noise):
+            notes.append(
+                f"{one.problem.specimen.name}: the updated model still misses the sweep by "
+                f"{100 * outcome.rms_after:.2g} % rms where its noise is {100 * noise:.2g} %: look at "
+                "the curve before using the constants"
+            )
     return tuple(notes)

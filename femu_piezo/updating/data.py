@@ -22,9 +22,13 @@ from femu_piezo.updating.parameters import MaterialParameters
 
 
 class DataBlock(Protocol):
-    """Residuals of one kind of data."""
+    """Residuals of one kind of data.
+
+    `measured` tells data, whose noise may be learned from their misfit, from priors and walls.
+    """
 
     name: str
+    measured: bool
 
     def residual(self, parameters: MaterialParameters, x: np.ndarray) -> np.ndarray:
         """(k,) real, whitened."""
@@ -53,6 +57,7 @@ class CurveData:
     reduced: ReducedModel
     spectrum: ImpedanceSpectrum
     relative_noise: np.ndarray
+    measured = True
 
     @property
     def _weight(self) -> np.ndarray:
@@ -83,28 +88,29 @@ class PoleZeroData:
 
     name: str
     reduced: ReducedModel
-    measured: ResonanceSet
+    resonances: ResonanceSet
+    measured = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_factor", np.linalg.cholesky(self._covariance()))
 
     def _covariance(self) -> np.ndarray:
-        if self.measured.covariance is not None:
-            return self.measured.covariance
-        resonances = (*self.measured.poles, *self.measured.zeros)
+        if self.resonances.covariance is not None:
+            return self.resonances.covariance
+        resonances = (*self.resonances.poles, *self.resonances.zeros)
         spread = np.repeat([1e-4 * abs(resonance.eigenvalue) for resonance in resonances], 2)
         return np.diag(spread**2)
 
     def _matched(self, parameters: MaterialParameters, x: np.ndarray):
         modal = self.reduced.modal(parameters.constants(x).to_e_form())
-        poles = match(self.measured.poles, modal.eigenvalues, modal.charges)
-        zeros = match(self.measured.zeros, modal.zeros[0], modal.zero_amplitudes)
+        poles = match(self.resonances.poles, modal.eigenvalues, modal.charges)
+        zeros = match(self.resonances.zeros, modal.zeros[0], modal.zero_amplitudes)
         return modal, poles, zeros
 
     def residual(self, parameters: MaterialParameters, x: np.ndarray) -> np.ndarray:
         modal, poles, zeros = self._matched(parameters, x)
         model = np.concatenate([modal.eigenvalues[poles], modal.zeros[0][zeros]])
-        data = np.array([r.eigenvalue for r in (*self.measured.poles, *self.measured.zeros)])
+        data = np.array([r.eigenvalue for r in (*self.resonances.poles, *self.resonances.zeros)])
         difference = np.stack([(model - data).real, (model - data).imag], axis=1).ravel()
         return solve_triangular(self._factor, difference, lower=True)
 
@@ -122,6 +128,7 @@ class Prior:
 
     values: Mapping[str, tuple[float, float]]
     name: str = "prior"
+    measured = False
 
     def residual(self, parameters: MaterialParameters, x: np.ndarray) -> np.ndarray:
         return np.array([(self._value(parameters, x, name) - m) / s for name, (m, s) in self.values.items()])
@@ -143,12 +150,15 @@ class Prior:
 class Passivity:
     """Holland's condition as a wall: residual = most negative eigenvalue of the loss matrix / tolerance, 0 inside.
 
+    The Jacobian takes the normalisation of the loss matrix as constant, which is enough for a wall.
+
     The loss matrix is −Im of the d-form matrix scaled to a unit diagonal of its real part; a violation of one
     tolerance costs as much as one standard deviation of the data.
     """
 
     tolerance: float = 1e-4
     name: str = "passivity"
+    measured = False
 
     def residual(self, parameters: MaterialParameters, x: np.ndarray) -> np.ndarray:
         return np.array([min(0.0, value) / self.tolerance for value, _ in self._lowest(parameters, x)])
@@ -175,14 +185,14 @@ class Passivity:
 
 
 def rms_log_error(model: np.ndarray, data: np.ndarray) -> float:
-    """Root mean square of |log Z_model − log Z_data| over a sweep, dimensionless."""
+    """Root mean square of |log Z_model − log Z_data| over a sweep (k,), dimensionless."""
     return float(np.sqrt(np.mean(np.abs(np.log(model / data)) ** 2)))
 
 
 def weak_prior(parameters: MaterialParameters, start: np.ndarray, real: float = 0.5, tangent: float = 0.05) -> Prior:
     """What is believed of any ceramic before measuring: real parts within ±50 % of the start, tangents 0.02 ± 0.05.
 
-    It holds constants that the data do not determine, and is far too weak to move those they do.
+    `start`: (n,) complex θ. It holds constants that the data do not determine, and is far too weak to move the others.
     """
     values = {}
     for name, value in zip(parameters.free.names, start, strict=True):

@@ -15,7 +15,7 @@ _STRENGTH_COST = 0.05
 
 
 def match(measured: Sequence[Resonance], eigenvalues: np.ndarray, amplitudes: np.ndarray) -> np.ndarray:
-    """Index of the model mode of each measured resonance, one to one.
+    """Index (k,) of the model mode of each measured resonance, one to one; λ and amplitudes a of the model (m,).
 
     Minimises Σ |log λ_model/λ_measured| + 0.05 |log strength ratio| over all assignments, where the strength
     |a²/λ| is relative to the strongest of each side; measured strengths come from the residues where known.
@@ -35,8 +35,10 @@ def match(measured: Sequence[Resonance], eigenvalues: np.ndarray, amplitudes: np
     distance = np.abs(np.log(eigenvalues.real[usable][None, :] / data[:, None]))
     seen = [resonance.residue for resonance in measured]
     if all(residue is not None for residue in seen):
-        # the residue of Y (of Z) at p is admittance_factor·a²/2 (1/2 with the opposite sign): a² up to a factor
-        weight = np.log(np.abs(np.array(seen)) / data)
+        # residue of Y at a pole ∝ a²/2, of Z at a zero ∝ a²/(2λ): the strength |a²/λ| up to a common factor
+        weight = np.log(np.abs(np.array(seen)))
+        if measured[0].kind == "pole":
+            weight -= np.log(data)
         model = np.log(strength[usable])
         distance += _STRENGTH_COST * np.abs((model - model.max())[None, :] - (weight - weight.max())[:, None])
     rows, columns = linear_sum_assignment(distance)

@@ -30,6 +30,7 @@ class Estimate:
     tan_std: float | None
 
     def to_json(self) -> dict[str, float | None]:
+        """value, std, tan, tan_std as in update.json."""
         return {"value": self.value, "std": self.std, "tan": self.tan, "tan_std": self.tan_std}
 
 
@@ -144,6 +145,7 @@ class FreeConstants:
         return replace(self, start=np.array(theta, dtype=complex))
 
     def as_dict(self, theta: np.ndarray) -> dict[str, complex]:
+        """Free θ (n,) by name, SI."""
         return {name: complex(value) for name, value in zip(self.names, theta, strict=True)}
 
 
@@ -168,6 +170,7 @@ class MaterialParameters:
 
     @classmethod
     def around(cls, free: FreeConstants, theta: np.ndarray) -> MaterialParameters:
+        """Unknowns that are 1 at complex θ (n,)."""
         return cls(free, np.array(theta.real, dtype=float))
 
     @property

@@ -158,7 +158,8 @@ def update_pair(
 ) -> PoleZeroUpdate:
     """Complex Newton iteration for two free constants of the full model: Σ (∂λ_i/∂θ_n) δθ_n = λ_i' − λ_i (app. A).
 
-    Steps that would change a constant by more than 40 % are shortened. Errors as `update_simplified`.
+    `measured`: (2,) complex λ. Steps that would change a constant by more than 40 % are shortened. Errors as
+    `update_simplified`.
     """
     measured = np.asarray(measured, dtype=complex)
     near = float(np.sqrt(measured[0].real)) / (2 * np.pi)

@@ -40,7 +40,7 @@ class Posterior:
 def sample_posterior(
     blocks: Sequence[DataBlock], solution: Fit, *, steps: int = 2000, walkers: int | None = None, seed: int = 0
 ) -> Posterior:
-    """Sample exp(−½ Σ residual²/noise_scale²) from the solution of a fit by affine-invariant ensemble sampling.
+    """Sample exp(−½ Σ residual²), data in units of the noise reached, by affine-invariant ensemble sampling.
 
     Parameters
     ----------
@@ -63,8 +63,9 @@ def sample_posterior(
     def log_probability(x: np.ndarray) -> float:
         if np.any(x <= lower) or np.any(x >= upper):
             return -np.inf
-        residual = np.concatenate([block.residual(parameters, x) for block in blocks])
-        return float(-0.5 * residual @ residual / solution.noise_scale**2)
+        parts = zip(blocks, solution.block_scales, strict=True)
+        residual = np.concatenate([block.residual(parameters, x) / scale for block, scale in parts])
+        return float(-0.5 * residual @ residual)
 
     size = solution.x.size
     walkers = walkers or 4 * size

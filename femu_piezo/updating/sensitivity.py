@@ -34,7 +34,7 @@ class Sensitivity:
 
 
 def sensitivity(title: str, reduced: ReducedModel, constants: PiezoConstants, frequency_Hz: np.ndarray) -> Sensitivity:
-    """∂log Z/∂log θ = −(θ/Y) Σ_q ∂Y/∂c_q ∂c_q/∂θ at given constants."""
+    """∂log Z/∂log θ = −(θ/Y) Σ_q ∂Y/∂c_q ∂c_q/∂θ at given constants and frequencies (k,), Hz."""
     omega = 2 * np.pi * np.asarray(frequency_Hz)
     modal = reduced.modal(constants.to_e_form())
     admittance = modal.admittance(omega)

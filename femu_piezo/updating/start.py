@@ -16,6 +16,15 @@ from scipy.special import jv
 from femu_piezo.material.simplified import Poling
 
 
+def bar_coupling(poling: Poling, pole_Hz: float, zero_Hz: float) -> float:
+    """k31² (poling "thickness") or k33² ("length") of a bar with this pole and zero."""
+    half = np.pi / 2
+    if poling == "length":
+        return float(half * pole_Hz / zero_Hz * np.tan(half * (zero_Hz - pole_Hz) / zero_Hz))
+    ratio = half * zero_Hz / pole_Hz * np.tan(half * (zero_Hz - pole_Hz) / pole_Hz)
+    return float(ratio / (1 + ratio))
+
+
 def bar_start(
     poling: Poling, length: float, density: float, pole_Hz: float, zero_Hz: float, eps33T: float
 ) -> dict[str, float]:
@@ -29,13 +38,10 @@ def bar_start(
     -------
     name → SI value; d31 negative, d33 positive, as in every common ceramic
     """
-    half = np.pi / 2
+    k2 = bar_coupling(poling, pole_Hz, zero_Hz)
     if poling == "thickness":
-        ratio = half * zero_Hz / pole_Hz * np.tan(half * (zero_Hz - pole_Hz) / pole_Hz)
-        k2 = ratio / (1 + ratio)
         s11 = 1 / (4 * density * length**2 * pole_Hz**2)
         return {"s11": s11, "d31": -float(np.sqrt(k2 * s11 * eps33T))}
-    k2 = half * pole_Hz / zero_Hz * np.tan(half * (zero_Hz - pole_Hz) / zero_Hz)
     s33 = 1 / (4 * density * length**2 * zero_Hz**2 * (1 - k2))
     return {"s33": s33, "d33": float(np.sqrt(k2 * s33 * eps33T))}
 
@@ -48,14 +54,12 @@ def bar_permittivity(
     Solves the bar formulas below for ε33T: Im Y = ω ε33T A/d [1 − k² + k² tan X/X] with X = (π/2) f/f_p for k31,
     Im Y = ω ε33T A/d (1 − k²)/[1 − k² tan X/X] with X = (π/2) f/f_z for k33.
     """
-    half = np.pi / 2
+    k2 = bar_coupling(poling, pole_Hz, zero_Hz)
     if poling == "thickness":
-        ratio = half * zero_Hz / pole_Hz * np.tan(half * (zero_Hz - pole_Hz) / pole_Hz)
-        k2, x = ratio / (1 + ratio), half * frequency_Hz / pole_Hz
+        x = np.pi / 2 * frequency_Hz / pole_Hz
         share = 1 - k2 + k2 * np.tan(x) / x
     else:
-        k2 = half * pole_Hz / zero_Hz * np.tan(half * (zero_Hz - pole_Hz) / zero_Hz)
-        x = half * frequency_Hz / zero_Hz
+        x = np.pi / 2 * frequency_Hz / zero_Hz
         share = (1 - k2) / (1 - k2 * np.tan(x) / x)
     return float(admittance.imag * gap / (2 * np.pi * frequency_Hz * area * share))
 
