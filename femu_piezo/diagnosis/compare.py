@@ -1,7 +1,8 @@
 """Every candidate effect fitted with all free constants, compared by evidence; forward search for further ones.
 
-An effect is accepted where the evidence gains more than its price: BIC pays for the parameter, 2 ln N for having
-chosen among N candidates, and a margin against errors of model and noise that are no effect.
+An effect is accepted where it predicts bands that the fit did not see better than the model without it, and the
+evidence gains more than its price: BIC pays for the parameter, 2 ln N for having chosen among N candidates, and a
+margin against errors of model and noise that are no effect. The weak prior of every parameter counts in χ².
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ def compare(
     for number in range(most):
         tried = _try_all(evaluation, data, current, [e for e in library if e not in chosen], progress, number)
         singles = singles or tried
-        sound = [(effect, fit) for effect, fit in tried if fit is not None]
+        sound = [(e, fit) for e, fit in tried if fit is not None and fit.held_out_score < current.held_out_score]
         if not sound:
             break
         effect, fit = min(sound, key=lambda item: item[1].bic)

@@ -26,7 +26,7 @@ def dimension_effect(name: str, context: EffectContext) -> tuple[Effect, ...]:
         Effect(
             name=f"wrong_{name}",
             sentence=f"the {name} in the specimen file is not that of the specimen",
-            parameters=(EffectParameter("relative_error", "1", -0.1, 0.1, 0.005),),
+            parameters=(EffectParameter("relative_error", "1", -0.1, 0.1, 0.005, 0.02),),
             confusable_with=_CONFUSABLE[name],
             advice=(
                 f"measure the {name} with a micrometer",

@@ -43,6 +43,8 @@ class EffectParameter:
     unit : in words of SI, "1" for a pure number
     low, high : bounds of a fit; 0 (or `rest`) lies between: there the effect vanishes
     scale : a usual size, the unit of the fit
+    spread : how far from `rest` such effects usually are, the standard deviation of a weak prior: of two causes that
+        explain a sweep alike the one of plausible size is the better
     starts : further values to start a fit from, beside the one that linearisation at `rest` gives
     rest : the value at which the effect vanishes
     """
@@ -52,6 +54,7 @@ class EffectParameter:
     low: float
     high: float
     scale: float
+    spread: float
     starts: tuple[float, ...] = ()
     rest: float = 0.0
 
@@ -122,6 +125,11 @@ class Effect:
     def scale(self) -> np.ndarray:
         """(n,) unit of each parameter in a fit."""
         return np.array([parameter.scale for parameter in self.parameters])
+
+    @property
+    def spread(self) -> np.ndarray:
+        """(n,) standard deviation of each parameter's weak prior."""
+        return np.array([parameter.spread for parameter in self.parameters])
 
     @property
     def bounds(self) -> np.ndarray:

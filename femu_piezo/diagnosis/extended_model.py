@@ -50,6 +50,7 @@ class ExtendedModel:
 
     @property
     def size(self) -> int:
+        """Number of reduced unknowns."""
         return self.bulk.shape[1]
 
 
@@ -79,7 +80,8 @@ def extend_model(
     lossless = training[0].lossless()
     for term in terms:
         for value in term.training:
-            points.append((lossless, {term.name: -top * value if term.kind == "inertia" else value}))
+            # a mass leads along the same states as a spring, which makes no mode of negative stiffness
+            points.append((lossless, {term.name: 0.3 * top * value if term.kind == "inertia" else value}))
     for axis in range(3) if stretching else ():
         s = 1 + _STRETCH
         points.append((lossless, {f"stretch_{axis}_0": s - 1, f"stretch_{axis}_2": 1 / s - 1}))

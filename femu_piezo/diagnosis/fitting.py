@@ -39,9 +39,11 @@ class SweepData:
 
     @property
     def weight(self) -> np.ndarray:
+        """(k,) √2/σ of the relative noise."""
         return np.sqrt(2.0) / self.relative_noise
 
     def select(self, keep: np.ndarray) -> SweepData:
+        """The points where `keep` says so."""
         return replace(self, impedance=self.impedance[keep], relative_noise=self.relative_noise[keep])
 
 
@@ -53,8 +55,8 @@ class JointFit:
     ----------
     x : (n_x,) solution
     residual : (2k,) whitened (log Z_model − log Z)/σ, Re then Im
-    jacobian : (2k, n_x)
-    penalty : squared residuals of the prior
+    jacobian : (2k, n_x) of the data;  prior_jacobian : (m, n_x) of the priors
+    penalty : squared residuals of the priors
     on_bound : names of the unknowns that ended on a bound
     """
 
@@ -62,6 +64,7 @@ class JointFit:
     x: np.ndarray
     residual: np.ndarray
     jacobian: np.ndarray
+    prior_jacobian: np.ndarray
     penalty: float
     on_bound: tuple[str, ...]
     data: SweepData
@@ -73,6 +76,7 @@ class JointFit:
 
     @property
     def freedom(self) -> int:
+        """Residuals minus unknowns."""
         return self.residual.size - self.x.size
 
     @property
@@ -91,11 +95,13 @@ class JointFit:
     @cached_property
     def covariance(self) -> np.ndarray:
         """(n_x, n_x), scaled by the misfit."""
-        _, singular, rotation = np.linalg.svd(self.jacobian, full_matrices=False)
+        whole = np.concatenate([self.jacobian, self.prior_jacobian])
+        _, singular, rotation = np.linalg.svd(whole, full_matrices=False)
         return self.noise_scale**2 * (rotation.T / singular**2) @ rotation
 
     @property
     def std(self) -> np.ndarray:
+        """(n,) standard deviations of the unknowns."""
         return np.sqrt(np.diag(self.covariance))
 
     def predicted(self, bands: int = _BANDS) -> np.ndarray:
@@ -104,7 +110,7 @@ class JointFit:
         Linear: (I − H_bb)^-1 r_b with the hat matrix H = J (JᵗJ)^-1 Jᵗ.
         """
         k = self.residual.size // 2
-        basis = np.linalg.svd(self.jacobian, full_matrices=False)[0]
+        basis = np.linalg.svd(np.concatenate([self.jacobian, self.prior_jacobian]), full_matrices=False)[0][: 2 * k]
         found = np.empty(2 * k)
         for points in np.array_split(np.arange(k), bands):
             rows = np.concatenate([points, points + k])
@@ -112,7 +118,7 @@ class JointFit:
             found[rows] = np.linalg.lstsq(np.eye(rows.size) - hat, self.residual[rows], rcond=1e-10)[0]
         return found[:k] + 1j * found[k:]
 
-    @property
+    @cached_property
     def held_out_score(self) -> float:
         """rms of the leave-band-out prediction, in σ: about 1 for a right model."""
         return float(np.sqrt(np.mean(np.abs(self.predicted()) ** 2) / 2))
@@ -146,9 +152,10 @@ class _Problem:
             own = x[: 2 * material.scale.size]
             rows = np.zeros((len(self._data.prior.values), x.size))
             rows[:, : own.size] = self._data.prior.jacobian(material, own)
+            pull, slopes = self._parameters.prior(x)
             self._last = (
-                np.concatenate([residual, self._data.prior.residual(material, own)]),
-                np.concatenate([jacobian, rows]),
+                np.concatenate([residual, self._data.prior.residual(material, own), pull]),
+                np.concatenate([jacobian, rows, slopes]),
             )
         return self._last
 
@@ -195,6 +202,7 @@ def fit_joint(
         x=best.x,
         residual=best.fun[:rows],
         jacobian=best.jac[:rows],
+        prior_jacobian=best.jac[rows:],
         penalty=float(best.fun[rows:] @ best.fun[rows:]),
         on_bound=tuple(parameters.names[i] for i in np.flatnonzero(best.active_mask)),
         data=data,

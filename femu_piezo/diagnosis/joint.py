@@ -27,6 +27,7 @@ class JointParameters:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Names of all unknowns, of the material first."""
         own = tuple(f"{effect.key}.{p.name}" for effect in self.effects for p in effect.parameters)
         return self.material.names + own
 
@@ -34,6 +35,16 @@ class JointParameters:
     def scale(self) -> np.ndarray:
         """(n_p,) units of the effects' parameters."""
         return np.concatenate([effect.scale for effect in self.effects]) if self.effects else np.zeros(0)
+
+    def prior(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(n_p,) residuals (p − rest)/spread of the effects' weak priors, and their Jacobian (n_p, n_x)."""
+        if not self.effects:
+            return np.zeros(0), np.zeros((0, x.size))
+        rest, spread = (np.concatenate([getattr(e, part) for e in self.effects]) for part in ("rest", "spread"))
+        start = 2 * self.material.scale.size
+        slopes = np.zeros((rest.size, x.size))
+        slopes[:, start:] = np.diag(self.scale / spread)
+        return (x[start:] * self.scale - rest) / spread, slopes
 
     @property
     def bounds(self) -> np.ndarray:
@@ -43,9 +54,11 @@ class JointParameters:
 
     @property
     def count(self) -> int:
+        """Number of unknowns."""
         return 2 * self.material.scale.size + self.scale.size
 
     def with_effect(self, effect: Effect) -> JointParameters:
+        """The same unknowns and those of one more effect."""
         return replace(self, effects=(*self.effects, effect))
 
     def values(self, x: np.ndarray) -> list[np.ndarray]:

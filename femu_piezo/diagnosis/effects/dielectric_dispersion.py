@@ -33,7 +33,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         Effect(
             name="dielectric_dispersion",
             sentence="ε33T falls with frequency, by a constant share per decade",
-            parameters=(EffectParameter("fall_per_decade", "1", -0.1, 0.4, 0.01),),
+            parameters=(EffectParameter("fall_per_decade", "1", -0.1, 0.4, 0.01, 0.1),),
             confusable_with=("eps33T", "series_inductance", "leakage"),
             advice=("measure over two more decades towards low frequency, where no resonance disturbs",),
             constants=constants,

@@ -61,7 +61,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             name="frequency_dependent_elastic_loss",
             law=law,
             sentence=_SENTENCE + words,
-            parameters=(EffectParameter(name, "1", -1.5, 1.5, 0.3),),
+            parameters=(EffectParameter(name, "1", -1.5, 1.5, 0.3, 1.0),),
             confusable_with=("wrong_insensitive_parameter", "tan_s11"),
             advice=("measure up to the next overtones: each new mode is one more loss",),
             constants=_hook(anchor, causal),

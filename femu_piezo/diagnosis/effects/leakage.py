@@ -19,7 +19,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         Effect(
             name="leakage",
             sentence="a conductance leaks parallel to the specimen (surface, moisture, fixture)",
-            parameters=(EffectParameter("conductance", "S", -0.1 * typical, typical, 1e-3 * typical),),
+            parameters=(EffectParameter("conductance", "S", -0.1 * typical, typical, 1e-3 * typical, 0.05 * typical),),
             confusable_with=("tan_eps33T", "dielectric_dispersion"),
             advice=(
                 "measure at 100 Hz to 1 kHz, where a conductance outweighs the capacitance",

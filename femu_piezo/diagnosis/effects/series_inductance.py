@@ -17,7 +17,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         Effect(
             name="series_inductance",
             sentence="the leads have a series inductance that was not compensated",
-            parameters=(EffectParameter("inductance", "H", -1e-2, 1e-2, 1e-6),),
+            parameters=(EffectParameter("inductance", "H", -1e-2, 1e-2, 1e-6, 2e-5),),
             confusable_with=("series_resistance", "dielectric_dispersion"),
             advice=("measure with a four-wire fixture after a short-circuit compensation",),
             circuit=_circuit,

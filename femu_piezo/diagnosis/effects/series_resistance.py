@@ -17,7 +17,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         Effect(
             name="series_resistance",
             sentence="the leads or contacts have a series resistance that was not compensated",
-            parameters=(EffectParameter("resistance", "ohm", -1e5, 1e5, 1.0),),
+            parameters=(EffectParameter("resistance", "ohm", -1e5, 1e5, 1.0, 20.0),),
             confusable_with=("tan_s11", "tan_eps33T"),
             advice=("measure with a four-wire fixture after a short-circuit compensation",),
             circuit=_circuit,

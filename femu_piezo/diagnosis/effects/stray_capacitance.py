@@ -19,7 +19,9 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         Effect(
             name="stray_capacitance",
             sentence="cable or fixture add a capacitance parallel to the specimen",
-            parameters=(EffectParameter("capacitance", "F", -0.5 * typical, 3 * typical, 0.01 * typical),),
+            parameters=(
+                EffectParameter("capacitance", "F", -0.5 * typical, 3 * typical, 0.01 * typical, 0.1 * typical),
+            ),
             confusable_with=("eps33T",),
             advice=(
                 "measure the open fixture without the specimen and compensate it",

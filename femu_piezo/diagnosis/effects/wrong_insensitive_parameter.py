@@ -28,7 +28,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             name="wrong_insensitive_parameter",
             variant=name,
             sentence=f"the constant {name}, held fixed, is not that of this material",
-            parameters=(EffectParameter(name, "1", -0.45, 0.8, 0.05),),
+            parameters=(EffectParameter(name, "1", -0.45, 0.8, 0.05, 0.12),),
             confusable_with=tuple(other for other in held if other != name),
             advice=(f"free {name} and measure a specimen that determines it (`femu-piezo identify` says which)",),
             constants=_hook(D_FORM.index(name)),

@@ -1,0 +1,104 @@
+"""Comparison and verdict on data made by the model itself: evidence, two effects, hidden ones, left-out bands."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from diagnosis.conftest import FREQUENCY
+from femu_piezo.diagnosis.compare import compare
+from femu_piezo.diagnosis.fitting import SweepData, fit_joint, whitened
+from femu_piezo.diagnosis.joint import JointParameters
+from femu_piezo.diagnosis.likeness import parallel, tangents
+from femu_piezo.diagnosis.verdict import judge
+from femu_piezo.updating.data import weak_prior
+
+NOISE = 1e-3
+
+
+def data_with(setup, sizes: dict[str, float], seed: int, known: bool = True) -> SweepData:
+    """A noisy sweep with effects of given sizes."""
+    parameters, x = JointParameters(setup.material), setup.x
+    for key, size in sizes.items():
+        parameters, x = parameters.with_effect(setup.library[key]), np.append(x, size / setup.library[key].scale)
+    z = setup.evaluation.impedance(parameters, x)
+    normal = np.random.default_rng(seed).standard_normal((2, z.size))
+    z = z * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2))
+    prior = weak_prior(setup.material, setup.material.free.start)
+    return SweepData(z, np.full(z.size, NOISE), known, prior)
+
+
+def run(setup, data):
+    start = setup.x * (1 + 0.02 * np.cos(np.arange(setup.x.size)))
+    library = list(setup.library.values())
+    result = compare(setup.evaluation, data, JointParameters(setup.material), start, library)
+    return result, judge(result, tangents(setup.evaluation, result.base, library), FREQUENCY)
+
+
+def test_two_effects_are_both_named(setup):
+    truth = {"series_resistance": 2.0, "wrong_width": 0.006}
+    result, verdict = run(setup, data_with(setup, truth, 1))
+    assert {cause.effect.key for cause in verdict.causes} == set(truth)
+    assert verdict.word == "effect"
+    for cause in verdict.causes:
+        assert abs(cause.values[0] - truth[cause.effect.key]) < 4 * cause.std[0]
+        assert cause.probability > 0.9
+    assert result.final.held_out_score == pytest.approx(1.0, abs=0.2)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_null_stays_null(setup, known):
+    for seed in range(3):
+        result, verdict = run(setup, data_with(setup, {}, 10 + seed, known))
+        assert verdict.word == "none"
+        assert result.found == ()
+        hidden = {effect.key: constant for effect, constant in verdict.hidden}
+        assert hidden["stray_capacitance"] == "eps33T"
+
+
+def test_what_no_candidate_describes_is_unknown(setup):
+    """A bump near 160 kHz: structure is left, placed, and no cause is named with confidence."""
+    data = data_with(setup, {}, 3)
+    bump = 0.02 / (1 + ((FREQUENCY - 160e3) / 4e3) ** 2)
+    data = SweepData(data.impedance * np.exp(bump), data.relative_noise, True, data.prior)
+    _, verdict = run(setup, data)
+    assert verdict.word == "unknown"
+    assert all(cause.probability < 0.9 for cause in verdict.causes)
+    assert any(low < 170e3 and high > 150e3 for low, high in verdict.after.worst_Hz)
+
+
+def test_prediction_of_left_out_bands_is_that_of_fits_without_them(setup):
+    """(I − H_bb)^-1 r_b against refits that do not see the band: within a tenth of σ."""
+    data = data_with(setup, {}, 4)
+    parameters = JointParameters(setup.material)
+    fit = fit_joint(setup.evaluation, data, parameters, [setup.x])
+    predicted = fit.predicted(5)
+    for points in np.array_split(np.arange(FREQUENCY.size), 5):
+        kept = np.setdiff1d(np.arange(FREQUENCY.size), points)
+        evaluation = type(setup.evaluation)(setup.model, setup.evaluation.omega[kept])
+        other = fit_joint(evaluation, data.select(kept), parameters, [setup.x])
+        residual = whitened(setup.evaluation, data, parameters, other.x)[0]
+        unseen = residual[points] + 1j * residual[points + FREQUENCY.size]
+        assert np.max(np.abs(unseen - predicted[points])) < 0.1
+
+
+def test_evidence_profiles_the_noise(setup):
+    """The same data with noise stated wrong by a factor give the same BIC differences once the noise is profiled."""
+    library = [setup.library["leakage"]]
+    gains = []
+    for factor in (1.0, 2.0):
+        data = data_with(setup, {"leakage": 3e-6}, 5, known=False)
+        data = SweepData(data.impedance, factor * data.relative_noise, False, data.prior)
+        result = compare(setup.evaluation, data, JointParameters(setup.material), setup.x, library)
+        gains.append(result.base.bic - result.singles[0][1].bic)
+    assert gains[0] > 20
+    assert gains[1] == pytest.approx(gains[0], rel=0.05)
+
+
+def test_likeness_of_an_effect_with_itself_and_with_another(setup):
+    data = data_with(setup, {}, 6)
+    base = fit_joint(setup.evaluation, data, JointParameters(setup.material), [setup.x])
+    found = {t.effect.key: t for t in tangents(setup.evaluation, base, list(setup.library.values()))}
+    assert parallel(found["series_resistance"], found["series_resistance"], 1.0)
+    assert not parallel(found["series_resistance"], found["wrong_width"], 1.0)
+    assert found["stray_capacitance"].hidden and not found["wrong_width"].hidden
