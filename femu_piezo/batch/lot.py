@@ -63,6 +63,7 @@ class Distribution:
     line: np.ndarray
 
     def to_json(self) -> dict:
+        """JSON types only."""
         quantiles = np.percentile(self.values, [0, 5, 25, 50, 75, 95, 100])
         names = ("minimum", "p5", "p25", "median", "p75", "p95", "maximum")
         return {
@@ -88,6 +89,7 @@ class Lot:
     faults: tuple[tuple[str, str], ...]
 
     def to_json(self) -> dict:
+        """JSON types only."""
         return {
             "counts": self.counts,
             "quantities": {one.quantity: one.to_json() for one in self.distributions},

@@ -28,7 +28,7 @@ CONNECT_S = 20
 
 
 class Pool(Protocol):
-    """Workers.
+    """Workers: `width` jobs at once, `submit` one, `restart` after a loss, `close` at the end.
 
     Attributes
     ----------

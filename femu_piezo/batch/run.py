@@ -23,6 +23,7 @@ class LotResult:
     computed: int
 
     def count(self, status: str) -> int:
+        """Number of rows with a status."""
         return sum(row["status"] == status for row in self.rows)
 
 

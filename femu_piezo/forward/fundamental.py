@@ -68,7 +68,7 @@ def reduced_source(reduced: ReducedModel) -> PairSource:
 
 
 def dominant_index(eigenvalues: np.ndarray, amplitudes: np.ndarray, near_Hz: float) -> int:
-    """Index of the eigenvalue with the largest |a²/λ| within a factor two of a frequency."""
+    """Index of the eigenvalue with the largest |a²/λ| within a factor two of a frequency; λ and a (m,) complex."""
     frequency = np.sqrt(np.abs(eigenvalues.real)) / (2 * np.pi)
     weight = np.where((frequency > near_Hz / 2) & (frequency < near_Hz * 2), np.abs(amplitudes**2 / eigenvalues), 0.0)
     if not weight.max() > 0:

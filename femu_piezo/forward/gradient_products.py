@@ -61,6 +61,7 @@ class GradientProducts:
 
     @property
     def size(self) -> int:
+        """Number of unknowns of all four fields."""
         return self.indptr.size - 1
 
     def scalar(self, data: np.ndarray) -> sp.csr_matrix:

@@ -37,7 +37,7 @@ class Motion:
 
 
 def real_phase(vector: np.ndarray) -> np.ndarray:
-    """A complex mode turned so that its real part is as large as can be."""
+    """A complex mode (m,) turned so that its real part is as large as can be."""
     square = np.sum(vector**2)
     return vector * np.exp(-0.5j * np.angle(square)) if abs(square) > 0 else vector
 
@@ -100,7 +100,7 @@ def _radial_motion(position: np.ndarray, size: np.ndarray, u: np.ndarray, weight
 
 
 def family(model: ElectroelasticModel, vector: np.ndarray) -> str:
-    """The mode in words, such as "first length extension", "second radial", "flexure", "thickness shear"."""
+    """A mode (m,) in words, such as "first length extension", "second radial", "flexure", "thickness shear"."""
     motion = motion_of(model, vector)
     size = np.ptp(extents(model), axis=1)
     round_outline = np.isclose(size[0], size[1], rtol=1e-6) and _is_round(model)

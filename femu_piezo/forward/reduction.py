@@ -61,6 +61,7 @@ class ReducedModel:
 
     @property
     def size(self) -> int:
+        """Number of reduced unknowns r."""
         return self.matrices.shape[1]
 
     def coefficients(self, constants: ElasticForm, extra: Mapping[str, complex] | None = None) -> np.ndarray:

@@ -52,6 +52,7 @@ class MeshFile:
 
     @property
     def poling_direction(self) -> tuple[float, float, float]:
+        """(3,) unit vector of the poling."""
         return unit_direction(self.direction)
 
     @cached_property
@@ -82,10 +83,12 @@ class MeshFile:
 
     @property
     def volume(self) -> float:
+        """Of the whole body, m³."""
         return self.domain_for().volume
 
     @property
     def electrode_area(self) -> float:
+        """Of the hot electrode of the whole body, m²."""
         return boundary_area(self.mesh, "hot") * 2 ** len(self.mirrors)
 
     @property

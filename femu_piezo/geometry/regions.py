@@ -15,7 +15,8 @@ class Region(Protocol):
 
     `extents`: (x_min, x_max, y_min, y_max); `mirrors`: axes (0: x, 1: y) normal to a mirror line through the origin;
     `depth(x, y)`: distance to the edge, positive inside; `inset(distance)`: the region without its rim;
-    `add(occ)`: tag of the surface in the gmsh OpenCASCADE model `occ`.
+    `area`: m²; `scaled(factor)`: every length times `factor`; `add(occ)`: tag of the surface in the gmsh OpenCASCADE
+    model `occ`.
     """
 
     @property
@@ -58,6 +59,7 @@ class Rectangle:
 
     @property
     def area(self) -> float:
+        """Area without the rounded corners, m²."""
         return self.length * self.width - (4 - np.pi) * self.corner_radius**2
 
     @property
@@ -80,6 +82,7 @@ class Rectangle:
         return Rectangle(self.length - 2 * distance, self.width - 2 * distance, radius)
 
     def scaled(self, factor: float) -> Rectangle:
+        """Every length times `factor`."""
         return Rectangle(self.length * factor, self.width * factor, self.corner_radius * factor)
 
     def add(self, occ) -> int:
@@ -105,6 +108,7 @@ class Trapezoid:
 
     @property
     def area(self) -> float:
+        """Enclosed area, m²."""
         return self.length * (self.width + self.width_end) / 2
 
     @property
@@ -135,6 +139,7 @@ class Trapezoid:
         return Trapezoid(self.length - 2 * distance, 2 * ends[0], 2 * ends[1])
 
     def scaled(self, factor: float) -> Trapezoid:
+        """Every length times `factor`."""
         return Trapezoid(self.length * factor, self.width * factor, self.width_end * factor)
 
     def add(self, occ) -> int:
@@ -157,6 +162,7 @@ class Circle:
 
     @property
     def area(self) -> float:
+        """Enclosed area, m²."""
         return np.pi * self.diameter**2 / 4
 
     @property
@@ -175,6 +181,7 @@ class Circle:
         return replace(self, diameter=self.diameter - 2 * distance)
 
     def scaled(self, factor: float) -> Circle:
+        """Every length times `factor`."""
         x, y = self.center
         return Circle(self.diameter * factor, (x * factor, y * factor))
 

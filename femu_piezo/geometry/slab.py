@@ -70,6 +70,7 @@ class Electrodes:
             raise InputError(f"a partial electrode needs a start ≥ 0 and a positive length, got {self.span} m")
 
     def scaled(self, factor: float) -> Electrodes:
+        """The same electrodes with every length times `factor`."""
         def times(pair: tuple[float, float] | None) -> tuple[float, float] | None:
             return None if pair is None else (pair[0] * factor, pair[1] * factor)
 
@@ -136,6 +137,7 @@ class Slab:
 
     @property
     def poling_direction(self) -> tuple[float, float, float]:
+        """(3,) unit vector of the poling."""
         return (0.0, 0.0, 1.0) if self.direction is None else unit_direction(self.direction)
 
     @property
@@ -223,6 +225,7 @@ class Slab:
 
     @property
     def element_shape(self) -> Elements:
+        """ "hexahedron" or "tetrahedron", as asked for or as the shape allows."""
         return self.elements or ("tetrahedron" if self.chamfer else "hexahedron")
 
     def edge_length(self, accuracy: float, frequency_Hz: float, shear_speed: float) -> float:

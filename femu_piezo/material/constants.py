@@ -89,6 +89,7 @@ class ElasticForm(_Constants):
 
     @property
     def c66(self) -> complex:
+        """(c11 − c12)/2, Pa."""
         return (self.c11 - self.c12) / 2
 
     def stiffness(self) -> np.ndarray:
@@ -146,6 +147,7 @@ class PiezoConstants(_Constants):
 
     @property
     def s66(self) -> complex:
+        """2(s11 − s12), 1/Pa."""
         return 2 * (self.s11 - self.s12)
 
     def tangent(self, name: str) -> float:

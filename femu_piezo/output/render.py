@@ -46,6 +46,7 @@ class Shape:
 
     @property
     def limits(self) -> tuple[float, float]:
+        """Range of the colours."""
         return (-1.0, 1.0) if self.quantity == "potential" else (0.0, 1.0)
 
 

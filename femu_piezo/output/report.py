@@ -85,6 +85,7 @@ class Cell:
     value: float | None
 
     def html(self) -> str:
+        """The <td> with key and exact value as data attributes."""
         exact = "" if self.value is None else f' data-value="{self.value!r}"'
         return f'<td data-key="{html.escape(self.key)}"{exact}>{html.escape(self.text)}</td>'
 

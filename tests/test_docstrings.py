@@ -1,0 +1,111 @@
+"""Every public name says what it is: modules, functions, classes, methods; the snippets of the documentation run."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import femu_piezo
+
+ROOT = Path(femu_piezo.__file__).parent
+#: A shape such as (k, 2n), (3, 6) or (n,), a unit, or the formula whose symbols are the arguments.
+LAYOUT = re.compile(r"\(\w+,(?: \w+,?)*\)|\(\w*…?, ?\w+\)|\bHz\b|ohm|siemens|F/m|[YZ] = |[cdes]_[iI]\w* \(|A_q")
+NOTATION = ROOT.parent / "tutorials" / "notation.md"
+
+
+def _modules():
+    for path in sorted(ROOT.rglob("*.py")):
+        yield path.relative_to(ROOT), ast.parse(path.read_text(encoding="utf-8"))
+
+
+def _public(body, kinds):
+    return [node for node in body if isinstance(node, kinds) and not node.name.startswith("_")]
+
+
+FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
+
+
+def _classes() -> dict[str, ast.ClassDef]:
+    return {node.name: node for _, tree in _modules() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+
+
+def _protocols() -> list[ast.ClassDef]:
+    return [
+        node
+        for _, tree in _modules()
+        for node in tree.body
+        if isinstance(node, ast.ClassDef) and any("Protocol" in ast.unparse(base) for base in node.bases)
+    ]
+
+
+def _is_explained(method: ast.FunctionDef, owner: ast.ClassDef, classes: dict[str, ast.ClassDef]) -> bool:
+    """A docstring of its own, a line in that of its class, or either in a base class or a protocol it fulfils."""
+    kin = [owner, *(classes[name] for name in (ast.unparse(base) for base in owner.bases) if name in classes)]
+    kin += [
+        protocol
+        for protocol in _protocols()
+        if {node.name for node in _public(protocol.body, FUNCTIONS)}
+        <= {node.name for node in _public(owner.body, FUNCTIONS)} | _fields(owner)
+    ]
+    for relative in kin:
+        named = re.search(rf"\b{method.name}\b", ast.get_docstring(relative) or "")
+        own = [
+            node for node in _public(relative.body, FUNCTIONS) if node.name == method.name and ast.get_docstring(node)
+        ]
+        if named or own:
+            return True
+    return False
+
+
+def _fields(owner: ast.ClassDef) -> set[str]:
+    return {
+        node.target.id for node in owner.body if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+    }
+
+
+def test_modules_functions_and_classes_have_docstrings():
+    missing = []
+    for path, tree in _modules():
+        if path.name != "__init__.py" and not ast.get_docstring(tree):
+            missing.append(str(path))
+        for node in _public(tree.body, (*FUNCTIONS, ast.ClassDef)):
+            described = ast.get_docstring(node) or any("help=" in ast.unparse(item) for item in node.decorator_list)
+            if not described:
+                missing.append(f"{path}:{node.lineno} {node.name}")
+    assert not missing
+
+
+def test_methods_are_explained():
+    classes = _classes()
+    missing = [
+        f"{path}:{method.lineno} {owner.name}.{method.name}"
+        for path, tree in _modules()
+        for owner in _public(tree.body, ast.ClassDef)
+        for method in _public(owner.body, FUNCTIONS)
+        if not _is_explained(method, owner, classes)
+    ]
+    assert not missing, "\n".join(missing)
+
+
+def test_array_arguments_of_the_public_mathematics_have_shapes():
+    """A function of forward, updating or material that takes or gives an array says how it is laid out, or its unit."""
+    missing = []
+    for path, tree in _modules():
+        if path.parts[0] not in ("forward", "updating", "material"):
+            continue
+        for node in _public(tree.body, FUNCTIONS):
+            text = ast.get_docstring(node) or ""
+            arrays = ast.unparse(node.args) + (ast.unparse(node.returns) if node.returns else "")
+            if "np.ndarray" in arrays and not LAYOUT.search(text):
+                missing.append(f"{path}:{node.lineno} {node.name}")
+    assert not missing, "\n".join(missing)
+
+
+def test_snippets_of_the_notation_page_run():
+    code = re.findall(r"```python\n(.*?)```", NOTATION.read_text(encoding="utf-8"), flags=re.S)
+    assert len(code) == 1
+    names: dict = {}
+    exec(compile(code[0], str(NOTATION), "exec"), names)
+    assert names["c"].shape == (6, 6) and names["e"].shape == (6, 3)
+    assert abs(names["same"].s33 / names["pzt"].s33 - 1) < 1e-9
