@@ -39,11 +39,19 @@ def rational(
         null = np.linalg.eigh(np.swapaxes(scaled.conj(), 1, 2) @ scaled)[1][:, :, 0]
         p = np.einsum("kwi,ki->kw", top, null[:, : degrees[0] + 1])
         q = np.einsum("kwi,ki->kw", bottom, null[:, degrees[0] + 1 :])
-        q = np.where(q == 0, np.finfo(float).tiny, q)
+        q = _away_from_zero(q)
         scale = weight / np.abs(q)
         scale = scale / scale.max(axis=1, keepdims=True)
-    p = np.where(p == 0, np.finfo(float).tiny, p)
+    p = _away_from_zero(p)
     return p / q, np.concatenate([top / p[..., None], -bottom / q[..., None]], axis=-1)
+
+
+def _away_from_zero(values: np.ndarray) -> np.ndarray:
+    """Values (k, w) no smaller than 1e-12 of the largest of their window: a zero on a sample says nothing there."""
+    size = np.abs(values)
+    largest = size.max(axis=1, keepdims=True)
+    floor = np.where(largest > 0, 1e-12 * largest, 1.0)
+    return np.where(size < floor, floor, values)
 
 
 def left_out(
