@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from pathlib import Path
 
@@ -14,9 +15,10 @@ LAYOUT = re.compile(r"\(\w+,(?: \w+,?)*\)|\(\w*…?, ?\w+\)|\bHz\b|ohm|siemens|F
 NOTATION = ROOT.parent / "tutorials" / "notation.md"
 
 
-def _modules():
-    for path in sorted(ROOT.rglob("*.py")):
-        yield path.relative_to(ROOT), ast.parse(path.read_text(encoding="utf-8"))
+@functools.cache
+def _modules() -> tuple[tuple[Path, ast.Module], ...]:
+    paths = sorted(ROOT.rglob("*.py"))
+    return tuple((path.relative_to(ROOT), ast.parse(path.read_text(encoding="utf-8"))) for path in paths)
 
 
 def _public(body, kinds):
@@ -30,6 +32,7 @@ def _classes() -> dict[str, ast.ClassDef]:
     return {node.name: node for _, tree in _modules() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
 
 
+@functools.cache
 def _protocols() -> list[ast.ClassDef]:
     return [
         node
