@@ -129,15 +129,7 @@ def _read(path: Path) -> skfem.Mesh:
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             raw = meshio.read(path)
-    except (
-        meshio.ReadError,
-        ValueError,
-        KeyError,
-        IndexError,
-        AssertionError,
-        UnicodeDecodeError,
-        SystemExit,
-    ) as error:
+    except (Exception, SystemExit) as error:  # the readers of meshio raise anything for a damaged file
         reason = str(error).strip().splitlines()
         raise InputError(
             f"{path}: meshio cannot read this as a mesh{' (' + reason[0] + ')' if reason else ''}; save it by gmsh "
@@ -154,8 +146,18 @@ def _read(path: Path) -> skfem.Mesh:
         )
     if not solid:
         raise InputError(f"{path}: there are no volume elements; mesh in three dimensions and name a physical volume")
+    if not np.all(np.isfinite(raw.points)):
+        raise InputError(f"{path}: a coordinate of a point is not a finite number; save the mesh again")
+    corners = [cell.data for cell in raw.cells if cell.data.size]
+    if min(data.min() for data in corners) < 0 or max(data.max() for data in corners) >= len(raw.points):
+        raise InputError(f"{path}: an element names a point that the file does not have; save the mesh again")
     body = meshio.Mesh(raw.points, [(cell.type, cell.data) for cell in raw.cells if cell.type == solid[0]])
-    mesh = skfem.io.meshio.from_meshio(body, force_meshio_type=solid[0], ignore_orientation=True)
+    try:
+        mesh = skfem.io.meshio.from_meshio(body, force_meshio_type=solid[0], ignore_orientation=True)
+    except Exception as error:  # blocks of elements with too few points, or of none
+        raise InputError(
+            f"{path}: the elements of kind {solid[0]} are damaged ({error}); save the mesh again"
+        ) from None
     return replace(mesh, _boundaries=_named_facets(raw, mesh, path) or None)
 
 
