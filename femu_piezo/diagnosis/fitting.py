@@ -16,6 +16,8 @@ from femu_piezo.updating.data import Prior
 
 #: Contiguous bands of the leave-band-out prediction.
 _BANDS = 10
+#: Least ratio of the true variance of the noise to an estimated one.
+LEAST_SCALE = 0.4
 #: Distance to a bound, relative to its range, that a start keeps.
 _MARGIN = 1e-6
 
@@ -86,11 +88,16 @@ class JointFit:
 
     @property
     def bic(self) -> float:
-        """χ² + k ln n where the noise is known, n ln(χ²/n) + k ln n where it is profiled; smaller is better."""
+        """χ² + k ln n where the noise is known; smaller is better.
+
+        Where it is estimated its scale is profiled, n ln s² + χ²/s² + k ln n, but not below what the estimate can be
+        wrong by: misfit below the noise is no evidence.
+        """
         n, price = self.residual.size, self.x.size * np.log(self.residual.size)
         if self.data.noise_known:
             return self.chi_square + price
-        return float(n * np.log(self.chi_square / n) + price)
+        square = max(self.chi_square / n, LEAST_SCALE)
+        return float(n * np.log(square) + self.chi_square / square + price)
 
     @cached_property
     def covariance(self) -> np.ndarray:

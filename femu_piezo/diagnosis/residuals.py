@@ -9,6 +9,8 @@ from scipy.stats import chi2
 
 #: Lags of the whiteness test; share of false alarms that each test accepts.
 _LAGS, _LEVEL = 6, 2e-3
+#: χ² per degree of freedom below which structure is below the noise.
+_BELOW = 0.4
 #: Parts of the sweep that are judged one by one.
 _PARTS = 24
 
@@ -32,7 +34,12 @@ class Remaining:
 
     @property
     def structured(self) -> bool:
-        """Whether something is left beyond noise; false alarms at most 0.4 % (tests/diagnosis/test_residuals.py)."""
+        """Whether something is left beyond noise; false alarms at most 0.4 % (tests/diagnosis/test_residuals.py).
+
+        What lies well below the noise (which is never taken to be less than the error of the model) does not count.
+        """
+        if self.size < _BELOW:
+            return False
         return self.p_white < _LEVEL or (self.p_size is not None and self.p_size < _LEVEL)
 
 

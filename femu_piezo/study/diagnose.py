@@ -33,6 +33,8 @@ from femu_piezo.updating.parameters import Estimate, FreeConstants, MaterialPara
 #: and the ranges they are kept in.
 _MESH_SHARE, _MESH_RANGE = 1 / 60, (5e-6, 1e-4)
 _BASIS_SHARE, _BASIS_RANGE = 1 / 30, (5e-6, 5e-5)
+#: Relative error of Z that the finest mesh leaves: sweeps are not taken to be more exact than the model.
+_LEAST_ERROR = 10 * _MESH_RANGE[0]
 #: Relative range of the free and of the held constants that the basis is trained for, and how far a base fit may
 #: leave the first before the basis is made anew.
 _FREE_SPREAD, _HELD_SPREAD, _LEAVE = 0.05, 0.1, 0.08
@@ -96,7 +98,7 @@ def diagnose(specimen: Specimen, progress: Progress | None = None, *, most: int 
     began = time.perf_counter()
     tell("read and extract")
     measured = measure(specimen)
-    noise = _relative_noise(measured)
+    noise = np.hypot(_relative_noise(measured), _LEAST_ERROR)
     fitted = _mask(measured)
     context = effect_context(
         measured.problem, measured.pair.pole.frequency_Hz, float(np.median(np.abs(measured.spectrum.impedance)))
@@ -188,10 +190,10 @@ class _Run:
         self._accuracy = float(np.clip(typical * _MESH_SHARE, *_MESH_RANGE))
         self._basis_accuracy = float(np.clip(typical * _BASIS_SHARE, *_BASIS_RANGE))
         self.notes: tuple[str, ...] = ()
-        if typical * _MESH_SHARE < _MESH_RANGE[0]:
+        if typical < 2 * _LEAST_ERROR:
             self.notes = (
-                f"the noise ({typical:.1e}) asks for a finer mesh than is practical here: an error of the mesh may be "
-                "taken for an effect",
+                f"the noise of the sweep is near or below the error of the model; errors of Z below {_LEAST_ERROR:.0e} "
+                "count as noise",
             )
         self.unknowns = 0
 

@@ -31,6 +31,13 @@ def test_noise_level_does_not_matter_to_whiteness_but_to_size():
     assert not remaining(1.2 * noise, 0, frequency, False).structured
 
 
+def test_structure_below_the_noise_does_not_count():
+    smooth = np.sin(np.linspace(0, 20, 600))
+    frequency = np.linspace(1e3, 1e5, 300)
+    assert remaining(smooth, 0, frequency, False).structured
+    assert not remaining(0.1 * smooth, 0, frequency, False).structured
+
+
 def test_a_bump_is_found_and_placed():
     """A smooth bump of 3 σ over a twelfth of the sweep."""
     frequency = np.linspace(0.0, 1.0, 300) + 1.0
