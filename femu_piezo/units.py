@@ -26,9 +26,7 @@ _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _FACTOR = r"[A-Za-zµΩ°%]+0?(?:\^[+-]?\d)?"
 _UNIT = re.compile(rf"(?:1?\s*/\s*)?{_FACTOR}(?:\s*[*/ ]\s*{_FACTOR})*")
 
-_PREFIXES = (
-    "pico- = 1e-12 = p-|nano- = 1e-9 = n-|micro- = 1e-6 = µ- = u-|milli- = 1e-3 = m-|centi- = 1e-2 = c-|"
-)
+_PREFIXES = "pico- = 1e-12 = p-|nano- = 1e-9 = n-|micro- = 1e-6 = µ- = u-|milli- = 1e-3 = m-|centi- = 1e-2 = c-|"
 _PREFIXES += "kilo- = 1e3 = k-|mega- = 1e6 = M-|giga- = 1e9 = G-|tera- = 1e12 = T-|femto- = 1e-15 = f-"
 _UNITS = (
     "meter = [length] = m = metre",
@@ -139,9 +137,7 @@ def _factor(unit_text: str, value: object, unit: str, where: str, right: str) ->
     if unit_text.startswith((",", "_")):
         raise InputError(f"{where}: {shown(value)} is not a number; write a decimal point and no separators")
     plain = unit_text.replace("**", "^").replace("²", "^2").replace("³", "^3").replace("·", "*")
-    plain = re.sub(
-        r"(?<![A-Za-zµ])([munpckfµ]?m)([23])(?!\d)", r"\1^\2", plain
-    )  # m2, mm3 as many people write them
+    plain = re.sub(r"(?<![A-Za-zµ])([munpckfµ]?m)([23])(?!\d)", r"\1^\2", plain)  # m2, mm3 as many people write them
     if not _UNIT.fullmatch(plain):
         raise InputError(f"{where}: {shown(value)} has no unit that can be read; {right}")
     if plain.startswith("/"):
@@ -168,9 +164,7 @@ def _registry() -> UnitRegistry:
     """The units of specimen files, nothing else (pint is imported here, at first use)."""
     import pint
 
-    registry = pint.UnitRegistry(
-        None, non_int_type=Decimal
-    )  # exact: 7.9 g/cm^3 is 7900 kg/m^3 to the last bit
+    registry = pint.UnitRegistry(None, non_int_type=Decimal)  # exact: 7.9 g/cm^3 is 7900 kg/m^3 to the last bit
     for definition in (*_PREFIXES.split("|"), *_UNITS):
         registry.define(definition)
     return registry

@@ -71,6 +71,7 @@ class Electrodes:
 
     def scaled(self, factor: float) -> Electrodes:
         """The same electrodes with every length times `factor`."""
+
         def times(pair: tuple[float, float] | None) -> tuple[float, float] | None:
             return None if pair is None else (pair[0] * factor, pair[1] * factor)
 

@@ -1,8 +1,10 @@
-"""Throughput of the batch on 1 and 2 processes and through Dask, memory, cost of the first and of a further plate; kills.
+"""Throughput of the batch on 1 and 2 processes and through Dask, memory, cost of a first and a further plate; kills.
 
     python tests/benchmarks/batch.py [sweeps, default 500] [kills, default 50]
 
-The sweeps are simulated by a reduced model on a finer mesh than the update uses, with scattered constants and noise.
+On a machine that others use too, processor time per plate (of the workers, and of the process that feeds them) says
+more than the rates. The sweeps are simulated by a reduced model on a finer mesh than the update uses, with scattered
+constants and noise.
 """
 
 from __future__ import annotations
@@ -64,10 +66,10 @@ def make_lot(folder: Path, count: int) -> tuple[Path, Path]:
 
 
 class Memory:
-    """Largest resident memory of any child process, MB, sampled while the block runs."""
+    """Largest resident memory of any child process, MB, and processor time of all, s, sampled while the block runs."""
 
     def __enter__(self) -> Memory:
-        self.largest, self._stop = 0.0, threading.Event()
+        self.largest, self._stop, self._seconds = 0.0, threading.Event(), {}
         self._thread = threading.Thread(target=self._watch, daemon=True)
         self._thread.start()
         return self
@@ -76,11 +78,16 @@ class Memory:
         self._stop.set()
         self._thread.join()
 
+    @property
+    def seconds(self) -> float:
+        return sum(self._seconds.values())
+
     def _watch(self) -> None:
         while not self._stop.wait(0.5):
             for child in psutil.Process().children(recursive=True):
                 try:
                     self.largest = max(self.largest, child.memory_info().rss / 1e6)
+                    self._seconds[child.pid] = sum(child.cpu_times()[:2])
                 except psutil.NoSuchProcess:
                     continue
 
@@ -90,13 +97,14 @@ def timed(jobs, out: Path, make_pool) -> dict[str, float]:
     from femu_piezo.batch.run import run_lot
 
     stamps: list[float] = []
-    start = time.perf_counter()
+    start, own = time.perf_counter(), time.process_time()
     with Memory() as memory:
         result = run_lot(jobs, out, make_pool, finished=lambda *_: stamps.append(time.perf_counter() - start))
     assert result.count("ok") == len(jobs), result.rows
     skip = min(10, len(jobs) // 2)
     steady = 60 * (len(jobs) - skip) / (stamps[-1] - stamps[skip - 1])
-    return {"all": 60 * len(jobs) / stamps[-1], "steady": steady, "first": stamps[0], "MB": memory.largest}
+    cost = {"worker": 1e3 * memory.seconds / len(jobs), "feeder": 1e3 * (time.process_time() - own) / len(jobs)}
+    return cost | {"all": 60 * len(jobs) / stamps[-1], "steady": steady, "first": stamps[0], "MB": memory.largest}
 
 
 def throughput(sweeps: Path, specimen: Path, folder: Path) -> None:
@@ -108,7 +116,10 @@ def throughput(sweeps: Path, specimen: Path, folder: Path) -> None:
 
     jobs = find_jobs(sweeps, specimen)
     print(f"{len(jobs)} sweeps of 401 points; load {psutil.getloadavg()[0]:.1f} on {psutil.cpu_count()} cores")
-    print(f"{'':22s}{'plates/min':>12s}{'after start':>13s}{'efficiency':>12s}{'first (s)':>11s}{'MB/worker':>11s}")
+    print(
+        f"{'':22s}{'plates/min':>12s}{'after start':>13s}{'efficiency':>12s}{'first (s)':>11s}{'MB/worker':>11s}"
+        f"{'CPU ms':>8s}{'feeding':>9s}"
+    )
     base = None
     for name, workers in (("1 process", 1), ("2 processes", 2), ("Dask, 2 workers", 2)):
         out = folder / name.replace(" ", "_")
@@ -120,9 +131,8 @@ def throughput(sweeps: Path, specimen: Path, folder: Path) -> None:
             found = timed(jobs, out, lambda count=workers: LocalPool(count, None))
         base = base or found["steady"]
         share = found["steady"] / base / workers
-        print(
-            f"{name:22s}{found['all']:12.0f}{found['steady']:13.0f}{share:12.2f}{found['first']:11.2f}{found['MB']:11.0f}"
-        )
+        rates = f"{found['all']:12.0f}{found['steady']:13.0f}{share:12.2f}{found['first']:11.2f}"
+        print(f"{name:22s}{rates}{found['MB']:11.0f}{found['worker']:8.0f}{found['feeder']:9.1f}")
     tables = {(folder / name / "table.csv").read_bytes() for name in ("1_process", "2_processes", "Dask,_2_workers")}
     print(f"different tables among the three: {len(tables)}")
     _costs(jobs)
