@@ -32,6 +32,8 @@ def update_record(result: UpdateResult) -> dict:
             "noise_scale": result.fit.noise_scale,
             "evaluations": result.fit.evaluations,
         }
+    if result.provenance is not None:
+        record["provenance"] = result.provenance
     if result.known is not None:
         record["identifiability"] = {
             "unknowns": {name: result.known.verdict(name) for name in result.known.names},

@@ -41,7 +41,14 @@ def update_table(result: UpdateResult) -> RenderableType:
         f"{100 * outcome.rms_after:.3g} %; k_eff = {outcome.measured.pair.k_eff:.4f}; {outcome.unknowns} unknowns"
         for outcome in result.outcomes
     ]
+    if result.provenance is not None and len(result.outcomes) > 1:
+        lines += [f"{name} from {_shares(shares)}" for name, shares in result.provenance.items()]
     return Group(*parts, "\n".join(lines + [f"note: {note}" for note in result.notes]))
+
+
+def _shares(shares: dict[str, float]) -> str:
+    """Where a constant is known from, shares below 1 % left out."""
+    return ", ".join(f"{source} {100 * share:.0f} %" for source, share in shares.items() if share >= 0.01)
 
 
 def _resonance_table(outcome: Outcome) -> Table:

@@ -69,6 +69,7 @@ class UpdateResult:
     permittivity_source : how ε33T was obtained, in words
     fit : the curve fit, None where the poles and zeros alone were used
     known : what the data tell about each unknown, None without a curve fit
+    provenance : constant → share of each sweep and of the prior in what is known of it, None without a curve fit
     seconds : step → time
     """
 
@@ -81,6 +82,7 @@ class UpdateResult:
     method: str
     fit: Fit | None
     known: Identifiability | None
+    provenance: dict[str, dict[str, float]] | None
     notes: tuple[str, ...]
     seconds: dict[str, float]
 

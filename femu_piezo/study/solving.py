@@ -45,6 +45,7 @@ class State:
     histories: tuple[tuple[Step, ...], ...]
     fit: Fit | None = None
     known: Identifiability | None = None
+    provenance: dict[str, dict[str, float]] | None = None
     curves: tuple[CurveData | EffectCurve, ...] = ()
 
 
@@ -149,6 +150,7 @@ class Run:
             covariance=solution.theta_covariance,
             fit=solution,
             known=told,
+            provenance=_provenance(parameters, curves, from_data, weak),
             curves=tuple(curves),
         )
 
@@ -192,6 +194,25 @@ def _mesh_words(model: ElectroelasticModel, reduced: ReducedModel) -> str:
     part = "the whole body" if copies == 1 else f"1/{copies} of the body, cut at its mirror planes"
     kind = "hexahedra" if "Hex" in type(mesh).__name__ else "tetrahedra"
     return f"{mesh.nelements} quadratic {kind} in {part}; {model.size} unknowns, reduced to {reduced.size}"
+
+
+def _provenance(
+    parameters: MaterialParameters, curves: list[CurveData], from_data: list[np.ndarray], weak: np.ndarray
+) -> dict[str, dict[str, float]]:
+    """Where the knowledge of each constant comes from: shares of |∂residual/∂x|² of every sweep and of the prior.
+
+    The information each sweep would give on the constant if all others were known, real part and tangent together.
+    """
+    result = {}
+    for index, name in enumerate(parameters.free.names):
+        columns = slice(2 * index, 2 * index + 2)
+        parts = {
+            curve.name: float(np.sum(rows[:, columns] ** 2)) for curve, rows in zip(curves, from_data, strict=True)
+        }
+        parts["prior"] = float(np.sum(weak[:, columns] ** 2))
+        total = sum(parts.values())
+        result[name] = {source: part / total for source, part in parts.items()}
+    return result
 
 
 def _correlated_groups(curves: list[CurveData], solution: Fit) -> np.ndarray | None:

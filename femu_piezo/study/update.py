@@ -68,6 +68,7 @@ def update(
         method=method,
         fit=state.fit,
         known=state.known,
+        provenance=state.provenance,
         notes=(*baseline_notes, *_notes(measured, state, outcomes)),
         seconds=clock.seconds,
     )

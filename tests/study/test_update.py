@@ -76,6 +76,10 @@ def test_joint_k31_and_k33_determine_more_constants(sweeps, write_specimen_of, t
         assert result.known.verdict(name) == "well", name
         assert estimate.std / abs(estimate.value) < 0.01
         assert abs(estimate.tan - truth.tangent(name)) < 4 * estimate.tan_std, name
+    for name, source in (("s11", "k31"), ("d31", "k31"), ("s33", "k33"), ("d33", "k33")):
+        shares = result.provenance[name]
+        assert shares[source] == max(shares.values()) > 0.9, name
+        assert sum(shares.values()) == pytest.approx(1)
 
 
 def test_prior_of_the_specimen_file_is_kept_where_the_data_say_nothing(sweeps, write_specimen_of):
