@@ -16,7 +16,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Protocol
 
 from femu_piezo.batch.jobs import program_checksum
-from femu_piezo.batch.worker import THREAD_VARIABLES, start_local_worker
+from femu_piezo.batch.worker import THREAD_VARIABLES, keep_freed_memory, start_local_worker
 from femu_piezo.errors import ConvergenceError, InputError
 
 #: Jobs handed to each worker beyond the one it works on, so that it never waits for the next.
@@ -125,6 +125,7 @@ class DaskPool:
         try:
             self._client.wait_for_workers(1, timeout=60)
             programs = self._client.run(program_checksum)
+            self._client.run(keep_freed_memory)
         except TimeoutError:
             self._client.close()
             raise InputError("--scheduler: the scheduler has no workers; start some by `dask worker`") from None

@@ -116,10 +116,8 @@ def throughput(sweeps: Path, specimen: Path, folder: Path) -> None:
 
     jobs = find_jobs(sweeps, specimen)
     print(f"{len(jobs)} sweeps of 401 points; load {psutil.getloadavg()[0]:.1f} on {psutil.cpu_count()} cores")
-    print(
-        f"{'':22s}{'plates/min':>12s}{'after start':>13s}{'efficiency':>12s}{'first (s)':>11s}{'MB/worker':>11s}"
-        f"{'CPU ms':>8s}{'feeding':>9s}"
-    )
+    heads = ("plates/min", "after start", "efficiency", "first (s)", "MB/worker", "CPU ms", "feeding")
+    print(f"{'':22s}" + "".join(f"{head:>12s}" for head in heads))
     base = None
     for name, workers in (("1 process", 1), ("2 processes", 2), ("Dask, 2 workers", 2)):
         out = folder / name.replace(" ", "_")
@@ -131,8 +129,8 @@ def throughput(sweeps: Path, specimen: Path, folder: Path) -> None:
             found = timed(jobs, out, lambda count=workers: LocalPool(count, None))
         base = base or found["steady"]
         share = found["steady"] / base / workers
-        rates = f"{found['all']:12.0f}{found['steady']:13.0f}{share:12.2f}{found['first']:11.2f}"
-        print(f"{name:22s}{rates}{found['MB']:11.0f}{found['worker']:8.0f}{found['feeder']:9.1f}")
+        rates = f"{found['all']:12.0f}{found['steady']:12.0f}{share:12.2f}{found['first']:12.2f}"
+        print(f"{name:22s}{rates}{found['MB']:12.0f}{found['worker']:12.0f}{found['feeder']:12.1f}")
     tables = {(folder / name / "table.csv").read_bytes() for name in ("1_process", "2_processes", "Dask,_2_workers")}
     print(f"different tables among the three: {len(tables)}")
     _costs(jobs)
