@@ -12,7 +12,6 @@ import numpy as np
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.eigen import solve_eigen
-from femu_piezo.forward.modal import ModalModel
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import ReducedModel
 from femu_piezo.material.constants import E_FORM, PiezoConstants
@@ -74,10 +73,3 @@ def dominant_index(eigenvalues: np.ndarray, amplitudes: np.ndarray, near_Hz: flo
     if not weight.max() > 0:
         raise ConvergenceError(f"the model has no driven mode within a factor two of {near_Hz:.6g} Hz")
     return int(np.argmax(weight))
-
-
-def pair_of(modal: ModalModel, near_Hz: float) -> tuple[complex, complex]:
-    """λ of the dominant pole and zero near a frequency."""
-    pole = dominant_index(modal.eigenvalues, modal.charges, near_Hz)
-    zero = dominant_index(modal.zeros[0], modal.zero_amplitudes, near_Hz)
-    return complex(modal.eigenvalues[pole]), complex(modal.zeros[0][zero])
