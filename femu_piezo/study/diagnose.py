@@ -3,47 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from femu_piezo.diagnosis.compare import Comparison, compare
+from femu_piezo.diagnosis.compare import Comparison
 from femu_piezo.diagnosis.effects import REFERENCE, library
 from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.extended_model import ExtendedModel, extend_model
-from femu_piezo.diagnosis.fitting import JointFit, SweepData
-from femu_piezo.diagnosis.joint import JointParameters
+from femu_piezo.diagnosis.fitting import JointFit
 from femu_piezo.diagnosis.likeness import tangents
 from femu_piezo.diagnosis.verdict import Verdict, judge
-from femu_piezo.errors import ConvergenceError
-from femu_piezo.forward.reduction import reduce_model
-from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.noise import estimate_noise
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.specimen import Specimen, Update
+from femu_piezo.specimen import Specimen
+from femu_piezo.study.diagnosis_run import LEAST_ERROR, Progress, Run
+from femu_piezo.study.diagnosis_start import first_constants
 from femu_piezo.study.effects import effect_context, known_effects
 from femu_piezo.study.measured import Measured, measure
-from femu_piezo.study.update import update
-from femu_piezo.updating.data import CurveData, weak_prior
-from femu_piezo.updating.least_squares import fit
-from femu_piezo.updating.parameters import Estimate, FreeConstants, MaterialParameters, estimates
-
-#: Mesh error (relative, of eigenvalues at the end of the sweep) and error of the reduced model, as shares of the noise,
-#: and the ranges they are kept in.
-_MESH_SHARE, _MESH_RANGE = 1 / 60, (5e-6, 1e-4)
-_BASIS_SHARE, _BASIS_RANGE = 1 / 30, (5e-6, 5e-5)
-#: Relative error of Z that the finest mesh leaves: sweeps are not taken to be more exact than the model.
-_LEAST_ERROR = 10 * _MESH_RANGE[0]
-#: Relative range of the free and of the held constants that the basis is trained for, and how far a base fit may
-#: leave the first before the basis is made anew.
-_FREE_SPREAD, _HELD_SPREAD, _LEAVE = 0.05, 0.1, 0.08
-#: Mesh error of the first update, whose constants are only where to begin.
-_FIRST_ACCURACY = 1e-3
-#: rms |Δ log Z| of the first update above which a fit from the constants of the file is tried as well.
-_POOR = 0.05
-
-Progress = Callable[[str], None]
+from femu_piezo.updating.parameters import Estimate, estimates
 
 
 @dataclass(frozen=True)
@@ -98,7 +75,7 @@ def diagnose(specimen: Specimen, progress: Progress | None = None, *, most: int 
     began = time.perf_counter()
     tell("read and extract")
     measured = measure(specimen)
-    noise = np.hypot(_relative_noise(measured), _LEAST_ERROR)
+    noise = np.hypot(_relative_noise(measured), LEAST_ERROR)
     fitted = _mask(measured)
     context = effect_context(
         measured.problem, measured.pair.pole.frequency_Hz, float(np.median(np.abs(measured.spectrum.impedance)))
@@ -108,9 +85,9 @@ def diagnose(specimen: Specimen, progress: Progress | None = None, *, most: int 
     candidates = tuple(effect for effect in library(context) if effect.title not in taken)
     clock["read and extract"], began = time.perf_counter() - began, time.perf_counter()
     tell("first update")
-    start = _first_constants(specimen, measured)
+    start = first_constants(specimen, measured)
     clock["first update"], began = time.perf_counter() - began, time.perf_counter()
-    run = _Run(measured, noise, fitted, fixed, candidates)
+    run = Run(measured, noise, fitted, fixed, candidates)
     comparison, model = run.compare(start, tell, clock, most)
     began = time.perf_counter()
     tell("verdict")
@@ -136,38 +113,6 @@ def diagnose(specimen: Specimen, progress: Progress | None = None, *, most: int 
     )
 
 
-def _first_constants(specimen: Specimen, measured: Measured) -> PiezoConstants:
-    """Constants near the solution on a coarse mesh that knows no effects: by an update, or by a fit from the file's.
-
-    The better of the two: the pole-zero update starts from thin-body formulas, which fail where the modes of two
-    dimensions meet; the file's constants may be far away.
-    """
-    wish = (specimen.update or Update()).model_copy(update={"accuracy": _FIRST_ACCURACY})
-    plain = specimen.model_copy(update={"update": wish, "effects": None})
-    problem, found = measured.problem, []
-    try:
-        result = update(plain)
-        found.append((result.outcomes[0].rms_after, result.constants))
-    except ConvergenceError as error:
-        reason = error
-    if not found or found[0][0] > _POOR:
-        highest = problem.equivalent_frequency(measured.band_Hz, _FIRST_ACCURACY)
-        free = problem.free(problem.constants)
-        training = free.training_sets(free.start, 0.15)
-        reduced = reduce_model(problem.model(highest, _FIRST_ACCURACY), training, measured.band_Hz, accuracy=1e-4)
-        curve = CurveData("first", reduced, measured.fitted, np.full(len(measured.fitted), 1e-2))
-        material = MaterialParameters.around(free, free.start)
-        try:
-            solution = fit([curve, weak_prior(material, free.start)], material, free.start, noise_known=False)
-            rms = float(np.sqrt(np.mean(solution.residual**2))) * 1e-2
-            found.append((rms, free.constants(solution.theta)))
-        except ConvergenceError as error:
-            reason = error
-    if not found:
-        raise reason
-    return min(found, key=lambda item: item[0])[1]
-
-
 def _mask(measured: Measured) -> np.ndarray:
     return np.isin(measured.spectrum.frequency, measured.fitted.frequency)
 
@@ -178,74 +123,6 @@ def _relative_noise(measured: Measured) -> np.ndarray:
     if measured.spectrum.noise is not None:
         return measured.spectrum.noise / np.abs(impedance)
     return estimate_noise(measured.fitted).std(impedance) / np.abs(impedance)
-
-
-class _Run:
-    """Mesh, basis and comparison; the basis is made anew where the base fit leaves its range."""
-
-    def __init__(self, measured: Measured, noise: np.ndarray, fitted: np.ndarray, fixed, candidates) -> None:
-        self._measured, self._fixed, self._candidates = measured, fixed, candidates
-        self._noise = noise[fitted]
-        typical = float(np.median(noise))
-        self._accuracy = float(np.clip(typical * _MESH_SHARE, *_MESH_RANGE))
-        self._basis_accuracy = float(np.clip(typical * _BASIS_SHARE, *_BASIS_RANGE))
-        self.notes: tuple[str, ...] = ()
-        if typical < 2 * _LEAST_ERROR:
-            self.notes = (
-                f"the noise of the sweep is near or below the error of the model; errors of Z below {_LEAST_ERROR:.0e} "
-                "count as noise",
-            )
-        self.unknowns = 0
-
-    def compare(
-        self, start: PiezoConstants, tell: Progress, clock: dict[str, float], most: int
-    ) -> tuple[Comparison, ExtendedModel]:
-        began = time.perf_counter()
-        problem, highest = self._measured.problem, self._measured.band_Hz
-        tell("mesh and assemble")
-        model = problem.model(problem.equivalent_frequency(highest, self._accuracy), self._accuracy)
-        self.unknowns = model.size
-        clock["mesh and assemble"], began = time.perf_counter() - began, time.perf_counter()
-        constants = start
-        for _ in range(3):
-            tell(f"reduce {model.size} unknowns")
-            free = problem.free(constants)
-            effects = (*self._candidates, *(effect for effect, _ in self._fixed))
-            extended = extend_model(model, _training(constants, free), effects, highest, accuracy=self._basis_accuracy)
-            clock["reduce"] = clock.get("reduce", 0.0) + time.perf_counter() - began
-            began = time.perf_counter()
-            comparison = self._compared(extended, free, tell, most)
-            clock["compare"] = clock.get("compare", 0.0) + time.perf_counter() - began
-            began = time.perf_counter()
-            material = comparison.base.parameters.material
-            own = comparison.base.x[: 2 * material.scale.size]
-            if np.max(np.abs(own[0::2] - 1)) <= _LEAVE:
-                break
-            constants = material.constants(own)
-        return comparison, extended
-
-    def _compared(self, extended: ExtendedModel, free: FreeConstants, tell: Progress, most: int) -> Comparison:
-        material = MaterialParameters.around(free, free.start)
-        prior = weak_prior(material, free.start)
-        data = SweepData(self._measured.fitted.impedance, self._noise, self._measured.spectrum.noise is not None, prior)
-        parameters = JointParameters(material, (), self._fixed)
-        evaluation = Evaluation(extended, self._measured.fitted.omega)
-        start = material.x_of(free.start)
-        return compare(evaluation, data, parameters, start, self._candidates, most=most, progress=tell)
-
-
-def _training(constants: PiezoConstants, free: FreeConstants) -> list[PiezoConstants]:
-    """The start with its losses, corners of the free constants, and every held constant moved.
-
-    One way each: the reduction watches the point mirrored at the start by itself.
-    """
-    lossless = constants.lossless()
-    sets = [constants, *free.training_sets(free.start, _FREE_SPREAD, 4)[1:]]
-    for name, value in lossless.as_dict().items():
-        if name not in free.names and value != 0:
-            moved = (lossless.with_values(**{name: value * (1 + sign * _HELD_SPREAD)}) for sign in (1, -1))
-            sets += [item for item in moved if not item.physical_faults()][:1]
-    return sets
 
 
 def _gain(
