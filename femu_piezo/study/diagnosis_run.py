@@ -50,6 +50,7 @@ class Run:
     def compare(
         self, start: PiezoConstants, tell: Progress, clock: dict[str, float], most: int
     ) -> tuple[Comparison, ExtendedModel]:
+        """Compare from start constants, and the model it was done with; times go to `clock`."""
         began = time.perf_counter()
         problem, highest = self._measured.problem, self._measured.band_Hz
         tell("mesh and assemble")
