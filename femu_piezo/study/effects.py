@@ -16,6 +16,7 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.study.inputs import Problem
 from femu_piezo.study.measured import Measured
+from femu_piezo.updating.data import SweepBlock
 from femu_piezo.updating.parameters import FreeConstants, MaterialParameters
 
 #: Dimensions by name as axes, of the shapes whose stretch is that of a box.
@@ -54,30 +55,22 @@ def has_effects(measured: Sequence[Measured]) -> bool:
 
 
 @dataclass(frozen=True)
-class EffectCurve:
-    """A sweep with known effects as a data block: residual and Jacobian as `updating.data.CurveData`."""
+class EffectCurve(SweepBlock):
+    """A sweep explained by an extended model with known effects."""
 
     name: str
     model: ExtendedModel
     effects: tuple[tuple[Effect, np.ndarray], ...]
     spectrum: ImpedanceSpectrum
     relative_noise: np.ndarray
-    measured = True
-
-    def residual(self, parameters: MaterialParameters, x: np.ndarray) -> np.ndarray:
-        z = self.impedance(parameters, x, self.spectrum.omega)
-        difference = np.log(z / self.spectrum.impedance) * np.sqrt(2.0) / self.relative_noise
-        return np.concatenate([difference.real, difference.imag])
-
-    def jacobian(self, parameters: MaterialParameters, x: np.ndarray) -> np.ndarray:
-        joint = JointParameters(parameters, (), self.effects)
-        z, tangents = Evaluation(self.model, self.spectrum.omega).with_jacobian(joint, x)
-        slopes = tangents / z[:, None] * (np.sqrt(2.0) / self.relative_noise)[:, None]
-        return np.concatenate([slopes.real, slopes.imag])
 
     def impedance(self, parameters: MaterialParameters, x: np.ndarray, omega: np.ndarray) -> np.ndarray:
-        """Z (k,) with the effects at any frequencies, ohm."""
         return Evaluation(self.model, omega).impedance(JointParameters(parameters, (), self.effects), x)
+
+    def log_slopes(self, parameters: MaterialParameters, x: np.ndarray) -> np.ndarray:
+        joint = JointParameters(parameters, (), self.effects)
+        z, tangents = Evaluation(self.model, self.spectrum.omega).with_jacobian(joint, x)
+        return tangents / z[:, None]
 
 
 def effect_curve(one: Measured, model: ElectroelasticModel, free: FreeConstants) -> EffectCurve:

@@ -7,6 +7,7 @@ one material and any prior knowledge are simply more blocks.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
@@ -41,12 +42,11 @@ def _stack(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values.real, values.imag])
 
 
-@dataclass(frozen=True)
-class CurveData:
+class SweepBlock(ABC):
     """A sweep: residual (log Z_model − log Z_measured)/σ, Re and Im parts.
 
     For relative noise this is the log-likelihood to first order, and it stays well shaped far from the solution.
-    ∂log Z/∂x = −(1/Y) Σ_q ∂Y/∂c_q ∂c_q/∂x.
+    What models the sweep gives Z and its slopes.
 
     Attributes
     ----------
@@ -54,28 +54,48 @@ class CurveData:
     """
 
     name: str
-    reduced: ReducedModel
     spectrum: ImpedanceSpectrum
     relative_noise: np.ndarray
     measured = True
+
+    @abstractmethod
+    def impedance(self, parameters: MaterialParameters, x: np.ndarray, omega: np.ndarray) -> np.ndarray:
+        """Z (n,) at any ω (n,), ohm."""
+
+    @abstractmethod
+    def log_slopes(self, parameters: MaterialParameters, x: np.ndarray) -> np.ndarray:
+        """∂log Z/∂x (k, 2n) over the sweep."""
+
+    def residual(self, parameters: MaterialParameters, x: np.ndarray) -> np.ndarray:
+        ratio = self.impedance(parameters, x, self.spectrum.omega) / self.spectrum.impedance
+        return _stack(np.log(ratio) * self._weight)
+
+    def jacobian(self, parameters: MaterialParameters, x: np.ndarray) -> np.ndarray:
+        return _stack(self.log_slopes(parameters, x) * self._weight[:, None])
 
     @property
     def _weight(self) -> np.ndarray:
         return np.sqrt(2.0) / self.relative_noise
 
-    def residual(self, parameters: MaterialParameters, x: np.ndarray) -> np.ndarray:
-        modal = self.reduced.modal(parameters.constants(x).to_e_form())
-        ratio = 1 / (modal.admittance(self.spectrum.omega) * self.spectrum.impedance)
-        return _stack(np.log(ratio) * self._weight)
 
-    def jacobian(self, parameters: MaterialParameters, x: np.ndarray) -> np.ndarray:
+@dataclass(frozen=True)
+class CurveData(SweepBlock):
+    """A sweep explained by a reduced model: ∂log Z/∂x = −(1/Y) Σ_q ∂Y/∂c_q ∂c_q/∂x."""
+
+    name: str
+    reduced: ReducedModel
+    spectrum: ImpedanceSpectrum
+    relative_noise: np.ndarray
+
+    def impedance(self, parameters: MaterialParameters, x: np.ndarray, omega: np.ndarray) -> np.ndarray:
+        return 1 / self.reduced.modal(parameters.constants(x).to_e_form()).admittance(omega)
+
+    def log_slopes(self, parameters: MaterialParameters, x: np.ndarray) -> np.ndarray:
         modal = self.reduced.modal(parameters.constants(x).to_e_form())
         omega = self.spectrum.omega
         directions = np.zeros((len(self.reduced.terms), x.size), dtype=complex)
         directions[:10] = parameters.coefficient_slopes(x)
-        slopes = modal.admittance_jacobian(omega, directions)
-        relative = -slopes / modal.admittance(omega)[:, None] * self._weight[:, None]
-        return np.concatenate([relative.real, relative.imag])
+        return -modal.admittance_jacobian(omega, directions) / modal.admittance(omega)[:, None]
 
 
 @dataclass(frozen=True)
