@@ -1,0 +1,96 @@
+"""Δf, ΔQ and Δk_eff of every resonance against circuits whose poles are known in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from femu_piezo.extraction import extract
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.study.pole_zero_residuals import match, pole_zero_residuals
+
+FREQUENCY = np.linspace(50e3, 250e3, 501)
+NOISE = 1e-3
+#: Modes of the "specimen": pole Hz, loss, C_i/C_0.
+MODES = ((100e3, 0.015, 0.08), (180e3, 0.012, 0.01))
+
+
+def circuit(modes) -> np.ndarray:
+    """Z of C_0 = 1 nF beside modes Y_i = jω C_i ω_i²(1 + jη)/(ω_i²(1 + jη) − ω²), ohm."""
+    omega = 2 * np.pi * FREQUENCY
+    capacitance = np.ones(omega.size, dtype=complex)
+    for pole, loss, share in modes:
+        eigenvalue = (2 * np.pi * pole) ** 2 * (1 + 1j * loss)
+        capacitance += share * eigenvalue / (eigenvalue - omega**2)
+    return 1 / (1j * omega * 1e-9 * capacitance)
+
+
+def measured(modes, seed: int) -> ImpedanceSpectrum:
+    rng = np.random.default_rng(seed)
+    z = circuit(modes)
+    error = NOISE * (rng.standard_normal(z.size) + 1j * rng.standard_normal(z.size)) / np.sqrt(2)
+    return ImpedanceSpectrum(FREQUENCY, z * (1 + error), NOISE * np.abs(z))
+
+
+def residuals(model, seed: int = 1, modes=MODES):
+    extraction = extract(measured(modes, seed))
+    return pole_zero_residuals(extraction, np.full(FREQUENCY.size, NOISE), circuit(model))
+
+
+def test_known_differences_are_found():
+    """The upper mode 0.2 % too high and of 10 % lower Q, its coupling doubled."""
+    pole, loss, share = MODES[1]
+    found = residuals((MODES[0], (1.002 * pole, loss / 0.9, 4 * share)))
+    assert len(found.poles) == len(found.zeros) == 2
+    lower, upper = found.poles
+    assert upper.frequency[0] == pytest.approx(0.2, abs=0.01)
+    assert upper.quality[0] == pytest.approx(-10, abs=1)
+    assert upper.frequency[1] > 10 and upper.quality[1] < -10
+    # k_eff² ≈ C_i/C at the pole: twice the coupling, less the second order of the share
+    assert upper.coupling[0] == pytest.approx(100, abs=5)
+    assert abs(lower.frequency[1]) < 4 and abs(lower.quality[1]) < 4
+    assert upper.worst_sigma > 10
+    assert lower.coupling[0] < -1  # the stronger upper mode shifts the lower zero: its share of the compliance
+    assert found.unexplained == found.extra == ()
+
+
+def test_right_model_differs_by_noise_alone():
+    """Over 15 draws the differences have the deviation that they claim: 1 within 3.5 of its own errors."""
+    sigmas = []
+    for seed in range(15):
+        found = residuals(MODES, seed)
+        assert found.unexplained == found.extra == ()
+        sigmas += [d.frequency[1] for d in (*found.poles, *found.zeros)]
+        sigmas += [value for d in found.poles for value in (d.quality[1], d.coupling[1])]
+    assert np.sqrt(np.mean(np.square(sigmas))) == pytest.approx(1, abs=3.5 / np.sqrt(2 * len(sigmas)) + 0.1)
+
+
+def test_resonance_that_the_simulation_lacks_is_unexplained():
+    found = residuals(MODES, modes=(*MODES, (140e3, 0.012, 0.003)))
+    poles = [r for r in found.unexplained if r.kind == "pole"]
+    assert len(poles) == 1 and poles[0].frequency_Hz == pytest.approx(140e3, rel=1e-3)
+    assert found.extra == ()
+    assert [d.model is None for d in found.poles] == [False, True, False]
+    assert found.to_json()["measured_only"][0]["kind"] == "pole"
+
+
+def test_resonance_that_the_measurement_lacks_is_told():
+    found = residuals((*MODES, (140e3, 0.012, 0.003)))
+    assert found.unexplained == ()
+    assert [r.frequency_Hz for r in found.extra if r.kind == "pole"] == [pytest.approx(140e3, rel=1e-3)]
+
+
+def test_partner_beyond_the_end_of_the_sweep_is_no_stranger():
+    """A pole 0.3 % below the end of the sweep in the model, 0.3 % above it in the specimen."""
+    edge = FREQUENCY[-1]
+    found = residuals((*MODES, (0.997 * edge, 0.012, 0.01)), modes=(*MODES, (1.003 * edge, 0.012, 0.01)))
+    assert found.unexplained == found.extra == ()
+
+
+def test_weak_neighbour_is_not_taken_for_a_strong_mode():
+    strong, weak = (
+        extract(measured(m, 2)).resonances.poles for m in (((100e3, 0.015, 0.08),), ((101e3, 0.015, 8e-4),))
+    )
+    assert match([*strong], [*weak]) == [None]
+    assert match([*strong], [*weak, *strong]) == [1]
+    assert match([], [*weak]) == [] and match([*weak], []) == [None]
