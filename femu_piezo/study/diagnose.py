@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from femu_piezo.diagnosis.evaluation import Evaluation
 from femu_piezo.diagnosis.fitting import JointFit
 from femu_piezo.diagnosis.likeness import tangents
 from femu_piezo.diagnosis.verdict import Verdict, judge
+from femu_piezo.extraction import extract
 from femu_piezo.measurement.noise import estimate_noise
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen import Specimen
@@ -20,6 +22,7 @@ from femu_piezo.study.diagnosis_run import LEAST_ERROR, Progress, Run
 from femu_piezo.study.diagnosis_start import first_constants
 from femu_piezo.study.effects import effect_context, known_effects
 from femu_piezo.study.measured import Measured, measure
+from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals, pole_zero_residuals
 from femu_piezo.updating.parameters import Estimate, estimates
 
 
@@ -49,6 +52,15 @@ class Diagnosis:
     reduced_size: int
     notes: tuple[str, ...]
     seconds: dict[str, float]
+
+    @cached_property
+    def pole_zero(self) -> tuple[PoleZeroResiduals, PoleZeroResiduals]:
+        """Base and final model against the poles and zeros of the whole sweep, held-out band included."""
+        measured = extract(self.spectrum)
+        base = pole_zero_residuals(measured, self.relative_noise, self.curves[0])
+        if not self.verdict.causes:
+            return base, base
+        return base, pole_zero_residuals(measured, self.relative_noise, self.curves[1])
 
     def constants(self, fit: JointFit) -> dict[str, Estimate]:
         """Free constants of a fit with standard deviations."""
