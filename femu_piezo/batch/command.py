@@ -7,9 +7,10 @@ from pathlib import Path
 from femu_piezo.batch.jobs import find_jobs
 from femu_piezo.batch.lot import Lot, lot_of, lot_text
 from femu_piezo.batch.lot_figure import lot_figure
-from femu_piezo.batch.pool import DaskPool, LocalPool, Pool
+from femu_piezo.batch.pool import LocalPool, Pool
 from femu_piezo.batch.progress import lot_progress
 from femu_piezo.batch.run import LotResult, run_lot
+from femu_piezo.errors import InputError
 from femu_piezo.files import write_atomically
 from femu_piezo.output.folder import write_figure, write_json
 from femu_piezo.threads import available_cores
@@ -33,6 +34,12 @@ def run_batch(
 
     def make_pool() -> Pool:
         if scheduler is not None:
+            try:
+                from femu_piezo.batch.cluster import DaskPool
+            except ImportError:
+                raise InputError(
+                    "--scheduler needs Dask, which is not installed; pip install 'femu-piezo[cluster]'"
+                ) from None
             return DaskPool(scheduler)
         return LocalPool(min(workers or available_cores(), len(jobs)), time_limit_s)
 

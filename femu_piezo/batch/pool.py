@@ -1,4 +1,4 @@
-"""Worker processes of this machine, or of a cluster through Dask, behind one interface; and the loop that feeds them.
+"""Worker processes of this machine, the interface they share with those of a cluster, and the loop that feeds both.
 
 A worker that dies takes what was in flight with it. Which job killed it cannot be known, so those in flight are
 tried again one at a time: the job that dies alone gets a row that says so, the others go on.
@@ -15,16 +15,13 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from typing import Protocol
 
-from femu_piezo.batch.jobs import program_checksum
-from femu_piezo.batch.worker import THREAD_VARIABLES, keep_freed_memory, start_local_worker
-from femu_piezo.errors import ConvergenceError, InputError
+from femu_piezo.batch.worker import THREAD_VARIABLES, start_local_worker
+from femu_piezo.errors import ConvergenceError
 
 #: Jobs handed to each worker beyond the one it works on, so that it never waits for the next.
-_AHEAD = 1
+AHEAD = 1
 #: Jobs that may die one after the other before anything has succeeded.
 _HOPELESS = 4
-#: Seconds to wait for the answer of a scheduler.
-CONNECT_S = 20
 
 
 class Pool(Protocol):
@@ -69,7 +66,7 @@ class LocalPool:
 
     @property
     def width(self) -> int:
-        return self._workers * (1 + _AHEAD)
+        return self._workers * (1 + AHEAD)
 
     def submit(self, function: Callable, *arguments) -> Future:
         return self._executor.submit(function, *arguments)
@@ -93,66 +90,6 @@ class LocalPool:
             process.kill()
         for process in processes:
             process.join()
-
-
-class DaskPool:
-    """The workers of a Dask scheduler; they must run this program and see the same files."""
-
-    breaks_whole = False
-    limit_s = None
-
-    def __init__(self, address: str) -> None:
-        try:
-            from distributed import Client
-            from distributed.scheduler import KilledWorker
-        except ImportError:
-            raise InputError(
-                "--scheduler needs Dask, which is not installed; pip install 'femu-piezo[cluster]'"
-            ) from None
-        self.lost = (KilledWorker,)
-        try:
-            self._client = Client(address, timeout=CONNECT_S, set_as_default=False)
-        except (OSError, ValueError) as error:
-            raise InputError(
-                f"--scheduler {address}: no Dask scheduler answers there ({error or type(error).__name__}); start one "
-                "by `dask scheduler` and give its address, such as tcp://host:8786"
-            ) from None
-        self._check()
-        self._executor = self._client.get_executor(pure=False)
-
-    def _check(self) -> None:
-        """InputError where there are no workers, or they run another program."""
-        try:
-            self._client.wait_for_workers(1, timeout=60)
-            programs = self._client.run(program_checksum)
-            self._client.run(keep_freed_memory)
-        except TimeoutError:
-            self._client.close()
-            raise InputError("--scheduler: the scheduler has no workers; start some by `dask worker`") from None
-        except ImportError as error:
-            self._client.close()
-            raise InputError(f"--scheduler: a worker cannot import femu_piezo ({error}); install it there") from None
-        for worker, program in programs.items():
-            if program != program_checksum():
-                self._client.close()
-                raise InputError(
-                    f"--scheduler: worker {worker} runs femu_piezo {program}, this machine {program_checksum()}; "
-                    "install the same on all, and start the workers again"
-                )
-
-    @property
-    def width(self) -> int:
-        return max(1, sum(self._client.nthreads().values())) * (1 + _AHEAD)
-
-    def submit(self, function: Callable, *arguments) -> Future:
-        return self._executor.submit(function, *arguments)
-
-    def restart(self) -> None:
-        """Dask restarts its own workers."""
-
-    def close(self) -> None:
-        self._executor.shutdown(wait=False)
-        self._client.close()
 
 
 def run_all(

@@ -7,7 +7,6 @@ next run.
 
 from __future__ import annotations
 
-import ctypes
 import faulthandler
 import multiprocessing
 import os
@@ -17,13 +16,12 @@ import threading
 import traceback
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 
 from femu_piezo.batch.jobs import Job
 from femu_piezo.errors import FemuPiezoError
 
 FINAL = ("ok", "failed")
-_TRIM_THRESHOLD = -1  # M_TRIM_THRESHOLD of malloc.h
 #: Variables that keep a process to one thread of dense and sparse algebra; read when the libraries load.
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS")
 
@@ -116,15 +114,6 @@ def _nowhere():
     except NameError:
         _null = open(os.devnull, "w")  # noqa: SIM115 - kept open for the life of the process
         return _null
-
-
-def keep_freed_memory() -> None:
-    """Let glibc keep up to 32 MB that is free, in a worker of Dask.
-
-    Dask has it return everything above 64 kB at once, which costs a third of the time of a plate.
-    """
-    with suppress(AttributeError, OSError):  # another C library
-        ctypes.CDLL(None).mallopt(_TRIM_THRESHOLD, 32 << 20)
 
 
 def start_local_worker() -> None:

@@ -165,7 +165,7 @@ def test_natural_order():
     ],
 )
 def test_wrong_use_is_one_sentence(lot, tmp_path, arguments, words, monkeypatch):
-    monkeypatch.setattr("femu_piezo.batch.pool.CONNECT_S", 1)
+    monkeypatch.setattr("femu_piezo.batch.cluster.CONNECT_S", 1)
     filled = [item.format(sweeps=lot[0], specimen=lot[1], tmp=tmp_path) for item in arguments]
     answer = CliRunner().invoke(main, ["batch", *filled])
     assert answer.exit_code == 2, answer.output
@@ -185,10 +185,18 @@ def test_two_runs_cannot_share_a_folder(lot, tmp_path):
 def test_dask_gives_the_same_table(lot, tmp_path):
     from distributed import LocalCluster
 
-    from femu_piezo.batch.pool import DaskPool
+    from femu_piezo.batch.cluster import DaskPool
 
+    sampled = []
     with LocalCluster(1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster:
-        run_lot(find_jobs(lot[0], lot[1]), tmp_path, lambda: DaskPool(cluster.scheduler_address))
+        sampling = cluster.workers[0].periodic_callbacks["profile"]
+        run_lot(
+            find_jobs(lot[0], lot[1]),
+            tmp_path,
+            lambda: DaskPool(cluster.scheduler_address),
+            finished=lambda *_: sampled.append(sampling.is_running()),
+        )
+        assert sampling.is_running() and not any(sampled)  # the cluster is left as it was found
     assert (tmp_path / "table.csv").read_bytes() == (lot[2] / "table.csv").read_bytes()
 
 

@@ -111,8 +111,9 @@ def throughput(sweeps: Path, specimen: Path, folder: Path) -> None:
     """The table of rates."""
     from distributed import LocalCluster
 
+    from femu_piezo.batch.cluster import DaskPool
     from femu_piezo.batch.jobs import find_jobs
-    from femu_piezo.batch.pool import DaskPool, LocalPool
+    from femu_piezo.batch.pool import LocalPool
 
     jobs = find_jobs(sweeps, specimen)
     print(f"{len(jobs)} sweeps of 401 points; load {psutil.getloadavg()[0]:.1f} on {psutil.cpu_count()} cores")

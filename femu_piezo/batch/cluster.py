@@ -1,0 +1,110 @@
+"""The workers of a Dask cluster as a pool.
+
+Imported only where `--scheduler` asks for it: Dask is an optional dependency.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from contextlib import suppress
+
+from distributed import Client, Worker, WorkerPlugin
+from distributed.scheduler import KilledWorker
+
+from femu_piezo.batch.jobs import program_checksum
+from femu_piezo.batch.pool import AHEAD
+from femu_piezo.errors import InputError
+
+#: Seconds to wait for the answer of a scheduler, and after which its workers are counted again.
+CONNECT_S, _COUNT_S = 20, 5.0
+#: Of malloc.h, and what glibc comes to by itself on 64 bits where nothing is set.
+_TRIM_THRESHOLD, _MMAP_THRESHOLD = (-1, 64 << 20), (-3, 32 << 20)
+_SAMPLING = "profile"
+
+
+class QuietWorker(WorkerPlugin):
+    """Keeps a worker to its work while a lot runs on it; also those that join or start again later.
+
+    The stack of a running task is not sampled (every 10 ms, a tenth of the time of a plate), and freed memory is
+    kept for the next array. Dask has glibc return all above 64 kB at once, which also stops it from learning the
+    size from which arrays are mapped afresh, and zeroed by the kernel, each time.
+    """
+
+    name = "femu-piezo-quiet"
+
+    def setup(self, worker: Worker) -> None:
+        if _SAMPLING in worker.periodic_callbacks:
+            worker.periodic_callbacks[_SAMPLING].stop()
+        with suppress(AttributeError, OSError):  # another C library
+            for option in (_MMAP_THRESHOLD, _TRIM_THRESHOLD):
+                ctypes.CDLL(None).mallopt(*option)
+
+    def teardown(self, worker: Worker) -> None:
+        if _SAMPLING in worker.periodic_callbacks:
+            worker.periodic_callbacks[_SAMPLING].start()
+
+
+class DaskPool:
+    """The workers of a Dask scheduler, a `femu_piezo.batch.pool.Pool`; they must run this program, see the same files.
+
+    Raises InputError where no scheduler answers, or its workers cannot serve.
+    """
+
+    lost = (KilledWorker,)
+    breaks_whole = False
+    limit_s = None
+
+    def __init__(self, address: str) -> None:
+        try:
+            self._client = Client(address, timeout=CONNECT_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"--scheduler {address}: no Dask scheduler answers there ({error or type(error).__name__}); start one "
+                "by `dask scheduler` and give its address, such as tcp://host:8786"
+            ) from None
+        try:
+            self._check()
+            self._client.register_plugin(QuietWorker())
+        except BaseException:
+            self._client.close()
+            raise
+        self._executor = self._client.get_executor(pure=False)
+        self._width, self._counted = 0, -_COUNT_S
+
+    def _check(self) -> None:
+        """InputError where there are no workers, or they run another program."""
+        try:
+            self._client.wait_for_workers(1, timeout=60)
+            programs = self._client.run(program_checksum)
+        except TimeoutError:
+            raise InputError("--scheduler: the scheduler has no workers; start some by `dask worker`") from None
+        except ImportError as error:
+            raise InputError(f"--scheduler: a worker cannot import femu_piezo ({error}); install it there") from None
+        for worker, program in programs.items():
+            if program != program_checksum():
+                raise InputError(
+                    f"--scheduler: worker {worker} runs femu_piezo {program}, this machine {program_checksum()}; "
+                    "install the same on all, and start the workers again"
+                )
+
+    @property
+    def width(self) -> int:
+        if time.monotonic() - self._counted > _COUNT_S:  # a question to the scheduler, too dear for every plate
+            self._width = max(1, sum(self._client.nthreads().values())) * (1 + AHEAD)
+            self._counted = time.monotonic()
+        return self._width
+
+    def submit(self, function: Callable, *arguments) -> Future:
+        return self._executor.submit(function, *arguments)
+
+    def restart(self) -> None:
+        """Dask restarts its own workers."""
+
+    def close(self) -> None:
+        self._executor.shutdown(wait=False)
+        with suppress(OSError, TimeoutError, ValueError):  # the cluster is gone
+            self._client.unregister_worker_plugin(QuietWorker.name)
+        self._client.close()
