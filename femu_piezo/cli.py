@@ -237,6 +237,10 @@ def update(
     type=click.FloatRange(1, 1e6),
     help="seconds after which one specimen is given up",
 )
+@click.option("--diagnose", "diagnosed", flag_value="all", help="diagnose every specimen as well")
+@click.option(
+    "--diagnose-outliers", "diagnosed", flag_value="outliers", help="diagnose those that are outliers of the lot"
+)
 @_correct_phase
 @_mask_faults
 def batch(
@@ -246,6 +250,7 @@ def batch(
     workers: int | None,
     scheduler: str | None,
     time_limit: float,
+    diagnosed: str | None,
     correct_phase: bool,
     mask_faults: bool,
 ) -> None:
@@ -253,8 +258,8 @@ def batch(
 
     Writes table.csv and table.parquet (one row per file, those without a result with the reason), lot.json, lot.txt
     and lot.png (distributions, control limits, outliers, drift over serial number), and records/ with the full
-    result of each. What is finished is kept at once: after an interruption the same command continues; only new and
-    changed files are computed.
+    result of each, of diagnoses diagnoses/. What is finished is kept at once: after an interruption the same command
+    continues; only new and changed files are computed.
     """
     from femu_piezo.batch.command import run_batch
 
@@ -264,7 +269,7 @@ def batch(
         raise InputError(
             f"--out {out}: the results cannot go into the folder of the lot; give another, such as {out}/out"
         )
-    text, code = run_batch(folder, out, specimen, workers, scheduler, time_limit, correct_phase, mask_faults)
+    text, code = run_batch(folder, out, specimen, workers, scheduler, time_limit, correct_phase, mask_faults, diagnosed)
     click.echo(text, nl=False, err=code == 130)
     if code:
         click.get_current_context().exit(code)
@@ -306,14 +311,16 @@ def identify(specimens: tuple[Path, ...], out: Path, noise: float) -> None:
 @_specimen
 @_out
 @_data
-def diagnose(specimen: Path, out: Path, data: Path | None) -> None:
+@_report
+def diagnose(specimen: Path, out: Path, data: Path | None, report: bool) -> None:
     """Say what the simulation of SPEC gets wrong, and name the cause.
 
     Fits the free constants, then every candidate effect together with them (leads, losses, held constants, dimensions,
     electrodes). Writes diagnosis.json, diagnosis.png (residuals before and after) and extended.toml, a specimen file
-    with the named effects as known.
+    with the named effects as known. With --report also report.html, whose first page answers in plain words.
     """
-    from femu_piezo.output.diagnosis import diagnosis_figure, diagnosis_record, diagnosis_table
+    from femu_piezo.output.diagnosis import diagnosis_figure, diagnosis_record
+    from femu_piezo.output.diagnosis_tables import diagnosis_table
     from femu_piezo.output.folder import prepare_folder, write_figure, write_json
     from femu_piezo.output.tables import console
     from femu_piezo.specimen import read_specimen, write_specimen
@@ -329,6 +336,10 @@ def diagnose(specimen: Path, out: Path, data: Path | None) -> None:
     write_figure(out / "diagnosis.png", diagnosis_figure(result))
     write_specimen(extended_specimen(result), out / "extended.toml")
     write_json(out / "diagnosis.json", diagnosis_record(result))
+    if report:
+        from femu_piezo.output.report_diagnosis import write_diagnosis_report
+
+        write_diagnosis_report(out / "report.html", result)
     console().print(diagnosis_table(result))
 
 

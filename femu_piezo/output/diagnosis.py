@@ -1,16 +1,13 @@
-"""diagnosis.json, the picture of residuals before and after, and the terminal table."""
+"""diagnosis.json and the picture of residuals before and after."""
 
 from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.console import Group, RenderableType
-from rich.table import Table
 
 from femu_piezo.diagnosis.fitting import JointFit
 from femu_piezo.diagnosis.verdict import Cause
-from femu_piezo.output.curves import BASELINE, MEASURED, PRINTED, UPDATED, frequency_axis
-from femu_piezo.output.tables import number
+from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
 from femu_piezo.study.diagnose import Diagnosis
 
 
@@ -27,6 +24,9 @@ def diagnosis_record(result: Diagnosis) -> dict:
             "before": {name: e.to_json() for name, e in result.constants(comparison.base).items()},
             "after": {name: e.to_json() for name, e in result.constants(comparison.final).items()},
         },
+        "poles": _resonances(result, "poles"),
+        "zeros": _resonances(result, "zeros"),
+        "unexplained": {when: one.to_json() for when, one in zip(("before", "after"), result.pole_zero, strict=True)},
         "recommended_measurements": list(verdict.measurements),
         "remaining": {
             "before": _remaining(verdict.before),
@@ -58,6 +58,15 @@ def _cause_record(cause: Cause) -> dict:
         "sentence": cause.effect.sentence,
         "law": cause.effect.law or None,
     }
+
+
+def _resonances(result: Diagnosis, kinds: str) -> list[dict]:
+    """Every measured pole or zero with its differences from base and final model."""
+    before, after = (getattr(one, kinds) for one in result.pole_zero)
+    return [
+        {"measured": old.measured.to_json(), "before": old.to_json(), "after": new.to_json()}
+        for old, new in zip(before, after, strict=True)
+    ]
 
 
 def _remaining(left) -> dict:
@@ -136,67 +145,3 @@ def diagnosis_figure(result: Diagnosis) -> Figure:
     for axes in (magnitude, before, after):
         axes.grid(True, color="#e6e6e6", linewidth=0.6)
     return figure
-
-
-def diagnosis_table(result: Diagnosis) -> RenderableType:
-    """Verdict in words, the best candidates, the constants before and after, what to measure."""
-    verdict = result.verdict
-    lines = [_headline(result)]
-    for cause in verdict.causes:
-        values = ", ".join(
-            f"{p.name} = {number(v, s)} {'' if p.unit == '1' else p.unit}".strip()
-            for p, v, s in zip(cause.effect.parameters, cause.values, cause.std, strict=True)
-        )
-        lines.append(f"  {cause.effect.title}: {cause.effect.sentence}; {values}; probability {cause.probability:.3f}")
-        if cause.indistinguishable_from:
-            lines.append(f"    this sweep cannot tell it from {', '.join(cause.indistinguishable_from)}")
-    gain = result.gain
-    lines.append(
-        f"error on unseen data: {100 * gain['held_out_before']:.3g} % before, {100 * gain['held_out_after']:.3g} % "
-        f"after, noise {100 * gain['noise_floor']:.3g} %"
-    )
-    if verdict.causes and verdict.after.structured:
-        bands = ", ".join(f"{low / 1e3:.4g}-{high / 1e3:.4g} kHz" for low, high in verdict.after.worst_Hz[:3])
-        lines.append(f"left over: {100 * verdict.unexplained:.2g} % of the misfit, most of it at {bands or 'all over'}")
-    tail = [f"measure: {words}" for words in verdict.measurements] + [f"note: {note}" for note in result.notes]
-    return Group("\n".join(lines), _candidate_table(result), _constant_table(result), "\n".join(tail))
-
-
-def _headline(result: Diagnosis) -> str:
-    words = {
-        "none": "nothing beyond the noise is left over; no effect is needed",
-        "effect": "the simulation lacks an effect",
-        "unknown": "something is left over that no candidate explains well",
-    }
-    return f"{result.specimen.name}: {result.verdict.word}: {words[result.verdict.word]}"
-
-
-def _candidate_table(result: Diagnosis) -> Table:
-    table = Table(title="candidates, each alone with the constants", title_justify="left")
-    table.add_column("effect")
-    for heading in ("evidence", "left-out error (σ)", "size"):
-        table.add_column(heading, justify="right")
-    base = result.comparison.base
-    table.add_row("none", "0", f"{base.held_out_score:.3g}", "")
-    ranked = sorted(
-        ((effect, fit) for effect, fit in result.comparison.singles if fit is not None), key=lambda item: item[1].bic
-    )
-    for effect, fit in ranked[:8]:
-        sizes = ", ".join(f"{number(v['value'], v['std'])} {v['unit']}" for v in _values(fit).values())
-        table.add_row(effect.key, f"{base.bic - fit.bic:.1f}", f"{fit.held_out_score:.3g}", sizes)
-    return table
-
-
-def _constant_table(result: Diagnosis) -> Table:
-    table = Table(title="constants", title_justify="left")
-    for heading in ("constant", "unit"):
-        table.add_column(heading)
-    for heading in ("before", "after", "tangent before", "tangent after"):
-        table.add_column(heading, justify="right")
-    before, after = (result.constants(fit) for fit in (result.comparison.base, result.comparison.final))
-    for name, old in before.items():
-        factor, unit = PRINTED[name]
-        new = after[name]
-        cells = [number(e.value * factor, e.std * factor) for e in (old, new)]
-        table.add_row(name, unit, *cells, *(number(e.tan, e.tan_std) for e in (old, new)))
-    return table

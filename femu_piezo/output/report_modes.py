@@ -18,9 +18,20 @@ def mode_section(result: UpdateResult) -> Section:
 def _fundamental(result: UpdateResult, outcome: Outcome) -> str:
     pair = outcome.measured.pair
     specimen = updated_specimen(outcome.measured.problem.specimen, result)
+    return fundamental_picture(specimen, pair.pole.frequency_Hz, 1.2 * pair.zero.frequency_Hz)
+
+
+def fundamental_picture(specimen: Specimen, near_Hz: float, highest_Hz: float) -> str:
+    """The mode with the pole next to a frequency; a sentence where it cannot be drawn here.
+
+    Parameters
+    ----------
+    specimen : with the updated constants
+    highest_Hz : end of the band that is searched
+    """
     try:
-        found = find_modes(specimen, band=(0.0, 1.2 * pair.zero.frequency_Hz))
-        distance = [abs(mode.pole.frequency_Hz - pair.pole.frequency_Hz) for mode in found.modes]
+        found = find_modes(specimen, band=(0.0, highest_Hz))
+        distance = [abs(mode.pole.frequency_Hz - near_Hz) for mode in found.modes]
         number = distance.index(min(distance))
         mode = found.modes[number]
         words = f"{specimen.name}: {mode.pole_family} at {mode.pole.frequency_Hz / 1e3:.6g} kHz (short circuit)"

@@ -1,0 +1,103 @@
+"""The terminal's tables of a diagnosis: candidates, constants, poles and zeros."""
+
+from __future__ import annotations
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+
+from femu_piezo.output.curves import PRINTED
+from femu_piezo.output.diagnosis_words import answer, listed, percent, quantity, sizes, spoken
+from femu_piezo.output.tables import number
+from femu_piezo.study.diagnose import Diagnosis
+from femu_piezo.study.pole_zero_residuals import Difference
+
+#: Candidates shown.
+_CANDIDATES = 8
+
+
+def diagnosis_table(result: Diagnosis) -> RenderableType:
+    """Verdict in words, the best candidates, the constants before and after, what to measure."""
+    verdict, gain = result.verdict, result.gain
+    lines = [f"{result.specimen.name}: {verdict.word}: {answer(result).headline}"]
+    for cause in verdict.causes:
+        size = sizes(cause.effect, cause.values, cause.std)
+        lines.append(f"  {cause.effect.title}: {cause.effect.sentence}; {size}; probability {cause.probability:.3f}")
+        if cause.indistinguishable_from:
+            lines.append(f"    this sweep cannot tell it from {listed(cause.indistinguishable_from, 'or')}")
+    lines.append(
+        f"error on unseen data: {percent(gain['held_out_before'])} before, {percent(gain['held_out_after'])} after, "
+        f"noise {percent(gain['noise_floor'])}"
+    )
+    if verdict.causes and verdict.after.structured:
+        bands = ", ".join(f"{low / 1e3:.4g}-{high / 1e3:.4g} kHz" for low, high in verdict.after.worst_Hz[:3])
+        lines.append(f"left over: {percent(verdict.unexplained)} of the misfit, most of it at {bands or 'all over'}")
+    tables = (_candidate_table(result), _constant_table(result), _resonance_table(result))
+    tail = [f"measure: {words}" for words in verdict.measurements] + [f"note: {note}" for note in result.notes]
+    return Group("\n".join(lines), *tables, "\n".join(tail))
+
+
+def _candidate_table(result: Diagnosis) -> Table:
+    table = Table(title="candidates, each alone with the constants", title_justify="left")
+    table.add_column("effect")
+    for heading in ("evidence", "left-out error (σ)", "size"):
+        table.add_column(heading, justify="right")
+    base = result.comparison.base
+    table.add_row("none", "0", f"{base.held_out_score:.3g}", "")
+    for effect, fit in ranked(result)[:_CANDIDATES]:
+        table.add_row(effect.key, f"{base.bic - fit.bic:.1f}", f"{fit.held_out_score:.3g}", fitted_sizes(fit))
+    return table
+
+
+def ranked(result: Diagnosis) -> list[tuple]:
+    """(effect, fit) of every candidate that settled, the best first."""
+    return sorted((item for item in result.comparison.singles if item[1] is not None), key=lambda item: item[1].bic)
+
+
+def fitted_sizes(fit) -> str:
+    """The parameters of the last effect of a fit, without their names."""
+    effect, columns = fit.parameters.effects[-1], fit.parameters.columns(len(fit.parameters.effects) - 1)
+    values, std = fit.parameters.values(fit.x)[-1], fit.std[columns] * effect.scale
+    return ", ".join(quantity(p, float(v), float(s)) for p, v, s in zip(effect.parameters, values, std, strict=True))
+
+
+def _constant_table(result: Diagnosis) -> Table:
+    table = Table(title="constants", title_justify="left")
+    for heading in ("constant", "unit"):
+        table.add_column(heading)
+    for heading in ("before", "after", "tangent before", "tangent after"):
+        table.add_column(heading, justify="right")
+    before, after = (result.constants(fit) for fit in (result.comparison.base, result.comparison.final))
+    for name, old in before.items():
+        factor, unit = PRINTED[name]
+        new = after[name]
+        cells = [number(e.value * factor, e.std * factor) for e in (old, new)]
+        table.add_row(name, unit, *cells, *(number(e.tan, e.tan_std) for e in (old, new)))
+    return table
+
+
+def _resonance_table(result: Diagnosis) -> Table:
+    """Δf and ΔQ of every pole and zero, before and after."""
+    table = Table(title="poles and zeros, simulated − measured", title_justify="left")
+    for heading in ("", "measured (Hz)"):
+        table.add_column(heading, justify="right")
+    causes = [spoken(cause.effect) for cause in result.verdict.causes]
+    shown = ["base", f"with {listed(causes)}"] if causes else ["base"]
+    for words in shown:
+        table.add_column(f"Δf, {words}", justify="right")
+        table.add_column("ΔQ", justify="right")
+    sets = [(*one.poles, *one.zeros) for one in result.pole_zero[: len(shown)]]
+    for row in zip(*sets, strict=True):
+        cells = [cell for one in row for cell in (difference(one, "frequency"), difference(one, "quality"))]
+        measured = row[0].measured
+        table.add_row(measured.kind, number(measured.frequency_Hz, measured.std_Hz), *cells)
+    return table
+
+
+def difference(one: Difference, what: str) -> str:
+    """Δ in % and in σ; what is "frequency", "quality" or "coupling"."""
+    found = getattr(one, what)
+    if found is None:
+        return "not there" if one.model is None and what == "frequency" else ""
+    share, sigma = found
+    size = f"{1e4 * share:+.0f} ppm" if abs(share) < 0.1 and what == "frequency" else f"{share:+.2f} %"
+    return size if sigma is None else f"{size} ({sigma:+.1f} σ)"

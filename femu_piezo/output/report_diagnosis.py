@@ -1,0 +1,287 @@
+"""The report of a diagnosis: page one answers in words, then pictures, tables, provenance."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+
+import numpy as np
+
+from femu_piezo.output.chart import Axis, Band, Chart, Series
+from femu_piezo.output.curves import BASELINE, MEASURED, PRINTED, UPDATED, frequency_axis
+from femu_piezo.output.diagnosis import diagnosis_record
+from femu_piezo.output.diagnosis_tables import difference, fitted_sizes, ranked
+from femu_piezo.output.diagnosis_words import Answer, answer, listed, shifts, spoken
+from femu_piezo.output.report import Cell, Section, notes, paragraph, provenance_section, table, write_report
+from femu_piezo.output.report_modes import fundamental_picture
+from femu_piezo.output.tables import number
+from femu_piezo.study.diagnose import Diagnosis, extended_specimen
+from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals
+
+_WORD = {"none": "good", "effect": "fair", "unknown": "poor"}
+
+
+def write_diagnosis_report(path: Path, result: Diagnosis, command: str = "femu-piezo diagnose") -> None:
+    """Write the report of a diagnosis; the embedded record is that of diagnosis.json."""
+    sections = [*diagnosis_sections(result), _provenance(result, command)]
+    title = f"{result.specimen.name}: what the simulation gets wrong"
+    write_report(path, title, "Diagnosis of an impedance sweep", sections, diagnosis_record(result))
+
+
+def diagnosis_sections(result: Diagnosis) -> list[Section]:
+    """Answers, residuals, curves, resonances, candidates, what the sweep cannot show, measurements, constants."""
+    said = answer(result)
+    curves, residuals = _curve_charts(result), _residual_charts(result)
+    return [
+        Section("answers", "In short", _answers(result, said)),
+        Section("residuals", "What is left over", "".join(chart.html() for chart in residuals)),
+        Section("curves", "Curves", "".join(chart.html() for chart in curves)),
+        Section("resonances", "Poles and zeros", _resonances(result)),
+        Section("constants", "Constants before and after", _constants(result)),
+        Section("candidates", "Candidates", _candidates(result)),
+        Section("hidden", "What this sweep cannot show", _hidden(result)),
+        Section("measurements", "What to measure next", _measurements(result)),
+        Section("modes", "Mode shape", _mode(result)),
+    ]
+
+
+def _answers(result: Diagnosis, said: Answer) -> str:
+    groups = (
+        ("What is wrong", said.wrong),
+        ("How sure", said.sure),
+        ("What it did to your constants", said.constants),
+        ("What to do", said.measures),
+    )
+    body = paragraph(said.headline, f"key {_WORD[result.verdict.word]}")
+    for title, sentences in groups:
+        body += f"<h3>{html.escape(title)}</h3>" + "".join(paragraph(sentence) for sentence in sentences)
+    return body + notes(result.notes)
+
+
+def _models(result: Diagnosis) -> tuple[tuple[str, np.ndarray, dict, str], ...]:
+    """Words, curve, style and kind of line of the base and, where an effect is named, of the final model."""
+    base = ("base model, updated", result.curves[0], BASELINE, "dashed")
+    if not result.verdict.causes:
+        return (base,)
+    return (base, (f"with {_names(result)}", result.curves[1], UPDATED, "line"))
+
+
+def _names(result: Diagnosis) -> str:
+    return listed([spoken(cause.effect) for cause in result.verdict.causes])
+
+
+def _axis(result: Diagnosis) -> tuple[np.ndarray, float, Axis, str]:
+    factor, label, scale = frequency_axis(result.spectrum.frequency)
+    return result.spectrum.frequency * factor, factor, Axis(label, log=scale == "log"), "sweep"
+
+
+def _bands(result: Diagnosis, factor: float) -> tuple[Band, ...]:
+    unseen = result.spectrum.frequency[~result.fitted] * factor
+    return (Band("x", float(unseen[0]), float(unseen[-1]), "not seen by the fit"),) if unseen.size else ()
+
+
+def _views(result: Diagnosis, factor: float) -> dict[str, tuple[float, float]]:
+    """Around the fundamental, and where most is left over."""
+    frequency, views = result.spectrum.frequency, {}
+    width = 0.15 * result.reference_Hz
+    low, high = max(result.reference_Hz - width, frequency[0]), min(result.reference_Hz + width, frequency[-1])
+    views["around the fundamental"] = (float(low * factor), float(high * factor))
+    if result.verdict.before.worst_Hz:
+        first, last = result.verdict.before.worst_Hz[0]
+        room = 0.5 * (last - first)
+        low, high = max(first - room, frequency[0]), min(last + room, frequency[-1])
+        views["where the base model fails most"] = (float(low * factor), float(high * factor))
+    return views
+
+
+def _residual_charts(result: Diagnosis) -> list[Chart]:
+    """log |Z| and phase of simulated over measured, in σ, before and after."""
+    x, factor, axis, group = _axis(result)
+    sigma, charts = result.relative_noise / np.sqrt(2), []
+    for number_, (words, curve, _, _) in enumerate(_models(result)):
+        error = np.log(curve / result.spectrum.impedance) / sigma
+        left = (result.verdict.before, result.verdict.after)[number_]
+        judged = "beyond noise, in size or in structure" if left.structured else "as noise alone would leave it"
+        rms = float(np.sqrt(np.mean(np.abs(error) ** 2) / 2))
+        charts.append(
+            Chart(
+                axis,
+                Axis("residual (σ)"),
+                (
+                    Series("log |Z|", x, error.real, "#1f4e79", "points"),
+                    Series("phase", x, error.imag, "#d98032", "points"),
+                ),
+                group,
+                (*_bands(result, factor), Band("y", -1.96, 1.96, "95 % of pure noise", "#e3ece3")),
+                _views(result, factor) if number_ == 0 else {},
+                height=250,
+                caption=f"{words[0].upper()}{words[1:]}: root mean square {rms:.3g} σ; {judged}.",
+            )
+        )
+    return charts
+
+
+def _curve_charts(result: Diagnosis) -> list[Chart]:
+    x, factor, axis, group = _axis(result)
+    curves = (("measured", result.spectrum.impedance, MEASURED, "points"), *_models(result))
+    parts = (
+        (Axis("|Z| (Ω)", log=True), np.abs, 320),
+        (Axis("phase of Z (°)", limits=(-95.0, 95.0)), lambda z: np.degrees(np.angle(z)), 240),
+    )
+    return [
+        Chart(
+            axis,
+            vertical,
+            tuple(Series(words, x, part(z), style["color"], kind) for words, z, style, kind in curves),
+            group,
+            _bands(result, factor),
+            height=height,
+        )
+        for vertical, part, height in parts
+    ]
+
+
+def _resonances(result: Diagnosis) -> str:
+    """One table for the base, one for the final model."""
+    words = (
+        "Simulated minus measured, in σ of the measurement. Both curves passed through the same extraction, over the "
+        "same frequencies. Pole: series resonance; zero: parallel resonance. k_eff belongs to a pole and its zero."
+    )
+    tables = [
+        _resonance_table(one, model[0], when)
+        for model, one, when in zip(_models(result), result.pole_zero, ("before", "after"), strict=False)
+    ]
+    return "".join(tables) + paragraph(words) + notes(_strangers(result))
+
+
+def _resonance_table(residuals: PoleZeroResiduals, caption: str, when: str) -> str:
+    rows = []
+    for kinds in ("poles", "zeros"):
+        for index, one in enumerate(getattr(residuals, kinds)):
+            measured, model = one.measured, one.model
+            frequency = Cell("", "", None)
+            if model is not None:
+                key = f"{kinds}.{index}.{when}.frequency_Hz"
+                frequency = Cell(f"{model.frequency_Hz:.2f}", key, model.frequency_Hz)
+            key = f"{kinds}.{index}.measured.frequency_Hz"
+            rows.append(
+                (
+                    measured.kind,
+                    Cell(number(measured.frequency_Hz, measured.std_Hz), key, measured.frequency_Hz),
+                    frequency,
+                    difference(one, "frequency"),
+                    f"{measured.quality_factor:.4g}",
+                    difference(one, "quality"),
+                    difference(one, "coupling"),
+                )
+            )
+    headings = ("", "measured (Hz)", "simulated (Hz)", "Δf", "measured Q", "ΔQ", "Δk_eff")
+    return table(headings, rows, f"{caption[0].upper()}{caption[1:]}")
+
+
+def _strangers(result: Diagnosis) -> list[str]:
+    final, found = result.pole_zero[1], []
+    for resonances, words in (
+        (final.unexplained, "measured, but not in the simulation"),
+        (final.extra, "simulated, but not in the measurement"),
+    ):
+        found += [f"{r.kind} at {r.frequency_Hz / 1e3:.6g} kHz, Q {r.quality_factor:.3g}: {words}" for r in resonances]
+    return found
+
+
+def _constants(result: Diagnosis) -> str:
+    before, after = (result.constants(fit) for fit in (result.comparison.base, result.comparison.final))
+    moved, rows = {shift.name: shift for shift in shifts(result)}, []
+    for name, old in before.items():
+        factor, unit = PRINTED[name]
+        new = after[name]
+        for label, scale, part, std, words in (
+            (name, factor, "value", "std", unit),
+            (f"tan {name}", 1.0, "tan", "tan_std", ""),
+        ):
+            cells = []
+            for when, one in (("before", old), ("after", new)):
+                value, sigma = getattr(one, part), getattr(one, std)
+                text = number(value * scale, None if sigma is None else sigma * scale)
+                cells.append(Cell(text, f"parameters.{when}.{name}.{part}", value))
+            shift = moved[label]
+            bias = f"{shift.percent:+.3g} % ({shift.sigma:.2g} σ)" if result.verdict.causes else ""
+            rows.append((label, words, *cells, bias))
+    words = (
+        "± is one standard deviation from noise and misfit of this sweep; errors of dimensions and density that are "
+        "not fitted come on top."
+    )
+    return table(("", "unit", "base model", "with what is named", "bias of the base model"), rows) + paragraph(words)
+
+
+def _candidates(result: Diagnosis) -> str:
+    base = result.comparison.base
+    rows = [("none", "0", f"{base.chi_square:.5g}", f"{base.held_out_score:.3g}", "", "")]
+    for effect, fit in ranked(result):
+        edge = "at the end of its range" if any(name.startswith(effect.key) for name in fit.on_bound) else ""
+        rows.append(
+            (
+                spoken(effect),
+                f"{base.bic - fit.bic:+.1f}",
+                f"{fit.chi_square:.5g}",
+                f"{fit.held_out_score:.3g}",
+                fitted_sizes(fit),
+                edge,
+            )
+        )
+    failed = [spoken(effect) for effect, fit in result.comparison.singles if fit is None]
+    words = (
+        "Each candidate was fitted alone together with all free constants. Evidence: gain of the Bayesian information "
+        "criterion over no effect, which pays for the parameters; 10 is strong. χ²: misfit in units of the noise. "
+        "Left-out error: of bands predicted without them, in σ; 1 is the noise."
+    )
+    headings = ("candidate", "evidence", "χ²", "left-out error (σ)", "fitted size", "")
+    body = table(headings, rows) + paragraph(words)
+    return body + notes([f"The fit of {listed(failed)} did not settle."] if failed else [])
+
+
+def _hidden(result: Diagnosis) -> str:
+    """Effects that the constants imitate, and how large every other one may be without being seen."""
+    hidden = {effect.key: constant for effect, constant in result.verdict.hidden}
+    body = ""
+    if hidden:
+        rows = [
+            (spoken(effect), effect.sentence, constant.replace("_", " ")) for effect, constant in result.verdict.hidden
+        ]
+        caption = "Not visible in this sweep: the free constants take its place"
+        body += table(("effect", "what it is", "looks like"), rows, caption, "words")
+    else:
+        body += paragraph("Every candidate of usual size would leave a trace in this sweep.")
+    named = {effect.title for effect in result.comparison.final.parameters.effects}
+    rows = [
+        (spoken(effect), fitted_sizes(fit))
+        for effect, fit in ranked(result)
+        if effect.key not in hidden and effect.title not in named
+    ]
+    if rows and not named:
+        body += table(("effect", "size found"), rows, "Visible, but zero within what their evidence pays for", "words")
+    return body
+
+
+def _measurements(result: Diagnosis) -> str:
+    items = "".join(f"<li>{html.escape(words)}</li>" for words in result.verdict.measurements)
+    return f"<ol>{items}</ol>" if items else paragraph("Nothing further is needed to tell the candidates apart.")
+
+
+def _mode(result: Diagnosis) -> str:
+    return fundamental_picture(extended_specimen(result), result.reference_Hz, 1.2 * result.reference_Hz)
+
+
+def _provenance(result: Diagnosis, command: str) -> Section:
+    specimen = result.specimen
+    inputs = [path for path in (specimen.path, specimen.measurement.file) if path is not None]
+    noise = float(np.median(result.relative_noise))
+    origin = "given" if result.comparison.base.data.noise_known else "estimated from the sweep"
+    facts = [
+        ("command", command),
+        ("noise of |Z|", f"{100 * noise:.3g} %, {origin}"),
+        ("model", f"{result.unknowns} unknowns, reduced to {result.reduced_size}"),
+        ("fits", f"{len(result.comparison.singles)} candidates, {len(result.comparison.found)} accepted"),
+        ("times", ", ".join(f"{step} {seconds:.3g} s" for step, seconds in result.seconds.items())),
+    ]
+    return provenance_section(inputs, facts)
