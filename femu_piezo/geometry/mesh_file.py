@@ -21,10 +21,13 @@ from scipy.spatial import cKDTree
 from femu_piezo.errors import InputError
 from femu_piezo.files import read_bytes
 from femu_piezo.geometry.domain import Domain
+from femu_piezo.geometry.memory import memory_limit
 from femu_piezo.geometry.quality import boundary_area, check_electrodes, check_elements
 from femu_piezo.geometry.shape import unit_direction
 
 _LARGEST_FILE = 500_000_000
+#: Bytes that reading a mesh may take: for any file, and for each byte of it (a sound one takes some four).
+_LEAST_MEMORY, _MEMORY_PER_BYTE = 256_000_000, 16
 _SUPPORTED = ("hexahedron27", "tetra10", "hexahedron", "tetra")
 _SURFACE_ONLY = {"triangle", "quad", "triangle6", "quad8", "quad9"}
 #: Extents in m outside which the unit is probably wrong.
@@ -125,10 +128,17 @@ class MeshFile:
 
 
 def _read(path: Path) -> skfem.Mesh:
-    read_bytes(path, _LARGEST_FILE)  # tells a missing, unreadable or huge file in one sentence
+    size = len(read_bytes(path, _LARGEST_FILE))  # tells a missing, unreadable or huge file in one sentence
+    most = _LEAST_MEMORY + _MEMORY_PER_BYTE * size
     try:
-        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        silence = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
+        with silence[0], silence[1], memory_limit(most):
             raw = meshio.read(path)
+    except MemoryError:
+        raise InputError(
+            f"{path}: by its counts of points and elements this mesh takes more than {most / 1e6:.0f} MB, which its "
+            f"{size / 1e6:.3g} MB cannot hold; save the mesh again"
+        ) from None
     except (Exception, SystemExit) as error:  # the readers of meshio raise anything for a damaged file
         reason = str(error).strip().splitlines()
         raise InputError(
