@@ -9,7 +9,7 @@ from femu_piezo.batch.lot import Lot, lot_of, lot_text
 from femu_piezo.batch.lot_figure import lot_figure
 from femu_piezo.batch.pool import LocalPool, Pool
 from femu_piezo.batch.progress import lot_progress
-from femu_piezo.batch.run import LotResult, run_lot
+from femu_piezo.batch.run import Diagnosed, LotResult, run_lot
 from femu_piezo.errors import InputError
 from femu_piezo.files import write_atomically
 from femu_piezo.output.folder import write_figure, write_json
@@ -25,6 +25,7 @@ def run_batch(
     time_limit_s: float = 900.0,
     correct_phase: bool = False,
     mask_faults: bool = False,
+    diagnose: Diagnosed | None = None,
 ) -> tuple[str, int]:
     """Run the lot in a folder and write its results; the text to show, and the exit code.
 
@@ -43,18 +44,18 @@ def run_batch(
             return DaskPool(scheduler)
         return LocalPool(min(workers or available_cores(), len(jobs)), time_limit_s)
 
-    done = 0
+    done = {}
     try:
         with lot_progress() as shown:
 
-            def finished(count: int, all_: int, record: dict) -> None:
-                nonlocal done
-                done = count
-                shown(count, all_, record)
+            def finished(step: str, count: int, all_: int, record: dict) -> None:
+                done[step] = f"{step} {count} of {all_}"
+                shown(step, count, all_, record)
 
-            result = run_lot(jobs, out, make_pool, finished=finished, patience_s=time_limit_s + 60)
+            result = run_lot(jobs, out, make_pool, diagnose=diagnose, finished=finished, patience_s=time_limit_s + 60)
     except KeyboardInterrupt:
-        return f"femu-piezo: interrupted with {done} of {len(jobs)} done; run the same command to continue\n", 130
+        words = ", ".join(done.values()) or "nothing"
+        return f"femu-piezo: interrupted with {words} done; run the same command to continue\n", 130
     lot = write_report(result, out)
     text = lot_text(lot) + f"{result.computed} computed now, {result.kept} kept → {out / 'table.csv'}\n"
     return text, 0 if result.count("ok") else 3

@@ -19,21 +19,21 @@ _ABSENT = "absent"
 
 @dataclass(frozen=True)
 class Job:
-    """One row of the lot.
+    """One step of one row of the lot.
 
     Attributes
     ----------
     name : file name within the lot's folder, unique there
     specimen : specimen file
     sweep : measured sweep in place of the specimen file's own; None to use that
-    steps : what to compute, names of `femu_piezo.batch.steps`
+    step : what to compute, a name of `femu_piezo.batch.steps.STEPS`
     correct_phase, mask_faults : what to correct in the sweep, whatever the specimen file says
     """
 
     name: str
     specimen: Path
     sweep: Path | None = None
-    steps: tuple[str, ...] = ("update",)
+    step: str = "update"
     correct_phase: bool = False
     mask_faults: bool = False
 
@@ -53,9 +53,7 @@ class Job:
 
     def checksum(self, program: str, files: tuple[Path, ...]) -> str:
         """SHA-256 over the program (`program_checksum`), options and input files; another one, another result."""
-        digest = hashlib.sha256(
-            f"{program}\0{self.name}\0{self.steps}\0{self.correct_phase}{self.mask_faults}".encode()
-        )
+        digest = hashlib.sha256(f"{program}\0{self.name}\0{self.step}\0{self.correct_phase}{self.mask_faults}".encode())
         for path in files:
             digest.update(b"\0" + _file_checksum(path).encode())
         return digest.hexdigest()

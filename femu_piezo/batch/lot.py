@@ -6,6 +6,7 @@ job in the natural order of the file names.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -25,7 +26,10 @@ _EQUAL = 1e-9
 
 @dataclass(frozen=True)
 class Outlier:
-    """A value far off its lot: `distance` in robust standard deviations from the centre (or from the drift line)."""
+    """A value far off its lot: `distance` in robust standard deviations from the centre (or from the drift line).
+
+    `diagnosis` says what causes it, "" where that was not asked for; `notes` what the update has to say.
+    """
 
     number: int
     file: str
@@ -33,6 +37,8 @@ class Outlier:
     value: float
     distance: float
     reason: str
+    diagnosis: str
+    notes: str
 
 
 @dataclass(frozen=True)
@@ -81,9 +87,18 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Lot:
-    """What a lot says: how many specimens did what, distributions, outliers, and rows without a result."""
+    """What a lot says.
+
+    Attributes
+    ----------
+    counts : how many specimens did what
+    verdicts, causes : how many diagnoses came to which verdict, and named which cause first
+    faults : files without a result, with the reason
+    """
 
     counts: dict[str, int]
+    verdicts: dict[str, int]
+    causes: dict[str, int]
     distributions: tuple[Distribution, ...]
     outliers: tuple[Outlier, ...]
     faults: tuple[tuple[str, str], ...]
@@ -92,6 +107,8 @@ class Lot:
         """JSON types only."""
         return {
             "counts": self.counts,
+            "verdicts": self.verdicts,
+            "causes": self.causes,
             "quantities": {one.quantity: one.to_json() for one in self.distributions},
             "outliers": [vars(one) for one in self.outliers],
             "faults": [{"file": file, "reason": reason} for file, reason in self.faults],
@@ -103,15 +120,21 @@ def lot_of(rows: Sequence[dict]) -> Lot:
     good = [row for row in rows if row["status"] == "ok"]
     names = [name for name in _quantities() if sum(row.get(name) is not None for row in good) > 0]
     distributions = tuple(_distribution(name, good, len(names)) for name in names)
-    notes = {row["number"]: row.get("notes") or "" for row in good}
-    files = {row["number"]: row["file"] for row in good}
-    outliers = [item for one in distributions for item in _outliers(one, len(names), files, notes)]
+    rows_by_number = {row["number"]: row for row in good}
+    outliers = [item for one in distributions for item in _outliers(one, len(names), rows_by_number)]
     outliers.sort(key=lambda item: (item.number, -abs(item.distance)))
     counts = {"specimens": len(rows)} | {
         status: sum(row["status"] == status for row in rows) for status in ("ok", "failed", "lost")
     }
     faults = tuple((row["file"], row["reason"]) for row in rows if row["status"] != "ok")
-    return Lot(counts, distributions, tuple(outliers), faults)
+    verdicts, causes = (_counted(good, column) for column in ("verdict", "cause"))
+    return Lot(counts, verdicts, causes, distributions, tuple(outliers), faults)
+
+
+def _counted(rows: Sequence[dict], column: str) -> dict[str, int]:
+    """Value → how many rows have it, the most frequent first."""
+    found = Counter(row[column] for row in rows if row.get(column))
+    return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
 
 
 def _quantities() -> list[str]:
@@ -155,7 +178,7 @@ def _robust_std(residual: np.ndarray) -> float:
     return float(_MAD_TO_SIGMA * np.median(np.abs(residual - np.median(residual))))
 
 
-def _outliers(one: Distribution, tested: int, files: dict[int, str], notes: dict[int, str]) -> list[Outlier]:
+def _outliers(one: Distribution, tested: int, rows: dict[int, dict]) -> list[Outlier]:
     """Values that a normal lot of this size would show once in 1/FALSE_ALARM lots; about the line where it drifts."""
     residual = one.values - one.line
     scale = max(_robust_std(residual), _EQUAL * abs(one.centre))
@@ -169,9 +192,13 @@ def _outliers(one: Distribution, tested: int, files: dict[int, str], notes: dict
             about = "the drift of the lot" if one.drifts else "the median of the lot"
             side = "above" if distance > 0 else "below"
             reason = f"{one.quantity} = {value:.5g} is {abs(distance):.1f} σ {side} {about} ({one.centre:.5g})"
-            if notes[number]:
-                reason += f"; {notes[number]}"
-            found.append(Outlier(number, files[number], one.quantity, value, float(distance), reason))
+            row = rows[number]
+            diagnosis = row.get("diagnosis") or ""
+            found.append(
+                Outlier(
+                    number, row["file"], one.quantity, value, float(distance), reason, diagnosis, row.get("notes") or ""
+                )
+            )
     return found
 
 
@@ -191,10 +218,19 @@ def lot_text(lot: Lot) -> str:
     ]
     if lot.distributions and lot.distributions[0].values.size < FEWEST:
         lines.append(f"outliers and drift are told from {FEWEST} specimens on")
-    lines += [f"outlier {one.file}: {one.reason}" for one in lot.outliers]
+    for words, found in (("diagnoses", lot.verdicts), ("first causes", lot.causes)):
+        if found:
+            lines.append(f"{words}: " + ", ".join(f"{name} {count}" for name, count in found.items()))
+    for file in dict.fromkeys(one.file for one in lot.outliers):
+        mine = [one for one in lot.outliers if one.file == file]
+        lines.append(f"outlier {file}: " + "; ".join(one.reason for one in mine))
+        if mine[0].diagnosis:
+            lines.append(f"    diagnosis: {mine[0].diagnosis}")
+        if mine[0].notes:
+            lines.append(f"    notes: {mine[0].notes}")
     lines += [f"no result {file}: {reason}" for file, reason in lot.faults]
     return "\n".join(lines) + "\n"
 
 
 def _share(sigma: float, centre: float) -> str:
-    return f"{sigma / abs(centre):.2%}" if centre else f"{sigma:.3g}"
+    return f"{100 * sigma / abs(centre):.2g} %" if centre else f"{sigma:.2g}"

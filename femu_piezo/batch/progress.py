@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, Task, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, Task, TaskID, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
 
@@ -22,21 +23,24 @@ class _Rate(TextColumn):
 
 
 @contextmanager
-def lot_progress() -> Iterator[Callable[[int, int, dict], None]]:
-    """Yield the function to call with (done, all, record) after each job; rows without a result are printed."""
+def lot_progress() -> Iterator[Callable[[str, int, int, dict], None]]:
+    """Yield the function to call with (step, done, all, record) after each job; one bar for each step."""
     if not sys.stderr.isatty():
-        yield lambda done, all_, record: None
+        yield lambda step, done, all_, record: None
         return
     console = Console(stderr=True)
-    columns = (BarColumn(), MofNCompleteColumn(), _Rate(), TextColumn("left"), TimeRemainingColumn())
-    with Progress(*columns, TextColumn("{task.fields[faults]}"), console=console, transient=True) as bar:
-        task = bar.add_task("specimens", total=None, faults="")
-        faults = 0
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Rate(), TextColumn("left"))
+    faults = Counter()
+    with Progress(
+        *columns, TimeRemainingColumn(), TextColumn("{task.fields[faults]}"), console=console, transient=True
+    ) as bar:
+        bars: dict[str, TaskID] = {}
 
-        def finished(done: int, all_: int, record: dict) -> None:
-            nonlocal faults
-            if record["status"] != "ok":
-                faults += 1
-            bar.update(task, total=all_, completed=done, faults=f"{faults} without result" if faults else "")
+        def finished(step: str, done: int, all_: int, record: dict) -> None:
+            if step not in bars:
+                bars[step] = bar.add_task(step, faults="")
+            faults[step] += record["status"] != "ok"
+            words = f"{faults[step]} without result" if faults[step] else ""
+            bar.update(bars[step], total=all_, completed=done, faults=words)
 
         yield finished

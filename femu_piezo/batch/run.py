@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 from femu_piezo.batch.jobs import Job, program_checksum
+from femu_piezo.batch.lot import lot_of
 from femu_piezo.batch.pool import Pool, run_all
 from femu_piezo.batch.store import Records, locked
 from femu_piezo.batch.table import rows_of, write_table
 from femu_piezo.batch.worker import record, run_job
 from femu_piezo.output.folder import prepare_folder
 
+#: Which specimens are diagnosed after the update: every one that has a result, or those that are outliers of the lot.
+Diagnosed = Literal["all", "outliers"]
+
 
 @dataclass(frozen=True)
 class LotResult:
-    """The rows of a lot, and how many of them were kept from earlier runs or computed now."""
+    """The rows of a lot, and how many results were kept from earlier runs or computed now."""
 
     rows: list[dict]
     kept: int
@@ -32,17 +37,21 @@ def run_lot(
     out: Path,
     make_pool: Callable[[], Pool],
     *,
-    finished: Callable[[int, int, dict], None] = lambda done, all_, record: None,
+    diagnose: Diagnosed | None = None,
+    finished: Callable[[str, int, int, dict], None] = lambda step, done, all_, record: None,
     patience_s: float = 1200.0,
 ) -> LotResult:
     """Compute what is missing, write out/table.csv and out/table.parquet.
 
-    Every record is durable in out/records as soon as it is there, so that after any end the next run continues.
+    Every record is durable in out/records (of diagnoses in out/diagnoses) as soon as it is there, so that after any
+    end the next run continues.
 
     Parameters
     ----------
+    jobs : updates, one for each row
     make_pool : starts the workers; not called where nothing is to be computed
-    finished : called with (done so far, all, record) after each job, those kept included
+    diagnose : which specimens to diagnose as well
+    finished : called with (step, done so far, all, record) after each job, those kept included
     patience_s : give up what is in flight after so long without any result
 
     Raises
@@ -51,14 +60,51 @@ def run_lot(
     """
     prepare_folder(out)
     with locked(out):
-        records = Records(out / "records")
-        program = program_checksum()
-        checksums = {job.name: job.checksum(program, job.read().files) for job in jobs}
+        run = _Run(make_pool, finished, patience_s)
+        try:
+            updated = run.step("update", jobs, Records(out / "records"))
+            rows, diagnosed = rows_of(updated), None
+            if diagnose is not None:
+                chosen = _to_diagnose(rows, diagnose)
+                wanted = [replace(job, step="diagnose") for job in jobs if job.name in chosen]
+                found = run.step("diagnose", wanted, Records(out / "diagnoses"))
+                diagnosed = {one["name"]: one for one in found}
+        finally:
+            run.close()
+        rows = rows_of(updated, diagnosed)
+        write_table(rows, out / "table.csv", out / "table.parquet")
+    return LotResult(rows, run.kept, run.computed)
+
+
+def _to_diagnose(rows: list[dict], which: Diagnosed) -> set[str]:
+    if which == "outliers":
+        return {one.file for one in lot_of(rows).outliers}
+    return {row["file"] for row in rows if row["status"] == "ok"}
+
+
+class _Run:
+    """Steps over the same workers, which start with the first job that must be computed."""
+
+    def __init__(self, make_pool: Callable[[], Pool], finished: Callable, patience_s: float) -> None:
+        self._make_pool, self._finished, self._patience = make_pool, finished, patience_s
+        self._pool: Pool | None = None
+        self._program = program_checksum()
+        self.kept = self.computed = 0
+
+    def step(self, name: str, jobs: list[Job], records: Records) -> list[dict]:
+        """The records of one step in the order of the jobs: those kept, and the rest computed."""
+        checksums = {job.name: job.checksum(self._program, job.read().files) for job in jobs}
         found: dict[str, dict] = {}
 
         def take(one: dict) -> None:
             found[one["name"]] = one
-            finished(len(found), len(jobs), one)
+            self._finished(name, len(found), len(jobs), one)
+
+        def computed(task: tuple, result: dict | None, reason: str) -> None:
+            job, checksum, _ = task
+            result = result or record(job, checksum, "lost", f"{job.name}: {reason}")
+            records.write(result)
+            take(result)
 
         todo = []
         for job in jobs:
@@ -67,21 +113,14 @@ def run_lot(
                 todo.append(job)
             else:
                 take(old)
+        self.kept += len(jobs) - len(todo)
+        self.computed += len(todo)
         if todo:
-            _compute(todo, checksums, program, make_pool(), records, take, patience_s)
-        rows = rows_of([found[job.name] for job in jobs])
-        write_table(rows, out / "table.csv", out / "table.parquet")
-    return LotResult(rows, len(jobs) - len(todo), len(todo))
+            self._pool = self._pool or self._make_pool()
+            tasks = [(job, checksums[job.name], self._program) for job in todo]
+            run_all(self._pool, run_job, tasks, computed, self._patience)
+        return [found[job.name] for job in jobs]
 
-
-def _compute(todo, checksums, program, pool: Pool, records: Records, take, patience_s: float) -> None:
-    def one(task: tuple, result: dict | None, reason: str) -> None:
-        job, checksum, _ = task
-        result = result or record(job, checksum, "lost", f"{job.name}: {reason}")
-        records.write(result)
-        take(result)
-
-    try:
-        run_all(pool, run_job, [(job, checksums[job.name], program) for job in todo], one, patience_s)
-    finally:
-        pool.close()
+    def close(self) -> None:
+        if self._pool is not None:
+            self._pool.close()

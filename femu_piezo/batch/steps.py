@@ -1,6 +1,6 @@
 """What is computed for one job: each step turns specimens into columns of the table and a full record.
 
-A new step (a diagnosis, say) is one function here and its name in `STEPS`.
+A new step is one function here and its name in `STEPS`.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from femu_piezo.errors import InputError
 from femu_piezo.output.records import update_record
 from femu_piezo.specimen import CONSTANTS, Specimen
 from femu_piezo.study.bases import Bases
@@ -31,6 +32,22 @@ UPDATE_COLUMNS = (
     "method",
     "notes",
 )
+#: Columns that `diagnose` fills: of the most probable cause its first parameter (SI), errors as rms |Δ log Z| of data
+#: that no fit saw, and all of it in words.
+DIAGNOSIS_COLUMNS = (
+    "verdict",
+    "cause",
+    "probability",
+    "size",
+    "size_std",
+    "size_unit",
+    "further_causes",
+    "alike",
+    "error_before",
+    "error_after",
+    "error_noise",
+    "diagnosis",
+)
 
 
 def _update(specimens: list[Specimen], bases: Bases) -> tuple[dict[str, Value], dict]:
@@ -49,7 +66,45 @@ def _update(specimens: list[Specimen], bases: Bases) -> tuple[dict[str, Value], 
     return {name: finite(value) for name, value in columns.items()}, finite(update_record(result))
 
 
-STEPS: dict[str, Step] = {"update": _update}
+def _diagnose(specimens: list[Specimen], bases: Bases) -> tuple[dict[str, Value], dict]:
+    """The verdict and its causes, of a job with one specimen."""
+    from femu_piezo.output.diagnosis import diagnosis_record
+    from femu_piezo.study.diagnose import diagnose
+
+    if len(specimens) > 1:
+        raise InputError(
+            f"{specimens[0].path}: several specimens fitted together have no common diagnosis; diagnose each by itself"
+        )
+    result = diagnose(specimens[0])
+    verdict, gain = result.verdict, result.gain
+    causes = sorted(verdict.causes, key=lambda cause: -cause.probability)
+    columns: dict[str, Value] = {"verdict": verdict.word}
+    if causes:
+        first = causes[0]
+        columns |= {"cause": first.effect.title, "probability": first.probability}
+        columns |= {"size": first.values[0], "size_std": first.std[0], "size_unit": first.effect.parameters[0].unit}
+        columns["further_causes"] = " + ".join(cause.effect.title for cause in causes[1:]) or None
+        columns["alike"] = ", ".join(first.indistinguishable_from) or None
+    columns |= {f"error_{when}": gain[f"held_out_{when}"] for when in ("before", "after")}
+    columns |= {"error_noise": gain["noise_floor"], "diagnosis": _diagnosis_words(verdict.word, causes)}
+    return {name: finite(value) for name, value in columns.items()}, finite(diagnosis_record(result))
+
+
+def _diagnosis_words(word: str, causes) -> str:
+    named = []
+    for cause in causes:
+        parameters = zip(cause.effect.parameters, cause.values, cause.std, strict=True)
+        sizes = (f"{p.name} {v:.4g} ± {std:.2g} {p.unit}".removesuffix(" 1") for p, v, std in parameters)
+        alike = f", not to be told from {', '.join(cause.indistinguishable_from)}" * bool(cause.indistinguishable_from)
+        named.append(f"{cause.effect.title} ({', '.join(sizes)}; probability {cause.probability:.2f}{alike})")
+    if word == "none":
+        return "nothing beyond the noise is left over"
+    if word == "unknown":
+        return "something that no candidate explains" + f", in part {' + '.join(named)}" * bool(named)
+    return " + ".join(named)
+
+
+STEPS: dict[str, Step] = {"update": _update, "diagnose": _diagnose}
 
 
 def finite(value):

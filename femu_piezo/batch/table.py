@@ -4,31 +4,48 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from femu_piezo.batch.steps import CONSTANT_COLUMNS, UPDATE_COLUMNS
+from femu_piezo.batch.steps import CONSTANT_COLUMNS, DIAGNOSIS_COLUMNS, UPDATE_COLUMNS
 from femu_piezo.files import write_atomically
 
 _FIRST = ("number", "file", "specimen", "status", "reason")
 _TEXT = {"file", "specimen", "status", "reason", "method", "notes"}
+_TEXT |= {"verdict", "cause", "size_unit", "further_causes", "alike", "diagnosis"}
 _WHOLE = {"number", "iterations"}
 
 
-def rows_of(records: Sequence[dict]) -> list[dict]:
-    """Rows in the order of the records, numbered from 1."""
+def rows_of(records: Sequence[dict], diagnoses: Mapping[str, dict] | None = None) -> list[dict]:
+    """Rows in the order of the records of the updates, numbered from 1.
+
+    Parameters
+    ----------
+    diagnoses : name → record of a diagnosis; where it has no result the column "diagnosis" says why. None where no
+        diagnosis was asked for: such rows have no columns for it
+    """
     rows = []
     for number, record in enumerate(records, 1):
         head = {"number": number, "file": record["name"], "status": record["status"], "reason": record["reason"]}
         rows.append({**record["columns"], **head})
+        if diagnoses is not None:
+            rows[-1] |= dict.fromkeys(DIAGNOSIS_COLUMNS) | _diagnosis(diagnoses.get(record["name"]))
     return rows
 
 
+def _diagnosis(record: dict | None) -> dict:
+    if record is None:
+        return {}
+    if record["status"] != "ok":
+        return {"diagnosis": f"no diagnosis: {record['reason']}"}
+    return {name: value for name, value in record["columns"].items() if name in DIAGNOSIS_COLUMNS}
+
+
 def columns_of(rows: Sequence[dict]) -> list[str]:
-    """The columns in their order: of constants only those that some row has, then what further steps brought."""
+    """The columns in their order: of constants only those that some row has; of a diagnosis where it was asked for."""
     present = {name for row in rows for name in row}
     known = [*_FIRST, *(name for name in UPDATE_COLUMNS if name in present or name not in CONSTANT_COLUMNS)]
-    return known + sorted(present - set(known))
+    return known + [name for name in DIAGNOSIS_COLUMNS if name in present]
 
 
 def write_table(rows: Sequence[dict], csv_path: Path, parquet_path: Path) -> None:

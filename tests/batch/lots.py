@@ -36,12 +36,12 @@ file = "{file}"
 """
 
 
-def sweep(seed: int, scatter: float = 0.01, noise: float = 1e-3) -> ImpedanceSpectrum:
+def sweep(seed: int, scatter: float = 0.01, noise: float = 1e-3, width: float = 3e-3) -> ImpedanceSpectrum:
     """A bar whose constants scatter by `scatter`, with relative noise."""
     rng = np.random.default_rng(seed)
     s11, d31, eps = np.array([S11, D31, EPS33T]) * (1 + scatter * rng.standard_normal(3))
     x = np.pi * FREQUENCY * 40e-3 * np.sqrt(7500.0 * s11)
-    capacitance = 40e-3 * 3e-3 / 0.5e-3 * (eps - d31**2 / s11 * (1 - np.tan(x) / x))
+    capacitance = 40e-3 * width / 0.5e-3 * (eps - d31**2 / s11 * (1 - np.tan(x) / x))
     error = noise * (rng.standard_normal((2, FREQUENCY.size)).T @ [1, 1j]) / np.sqrt(2)
     return ImpedanceSpectrum(FREQUENCY, (1 + error) / (2j * np.pi * FREQUENCY * capacitance))
 

@@ -12,10 +12,12 @@ from click.testing import CliRunner
 from lots import S11, InlinePool, kill_at_random, sweep, write_lot
 
 from femu_piezo.batch.jobs import Job, find_jobs, natural_order
+from femu_piezo.batch.lot import lot_of, lot_text
 from femu_piezo.batch.run import run_lot
 from femu_piezo.cli import main
-from femu_piezo.errors import InputError
+from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 
 def no_pool():
@@ -143,6 +145,71 @@ def test_folder_of_specimen_files(tmp_path):
     assert [row["file"] for row in result.rows] == ["bar 9.toml", "bar 10.toml", "bar.toml"]
     assert [row["status"] for row in result.rows] == ["ok", "ok", "failed"]
     assert result.rows[0]["s11"] > result.rows[1]["s11"]  # same sweep, longer bar: stiffer
+
+
+def diagnosed(name: str):
+    """A step that finds a lead in every specimen, and cannot do one of the files."""
+
+    def step(specimens, bases):
+        if specimens[0].measurement.file.name == "p5.csv":
+            raise ConvergenceError("p5.csv: the base model cannot be fitted")
+        return {"verdict": "effect", "cause": name, "probability": 0.97, "diagnosis": f"{name} 3 ohm"}, {"verdict": 1}
+
+    return step
+
+
+def test_diagnoses_are_columns_kept_apart_from_the_updates(lot, tmp_path, monkeypatch):
+    from femu_piezo.batch import steps
+
+    jobs = find_jobs(lot[0], lot[1])
+    plain = run_lot(jobs, tmp_path, InlinePool)
+    before = (tmp_path / "table.csv").read_bytes()
+    monkeypatch.setitem(steps.STEPS, "diagnose", diagnosed("series_resistance"))
+    pool = InlinePool()
+    result = run_lot(jobs, tmp_path, lambda: pool, diagnose="all")
+    assert pool.done == ["p1.csv", "p4.csv", "p5.csv", "p6.csv"]  # of those that have a result, and no update again
+    assert [row["verdict"] for row in result.rows] == ["effect", None, None, "effect", None, "effect"]
+    assert "no diagnosis: p5.csv: the base" in result.rows[4]["diagnosis"] and result.rows[4]["status"] == "ok"
+    assert [row["s11"] for row in result.rows if "s11" in row] == [row["s11"] for row in plain.rows if "s11" in row]
+    report = lot_of(result.rows)
+    assert (report.verdicts, report.causes) == ({"effect": 3}, {"series_resistance": 3})
+    whole = (tmp_path / "table.csv").read_bytes()
+    assert table(tmp_path)[0]["cause"] == "series_resistance"
+    assert pyarrow.parquet.read_table(tmp_path / "table.parquet").to_pylist()[0]["probability"] == 0.97
+    again = run_lot(jobs, tmp_path, no_pool, diagnose="all")
+    assert (again.kept, again.computed) == (10, 0) and (tmp_path / "table.csv").read_bytes() == whole
+    run_lot(jobs, tmp_path, no_pool)
+    assert (tmp_path / "table.csv").read_bytes() == before
+
+
+def test_only_outliers_are_diagnosed_where_only_they_are_asked_for(tmp_path, monkeypatch):
+    from femu_piezo.batch import steps
+
+    sweeps, specimen = write_lot(tmp_path, 9)
+    write_spectrum(sweep(9, scatter=0.2), sweeps / "p9.csv")
+    monkeypatch.setitem(steps.STEPS, "diagnose", diagnosed("wrong_length"))
+    pool = InlinePool()
+    result = run_lot(find_jobs(sweeps, specimen), tmp_path / "out", lambda: pool, diagnose="outliers")
+    assert pool.done[9:] == ["p9.csv"]
+    assert [row["verdict"] for row in result.rows] == [None] * 8 + ["effect"]
+    assert "diagnosis: wrong_length 3 ohm" in lot_text(lot_of(result.rows))
+
+
+def test_a_diagnosis_end_to_end(tmp_path):
+    """A resistor of 100 ohm in series with a bar as thin as the 1-D formula wants, through the command line."""
+    sweeps, specimen = write_lot(tmp_path, 1)
+    text = specimen.read_text(encoding="utf-8").replace("3 mm", "0.5 mm").replace("1e-2", "1e-3")
+    specimen.write_text(text, encoding="utf-8")
+    one = sweep(1, width=0.5e-3)
+    write_spectrum(ImpedanceSpectrum(one.frequency, one.impedance + 100), sweeps / "p1.csv")
+    arguments = ["batch", str(sweeps), "--specimen", str(specimen), "--out", str(tmp_path / "out"), "--workers", "1"]
+    answer = CliRunner().invoke(main, [*arguments, "--diagnose"])
+    assert answer.exit_code == 0, answer.output
+    row = table(tmp_path / "out")[0]
+    assert row["verdict"] == "effect" and row["cause"] == "series_resistance", row["diagnosis"]
+    assert float(row["size"]) == pytest.approx(100, abs=4 * float(row["size_std"]))
+    record = json.loads((tmp_path / "out/diagnoses/p1.csv.json").read_text(encoding="utf-8"))
+    assert record["results"]["diagnose"]["causes"][0]["probability"] == float(row["probability"])
 
 
 def test_natural_order():
