@@ -28,7 +28,8 @@ _EQUAL = 1e-9
 class Outlier:
     """A value far off its lot: `distance` in robust standard deviations from the centre (or from the drift line).
 
-    `diagnosis` says what causes it, "" where that was not asked for; `notes` what the update has to say.
+    `cause` and `diagnosis` name what brings it about, "" where that was not asked for or found; `notes` is what the
+    update has to say.
     """
 
     number: int
@@ -37,6 +38,7 @@ class Outlier:
     value: float
     distance: float
     reason: str
+    cause: str
     diagnosis: str
     notes: str
 
@@ -193,12 +195,8 @@ def _outliers(one: Distribution, tested: int, rows: dict[int, dict]) -> list[Out
             side = "above" if distance > 0 else "below"
             reason = f"{one.quantity} = {value:.5g} is {abs(distance):.1f} σ {side} {about} ({one.centre:.5g})"
             row = rows[number]
-            diagnosis = row.get("diagnosis") or ""
-            found.append(
-                Outlier(
-                    number, row["file"], one.quantity, value, float(distance), reason, diagnosis, row.get("notes") or ""
-                )
-            )
+            told = {name: row.get(name) or "" for name in ("cause", "diagnosis", "notes")}
+            found.append(Outlier(number, row["file"], one.quantity, value, float(distance), reason, **told))
     return found
 
 

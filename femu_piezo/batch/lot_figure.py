@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -12,21 +13,31 @@ _POINTS = {"color": "#1f6fb4", "marker": ".", "linestyle": "none", "markersize":
 _LIMIT = {"color": "#8c8c8c", "linewidth": 1.0, "linestyle": "--"}
 _OUTLIER = {"color": "#c0392b", "marker": "o", "markerfacecolor": "none", "linestyle": "none", "markersize": 7}
 _LABELLED = 12  # so many outliers are written out in each chart
+#: Outliers by more robust standard deviations than this stand on the edge of the chart.
+_SHOWN = 12.0
 
 
 def lot_figure(lot: Lot) -> Figure:
-    """One row per quantity: values with control limits, drift and outliers by file name; histogram."""
+    """One row per quantity: values with control limits, drift and outliers by file name and cause; histogram."""
     rows = max(1, len(lot.distributions))
     figure = Figure(figsize=(11.0, 0.8 + 1.9 * rows), layout="constrained")
     axes = figure.subplots(rows, 2, squeeze=False, sharex="col", gridspec_kw={"width_ratios": [4, 1]})
     for one, (chart, histogram) in zip(lot.distributions, axes, strict=False):
         factor, unit = PRINTED.get(one.quantity, (1.0, ""))
-        _chart(chart, one, lot, factor)
-        chart.set_ylabel(f"{one.quantity}{f' ({unit})' if unit else ''}")
-        _histogram(histogram, one, factor, chart)
+        far = {item.number for item in lot.outliers if item.quantity == one.quantity and abs(item.distance) > _SHOWN}
+        inside = np.array([number not in far for number in one.number.tolist()])
+        low, high = _range(one, inside)
+        _chart(chart, one, lot, factor, inside)
+        chart.set(ylim=(factor * low, factor * high), ylabel=f"{one.quantity}{f' ({unit})' if unit else ''}")
+        bins = min(40, max(5, int(inside.sum()) // 5))
+        histogram.hist(factor * one.values[inside], bins=bins, orientation="horizontal", color="#9dbfdc")
+        histogram.set_ylim(chart.get_ylim())
+        histogram.tick_params(labelleft=False)
     if not lot.distributions:
         axes[0, 0].text(0.5, 0.5, "no specimen gave a result", ha="center", transform=axes[0, 0].transAxes)
     axes[-1, 0].set_xlabel("serial number (place in the order of file names)")
+    axes[-1, 1].set_xlabel("specimens")
+    figure.align_ylabels(axes[:, 0])
     counts = lot.counts
     figure.suptitle(
         f"{counts['specimens']} specimens: {counts['ok']} updated, {counts['failed']} refused or not converged, "
@@ -36,28 +47,32 @@ def lot_figure(lot: Lot) -> Figure:
     return figure
 
 
-def _chart(axes: Axes, one: Distribution, lot: Lot, factor: float) -> None:
-    axes.plot(one.number, factor * one.values, **_POINTS)
+def _range(one: Distribution, inside: np.ndarray) -> tuple[float, float]:
+    """The range of a chart: limits, line and all values but the far ones, with a margin."""
+    low, high = (pick([*one.limits, *one.line, *one.values[inside]]) for pick in (min, max))
+    margin = 0.15 * (high - low) or 0.01 * abs(high) or 1.0
+    return low - margin, high + margin
+
+
+def _chart(axes: Axes, one: Distribution, lot: Lot, factor: float, inside: np.ndarray) -> None:
+    axes.plot(one.number[inside], factor * one.values[inside], **_POINTS)
     for limit in one.limits:
         axes.axhline(factor * limit, **_LIMIT)
     axes.plot(one.number, factor * one.line, color="#222222", linewidth=1.0)
-    mine = [item for item in lot.outliers if item.quantity == one.quantity]
-    axes.plot([item.number for item in mine], [factor * item.value for item in mine], **_OUTLIER)
-    for item in sorted(mine, key=lambda item: -abs(item.distance))[:_LABELLED]:
-        axes.annotate(
-            item.file.rsplit(".", 1)[0],
-            (item.number, factor * item.value),
-            xytext=(6, 0),
-            textcoords="offset points",
-            fontsize=7,
-            va="center",
-        )
+    shown = dict(zip(one.number.tolist(), inside.tolist(), strict=True))
+    mine = sorted((item for item in lot.outliers if item.quantity == one.quantity), key=lambda i: -abs(i.distance))
+    for rank, item in enumerate(mine):
+        name = item.file.rsplit(".", 1)[0] + (f": {item.cause}" if item.cause else "")
+        if shown[item.number]:
+            place, style = {"xy": (item.number, factor * item.value)}, _OUTLIER
+        else:  # on the edge, with the value in words
+            above = item.value > one.centre
+            place = {"xy": (item.number, float(above)), "xycoords": axes.get_xaxis_transform()}
+            style = {**_OUTLIER, "marker": "^" if above else "v", "clip_on": False}
+            style["transform"] = axes.get_xaxis_transform()
+            name += f" ({factor * item.value:.4g})"
+        axes.plot(*place["xy"], **style)
+        if rank < _LABELLED:
+            align = {"va": "center"} if shown[item.number] else {"va": "top" if above else "bottom"}
+            axes.annotate(name, **place, xytext=(7, 0), textcoords="offset points", fontsize=7, **align)
     axes.margins(x=0.02)
-
-
-def _histogram(axes: Axes, one: Distribution, factor: float, chart: Axes) -> None:
-    axes.hist(
-        factor * one.values, bins=min(40, max(5, one.values.size // 5)), orientation="horizontal", color="#9dbfdc"
-    )
-    axes.set_ylim(chart.get_ylim())
-    axes.tick_params(labelleft=False)

@@ -49,6 +49,17 @@ def test_outliers_are_named_with_their_reason():
     assert "outlier p17.csv: s11" in lot_text(lot) and "a jump at 90 kHz" in lot_text(lot)
 
 
+def test_far_outliers_do_not_squeeze_the_chart():
+    values = clean(40, 4)
+    values[7] *= 50
+    values[20] += 9 * SIGMA
+    figure = lot_figure(lot_of(rows(values)))
+    low, high = figure.axes[0].get_ylim()
+    assert 12 * SIGMA < (high - low) / 1e12 < 20 * SIGMA
+    words = [text.get_text() for text in figure.axes[0].texts]
+    assert sorted(words) == ["p21", f"p8 ({values[7] * 1e12:.4g})"]
+
+
 def test_drift_is_found_and_outliers_are_told_about_it():
     ramp = np.linspace(-3, 3, 100) * SIGMA
     values = clean(100, 3) + ramp
