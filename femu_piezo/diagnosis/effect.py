@@ -5,6 +5,7 @@ An effect changes the affine model A = Σ c_q A_q − ω² M at one or more of f
     constants   the ten d-form constants, over frequency or not         θ → θ'(ω, p)
     stretch     the dimensions along the axes                           s_a(p): ∂_a → ∂_a/s_a, dV → s_x s_y s_z dV
     terms       further stiffness or inertia terms on the mesh          + c(ω, p) A_extra, − ω² m(p) M_extra
+    local       terms at a place that is itself a parameter             + c(ω, p) A(p), on the reduced plate
     circuit     a two-port around the terminals                         Z → Z'(ω, p)
 
 Effects compose: a list of them is applied in order, circuits last. Each file of `femu_piezo.diagnosis.effects` holds
@@ -15,13 +16,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import scipy.sparse as sp
 
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.material.constants import PiezoConstants
+
+if TYPE_CHECKING:
+    from femu_piezo.diagnosis.places import Places
 
 #: (θ (k, 10), tangents (k, 10, n_x) = ∂θ/∂x, ω (k,), p (n,)) → (θ', its tangents, ∂θ'/∂p (k, 10, n)). The map may be
 #: real-linear only (it may treat Re and Im apart); x and p are real.
@@ -32,6 +36,29 @@ StretchHook = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 CoefficientHook = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 #: (ω (k,), Z (k,), p (n,)) → Z' (k,), ∂Z'/∂Z (k,), ∂Z'/∂p (k, n)
 CircuitHook = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class LocalTerm:
+    """One term of the reduced plate at given parameters: value · matrix, and its slopes in the parameters.
+
+    Attributes
+    ----------
+    kind : "stiffness" adds value · matrix to the operator, "inertia" −ω² value · matrix (value must not depend on ω)
+    matrix : (r, r) real for stiffness, (u, u) on the displacement unknowns for inertia
+    value : (k,) over frequency;  slopes : (k, n) ∂value/∂p
+    constant : number of the e-form constant that multiplies it, where one does
+    """
+
+    kind: Literal["stiffness", "inertia"]
+    matrix: np.ndarray
+    value: np.ndarray
+    slopes: np.ndarray
+    constant: int | None = None
+
+
+#: (places of the reduced plate, ω (k,), p (n,)) → its terms
+LocalHook = Callable[["Places", np.ndarray, np.ndarray], list[LocalTerm]]
 
 
 @dataclass(frozen=True)
@@ -78,7 +105,7 @@ class ExtraTerm:
     training: tuple[float, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Effect:
     """A candidate cause of a misfit.
 
@@ -91,6 +118,10 @@ class Effect:
     confusable_with : names of effects and constants it may be hard to tell from
     advice : further measurements that separate it from those
     dispersive : whether `constants` or a coefficient depends on ω
+    sectors : groups of unknowns beyond the driven ones that the terms couple (`femu_piezo.diagnosis.sectors`)
+    sites : (m, n) parameters to start a fit from: the size, then where it sits. How Z moves with a small size tells
+        how promising each is and what size it asks for
+    onset : terms whose slopes in the size hold at size zero, where those of `local` do not
     """
 
     name: str
@@ -103,8 +134,12 @@ class Effect:
     constants: ConstantsHook | None = None
     stretch: StretchHook | None = None
     terms: tuple[ExtraTerm, ...] = ()
+    local: LocalHook | None = None
     circuit: CircuitHook | None = None
     dispersive: bool = False
+    sectors: tuple[str, ...] = ()
+    sites: np.ndarray | None = None
+    onset: LocalHook | None = None
 
     @property
     def key(self) -> str:
@@ -150,6 +185,8 @@ class EffectContext:
     density : kg/m³
     thickness : extent along the electrodes' normal, m
     impedance : typical |Z| of the sweep, ohm
+    dimensions : length, width, thickness of a plate with three mirror planes, m; None for other bodies
+    poling : "thickness" (k31) or "length" (k33)
     """
 
     fundamental_Hz: float
@@ -159,3 +196,5 @@ class EffectContext:
     density: float
     thickness: float
     impedance: float = field(default=1e3)
+    dimensions: tuple[float, float, float] | None = None
+    poling: str = "thickness"

@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sp
 
-from femu_piezo.diagnosis.effect import Effect, ExtraTerm
-from femu_piezo.forward.gradient_products import FIELDS
+from femu_piezo.diagnosis.effect import Effect
+from femu_piezo.diagnosis.places import Places, measure_places
+from femu_piezo.diagnosis.sectors import DRIVEN, SPOT, Sectors, build_sectors
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.forward.reduction import ReducedModel, reduce_model
+from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.material.constants import E_FORM, PiezoConstants
 
 #: Relative stretch of each dimension that the basis is trained for.
@@ -26,7 +27,7 @@ _STRETCH = 0.02
 
 @dataclass(frozen=True)
 class ExtendedModel:
-    """Projected terms; r unknowns as in `ReducedModel`.
+    """Projected terms; r unknowns: displacements, inner potentials, hot potential in volts.
 
     Attributes
     ----------
@@ -35,7 +36,10 @@ class ExtendedModel:
     owner : (n_s,) index of the e-form constant of each stratum
     exponents : (n_s, 3) exponents 1 − k of the factors on the three dimensions
     stiffness, inertia : name of an extra term → (r, r)
-    displacements : number of displacement unknowns; the mass is the identity there
+    displacements : number of displacement unknowns
+    sectors : names of the groups of unknowns (`femu_piezo.diagnosis.sectors`)
+    member : (r,) index of each unknown's sector
+    places : what effects at a place need; None where no such effect is among those of the model
     """
 
     bulk: np.ndarray = field(repr=False)
@@ -47,11 +51,47 @@ class ExtendedModel:
     displacements: int
     admittance_factor: float
     estimated_error: float
+    sectors: tuple[str, ...] = (DRIVEN,)
+    member: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int), repr=False)
+    places: Places | None = field(default=None, repr=False)
+    _restricted: dict[tuple[str, ...], ExtendedModel] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def size(self) -> int:
         """Number of reduced unknowns."""
         return self.bulk.shape[1]
+
+    @property
+    def mass(self) -> np.ndarray:
+        """(u, u) diagonal mass of the displacement unknowns: 1, and 0 where a spot has no field."""
+        spot = self.sectors.index(SPOT) if SPOT in self.sectors else -1
+        return np.diag((self.member[: self.displacements] != spot).astype(float))
+
+    def restricted(self, wanted: Sequence[str]) -> ExtendedModel:
+        """The model with the driven sector and those that are wanted alone; kept for the next call."""
+        names = tuple(name for name in self.sectors if name == DRIVEN or name in wanted)
+        if names == self.sectors:
+            return self
+        if names not in self._restricted:
+            self._restricted[names] = self._select(names)
+        return self._restricted[names]
+
+    def _select(self, names: tuple[str, ...]) -> ExtendedModel:
+        chosen = np.array([self.sectors.index(name) for name in names])
+        keep = np.flatnonzero(np.isin(self.member, chosen))
+        square = np.ix_(keep, keep)
+        return replace(
+            self,
+            bulk=np.ascontiguousarray(self.bulk[:, square[0], square[1]]),
+            strata=np.ascontiguousarray(self.strata[:, square[0], square[1]]),
+            stiffness={name: matrix[square] for name, matrix in self.stiffness.items()},
+            inertia={name: matrix[square] for name, matrix in self.inertia.items()},
+            displacements=int(np.count_nonzero(keep < self.displacements)),
+            sectors=names,
+            member=np.searchsorted(chosen, self.member[keep]),
+            places=None if self.places is None else self.places.select(keep, self.displacements),
+            _restricted={},
+        )
 
 
 def extend_model(
@@ -71,13 +111,13 @@ def extend_model(
     """
     terms = list({term.name: term for effect in effects for term in effect.terms}.values())
     matrices = {term.name: term.matrix(model) for term in terms}
-    reference = training[0].to_e_form().vector().real
+    lossless = training[0].lossless()
+    reference = lossless.to_e_form()
     stretching = any(effect.stretch is not None for effect in effects)
-    parts = _stretch_parts(model, reference) if stretching else {}
+    parts = _stretch_parts(model, reference.vector().real) if stretching else {}
     trained = _with_terms(model, {**matrices, **parts})
     top = (2 * np.pi * band_Hz) ** 2
     points: list = [*training]
-    lossless = training[0].lossless()
     for term in terms:
         for value in term.training:
             # a mass leads along the same states as a spring, which makes no mode of negative stiffness
@@ -86,7 +126,43 @@ def extend_model(
         s = 1 + _STRETCH
         points.append((lossless, {f"stretch_{axis}_0": s - 1, f"stretch_{axis}_2": 1 / s - 1}))
     reduced = reduce_model(trained, points, band_Hz, accuracy=accuracy)
-    return _projected(model, reduced, terms, stretching)
+    wanted = list(dict.fromkeys(name for effect in effects for name in effect.sectors))
+    sectors = build_sectors(model, reduced, wanted, reference)
+    strata, owner, exponents = _strata(model, sectors)
+    bulk = np.array([strata[owner == q].sum(axis=0) for q in range(len(E_FORM))])
+    extra = {term.name: _by_class(sectors, lambda f, t=term: _product(matrices[t.name], f)) for term in terms}
+    placed = any(effect.local is not None for effect in effects)
+    return ExtendedModel(
+        bulk=bulk,
+        strata=strata if stretching else bulk,
+        owner=owner if stretching else np.arange(len(E_FORM)),
+        exponents=exponents if stretching else np.zeros((len(E_FORM), 3)),
+        stiffness={term.name: extra[term.name] for term in terms if term.kind == "stiffness"},
+        inertia={term.name: extra[term.name] for term in terms if term.kind == "inertia"},
+        displacements=sectors.displacements,
+        admittance_factor=reduced.admittance_factor,
+        estimated_error=reduced.estimated_error,
+        sectors=sectors.names,
+        member=sectors.member,
+        places=measure_places(model, sectors) if placed else None,
+    )
+
+
+def _product(matrix: sp.spmatrix, fields: np.ndarray) -> np.ndarray:
+    """(k, k) of a (4n, 4n) matrix on fields (4, n, k)."""
+    flat = fields.reshape(-1, fields.shape[2])
+    return flat.T @ (matrix @ flat)
+
+
+def _by_class(sectors: Sectors, project) -> np.ndarray:
+    """(…, r, r) of a symmetric operator, which couples no two parity classes; project: fields → (…, k, k)."""
+    found = None
+    for own in sectors.classes.values():
+        block = project(sectors.fields[:, :, own])
+        if found is None:
+            found = np.zeros((*block.shape[:-2], sectors.member.size, sectors.member.size))
+        found[(..., *np.ix_(own, own))] = block
+    return found
 
 
 def _with_terms(model: ElectroelasticModel, matrices: dict[str, sp.spmatrix]) -> ElectroelasticModel:
@@ -110,32 +186,21 @@ def _stretch_parts(model: ElectroelasticModel, coefficients: np.ndarray) -> dict
     return parts
 
 
-def _projected(
-    model: ElectroelasticModel, reduced: ReducedModel, terms: Sequence[ExtraTerm], stretching: bool
-) -> ExtendedModel:
-    names = list(reduced.terms)
-    extra = {term.name: reduced.matrices[names.index(term.name)] for term in terms}
-    strata, owner, exponents = _strata(model, reduced) if stretching else _one_stratum_each(reduced)
-    return ExtendedModel(
-        bulk=reduced.matrices[: len(E_FORM)],
-        strata=strata,
-        owner=owner,
-        exponents=exponents,
-        stiffness={term.name: extra[term.name] for term in terms if term.kind == "stiffness"},
-        inertia={term.name: extra[term.name] for term in terms if term.kind == "inertia"},
-        displacements=reduced.displacements,
-        admittance_factor=reduced.admittance_factor,
-        estimated_error=reduced.estimated_error,
-    )
+def _strata(model: ElectroelasticModel, sectors: Sectors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Parts of equal constant and exponents: matrices (n_s, r, r), constants (n_s,), exponents (n_s, 3)."""
+    keys: list[tuple[int, tuple[int, ...]]] = []
+
+    def project(fields: np.ndarray) -> np.ndarray:
+        sums = _class_strata(model, fields)
+        keys[:] = sums
+        return np.array([(matrix + matrix.T) / 2 for matrix in sums.values()])
+
+    matrices = _by_class(sectors, project)
+    return matrices, np.array([q for q, _ in keys]), np.array([powers for _, powers in keys], dtype=float)
 
 
-def _one_stratum_each(reduced: ReducedModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return reduced.matrices[: len(E_FORM)], np.arange(len(E_FORM)), np.zeros((len(E_FORM), 3))
-
-
-def _strata(model: ElectroelasticModel, reduced: ReducedModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Project every gradient product that occurs once, and sum them by constant and exponents."""
-    fields = (model.prolongation @ reduced.basis).reshape(FIELDS, model.basis.N, -1)
+def _class_strata(model: ElectroelasticModel, fields: np.ndarray) -> dict[tuple[int, tuple[int, ...]], np.ndarray]:
+    """Project every gradient product that occurs once on fields (4, n, k), and sum by constant and exponents."""
     gradients = model.products.gradient_matrices
     images: dict[tuple[int, int, int], np.ndarray] = {}
     atoms: dict[tuple[int, int, int, int], np.ndarray] = {}
@@ -154,5 +219,4 @@ def _strata(model: ElectroelasticModel, reduced: ReducedModel) -> tuple[np.ndarr
         for f, a, g, b in zip(*np.nonzero(tensor), strict=True):
             key = (q, tuple(1 - int(a == axis) - int(b == axis) for axis in range(3)))
             sums[key] = sums.get(key, 0.0) + tensor[f, a, g, b] * atom(f, a, g, b)
-    matrices = np.array([(matrix + matrix.T) / 2 for matrix in sums.values()])
-    return matrices, np.array([q for q, _ in sums]), np.array([powers for _, powers in sums], dtype=float)
+    return sums

@@ -17,7 +17,8 @@ from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.geometry.domain import Domain
 
 
-def _boundary_dofs(basis: skfem.Basis, names: tuple[str, ...]) -> np.ndarray:
+def boundary_dofs(basis: skfem.Basis, names: tuple[str, ...]) -> np.ndarray:
+    """Degrees of freedom of a scalar basis on named boundaries, each once."""
     return np.unique(np.concatenate([basis.get_dofs(name).all() for name in names]))
 
 
@@ -32,9 +33,9 @@ def prolongation(basis: skfem.Basis, domain: Domain, potential_scale: float) -> 
     n = basis.N
     held = np.zeros(FIELDS * n, dtype=bool)
     for name, axis in domain.symmetry.items():
-        held[axis * n + _boundary_dofs(basis, (name,))] = True
-    hot = _boundary_dofs(basis, domain.hot)
-    ground = _boundary_dofs(basis, domain.ground)
+        held[axis * n + boundary_dofs(basis, (name,))] = True
+    hot = boundary_dofs(basis, domain.hot)
+    ground = boundary_dofs(basis, domain.ground)
     if np.intersect1d(hot, ground).size:
         raise InputError("the hot and the ground electrode share points of the mesh: they would be short-circuited")
     held[3 * n + ground] = True

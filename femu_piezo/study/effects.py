@@ -13,6 +13,7 @@ from femu_piezo.diagnosis.evaluation import Evaluation
 from femu_piezo.diagnosis.extended_model import ExtendedModel, extend_model
 from femu_piezo.diagnosis.joint import JointParameters
 from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry.shapes import EIGHTH, Plate
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.study.inputs import Problem
 from femu_piezo.study.measured import Measured
@@ -32,6 +33,8 @@ def effect_context(problem: Problem, fundamental_Hz: float, impedance: float) ->
     ----------
     impedance : typical |Z|, ohm, which bounds the parameters of circuits
     """
+    plate = problem.plate
+    whole = isinstance(plate, Plate) and plate.mirrors == EIGHTH
     return EffectContext(
         fundamental_Hz=fundamental_Hz,
         free=tuple(problem.specimen.material.free),
@@ -40,6 +43,8 @@ def effect_context(problem: Problem, fundamental_Hz: float, impedance: float) ->
         density=problem.density,
         thickness=problem.plate.electrode_gap,
         impedance=impedance,
+        dimensions=tuple(plate.dimensions.tolist()) if whole else None,
+        poling=plate.poling,
     )
 
 

@@ -32,7 +32,7 @@ class Setup:
         self.material = MaterialParameters.around(free, free.start)
         self.x = self.material.x_of(free.start)
         context = EffectContext(
-            FUNDAMENTAL, free.names, constants, {"length": 0, "width": 1, "thickness": 2}, DENSITY, SIZE[2], 2e3
+            FUNDAMENTAL, free.names, constants, {"length": 0, "width": 1, "thickness": 2}, DENSITY, SIZE[2], 2e3, SIZE
         )
         self.library = {effect.key: effect for effect in library(context)}
         model = ElectroelasticModel(Plate(*SIZE).domain((16, 9, 2)), DENSITY)

@@ -1,0 +1,36 @@
+"""The piezoelectric constants vary along the length: e → e (1 + g 2x/L)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femu_piezo.diagnosis.effect import Effect, EffectContext, EffectParameter, LocalTerm
+from femu_piezo.diagnosis.places import PIEZOELECTRIC, Places
+
+
+def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
+    value, slopes = np.full(omega.shape, p[0], dtype=complex), np.ones((omega.size, 1), dtype=complex)
+    return [
+        LocalTerm("stiffness", matrix, value, slopes, constant)
+        for constant, matrix in zip(PIEZOELECTRIC, places.ramp, strict=True)
+    ]
+
+
+def candidates(context: EffectContext) -> tuple[Effect, ...]:
+    """For plates with three mirror planes; the sign of g cannot be told, so it is taken as positive."""
+    if context.dimensions is None:
+        return ()
+    return (
+        Effect(
+            name="poling_gradient",
+            sentence="the poling changes along the length: modes without charge in a uniform plate are driven",
+            parameters=(EffectParameter("gradient", "1", 0.0, 0.95, 0.1, 0.3, starts=(0.05, 0.2, 0.5)),),
+            confusable_with=("local_crack", "point_mass"),
+            advice=(
+                "measure d33 at both ends with a d33 meter",
+                "split one electrode across the length and compare the halves",
+            ),
+            local=_terms,
+            sectors=("x", "x ramp"),
+        ),
+    )

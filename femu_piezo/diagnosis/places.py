@@ -1,0 +1,196 @@
+"""What effects at a place need of the reduced plate: fields at points of its faces, slices, and slopes along it.
+
+All are stacked over the sectors. A weight w(x) over the whole plate couples two parity classes by the part of w that
+has the product of their parities; on the part, with its share 1/copies of the whole energy,
+
+    A_ij = ∫_part w_χ a(v_i, v_j),    w_χ(x) = mean over the reflections R of χ(R) w(R x).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import skfem
+from numpy.polynomial import legendre
+
+from femu_piezo.diagnosis.sectors import SPOT, Sectors, columns, flipped_axes
+from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products
+from femu_piezo.forward.model import ElectroelasticModel
+
+#: Points along length and width at which the fields of a face are sampled for interpolation by polynomials.
+_SAMPLES = (18, 14)
+#: Constants (numbers in the e-form) of the elastic and of the piezoelectric terms.
+ELASTIC, PIEZOELECTRIC = range(5), range(5, 8)
+
+
+@dataclass(frozen=True)
+class Face:
+    """Displacements on the face z = +t/2 of the positive octant as polynomials in ξ = 4x/L − 1, η = 4y/W − 1.
+
+    Attributes
+    ----------
+    half : (L/2, W/2), m
+    coefficients : (nx, ny, 3, u) Legendre coefficients of every displacement unknown
+    group : (u,) number of the parity class of every displacement unknown
+    copies : parts of the whole
+    """
+
+    half: tuple[float, float]
+    coefficients: np.ndarray = field(repr=False)
+    group: np.ndarray = field(repr=False)
+    copies: int
+
+    @property
+    def same_class(self) -> np.ndarray:
+        """(u, u) which unknowns a symmetric operator may couple."""
+        return self.group[:, None] == self.group
+
+    def at(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
+        """N (3, u) and its slopes ∂N/∂x, ∂N/∂y (2, 3, u) at a point 0 ≤ x ≤ L/2, 0 ≤ y ≤ W/2."""
+        lines = [
+            _line(value, half, self.coefficients.shape[i])
+            for i, (value, half) in enumerate(zip((x, y), self.half, strict=True))
+        ]
+        (px, sx), (py, sy) = lines
+        along = np.tensordot(px, self.coefficients, axes=1)
+        n = np.tensordot(py, along, axes=1)
+        slopes = [
+            np.tensordot(py, np.tensordot(sx, self.coefficients, axes=1), axes=1),
+            np.tensordot(sy, along, axes=1),
+        ]
+        return n, np.array(slopes)
+
+    def select(self, u: np.ndarray) -> Face:
+        """The same with some of the displacement unknowns."""
+        return Face(self.half, self.coefficients[..., u], self.group[u], self.copies)
+
+
+def _line(value: float, half: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(count,) Legendre polynomials at 2·value/half − 1, and their slopes by value."""
+    at = 2 * value / half - 1
+    slopes = legendre.legval(at, legendre.legder(np.eye(count)))
+    return legendre.legvander(np.array([at]), count - 1)[0], slopes * 2 / half
+
+
+@dataclass(frozen=True)
+class Slices:
+    """Elastic operators of the slices of elements across the plate, on the side x > 0.
+
+    Attributes
+    ----------
+    centres : (n,) m from the middle of the plate;  width : m
+    matrices : (n, 5, r, r) per unit of c11 c12 c13 c33 c44
+    """
+
+    centres: np.ndarray
+    width: float
+    matrices: np.ndarray = field(repr=False)
+
+
+@dataclass(frozen=True)
+class Places:
+    """Everything at once.
+
+    Attributes
+    ----------
+    ramp : (3, r, r) per unit of e31 e33 e15, weighted by 2x/L over the whole plate
+    spot : (3,) unknowns that are the displacement of an attached body; empty where the sector is not there
+    """
+
+    face: Face
+    slices: Slices
+    ramp: np.ndarray = field(repr=False)
+    spot: np.ndarray
+
+    def select(self, keep: np.ndarray, displacements: int) -> Places:
+        """The same with the unknowns `keep` (indices), of which so many were displacements before."""
+        square = np.ix_(keep, keep)
+        matrices = self.slices.matrices[:, :, square[0], square[1]]
+        slices = Slices(self.slices.centres, self.slices.width, matrices)
+        face = self.face.select(keep[keep < displacements])
+        spot = np.flatnonzero(np.isin(keep, self.spot))
+        return Places(face, slices, self.ramp[:, square[0], square[1]], spot)
+
+
+def measure_places(model: ElectroelasticModel, sectors: Sectors) -> Places:
+    """Sample and project on a part of a plate with all three mirror planes."""
+    spot = (
+        np.flatnonzero(sectors.member == sectors.names.index(SPOT)) if SPOT in sectors.names else np.zeros(0, dtype=int)
+    )
+    return Places(_face(model, sectors), _slices(model, sectors), _ramp(model, sectors), spot)
+
+
+def _face(model: ElectroelasticModel, sectors: Sectors) -> Face:
+    ends = model.domain.mesh.p.max(axis=1)
+    half = (float(ends[0]), float(ends[1]))
+    nodes = [legendre.leggauss(count)[0] for count in _SAMPLES]
+    x, y = ((node + 1) / 2 * length for node, length in zip(nodes, half, strict=True))
+    grid = np.array([*(axis.ravel() for axis in np.meshgrid(x, y, indexing="ij")), np.full(x.size * y.size, ends[2])])
+    probe = model.basis.probes(grid)
+    u = sectors.displacements
+    values = np.stack([probe @ sectors.fields[axis][:, :u] for axis in range(3)])
+    values = values.reshape(3, x.size, y.size, u)
+    left, right = (np.linalg.inv(legendre.legvander(node, node.size - 1)) for node in nodes)
+    coefficients = np.einsum("ia,jb,cabu->ijcu", left, right, values, optimize=True)
+    group = np.zeros(u, dtype=int)
+    for number, own in enumerate(sectors.classes.values()):
+        group[own[own < u]] = number
+    return Face(half, coefficients, group, model.domain.copies)
+
+
+def _slices(model: ElectroelasticModel, sectors: Sectors) -> Slices:
+    axes = [flipped_axes(name) for name in sectors.names]
+    own = np.flatnonzero(np.isin(sectors.member, [i for i, a in enumerate(axes) if a in ((), (0,))]))
+    fields, size = sectors.fields[:, :, own], sectors.member.size
+    slabs = columns(model)
+    matrices = np.zeros((len(slabs), len(ELASTIC), size, size))
+    for matrix, slab in zip(matrices, slabs, strict=True):
+        # the slice at x > 0 alone is half an even and half an odd weight
+        matrix[(slice(None), *np.ix_(own, own))] = 0.5 * _projected(model, fields, ELASTIC, slab)
+    x = model.domain.mesh.p[0]
+    centres = np.array([x[model.domain.mesh.t[:, slab]].mean() for slab in slabs])
+    return Slices(centres, float(x.max() / len(slabs)), matrices)
+
+
+def _ramp(model: ElectroelasticModel, sectors: Sectors) -> np.ndarray:
+    """2x/L is odd in x: it couples classes whose parities differ about x alone."""
+    half = model.domain.mesh.p[0].max()
+    size = sectors.member.size
+    found = np.zeros((len(PIEZOELECTRIC), size, size))
+    groups = sectors.classes
+    for flipped, rows in groups.items():
+        partner = tuple(sorted(set(flipped) ^ {0}))
+        if partner in groups and 0 not in flipped:
+            pair = np.concatenate([rows, groups[partner]])
+            weight = np.asarray(model.basis.global_coordinates())[0] / half
+            whole = _projected(model, sectors.fields[:, :, pair], PIEZOELECTRIC, None, weight)
+            whole[:, : rows.size, : rows.size] = 0.0
+            whole[:, rows.size :, rows.size :] = 0.0
+            found[(slice(None), *np.ix_(pair, pair))] = whole
+    return found
+
+
+def _projected(
+    model: ElectroelasticModel, fields: np.ndarray, constants: range, elements=None, weight=None
+) -> np.ndarray:
+    """(n_constants, k, k) unit-constant matrices over some elements, on fields (4, n, k)."""
+    basis = model.basis
+    if elements is not None:
+        basis = skfem.Basis(model.domain.mesh, model.basis.elem, elements=elements, intorder=4)
+    products = assemble_gradient_products(basis, weight)
+    nodes = np.flatnonzero(np.diff(products.indptr))
+    g = [[product[nodes][:, nodes] for product in row] for row in products.gradient_matrices]
+    local = fields[:, nodes, :]
+    images: dict[tuple[int, int, int], np.ndarray] = {}
+    found = np.zeros((len(constants), fields.shape[2], fields.shape[2]))
+    for row, q in enumerate(constants):
+        tensor = model.unit_tensors[q]
+        for f in range(FIELDS):
+            total = np.zeros_like(local[f])
+            for a, other, b in zip(*np.nonzero(tensor[f]), strict=True):
+                if (a, other, b) not in images:
+                    images[a, other, b] = g[a][b] @ local[other]
+                total += tensor[f, a, other, b] * images[a, other, b]
+            found[row] += local[f].T @ total
+    return (found + found.transpose(0, 2, 1)) / 2

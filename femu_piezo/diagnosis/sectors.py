@@ -1,0 +1,150 @@
+"""`Sectors`: the unknowns of a reduced plate in groups, so that each effect brings only the groups it needs.
+
+The driven parity class alone serves every effect that keeps the mirror planes. A sector is named by the axes about
+whose mirror plane its parity is flipped, "x" to "xyz" (`femu_piezo.forward.parity`); "slices" and "x slices" hold the
+local response of the driven and of the x class to a yielding slice across the plate, "x ramp" that of the x class to
+driven fields whose piezoelectric coupling grows along x; "spot" has three unknowns
+without field or inertia, the displacement of a body that is attached at a place. Vectors of further sectors tie a
+potential to each displacement: they are modes at the reference constants, and enter at second order only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import skfem
+
+from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.parity import ParityClass
+from femu_piezo.forward.reduced_basis import new_directions
+from femu_piezo.forward.reduction import ReducedModel
+from femu_piezo.material.constants import ElasticForm
+
+DRIVEN, SLICES, RAMP, SPOT = "driven", "slices", "ramp", "spot"
+#: Modes of the other classes are kept up to this multiple of the band's ω².
+_BEYOND = 2.5
+#: Local responses smaller than this share of the largest, outside what is known, are dropped.
+_KEEP = 1e-3
+#: Frequency of the local responses, as a share of the band's ω².
+_SHIFT = 0.3
+
+
+def flipped_axes(sector: str) -> tuple[int, ...]:
+    """Axes about whose mirror plane the parity is flipped: "xz" → (0, 2), "x slices" → (0,), "driven" → ()."""
+    name = sector.removesuffix(SLICES).removesuffix(RAMP).strip()
+    return () if name in ("", DRIVEN, SPOT) else tuple("xyz".index(letter) for letter in name)
+
+
+@dataclass(frozen=True)
+class Sectors:
+    """Fields of all reduced unknowns on the part: displacement unknowns, inner potentials, the hot potential.
+
+    Attributes
+    ----------
+    names : of the sectors, "driven" first
+    member : (r,) index of each unknown's sector
+    fields : (4, n, r) displacement (m) and potential (V) at the degrees of freedom of the scalar basis
+    displacements : number of displacement unknowns, in which uᵗMu = 1 (0 for those of a spot)
+    """
+
+    names: tuple[str, ...]
+    member: np.ndarray = field(repr=False)
+    fields: np.ndarray = field(repr=False)
+    displacements: int
+
+    @property
+    def classes(self) -> dict[tuple[int, ...], np.ndarray]:
+        """Flipped axes → the unknowns (indices) of that parity class."""
+        axes = [flipped_axes(name) for name in self.names]
+        groups = dict.fromkeys(axes)
+        return {
+            group: np.flatnonzero(np.isin(self.member, [i for i, own in enumerate(axes) if own == group]))
+            for group in groups
+        }
+
+
+def build_sectors(
+    model: ElectroelasticModel, reduced: ReducedModel, wanted: Sequence[str], constants: ElasticForm
+) -> Sectors:
+    """The driven class of a reduced model and the further sectors that are wanted, at lossless constants."""
+    driven = (model.prolongation @ reduced.basis).reshape(FIELDS, model.basis.N, -1)
+    u = reduced.displacements
+    parts, names = [driven[:, :, :u]], [DRIVEN]
+    top = (2 * np.pi * reduced.band_Hz) ** 2
+    static, states = _driven_states(reduced, constants, top)
+    if SPOT in wanted:
+        parts.append(np.zeros((FIELDS, model.basis.N, 3)))
+        names.append(SPOT)
+    for flipped in dict.fromkeys(flipped_axes(name) for name in wanted if name != SPOT):
+        own, letters = ParityClass(model, constants, flipped), "".join("xyz"[axis] for axis in flipped)
+        known = driven[:3, :, :u].reshape(-1, u)
+        if flipped:
+            modes = own.modes(_BEYOND * top)
+            parts.append(modes.reshape(FIELDS, model.basis.N, -1))
+            names.append(letters)
+            known = modes[: known.shape[0]]
+        for kind in (SLICES, RAMP):
+            name = f"{letters} {kind}".strip()
+            if name in wanted:
+                loads = _slice_loads(model, constants, driven @ static) if kind == SLICES else None
+                loads = _ramp_loads(model, constants, driven @ states) if loads is None else loads
+                response = own.prolongation @ own.factor(_SHIFT * top).solve(own.prolongation.T @ loads)
+                parts.append(_outside(model, response, known))
+                names.append(name)
+    counts = [part.shape[2] for part in parts]
+    member = np.concatenate([np.repeat(np.arange(len(parts)), counts), np.zeros(driven.shape[2] - u, dtype=int)])
+    fields = np.concatenate([*parts, driven[:, :, u:]], axis=2)
+    return Sectors(tuple(names), member, fields, int(sum(counts)))
+
+
+def _driven_states(reduced: ReducedModel, constants: ElasticForm, top: float) -> tuple[np.ndarray, np.ndarray]:
+    """(r,) plate under a constant volt; (r, k) clamped plate under a volt, then the driven modes in the band."""
+    modal = reduced.modal(ElasticForm.from_vector(constants.vector().real))
+    static = modal.states[:, 0] - modal.states[:, 1:] @ (modal.charges / modal.eigenvalues)
+    return static, modal.states[:, np.append(True, modal.eigenvalues < _BEYOND * top)]
+
+
+def _slice_loads(model: ElectroelasticModel, constants: ElasticForm, static: np.ndarray) -> np.ndarray:
+    """(4n, k) elastic forces of single columns of elements under uniform strain S_xx and under a volt (4, n)."""
+    uniform = np.zeros_like(static)
+    uniform[0] = model.basis.doflocs[0]
+    strained = np.column_stack([uniform.ravel(), static.ravel()])
+    elastic = np.tensordot(constants.vector().real, model.unit_tensors, axes=1)
+    elastic[3], elastic[:, :, 3] = 0.0, 0.0
+    loads = []
+    for slab in columns(model):
+        part = skfem.Basis(model.domain.mesh, model.basis.elem, elements=slab, intorder=4)
+        loads.append(assemble_gradient_products(part).stiffness(elastic) @ strained)
+    loads = np.hstack(loads)
+    return loads / np.linalg.norm(loads, axis=0)
+
+
+def _ramp_loads(model: ElectroelasticModel, constants: ElasticForm, states: np.ndarray) -> np.ndarray:
+    """(4n, k) forces and charges of the piezoelectric coupling times 2x/L on states (4, n, k)."""
+    coupling = np.tensordot(constants.vector().real, model.unit_tensors, axes=1)
+    coupling[:3, :, :3], coupling[3, :, 3] = 0.0, 0.0
+    weight = np.asarray(model.basis.global_coordinates())[0] / model.domain.mesh.p[0].max()
+    loads = assemble_gradient_products(model.basis, weight).stiffness(coupling) @ states.reshape(-1, states.shape[2])
+    return loads / np.linalg.norm(loads, axis=0)
+
+
+def _outside(model: ElectroelasticModel, responses: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """(4, n, k) combinations of responses (4n, j), displacements orthonormal and new beside `known` (3n, i)."""
+    n = known.shape[0]
+    weight = model.products.mass_matrix(model.density)[:n, :n]
+    outside = responses[:n] - known @ (known.T @ (weight @ responses[:n]))
+    fresh = new_directions(known, outside, _KEEP, weight)
+    # the potentials follow the same combinations
+    mix = np.linalg.lstsq(fresh.T @ (weight @ outside), np.eye(fresh.shape[1]), rcond=1e-10)[0]
+    return np.concatenate([fresh, responses[n:] @ mix]).reshape(FIELDS, model.basis.N, -1)
+
+
+def columns(model: ElectroelasticModel) -> list[np.ndarray]:
+    """Element numbers of every slice of elements across the part, by growing x; for boxes of hexahedra."""
+    centres = model.domain.mesh.p[0][model.domain.mesh.t].mean(axis=0)
+    places = np.unique(np.round(centres / np.ptp(model.domain.mesh.p[0]), 9))
+    which = np.argmin(np.abs(centres[:, None] / np.ptp(model.domain.mesh.p[0]) - places), axis=1)
+    return [np.flatnonzero(which == i) for i in range(places.size)]

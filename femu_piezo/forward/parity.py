@@ -1,0 +1,98 @@
+"""Modes of a plate that its terminals do not drive: the other parity classes of a part with mirror planes.
+
+About every mirror plane of a plate the driven field has one parity. Flipping it at some of the planes gives the other
+classes of the whole plate, on the same part and mesh: at a flipped plane u_n is free and the other displacements
+vanish; the potential vanishes where it was free and is free where it vanished. In these classes both electrodes are
+at zero. Operators without the symmetry (a spot of mass, a crack) couple the classes; the sum of all classes is the
+whole plate at the cost of its part (Bossavit, Comput. Methods Appl. Mech. Eng. 56, 1986, 167).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+
+from femu_piezo.errors import ConvergenceError
+from femu_piezo.forward.electrodes import boundary_dofs
+from femu_piezo.forward.gradient_products import FIELDS
+from femu_piezo.forward.linear_solver import Factorization, factorize
+from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
+from femu_piezo.material.constants import ElasticForm
+
+#: Modes asked for at first; doubled until the band is covered.
+_COUNT = 10
+
+
+class ParityClass:
+    """The short-circuited operator of one class in its own free unknowns.
+
+    Parameters
+    ----------
+    flipped : axes of the mirror planes about which the parity is the opposite of the driven field's; () for the
+        driven class itself, short-circuited
+    constants : lossless e-form constants
+
+    Raises
+    ------
+    ValueError : the part has no mirror plane normal to such an axis
+    """
+
+    def __init__(self, model: ElectroelasticModel, constants: ElasticForm, flipped: Iterable[int]) -> None:
+        self.prolongation = class_prolongation(model, tuple(flipped))
+        tensor = np.tensordot(constants.vector().real, model.unit_tensors, axes=1)
+        p = self.prolongation
+        self.stiffness = (p.T @ model.products.stiffness(tensor) @ p).tocsr()
+        self.mass = (p.T @ model.products.mass_matrix(model.density) @ p).tocsr()
+
+    def factor(self, shift: float) -> Factorization:
+        """Of K − shift · M."""
+        return factorize(self.stiffness - shift * self.mass)
+
+    def modes(self, top: float) -> np.ndarray:
+        """(4n, k) fields of all modes with ω² below `top`, rigid bodies among them, uᵗMu = 1 on the part."""
+        shift = 0.3 * top
+        factor = self.factor(shift)
+        inverse = spla.LinearOperator(self.stiffness.shape, matvec=factor.solve, dtype=float)
+        count = _COUNT
+        while True:
+            values, vectors = self._nearest(inverse, shift, count)
+            # shift-invert finds the nearest first: a mode as far below the shift as allowed ends the search
+            if values.max() > top:
+                break
+            if count >= self.stiffness.shape[0] // 4:
+                raise ConvergenceError("the mesh is too coarse for the modes of a parity class in this band")
+            count *= 2
+        return self.prolongation @ vectors[:, values < top]
+
+    def _nearest(self, inverse, shift: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+        start = inverse @ (self.mass @ np.random.default_rng(1).standard_normal(self.mass.shape[0]))
+        try:
+            values, vectors = spla.eigsh(
+                self.stiffness, count, M=self.mass, sigma=shift, OPinv=inverse, v0=start, tol=1e-9, ncv=2 * count + 10
+            )
+        except spla.ArpackNoConvergence as error:
+            raise ConvergenceError(f"modes of a parity class: {error}; ask for a narrower band") from error
+        return values, vectors / np.sqrt(np.einsum("ik,ik->k", vectors, self.mass @ vectors))
+
+
+def class_prolongation(model: ElectroelasticModel, flipped: tuple[int, ...]) -> sp.csr_matrix:
+    """(4n, m) from the free unknowns of a class to all degrees of freedom; potentials scaled as in the model."""
+    domain, basis, n = model.domain, model.basis, model.basis.N
+    if not set(flipped) <= set(domain.symmetry.values()):
+        raise ValueError(f"the part has mirror planes normal to {sorted(domain.symmetry.values())}, not to {flipped}")
+    held = np.zeros((FIELDS, n), dtype=bool)
+    for name, axis in domain.symmetry.items():
+        nodes, antisymmetric_potential = boundary_dofs(basis, (name,)), name in domain.ground
+        if axis in flipped:
+            held[np.ix_([other for other in range(3) if other != axis], nodes)] = True
+        else:
+            held[axis, nodes] = True
+        held[3, nodes] |= antisymmetric_potential != (axis in flipped)
+    electrodes = [*domain.hot, *(name for name in domain.ground if name not in domain.symmetry)]
+    held[3, boundary_dofs(basis, tuple(electrodes))] = True
+    free = np.flatnonzero(~held.ravel())
+    scale = np.where(free >= 3 * n, POTENTIAL_SCALE, 1.0)
+    return sp.csr_matrix((scale, (free, np.arange(free.size))), shape=(FIELDS * n, free.size))
