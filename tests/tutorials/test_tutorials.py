@@ -22,9 +22,10 @@ PICTURES = {
     "measured_disk": ("poisson_and_q.png", "impedance.png"),
     "trapezoid": ("impedance.png", "modes.png", "mode_01.png", "mode_02.png"),
     "full_set": ("determined.png", "sensitivity_k31.png", "sensitivity_k33.png", "sensitivity_k15.png"),
+    "hidden_effect": ("bias.png", "diagnosis.png"),
     "own_term": ("end_mass.png",),
 }
-SLOW = {"trapezoid", "full_set"}
+SLOW = {"trapezoid", "full_set", "hidden_effect"}
 MEASURED = {"measured_bar", "measured_disk"}
 SCRIPTS = sorted(path for path in FOLDER.glob("*/*.py") if path.stem == path.parent.name)
 
@@ -77,9 +78,10 @@ def test_thumbnails_are_small_and_shown():
 
 
 def test_no_measured_data_among_the_tutorials():
-    """The measured sweeps stay outside: the only sweep here is the simulated one of the k31 plate."""
+    """The measured sweeps stay outside: the only sweeps here are simulated, each beside the script that makes it."""
     sweeps = [path for path in FOLDER.rglob("*") if path.suffix in {".csv", ".txt"}]
-    assert [path.relative_to(FOLDER).as_posix() for path in sweeps] == ["k31_plate/sweep.csv"]
+    assert {path.name for path in sweeps} == {"sweep.csv"}
+    assert all((path.parent / "make_sweep.py").is_file() for path in sweeps)
 
 
 def test_specimens_in_the_readme_are_read(tmp_path):

@@ -1,0 +1,212 @@
+"""The report of a diagnosis: all three verdicts in words, the numbers of diagnosis.json, and it runs in a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import json
+import re
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from test_report import Page
+
+from femu_piezo.cli import main
+from femu_piezo.diagnosis.effect import EffectParameter
+from femu_piezo.output.diagnosis_words import band, listed, merged, quantity
+
+TUTORIAL = Path(__file__).resolve().parents[2] / "tutorials" / "hidden_effect"
+NOISE = 3e-3
+
+
+@dataclass(frozen=True)
+class Case:
+    """A diagnosed sweep: its folder, record, page and the text of page one without markup."""
+
+    folder: Path
+    record: dict
+    page: Page
+    first: str
+
+
+def _stranger(omega: np.ndarray) -> np.ndarray:
+    """Admittance of a resonator at 150 kHz beside the specimen, such as a holder, S."""
+    own = (2 * np.pi * 150e3) ** 2 * (1 + 0.02j)
+    return 1j * omega * 8e-12 * own / (own - omega**2)
+
+
+def _diagnosed(folder: Path, verdict: str) -> Case:
+    """The sweep of the tutorial (1.5 Ω in its leads) with more noise; without the 1.5 Ω; with a stranger as well."""
+    f, real, imag = np.loadtxt(TUTORIAL / "sweep.csv", delimiter=",", skiprows=1).T
+    z = real + 1j * imag
+    if verdict != "effect":
+        z = z - 1.5
+    if verdict == "unknown":
+        z = 1 / (1 / z + _stranger(2 * np.pi * f))
+    first, second = np.random.default_rng(5).standard_normal((2, f.size))
+    z = z * (1 + np.sqrt(NOISE**2 - 1e-6) * (first + 1j * second) / np.sqrt(2))
+    rows = "".join(f"{a!r},{b.real!r},{b.imag!r}\n" for a, b in zip(f.tolist(), z.tolist(), strict=True))
+    (folder / "sweep.csv").write_text("frequency_Hz,resistance_ohm,reactance_ohm\n" + rows, encoding="utf-8")
+    text = (TUTORIAL / "plate.toml").read_text(encoding="utf-8").replace("noise = 0.001", f"noise = {NOISE}")
+    (folder / "plate.toml").write_text(text, encoding="utf-8")
+    answer = CliRunner().invoke(
+        main, ["diagnose", str(folder / "plate.toml"), "--out", str(folder / "out"), "--report"]
+    )
+    assert answer.exit_code == 0, answer.output
+    record = json.loads((folder / "out/diagnosis.json").read_text(encoding="utf-8"))
+    text = (folder / "out/report.html").read_text(encoding="utf-8")
+    one = re.search(r'<section id="answers">(.*?)</section>', text, flags=re.S)[1]
+    return Case(folder, record, Page(text), re.sub(r"<[^>]+>", " ", one))
+
+
+@pytest.fixture(scope="module")
+def effect(tmp_path_factory) -> Case:
+    return _diagnosed(tmp_path_factory.mktemp("effect"), "effect")
+
+
+@pytest.fixture(scope="module")
+def none(tmp_path_factory) -> Case:
+    return _diagnosed(tmp_path_factory.mktemp("none"), "none")
+
+
+@pytest.fixture(scope="module")
+def unknown(tmp_path_factory) -> Case:
+    return _diagnosed(tmp_path_factory.mktemp("unknown"), "unknown")
+
+
+def test_effect_is_told_in_words_and_figures(effect):
+    assert effect.record["verdict"] == "effect"
+    (cause,) = effect.record["causes"]
+    assert cause["effect"] == "series_resistance"
+    found = cause["parameters"]["resistance"]
+    assert f"resistance ({found['value']:.2f}" in effect.first and "Ω" in effect.first
+    assert cause["sentence"] in effect.first
+    assert "Series resistance is practically certain (probability above 0.999" in effect.first
+    gain = effect.record["gain"]
+    assert f"falls from {100 * gain['held_out_before']:.3g} % to {100 * gain['held_out_after']:.3g} %" in effect.first
+    assert f"the noise is {100 * gain['noise_floor']:.3g} %" in effect.first
+    before, after = (effect.record["parameters"][when]["eps33T"]["tan"] for when in ("before", "after"))
+    assert f"tan eps33T had come out {100 * (before / after - 1):.2g} % too large" in effect.first
+    assert "extended.toml" in effect.first
+
+
+def test_none_is_told_in_words_and_figures(none):
+    assert none.record["verdict"] == "none" and none.record["causes"] == []
+    assert "nothing beyond noise is left over" in none.first
+    assert "No bias was found" in none.first and "Use the constants" in none.first
+    assert f"errs by {100 * none.record['gain']['held_out_before']:.3g} %" in none.first
+    assert f"{len(none.record['candidates'])} candidate effects were tried" in none.first
+    best = max(none.record["candidates"], key=lambda one: one["evidence"])
+    assert best["effect"].replace("_", " ") in none.first
+    assert "practically certain" not in none.first and "extended.toml" not in none.first
+
+
+def test_unknown_is_told_in_words_and_figures(unknown):
+    assert unknown.record["verdict"] == "unknown" and unknown.record["causes"] == []
+    assert "no known effect explains" in unknown.first
+    assert "Do not rely on the constants" in unknown.first
+    low, high = unknown.record["remaining"]["before"]["worst_Hz"][0]
+    assert low < 155e3 and high > 145e3
+    assert f"{np.sqrt(unknown.record['remaining']['before']['size']):.3g} times the noise" in unknown.first
+    alone = [one for one in unknown.record["unexplained"]["after"]["measured_only"] if one["kind"] == "pole"]
+    assert [one["frequency_Hz"] for one in alone] == [pytest.approx(150e3, rel=5e-3)]
+    assert f"{alone[0]['frequency_Hz'] / 1e3:.5g} kHz (pole)" in unknown.first
+    assert "practically certain" not in unknown.first and "Use the constants" not in unknown.first
+
+
+@pytest.mark.parametrize("name", ["effect", "none", "unknown"])
+def test_page_is_whole_and_needs_nothing(name, request):
+    case = request.getfixturevalue(name)
+    assert case.page.open == []
+    sections = [attributes["id"] for tag, attributes in case.page.elements if tag == "section"]
+    assert sections[0] == "answers" and sections[-1] == "provenance"
+    assert [a["href"] for tag, a in case.page.elements if tag == "a"] == [f"#{one}" for one in sections]
+    text = (case.folder / "out/report.html").read_text(encoding="utf-8")
+    assert set(re.findall(r"https?://[^\s\"'<>]+", text)) <= {"http://www.w3.org/2000/svg"}
+    for tag, attributes in case.page.elements:
+        assert re.match(r"^(#|data:)", attributes.get("src") or attributes.get("href") or "#"), (tag, attributes)
+    for file in ("plate.toml", "sweep.csv"):
+        assert hashlib.sha256((case.folder / file).read_bytes()).hexdigest() in text
+
+
+@pytest.mark.parametrize("name", ["effect", "none", "unknown"])
+def test_numbers_are_those_of_diagnosis_json(name, request):
+    case = request.getfixturevalue(name)
+    embedded = next(text for attributes, text in case.page.scripts if attributes.get("id") == "record")
+    assert json.loads(embedded) == case.record
+    assert {key.split(".")[0] for key in case.page.cells} >= {"parameters", "poles", "zeros"}
+    for key, (value, _) in case.page.cells.items():
+        found = case.record
+        for part in key.split("."):
+            found = found[int(part)] if part.isdigit() else found[part]
+        assert value == found, key
+
+
+def test_poles_and_zeros_come_back(effect):
+    """Q of the poles: wrong by many σ before, by noise after."""
+    before, after = ([abs(one[when]["Q_sigma"]) for one in effect.record["poles"]] for when in ("before", "after"))
+    assert max(before) > 4 > max(after)
+
+
+def test_runs_in_a_browser_and_the_mouse_zooms(effect, tmp_path):
+    """Headless Chromium: no message on the console; a drag zooms all charts, a double click brings the sweep back."""
+    program = shutil.which("chromium") or shutil.which("google-chrome")
+    if program is None:
+        pytest.skip("there is no chromium on this machine")
+    pytest.importorskip("tornado")
+    from browser import Browser
+
+    ticks = "[...document.querySelectorAll('figure.chart svg')].map(s => s.querySelectorAll('text')[0].textContent)"
+    corner = "(() => { const b = document.querySelector('figure.chart svg').getBoundingClientRect();"
+
+    async def drive():
+        async with Browser(program, tmp_path) as tab:
+            await tab.open(effect.folder / "out/report.html")
+            whole = await tab.value(ticks)
+            await tab.value("document.querySelector('figure.chart svg').scrollIntoView()")
+            left, top, width, height = await tab.value(f"{corner} return [b.left, b.top, b.width, b.height]; }})()")
+            y = top + height / 2
+            await tab.mouse("mousePressed", left + 0.25 * width, y)
+            await tab.mouse("mouseMoved", left + 0.30 * width, y)
+            await tab.mouse("mouseReleased", left + 0.40 * width, y)
+            zoomed = await tab.value(ticks)
+            readout = await tab.value("document.querySelector('.readout').textContent")
+            for clicks in (1, 2):
+                await tab.mouse("mousePressed", left + 0.5 * width, y, clicks)
+                await tab.mouse("mouseReleased", left + 0.5 * width, y, clicks)
+            back = await tab.value(ticks)
+            pictures = await tab.value("[...document.images].every(i => i.complete && i.naturalWidth > 100)")
+            text = await tab.value("document.querySelector('main').innerText")
+            return whole, zoomed, readout, back, pictures, text, tab.console
+
+    whole, zoomed, readout, back, pictures, text, console = asyncio.run(drive())
+    assert console == []
+    assert len(whole) == 4 and back == whole
+    assert all(float(after) > float(before) for before, after in zip(whole, zoomed, strict=True))
+    assert re.search(r"log \|Z\| −?\d", readout)
+    assert pictures and "NaN" not in text and "undefined" not in text
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "value", "std", "text"),
+    [
+        ("resistance", "ohm", 1.69, 0.044, "(1.690 ± 0.044) Ω"),
+        ("capacitance", "F", 12.3e-12, 0.4e-12, "(12.30 ± 0.40) pF"),
+        ("relative_error", "1", -0.0123, 0.0004, "-1.230 ± 0.040 %"),
+        ("exponent", "1", 0.5, 0.02, "0.500 ± 0.020"),
+        ("mass_per_area", "kg/m^2", 0.02, 0.001, "(20.0 ± 1.0) g/m²"),
+        ("resistance", "ohm", 0.0, None, "0 Ω"),
+    ],
+)
+def test_quantities_are_readable(name, unit, value, std, text):
+    assert quantity(EffectParameter(name, unit, -1, 1, 1, 1), value, std) == text
+
+
+def test_bands_that_touch_are_one():
+    assert merged(((150e3, 160e3), (130e3, 140e3), (141e3, 149.5e3)), 1.5e3) == [(130e3, 160e3)]
+    assert merged(((150e3, 160e3), (130e3, 140e3)), 1.5e3) == [(130e3, 140e3), (150e3, 160e3)]
+    assert band(130e3, 2.1e6) == "0.13 to 2.1 MHz" and listed(["a", "b", "c"], "or") == "a, b or c"
