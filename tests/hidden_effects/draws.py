@@ -1,18 +1,21 @@
-"""Draws of specimens with one hidden effect: the data go to a file, the key stays with the caller.
+"""Draws of specimens with hidden effects: the data go to a file, the key stays with the caller.
 
-The data come from `ritz`, an independent discretisation; the code under test gets a specimen file and a CSV only.
+The data come from an independent discretisation (`build`); the code under test gets a specimen file and a CSV only.
 """
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from hidden_effects.ritz import RitzPlate
+from hidden_effects.build import Build
+from hidden_effects.catalogue import EFFECTS as EFFECTS
+from hidden_effects.catalogue import NAMES, Hidden
+from hidden_effects.undescribed import UNDESCRIBED
 
-NAMES = ("s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "eps33T")
 EPS0 = 8.8541878128e-12
 #: PZT-5H (public handbook values), SI
 PZT5H = np.array(
@@ -20,24 +23,10 @@ PZT5H = np.array(
 )
 FREE = ("s11", "d31", "eps33T")
 DENSITY = 7500.0
-
-#: effect → smallest and largest size, with a random sign where the second entry says so; in SI, relative to the
-#: specimen where named so below.
-SIZES = {
-    "series_resistance": (1.0, 8.0, False),
-    "series_inductance": (2e-6, 12e-6, False),
-    "stray_capacitance": (5e-12, 40e-12, False),
-    "leakage": (3e-6, 3e-5, False),
-    "frequency_dependent_elastic_loss": (0.3, 0.9, True),
-    "dielectric_dispersion": (0.01, 0.05, False),
-    "wrong_insensitive_parameter": (0.03, 0.12, True),
-    "wrong_length": (0.003, 0.015, True),
-    "wrong_width": (0.003, 0.015, True),
-    "wrong_thickness": (0.01, 0.04, True),
-    "electrode_mass": (0.02, 0.2, False),
-}
-#: Held constants that a wrong value is drawn for: those a k31 sweep can show.
-WRONG = ("s12", "s13", "s33", "d33")
+#: Share of the draws that follow another law than the library's, and that hold out a band.
+VARIANTS, HELD_OUT = 0.35, 0.2
+#: Kinds of pairs that hide the same thing twice: one alone is the truth of both.
+_SAME = ({"wrong_length", "wrong_insensitive_parameter"},)
 
 
 @dataclass(frozen=True)
@@ -46,19 +35,35 @@ class Draw:
 
     Attributes
     ----------
+    name : what was asked for: an effect, two with "+", "none", "undescribed"
     specification : what the code under test may see: the text of the specimen file
-    effect, size : the key; "none" for a null
-    theta : (10,) complex true constants
+    frequency, impedance : the sweep, Hz and ohm;  clean : without noise
+    key : the hidden effects; none for a null
+    undescribed : kind of an effect that the library does not have
+    build : the truth
+    noise : true relative noise of Z
     """
 
+    name: str
+    seed: int
     specification: str
-    frequency: np.ndarray
-    impedance: np.ndarray
-    effect: str
-    detail: str
-    size: float
-    theta: np.ndarray = field(repr=False)
-    noise: float = 1e-3
+    frequency: np.ndarray = field(repr=False)
+    impedance: np.ndarray = field(repr=False)
+    clean: np.ndarray = field(repr=False)
+    key: tuple[Hidden, ...]
+    undescribed: str
+    build: Build = field(repr=False)
+    noise: float
+
+    @property
+    def theta(self) -> np.ndarray:
+        """(10,) complex true constants, at the anchor of laws over frequency."""
+        return self.build.theta
+
+    @property
+    def size(self) -> float:
+        """First size of the first effect, 0 for a null."""
+        return next(iter(self.key[0].sizes.values())) if self.key else 0.0
 
     def write(self, folder: Path) -> Path:
         """Specimen file and sweep, without a word of the key."""
@@ -72,62 +77,51 @@ class Draw:
         return folder / "plate.toml"
 
 
-def draw(effect: str, seed: int, *, points: int = 301) -> Draw:
-    """A specimen with random constants, losses and dimensions, and one effect of random size ("none": without)."""
-    rng = np.random.default_rng([2026, seed, sum(map(ord, effect))])
+def draw(name: str, seed: int, *, points: int = 301, variant: bool | None = None) -> Draw:
+    """A specimen with random constants, losses, dimensions and noise, and what `name` says of random size.
+
+    Parameters
+    ----------
+    name : an effect, two effects with "+" between, "none", "undescribed", or "undescribed:KIND"
+    variant : whether effects follow other laws than the library's; drawn where None
+    """
+    rng = np.random.default_rng([2026, seed, zlib.crc32(name.encode())])
     nominal = np.array([12e-3, 12e-3 * rng.uniform(0.52, 0.6), rng.uniform(1.4e-3, 1.8e-3)])
     theta = PZT5H * rng.uniform(0.96, 1.04, 10) * (1 - 1j * rng.uniform(0.012, 0.02, 10))
     assumed = theta.copy()
-    for name in FREE:
-        assumed[NAMES.index(name)] = PZT5H[NAMES.index(name)] * (1 - 0.015j)
-    size, detail = 0.0, ""
-    if effect != "none":
-        low, high, signed = SIZES[effect]
-        size = float(np.exp(rng.uniform(np.log(low), np.log(high)))) * (rng.choice([-1, 1]) if signed else 1)
+    for free in FREE:
+        assumed[NAMES.index(free)] = PZT5H[NAMES.index(free)] * (1 - 0.015j)
     noise = float(np.exp(rng.uniform(np.log(5e-4), np.log(3e-3))))
-    known = bool(rng.integers(2))
+    known, held_out = bool(rng.integers(2)), rng.random() < HELD_OUT
     frequency = np.linspace(20e3, 240e3, points)
-    dimensions, film, law, fundamental = nominal.copy(), 0.0, None, 1 / (2 * 12e-3 * np.sqrt(DENSITY * theta[0].real))
-    if effect in ("wrong_length", "wrong_width", "wrong_thickness"):
-        dimensions[("wrong_length", "wrong_width", "wrong_thickness").index(effect)] *= 1 + size
-    if effect == "electrode_mass":
-        film = size
-    if effect == "wrong_insensitive_parameter":
-        detail = str(rng.choice(WRONG))
-        assumed[NAMES.index(detail)] /= 1 + size
-    if effect == "frequency_dependent_elastic_loss":
-
-        def law(f):
-            other = theta.copy()
-            other[:5] = theta[:5].real + 1j * theta[:5].imag * (f / fundamental) ** size
-            return other
-
-    if effect == "dielectric_dispersion":
-
-        def law(f):
-            other = theta.copy()
-            other[9] *= 1 - size * np.log10(f / fundamental)
-            return other
-
-    plate = RitzPlate(dimensions, DENSITY, (12, 9, 5), film)
-    z = plate.impedance(law or theta, frequency)
-    omega = 2 * np.pi * frequency
-    if effect == "series_resistance":
-        z = z + size
-    if effect == "series_inductance":
-        z = z + 1j * omega * size
-    if effect == "stray_capacitance":
-        z = 1 / (1 / z + 1j * omega * size)
-    if effect == "leakage":
-        z = 1 / (1 / z + size)
+    fundamental = float(1 / (2 * nominal[0] * np.sqrt(DENSITY * theta[0].real)))
+    build = Build(nominal.copy(), DENSITY, theta, fundamental)
+    key, kind = [], ""
+    if name.startswith("undescribed"):
+        kind = name.partition(":")[2] or str(rng.choice(list(UNDESCRIBED)))
+        UNDESCRIBED[kind](build, rng)
+    elif name != "none":
+        for effect in name.split("+"):
+            other = bool(rng.random() < VARIANTS) if variant is None else variant
+            key.append(EFFECTS[effect](build, assumed, rng, other))
+    clean = build.impedance(frequency)
     normal = rng.standard_normal((2, points))
-    z = z * (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2))
-    return Draw(
-        _specification(nominal, assumed, noise if known else None), frequency, z, effect, detail, size, theta, noise
-    )
+    z = clean * (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2))
+    low = float(rng.uniform(40e3, 200e3))
+    text = _specification(nominal, assumed, noise if known else None, (low, low + 25e3) if held_out else None)
+    return Draw(name, seed, text, frequency, z, clean, tuple(key), kind, build, noise)
 
 
-def _specification(dimensions: np.ndarray, assumed: np.ndarray, noise: float | None) -> str:
+def pair_of(number: int) -> str:
+    """Name of the pair with a running number: two different effects, drawn evenly from all pairs of unlike kinds."""
+    rng = np.random.default_rng([2027, number])
+    while True:
+        first, second = (str(effect) for effect in rng.choice(list(EFFECTS), 2, replace=False))
+        if {first, second} not in _SAME:
+            return f"{first}+{second}"
+
+
+def _specification(dimensions, assumed, noise: float | None, held_out: tuple[float, float] | None) -> str:
     lines = ['name = "hidden"', "[geometry]", 'shape = "plate"', 'poling = "thickness"', f"density = {DENSITY}"]
     for name, value in zip(("length", "width", "thickness"), dimensions.tolist(), strict=True):
         lines.append(f"{name} = {value!r}")
@@ -137,4 +131,6 @@ def _specification(dimensions: np.ndarray, assumed: np.ndarray, noise: float | N
     lines += ["[measurement]", 'file = "sweep.csv"']
     if noise is not None:
         lines.append(f"noise = {noise!r}")
+    if held_out is not None:
+        lines.append(f"held_out = [{held_out[0]!r}, {held_out[1]!r}]")
     return "\n".join(lines) + "\n"

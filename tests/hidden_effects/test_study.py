@@ -1,42 +1,47 @@
-"""The slow study: draws of every effect and nulls, and the confusion matrix.
+"""The slow study: draws of every effect, nulls, pairs and what no candidate describes; confusion matrix and rates.
 
 pytest -m slow tests/hidden_effects -s
-HIDDEN_DRAWS=3 HIDDEN_NULLS=10 pytest -m slow tests/hidden_effects -s      (a quarter of an hour)
+HIDDEN_DRAWS=3 HIDDEN_NULLS=10 HIDDEN_ONLY=point_mass,mounting HIDDEN_PROCESSES=2 HIDDEN_RESULTS=study.jsonl …
+
+HIDDEN_DRAWS (of each effect), HIDDEN_NULLS, HIDDEN_PAIRS, HIDDEN_UNDESCRIBED, HIDDEN_SEED: numbers; HIDDEN_ONLY: some
+of the effects; HIDDEN_RESULTS: file of finished draws, with which a study goes on where it ended. Every draw has
+dimensions of its own, so the bases are not shared.
 """
 
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import pytest
 
-from hidden_effects.draws import SIZES, draw
-from hidden_effects.judge import Confusion, judge_draw
+from hidden_effects.catalogue import EFFECTS
+from hidden_effects.confusion import rates, report
+from hidden_effects.study import jobs, run
 
-#: Draws of each effect, draws without effect, and where the seeds begin.
-DRAWS, NULLS, SEED = (
-    int(os.environ.get(name, default))
-    for name, default in (("HIDDEN_DRAWS", "12"), ("HIDDEN_NULLS", "40"), ("HIDDEN_SEED", "1000"))
-)
+
+def _number(name: str, default: int) -> int:
+    return int(os.environ.get(f"HIDDEN_{name}", default))
 
 
 @pytest.mark.slow
-def test_confusion_matrix(tmp_path, capsys):
-    """Detectable effects first or in their class in 95 %, first in 80 %, size within 3 σ in 97 %; nulls none."""
-    confusion = Confusion()
-    jobs = [(effect, SEED + number) for number in range(DRAWS) for effect in SIZES]
-    jobs += [("none", SEED + number) for number in range(NULLS)]
-    for effect, seed in jobs:
-        outcome = judge_draw(draw(effect, seed), tmp_path / f"{effect}_{seed}")
-        confusion.outcomes.append(outcome)
+def test_confusion_matrix(capsys):
+    """Every rate of the study reaches what is asked for."""
+    only = os.environ.get("HIDDEN_ONLY", "")
+    wanted = jobs(
+        only.split(",") if only else list(EFFECTS),
+        draws=_number("DRAWS", 10),
+        nulls=_number("NULLS", 40),
+        pairs=_number("PAIRS", 10),
+        undescribed=_number("UNDESCRIBED", 10),
+        seed=_number("SEED", 1000),
+    )
+    file = os.environ.get("HIDDEN_RESULTS")
+    outcomes = []
+    for outcome in run(wanted, _number("PROCESSES", 1), Path(file) if file else None):
+        outcomes.append(outcome)
         with capsys.disabled():
-            print(f"{effect}:{seed} {outcome}", flush=True)
+            print(f"[{len(outcomes)}/{len(wanted)}] {outcome.line()}", flush=True)
     with capsys.disabled():
-        print("\n" + confusion.text())
-    seen = confusion.detectable()
-    sizes = [abs(o.deviation) for o in seen if o.deviation is not None]
-    nulls = [o for o in confusion.outcomes if o.truth == "none"]
-    assert sum(o.in_class for o in seen) >= 0.95 * len(seen)
-    assert sum(o.said == o.truth for o in seen) >= 0.8 * len(seen)
-    assert sum(d < 3 for d in sizes) >= 0.97 * len(sizes)
-    assert sum(o.word == "none" for o in nulls) >= 0.975 * len(nulls)
+        print("\n" + report(outcomes))
+    assert not [rate.line() for rate in rates(outcomes) if not rate.holds]

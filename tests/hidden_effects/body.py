@@ -1,0 +1,286 @@
+"""Energy matrices of one parity class of a piezoelectric body by spectral elements in products of three axes.
+
+Fields: u_x, u_y, u_z, the inner potential φ (zero where an electrode is), and one volt between the electrodes as
+±1/2 on two opposite faces. A class has a sign for every symmetric axis; the driven class (1, 1, 1) has u_a odd along
+a and even else, φ odd along the poling and even else. Nothing of femu_piezo is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from hidden_effects.spectral import Axis, Line, joined, quadrature
+
+VOIGT = (((0, 0),), ((1, 1),), ((2, 2),), ((1, 2), (2, 1)), ((0, 2), (2, 0)), ((0, 1), (1, 0)))
+#: Voigt and vector indices of the crystal's 1, 2, 3 where the poling lies along x
+_ALONG_X = ([1, 2, 0, 4, 5, 3], [1, 2, 0])
+#: e-form constants by kind; c66 = (c11 − c12)/2
+ELASTIC, COUPLING, DIELECTRIC = ("c11", "c12", "c13", "c33", "c44"), ("e31", "e33", "e15"), ("eps11", "eps33")
+_VOLT = 4
+
+
+@dataclass(frozen=True)
+class Body:
+    """A plate and what of it is no simple plate.
+
+    Attributes
+    ----------
+    size : (length, width, thickness), m;  density : kg/m³
+    axes : of the displacements along x, y, z;  potential_axes : of φ
+    poling : 2 electrodes on z = ±t/2, 0 on x = ±L/2
+    margins : bare strips at x = −L/2 and +L/2 of both faces, m (poling 2)
+    profiles : "c" and "e" → factor over x (k,) → (k,) on the stiffness and on the piezoelectric constants
+    taper : the width is w (1 + taper 2x/L)
+    symmetric : whether the body has parity in x
+    """
+
+    size: tuple[float, float, float]
+    density: float
+    axes: tuple[Axis, Axis, Axis]
+    potential_axes: tuple[Axis, Axis, Axis]
+    poling: int = 2
+    margins: tuple[float, float] = (0.0, 0.0)
+    profiles: Mapping[str, Callable[[np.ndarray], np.ndarray]] = field(default_factory=dict)
+    taper: float = 0.0
+    symmetric: bool = True
+
+    @cached_property
+    def gauss(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Points and weights along x, y, z that integrate all products."""
+        found = []
+        for a, b in zip(self.axes, self.potential_axes, strict=True):
+            found.append(quadrature(joined(a.breaks, b.breaks), max(*a.degrees, *b.degrees) + 3))
+        return found
+
+    def widths(self, x: np.ndarray) -> np.ndarray:
+        """Width at x over the nominal one."""
+        return 1 + self.taper * 2 * x / self.size[0]
+
+    def electroded(self, x: np.ndarray) -> np.ndarray:
+        """Whether the faces at x carry electrodes; their edges belong to them."""
+        half, edge = self.size[0] / 2, 1e-9
+        return (x > -half + self.margins[0] - edge) & (x < half - self.margins[1] + edge)
+
+    def derivative(self, a: int) -> list[tuple[int, np.ndarray, int]]:
+        """∂_a in the coordinates of the nominal plate: [(axis, factor over the points of x, power of y)]."""
+        x = self.gauss[0][0]
+        ones, stretch = np.ones_like(x), self.widths(x)
+        if a == 0 and self.taper:
+            return [(0, ones, 0), (1, -self.taper * 2 / self.size[0] / stretch, 1)]
+        return [(1, 1 / stretch, 0)] if a == 1 else [(a, ones, 0)]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Something on a rectangle of one face or both: coefficient(ω) × the surface's form.
+
+    Attributes
+    ----------
+    x, y : ends of the rectangle, m
+    faces : 1 for z = +t/2, −1 for z = −t/2
+    coefficient : ω (k,) → (k,), N/m³ (for a membrane N/m) on the energy ½ coefficient ∫ |u|² dS
+    directions : components of u that take part
+    membrane : Poisson's ratio of a layer whose plane stress counts instead of u
+    """
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    faces: tuple[int, ...]
+    coefficient: Callable[[np.ndarray], np.ndarray]
+    directions: tuple[int, ...] = (0, 1, 2)
+    membrane: float | None = None
+
+    def keeps(self) -> tuple[bool, bool, bool]:
+        """Which parities it leaves."""
+        middle = [abs(sum(ends)) < 1e-12 for ends in (self.x, self.y)]
+        return middle[0], middle[1], len(self.faces) == 2
+
+
+class ParityClass:
+    """Matrices of one class; functions of a field in the order x, y, z, the last fastest.
+
+    Attributes
+    ----------
+    elastic : (5, n, n);  coupling : (3, n, m + 1);  dielectric : (2, m + 1, m + 1), of the constants in the order
+        of ELASTIC, COUPLING, DIELECTRIC; the last potential is the volt (zero where the class is not driven)
+    mass : (n, n)
+    """
+
+    def __init__(self, body: Body, signs: tuple[int, int, int]) -> None:
+        self._body = body
+        self.driven = all(sign != -1 for sign in signs)
+        self.lines: list[list[Line]] = []
+        for f in range(4):
+            odd = body.poling if f == 3 else f
+            axes = body.potential_axes if f == 3 else body.axes
+            self.lines.append([Line.of(axes[a], signs[a] * (-1 if a == odd else 1)) for a in range(3)])
+        self._samples = [[line.sample(body.gauss[a][0]) for a, line in enumerate(self.lines[f])] for f in range(4)] + [
+            self._volt()
+        ]
+        self._kept = self._free_potentials()
+        self._products: dict[tuple, np.ndarray] = {}
+        sizes = [int(np.prod([line.positions.size for line in self.lines[f]])) for f in range(3)]
+        self._starts = np.concatenate([[0], np.cumsum(sizes)])
+        self.displacements, self.potentials = int(self._starts[-1]), self._kept.size
+        self.mass = self._mass()
+        self.elastic = np.array([self._strain_strain(_elastic(name, body.poling)) for name in ELASTIC])
+        self.coupling = np.array([self._strain_field(_coupling(name, body.poling)) for name in COUPLING])
+        self.dielectric = np.array([self._field_field(_dielectric(name, body.poling)) for name in DIELECTRIC])
+        self._products.clear()
+
+    def _volt(self):
+        found = []
+        for a, (points, _) in enumerate(self._body.gauss):
+            if a == self._body.poling:
+                length = self._body.size[a]
+                found.append((points[None] / length, np.full((1, points.size), 1 / length)))
+            else:
+                found.append((np.ones((1, points.size)), np.zeros((1, points.size))))
+        return found
+
+    def _free_potentials(self) -> np.ndarray:
+        """Indices of the functions of φ that no electrode holds."""
+        body, (x, y, z) = self._body, [line.positions for line in self.lines[3]]
+        shape = (x.size, y.size, z.size)
+        if body.poling == 2:
+            end = np.abs(np.abs(z) - body.size[2] / 2) < 1e-12
+            held = body.electroded(x)[:, None, None] & end[None, None, :]
+        else:
+            held = (np.abs(np.abs(x) - body.size[0] / 2) < 1e-12)[:, None, None]
+        return np.flatnonzero(~np.broadcast_to(held, shape).ravel())
+
+    def _tensor(self, f: int, g: int, left: int, right: int, x_factor: np.ndarray, y_power: int) -> np.ndarray:
+        """∫ of f, differentiated along the axis `left` (−1: not), times g, likewise."""
+        parts = []
+        for a, (points, weights) in enumerate(self._body.gauss):
+            weight = weights * (x_factor if a == 0 else points**y_power if a == 1 else 1.0)
+            first, second = self._samples[f][a][int(a == left)], self._samples[g][a][int(a == right)]
+            parts.append((first * weight) @ second.T)
+        return np.kron(np.kron(parts[0], parts[1]), parts[2])
+
+    def _product(self, f: int, a: int, g: int, b: int, profile: str) -> np.ndarray:
+        """∫ profile ∂_a f ∂_b g dV."""
+        if (f, a, g, b) not in self._products:
+            x = self._body.gauss[0][0]
+            base = self._body.widths(x) * self._body.profiles.get(profile, np.ones_like)(x)
+            total = 0.0
+            for left, u, p in self._body.derivative(a):
+                for right, v, q in self._body.derivative(b):
+                    total = total + self._tensor(f, g, left, right, base * u * v, p + q)
+            total = total[self._kept] if f == 3 else total
+            self._products[f, a, g, b] = total[:, self._kept] if g == 3 else total
+        return self._products[f, a, g, b]
+
+    def _block(self, f: int) -> slice:
+        return slice(self._starts[f], self._starts[f + 1])
+
+    def _mass(self) -> np.ndarray:
+        found = np.zeros((self.displacements, self.displacements))
+        widths = self._body.widths(self._body.gauss[0][0])
+        for f in range(3):
+            found[self._block(f), self._block(f)] = self._body.density * self._tensor(f, f, -1, -1, widths, 0)
+        return found
+
+    def _strain_strain(self, c: np.ndarray) -> np.ndarray:
+        found = np.zeros((self.displacements, self.displacements))
+        for row, column in zip(*np.nonzero(c), strict=True):
+            for f, a in VOIGT[row]:
+                for g, b in VOIGT[column]:
+                    found[self._block(f), self._block(g)] += c[row, column] * self._product(f, a, g, b, "c")
+        return found
+
+    def _strain_field(self, e: np.ndarray) -> np.ndarray:
+        found = np.zeros((self.displacements, self.potentials + 1))
+        for k, column in zip(*np.nonzero(e), strict=True):
+            for f, a in VOIGT[column]:
+                found[self._block(f), :-1] += e[k, column] * self._product(f, a, 3, k, "e")
+                if self.driven:
+                    found[self._block(f), -1:] += e[k, column] * self._product(f, a, _VOLT, k, "e")
+        return found
+
+    def _field_field(self, eps: np.ndarray) -> np.ndarray:
+        found = np.zeros((self.potentials + 1, self.potentials + 1))
+        for k in np.flatnonzero(eps):
+            found[:-1, :-1] += eps[k] * self._product(3, k, 3, k, "eps")
+            if self.driven:
+                mixed = eps[k] * self._product(3, k, _VOLT, k, "eps")
+                found[:-1, -1:] += mixed
+                found[-1:, :-1] += mixed.T
+                found[-1:, -1:] += eps[k] * self._product(_VOLT, k, _VOLT, k, "eps")
+        return found
+
+    def factor(self, surface: Surface) -> np.ndarray:
+        """B (n, g) with ∫ |u|² dS = |Bᵗ u|² over the surface (or its membrane energy); the classes share columns."""
+        sides = []
+        counts = [max(axis.degrees) + 3 for axis in self._body.axes[:2]]
+        for ends, axis, count in zip((surface.x, surface.y), self._body.axes[:2], counts, strict=True):
+            inner = [b for b in axis.breaks if ends[0] < b < ends[1]]
+            sides.append(quadrature(joined(ends, inner), count))
+        (x, wx), (y, wy) = sides
+        root_x, root_y = np.sqrt(wx * self._body.widths(x)), np.sqrt(wy)
+        columns = []
+        for side in surface.faces:
+            end = np.array([side * self._body.size[2] / 2])
+            faces = []  # value, ∂_x, ∂_y of each field
+            for f in range(3):
+                ends = zip(self.lines[f], (x, y, end), strict=True)
+                (vx, sx), (vy, sy), (vz, _) = (line.sample(points) for line, points in ends)
+                vx, sx, vy, sy = vx * root_x, sx * root_x, vy * root_y, sy * root_y
+                faces.append([np.kron(np.kron(p, q), vz) for p, q in ((vx, vy), (sx, vy), (vx, sy))])
+            columns += (
+                self._membrane(faces, surface.membrane)
+                if surface.membrane is not None
+                else [self._placed({f: faces[f][0]}) for f in surface.directions]
+            )
+        return np.concatenate(columns, axis=1)
+
+    def _placed(self, blocks: Mapping[int, np.ndarray]) -> np.ndarray:
+        width = next(iter(blocks.values())).shape[1]
+        found = np.zeros((self.displacements, width))
+        for f, block in blocks.items():
+            found[self._block(f)] = block
+        return found
+
+    def _membrane(self, faces, nu: float) -> list[np.ndarray]:
+        """Roots of S_xx² + S_yy² + 2ν S_xx S_yy + (1 − ν)/2 γ²."""
+        (_, xx, uy), (_, vx, yy) = faces[0], faces[1]
+        plus, minus = np.sqrt((1 + nu) / 2), np.sqrt((1 - nu) / 2)
+        return [
+            self._placed({0: plus * xx, 1: plus * yy}),
+            self._placed({0: minus * xx, 1: -minus * yy}),
+            self._placed({0: minus * uy, 1: minus * vx}),
+        ]
+
+
+def _elastic(name: str, poling: int) -> np.ndarray:
+    c = np.zeros((6, 6))
+    one = {"c11": ((0, 0), (1, 1)), "c12": ((0, 1), (1, 0)), "c13": ((0, 2), (2, 0), (1, 2), (2, 1))}
+    one |= {"c33": ((2, 2),), "c44": ((3, 3), (4, 4))}
+    for i, j in one[name]:
+        c[i, j] = 1.0
+    c[5, 5] = {"c11": 0.5, "c12": -0.5}.get(name, 0.0)
+    return c if poling == 2 else _moved(c, _ALONG_X[0], _ALONG_X[0])
+
+
+def _coupling(name: str, poling: int) -> np.ndarray:
+    e = np.zeros((3, 6))
+    for k, j in {"e31": ((2, 0), (2, 1)), "e33": ((2, 2),), "e15": ((0, 4), (1, 3))}[name]:
+        e[k, j] = 1.0
+    return e if poling == 2 else _moved(e, _ALONG_X[1], _ALONG_X[0])
+
+
+def _dielectric(name: str, poling: int) -> np.ndarray:
+    eps = np.array([1.0, 1.0, 0.0] if name == "eps11" else [0.0, 0.0, 1.0])
+    found = np.empty(3)
+    found[[0, 1, 2] if poling == 2 else _ALONG_X[1]] = eps
+    return found
+
+
+def _moved(matrix: np.ndarray, rows: list[int], columns: list[int]) -> np.ndarray:
+    found = np.empty_like(matrix)
+    found[np.ix_(rows, columns)] = matrix
+    return found

@@ -1,0 +1,260 @@
+"""What is hidden in the data: every effect by the meaning of its name, with its variants.
+
+An entry takes (build, assumed constants, random generator, variant) and changes the build, or for a wrong constant what
+the specimen file assumes. Real effects never follow a formula exactly: with `variant` the entry draws another law,
+shape or place. It returns what the key says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hidden_effects.body import Surface
+from hidden_effects.build import Build
+
+NAMES = ("s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "eps33T")
+#: Held constants that a wrong value is drawn for: those a k31 sweep can show.
+WRONG = ("s12", "s13", "s33", "d33")
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """The key of one effect.
+
+    Attributes
+    ----------
+    effect, detail : name as in results; the constant that is meant
+    sizes : parameter → true value, SI
+    variant : in words, empty where the effect follows the library's law
+    sized : whether its sizes can be judged: the law is the library's, or the meaning is plain all the same
+    """
+
+    effect: str
+    sizes: Mapping[str, float] = field(default_factory=dict)
+    detail: str = ""
+    variant: str = ""
+    sized: bool = True
+
+    @property
+    def title(self) -> str:
+        """Name, with the constant where there is one, as the diagnosis gives it."""
+        return f"{self.effect}:{self.detail}" if self.detail else self.effect
+
+
+Entry = Callable[[Build, np.ndarray, np.random.Generator, bool], Hidden]
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """Positive, evenly drawn in its logarithm."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def series_resistance(build, assumed, rng, variant) -> Hidden:
+    """Variant: a fifth of it is skin effect."""
+    value, anchor = log_uniform(rng, 1.0, 8.0), 2 * np.pi * build.fundamental
+    share = 0.2 if variant else 0.0
+    build.circuits.append(lambda w, z: z + value * (1 - share + share * np.sqrt(w / anchor)))
+    return Hidden("series_resistance", {"resistance": value}, variant="skin effect" * variant, sized=not variant)
+
+
+def series_inductance(build, assumed, rng, variant) -> Hidden:
+    """Variant: damped by a resistor in parallel."""
+    value = log_uniform(rng, 2e-6, 12e-6)
+    damping = 8 * 2 * np.pi * 240e3 * value if variant else np.inf
+    build.circuits.append(lambda w, z: z + 1 / (1 / (1j * w * value) + 1 / damping))
+    return Hidden("series_inductance", {"inductance": value}, variant="damped" * variant, sized=not variant)
+
+
+def stray_capacitance(build, assumed, rng, variant) -> Hidden:
+    """Variant: a lossy cable."""
+    value = log_uniform(rng, 5e-12, 40e-12)
+    tangent = 0.03 if variant else 0.0
+    build.circuits.append(lambda w, z: 1 / (1 / z + 1j * w * value * (1 - 1j * tangent)))
+    return Hidden("stray_capacitance", {"capacitance": value}, variant="lossy" * variant)
+
+
+def leakage(build, assumed, rng, variant) -> Hidden:
+    """Variant: grows with a weak power of frequency."""
+    value, anchor = log_uniform(rng, 3e-6, 3e-5), 2 * np.pi * build.fundamental
+    power = 0.25 if variant else 0.0
+    build.circuits.append(lambda w, z: 1 / (1 / z + value * (w / anchor) ** power))
+    return Hidden("leakage", {"conductance": value}, variant="power of frequency" * variant, sized=not variant)
+
+
+def frequency_dependent_elastic_loss(build, assumed, rng, variant) -> Hidden:
+    """Variants: linear in frequency; a Debye peak."""
+    size = log_uniform(rng, 0.3, 0.9) * float(rng.choice([-1, 1]))
+    words = str(rng.choice(["linear", "Debye peak"])) if variant else ""
+    peak = float(rng.uniform(60e3, 200e3)) / build.fundamental
+
+    def grown(share: float) -> float:
+        if words == "linear":
+            return 1 + size * (share - 1)
+        if words == "Debye peak":
+            return 1 + size * (2 * peak * share / (peak**2 + share**2) - 2 * peak / (peak**2 + 1))
+        return share**size
+
+    def law(theta, frequency):
+        found = theta.copy()
+        found[:5] = theta[:5].real + 1j * theta[:5].imag * grown(frequency / build.fundamental)
+        return found
+
+    build.laws.append(law)
+    return Hidden("frequency_dependent_elastic_loss", {"exponent": size}, variant=words, sized=not variant)
+
+
+def dielectric_dispersion(build, assumed, rng, variant) -> Hidden:
+    """Variant: a broad relaxation (Cole-Cole) with its losses."""
+    size = log_uniform(rng, 0.01, 0.05)
+    relaxation = float(rng.uniform(60e3, 150e3))
+
+    def cole(frequency):
+        return 3 * size / (1 + (1j * frequency / relaxation) ** 0.7)
+
+    def law(theta, frequency):
+        found = theta.copy()
+        if variant:
+            found[9] *= 1 + cole(frequency) - cole(build.fundamental).real
+        else:
+            found[9] *= 1 - size * np.log10(frequency / build.fundamental)
+        return found
+
+    build.laws.append(law)
+    return Hidden("dielectric_dispersion", {"fall_per_decade": size}, variant="relaxation" * variant, sized=not variant)
+
+
+def wrong_insensitive_parameter(build, assumed, rng, variant) -> Hidden:
+    """The true constant is (1 + p) times the assumed one. Variant: a second one is wrong by a fifth of that."""
+    size = log_uniform(rng, 0.03, 0.12) * float(rng.choice([-1, 1]))
+    first, second = (str(name) for name in rng.choice(WRONG, 2, replace=False))
+    assumed[NAMES.index(first)] /= 1 + size
+    if variant:
+        assumed[NAMES.index(second)] /= 1 + size / 5
+    return Hidden(
+        "wrong_insensitive_parameter",
+        {"relative_error": size},
+        first,
+        f"{second} as well" if variant else "",
+        not variant,
+    )
+
+
+def _wrong(name: str, axis: int, low: float, high: float) -> Entry:
+    def entry(build, assumed, rng, variant) -> Hidden:
+        """Variant: the sides are not quite parallel; the size is that of the mean."""
+        size = log_uniform(rng, low, high) * float(rng.choice([-1, 1]))
+        build.size[axis] *= 1 + size
+        if variant:
+            build.taper += float(rng.uniform(0.002, 0.006))
+        return Hidden(f"wrong_{name}", {"relative_error": size}, variant="sides not parallel" * variant)
+
+    return entry
+
+
+def electrode_mass(build, assumed, rng, variant) -> Hidden:
+    """Variant: unequal films on the two faces; the size is the mean."""
+    size, share = log_uniform(rng, 0.02, 0.2), 0.3 if variant else 0.0
+    for side in (1, -1):
+        own = size * (1 + side * share)
+        build.surfaces.append(Surface(*build.whole_face, (side,), lambda w, own=own: -(w**2) * own))
+    if not variant:
+        build.surfaces[-2:] = [Surface(*build.whole_face, (1, -1), lambda w: -(w**2) * size)]
+    return Hidden("electrode_mass", {"mass_per_area": size}, variant="unequal films" * variant)
+
+
+def point_mass(build, assumed, rng, variant) -> Hidden:
+    """A square patch on the upper face. Variants: a large one; a long one along the width or the length."""
+    mass = log_uniform(rng, 0.0003, 0.005) * float(np.prod(build.size)) * build.density
+    words = str(rng.choice(["large patch", "long patch"])) if variant else ""
+    sides = {"large patch": (2.4e-3, 2.0e-3), "long patch": (2.6e-3, 0.8e-3)}.get(words, (1.3e-3, 1.3e-3))
+    sides = sides if rng.integers(2) else sides[::-1]
+    x, y = (
+        float(rng.uniform(0.1, 0.98) * (length / 2 - side / 2))
+        for length, side in zip(build.size[:2], sides, strict=True)
+    )
+    area = sides[0] * sides[1]
+    ends = [(centre - side / 2, centre + side / 2) for centre, side in zip((x, y), sides, strict=True)]
+    build.surfaces.append(Surface(ends[0], ends[1], (1,), lambda w: -(w**2) * mass / area))
+    return Hidden("point_mass", {"mass": mass, "x": x, "y": y}, variant=words, sized=not variant)
+
+
+def local_crack(build, assumed, rng, variant) -> Hidden:
+    """A slice of softer material. Variant: the stiffness falls and rises linearly across the slice."""
+    added, width = log_uniform(rng, 2e-6, 6e-5), log_uniform(rng, 0.1e-3, 0.4e-3)
+    position = float(rng.uniform(0.03, 0.85) * build.size[0] / 2)
+    if variant:
+        width *= 2
+        depth = _depth(added / width)
+    else:
+        depth = added / (width + added)
+
+    def profile(x):
+        inside = np.abs(x - position) / (width / 2)
+        return 1 - depth * ((1 - inside) if variant else 1.0) * (inside < 1)
+
+    build.stiffness.append(profile)
+    build.elements += [position - width / 2, position + width / 2, *([position] if variant else [])]
+    return Hidden(
+        "local_crack", {"added_length": added, "position": position}, variant="gradual" * variant, sized=not variant
+    )
+
+
+def _depth(compliance: float) -> float:
+    """k of a linear dent with mean of k s/(1 − k s) over s in 0 … 1 = −1 − ln(1 − k)/k as wished, by bisection."""
+    low, high = 1e-9, 1 - 1e-9
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if -1 - np.log1p(-middle) / middle < compliance else (low, middle)
+    return low
+
+
+def poling_gradient(build, assumed, rng, variant) -> Hidden:
+    """Variant: curved as well. The sign of g is that of an axis nobody has marked."""
+    size, half = log_uniform(rng, 0.02, 0.4), build.size[0] / 2
+    curved = 0.4 * size * float(rng.choice([-1, 1])) if variant else 0.0
+    build.piezoelectric.append(lambda x: 1 + size * x / half + curved * ((x / half) ** 2 - 1 / 3))
+    return Hidden("poling_gradient", {"gradient": size}, variant="curved" * variant, sized=not variant)
+
+
+def mounting(build, assumed, rng, variant) -> Hidden:
+    """Variants: on one face only; off the middle; hardly any width."""
+    stiffness, damping = log_uniform(rng, 2e5, 5e6), log_uniform(rng, 0.3, 6.0)
+    width = float(rng.uniform(0.5e-3, 1.2e-3))
+    words = str(rng.choice(["one face", "off the middle", "narrow"])) if variant else ""
+    centre = float(rng.uniform(0.3e-3, 0.9e-3)) if words == "off the middle" else 0.0
+    width = 0.1e-3 if words == "narrow" else width
+    faces = (-1,) if words == "one face" else (1, -1)
+    area = len(faces) * width * build.size[1]
+    ends = (centre - width / 2, centre + width / 2)
+    build.surfaces.append(Surface(ends, build.whole_face[1], faces, lambda w: (stiffness + 1j * w * damping) / area))
+    return Hidden("mounting", {"stiffness": stiffness, "damping": damping}, variant=words, sized=not variant)
+
+
+def electrode_margin(build, assumed, rng, variant) -> Hidden:
+    """Variant: unequal at the two ends; the size is the mean."""
+    size, share = log_uniform(rng, 0.05e-3, 0.5e-3), 0.35 if variant else 0.0
+    build.margins = (size * (1 - share), size * (1 + share))
+    return Hidden("electrode_margin", {"margin": size}, variant="unequal" * variant, sized=not variant)
+
+
+EFFECTS: Mapping[str, Entry] = {
+    "series_resistance": series_resistance,
+    "series_inductance": series_inductance,
+    "stray_capacitance": stray_capacitance,
+    "leakage": leakage,
+    "frequency_dependent_elastic_loss": frequency_dependent_elastic_loss,
+    "dielectric_dispersion": dielectric_dispersion,
+    "wrong_insensitive_parameter": wrong_insensitive_parameter,
+    "wrong_length": _wrong("length", 0, 0.003, 0.015),
+    "wrong_width": _wrong("width", 1, 0.003, 0.015),
+    "wrong_thickness": _wrong("thickness", 2, 0.01, 0.04),
+    "electrode_mass": electrode_mass,
+    "point_mass": point_mass,
+    "local_crack": local_crack,
+    "poling_gradient": poling_gradient,
+    "mounting": mounting,
+    "electrode_margin": electrode_margin,
+}

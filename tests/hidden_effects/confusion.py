@@ -1,0 +1,87 @@
+"""Counts over many judged draws: the confusion matrix and the rates that are asked for."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import beta
+
+from hidden_effects.judge import Outcome
+
+
+@dataclass(frozen=True)
+class Rate:
+    """How often something held, against what is asked for."""
+
+    words: str
+    count: int
+    total: int
+    least: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the share reaches what is asked for; nothing drawn is no failure."""
+        return self.count >= self.least * self.total
+
+    def line(self) -> str:
+        """With the 95 % Clopper-Pearson interval of the share."""
+        if not self.total:
+            return f"      {self.words}: none drawn"
+        low = beta.ppf(0.025, self.count, self.total - self.count + 1) if self.count else 0.0
+        high = beta.ppf(0.975, self.count + 1, self.total - self.count) if self.count < self.total else 1.0
+        share = self.count / self.total
+        return (
+            f"{'holds' if self.holds else 'FAILS'} {self.words}: {self.count} of {self.total} = {share:.1%} "
+            f"(95 %: {low:.1%} to {high:.1%}), asked {self.least:.1%}"
+        )
+
+
+def matrix(outcomes: Sequence[Outcome]) -> str:
+    """One line per hidden thing: how often what was said."""
+    said: dict[str, Counter] = defaultdict(Counter)
+    for o in outcomes:
+        words = " + ".join(o.truth) or "none"
+        row = f"{o.kind} {words}" + ("" if o.detectable or o.kind == "null" else " (not detectable)")
+        said[row][" + ".join(o.said) or o.word] += 1
+    return "\n".join(
+        f"{row:70s} " + ", ".join(f"{name} × {count}" for name, count in counts.most_common())
+        for row, counts in sorted(said.items())
+    )
+
+
+def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
+    """What issue and contract ask of the study, single effects without and with variants."""
+    found = []
+    library = [o for o in outcomes if o.kind == "single" and o.detectable]
+    variants = [o for o in outcomes if o.kind == "variant" and o.detectable]
+    for words, group in (("single effects", library), ("variants", variants), ("both", library + variants)):
+        found.append(Rate(f"{words}: first or in its class", sum(o.in_class for o in group), len(group), 0.95))
+        found.append(Rate(f"{words}: first", sum(o.first for o in group), len(group), 0.8))
+    right = [o for o in library + variants if o.first]
+    sizes = [next(iter(o.sizes.values())) for o in right if o.sizes]
+    found.append(Rate("size within 3 σ", sum(abs(s) < 3 for s in sizes), len(sizes), 0.97))
+    places = [s for o in right for s in list(o.sizes.values())[1:]]
+    found.append(Rate("further parameters within 3 σ", sum(abs(s) < 3 for s in places), len(places), 0.97))
+    nulls = [o for o in outcomes if o.kind == "null"]
+    found.append(Rate("nulls: none", sum(o.word == "none" for o in nulls), len(nulls), 39 / 40))
+    strange = [o for o in outcomes if o.kind == "undescribed" and o.detectable]
+    found.append(Rate("undescribed: no confident name", sum(not o.confident for o in strange), len(strange), 0.9))
+    pairs = [o for o in outcomes if o.kind == "pair" and o.detectable]
+    found.append(Rate("pairs: both named", sum(o.first for o in pairs), len(pairs), 0.8))
+    found.append(Rate("pairs: both named or in a class", sum(o.in_class for o in pairs), len(pairs), 0.8))
+    exact = [o for o in library if o.first and o.word == "effect"]
+    good = sum(o.ratio[0] < 1.3 for o in exact)
+    found.append(Rate("single effects: unseen points within 1.3 × noise", good, len(exact), 1.0))
+    biases = [value for o in exact for value in o.bias.values()]
+    found.append(Rate("single effects: constants within 3 σ", sum(abs(b) < 3 for b in biases), len(biases), 0.97))
+    return found
+
+
+def report(outcomes: Sequence[Outcome]) -> str:
+    """Matrix, rates and times."""
+    seconds = [o.seconds for o in outcomes]
+    times = f"seconds per diagnosis: median {np.median(seconds):.1f}, longest {max(seconds):.1f}"
+    return "\n".join([matrix(outcomes), *(rate.line() for rate in rates(outcomes)), times])

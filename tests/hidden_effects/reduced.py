@@ -1,0 +1,162 @@
+"""Impedance of a `Body` with surfaces over a sweep: few vibration modes and static answers instead of all unknowns.
+
+The basis of each parity class holds the lossless short-circuit modes up to a multiple of the highest frequency, what
+losses add to the shapes of those in the band, the answers to the voltage (twice) and to the loads of every surface. The
+potential is eliminated exactly at the complex constants. `cutoff=None` keeps all unknowns: the full solve that the
+tests compare with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import product
+
+import numpy as np
+import scipy.linalg as sl
+from scipy.interpolate import BarycentricInterpolator
+
+from hidden_effects.body import Body, ParityClass, Surface
+from hidden_effects.ritz import e_form
+
+Theta = np.ndarray | Callable[[float], np.ndarray]
+_NODES, _BATCH = 12, 32
+
+
+def _constants(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """c11 c12 c13 c33 c44, e31 e33 e15, ε11S ε33S of d-form constants (10,)."""
+    c, e, eps = e_form(np.asarray(theta))
+    return (
+        np.array([c[0, 0], c[0, 1], c[0, 2], c[2, 2], c[3, 3]]),
+        np.array([e[2, 0], e[2, 2], e[0, 4]]),
+        np.array([eps[0], eps[2]]),
+    )
+
+
+class _Reduced:
+    """One class on its basis: operator(θ) over (displacements, volt)."""
+
+    def __init__(self, part: ParityClass, theta: np.ndarray, surfaces, top: float, cutoff: float | None) -> None:
+        self.dielectric = part.dielectric
+        factors = [part.factor(surface) for surface in surfaces]
+        basis = np.eye(part.displacements) if cutoff is None else _basis(part, theta, factors, top, cutoff)
+        self.elastic = np.array([basis.T @ a @ basis for a in part.elastic])
+        self.coupling = np.array([basis.T @ a for a in part.coupling])
+        self.mass = basis.T @ part.mass @ basis
+        self.factors = [basis.T @ b for b in factors]
+        self.size = basis.shape[1]
+
+    def operator(self, theta: np.ndarray) -> np.ndarray:
+        """(r + 1, r + 1) complex symmetric."""
+        return _condensed(self.elastic, self.coupling, self.dielectric, _constants(theta))
+
+
+def _condensed(elastic, coupling, dielectric, constants) -> np.ndarray:
+    c, e, eps = constants
+    r, m = elastic.shape[1], dielectric.shape[1] - 1
+    stiffness, piezo = np.tensordot(c, elastic, axes=1), np.tensordot(e, coupling, axes=1)
+    potential = -np.tensordot(eps, dielectric, axes=1)
+    found = np.empty((r + 1, r + 1), dtype=np.result_type(stiffness, potential))
+    found[:r, :r], found[:r, r], found[r, :r], found[r, r] = stiffness, piezo[:, m], piezo[:, m], potential[m, m]
+    side = np.concatenate([piezo[:, :m], potential[m:, :m]])
+    found -= side @ sl.solve(potential[:m, :m], side.T, assume_a="sym")
+    return found
+
+
+def _basis(part: ParityClass, theta: np.ndarray, factors, top: float, cutoff: float) -> np.ndarray:
+    """(n, r), orthonormal in the mass."""
+    lossy = _condensed(part.elastic, part.coupling, part.dielectric, _constants(theta))
+    lossless = _condensed(part.elastic, part.coupling, part.dielectric, _constants(np.asarray(theta).real))[:-1, :-1]
+    values, modes = sl.eigh(lossless, part.mass, subset_by_value=(-np.inf, (cutoff * top) ** 2))
+    shifted = sl.cho_factor(lossless + (0.5 * top) ** 2 * part.mass)
+    inner = modes[:, values < (1.3 * top) ** 2]
+    further = [sl.cho_solve(shifted, lossy[:-1, :-1].imag @ inner)]  # how losses change the shapes of modes
+    if part.driven:
+        load = np.stack([lossy[:-1, -1].real, lossy[:-1, -1].imag], axis=1)
+        first = sl.cho_solve(shifted, load)
+        further += [first, sl.cho_solve(shifted, part.mass @ first)]
+    for factor in factors:
+        left, singular, _ = np.linalg.svd(sl.cho_solve(shifted, factor), full_matrices=False)
+        further.append(left[:, singular > 3e-3 * singular[0]][:, :12])
+    extra = np.concatenate(further, axis=1)
+    extra = extra / np.sqrt(np.einsum("ik,ik->k", extra, part.mass @ extra))
+    for _ in range(2):
+        extra = extra - modes @ (modes.T @ (part.mass @ extra))
+    gram = extra.T @ part.mass @ extra
+    size, rotation = np.linalg.eigh((gram + gram.T) / 2)
+    keep = size > 1e-10
+    return np.concatenate([modes, extra @ (rotation[:, keep] / np.sqrt(size[keep]))], axis=1)
+
+
+def _classes(body: Body, surfaces: Sequence[Surface]) -> list[tuple[int, int, int]]:
+    """Signs of the classes that the surfaces couple to the driven one; 0 where the body itself has no parity."""
+    signs = []
+    for axis in range(3):
+        if axis == 0 and not body.symmetric:
+            signs.append((0,))
+        else:
+            signs.append((1,) if all(surface.keeps()[axis] for surface in surfaces) else (1, -1))
+    return list(product(*signs))
+
+
+class Plate:
+    """A body with surfaces, ready to be swept up to a frequency.
+
+    Parameters
+    ----------
+    theta : (10,) d-form constants that the basis is made for
+    top_Hz : highest frequency of the sweeps
+    cutoff : highest mode of the basis over top_Hz; None: all unknowns
+    """
+
+    def __init__(
+        self, body: Body, theta: np.ndarray, top_Hz: float, surfaces: Sequence[Surface] = (), cutoff: float | None = 2.5
+    ) -> None:
+        self._surfaces = tuple(surfaces)
+        top = 2 * np.pi * top_Hz
+        signs = _classes(body, surfaces)
+        self._parts = [_Reduced(ParityClass(body, s), theta, surfaces, top, cutoff) for s in signs]
+        self.size = sum(part.size for part in self._parts)
+        self._mass = sl.block_diag(*(part.mass for part in self._parts))
+        self._forms = []
+        for index in range(len(self._surfaces)):
+            whole = np.concatenate([part.factors[index] for part in self._parts])
+            self._forms.append(whole @ whole.T)
+
+    def operator(self, theta: np.ndarray) -> np.ndarray:
+        """(r + 1, r + 1), the volt last."""
+        found = np.zeros((self.size + 1, self.size + 1), dtype=complex)
+        start = 0
+        for part in self._parts:
+            own = part.operator(theta)
+            rows = np.concatenate([np.arange(start, start + part.size), [self.size]])
+            found[np.ix_(rows, rows)] += own
+            start += part.size
+        return found
+
+    def impedance(self, theta: Theta, frequency: np.ndarray) -> np.ndarray:
+        """Z (k,), ohm, of constants (10,) or of a law: frequency in Hz → constants."""
+        omega = 2 * np.pi * np.asarray(frequency, float)
+        if callable(theta):
+            nodes, weights = _nodes(omega)
+            operators = np.array([self.operator(theta(w / (2 * np.pi))) for w in nodes])
+        else:
+            operators, weights = self.operator(theta)[None], np.ones((omega.size, 1))
+        found = np.empty(omega.size, dtype=complex)
+        flat = operators.reshape(len(operators), -1)
+        coefficients = [surface.coefficient(omega) for surface in self._surfaces]
+        for rows in np.array_split(np.arange(omega.size), max(1, omega.size // _BATCH)):
+            matrix = (weights[rows] @ flat).reshape(-1, self.size + 1, self.size + 1)
+            matrix[:, :-1, :-1] -= omega[rows, None, None] ** 2 * self._mass
+            for values, form in zip(coefficients, self._forms, strict=True):
+                matrix[:, :-1, :-1] += values[rows, None, None] * form
+            inner = np.linalg.solve(matrix[:, :-1, :-1], matrix[:, :-1, -1:])[:, :, 0]
+            charge = -(matrix[:, -1, -1] - np.einsum("ki,ki->k", matrix[:, -1, :-1], inner))
+            found[rows] = 1 / (1j * omega[rows] * charge)
+        return found
+
+
+def _nodes(omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Chebyshev nodes in log ω and the weights (k, nodes) that interpolate from them."""
+    low, high = np.log([omega.min(), omega.max()])
+    at = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
+    return np.exp(at), BarycentricInterpolator(at, np.eye(_NODES))(np.log(omega))

@@ -1,0 +1,62 @@
+"""Runs many draws, one or several at a time, and keeps what was found so that a study can be resumed."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from hidden_effects.draws import draw, pair_of
+from hidden_effects.judge import Outcome, judge_draw
+from hidden_effects.undescribed import UNDESCRIBED
+
+Job = tuple[str, int]
+
+
+def jobs(effects: Sequence[str], draws: int, nulls: int, pairs: int, undescribed: int, seed: int) -> list[Job]:
+    """(name, seed) of every draw; all effects in turn, so that a part of a study has something of each."""
+    found = [(effect, seed + number) for number in range(draws) for effect in effects]
+    found += [("none", seed + number) for number in range(nulls)]
+    found += [(pair_of(seed + number), seed + number) for number in range(pairs)]
+    kinds = list(UNDESCRIBED)
+    found += [(f"undescribed:{kinds[number % len(kinds)]}", seed + number) for number in range(undescribed)]
+    return found
+
+
+def judged(job: Job) -> Outcome:
+    """Draw and judge one; the seconds are those of the draw and the diagnosis."""
+    began = time.perf_counter()
+    with TemporaryDirectory(prefix="hidden_") as folder:
+        outcome = judge_draw(draw(*job), Path(folder))
+    return replace(outcome, seconds=time.perf_counter() - began)
+
+
+def run(wanted: Sequence[Job], processes: int = 1, results: Path | None = None) -> Iterator[Outcome]:
+    """Outcomes as they come; those in the file `results` first, new ones are appended to it."""
+    known = {(o.name, o.seed): o for o in read(results)} if results and results.exists() else {}
+    yield from (known[job] for job in wanted if job in known)
+    left = [job for job in wanted if job not in known]
+    for outcome in _computed(left, processes):
+        if results:
+            with results.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(asdict(outcome)) + "\n")
+        yield outcome
+
+
+def _computed(left: Sequence[Job], processes: int) -> Iterator[Outcome]:
+    if processes == 1:
+        yield from map(judged, left)
+        return
+    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+        yield from (future.result() for future in as_completed([pool.submit(judged, job) for job in left]))
+
+
+def read(results: Path) -> list[Outcome]:
+    """Outcomes of a file of JSON lines."""
+    rows = [json.loads(line) for line in results.read_text(encoding="utf-8").splitlines()]
+    return [Outcome(**{key: tuple(v) if isinstance(v, list) else v for key, v in row.items()}) for row in rows]

@@ -1,0 +1,207 @@
+"""The independent solver of the hidden data against other solvers, formulas of bars, and limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, minimize_scalar
+from scipy.special import j1, y1
+
+from hidden_effects.body import Surface
+from hidden_effects.build import Build
+from hidden_effects.draws import DENSITY, PZT5H, draw
+from hidden_effects.reduced import Plate
+from hidden_effects.ritz import RitzPlate
+
+#: A slender plate, near a bar, of which the 1-D formulas hold to a per cent, and its low losses.
+BAR, LOW = np.array([12e-3, 1.0e-3, 0.5e-3]), PZT5H * (1 - 2e-4j)
+FUNDAMENTAL = float(1 / (2 * BAR[0] * np.sqrt(DENSITY * PZT5H[0])))
+PLATE, LOSSY = np.array([12e-3, 6.9e-3, 1.6e-3]), PZT5H * (1 - 0.015j)
+SWEEP = np.concatenate([np.linspace(20e3, 130e3, 12), np.linspace(180e3, 240e3, 25)])
+
+
+def bar(**changes) -> Build:
+    return Build(BAR.copy(), DENSITY, LOW, FUNDAMENTAL, **changes)
+
+
+def plate(**changes) -> Build:
+    return Build(PLATE.copy(), DENSITY, LOSSY, 140e3, **changes)
+
+
+def resonance(build: Build, near: float, width: float = 0.02) -> tuple[float, float]:
+    """Frequency, Hz, and height, S, of the highest conductance near one."""
+    model = Plate(build.body(), build.theta, 1.2 * near, build.surfaces)
+    grid = near * np.linspace(1 - width, 1 + width, 401)
+    top = grid[np.argmax((1 / model.impedance(build.theta, grid)).real)]
+    step = grid[1] - grid[0]
+    best = minimize_scalar(
+        lambda f: -(1 / model.impedance(build.theta, np.array([f])))[0].real,
+        bounds=(top - step, top + step),
+        method="bounded",
+        options={"xatol": 1e-7 * top},
+    )
+    return float(best.x), float(-best.fun)
+
+
+def spot(x: float, y: float, side: float, mass: float) -> Surface:
+    return Surface((x - side / 2, x + side / 2), (y - side / 2, y + side / 2), (1,), lambda w: -(w**2) * mass / side**2)
+
+
+def test_ritz_with_global_polynomials_gives_the_same():
+    """Another basis, a full solve per frequency; with a film of mass on both faces."""
+    film = Surface(*plate().whole_face, (1, -1), lambda w: -(w**2) * 0.1)
+    found = plate(surfaces=[film]).impedance(SWEEP)
+    other = RitzPlate(PLATE, DENSITY, (16, 12, 7), film=0.1).impedance(LOSSY, SWEEP)
+    assert np.max(np.abs(found / other - 1)) < 2e-5
+
+
+@pytest.mark.parametrize("what", ["law", "gradient", "mass"])
+def test_reduced_basis_gives_the_full_solve(what):
+    """All unknowns of the same body: 5e-6 in Z."""
+    build = plate()
+    if what == "gradient":
+        build.piezoelectric.append(lambda x: 1 + 0.3 * x / 6e-3)
+    if what == "mass":
+        build.surfaces.append(spot(2e-3, 1e-3, 2e-3, 2e-6))
+    sweep = np.array([30e3, 95e3, 141e3, 190e3, 228e3])
+    theta = (lambda f: LOSSY.real + 1j * LOSSY.imag * (f / 140e3) ** 0.8) if what == "law" else LOSSY
+    body = build.body()
+    if what == "mass":  # of low order, so that the full solve is small
+        low = tuple(type(axis)(axis.breaks, (p,)) for axis, p in zip(body.axes, (8, 5, 3), strict=True))
+        body = type(body)(body.size, body.density, low, low)
+    found = Plate(body, LOSSY, 240e3, build.surfaces).impedance(theta, sweep)
+    full = Plate(body, LOSSY, 240e3, build.surfaces, cutoff=None)
+    if what == "law":  # every frequency by its own constants, without interpolation
+        other = np.array([full.impedance(theta(f), np.array([f]))[0] for f in sweep])
+    else:
+        other = full.impedance(theta, sweep)
+    assert np.max(np.abs(found / other - 1)) < 5e-6
+
+
+def test_parity_classes_together_are_the_whole_plate():
+    """A spot of mass couples eight classes of the plate with parity in x, or four of the plate without."""
+    masses = [spot(2e-3, 1e-3, 2e-3, 2e-6)]
+    sweep = np.array([60e3, 140e3, 215e3])
+    body = plate(surfaces=masses).body()
+    low = tuple(type(axis)(axis.breaks, (p,)) for axis, p in zip(body.axes, (9, 6, 4), strict=True))
+    both = [
+        Plate(type(body)(body.size, body.density, low, low, symmetric=symmetric), LOSSY, 240e3, masses)
+        for symmetric in (True, False)
+    ]
+    one, other = (model.impedance(LOSSY, sweep) for model in both)
+    assert np.max(np.abs(one / other - 1)) < 5e-6
+    without = Plate(type(body)(body.size, body.density, low, low), LOSSY, 240e3).impedance(LOSSY, sweep)
+    assert np.max(np.abs(one / without - 1)) > 1e-3
+
+
+def test_small_mass_lowers_the_resonance_as_rayleigh_says():
+    """δf/f = −(m/M) sin²(πx/L) of the fundamental."""
+    plain = resonance(bar(), FUNDAMENTAL)[0]
+    mass = 1e-4 * DENSITY * np.prod(BAR)
+    for x in (2e-3, 5e-3):
+        heavy = resonance(bar(surfaces=[spot(x, 0.1e-3, 0.6e-3, mass)]), FUNDAMENTAL)[0]
+        assert heavy / plain - 1 == pytest.approx(-1e-4 * np.sin(np.pi * x / BAR[0]) ** 2, rel=0.03)
+
+
+def test_crack_lowers_the_resonance_by_its_added_length():
+    """δf/f = −(a/L) cos²(πx/L): compliance where the stress is."""
+    plain = resonance(bar(), FUNDAMENTAL)[0]
+    width, depth = 0.2e-3, 0.05
+    added = width * depth / (1 - depth)
+    for x in (0.5e-3, 3e-3):
+        slit = bar(elements=[x - width / 2, x + width / 2])
+        slit.stiffness.append(lambda s, x=x: 1 - depth * (np.abs(s - x) < width / 2))
+        shift = resonance(slit, FUNDAMENTAL)[0] / plain - 1
+        assert shift == pytest.approx(-added / BAR[0] * np.cos(np.pi * x / BAR[0]) ** 2, rel=0.03)
+
+
+def test_gradient_drives_the_second_length_mode():
+    """Charge g times that of the first for e (1 + g 2x/L), so the conductance is g²/2 of the first's."""
+    g = 0.2
+    graded = bar(piezoelectric=[lambda x: 1 + g * 2 * x / BAR[0]])
+    first, high = resonance(graded, FUNDAMENTAL)
+    second, low = resonance(graded, 2 * first)
+    assert second == pytest.approx(2 * first, rel=5e-3)
+    assert low / high == pytest.approx(g**2 / 2, rel=0.03)
+
+
+def test_margin_without_coupling_has_the_capacitance_of_the_conformal_map():
+    """C = ε33 w (L − 2m + 2δ)/t, δ = (ln 2/π) t √(ε11/ε33): the field beyond the edge of the electrodes."""
+    build, frequency = bar(margins=(1.5e-3, 1.5e-3)), np.array([1e3])
+    build.theta = LOW.copy()
+    build.theta[5:8] = 0
+    capacitance = (1 / build.impedance(frequency) / (2j * np.pi * frequency))[0].real
+    length, width, thickness = BAR
+    beyond = np.log(2) / np.pi * thickness * np.sqrt(PZT5H[8] / PZT5H[9])
+    assert capacitance == pytest.approx(PZT5H[9] * width * (length - 3e-3 + 2 * beyond) / thickness, rel=2e-5)
+
+
+def test_margin_converges_and_vanishes():
+    """Finer elements and higher orders at the edge: 1e-4 in Z, so below 1e-6 in frequency; and margin → 0."""
+    build, sweep = plate(margins=(0.4e-3, 0.4e-3)), SWEEP[::3]
+    body = build.body()
+    finer = type(body.axes[0])
+    edges = [6e-3 - 0.4e-3 + s for s in (-0.3e-3, -0.05e-3, -0.01e-3, 0, 0.01e-3, 0.05e-3, 0.2e-3)]
+    ends = sorted([-6e-3, *(-e for e in edges), *edges, 6e-3])
+    degrees = tuple(14 if b - a > 1e-3 else 4 for a, b in zip(ends[:-1], ends[1:], strict=True))
+    potential = (
+        finer(tuple(ends), degrees),
+        *(type(axis)(axis.breaks, (p,)) for axis, p in zip(body.axes[1:], (8, 26), strict=True)),
+    )
+    other = Plate(type(body)(body.size, body.density, body.axes, potential, margins=body.margins), LOSSY, 240e3)
+    found = build.impedance(sweep)
+    assert np.max(np.abs(found / other.impedance(LOSSY, sweep) - 1)) < 1e-4
+    whole, small = plate().impedance(sweep), plate(margins=(2e-5, 2e-5)).impedance(sweep)
+    assert np.max(np.abs(small / whole - 1)) < 1e-3 < 0.01 < np.max(np.abs(found / whole - 1))
+
+
+def test_spot_and_slice_converge():
+    """Higher orders for a spot of mass and for a slice of softer material: 1e-4 in Z at most."""
+    masses = [spot(2.8e-3, 1.7e-3, 2e-3, 2e-6)]
+    soft = plate(elements=[2e-3, 2.2e-3], stiffness=[lambda x: 1 - 0.2 * ((x > 2e-3) & (x < 2.2e-3))])
+    sweep = SWEEP[::4]
+    for build, orders in ((plate(surfaces=masses), (18, 13, 6)), (soft, None)):
+        body = build.body()
+        degrees = orders or (tuple(p + 3 for p in body.axes[0].degrees), 12, 7)
+        fine = tuple(
+            type(axis)(axis.breaks, p if isinstance(p, tuple) else (p,))
+            for axis, p in zip(body.axes, degrees, strict=True)
+        )
+        other = type(body)(body.size, DENSITY, fine, fine, profiles=body.profiles, symmetric=body.symmetric)
+        better = Plate(other, LOSSY, 240e3, build.surfaces).impedance(LOSSY, sweep)
+        assert np.max(np.abs(build.impedance(sweep) / better - 1)) < 1e-4
+
+
+def test_membrane_stiffens_as_a_parallel_spring():
+    """δf/f = E h s11/(2t) of a thin layer of the bar's Poisson ratio without mass."""
+    nu = float(-PZT5H[1] / PZT5H[0])
+    stiff = 1e-3 * BAR[2] / PZT5H[0] / (1 - nu**2)
+    layer = Surface(*bar().whole_face, (-1,), lambda w: stiff * np.ones_like(w), membrane=nu)
+    shift = resonance(bar(surfaces=[layer]), FUNDAMENTAL)[0] / resonance(bar(), FUNDAMENTAL)[0] - 1
+    assert shift == pytest.approx(5e-4, rel=0.03)
+
+
+def test_tapered_bar_resonates_as_bessel_says():
+    """(A u')' + k² A u = 0, A ∝ r between r1 and r2 = r1 + L: J1(k r1) Y1(k r2) = J1(k r2) Y1(k r1)."""
+    taper, length = 0.5, BAR[0]
+    near = length * (1 - taper) / (2 * taper)
+    k = brentq(
+        lambda k: j1(k * near) * y1(k * (near + length)) - j1(k * (near + length)) * y1(k * near),
+        0.9 * np.pi / length,
+        1.3 * np.pi / length,
+    )
+    ratio = resonance(bar(taper=taper), FUNDAMENTAL * k * length / np.pi)[0] / resonance(bar(), FUNDAMENTAL)[0]
+    assert ratio == pytest.approx(k * length / np.pi, rel=1e-3)
+    assert ratio > 1.005
+
+
+@pytest.mark.parametrize("effect", ["mounting", "electrode_margin", "local_crack", "poling_gradient", "leakage"])
+def test_draws_are_passive_and_keep_their_key(effect):
+    """Re Z > 0 over the sweep; the file says nothing of the effect; the same seed gives the same draw."""
+    hidden = draw(effect, 3, points=41, variant=False)
+    assert np.all(hidden.clean.real > 0)
+    assert not any(word in hidden.specification for word in (effect, *hidden.key[0].sizes))
+    again = draw(effect, 3, points=41, variant=False)
+    np.testing.assert_array_equal(hidden.impedance, again.impedance)
+    plain = Build(hidden.build.size, DENSITY, hidden.theta, hidden.build.fundamental).impedance(hidden.frequency)
+    assert np.max(np.abs(plain / hidden.clean - 1)) > hidden.noise
