@@ -108,7 +108,8 @@ def simulate(specimen: Path, out: Path, full_order: bool) -> None:
     """Simulate the specimen SPEC: poles, zeros and an impedance sweep.
 
     Writes simulation.json, impedance.csv and impedance.png. The sweep is that of the [simulation] table of SPEC
-    (start, stop, points, spacing, noise, seed), by default 100 Hz to 3.5 times the fundamental.
+    (start, stop, points, spacing, noise, seed), by default 100 Hz to 3.5 times the fundamental. With an [effects]
+    table all of it is that of the specimen with its effects.
     """
     from femu_piezo.measurement.readers import write_spectrum
     from femu_piezo.output.curves import simulation_figure
@@ -126,6 +127,8 @@ def simulate(specimen: Path, out: Path, full_order: bool) -> None:
         click.echo(f"pole {pole.frequency_Hz:14.3f} Hz   loss {pole.loss:.6f}")
     for zero in result.zeros:
         click.echo(f"zero {zero.frequency_Hz:14.3f} Hz   loss {zero.loss:.6f}")
+    if result.effects:
+        click.echo(f"poles, zeros and sweep are those of the specimen with its effects ({', '.join(result.effects)})")
     click.echo(f"{len(result.spectrum)} points, {result.unknowns} unknowns → {out / 'impedance.csv'}")
 
 

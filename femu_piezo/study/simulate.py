@@ -5,35 +5,48 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import AAA
 
 from femu_piezo.errors import InputError
 from femu_piezo.forward.modal import ModalModel
+from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.forward.response import full_impedance
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.resonances import Resonance
+from femu_piezo.resonances import Kind, Resonance
 from femu_piezo.specimen import Simulation, Specimen
 from femu_piezo.study.effects import simulated_with_effects
 from femu_piezo.study.inputs import Problem, prepare
+from femu_piezo.threads import blas_limit
 
 #: Share of the strongest mode's |a²/λ| below which a mode is not listed: the terminals do not see it.
 _VISIBLE = 1e-4
+#: Of a specimen with effects: points of the noise-free curve, how far beyond the sweep it goes, most terms of its
+#: rational approximation.
+_POINTS, _BEYOND, _TERMS = (801, 4001), 1.1, 300
 
 
 @dataclass(frozen=True)
 class SimulationResult:
-    """Simulated sweep and the driven resonances within it."""
+    """Simulated sweep and the driven resonances within it.
+
+    Attributes
+    ----------
+    effects : names of the [effects] that sweep, poles and zeros have
+    """
 
     specimen: Specimen
     spectrum: ImpedanceSpectrum
     poles: tuple[Resonance, ...]
     zeros: tuple[Resonance, ...]
     unknowns: int
+    effects: tuple[str, ...] = ()
 
     def to_json(self) -> dict:
         """Contents of simulation.json."""
         return {
             "specimen": self.specimen.name,
+            "effects": list(self.effects),
             "poles": [resonance.to_json() for resonance in self.poles],
             "zeros": [resonance.to_json() for resonance in self.zeros],
             "unknowns": self.unknowns,
@@ -52,17 +65,36 @@ def sweep_frequencies(problem: Problem) -> np.ndarray:
 def visible_resonances(modal: ModalModel, band_Hz: float) -> tuple[tuple[Resonance, ...], tuple[Resonance, ...]]:
     """Poles and zeros of a modal model up to a frequency, modes the terminals cannot see left out."""
 
-    def listed(kind, values, amplitudes):
-        weight = np.abs(amplitudes**2 / values)
-        frequency = np.sqrt(np.abs(values.real)) / (2 * np.pi)
-        inside = (frequency <= band_Hz) & (values.real > 0)
-        strong = inside & (weight > _VISIBLE * weight[inside].max(initial=0.0))
-        return tuple(Resonance(kind, complex(value)) for value in values[strong])
-
     return (
-        listed("pole", modal.eigenvalues, modal.charges),
-        listed("zero", modal.zeros[0], modal.zero_amplitudes),
+        _listed("pole", modal.eigenvalues, modal.charges**2, band_Hz),
+        _listed("zero", modal.zeros[0], modal.zero_amplitudes**2, band_Hz),
     )
+
+
+def curve_resonances(
+    frequency: np.ndarray, impedance: np.ndarray, band_Hz: float
+) -> tuple[tuple[Resonance, ...], tuple[Resonance, ...]]:
+    """Poles and zeros up to a frequency as a noise-free curve (k,) Hz, ohm shows them, whatever lies behind it.
+
+    Y/(jω) and jωZ are continued off the real axis by rational functions of ω (AAA: Nakatsukasa, Sète, Trefethen,
+    SIAM J. Sci. Comput. 40 (2018) A1494); their poles ω have λ = ω². Those of the bare body come back to 1e-11.
+    """
+    omega, found = 2 * np.pi * frequency, []
+    for kind, values in (("pole", 1 / (1j * omega * impedance)), ("zero", 1j * omega * impedance)):
+        with blas_limit():
+            rational = AAA(omega / omega[-1], values, max_terms=_TERMS)
+            poles, residues = rational.poles() * omega[-1], rational.residues() * omega[-1]
+        right = poles.real > omega[0] / 2  # each has its mirror image at −ω*, and a leakage its pole at 0
+        found.append(_listed(kind, poles[right] ** 2, 2 * (poles * residues)[right], band_Hz))
+    return found[0], found[1]
+
+
+def _listed(kind: Kind, values: np.ndarray, strengths: np.ndarray, band_Hz: float) -> tuple[Resonance, ...]:
+    """Resonances of λ (k,) in the band, in order, whose strength/λ the terminals see; strengths as of a²/(λ − ω²)."""
+    weight = np.abs(strengths / values)
+    inside = (np.sqrt(np.abs(values.real)) <= 2 * np.pi * band_Hz) & (values.real > 0)
+    strong = inside & (weight > _VISIBLE * weight[inside].max(initial=0.0))
+    return tuple(Resonance(kind, complex(value)) for value in sorted(values[strong], key=lambda value: value.real))
 
 
 def simulate(specimen: Specimen, *, full_order: bool = False) -> SimulationResult:
@@ -72,7 +104,7 @@ def simulate(specimen: Specimen, *, full_order: bool = False) -> SimulationResul
     ----------
     full_order : solve the full model at every frequency instead of the reduced one
 
-    The effects of an [effects] table change the sweep; poles and zeros stay those of the bare body.
+    Sweep, poles and zeros are those of the specimen with the effects of its [effects] table.
     """
     problem = prepare(specimen)
     if specimen.effects and full_order:
@@ -80,14 +112,26 @@ def simulate(specimen: Specimen, *, full_order: bool = False) -> SimulationResul
     frequency = sweep_frequencies(problem)
     accuracy = specimen.update.accuracy if specimen.update else 1e-4
     model = problem.model(problem.equivalent_frequency(frequency[-1], accuracy), accuracy)
-    reduced = reduce_model(model, [problem.constants], frequency[-1], accuracy=min(1e-6, accuracy / 10))
-    e_form = problem.constants.to_e_form()
-    modal = reduced.modal(e_form)
-    impedance = full_impedance(model, e_form, frequency) if full_order else modal.impedance(2 * np.pi * frequency)
     if specimen.effects:
-        impedance = simulated_with_effects(problem, model, frequency)
-    poles, zeros = visible_resonances(modal, frequency[-1])
-    return SimulationResult(specimen, _with_noise(specimen, frequency, impedance), poles, zeros, model.size)
+        impedance, (poles, zeros) = _with_effects(problem, model, frequency)
+    else:
+        reduced = reduce_model(model, [problem.constants], frequency[-1], accuracy=min(1e-6, accuracy / 10))
+        e_form = problem.constants.to_e_form()
+        modal = reduced.modal(e_form)
+        impedance = full_impedance(model, e_form, frequency) if full_order else modal.impedance(2 * np.pi * frequency)
+        poles, zeros = visible_resonances(modal, frequency[-1])
+    spectrum = _with_noise(specimen, frequency, impedance)
+    return SimulationResult(specimen, spectrum, poles, zeros, model.size, tuple(specimen.effects or ()))
+
+
+def _with_effects(problem: Problem, model: ElectroelasticModel, frequency: np.ndarray):
+    """Z (k,) of the sweep, and (poles, zeros) up to its end."""
+    low, high = min(frequency[0], 0.2 * problem.expected_pole_Hz), frequency[-1]
+    even = np.linspace(low, _BEYOND * high, int(np.clip(2 * frequency.size, *_POINTS)))
+    every = np.unique(np.concatenate([frequency, even]))
+    impedance = simulated_with_effects(problem, model, every)
+    own, spread = np.isin(every, frequency), np.isin(every, even)
+    return impedance[own], curve_resonances(every[spread], impedance[spread], high)
 
 
 def _with_noise(specimen: Specimen, frequency: np.ndarray, impedance: np.ndarray) -> ImpedanceSpectrum:

@@ -1,0 +1,111 @@
+"""`simulate`: poles and zeros of a specimen with effects are those of its own curve."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from femu_piezo.cli import main
+from femu_piezo.forward.reduction import reduce_model
+from femu_piezo.specimen import read_specimen
+from femu_piezo.study.inputs import prepare
+from femu_piezo.study.simulate import curve_resonances, simulate
+
+PLATE = """
+[geometry]
+shape = "plate"
+length = "40 mm"
+width = "5 mm"
+thickness = "1 mm"
+density = "7900 kg/m^3"
+poling = "thickness"
+[material]
+base = "pzt-5h"
+tan_s11 = 0.015
+tan_eps33T = 0.016
+[simulation]
+start = "1 kHz"
+stop = "{stop}"
+points = 101
+[update]
+accuracy = 1e-3
+"""
+
+
+def specimen(folder: Path, tail: str = "", stop: str = "120 kHz"):
+    (folder / "plate.toml").write_text(PLATE.format(stop=stop) + tail, encoding="utf-8")
+    return read_specimen(folder / "plate.toml")
+
+
+def eigenvalues(resonances) -> np.ndarray:
+    return np.array([resonance.eigenvalue for resonance in resonances])
+
+
+@pytest.fixture(scope="module")
+def body(tmp_path_factory):
+    """The modal model of the bare plate on the mesh of `simulate`, and its result."""
+    one = specimen(tmp_path_factory.mktemp("bare"))
+    problem = prepare(one)
+    model = problem.model(problem.equivalent_frequency(120e3, 1e-3), 1e-3)
+    reduced = reduce_model(model, [problem.constants], 120e3, accuracy=1e-6)
+    return reduced.modal(problem.constants.to_e_form()), simulate(one)
+
+
+def test_a_curve_shows_the_poles_and_zeros_behind_it(body):
+    modal, result = body
+    frequency = np.linspace(1e3, 130e3, 801)
+    poles, zeros = curve_resonances(frequency, modal.impedance(2 * np.pi * frequency), 120e3)
+    assert len(poles) == len(zeros) == 2
+    assert eigenvalues(poles) == pytest.approx(eigenvalues(result.poles), rel=1e-10)
+    assert eigenvalues(zeros) == pytest.approx(eigenvalues(result.zeros), rel=1e-10)
+
+
+def test_a_series_resistance_moves_the_poles_alone(body, tmp_path):
+    """Where Y = 1/(Z + R) has its poles the bare plate has Z = −R; the zeros stay."""
+    modal, bare = body
+    result = simulate(specimen(tmp_path, '[effects.series_resistance]\nresistance = "100 ohm"\n'))
+    at = np.sqrt(eigenvalues(result.poles))
+    assert modal.impedance(at) == pytest.approx(-100, rel=1e-4)
+    assert np.all(np.abs(at**2 / eigenvalues(bare.poles) - 1) > 1e-3)
+    assert eigenvalues(result.zeros) == pytest.approx(eigenvalues(bare.zeros), rel=1e-6)
+
+
+def test_a_stray_capacitance_moves_the_zeros_alone(body, tmp_path):
+    modal, bare = body
+    result = simulate(specimen(tmp_path, '[effects.stray_capacitance]\ncapacitance = "500 pF"\n'))
+    at = np.sqrt(eigenvalues(result.zeros))
+    assert 1 / modal.impedance(at) == pytest.approx(-1j * at * 500e-12, rel=1e-4)
+    assert np.all(np.abs(at**2 / eigenvalues(bare.zeros) - 1) > 1e-3)
+    assert eigenvalues(result.poles) == pytest.approx(eigenvalues(bare.poles), rel=1e-6)
+
+
+def test_leakage_leaves_a_real_part_and_no_resonance_of_its_own(body, tmp_path):
+    modal, bare = body
+    result = simulate(specimen(tmp_path, '[effects.leakage]\nconductance = "1 uS"\n'))
+    assert eigenvalues(result.poles) == pytest.approx(eigenvalues(bare.poles), rel=1e-6)
+    at = np.sqrt(eigenvalues(result.zeros))
+    assert 1 / modal.impedance(at) == pytest.approx(-1e-6, rel=1e-3)
+
+
+def test_a_longer_plate_has_the_poles_of_a_longer_plate(tmp_path):
+    """wrong_length by 2 % against the plate meshed 2 % longer."""
+    stretched = simulate(specimen(tmp_path, "[effects.wrong_length]\nrelative_error = 0.02\n"))
+    longer = specimen(tmp_path)
+    longer = longer.model_copy(update={"geometry": longer.geometry.model_copy(update={"length": 40.8e-3})})
+    meshed = simulate(longer)
+    assert eigenvalues(stretched.poles) == pytest.approx(eigenvalues(meshed.poles), rel=1e-4)
+    assert eigenvalues(stretched.zeros) == pytest.approx(eigenvalues(meshed.zeros), rel=1e-4)
+
+
+def test_the_command_says_whose_poles_it_prints(tmp_path):
+    specimen(tmp_path, '[effects.series_resistance]\nresistance = "100 ohm"\n')
+    arguments = ["simulate", str(tmp_path / "plate.toml"), "--out", str(tmp_path / "out")]
+    answer = CliRunner().invoke(main, arguments)
+    assert answer.exit_code == 0, answer.output
+    assert "with its effects (series_resistance)" in answer.output
+    record = json.loads((tmp_path / "out/simulation.json").read_text(encoding="utf-8"))
+    assert record["effects"] == ["series_resistance"] and len(record["poles"]) == 2
