@@ -7,16 +7,16 @@ margin against errors of model and noise that are no effect. The weak prior of e
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from femu_piezo.diagnosis.effect import Effect
 from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.fitting import JointFit, SweepData, fit_joint, whitened
+from femu_piezo.diagnosis.fitting import JointFit, SweepData, fit_joint
 from femu_piezo.diagnosis.joint import JointParameters
-from femu_piezo.errors import ConvergenceError
+from femu_piezo.diagnosis.search import Trials, try_all
 
 #: Evidence (in units of BIC) beyond BIC and 2 ln N that an effect must bring.
 MARGIN = 6.0
@@ -31,27 +31,28 @@ class Found:
     Attributes
     ----------
     effect : the accepted one
-    alternatives : every candidate in its place, the others of the final set kept, best first: (effect, BIC)
+    fits : the final set with each candidate in its place, the others kept, best first
     without : BIC of the final set without it
+    library : number of candidates that could have stood there
     """
 
     effect: Effect
-    alternatives: tuple[tuple[Effect, float], ...]
+    fits: tuple[tuple[Effect, JointFit], ...]
     without: float
+    library: int
 
     @property
-    def alike(self) -> tuple[Effect, ...]:
-        """Other causes that the data do not tell from it."""
-        best = self.alternatives[0][1]
-        return tuple(e for e, bic in self.alternatives if bic < best + ALIKE and e.title != self.effect.title)
+    def alike(self) -> tuple[tuple[Effect, JointFit], ...]:
+        """Other causes that the data do not tell from it, with their fits."""
+        best = self.fits[0][1].bic
+        return tuple((e, fit) for e, fit in self.fits if fit.bic < best + ALIKE and e.title != self.effect.title)
 
     def probabilities(self) -> dict[str, float]:
         """Probability of each candidate (by key) in this place; prior: one half that none is there, the rest equal."""
-        count = len(self.alternatives)
-        logs = np.array([-self.without / 2, *(-bic / 2 - np.log(count) for _, bic in self.alternatives)])
+        logs = np.array([-self.without / 2, *(-fit.bic / 2 - np.log(self.library) for _, fit in self.fits)])
         weights = np.exp(logs - logs.max())
         weights /= weights.sum()
-        return {effect.key: float(w) for (effect, _), w in zip(self.alternatives, weights[1:], strict=True)}
+        return {effect.key: float(w) for (effect, _), w in zip(self.fits, weights[1:], strict=True)}
 
 
 @dataclass(frozen=True)
@@ -90,112 +91,75 @@ def compare(
     """
     progress("base fit")
     base = fit_joint(evaluation, data, parameters, [start])
+    search = _Search(evaluation, data, base, tuple(library), progress)
     price = 2 * np.log(len(library)) + MARGIN
-    singles: tuple[tuple[Effect, JointFit | None], ...] = ()
-    current, chosen = base, []
-    for number in range(most):
-        tried = _try_all(evaluation, data, current, [e for e in library if e not in chosen], progress, number)
-        singles = singles or tried
+    current = base
+    for _ in range(most):
+        tried = search.on_top_of(current)
         sound = [(e, fit) for e, fit in tried if fit is not None and fit.held_out_score < current.held_out_score]
-        if not sound:
+        fit = min((fit for _, fit in sound), key=lambda fit: fit.bic, default=None)
+        if fit is None or current.bic - fit.bic < price:
             break
-        effect, fit = min(sound, key=lambda item: item[1].bic)
-        if current.bic - fit.bic < price:
-            break
-        current, chosen = fit, [*chosen, effect]
-        if len(chosen) > 1:
-            current, chosen = _swapped(evaluation, data, base, current, chosen, library, progress)
-    found = tuple(_places(evaluation, data, base, current, chosen, library, singles, progress))
-    return Comparison(base, singles, current, found)
+        current = search.swapped(fit)
+    return Comparison(base, search.on_top_of(base), current, tuple(search.places(current)))
 
 
-def _try_all(evaluation, data, current: JointFit, candidates, progress, number: int):
-    """Each candidate on top of the current fit."""
-    words = ("candidates", "second effect", "third effect")[min(number, 2)]
-    found = []
-    for effect in candidates:
-        progress(f"{words}: {effect.key}")
-        found.append((effect, _extended(evaluation, data, current, effect)))
-    return tuple(found)
+class _Search:
+    """Fits of sets of effects; what was tried on top of a set is kept."""
 
+    def __init__(self, evaluation, data: SweepData, base: JointFit, library: tuple[Effect, ...], progress) -> None:
+        self._evaluation, self._data, self._base = evaluation, data, base
+        self._library, self._progress = library, progress
+        self._tried: dict[frozenset[str], tuple[JointFit, Trials]] = {}
 
-def _extended(evaluation, data, current: JointFit, effect: Effect) -> JointFit | None:
-    """The current fit with one more effect, from the step that linearisation gives, from rest and the listed starts."""
-    parameters = current.parameters.with_effect(effect)
-    rest = np.concatenate([current.x, (effect.rest + 1e-3 * effect.scale) / effect.scale])
-    linear = _linear_step(evaluation, data, parameters, rest)
-    listed = [np.concatenate([current.x, np.atleast_1d(value) / effect.scale]) for value in effect.parameters[0].starts]
-    try:
-        return fit_joint(evaluation, data, parameters, [linear, rest, *listed])
-    except (ConvergenceError, np.linalg.LinAlgError):
-        return None
+    def on_top_of(self, current: JointFit) -> Trials:
+        """Every candidate that is not in the current fit, added to it; those that gain nothing only on the base."""
+        chosen = current.parameters.effects
+        keys = frozenset(effect.key for effect in chosen)
+        if keys not in self._tried:
+            words = f"beside {' and '.join(sorted(keys))}" if keys else "candidate"
+            tried = try_all(
+                self._evaluation,
+                self._data,
+                current,
+                [effect for effect in self._library if effect.key not in keys],
+                only_gaining=bool(keys),
+                progress=lambda key: self._progress(f"{words}: {key}"),
+            )
+            self._tried[keys] = current, tried
+        return self._tried[keys][1]
 
+    def swapped(self, current: JointFit) -> JointFit:
+        """Exchange earlier choices for better ones now that a further effect is known."""
+        for place in range(len(current.parameters.effects) - 1):
+            best = self._alternatives(current, place)[1][0][1]
+            if best.bic < current.bic - 1e-6:
+                current = best
+        return current
 
-def _linear_step(evaluation: Evaluation, data: SweepData, parameters: JointParameters, x: np.ndarray) -> np.ndarray:
-    """One Gauss-Newton step, the effect's parameters kept in the inner half of their range."""
-    residual, jacobian = whitened(evaluation, data, parameters, x)
-    norm = np.linalg.norm(jacobian, axis=0)
-    norm[norm == 0] = 1.0
-    step = np.linalg.lstsq(jacobian / norm, -residual, rcond=1e-9)[0] / norm
-    own = parameters.columns(len(parameters.effects) - 1)
-    low, high = parameters.bounds[own].T / 2
-    return np.concatenate([x[: own.start], np.clip(x[own] + step[own], low, high)])
+    def places(self, current: JointFit) -> Iterator[Found]:
+        """Each effect of a fit with everything that could stand in its place."""
+        taken = len(current.parameters.effects) - 1
+        for place, effect in enumerate(current.parameters.effects):
+            without, fits = self._alternatives(current, place)
+            yield Found(effect, fits, without.bic, len(self._library) - taken)
 
+    def _alternatives(self, current: JointFit, place: int) -> tuple[JointFit, tuple[tuple[Effect, JointFit], ...]]:
+        """The fit without one place of the set, and that with every candidate there, best first."""
+        effect = current.parameters.effects[place]
+        without = self._without(current, place)
+        tried = self.on_top_of(without)
+        fits = [(e, fit) for e, fit in tried if fit is not None and e.key != effect.key]
+        return without, tuple(sorted([*fits, (effect, current)], key=lambda item: item[1].bic))
 
-def _refit(evaluation, data, base: JointFit, current: JointFit, effects: Sequence[Effect]) -> JointFit | None:
-    """The base with a set of effects, started from the current values of those it shares."""
-    fit = base
-    values = dict(zip((e.key for e in current.parameters.effects), current.parameters.values(current.x), strict=True))
-    parameters, x = base.parameters, current.x[: base.x.size]
-    for effect in effects:
-        if effect.key in values:
-            parameters = parameters.with_effect(effect)
-            x = np.concatenate([x, values[effect.key] / effect.scale])
-    new = [effect for effect in effects if effect.key not in values]
-    try:
-        fit = fit_joint(evaluation, data, parameters, [x])
-    except (ConvergenceError, np.linalg.LinAlgError):
-        return None
-    for effect in new:
-        extended = _extended(evaluation, data, fit, effect)
-        if extended is None:
-            return None
-        fit = extended
-    return fit
-
-
-def _alternatives(evaluation, data, base, current, chosen, place: int, library, progress):
-    """(effect, fit) for every candidate in one place of the chosen set, and the fit without that place."""
-    rest = [effect for index, effect in enumerate(chosen) if index != place]
-    without = _refit(evaluation, data, base, current, rest)
-    tried = []
-    for effect in library:
-        if effect not in rest:
-            progress(f"instead of {chosen[place].key}: {effect.key}")
-            fit = None if without is None else _extended(evaluation, data, without, effect)
-            if fit is not None:
-                tried.append((effect, fit))
-    if without is None or not tried:
-        raise ConvergenceError(f"the fit without {chosen[place].key} did not settle")
-    return sorted(tried, key=lambda item: item[1].bic), without
-
-
-def _swapped(evaluation, data, base, current, chosen, library, progress):
-    """Exchange earlier choices for better ones now that a further effect is known."""
-    for place in range(len(chosen) - 1):
-        tried, _ = _alternatives(evaluation, data, base, current, chosen, place, library, progress)
-        effect, fit = tried[0]
-        if effect.key != chosen[place].key and fit.bic < current.bic - 1e-6:
-            chosen = [*chosen[:place], *chosen[place + 1 :], effect]
-            current = fit
-    return current, chosen
-
-
-def _places(evaluation, data, base, current, chosen, library, singles, progress):
-    for place, effect in enumerate(chosen):
-        if len(chosen) == 1:
-            tried = sorted(((e, f) for e, f in singles if f is not None), key=lambda item: item[1].bic)
-            without = base
-        else:
-            tried, without = _alternatives(evaluation, data, base, current, chosen, place, library, progress)
-        yield Found(effect, tuple((e, f.bic) for e, f in tried), without.bic)
+    def _without(self, current: JointFit, place: int) -> JointFit:
+        """The set without one of its effects, refitted; the fit that was tried upon before, where there is one."""
+        keys = frozenset(e.key for index, e in enumerate(current.parameters.effects) if index != place)
+        if keys in self._tried:
+            return self._tried[keys][0]
+        if not keys:
+            return self._base
+        columns = current.parameters.columns(place)
+        parameters = current.parameters.without_effect(place)
+        x = np.delete(current.x, np.arange(columns.start, columns.stop))
+        return fit_joint(self._evaluation, self._data, parameters, [x])

@@ -61,6 +61,10 @@ class JointParameters:
         """The same unknowns and those of one more effect."""
         return replace(self, effects=(*self.effects, effect))
 
+    def without_effect(self, index: int) -> JointParameters:
+        """The same unknowns without those of the effect number `index`."""
+        return replace(self, effects=(*self.effects[:index], *self.effects[index + 1 :]))
+
     def values(self, x: np.ndarray) -> list[np.ndarray]:
         """Parameters of each fitted effect in SI units."""
         flat, start, found = x[2 * self.material.scale.size :] * self.scale, 0, []

@@ -84,9 +84,9 @@ def _cause(found: Found, index: int, final: JointFit, tangents: list[Tangent], e
     place = [e.key for e in final.parameters.effects].index(effect.key)
     columns = final.parameters.columns(place)
     chances = found.probabilities()
-    same = [e.key for e, _ in found.alternatives if e.title == effect.title]
+    same = [e.key for e, _ in found.fits if e.title == effect.title]
     own = next(t for t in tangents if t.effect.key == effect.key)
-    alike = [e.title for e in found.alike]
+    alike = [e.title for e, _ in found.alike]
     size = float(np.max(np.abs(final.parameters.values(final.x)[place] / effect.scale)))
     alike += [t.effect.title for t in tangents if t.effect.title != effect.title and parallel(own, t, size)]
     if own.hidden:
