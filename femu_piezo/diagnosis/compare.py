@@ -33,13 +33,11 @@ class Found:
     effect : the accepted one
     fits : the final set with each candidate in its place, the others kept, best first
     without : BIC of the final set without it
-    library : number of candidates that could have stood there
     """
 
     effect: Effect
     fits: tuple[tuple[Effect, JointFit], ...]
     without: float
-    library: int
 
     @property
     def alike(self) -> tuple[tuple[Effect, JointFit], ...]:
@@ -49,7 +47,7 @@ class Found:
 
     def probabilities(self) -> dict[str, float]:
         """Probability of each candidate (by key) in this place; prior: one half that none is there, the rest equal."""
-        logs = np.array([-self.without / 2, *(-fit.bic / 2 - np.log(self.library) for _, fit in self.fits)])
+        logs = np.array([-self.without / 2, *(-fit.bic / 2 - np.log(len(self.fits)) for _, fit in self.fits)])
         weights = np.exp(logs - logs.max())
         weights /= weights.sum()
         return {effect.key: float(w) for (effect, _), w in zip(self.fits, weights[1:], strict=True)}
@@ -113,7 +111,7 @@ class _Search:
         self._tried: dict[frozenset[str], tuple[JointFit, Trials]] = {}
 
     def on_top_of(self, current: JointFit) -> Trials:
-        """Every candidate that is not in the current fit, added to it; those that gain nothing only on the base."""
+        """Every candidate that is not in the current fit, added to it."""
         chosen = current.parameters.effects
         keys = frozenset(effect.key for effect in chosen)
         if keys not in self._tried:
@@ -123,8 +121,7 @@ class _Search:
                 self._data,
                 current,
                 [effect for effect in self._library if effect.key not in keys],
-                only_gaining=bool(keys),
-                progress=lambda key: self._progress(f"{words}: {key}"),
+                lambda key: self._progress(f"{words}: {key}"),
             )
             self._tried[keys] = current, tried
         return self._tried[keys][1]
@@ -139,10 +136,9 @@ class _Search:
 
     def places(self, current: JointFit) -> Iterator[Found]:
         """Each effect of a fit with everything that could stand in its place."""
-        taken = len(current.parameters.effects) - 1
         for place, effect in enumerate(current.parameters.effects):
             without, fits = self._alternatives(current, place)
-            yield Found(effect, fits, without.bic, len(self._library) - taken)
+            yield Found(effect, fits, without.bic)
 
     def _alternatives(self, current: JointFit, place: int) -> tuple[JointFit, tuple[tuple[Effect, JointFit], ...]]:
         """The fit without one place of the set, and that with every candidate there, best first."""

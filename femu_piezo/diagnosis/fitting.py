@@ -60,7 +60,7 @@ class JointFit:
     x : (n_x,) solution
     residual : (2k,) whitened (log Z_model − log Z)/σ, Re then Im
     jacobian : (2k, n_x) of the data;  prior_jacobian : (m, n_x) of the priors
-    penalty : squared residuals of the priors
+    prior_residual : (m,) of the priors
     on_bound : names of the unknowns that ended on a bound
     """
 
@@ -69,14 +69,20 @@ class JointFit:
     residual: np.ndarray
     jacobian: np.ndarray
     prior_jacobian: np.ndarray
-    penalty: float
+    prior_residual: np.ndarray
     on_bound: tuple[str, ...]
     data: SweepData
 
     @property
     def chi_square(self) -> float:
         """Σ residual² of data and prior."""
-        return float(self.residual @ self.residual) + self.penalty
+        return float(self.residual @ self.residual + self.prior_residual @ self.prior_residual)
+
+    @property
+    def log_error(self) -> np.ndarray:
+        """(k,) complex log Z_model − log Z."""
+        k = self.residual.size // 2
+        return (self.residual[:k] + 1j * self.residual[k:]) / self.data.weight
 
     @property
     def freedom(self) -> int:
@@ -176,19 +182,45 @@ class _Problem:
         return self.evaluate(x)[1]
 
 
-def linear_step(
+def linear_fit(
     evaluation: Evaluation, data: SweepData, parameters: JointParameters, x: np.ndarray, moving: np.ndarray
-) -> tuple[np.ndarray, float]:
-    """One Gauss-Newton step (n_x,) from x, and the χ² (priors included) that the linearised model promises there.
+) -> JointFit:
+    """What one Gauss-Newton step from x (n_x,) promises: step, residuals and Jacobian by linearisation.
 
     moving : indices of the unknowns that may move
     """
     residual, jacobian = _Problem(evaluation, data, parameters).evaluate(x)
+    return linearised(data, parameters, x, residual, jacobian, moving)
+
+
+def linearised(
+    data: SweepData,
+    parameters: JointParameters,
+    x: np.ndarray,
+    residual: np.ndarray,
+    jacobian: np.ndarray,
+    moving: np.ndarray,
+) -> JointFit:
+    """`linear_fit` of residual (2k + m,) and Jacobian (2k + m, n_x) at x, the m rows of the priors last."""
     norm = np.linalg.norm(jacobian[:, moving], axis=0)
     norm[norm == 0] = 1.0
     step = np.zeros(x.size)
     step[moving] = np.linalg.lstsq(jacobian[:, moving] / norm, -residual, rcond=1e-9)[0] / norm
-    return step, float(np.sum((residual + jacobian @ step) ** 2))
+    return _joint_fit(data, parameters, x + step, residual + jacobian @ step, jacobian, np.zeros(x.size))
+
+
+def _joint_fit(data, parameters: JointParameters, x, residual, jacobian, active) -> JointFit:
+    rows = 2 * data.impedance.size
+    return JointFit(
+        parameters=parameters,
+        x=x,
+        residual=residual[:rows],
+        jacobian=jacobian[:rows],
+        prior_jacobian=jacobian[rows:],
+        prior_residual=residual[rows:],
+        on_bound=tuple(parameters.names[i] for i in np.flatnonzero(active)),
+        data=data,
+    )
 
 
 def fit_joint(
@@ -229,14 +261,4 @@ def fit_joint(
             f"no fit of {', '.join(parameters.names)} settled: check dimensions, density and poling, or free fewer "
             "constants"
         )
-    rows = 2 * data.impedance.size
-    return JointFit(
-        parameters=parameters,
-        x=best.x,
-        residual=best.fun[:rows],
-        jacobian=best.jac[:rows],
-        prior_jacobian=best.jac[rows:],
-        penalty=float(best.fun[rows:] @ best.fun[rows:]),
-        on_bound=tuple(parameters.names[i] for i in np.flatnonzero(best.active_mask)),
-        data=data,
-    )
+    return _joint_fit(data, parameters, best.x, best.fun, best.jac, best.active_mask)

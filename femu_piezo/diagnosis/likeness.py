@@ -25,7 +25,7 @@ class Tangent:
 
     Attributes
     ----------
-    outside : (2k, n) part that no constant can imitate, whitened, for one scale of each parameter
+    outside : (2k, 1) part that no constant can imitate, whitened, for one scale of its size (the first parameter)
     visible : σ that one scale of the effect leaves after a refit of the constants
     share : |outside| / |tangent|
     nearest : the free constant (or loss tangent) that imitates it best
@@ -44,13 +44,11 @@ class Tangent:
 
 
 def tangents(evaluation: Evaluation, base: JointFit, effects: Sequence[Effect]) -> list[Tangent]:
-    """Tangent of each effect at rest on top of the base fit."""
+    """Tangent of each effect on top of the base fit: at rest, or the secant to one scale where rest has no slope."""
     span = np.linalg.svd(base.jacobian, full_matrices=False)[0]
     found = []
     for effect in effects:
-        parameters = base.parameters.with_effect(effect)
-        x = np.concatenate([base.x, effect.rest / effect.scale])
-        own = whitened(evaluation, base.data, parameters, x)[1][:, base.x.size :]
+        own = _direction(evaluation, base, effect)
         outside = own - span @ (span.T @ own)
         size, left = np.linalg.norm(own), np.linalg.norm(outside)
         moves = np.linalg.lstsq(base.jacobian, own, rcond=None)[0]
@@ -60,8 +58,19 @@ def tangents(evaluation: Evaluation, base: JointFit, effects: Sequence[Effect]) 
     return found
 
 
+def _direction(evaluation: Evaluation, base: JointFit, effect: Effect) -> np.ndarray:
+    """(2k, 1) change of the sweep for one scale of the effect, whitened."""
+    parameters = base.parameters.with_effect(effect)
+    if len(effect.parameters) == 1 and effect.local is None:
+        x = np.concatenate([base.x, effect.rest / effect.scale])
+        return whitened(evaluation, base.data, parameters, x)[1][:, base.x.size :]
+    x = np.concatenate([base.x, effect.rest / effect.scale])
+    x[base.x.size] += 1.0
+    return (whitened(evaluation, base.data, parameters, x)[0] - base.residual)[:, None]
+
+
 def parallel(first: Tangent, second: Tangent, size: float) -> bool:
-    """Whether a second effect of as many parameters moves the sweep as the first does at its size.
+    """Whether a second effect moves the sweep as the first does at its size.
 
     Parallel once the constants are refitted, and what is not parallel below `VISIBLE` σ.
 
@@ -69,8 +78,8 @@ def parallel(first: Tangent, second: Tangent, size: float) -> bool:
     ----------
     size : of the first effect over its scale
     """
-    if first.outside.shape != second.outside.shape or first.hidden or second.hidden:
+    if first.hidden or second.hidden:
         return False
-    q1, q2 = (np.linalg.qr(t.outside)[0] for t in (first, second))
-    cosine = min(1.0, float(np.linalg.svd(q1.T @ q2, compute_uv=False).min()))
+    one, other = (t.outside / np.linalg.norm(t.outside) for t in (first, second))
+    cosine = min(1.0, float(np.abs(np.sum(one * other))))
     return cosine > PARALLEL and np.sqrt(1 - cosine**2) * first.visible * abs(size) < VISIBLE
