@@ -144,7 +144,7 @@ def extend_model(
         estimated_error=reduced.estimated_error,
         sectors=sectors.names,
         member=sectors.member,
-        places=measure_places(model, sectors) if placed else None,
+        places=measure_places(model, sectors, reference) if placed else None,
     )
 
 

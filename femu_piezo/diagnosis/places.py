@@ -14,9 +14,11 @@ import numpy as np
 import skfem
 from numpy.polynomial import legendre
 
+from femu_piezo.diagnosis.bare_ends import BareEnds, measure_bare_ends
 from femu_piezo.diagnosis.sectors import SPOT, Sectors, columns, flipped_axes
 from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products
 from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.material.constants import ElasticForm
 
 #: Points along length and width at which the fields of a face are sampled for interpolation by polynomials.
 _SAMPLES = (18, 14)
@@ -96,12 +98,14 @@ class Places:
     ----------
     ramp : (3, r, r) per unit of e31 e33 e15, weighted by 2x/L over the whole plate
     spot : (3,) unknowns that are the displacement of an attached body; empty where the sector is not there
+    bare_ends : None where the electrodes are not on the large faces
     """
 
     face: Face
     slices: Slices
     ramp: np.ndarray = field(repr=False)
     spot: np.ndarray
+    bare_ends: BareEnds | None
 
     def select(self, keep: np.ndarray, displacements: int) -> Places:
         """The same with the unknowns `keep` (indices), of which so many were displacements before."""
@@ -110,15 +114,17 @@ class Places:
         slices = Slices(self.slices.centres, self.slices.width, matrices)
         face = self.face.select(keep[keep < displacements])
         spot = np.flatnonzero(np.isin(keep, self.spot))
-        return Places(face, slices, self.ramp[:, square[0], square[1]], spot)
+        ends = None if self.bare_ends is None else self.bare_ends.select(square)
+        return Places(face, slices, self.ramp[:, square[0], square[1]], spot, ends)
 
 
-def measure_places(model: ElectroelasticModel, sectors: Sectors) -> Places:
-    """Sample and project on a part of a plate with all three mirror planes."""
+def measure_places(model: ElectroelasticModel, sectors: Sectors, constants: ElasticForm) -> Places:
+    """Sample and project on a part of a plate with all three mirror planes; constants: lossless reference."""
     spot = (
         np.flatnonzero(sectors.member == sectors.names.index(SPOT)) if SPOT in sectors.names else np.zeros(0, dtype=int)
     )
-    return Places(_face(model, sectors), _slices(model, sectors), _ramp(model, sectors), spot)
+    ends = measure_bare_ends(model, sectors, constants)
+    return Places(_face(model, sectors), _slices(model, sectors), _ramp(model, sectors), spot, ends)
 
 
 def _face(model: ElectroelasticModel, sectors: Sectors) -> Face:

@@ -35,6 +35,7 @@ PLACED = {
     "local_crack": (0.15e-3, 2.3e-3),
     "poling_gradient": (0.25,),
     "mounting": (1e6, 4.0, 0.8e-3),
+    "electrode_margin": (0.25e-3,),
 }
 
 
