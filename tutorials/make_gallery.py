@@ -16,7 +16,8 @@ THUMBNAILS = {
     "measured_disk": ("measured_disk/poisson_and_q.png", (0, 0, 1, 1)),
     "full_set": ("full_set/determined.png", (0, 0, 1, 1)),
     "trapezoid": ("trapezoid/mode_02.png", (0, 0, 1, 1)),
-    "own_term": ("own_term/end_mass.png", (0, 0, 1, 1)),
+    "hidden_effect": ("hidden_effect/diagnosis.png", (0, 0, 1, 1)),
+    "own_effect": ("own_effect/end_mass.png", (0, 0, 1, 1)),
 }
 WIDTH, LARGEST = 560, 100_000
 

@@ -203,7 +203,9 @@ def _sure(result: Diagnosis) -> tuple[str, ...]:
 def _certainty(probability: float) -> str:
     words = ((0.99, "practically certain"), (0.9, "very likely"), (0.6, "likely"), (0.0, "no more than a guess"))
     word = next(word for least, word in words if probability >= least)
-    figure = "above 0.999" if probability > 0.999 else f"{probability:.3f}"
+    figure = f"{probability:.3f}"
+    if not 0.001 <= probability <= 0.999:
+        figure = "above 0.999" if probability > 0.5 else "below 0.001"
     return f"{word} (probability {figure} against all other candidates and none)"
 
 
@@ -228,6 +230,8 @@ def _bias(result: Diagnosis) -> tuple[str, ...]:
         if result.verdict.word == "none":
             return ("No bias was found: the updated constants stand, within their standard deviations.",)
         return ("They carry an error of unknown size: what is missing in the model has gone into them as well.",)
+    if result.verdict.word == "unknown":
+        return ("They move with what is named, but neither set is safe while the rest of the misfit has no name.",)
     moved = [shift for shift in shifts(result) if shift.sigma > _MOVED]
     if not moved:
         return (f"None of them moved by more than {_MOVED:.0f} of its standard deviations.",)

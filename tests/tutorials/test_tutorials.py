@@ -23,9 +23,9 @@ PICTURES = {
     "trapezoid": ("impedance.png", "modes.png", "mode_01.png", "mode_02.png"),
     "full_set": ("determined.png", "sensitivity_k31.png", "sensitivity_k33.png", "sensitivity_k15.png"),
     "hidden_effect": ("bias.png", "diagnosis.png"),
-    "own_term": ("end_mass.png",),
+    "own_effect": ("end_mass.png", "diagnosis.png"),
 }
-SLOW = {"trapezoid", "full_set", "hidden_effect"}
+SLOW = {"trapezoid", "full_set", "hidden_effect", "own_effect"}
 MEASURED = {"measured_bar", "measured_disk"}
 SCRIPTS = sorted(path for path in FOLDER.glob("*/*.py") if path.stem == path.parent.name)
 
