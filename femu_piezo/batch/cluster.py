@@ -22,29 +22,38 @@ from femu_piezo.errors import InputError
 CONNECT_S, _COUNT_S = 20, 5.0
 #: Of malloc.h, and what glibc comes to by itself on 64 bits where nothing is set.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = (-1, 64 << 20), (-3, 32 << 20)
-_SAMPLING = "profile"
+#: Callbacks of a Dask worker, and how often the second runs while a lot does, ms.
+_SAMPLING, _TICK, _SLOW_TICK = "profile", "tick", 1000.0
 
 
 class QuietWorker(WorkerPlugin):
     """Keeps a worker to its work while a lot runs on it; also those that join or start again later.
 
-    The stack of a running task is not sampled (every 10 ms, a tenth of the time of a plate), and freed memory is
-    kept for the next array. Dask has glibc return all above 64 kB at once, which also stops it from learning the
-    size from which arrays are mapped afresh, and zeroed by the kernel, each time.
+    The stack of a running task is not sampled (every 10 ms, a tenth of the time of a plate), the lag of the event
+    loop only every second (else 50 times), and freed memory is kept for the next array. Dask has glibc return all
+    above 64 kB at once, which also stops it from learning the size from which arrays are mapped afresh, and zeroed
+    by the kernel, each time.
     """
 
     name = "femu-piezo-quiet"
 
     def setup(self, worker: Worker) -> None:
-        if _SAMPLING in worker.periodic_callbacks:
-            worker.periodic_callbacks[_SAMPLING].stop()
+        callbacks = worker.periodic_callbacks
+        if _SAMPLING in callbacks:
+            callbacks[_SAMPLING].stop()
+        if _TICK in callbacks:
+            self.tick = callbacks[_TICK].callback_time
+            callbacks[_TICK].callback_time = max(self.tick, _SLOW_TICK)
         with suppress(AttributeError, OSError):  # another C library
             for option in (_MMAP_THRESHOLD, _TRIM_THRESHOLD):
                 ctypes.CDLL(None).mallopt(*option)
 
     def teardown(self, worker: Worker) -> None:
-        if _SAMPLING in worker.periodic_callbacks:
-            worker.periodic_callbacks[_SAMPLING].start()
+        callbacks = worker.periodic_callbacks
+        if _SAMPLING in callbacks:
+            callbacks[_SAMPLING].start()
+        if _TICK in callbacks:
+            callbacks[_TICK].callback_time = self.tick
 
 
 class DaskPool:

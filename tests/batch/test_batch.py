@@ -256,14 +256,16 @@ def test_dask_gives_the_same_table(lot, tmp_path):
 
     sampled = []
     with LocalCluster(1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster:
-        sampling = cluster.workers[0].periodic_callbacks["profile"]
+        sampling, tick = (cluster.workers[0].periodic_callbacks[name] for name in ("profile", "tick"))
+        before = tick.callback_time
         run_lot(
             find_jobs(lot[0], lot[1]),
             tmp_path,
             lambda: DaskPool(cluster.scheduler_address),
-            finished=lambda *_: sampled.append(sampling.is_running()),
+            finished=lambda *_: sampled.append(sampling.is_running() or tick.callback_time == before),
         )
-        assert sampling.is_running() and not any(sampled)  # the cluster is left as it was found
+        assert not any(sampled)
+        assert sampling.is_running() and tick.callback_time == before  # the cluster is left as it was found
     assert (tmp_path / "table.csv").read_bytes() == (lot[2] / "table.csv").read_bytes()
 
 
