@@ -3,8 +3,8 @@
     python tests/benchmarks/batch.py [sweeps, default 500] [kills, default 50]
 
 On a machine that others use too, the column "others" (cores kept busy by other programs) tells what the rates are
-worth; processor time per plate (of the workers, and of the process that feeds them) depends on it less. The sweeps are simulated by a reduced model on a finer mesh than the update uses, with scattered
-constants and noise.
+worth; processor time per plate (of the workers, and of the process that feeds them) depends on it less. The sweeps
+are simulated by a reduced model on a finer mesh than the update uses, with scattered constants and noise.
 """
 
 from __future__ import annotations
