@@ -311,38 +311,46 @@ def identify(specimens: tuple[Path, ...], out: Path, noise: float) -> None:
 
 
 @main.command()
-@_specimen
+@click.argument("specimens", type=click.Path(path_type=Path), metavar="SPEC [SPEC …]", nargs=-1, required=True)
 @_out
 @_data
 @_report
-def diagnose(specimen: Path, out: Path, data: Path | None, report: bool) -> None:
+def diagnose(specimens: tuple[Path, ...], out: Path, data: Path | None, report: bool) -> None:
     """Say what the simulation of SPEC gets wrong, and name the cause.
 
     Fits the free constants, then every candidate effect together with them (leads, losses, held constants, dimensions,
     electrodes). Writes diagnosis.json, diagnosis.png (residuals before and after) and extended.toml, a specimen file
     with the named effects as known. With --report also report.html, whose first page answers in plain words.
+
+    Several SPEC files, or a study file with specimens = ["a.toml", "b.toml"], are specimens of one material: constants
+    and fixture are common, a wrong dimension or a flaw is that of one specimen. Pictures, reports and extended specimen
+    files are then numbered, and extended.toml is the study file of these.
     """
     from femu_piezo.output.diagnosis import diagnosis_figure, diagnosis_record
     from femu_piezo.output.diagnosis_tables import diagnosis_table
     from femu_piezo.output.folder import prepare_folder, write_figure, write_json
+    from femu_piezo.output.report_diagnosis import write_diagnosis_report
     from femu_piezo.output.tables import console
-    from femu_piezo.specimen import read_specimen, write_specimen
+    from femu_piezo.specimen import read_specimens, write_specimen, write_study
     from femu_piezo.study.diagnose import diagnose as run
     from femu_piezo.study.diagnose import extended_specimen
 
-    wanted = read_specimen(specimen, data)
+    wanted = read_specimens(specimens, data)
     prepare_folder(out)
     try:
         result = run(wanted, _report_steps)
     finally:
         _end_of_steps()
-    write_figure(out / "diagnosis.png", diagnosis_figure(result))
-    write_specimen(extended_specimen(result), out / "extended.toml")
+    suffixes = [f"_{index + 1}" for index in range(len(wanted))] if len(wanted) > 1 else [""]
+    for index, suffix in enumerate(suffixes):
+        shown = result.of(index)
+        write_figure(out / f"diagnosis{suffix}.png", diagnosis_figure(shown))
+        write_specimen(extended_specimen(shown), out / f"extended{suffix}.toml")
+        if report:
+            write_diagnosis_report(out / f"report{suffix}.html", shown)
+    if len(wanted) > 1:
+        write_study([f"extended{suffix}.toml" for suffix in suffixes], out / "extended.toml")
     write_json(out / "diagnosis.json", diagnosis_record(result))
-    if report:
-        from femu_piezo.output.report_diagnosis import write_diagnosis_report
-
-        write_diagnosis_report(out / "report.html", result)
     console().print(diagnosis_table(result))
 
 

@@ -327,6 +327,11 @@ def write_specimen(specimen: Specimen, path: Path | str) -> None:
     write_atomically(path, "\n".join(lines) + "\n")
 
 
+def write_study(members: Sequence[str], path: Path | str) -> None:
+    """Write a study file that stands for the specimen files `members`, paths relative to it."""
+    write_atomically(Path(path), f"specimens = {_toml(tuple(members))}\n")
+
+
 def _relative(file: Path, specimen: Path) -> str:
     """`file` as the specimen file writes it: relative where it lies in the same folder or below."""
     absolute, folder = Path(os.path.abspath(file)), Path(os.path.abspath(specimen.parent))

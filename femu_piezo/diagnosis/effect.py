@@ -115,6 +115,7 @@ class Effect:
     sentence : what it is, in physical words
     variant : the constant that is meant, where one name has several candidates
     law : another formula of the same cause, where it has several
+    specimen : whose it is, where several are diagnosed together and it is not common to all
     confusable_with : names of effects and constants it may be hard to tell from
     advice : further measurements that separate it from those
     dispersive : whether `constants` or a coefficient depends on ω
@@ -129,6 +130,7 @@ class Effect:
     parameters: tuple[EffectParameter, ...]
     variant: str = ""
     law: str = ""
+    specimen: str = ""
     confusable_with: tuple[str, ...] = ()
     advice: tuple[str, ...] = ()
     constants: ConstantsHook | None = None
@@ -143,13 +145,14 @@ class Effect:
 
     @property
     def key(self) -> str:
-        """Name, variant and law, unique in the library."""
+        """Name, variant, specimen and law, unique in the library."""
         return f"{self.title}/{self.law}" if self.law else self.title
 
     @property
     def title(self) -> str:
-        """The cause in words of the library: its name, with the constant it is about."""
-        return f"{self.name}:{self.variant}" if self.variant else self.name
+        """The cause in words of the library: its name, with the constant it is about and the specimen that has it."""
+        name = f"{self.name}:{self.variant}" if self.variant else self.name
+        return f"{name} ({self.specimen})" if self.specimen else name
 
     @property
     def rest(self) -> np.ndarray:

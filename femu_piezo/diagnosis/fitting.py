@@ -34,12 +34,19 @@ class SweepData:
     relative_noise : (k,) sqrt(E|δZ/Z|²)
     noise_known : whether it came with the data (else it was estimated from the sweep alone)
     prior : prior knowledge of the free constants
+    sizes : points of each sweep where there are several, one after another
     """
 
     impedance: np.ndarray
     relative_noise: np.ndarray
     noise_known: bool
     prior: Prior
+    sizes: tuple[int, ...] = ()
+
+    @property
+    def sweeps(self) -> list[np.ndarray]:
+        """Indices of the points of each sweep."""
+        return np.split(np.arange(self.impedance.size), np.cumsum(self.sizes)[:-1])
 
     @property
     def weight(self) -> np.ndarray:
@@ -47,8 +54,10 @@ class SweepData:
         return np.sqrt(2.0) / self.relative_noise
 
     def select(self, keep: np.ndarray) -> SweepData:
-        """The points where `keep` says so."""
-        return replace(self, impedance=self.impedance[keep], relative_noise=self.relative_noise[keep])
+        """The points where `keep` (bool, or indices in order) says so."""
+        kept = np.arange(self.impedance.size)[keep]
+        sizes = tuple(int(np.count_nonzero(np.isin(sweep, kept))) for sweep in self.sweeps) if self.sizes else ()
+        return replace(self, impedance=self.impedance[kept], relative_noise=self.relative_noise[kept], sizes=sizes)
 
 
 @dataclass(frozen=True)
@@ -120,14 +129,14 @@ class JointFit:
         return np.sqrt(np.diag(self.covariance))
 
     def predicted(self, bands: int = _BANDS) -> np.ndarray:
-        """(k,) complex whitened error of each point as predicted by a fit that did not see its band.
+        """(k,) complex whitened error of each point as predicted by a fit that did not see its band of its sweep.
 
         Linear: (I − H_bb)^-1 r_b with the hat matrix H = J (JᵗJ)^-1 Jᵗ.
         """
         k = self.residual.size // 2
         basis = np.linalg.svd(np.concatenate([self.jacobian, self.prior_jacobian]), full_matrices=False)[0][: 2 * k]
         found = np.empty(2 * k)
-        for points in np.array_split(np.arange(k), bands):
+        for points in (part for sweep in self.data.sweeps for part in np.array_split(sweep, bands)):
             rows = np.concatenate([points, points + k])
             hat = basis[rows] @ basis[rows].T
             found[rows] = np.linalg.lstsq(np.eye(rows.size) - hat, self.residual[rows], rcond=1e-10)[0]

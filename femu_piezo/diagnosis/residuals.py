@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
@@ -25,12 +25,19 @@ class Remaining:
     p_size : probability of a χ² as large for a right model and noise; None where the noise was estimated
     p_white : the same for the correlation of neighbours
     worst_Hz : bands (low, high) whose share of the misfit stands out, worst first
+    worst_sweep : number of the sweep that each of them lies in
     """
 
     size: float
     p_size: float | None
     p_white: float
     worst_Hz: tuple[tuple[float, float], ...]
+    worst_sweep: tuple[int, ...] = ()
+
+    def of(self, sweep: int) -> Remaining:
+        """The same with the bands of one sweep alone."""
+        own = tuple(band for band, number in zip(self.worst_Hz, self.worst_sweep, strict=True) if number == sweep)
+        return replace(self, worst_Hz=own, worst_sweep=(sweep,) * len(own))
 
     @property
     def structured(self) -> bool:
@@ -43,36 +50,54 @@ class Remaining:
         return self.p_white < _LEVEL or (self.p_size is not None and self.p_size < _LEVEL)
 
 
-def remaining(residual: np.ndarray, unknowns: int, frequency: np.ndarray, noise_known: bool) -> Remaining:
-    """Judge whitened residuals (2k,), Re then Im, of a fit with so many unknowns at frequencies (k,)."""
+def remaining(
+    residual: np.ndarray,
+    unknowns: int,
+    frequency: np.ndarray,
+    noise_known: bool,
+    sweeps: list[np.ndarray] | None = None,
+) -> Remaining:
+    """Judge whitened residuals (2k,), Re then Im, of a fit with so many unknowns at frequencies (k,).
+
+    sweeps : indices of the points of each sweep, where there are several
+    """
     freedom = residual.size - unknowns
     square = float(residual @ residual)
+    sweeps = sweeps or [np.arange(frequency.size)]
+    worst = _worst(residual, frequency, square / freedom, sweeps)
     return Remaining(
         size=square / freedom,
         p_size=float(chi2.sf(square, freedom)) if noise_known else None,
-        p_white=whiteness(residual),
-        worst_Hz=_worst(residual, frequency, square / freedom),
+        p_white=whiteness(residual, sweeps),
+        worst_Hz=tuple(band for _, _, band in worst),
+        worst_sweep=tuple(number for _, number, _ in worst),
     )
 
 
-def whiteness(residual: np.ndarray) -> float:
+def whiteness(residual: np.ndarray, sweeps: list[np.ndarray] | None = None) -> float:
     """Ljung-Box probability of the correlations of neighbours in Re and Im, lags 1 to 6; needs no noise level."""
     k = residual.size // 2
+    sweeps = sweeps or [np.arange(k)]
     total = 0.0
-    for part in (residual[:k], residual[k:]):
+    for part in (values[points] for values in (residual[:k], residual[k:]) for points in sweeps):
         power = np.sum(part**2)
         for lag in range(1, _LAGS + 1):
-            total += k * (k + 2) / (k - lag) * (np.sum(part[lag:] * part[:-lag]) / power) ** 2
-    return float(chi2.sf(total, 2 * _LAGS))
+            correlation = np.sum(part[lag:] * part[:-lag]) / power
+            total += part.size * (part.size + 2) / (part.size - lag) * correlation**2
+    return float(chi2.sf(total, 2 * _LAGS * len(sweeps)))
 
 
-def _worst(residual: np.ndarray, frequency: np.ndarray, size: float) -> tuple[tuple[float, float], ...]:
-    """Bands with more misfit than chance gives (1 in 1000 each), by their excess; relative to σ² = min(1, size)."""
+def _worst(
+    residual: np.ndarray, frequency: np.ndarray, size: float, sweeps: list[np.ndarray]
+) -> list[tuple[float, int, tuple[float, float]]]:
+    """(excess, sweep, band) with more misfit than chance gives (1 in 1000 each), worst first; for σ² = min(1, size)."""
     k = residual.size // 2
     power = (residual[:k] ** 2 + residual[k:] ** 2) / min(1.0, size)
     found = []
-    for points in np.array_split(np.arange(k), min(_PARTS, k)):
-        excess = float(np.sum(power[points]))
-        if chi2.sf(excess, 2 * points.size) < 1e-3:
-            found.append((excess - 2 * points.size, (float(frequency[points[0]]), float(frequency[points[-1]]))))
-    return tuple(band for _, band in sorted(found, reverse=True))
+    for number, sweep in enumerate(sweeps):
+        for points in np.array_split(sweep, min(_PARTS, sweep.size)):
+            excess = float(np.sum(power[points]))
+            if chi2.sf(excess, 2 * points.size) < 1e-3:
+                band = (float(frequency[points[0]]), float(frequency[points[-1]]))
+                found.append((excess - 2 * points.size, number, band))
+    return sorted(found, reverse=True)

@@ -56,10 +56,11 @@ class Verdict:
 
 
 def judge(comparison: Comparison, tangents: list[Tangent], frequency: np.ndarray) -> Verdict:
-    """The verdict of a comparison over a sweep (k,) Hz."""
-    known = comparison.base.data.noise_known
-    before = remaining(comparison.base.residual, comparison.base.x.size, frequency, known)
-    after = remaining(comparison.final.residual, comparison.final.x.size, frequency, known)
+    """The verdict of a comparison over the frequencies (k,), Hz, of its sweep or sweeps."""
+    before, after = (
+        remaining(fit.residual, fit.x.size, frequency, fit.data.noise_known, fit.data.sweeps)
+        for fit in (comparison.base, comparison.final)
+    )
     unexplained = _unexplained(comparison.base, comparison.final)
     doubt = unexplained if after.structured else 0.0
     causes = tuple(

@@ -16,6 +16,7 @@ def diagnosis_record(result: Diagnosis) -> dict:
     verdict, comparison = result.verdict, result.comparison
     return {
         "specimen": result.specimen.name,
+        "specimens": [sweep.specimen.name for sweep in result.sweeps],
         "verdict": verdict.word,
         "causes": [_cause_record(cause) for cause in verdict.causes],
         "candidates": _candidates(result),
@@ -50,6 +51,7 @@ def _cause_record(cause: Cause) -> dict:
     parameters = zip(cause.effect.parameters, cause.values, cause.std, strict=True)
     return {
         "effect": cause.effect.name,
+        "specimen": cause.effect.specimen or None,
         "parameters": {
             p.name: {"value": float(value), "std": float(std), "unit": p.unit} for p, value, std in parameters
         },

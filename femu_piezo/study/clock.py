@@ -24,3 +24,7 @@ class Clock:
         self._last, self._name = now, name
         if name is not None:
             self._progress(name)
+
+    def tell(self, words: str) -> None:
+        """Name a part of the running step to `progress`, without a time of its own."""
+        self._progress(words)

@@ -2,56 +2,106 @@
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from femu_piezo.diagnosis.compare import Comparison
-from femu_piezo.diagnosis.effects import REFERENCE, library
-from femu_piezo.diagnosis.evaluation import Evaluation
+from femu_piezo.diagnosis.effects import REFERENCE
 from femu_piezo.diagnosis.fitting import JointFit
 from femu_piezo.diagnosis.likeness import tangents
 from femu_piezo.diagnosis.verdict import Verdict, judge
 from femu_piezo.extraction import extract
-from femu_piezo.measurement.noise import estimate_noise
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen import Specimen
-from femu_piezo.study.diagnosis_run import LEAST_ERROR, Progress, Run
+from femu_piezo.study.clock import Clock, Progress
+from femu_piezo.study.diagnosis_run import Run
 from femu_piezo.study.diagnosis_start import first_constants
-from femu_piezo.study.effects import effect_context, known_effects
-from femu_piezo.study.measured import Measured, measure
+from femu_piezo.study.diagnosis_subject import candidates, subjects
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals, pole_zero_residuals
 from femu_piezo.updating.parameters import Estimate, estimates
 
 
 @dataclass(frozen=True)
-class Diagnosis:
-    """Everything `diagnose` found.
+class DiagnosedSweep:
+    """One specimen with its sweep and what the models make of it.
 
     Attributes
     ----------
+    name : of the specimen in the causes, "" for the only one
     spectrum : the whole sweep;  fitted : boolean mask of the points that fits saw
     relative_noise : (k,) of the whole sweep
     curves : Z of base and final model over the whole sweep
-    gain : rms |Δ log Z| of the held-out band (or of bands predicted without them) before and after, and of the noise
-    seconds : step → time
+    reference_Hz : where laws over frequency are anchored
     """
 
     specimen: Specimen
+    name: str
     spectrum: ImpedanceSpectrum
     fitted: np.ndarray
     relative_noise: np.ndarray
+    curves: tuple[np.ndarray, np.ndarray]
+    reference_Hz: float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything `diagnose` found; what it says about a sweep is about the one `shown`.
+
+    Attributes
+    ----------
+    sweeps : of every specimen
+    gain : rms |Δ log Z| of the held-out band (or of bands predicted without them) before and after, and of the noise
+    seconds : step → time
+    shown : number of the specimen that `specimen`, `spectrum`, `curves` and so on are about
+    """
+
     comparison: Comparison
     verdict: Verdict
-    curves: tuple[np.ndarray, np.ndarray]
     gain: dict[str, float]
-    reference_Hz: float
     unknowns: int
     reduced_size: int
     notes: tuple[str, ...]
     seconds: dict[str, float]
+    sweeps: tuple[DiagnosedSweep, ...]
+    shown: int = 0
+
+    def of(self, index: int) -> Diagnosis:
+        """The same with specimen number `index` shown, and the bands of its sweep alone."""
+        verdict = replace(self.verdict, before=self.verdict.before.of(index), after=self.verdict.after.of(index))
+        return replace(self, verdict=verdict, shown=index)
+
+    @property
+    def specimen(self) -> Specimen:
+        """The specimen shown."""
+        return self.sweeps[self.shown].specimen
+
+    @property
+    def spectrum(self) -> ImpedanceSpectrum:
+        """Its whole sweep."""
+        return self.sweeps[self.shown].spectrum
+
+    @property
+    def fitted(self) -> np.ndarray:
+        """(k,) bool: the points that fits saw."""
+        return self.sweeps[self.shown].fitted
+
+    @property
+    def relative_noise(self) -> np.ndarray:
+        """(k,) of the whole sweep."""
+        return self.sweeps[self.shown].relative_noise
+
+    @property
+    def curves(self) -> tuple[np.ndarray, np.ndarray]:
+        """Z of base and final model over the whole sweep, ohm."""
+        return self.sweeps[self.shown].curves
+
+    @property
+    def reference_Hz(self) -> float:
+        """Fundamental, where laws over frequency are anchored."""
+        return self.sweeps[self.shown].reference_Hz
 
     @cached_property
     def pole_zero(self) -> tuple[PoleZeroResiduals, PoleZeroResiduals]:
@@ -70,8 +120,10 @@ class Diagnosis:
         return dict(zip(material.free.names, estimates(material.theta(x[:own]), covariance), strict=True))
 
 
-def diagnose(specimen: Specimen, progress: Progress | None = None, *, most: int = 3) -> Diagnosis:
-    """Compare every candidate effect with the sweep of a specimen.
+def diagnose(specimens: Specimen | Sequence[Specimen], progress: Progress | None = None, *, most: int = 3) -> Diagnosis:
+    """Compare every candidate effect with the sweep of a specimen, or with those of several of one material.
+
+    The first specimen's [material] rules; constants and fixture are common, other effects belong to one specimen.
 
     Parameters
     ----------
@@ -83,81 +135,65 @@ def diagnose(specimen: Specimen, progress: Progress | None = None, *, most: int 
     InputError : a file, a key or a sweep cannot serve
     ConvergenceError : the base model cannot be fitted
     """
-    tell, clock = progress or (lambda step: None), {}
-    began = time.perf_counter()
-    tell("read and extract")
-    measured = measure(specimen)
-    noise = np.hypot(_relative_noise(measured), LEAST_ERROR)
-    fitted = _mask(measured)
-    context = effect_context(
-        measured.problem, measured.pair.pole.frequency_Hz, float(np.median(np.abs(measured.spectrum.impedance)))
+    specimens = [specimens] if isinstance(specimens, Specimen) else list(specimens)
+    clock = Clock(progress)
+    clock.step("read and extract")
+    several = subjects(specimens)
+    library = candidates(several)
+    clock.step("first update")
+    start = first_constants(specimens, [one.measured for one in several])
+    run = Run(several, library, clock)
+    comparison = run.compare(start, most)
+    clock.step("verdict")
+    frequency = np.concatenate([one.measured.fitted.frequency for one in several])
+    verdict = judge(comparison, tangents(run.evaluation, comparison.base, library), frequency)
+    sweeps = tuple(
+        DiagnosedSweep(
+            specimen=specimen,
+            name=one.name,
+            spectrum=one.measured.spectrum,
+            fitted=one.fitted,
+            relative_noise=one.noise,
+            curves=(run.curve(index, comparison.base), run.curve(index, comparison.final)),
+            reference_Hz=one.context.fundamental_Hz,
+        )
+        for index, (specimen, one) in enumerate(zip(specimens, several, strict=True))
     )
-    fixed = known_effects(measured.problem, context.fundamental_Hz, context.impedance)
-    taken = {effect.title for effect, _ in fixed}
-    candidates = tuple(effect for effect in library(context) if effect.title not in taken)
-    clock["read and extract"], began = time.perf_counter() - began, time.perf_counter()
-    tell("first update")
-    start = first_constants(specimen, measured)
-    clock["first update"], began = time.perf_counter() - began, time.perf_counter()
-    run = Run(measured, noise, fitted, fixed, candidates)
-    comparison, model = run.compare(start, tell, clock, most)
-    began = time.perf_counter()
-    tell("verdict")
-    evaluation = Evaluation(model, measured.fitted.omega)
-    verdict = judge(comparison, tangents(evaluation, comparison.base, candidates), measured.fitted.frequency)
-    whole = Evaluation(model, measured.spectrum.omega)
-    curves = tuple(whole.impedance(fit.parameters, fit.x) for fit in (comparison.base, comparison.final))
-    clock["verdict"] = time.perf_counter() - began
+    clock.step(None)
     return Diagnosis(
-        specimen=specimen,
-        spectrum=measured.spectrum,
-        fitted=fitted,
-        relative_noise=noise,
         comparison=comparison,
         verdict=verdict,
-        curves=curves,
-        gain=_gain(comparison, curves, measured, noise, fitted),
-        reference_Hz=context.fundamental_Hz,
+        gain=_gain(comparison, sweeps),
         unknowns=run.unknowns,
-        reduced_size=model.size,
-        notes=(*measured.spectrum.notes, *run.notes),
-        seconds={step: round(value, 3) for step, value in clock.items()},
+        reduced_size=sum(model.size for model in run.models),
+        notes=(*(note for one in several for note in one.measured.spectrum.notes), *run.notes),
+        seconds={step: round(value, 3) for step, value in clock.seconds.items()},
+        sweeps=sweeps,
     )
 
 
-def _mask(measured: Measured) -> np.ndarray:
-    return np.isin(measured.spectrum.frequency, measured.fitted.frequency)
-
-
-def _relative_noise(measured: Measured) -> np.ndarray:
-    """(k,) over the whole sweep: of the file, else estimated from the roughness of the fitted part alone."""
-    impedance = measured.spectrum.impedance
-    if measured.spectrum.noise is not None:
-        return measured.spectrum.noise / np.abs(impedance)
-    return estimate_noise(measured.fitted).std(impedance) / np.abs(impedance)
-
-
-def _gain(
-    comparison: Comparison, curves, measured: Measured, noise: np.ndarray, fitted: np.ndarray
-) -> dict[str, float]:
+def _gain(comparison: Comparison, sweeps: Sequence[DiagnosedSweep]) -> dict[str, float]:
     """rms |Δ log Z| of points that the fit did not see, before and after, against the noise."""
 
     def rms(values: np.ndarray) -> float:
         return float(np.sqrt(np.mean(np.abs(values) ** 2)))
 
-    if np.all(fitted):
+    unseen = [sweep for sweep in sweeps if not np.all(sweep.fitted)]
+    if unseen:
+        errors = [
+            np.concatenate([np.log(one.curves[i] / one.spectrum.impedance)[~one.fitted] for one in unseen])
+            for i in (0, 1)
+        ]
+        floor = np.concatenate([one.relative_noise[~one.fitted] for one in unseen])
+    else:
         weight = comparison.base.data.weight
         errors = [fit.predicted() / weight for fit in (comparison.base, comparison.final)]
-        floor = rms(noise)
-    else:
-        unseen = ~fitted
-        errors = [np.log(curve[unseen] / measured.spectrum.impedance[unseen]) for curve in curves]
-        floor = rms(noise[unseen])
-    return {"held_out_before": rms(errors[0]), "held_out_after": rms(errors[1]), "noise_floor": floor}
+        floor = np.concatenate([one.relative_noise for one in sweeps])
+    return {"held_out_before": rms(errors[0]), "held_out_after": rms(errors[1]), "noise_floor": rms(floor)}
 
 
 def extended_specimen(diagnosis: Diagnosis) -> Specimen:
-    """The specimen file with the updated constants and the named effects as known."""
+    """The specimen file of the specimen shown, with the updated constants and the named effects as known."""
     final, specimen = diagnosis.comparison.final, diagnosis.specimen
     material = final.parameters.material
     constants = material.constants(final.x[: 2 * material.scale.size])
@@ -167,10 +203,12 @@ def extended_specimen(diagnosis: Diagnosis) -> Specimen:
         values[f"tan_{name}"] = max(0.0, constants.tangent(name)) if name[0] in "se" else constants.tangent(name)
     effects: dict[str, dict[str, float]] = {key: dict(table) for key, table in (specimen.effects or {}).items()}
     for effect, own in zip(final.parameters.effects, final.parameters.values(final.x), strict=True):
+        if effect.specimen not in ("", diagnosis.sweeps[diagnosis.shown].name):
+            continue
         table = effects.setdefault(effect.name, {})
         table.update({parameter.name: float(value) for parameter, value in zip(effect.parameters, own, strict=True)})
         if effect.dispersive:
-            table.setdefault(REFERENCE, diagnosis.reference_Hz)
+            table.setdefault(REFERENCE, diagnosis.sweeps[0].reference_Hz)
     return specimen.model_copy(
         update={"material": specimen.material.model_copy(update=values), "effects": effects or None}
     )

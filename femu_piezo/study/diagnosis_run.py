@@ -1,88 +1,119 @@
-"""Mesh, basis and comparison of a diagnosis; the basis is made anew where the base fit leaves its range."""
+"""Meshes, bases and comparison of a diagnosis; the bases are made anew where the base fit leaves their range."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
+from collections.abc import Sequence
 
 import numpy as np
 
 from femu_piezo.diagnosis.compare import Comparison, compare
+from femu_piezo.diagnosis.effect import Effect
+from femu_piezo.diagnosis.ensemble import Ensemble, own_parameters
 from femu_piezo.diagnosis.evaluation import Evaluation
 from femu_piezo.diagnosis.extended_model import ExtendedModel, extend_model
-from femu_piezo.diagnosis.fitting import SweepData
+from femu_piezo.diagnosis.fitting import JointFit, SweepData
 from femu_piezo.diagnosis.joint import JointParameters
+from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.study.measured import Measured
+from femu_piezo.study.clock import Clock
+from femu_piezo.study.diagnosis_subject import LEAST_ERROR, Subject
 from femu_piezo.updating.data import weak_prior
 from femu_piezo.updating.parameters import FreeConstants, MaterialParameters
 
 #: Mesh error (relative, of eigenvalues at the end of the sweep) and error of the reduced model, as shares of the noise,
 #: and the ranges they are kept in.
-_MESH_SHARE, _MESH_RANGE = 1 / 60, (5e-6, 1e-4)
+_MESH_SHARE, _MESH_RANGE = 1 / 60, (LEAST_ERROR / 10, 1e-4)
 _BASIS_SHARE, _BASIS_RANGE = 1 / 30, (5e-6, 5e-5)
-#: Relative error of Z that the finest mesh leaves: sweeps are not taken to be more exact than the model.
-LEAST_ERROR = 10 * _MESH_RANGE[0]
 #: Relative range of the free and of the held constants that the basis is trained for, and how far a base fit may
 #: leave the first before the basis is made anew.
 _FREE_SPREAD, _HELD_SPREAD, _LEAVE = 0.05, 0.1, 0.08
 
-Progress = Callable[[str], None]
-
 
 class Run:
-    """Mesh, basis and comparison; the basis is made anew where the base fit leaves its range."""
+    """A model of each specimen, and the comparison on all.
 
-    def __init__(self, measured: Measured, noise: np.ndarray, fitted: np.ndarray, fixed, candidates) -> None:
-        self._measured, self._fixed, self._candidates = measured, fixed, candidates
-        self._noise = noise[fitted]
-        typical = float(np.median(noise))
-        self._accuracy = float(np.clip(typical * _MESH_SHARE, *_MESH_RANGE))
-        self._basis_accuracy = float(np.clip(typical * _BASIS_SHARE, *_BASIS_RANGE))
+    Attributes
+    ----------
+    models : the reduced model of each specimen;  unknowns : of all full models
+    notes : what is to be said about the accuracy
+    """
+
+    def __init__(self, several: Sequence[Subject], candidates: Sequence[Effect], clock: Clock) -> None:
+        self._several, self._candidates, self._clock = several, tuple(candidates), clock
+        self.models: tuple[ExtendedModel, ...] = ()
+        self.unknowns = 0
         self.notes: tuple[str, ...] = ()
-        if typical < 2 * LEAST_ERROR:
+        if min(float(np.median(one.noise)) for one in several) < 2 * LEAST_ERROR:
             self.notes = (
                 f"the noise of the sweep is near or below the error of the model; errors of Z below {LEAST_ERROR:.0e} "
                 "count as noise",
             )
-        self.unknowns = 0
 
-    def compare(
-        self, start: PiezoConstants, tell: Progress, clock: dict[str, float], most: int
-    ) -> tuple[Comparison, ExtendedModel]:
-        """Compare from start constants, and the model it was done with; times go to `clock`."""
-        began = time.perf_counter()
-        problem, highest = self._measured.problem, self._measured.band_Hz
-        tell("mesh and assemble")
-        model = problem.model(problem.equivalent_frequency(highest, self._accuracy), self._accuracy)
-        self.unknowns = model.size
-        clock["mesh and assemble"], began = time.perf_counter() - began, time.perf_counter()
+    def compare(self, start: PiezoConstants, most: int) -> Comparison:
+        """Compare from start constants."""
+        self._clock.step("mesh and assemble")
+        full = [_full_model(one) for one in self._several]
+        self.unknowns = sum(model.size for model in full)
         constants = start
         for _ in range(3):
-            tell(f"reduce {model.size} unknowns")
-            free = problem.free(constants)
-            effects = (*self._candidates, *(effect for effect, _ in self._fixed))
-            extended = extend_model(model, _training(constants, free), effects, highest, accuracy=self._basis_accuracy)
-            clock["reduce"] = clock.get("reduce", 0.0) + time.perf_counter() - began
-            began = time.perf_counter()
-            comparison = self._compared(extended, free, tell, most)
-            clock["compare"] = clock.get("compare", 0.0) + time.perf_counter() - began
-            began = time.perf_counter()
+            self._clock.step("reduce")
+            free = self._several[0].measured.problem.free(constants)
+            self.models = tuple(
+                _reduced(one, model, constants, free, self._candidates)
+                for one, model in zip(self._several, full, strict=True)
+            )
+            comparison = self._compared(free, most)
             material = comparison.base.parameters.material
             own = comparison.base.x[: 2 * material.scale.size]
             if np.max(np.abs(own[0::2] - 1)) <= _LEAVE:
                 break
             constants = material.constants(own)
-        return comparison, extended
+        return comparison
 
-    def _compared(self, extended: ExtendedModel, free: FreeConstants, tell: Progress, most: int) -> Comparison:
+    @property
+    def evaluation(self) -> Evaluation | Ensemble:
+        """Of the points that fits see."""
+        parts = [
+            (one.name, Evaluation(model, one.measured.fitted.omega))
+            for one, model in zip(self._several, self.models, strict=True)
+        ]
+        return Ensemble(tuple(parts)) if len(parts) > 1 else parts[0][1]
+
+    def curve(self, index: int, fit: JointFit) -> np.ndarray:
+        """Z (k,) of one specimen over its whole sweep, ohm."""
+        one = self._several[index]
+        own, columns = own_parameters(fit.parameters, one.name)
+        return Evaluation(self.models[index], one.measured.spectrum.omega).impedance(own, fit.x[columns])
+
+    def _compared(self, free: FreeConstants, most: int) -> Comparison:
+        self._clock.step("compare")
+        several = self._several
         material = MaterialParameters.around(free, free.start)
-        prior = weak_prior(material, free.start)
-        data = SweepData(self._measured.fitted.impedance, self._noise, self._measured.spectrum.noise is not None, prior)
-        parameters = JointParameters(material, (), self._fixed)
-        evaluation = Evaluation(extended, self._measured.fitted.omega)
+        data = SweepData(
+            impedance=np.concatenate([one.measured.fitted.impedance for one in several]),
+            relative_noise=np.concatenate([one.noise[one.fitted] for one in several]),
+            noise_known=all(one.noise_known for one in several),
+            prior=weak_prior(material, free.start),
+            sizes=tuple(len(one.measured.fitted) for one in several),
+        )
+        parameters = JointParameters(material, (), tuple(item for one in several for item in one.fixed))
         start = material.x_of(free.start)
-        return compare(evaluation, data, parameters, start, self._candidates, most=most, progress=tell)
+        return compare(self.evaluation, data, parameters, start, self._candidates, most=most, progress=self._clock.tell)
+
+
+def _full_model(one: Subject) -> ElectroelasticModel:
+    accuracy = float(np.clip(np.median(one.noise) * _MESH_SHARE, *_MESH_RANGE))
+    problem = one.measured.problem
+    return problem.model(problem.equivalent_frequency(one.measured.band_Hz, accuracy), accuracy)
+
+
+def _reduced(
+    one: Subject, model: ElectroelasticModel, constants: PiezoConstants, free: FreeConstants, candidates
+) -> ExtendedModel:
+    effects = [effect for effect in candidates if effect.specimen in ("", one.name)]
+    effects += [effect for effect, _ in one.fixed]
+    accuracy = float(np.clip(np.median(one.noise) * _BASIS_SHARE, *_BASIS_RANGE))
+    return extend_model(model, _training(constants, free), effects, one.measured.band_Hz, accuracy=accuracy)
 
 
 def _training(constants: PiezoConstants, free: FreeConstants) -> list[PiezoConstants]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from femu_piezo.errors import ConvergenceError
@@ -10,7 +12,7 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen import Specimen, Update
 from femu_piezo.study.measured import Measured
 from femu_piezo.study.update import update
-from femu_piezo.updating.data import CurveData, weak_prior
+from femu_piezo.updating.data import CurveData, rms_log_error, weak_prior
 from femu_piezo.updating.least_squares import fit
 from femu_piezo.updating.parameters import MaterialParameters
 
@@ -20,33 +22,46 @@ _FIRST_ACCURACY = 1e-3
 _POOR = 0.05
 
 
-def first_constants(specimen: Specimen, measured: Measured) -> PiezoConstants:
+def first_constants(specimens: Sequence[Specimen], measured: Sequence[Measured]) -> PiezoConstants:
     """Constants near the solution on a coarse mesh that knows no effects: by an update, or by a fit from the file's.
 
     The better of the two: the pole-zero update starts from thin-body formulas, which fail where the modes of two
     dimensions meet; the file's constants may be far away.
     """
-    wish = (specimen.update or Update()).model_copy(update={"accuracy": _FIRST_ACCURACY})
-    plain = specimen.model_copy(update={"update": wish, "effects": None})
-    problem, found = measured.problem, []
+    plain, found = [_plain(specimen) for specimen in specimens], []
     try:
         result = update(plain)
-        found.append((result.outcomes[0].rms_after, result.constants))
+        found.append((max(outcome.rms_after for outcome in result.outcomes), result.constants))
     except ConvergenceError as error:
         reason = error
     if not found or found[0][0] > _POOR:
-        highest = problem.equivalent_frequency(measured.band_Hz, _FIRST_ACCURACY)
-        free = problem.free(problem.constants)
-        training = free.training_sets(free.start, 0.15)
-        reduced = reduce_model(problem.model(highest, _FIRST_ACCURACY), training, measured.band_Hz, accuracy=1e-4)
-        curve = CurveData("first", reduced, measured.fitted, np.full(len(measured.fitted), 1e-2))
-        material = MaterialParameters.around(free, free.start)
         try:
-            solution = fit([curve, weak_prior(material, free.start)], material, free.start, noise_known=False)
-            rms = float(np.sqrt(np.mean(solution.residual**2))) * 1e-2
-            found.append((rms, free.constants(solution.theta)))
+            found.append(_from_file(measured))
         except ConvergenceError as error:
             reason = error
     if not found:
         raise reason
     return min(found, key=lambda item: item[0])[1]
+
+
+def _plain(specimen: Specimen) -> Specimen:
+    wish = (specimen.update or Update()).model_copy(update={"accuracy": _FIRST_ACCURACY})
+    return specimen.model_copy(update={"update": wish, "effects": None})
+
+
+def _from_file(measured: Sequence[Measured]) -> tuple[float, PiezoConstants]:
+    """rms |Δ log Z| and constants of a fit of the curves that starts from the constants of the file."""
+    free = measured[0].problem.free(measured[0].problem.constants)
+    training = free.training_sets(free.start, 0.15)
+    curves = []
+    for one in measured:
+        model = one.problem.model(one.problem.equivalent_frequency(one.band_Hz, _FIRST_ACCURACY), _FIRST_ACCURACY)
+        reduced = reduce_model(model, training, one.band_Hz, accuracy=1e-4)
+        curves.append(CurveData(one.problem.specimen.name, reduced, one.fitted, np.full(len(one.fitted), 1e-2)))
+    material = MaterialParameters.around(free, free.start)
+    solution = fit([*curves, weak_prior(material, free.start)], material, free.start, noise_known=False)
+    x = material.x_of(solution.theta)
+    rms = max(
+        rms_log_error(curve.impedance(material, x, curve.spectrum.omega), curve.spectrum.impedance) for curve in curves
+    )
+    return rms, free.constants(solution.theta)

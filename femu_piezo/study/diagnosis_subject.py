@@ -1,0 +1,99 @@
+"""What a diagnosis knows of one specimen before any fit: sweep, noise, known and possible effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from femu_piezo.diagnosis.effect import Effect, EffectContext
+from femu_piezo.diagnosis.effects import library
+from femu_piezo.diagnosis.ensemble import belonging_to, is_common
+from femu_piezo.errors import InputError
+from femu_piezo.measurement.noise import estimate_noise
+from femu_piezo.specimen import Specimen
+from femu_piezo.study.effects import effect_context, known_effects
+from femu_piezo.study.measured import Measured, measure
+
+#: Relative error of Z that the finest mesh leaves: sweeps are not taken to be more exact than the model.
+LEAST_ERROR = 5e-5
+
+
+@dataclass(frozen=True)
+class Subject:
+    """One specimen to be diagnosed.
+
+    Attributes
+    ----------
+    name : of the specimen where there are several, "" for the only one
+    noise : (k,) relative noise of the whole sweep, no less than the error of the model
+    fixed : the effects of its file with their values
+    """
+
+    name: str
+    measured: Measured
+    noise: np.ndarray
+    context: EffectContext
+    fixed: tuple[tuple[Effect, np.ndarray], ...]
+
+    @cached_property
+    def fitted(self) -> np.ndarray:
+        """(k,) bool: the points of the sweep that fits see."""
+        return np.isin(self.measured.spectrum.frequency, self.measured.fitted.frequency)
+
+    @property
+    def noise_known(self) -> bool:
+        """Whether the noise came with the data."""
+        return self.measured.spectrum.noise is not None
+
+    def candidates(self) -> tuple[Effect, ...]:
+        """Every effect that the specimen may have beside those of its file."""
+        taken = {(effect.name, effect.variant) for effect, _ in self.fixed}
+        return tuple(e for e in library(self.context) if (e.name, e.variant) not in taken)
+
+
+def subjects(specimens: Sequence[Specimen]) -> tuple[Subject, ...]:
+    """Read and analyse the sweeps of specimens; InputError where two of several have one name."""
+    names = [specimen.name for specimen in specimens]
+    double = next((name for index, name in enumerate(names) if name in names[:index]), None)
+    if double is not None:
+        raise InputError(
+            f"{specimens[names.index(double)].path}: two specimens are named {double!r}; a cause is told by the "
+            "name of its specimen, so give each its own"
+        )
+    return tuple(_subject(specimen, specimen.name if len(specimens) > 1 else "") for specimen in specimens)
+
+
+def _subject(specimen: Specimen, name: str) -> Subject:
+    measured = measure(specimen)
+    typical = float(np.median(np.abs(measured.spectrum.impedance)))
+    context = effect_context(measured.problem, measured.pair.pole.frequency_Hz, typical)
+    known = known_effects(measured.problem, context.fundamental_Hz, context.impedance)
+    fixed = tuple((belonging_to(effect, name), values) for effect, values in known) if name else known
+    return Subject(name, measured, np.hypot(_relative_noise(measured), LEAST_ERROR), context, fixed)
+
+
+def candidates(several: Sequence[Subject]) -> tuple[Effect, ...]:
+    """What is common to all (laws of the material, fixture), then what each specimen may have of its own.
+
+    A free constant of the first is free for all, and so are the laws over frequency anchored at its fundamental.
+    """
+    if len(several) == 1:
+        return several[0].candidates()
+    shared = [e for e in several[0].candidates() if is_common(e) and all(_open(e, one) for one in several)]
+    own = [belonging_to(effect, one.name) for one in several for effect in one.candidates() if not is_common(effect)]
+    return (*shared, *own)
+
+
+def _open(effect: Effect, one: Subject) -> bool:
+    return all((effect.name, effect.variant) != (known.name, known.variant) for known, _ in one.fixed)
+
+
+def _relative_noise(measured: Measured) -> np.ndarray:
+    """(k,) over the whole sweep: of the file, else estimated from the roughness of the fitted part alone."""
+    impedance = measured.spectrum.impedance
+    if measured.spectrum.noise is not None:
+        return measured.spectrum.noise / np.abs(impedance)
+    return estimate_noise(measured.fitted).std(impedance) / np.abs(impedance)

@@ -1,0 +1,211 @@
+"""Two bars of one material and different size, their sweeps by an independent solver: each pair is told apart."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hidden_effects.ritz import RitzPlate
+
+from diagnosis.conftest import DENSITY, TANGENTS
+from femu_piezo.cli import main
+from femu_piezo.diagnosis.compare import compare
+from femu_piezo.diagnosis.effect import EffectContext
+from femu_piezo.diagnosis.effects import library
+from femu_piezo.diagnosis.ensemble import Ensemble, belonging_to, is_common, own_parameters
+from femu_piezo.diagnosis.evaluation import Evaluation
+from femu_piezo.diagnosis.extended_model import extend_model
+from femu_piezo.diagnosis.fitting import SweepData, fit_joint, whitened
+from femu_piezo.diagnosis.joint import JointParameters
+from femu_piezo.diagnosis.likeness import tangents
+from femu_piezo.diagnosis.verdict import judge
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.material.constants import D_FORM, PiezoConstants
+from femu_piezo.material.library import library_material
+from femu_piezo.updating.data import weak_prior
+from femu_piezo.updating.parameters import FreeConstants, MaterialParameters
+
+NOISE = 1e-3
+#: Length, width, thickness (m), fundamental and band (Hz): the first length mode alone.
+BARS = {
+    "long": ((12e-3, 2.5e-3, 1e-3), 117e3, (20e3, 165e3)),
+    "short": ((7e-3, 2e-3, 0.8e-3), 201e3, (30e3, 280e3)),
+}
+OWN = ("wrong_length", "wrong_thickness", "electrode_mass")
+COMMON = ("stray_capacitance", "series_resistance", "leakage")
+
+
+class Bars:
+    """Models of both bars and their libraries."""
+
+    def __init__(self) -> None:
+        self.theta = library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS)
+        constants = PiezoConstants.from_vector(self.theta)
+        free = FreeConstants.of(constants, ("s11", "d31", "eps33T"))
+        self.material = MaterialParameters.around(free, free.start)
+        training = [constants, *free.training_sets(free.start, 0.04, 3)[1:]]
+        self.parts, self.library, self.frequency = {}, {}, {}
+        for name, (size, fundamental, band) in BARS.items():
+            axes = {"length": 0, "width": 1, "thickness": 2}
+            context = EffectContext(fundamental, free.names, constants, axes, DENSITY, size[2], 2e3)
+            effects = [effect for effect in library(context) if effect.name in (*OWN, *COMMON)]
+            self.frequency[name] = np.linspace(*band, 70)
+            model = ElectroelasticModel(Plate(*size).domain((14, 3, 2)), DENSITY)
+            extended = extend_model(model, training, effects, band[1], accuracy=1e-5)
+            self.parts[name] = Evaluation(extended, 2 * np.pi * self.frequency[name])
+            self.library[name] = effects
+
+    def sweep(self, name: str, stretch: float = 0.0, stray: float = 0.0) -> np.ndarray:
+        """Noisy Z of a bar (1 + stretch) times as long, with a capacitance beside it."""
+        size, frequency = np.array(BARS[name][0]), self.frequency[name]
+        size[0] *= 1 + stretch
+        z = RitzPlate(size, DENSITY, (11, 5, 4)).impedance(self.theta, frequency)
+        z = 1 / (1 / z + 2j * np.pi * frequency * stray)
+        normal = np.random.default_rng(len(name)).standard_normal((2, z.size))
+        return z * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2))
+
+    def judged(self, sweeps: dict[str, np.ndarray]):
+        """The verdict on one bar or on both."""
+        names = list(sweeps)
+        impedance = np.concatenate(list(sweeps.values()))
+        prior = weak_prior(self.material, self.material.free.start)
+        sizes = tuple(z.size for z in sweeps.values())
+        data = SweepData(impedance, np.full(impedance.size, NOISE), True, prior, sizes)
+        evaluation, effects = self.parts[names[0]], self.library[names[0]]
+        if len(names) > 1:
+            evaluation = Ensemble(tuple((name, self.parts[name]) for name in names))
+            effects = [effect for effect in effects if is_common(effect)]
+            effects += [belonging_to(e, name) for name in names for e in self.library[name] if not is_common(e)]
+        start = self.material.x_of(self.material.free.start) * 1.01
+        result = compare(evaluation, data, JointParameters(self.material), start, effects, most=2)
+        frequency = np.concatenate([self.frequency[name] for name in names])
+        return result, judge(result, tangents(evaluation, result.base, effects), frequency)
+
+
+@pytest.fixture(scope="module")
+def bars() -> Bars:
+    return Bars()
+
+
+def test_stray_capacitance_is_told_from_the_permittivity_by_two_bars(bars):
+    stray = 8e-12
+    _, alone = bars.judged({"long": bars.sweep("long", stray=stray)})
+    assert alone.word == "none"
+    assert {effect.key: constant for effect, constant in alone.hidden}["stray_capacitance"] == "eps33T"
+    result, both = bars.judged({name: bars.sweep(name, stray=stray) for name in BARS})
+    assert both.word == "effect"
+    (cause,) = both.causes
+    assert cause.effect.key == "stray_capacitance"
+    assert cause.indistinguishable_from == ()
+    assert abs(cause.values[0] - stray) < 3 * cause.std[0] < stray
+    eps = result.final.x[4]
+    assert eps == pytest.approx(1.0, abs=4 * result.final.std[4])
+
+
+def test_wrong_length_is_told_from_the_compliance_by_two_bars(bars):
+    """One bar: none, and the length stands for s11. Two: s11 is right again; which of the two lengths stays open."""
+    stretch = 0.01
+    _, alone = bars.judged({"long": bars.sweep("long", stretch=stretch)})
+    assert alone.word == "none"
+    assert {effect.key: constant for effect, constant in alone.hidden}["wrong_length"] == "s11"
+    result, both = bars.judged({"long": bars.sweep("long", stretch=stretch), "short": bars.sweep("short")})
+    assert both.word == "effect"
+    (cause,) = both.causes
+    names = {cause.effect.key, *cause.indistinguishable_from}
+    assert names == {"wrong_length (long)", "wrong_length (short)"}
+    sizes = {e.key: fit.parameters.values(fit.x)[0][0] for e, fit in result.found[0].fits}
+    assert sizes["wrong_length (long)"] == pytest.approx(stretch, rel=0.1)
+    assert sizes["wrong_length (short)"] == pytest.approx(-stretch, rel=0.1)
+
+
+def test_two_right_bars_have_no_cause(bars):
+    assert bars.judged({name: bars.sweep(name) for name in BARS})[1].word == "none"
+
+
+def test_jacobian_of_several_sweeps(bars):
+    """Own unknowns move their own sweep alone, common ones both."""
+    names = ("wrong_length", "stray_capacitance")
+    length, stray = (next(e for e in bars.library["long"] if e.name == name) for name in names)
+    ensemble = Ensemble(tuple(bars.parts.items()))
+    parameters = JointParameters(bars.material).with_effect(belonging_to(length, "short")).with_effect(stray)
+    x = np.concatenate([bars.material.x_of(bars.material.free.start), [0.7, 0.4]])
+    z, slopes = ensemble.with_jacobian(parameters, x)
+    points = bars.frequency["long"].size
+    assert np.all(slopes[:points, 6] == 0) and np.all(slopes[points:, 6] != 0)
+    for column in range(x.size):
+        step = np.zeros(x.size)
+        step[column] = 1e-4
+        numeric = (ensemble.impedance(parameters, x + step) - ensemble.impedance(parameters, x - step)) / 2e-4
+        assert np.max(np.abs((slopes[:, column] - numeric) / z)) < 1e-4 * np.max(np.abs(slopes[:, column] / z))
+    own, columns = own_parameters(parameters, "long")
+    assert [effect.name for effect in own.effects] == ["stray_capacitance"]
+    assert columns.tolist() == [0, 1, 2, 3, 4, 5, 7]
+
+
+def test_left_out_bands_are_those_of_each_sweep(bars):
+    """A band of the short bar as predicted by a fit to the rest of its sweep and the whole of the other."""
+    z = np.concatenate([bars.sweep(name) for name in BARS])
+    points = bars.frequency["long"].size
+    prior = weak_prior(bars.material, bars.material.free.start)
+    data = SweepData(z, np.full(z.size, NOISE), True, prior, (points, z.size - points))
+    parameters, start = JointParameters(bars.material), bars.material.x_of(bars.material.free.start)
+    ensemble = Ensemble(tuple(bars.parts.items()))
+    predicted = fit_joint(ensemble, data, parameters, [start]).predicted(5)
+    band = np.array_split(np.arange(points, z.size), 5)[1]
+    kept = np.setdiff1d(np.arange(z.size), band)
+    rest = np.delete(bars.parts["short"].omega, band - points)
+    seen = Ensemble((("long", bars.parts["long"]), ("short", Evaluation(bars.parts["short"].model, rest))))
+    other = fit_joint(seen, data.select(kept), parameters, [start])
+    residual = whitened(ensemble, data, parameters, other.x)[0]
+    unseen = residual[band] + 1j * residual[band + z.size]
+    assert np.max(np.abs(unseen - predicted[band])) < 0.1
+
+
+def write_study(bars, folder, **hidden: float):
+    """Specimen files, sweeps and study file of both bars."""
+    values = dict(zip(D_FORM, bars.theta.tolist(), strict=True))
+    for name, (size, *_) in BARS.items():
+        z = bars.sweep(name, **hidden)
+        rows = np.column_stack([bars.frequency[name], z.real, z.imag]).tolist()
+        lines = ["frequency_Hz,resistance_ohm,reactance_ohm", *(",".join(map(repr, row)) for row in rows)]
+        (folder / f"{name}.csv").write_text("\n".join(lines) + "\n")
+        lines = [f'name = "{name}"', "[geometry]", 'shape = "plate"', f"density = {DENSITY}"]
+        lines += [f"{key} = {value}" for key, value in zip(("length", "width", "thickness"), size, strict=True)]
+        lines += ["[material]", 'free = ["s11", "d31", "eps33T"]']
+        lines += [f"{key} = {v.real!r}\ntan_{key} = {-v.imag / v.real!r}" for key, v in values.items()]
+        lines += ["[measurement]", f'file = "{name}.csv"', f"noise = {NOISE}"]
+        (folder / f"{name}.toml").write_text("\n".join(lines).replace("[material]", 'poling = "thickness"\n[material]'))
+    (folder / "study.toml").write_text('specimens = ["long.toml", "short.toml"]\n')
+    return folder / "study.toml"
+
+
+def test_command_on_a_study_file(bars, tmp_path):
+    """One cause, common to both; the extended study file is updated without it as a bias."""
+    stray = 8e-12
+    answer = CliRunner().invoke(
+        main, ["diagnose", str(write_study(bars, tmp_path, stray=stray)), "--out", str(tmp_path / "a")]
+    )
+    assert answer.exit_code == 0, answer.output
+    record = json.loads((tmp_path / "a/diagnosis.json").read_text(encoding="utf-8"))
+    assert record["specimens"] == ["long", "short"]
+    (cause,) = record["causes"]
+    assert (cause["effect"], cause["specimen"]) == ("stray_capacitance", None)
+    assert "eps33T" not in cause["indistinguishable_from"]
+    assert cause["parameters"]["capacitance"]["value"] == pytest.approx(stray, rel=0.05)
+    assert sum(item["effect"] == "wrong_length" for item in record["candidates"]) == 2  # one for each specimen
+    assert (tmp_path / "a/diagnosis_2.png").stat().st_size > 20000
+    answer = CliRunner().invoke(main, ["update", str(tmp_path / "a/extended.toml"), "--out", str(tmp_path / "b")])
+    assert answer.exit_code == 0, answer.output
+    updated = json.loads((tmp_path / "b/update.json").read_text(encoding="utf-8"))["parameters"]
+    assert updated["eps33T"]["value"] == pytest.approx(bars.theta[9].real, rel=2e-3)
+
+
+def test_specimens_of_one_name_are_refused(bars, tmp_path):
+    study = write_study(bars, tmp_path)
+    study.write_text('specimens = ["long.toml", "long.toml"]\n')
+    answer = CliRunner().invoke(main, ["diagnose", str(study), "--out", str(tmp_path / "out")])
+    assert answer.exit_code == 2
+    assert "two specimens are named 'long'" in answer.output and answer.output.strip().count("\n") == 0
