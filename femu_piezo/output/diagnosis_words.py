@@ -17,6 +17,8 @@ _UNITS = {"ohm": ("Ω", 1.0), "kg": ("g", 1e3), "kg/m^2": ("g/m²", 1e3), "1": (
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 #: Shift of a constant, in standard deviations, that is told.
 _MOVED = 3.0
+#: Share of the sweep that stands out from which a misfit is all over it.
+_WHOLE = 0.6
 _HOLD = (
     "Measure again with the specimen held differently and in another fixture: what moves belongs to the holder or the "
     "fixture, what stays to the specimen."
@@ -146,10 +148,13 @@ def _wrong(result: Diagnosis) -> tuple[str, ...]:
         found.append(f"With its constants updated the model follows the {points} as closely as the noise allows.")
     if verdict.word == "unknown":
         left = verdict.after if verdict.causes else verdict.before
-        where = [band(*one) for one in merged(left.worst_Hz[:4], 2 * float(np.max(np.diff(frequency))))]
+        gap = 2 * float(np.max(np.diff(frequency)))
+        where = [band(*one) for one in merged(left.worst_Hz[:4], gap)]
+        whole = sum(high - low + gap / 2 for low, high in left.worst_Hz) > _WHOLE * (frequency[-1] - frequency[0])
         found.append(
             f"What is left over is {np.sqrt(left.size):.3g} times the noise"
-            + (f", most of it from {listed(where)}." if where else ", spread over the whole sweep.")
+            + (", spread over the whole sweep" if whole or not where else "")
+            + (f", most of it from {listed(where)}." if where else ".")
         )
         if verdict.causes:
             share = percent(verdict.unexplained)
@@ -189,8 +194,8 @@ def _sure(result: Diagnosis) -> tuple[str, ...]:
     before, after, floor = (percent(gain[key]) for key in ("held_out_before", "held_out_after", "noise_floor"))
     if verdict.causes:
         found.append(
-            f"The test on data that no fit saw ({unseen}): the error falls from {before} to {after}; the noise is "
-            f"{floor}."
+            f"The test on data that no fit saw ({unseen}): the error {_moves(gain)} from {before} to {after}; the "
+            f"noise is {floor}."
         )
     else:
         found.append(f"On data that no fit saw ({unseen}) the model errs by {before}; the noise is {floor}.")
@@ -198,6 +203,10 @@ def _sure(result: Diagnosis) -> tuple[str, ...]:
     if not known:
         found.append("The noise was not given with the data; it was estimated from the roughness of the sweep itself.")
     return tuple(found)
+
+
+def _moves(gain: dict[str, float]) -> str:
+    return "falls" if gain["held_out_after"] < gain["held_out_before"] else "rises"
 
 
 def _certainty(probability: float) -> str:

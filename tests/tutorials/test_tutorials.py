@@ -18,8 +18,8 @@ FOLDER = Path(__file__).resolve().parents[2] / "tutorials"
 PICTURES = {
     "k31_plate": ("extraction.png", "impedance.png", "iterations.png", "sensitivity.png"),
     "k33_bar": ("impedance.png", "iterations.png"),
-    "measured_bar": ("critique.png", "impedance.png"),
-    "measured_disk": ("poisson_and_q.png", "impedance.png"),
+    "measured_bar": ("critique.png", "impedance.png", "diagnosis.png"),
+    "measured_disk": ("poisson_and_q.png", "impedance.png", "diagnosis.png"),
     "trapezoid": ("impedance.png", "modes.png", "mode_01.png", "mode_02.png"),
     "full_set": ("determined.png", "sensitivity_k31.png", "sensitivity_k33.png", "sensitivity_k15.png"),
     "hidden_effect": ("bias.png", "diagnosis.png"),

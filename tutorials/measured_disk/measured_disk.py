@@ -11,15 +11,20 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.optimize import least_squares
 
 from femu_piezo.extraction import extract
 from femu_piezo.forward.thin_limits import thin_disk_eigenvalues
 from femu_piezo.material.constants import EPS0
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.output.curves import impedance_figure
+from femu_piezo.output.diagnosis import diagnosis_figure
+from femu_piezo.output.diagnosis_words import answer
 from femu_piezo.output.folder import prepare_folder, write_figure
+from femu_piezo.output.report_diagnosis import write_diagnosis_report
 from femu_piezo.output.report_update import write_update_report
 from femu_piezo.specimen import read_specimen
+from femu_piezo.study.diagnose import diagnose
 from femu_piezo.study.update import update
 
 HERE = Path(__file__).parent if "__file__" in globals() else Path()
@@ -166,3 +171,65 @@ write_figure(OUT / "poisson_and_q.png", figure)
 write_figure(OUT / "impedance.png", impedance_figure(result.outcomes[0]))
 write_update_report(OUT / "report.html", result, "tutorials/measured_disk/measured_disk.py")
 print(f"pictures and report.html are in {OUT}")
+
+# %% [markdown]
+# ## What the simulation gets wrong
+#
+# The four constants leave 0.7 %, the sweep scatters by 0.01 %. Every effect of the library is tried, with the band from
+# 60 to 63 kHz kept from all fits. None explains it, and the verdict is *unknown*.
+#
+# One thing to know: the diagnosis weighs every point by its scatter, which is largest at the pole, the update weighs
+# all alike. Where the misfit is not noise neither is right, and the rms differs: 1.3 % here against 0.7 %.
+
+# %%
+wish = specimen.measurement.model_copy(update={"held_out": (60e3, 63e3)})
+diagnosis = diagnose(specimen.model_copy(update={"measurement": wish}))
+sweep = diagnosis.spectrum
+before, after = (np.abs(np.log(curve / sweep.impedance)) for curve in diagnosis.curves)
+for words, points in (("fitted points", diagnosis.fitted), ("held-out band", ~diagnosis.fitted)):
+    rms_before, rms_after = (float(np.sqrt(np.mean(error[points] ** 2))) for error in (before, after))
+    print(f"{words}: rms |Δ log Z| {100 * rms_before:.2f} % before, {100 * rms_after:.2f} % after")
+print(answer(diagnosis).headline)
+for sentence in (*answer(diagnosis).wrong, *answer(diagnosis).sure):
+    print(f"  {sentence}")
+for one in (*diagnosis.pole_zero[0].poles, *diagnosis.pole_zero[0].zeros):
+    shift, quality_shift = one.frequency, one.quality
+    print(
+        f"  {one.measured.kind} {one.measured.frequency_Hz / 1e3:.3f} kHz: Δf {1e4 * shift[0]:+.0f} ppm "
+        f"({shift[1]:+.1f} σ), ΔQ {quality_shift[0]:+.1f} % ({quality_shift[1]:+.1f} σ)"
+    )
+assert diagnosis.verdict.word == "unknown"
+assert not [cause for cause in diagnosis.verdict.causes if cause.probability > 0.9]
+
+# %% [markdown]
+# ## Is it the simulation at all?
+#
+# A test that needs no finite elements: one resonance on a background, C(ω) = a + b ω² + r/(λ − ω²) with four complex
+# numbers. Any linear body with one mode in the band looks like this, whatever its constants, electrodes and cable are.
+# It leaves almost the same. So no better constants and no effect that keeps the disk linear will do; what can are the
+# drive level (a resonance that moves with the current), a drift of temperature over the sweep, or the way the figure
+# became numbers. One sweep does not tell them apart: measure up and down, and at a tenth of the voltage.
+
+
+# %%
+def one_resonance(spectrum, near_Hz):
+    """rms |Δ log Z| of the best C(ω) = a + b ω² + r/(λ − ω²), all complex: one mode of any linear body."""
+    x = (spectrum.frequency / near_Hz) ** 2
+    capacitance = spectrum.admittance / (1j * spectrum.omega)
+    capacitance = capacitance / np.median(np.abs(capacitance))
+
+    def misfit(u):
+        a, b, pole, residue = u[::2] + 1j * u[1::2]
+        error = np.log((a + b * (x - 1) + residue / (pole - x)) / capacitance)
+        return np.concatenate([error.real, error.imag])
+
+    starts = ([a, -0.02, 0.0, 0.0, 1.0, 0.012, r, 0.0] for a in (0.5, 1.0, 2.0) for r in (0.05, 0.2))
+    cost = min(least_squares(misfit, start, x_scale="jac").cost for start in starts)
+    return float(np.sqrt(2 * cost / x.size))
+
+
+bound, found_rms = one_resonance(sweep, 55.6e3), result.outcomes[0].rms_after
+print(f"\none resonance of any body: {100 * bound:.2f} %; the finite elements: {100 * found_rms:.2f} %")
+assert bound < found_rms < 1.2 * bound
+write_figure(OUT / "diagnosis.png", diagnosis_figure(diagnosis))
+write_diagnosis_report(OUT / "diagnosis.html", diagnosis, "tutorials/measured_disk/measured_disk.py")
