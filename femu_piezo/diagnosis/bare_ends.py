@@ -6,8 +6,9 @@ A base field x leaves the charge R x on the strip, where its potential was held.
     S(m) = −Rᵗ G R = Rᵗψ + ψᵗR + ψᵗKψ    per base field.
 
 The last form is stationary in ψ, so its parts per unit constant are exact derivatives of S; and since S is homogeneous
-of degree one in the constants, it is the sum of constant times derivative. G comes from a mesh of the end region alone, graded to the edge of the electrode at L/2 − m, where the field is
-singular; inertia plays no part over such lengths. S starts as m² and is interpolated between a few strips.
+of degree one in the constants, it is the sum of constant times derivative. G
+comes from a mesh of the end region alone, graded to the edge of the electrode at L/2 − m, where the field is singular;
+inertia plays no part over such lengths. S starts as m² and is interpolated between a few strips.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 import skfem
 from scipy.interpolate import BarycentricInterpolator
 
+from femu_piezo.diagnosis.box_interpolation import interpolation
 from femu_piezo.diagnosis.sectors import DRIVEN, Sectors
 from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products
 from femu_piezo.forward.linear_solver import factorize
@@ -28,7 +30,7 @@ from femu_piezo.material.constants import E_FORM, ElasticForm
 WIDEST = 0.1
 _NODES = np.array([0.06, 0.22, 0.45, 0.72, 1.0])
 #: Reach of the end region beyond the strip, in thicknesses; elements over width and half thickness.
-_REACH, _ACROSS, _DEEP = 2.5, 4, 4
+_REACH, _ACROSS, _DEEP = 2.5, 2, 4
 #: Growth of element lengths away from the electrode's edge, and the smallest, in half thicknesses.
 _GROWTH, _SMALLEST = 1.7, 0.01
 
@@ -120,7 +122,7 @@ def _freed(model: ElectroelasticModel, fields: np.ndarray, constants: ElasticFor
     free = np.flatnonzero(~held.ravel())
     scale = np.where(free >= 3 * n, POTENTIAL_SCALE, 1.0)
     local = operator[free][:, free].multiply(scale).T.multiply(scale).tocsr()
-    probe = model.basis.probes(np.clip(basis.doflocs, 0.0, model.domain.mesh.p.max(axis=1)[:, None]))
+    probe = interpolation(model, basis.doflocs)
     interpolated = np.concatenate([probe @ part for part in fields])
     rows = 3 * n + strip
     right = np.zeros((free.size, fields.shape[2]))

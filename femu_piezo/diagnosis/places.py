@@ -15,6 +15,7 @@ import skfem
 from numpy.polynomial import legendre
 
 from femu_piezo.diagnosis.bare_ends import BareEnds, measure_bare_ends
+from femu_piezo.diagnosis.box_interpolation import interpolation
 from femu_piezo.diagnosis.sectors import SPOT, Sectors, columns, flipped_axes
 from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products
 from femu_piezo.forward.model import ElectroelasticModel
@@ -133,7 +134,7 @@ def _face(model: ElectroelasticModel, sectors: Sectors) -> Face:
     nodes = [legendre.leggauss(count)[0] for count in _SAMPLES]
     x, y = ((node + 1) / 2 * length for node, length in zip(nodes, half, strict=True))
     grid = np.array([*(axis.ravel() for axis in np.meshgrid(x, y, indexing="ij")), np.full(x.size * y.size, ends[2])])
-    probe = model.basis.probes(grid)
+    probe = interpolation(model, grid)
     u = sectors.displacements
     values = np.stack([probe @ sectors.fields[axis][:, :u] for axis in range(3)])
     values = values.reshape(3, x.size, y.size, u)

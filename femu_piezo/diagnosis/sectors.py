@@ -11,16 +11,18 @@ potential to each displacement: they are modes at the reference constants, and e
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import skfem
 
+from femu_piezo.diagnosis.box_interpolation import interpolation
 from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.parity import ParityClass
 from femu_piezo.forward.reduced_basis import new_directions
 from femu_piezo.forward.reduction import ReducedModel
+from femu_piezo.geometry.boxes import tensor_box
 from femu_piezo.material.constants import ElasticForm
 
 DRIVEN, SLICES, RAMP, SPOT = "driven", "slices", "ramp", "spot"
@@ -74,30 +76,64 @@ def build_sectors(
     u = reduced.displacements
     parts, names = [driven[:, :, :u]], [DRIVEN]
     top = (2 * np.pi * reduced.band_Hz) ** 2
+    rough = _rougher(model) if any(flipped_axes(name) for name in wanted) else None
     static, states = _driven_states(reduced, constants, top)
     if SPOT in wanted:
         parts.append(np.zeros((FIELDS, model.basis.N, 3)))
         names.append(SPOT)
     for flipped in dict.fromkeys(flipped_axes(name) for name in wanted if name != SPOT):
-        own, letters = ParityClass(model, constants, flipped), "".join("xyz"[axis] for axis in flipped)
-        known = driven[:3, :, :u].reshape(-1, u)
+        letters = "".join("xyz"[axis] for axis in flipped)
+        known = driven[:, :, :u]
         if flipped:
-            modes = own.modes(_BEYOND * top)
-            parts.append(modes.reshape(FIELDS, model.basis.N, -1))
+            known = _class_modes(model, rough, constants, flipped, _BEYOND * top)
+            parts.append(known)
             names.append(letters)
-            known = modes[: known.shape[0]]
-        for kind in (SLICES, RAMP):
-            name = f"{letters} {kind}".strip()
-            if name in wanted:
-                loads = _slice_loads(model, constants, driven @ static) if kind == SLICES else None
-                loads = _ramp_loads(model, constants, driven @ states) if loads is None else loads
-                response = own.prolongation @ own.factor(_SHIFT * top).solve(own.prolongation.T @ loads)
-                parts.append(_outside(model, response, known))
-                names.append(name)
+        loads = {
+            f"{letters} {SLICES}".strip(): lambda: _slice_loads(model, constants, driven @ static),
+            f"{letters} {RAMP}".strip(): lambda: _ramp_loads(model, constants, driven @ states),
+        }
+        loads = {name: load() for name, load in loads.items() if name in wanted}
+        responses = _responses(model, constants, flipped, list(loads.values()), _SHIFT * top) if loads else []
+        for name, response in zip(loads, responses, strict=True):
+            parts.append(_outside(model, response, known))
+            names.append(name)
+            known = np.concatenate([known, parts[-1]], axis=2)
     counts = [part.shape[2] for part in parts]
     member = np.concatenate([np.repeat(np.arange(len(parts)), counts), np.zeros(driven.shape[2] - u, dtype=int)])
     fields = np.concatenate([*parts, driven[:, :, u:]], axis=2)
     return Sectors(tuple(names), member, fields, int(sum(counts)))
+
+
+def _rougher(model: ElectroelasticModel) -> ElectroelasticModel:
+    """The same box with half as many elements along each axis."""
+    domain = model.domain
+    counts = [np.unique(np.round(axis / np.ptp(axis), 9)).size - 1 for axis in domain.mesh.p]
+    lines = [np.linspace(x.min(), x.max(), (n + 1) // 2 + 1) for x, n in zip(domain.mesh.p, counts, strict=True)]
+    return ElectroelasticModel(replace(domain, mesh=tensor_box(lines)), model.density)
+
+
+def _class_modes(
+    model: ElectroelasticModel, rough: ElectroelasticModel, constants: ElasticForm, flipped: tuple[int, ...], top: float
+) -> np.ndarray:
+    """(4, n, k) modes of a class with ω² below `top`, found on a rougher mesh, uᵗMu = 1 on the fine one.
+
+    They enter at second order of an effect; their error enters squared.
+    """
+    fields = ParityClass(rough, constants, flipped).modes(top).reshape(FIELDS, rough.basis.N, -1)
+    probe = interpolation(rough, model.basis.doflocs)
+    fine = np.concatenate([probe @ part for part in fields])
+    n = 3 * model.basis.N
+    gram = fine[:n].T @ (model.products.mass_matrix(model.density)[:n, :n] @ fine[:n])
+    return np.linalg.solve(np.linalg.cholesky(gram), fine.T).T.reshape(FIELDS, model.basis.N, -1)
+
+
+def _responses(
+    model: ElectroelasticModel, constants: ElasticForm, flipped: tuple[int, ...], loads: list[np.ndarray], shift: float
+) -> list[np.ndarray]:
+    """(4n, k) response of a class to each set of loads (4n, k) at ω² = shift."""
+    own = ParityClass(model, constants, flipped)
+    factor = own.factor(shift)
+    return [own.prolongation @ factor.solve(own.prolongation.T @ load) for load in loads]
 
 
 def _driven_states(reduced: ReducedModel, constants: ElasticForm, top: float) -> tuple[np.ndarray, np.ndarray]:
@@ -132,11 +168,12 @@ def _ramp_loads(model: ElectroelasticModel, constants: ElasticForm, states: np.n
 
 
 def _outside(model: ElectroelasticModel, responses: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """(4, n, k) combinations of responses (4n, j), displacements orthonormal and new beside `known` (3n, i)."""
-    n = known.shape[0]
+    """Combinations (4, n, k) of responses (4n, j), their displacements orthonormal and new beside `known` (4, n, i)."""
+    n = 3 * model.basis.N
+    old = known[:3].reshape(n, -1)
     weight = model.products.mass_matrix(model.density)[:n, :n]
-    outside = responses[:n] - known @ (known.T @ (weight @ responses[:n]))
-    fresh = new_directions(known, outside, _KEEP, weight)
+    outside = responses[:n] - old @ (old.T @ (weight @ responses[:n]))
+    fresh = new_directions(old, outside, _KEEP, weight)
     # the potentials follow the same combinations
     mix = np.linalg.lstsq(fresh.T @ (weight @ outside), np.eye(fresh.shape[1]), rcond=1e-10)[0]
     return np.concatenate([fresh, responses[n:] @ mix]).reshape(FIELDS, model.basis.N, -1)

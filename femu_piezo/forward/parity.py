@@ -24,6 +24,8 @@ from femu_piezo.material.constants import ElasticForm
 
 #: Modes asked for at first; doubled until the band is covered.
 _COUNT = 10
+#: Relative error of an eigenvalue; that of a Galerkin basis made of the modes is its square.
+_TOLERANCE = 1e-6
 
 
 class ParityClass:
@@ -71,7 +73,14 @@ class ParityClass:
         start = inverse @ (self.mass @ np.random.default_rng(1).standard_normal(self.mass.shape[0]))
         try:
             values, vectors = spla.eigsh(
-                self.stiffness, count, M=self.mass, sigma=shift, OPinv=inverse, v0=start, tol=1e-9, ncv=2 * count + 10
+                self.stiffness,
+                count,
+                M=self.mass,
+                sigma=shift,
+                OPinv=inverse,
+                v0=start,
+                tol=_TOLERANCE,
+                ncv=2 * count + 4,
             )
         except spla.ArpackNoConvergence as error:
             raise ConvergenceError(f"modes of a parity class: {error}; ask for a narrower band") from error

@@ -7,6 +7,7 @@ plates of all dimensions, and the main job needs neither gmsh nor its system lib
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,7 +69,7 @@ def unit_box(divisions: tuple[int, int, int]) -> skfem.MeshHex:
         try:
             write_unit_box(divisions, Path(folder) / name)
         except InputError:  # gmsh's shared libraries (X11, GLU) are not installed
-            return _tensor_box(divisions)
+            return tensor_box([np.linspace(0.0, 1.0, count + 1) for count in divisions])
         return read_hexahedra(Path(folder) / name)
 
 
@@ -78,10 +79,11 @@ def read_hexahedra(path: Path) -> skfem.MeshHex:
     return replace(mesh, _subdomains=None)
 
 
-def _tensor_box(divisions: tuple[int, int, int]) -> skfem.MeshHex:
-    grids = [np.linspace(0.0, 1.0, count + 1) for count in divisions]
-    mesh = skfem.MeshHex.init_tensor(*grids)
-    tests = {
-        name: (lambda x, axis=i // 2, value=float(i % 2): np.isclose(x[axis], value)) for i, name in enumerate(FACES)
-    }
-    return mesh.with_boundaries(tests)
+def tensor_box(lines: Sequence[np.ndarray]) -> skfem.MeshHex:
+    """The box with grid lines at given x, y, z (m), and boundaries named as `FACES`."""
+    mesh = skfem.MeshHex.init_tensor(*lines)
+
+    def on(axis: int, place: float) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda x: np.abs(x[axis] - place) < 1e-9 * (lines[axis][-1] - lines[axis][0])
+
+    return mesh.with_boundaries({name: on(i // 2, lines[i // 2][-(i % 2)]) for i, name in enumerate(FACES)})
