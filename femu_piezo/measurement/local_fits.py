@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-_PASSES, _STEPS = 3, 3
+_PASSES, _STEPS, _REFINEMENTS = 3, 3, 4
 #: Ridge of the normal equations, relative: coefficients of p and q have a common factor that nothing fixes.
 _RIDGE = 1e-8
 
@@ -27,22 +27,36 @@ def rational(
 
     Returns the fit (k, w) complex and its relative Jacobian ∂ log(p/q) / ∂ coefficients (k, w, n) complex.
     """
+    powers = _powers(frequency, degrees)
+    return _quotient(*powers, _linear_fit(*powers, values, weight))
+
+
+def _powers(frequency: np.ndarray, degrees: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Chebyshev polynomials of numerator and denominator (k, w, degree + 1) over each window."""
     x = frequency - frequency.mean(axis=1, keepdims=True)
     x = x / np.abs(x).max(axis=1, keepdims=True)
     powers = np.polynomial.chebyshev.chebvander(x, max(degrees))
-    top, bottom = powers[..., : degrees[0] + 1], powers[..., : degrees[1] + 1]
+    return powers[..., : degrees[0] + 1], powers[..., : degrees[1] + 1]
+
+
+def _linear_fit(top: np.ndarray, bottom: np.ndarray, values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(k, n) coefficients of p, then q, that make p/values − q small, weighted by 1/q of the pass before."""
     matrix = np.concatenate([top / values[..., None], -bottom], axis=-1)
     scale = weight
     for _ in range(_PASSES):
         scaled = matrix * scale[..., None]
         # the Gram matrix is good to 1e-8 of the largest column, far below any noise, and much faster than an SVD
         null = np.linalg.eigh(np.swapaxes(scaled.conj(), 1, 2) @ scaled)[1][:, :, 0]
-        p = np.einsum("kwi,ki->kw", top, null[:, : degrees[0] + 1])
-        q = np.einsum("kwi,ki->kw", bottom, null[:, degrees[0] + 1 :])
-        q = _away_from_zero(q)
+        q = _away_from_zero(np.einsum("kwi,ki->kw", bottom, null[:, top.shape[-1] :]))
         scale = weight / np.abs(q)
         scale = scale / scale.max(axis=1, keepdims=True)
-    p = _away_from_zero(p)
+    return null
+
+
+def _quotient(top: np.ndarray, bottom: np.ndarray, coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """p/q (k, w) and its relative Jacobian (k, w, n)."""
+    p = _away_from_zero(np.einsum("kwi,ki->kw", top, coefficients[:, : top.shape[-1]]))
+    q = _away_from_zero(np.einsum("kwi,ki->kw", bottom, coefficients[:, top.shape[-1] :]))
     return p / q, np.concatenate([top / p[..., None], -bottom / q[..., None]], axis=-1)
 
 
@@ -104,20 +118,37 @@ def stepped(
     width, degrees = shape
     index = windows(impedance.size, after + 1, width)
     behind = (index > after[:, None]).astype(float)
-    f, z, w = frequency[index], impedance[index], 1 / sigma[index]
+    z, w = impedance[index], 1 / sigma[index]
+    powers = _powers(frequency[index], degrees)
     step = _straight_step(z, behind)
     for _ in range(_STEPS):
-        level = z * np.exp(-step[:, None] * behind)
-        fit, jacobian = rational(f, level, w, degrees)
-        residual = np.log(level / fit) * w
-        both = np.concatenate([jacobian, behind[..., None]], axis=-1) * w[..., None]
-        inverse = _pseudo_inverse(both)
-        change = np.einsum("ki,ki->k", inverse[:, -1], residual)
-        step = step + np.clip(np.abs(change), 0, 1) * np.exp(1j * np.angle(change))
+        coefficients = _linear_fit(*powers, z * np.exp(-step[:, None] * behind), w)
+        fit, inverse = _with_step(*powers, coefficients, behind, w)
+        change = np.einsum("ki,ki->k", inverse[:, -1], np.log(z * np.exp(-step[:, None] * behind) / fit) * w)
+        step = step + _at_most_one(change)
+    residual = np.log(z * np.exp(-step[:, None] * behind) / fit) * w
+    for _ in range(_REFINEMENTS):  # the linear fit does not minimise the residual itself; Gauss and Newton do
+        change = np.einsum("knw,kw->kn", inverse, residual)
+        tried, moved = coefficients + change[:, :-1], step + _at_most_one(change[:, -1])
+        fit, other = _with_step(*powers, tried, behind, w)
+        left = np.log(z * np.exp(-moved[:, None] * behind) / fit) * w
+        better = np.linalg.norm(left, axis=1) < np.linalg.norm(residual, axis=1)
+        step = np.where(better, moved, step)
+        coefficients, residual = (np.where(better[:, None], a, b) for a, b in ((tried, coefficients), (left, residual)))
+        inverse = np.where(better[:, None, None], other, inverse)
     std = np.linalg.norm(inverse[:, -1], axis=1)
     freedom = width - (sum(degrees) + 2)
-    rest = np.linalg.norm(residual, axis=1) / np.sqrt(freedom)
-    return step, np.abs(step) / std, rest
+    return step, np.abs(step) / std, np.linalg.norm(residual, axis=1) / np.sqrt(freedom)
+
+
+def _with_step(top, bottom, coefficients, behind, weight) -> tuple[np.ndarray, np.ndarray]:
+    """p/q (k, w), and what turns weighted residuals into changes of its coefficients and of the step (k, n + 1, w)."""
+    fit, jacobian = _quotient(top, bottom, coefficients)
+    return fit, _pseudo_inverse(np.concatenate([jacobian, behind[..., None]], axis=-1) * weight[..., None])
+
+
+def _at_most_one(change: np.ndarray) -> np.ndarray:
+    return np.clip(np.abs(change), 0, 1) * np.exp(1j * np.angle(change))
 
 
 def _pseudo_inverse(matrix: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ import psutil
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Plates that each way computes before it is the turn of the next.
-ROUND = 50
+ROUND = 25
 sys.path[:0] = [str(ROOT / "tests" / "batch")]
 
 SPECIMEN = """

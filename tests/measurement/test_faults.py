@@ -57,7 +57,7 @@ def test_spikes_are_found_and_nothing_else(points: int, material: dict) -> None:
 @pytest.mark.parametrize("material", [SOFT, HARD])
 @pytest.mark.parametrize("points", [101, 401])
 def test_jumps_are_found_at_their_place(points: int, material: dict) -> None:
-    """A step of gain and phase by twenty standard deviations: at least 18 of 20, at the right point."""
+    """A step of gain and phase by twenty standard deviations: at least 19 of 20, at the right point."""
     rng, hits = np.random.default_rng(points), 0
     for seed in range(20):
         frequency, impedance = noisy(points, (1e-4, 1e-3)[seed % 2], material, seed)
@@ -66,7 +66,7 @@ def test_jumps_are_found_at_their_place(points: int, material: dict) -> None:
         found = faults_of(frequency, impedance)
         shorter = list(range(place)) if place < points - place else list(range(place, points))
         hits += found == {"jump": shorter}
-    assert hits >= 18
+    assert hits >= 19
 
 
 def test_lines_of_the_mains_are_named() -> None:
