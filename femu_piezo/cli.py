@@ -129,6 +129,8 @@ def simulate(specimen: Path, out: Path, full_order: bool) -> None:
         click.echo(f"zero {zero.frequency_Hz:14.3f} Hz   loss {zero.loss:.6f}")
     if result.effects:
         click.echo(f"poles, zeros and sweep are those of the specimen with its effects ({', '.join(result.effects)})")
+    for note in result.notes:
+        click.echo(f"note: {note}")
     click.echo(f"{len(result.spectrum)} points, {result.unknowns} unknowns → {out / 'impedance.csv'}")
 
 
@@ -389,6 +391,8 @@ def modes(
 
         write_binary(out / "modes.html", scene_html(result).encode("utf-8"))
     write_json(out / "modes.json", result.to_json())
+    for note in result.notes:
+        click.echo(f"note: {note}")
     click.echo(f"{len(result.modes)} modes, {result.model.size} unknowns → {out / 'modes.png'}")
 
 

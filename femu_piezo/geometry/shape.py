@@ -68,7 +68,7 @@ def check_size(elements: float, kind: str) -> None:
     if unknowns > MOST_UNKNOWNS:
         raise InputError(
             f"the mesh would have about {unknowns:.2g} unknowns, and at most {MOST_UNKNOWNS:g} can be solved; lower "
-            "the highest frequency (simulation.stop) or ask for less accuracy (update.accuracy, such as 1e-3)"
+            "the highest frequency (simulation.stop, --band of modes) or ask for less accuracy (update.accuracy = 1e-3)"
         )
 
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from femu_piezo.diagnosis.fitting import JointFit
 from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
-from femu_piezo.study.diagnose import Diagnosis
+from femu_piezo.study.diagnose import DiagnosedSweep, Diagnosis
 
 
 def diagnosis_record(result: Diagnosis) -> dict:
@@ -25,9 +25,8 @@ def diagnosis_record(result: Diagnosis) -> dict:
             "before": {name: e.to_json() for name, e in result.constants(comparison.base).items()},
             "after": {name: e.to_json() for name, e in result.constants(comparison.final).items()},
         },
-        "poles": _resonances(result, "poles"),
-        "zeros": _resonances(result, "zeros"),
-        "unexplained": {when: one.to_json() for when, one in zip(("before", "after"), result.pole_zero, strict=True)},
+        **_pole_zero(result.sweeps[result.shown]),
+        "sweeps": [{"specimen": sweep.specimen.name, **_pole_zero(sweep)} for sweep in result.sweeps],
         "recommended_measurements": list(verdict.measurements),
         "remaining": {
             "before": _remaining(verdict.before),
@@ -62,13 +61,17 @@ def _cause_record(cause: Cause) -> dict:
     }
 
 
-def _resonances(result: Diagnosis, kinds: str) -> list[dict]:
-    """Every measured pole or zero with its differences from base and final model."""
-    before, after = (getattr(one, kinds) for one in result.pole_zero)
-    return [
-        {"measured": old.measured.to_json(), "before": old.to_json(), "after": new.to_json()}
-        for old, new in zip(before, after, strict=True)
-    ]
+def _pole_zero(sweep: DiagnosedSweep) -> dict:
+    """Every measured pole and zero with its differences from base and final model, and resonances without partner."""
+    before, after = sweep.pole_zero
+    record: dict = {
+        kinds: [
+            {"measured": old.measured.to_json(), "before": old.to_json(), "after": new.to_json()}
+            for old, new in zip(getattr(before, kinds), getattr(after, kinds), strict=True)
+        ]
+        for kinds in ("poles", "zeros")
+    }
+    return record | {"unexplained": {"before": before.to_json(), "after": after.to_json()}}
 
 
 def _remaining(left) -> dict:

@@ -6,8 +6,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 
 from femu_piezo.output.curves import PRINTED
-from femu_piezo.output.diagnosis_words import answer, listed, percent, quantity, sizes, spoken
+from femu_piezo.output.diagnosis_words import answer
 from femu_piezo.output.tables import number
+from femu_piezo.output.wording import listed, percent, quantity, sizes, spoken
 from femu_piezo.study.diagnose import Diagnosis
 from femu_piezo.study.pole_zero_residuals import Difference
 

@@ -6,15 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from femu_piezo.diagnosis.effect import Effect, EffectParameter
 from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.output.curves import PRINTED
-from femu_piezo.output.tables import number
+from femu_piezo.output.wording import band, listed, merged, percent, sizes, spoken
 from femu_piezo.study.diagnose import Diagnosis
 
-_SHARES = {"relative_error", "fall_per_decade"}  # pure numbers that are read as per cent
-_UNITS = {"ohm": ("Ω", 1.0), "kg": ("g", 1e3), "kg/m^2": ("g/m²", 1e3), "1": ("", 1.0)}
-_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 #: Shift of a constant, in standard deviations, that is told.
 _MOVED = 3.0
 #: Share of the sweep that stands out from which a misfit is all over it.
@@ -53,58 +49,6 @@ class Shift:
     percent: float
 
 
-def spoken(effect: Effect) -> str:
-    """The name of a cause in plain words."""
-    law = f" ({effect.law} law)" if effect.law else ""
-    return effect.title.replace("_", " ").replace(":", " ") + law
-
-
-def listed(words: list[str] | tuple[str, ...], last: str = "and") -> str:
-    """a, b and c."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
-
-
-def quantity(parameter: EffectParameter, value: float, std: float | None) -> str:
-    """A parameter of an effect with its deviation, in a readable unit."""
-    if parameter.unit == "1" and (parameter.name in _SHARES or parameter.name in PRINTED):
-        return f"{number(100 * value, None if std is None else 100 * std)} %"
-    unit, factor = _UNITS.get(parameter.unit, (parameter.unit.replace("^2", "²"), 1.0))
-    if unit:
-        size = factor * max(abs(value), std or 0.0)
-        power = int(np.clip(3 * np.floor(np.log10(size) / 3), -12, 9)) if size > 0 else 0
-        unit, factor = _PREFIXES[power] + unit, factor * 10.0**-power
-    text = number(factor * value, None if std is None else factor * std)
-    return f"({text}) {unit}" if unit and "±" in text else f"{text} {unit}".strip()
-
-
-def sizes(effect: Effect, values: np.ndarray, std: np.ndarray) -> str:
-    """All parameters of an effect with their names."""
-    found = zip(effect.parameters, values, std, strict=True)
-    return ", ".join(f"{p.name.replace('_', ' ')} {quantity(p, float(v), float(s))}" for p, v, s in found)
-
-
-def percent(share: float) -> str:
-    """A share in per cent with three digits."""
-    return f"{100 * share:.3g} %"
-
-
-def band(low: float, high: float) -> str:
-    """A band of frequencies, Hz, in kHz or MHz."""
-    factor, unit = (1e-6, "MHz") if high >= 2e6 else (1e-3, "kHz")
-    return f"{low * factor:.5g} to {high * factor:.5g} {unit}"
-
-
-def merged(bands: tuple[tuple[float, float], ...], gap: float) -> list[tuple[float, float]]:
-    """Bands in order of frequency, those less than a gap (Hz) apart joined."""
-    found: list[tuple[float, float]] = []
-    for low, high in sorted(bands):
-        if found and low - found[-1][1] < gap:
-            found[-1] = (found[-1][0], max(high, found[-1][1]))
-        else:
-            found.append((low, high))
-    return found
-
-
 def shifts(result: Diagnosis) -> list[Shift]:
     """Every free constant and tangent, the most moved first."""
     before, after = (result.constants(fit) for fit in (result.comparison.base, result.comparison.final))
@@ -135,14 +79,15 @@ def _headline(result: Diagnosis) -> str:
     many = len(result.verdict.causes) > 1
     if word == "effect":
         return f"The misfit has {'named causes' if many else 'a named cause'}: {_names(result)}."
+    words = "The simulation misses something that no known effect explains"
     if result.verdict.causes:
-        return f"{_names(result).capitalize()} explain{'' if many else 's'} a part of the misfit; the rest has no name."
-    return "The simulation misses something that no known effect explains."
+        return f"{words}: with {_names(result)} {percent(result.verdict.unexplained)} of the misfit stays."
+    return f"{words}."
 
 
 def _wrong(result: Diagnosis) -> tuple[str, ...]:
     verdict, frequency = result.verdict, result.spectrum.frequency
-    found = [_cause(cause) for cause in verdict.causes]
+    found = [_cause(cause) for cause in verdict.causes] if verdict.word == "effect" else []
     if verdict.word == "none":
         points = f"{len(result.spectrum)} points from {band(frequency[0], frequency[-1])}"
         found.append(f"With its constants updated the model follows the {points} as closely as the noise allows.")
@@ -156,9 +101,8 @@ def _wrong(result: Diagnosis) -> tuple[str, ...]:
             + (", spread over the whole sweep" if whole or not where else "")
             + (f", most of it from {listed(where)}." if where else ".")
         )
-        if verdict.causes:
-            share = percent(verdict.unexplained)
-            found.append(f"Of the misfit beyond noise {share} stays: the name above is not the whole answer.")
+        found += [f"The best guess takes a part of it away. {_cause(cause)}" for cause in verdict.causes[:1]]
+        found += [_cause(cause) for cause in verdict.causes[1:]]
     found += _resonances(result)
     return tuple(found)
 

@@ -7,14 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from femu_piezo.output.chart import Axis, Band, Chart, Series
-from femu_piezo.output.curves import BASELINE, MEASURED, PRINTED, UPDATED, frequency_axis
+from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.diagnosis import diagnosis_record
 from femu_piezo.output.diagnosis_tables import difference, fitted_sizes, ranked
-from femu_piezo.output.diagnosis_words import Answer, answer, listed, shifts, spoken
+from femu_piezo.output.diagnosis_words import Answer, answer, shifts
 from femu_piezo.output.report import Cell, Section, notes, paragraph, provenance_section, table, write_report
+from femu_piezo.output.report_diagnosis_charts import curve_charts, models, residual_charts
 from femu_piezo.output.report_modes import fundamental_picture
 from femu_piezo.output.tables import number
+from femu_piezo.output.wording import listed, spoken
 from femu_piezo.study.diagnose import Diagnosis, extended_specimen
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals
 
@@ -31,7 +32,7 @@ def write_diagnosis_report(path: Path, result: Diagnosis, command: str = "femu-p
 def diagnosis_sections(result: Diagnosis) -> list[Section]:
     """Answers, residuals, curves, resonances, candidates, what the sweep cannot show, measurements, constants."""
     said = answer(result)
-    curves, residuals = _curve_charts(result), _residual_charts(result)
+    curves, residuals = curve_charts(result), residual_charts(result)
     return [
         Section("answers", "In short", _answers(result, said)),
         Section("residuals", "What is left over", "".join(chart.html() for chart in residuals)),
@@ -58,89 +59,6 @@ def _answers(result: Diagnosis, said: Answer) -> str:
     return body + notes(result.notes)
 
 
-def _models(result: Diagnosis) -> tuple[tuple[str, np.ndarray, dict, str], ...]:
-    """Words, curve, style and kind of line of the base and, where an effect is named, of the final model."""
-    base = ("base model, updated", result.curves[0], BASELINE, "dashed")
-    if not result.verdict.causes:
-        return (base,)
-    return (base, (f"with {_names(result)}", result.curves[1], UPDATED, "line"))
-
-
-def _names(result: Diagnosis) -> str:
-    return listed([spoken(cause.effect) for cause in result.verdict.causes])
-
-
-def _axis(result: Diagnosis) -> tuple[np.ndarray, float, Axis, str]:
-    factor, label, scale = frequency_axis(result.spectrum.frequency)
-    return result.spectrum.frequency * factor, factor, Axis(label, log=scale == "log"), "sweep"
-
-
-def _bands(result: Diagnosis, factor: float) -> tuple[Band, ...]:
-    unseen = result.spectrum.frequency[~result.fitted] * factor
-    return (Band("x", float(unseen[0]), float(unseen[-1]), "not seen by the fit"),) if unseen.size else ()
-
-
-def _views(result: Diagnosis, factor: float) -> dict[str, tuple[float, float]]:
-    """Around the fundamental, and where most is left over."""
-    frequency, views = result.spectrum.frequency, {}
-    width = 0.15 * result.reference_Hz
-    low, high = max(result.reference_Hz - width, frequency[0]), min(result.reference_Hz + width, frequency[-1])
-    views["around the fundamental"] = (float(low * factor), float(high * factor))
-    if result.verdict.before.worst_Hz:
-        first, last = result.verdict.before.worst_Hz[0]
-        room = 0.5 * (last - first)
-        low, high = max(first - room, frequency[0]), min(last + room, frequency[-1])
-        views["where the base model fails most"] = (float(low * factor), float(high * factor))
-    return views
-
-
-def _residual_charts(result: Diagnosis) -> list[Chart]:
-    """log |Z| and phase of simulated over measured, in σ, before and after."""
-    x, factor, axis, group = _axis(result)
-    sigma, charts = result.relative_noise / np.sqrt(2), []
-    for number_, (words, curve, _, _) in enumerate(_models(result)):
-        error = np.log(curve / result.spectrum.impedance) / sigma
-        left = (result.verdict.before, result.verdict.after)[number_]
-        judged = "beyond noise, in size or in structure" if left.structured else "as noise alone would leave it"
-        rms = float(np.sqrt(np.mean(np.abs(error) ** 2) / 2))
-        charts.append(
-            Chart(
-                axis,
-                Axis("residual (σ)"),
-                (
-                    Series("log |Z|", x, error.real, "#1f4e79", "points"),
-                    Series("phase", x, error.imag, "#d98032", "points"),
-                ),
-                group,
-                (*_bands(result, factor), Band("y", -1.96, 1.96, "95 % of pure noise", "#e3ece3")),
-                _views(result, factor) if number_ == 0 else {},
-                height=250,
-                caption=f"{words[0].upper()}{words[1:]}: root mean square {rms:.3g} σ; {judged}.",
-            )
-        )
-    return charts
-
-
-def _curve_charts(result: Diagnosis) -> list[Chart]:
-    x, factor, axis, group = _axis(result)
-    curves = (("measured", result.spectrum.impedance, MEASURED, "points"), *_models(result))
-    parts = (
-        (Axis("|Z| (Ω)", log=True), np.abs, 320),
-        (Axis("phase of Z (°)", limits=(-95.0, 95.0)), lambda z: np.degrees(np.angle(z)), 240),
-    )
-    return [
-        Chart(
-            axis,
-            vertical,
-            tuple(Series(words, x, part(z), style["color"], kind) for words, z, style, kind in curves),
-            group,
-            _bands(result, factor),
-            height=height,
-        )
-        for vertical, part, height in parts
-    ]
-
-
 def _resonances(result: Diagnosis) -> str:
     """One table for the base, one for the final model."""
     words = (
@@ -149,7 +67,7 @@ def _resonances(result: Diagnosis) -> str:
     )
     tables = [
         _resonance_table(one, model[0], when)
-        for model, one, when in zip(_models(result), result.pole_zero, ("before", "after"), strict=False)
+        for model, one, when in zip(models(result), result.pole_zero, ("before", "after"), strict=False)
     ]
     return "".join(tables) + paragraph(words) + notes(_strangers(result))
 

@@ -21,6 +21,7 @@ from femu_piezo.study.diagnosis_run import Run
 from femu_piezo.study.diagnosis_start import first_constants
 from femu_piezo.study.diagnosis_subject import candidates, subjects
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals, pole_zero_residuals
+from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.updating.parameters import Estimate, estimates
 
 
@@ -44,6 +45,15 @@ class DiagnosedSweep:
     relative_noise: np.ndarray
     curves: tuple[np.ndarray, np.ndarray]
     reference_Hz: float
+
+    @cached_property
+    def pole_zero(self) -> tuple[PoleZeroResiduals, PoleZeroResiduals]:
+        """Base and final model against the poles and zeros of the whole sweep, held-out band included."""
+        measured = extract(self.spectrum)
+        base = pole_zero_residuals(measured, self.relative_noise, self.curves[0])
+        if np.array_equal(*self.curves):
+            return base, base
+        return base, pole_zero_residuals(measured, self.relative_noise, self.curves[1])
 
 
 @dataclass(frozen=True)
@@ -103,14 +113,10 @@ class Diagnosis:
         """Fundamental, where laws over frequency are anchored."""
         return self.sweeps[self.shown].reference_Hz
 
-    @cached_property
+    @property
     def pole_zero(self) -> tuple[PoleZeroResiduals, PoleZeroResiduals]:
-        """Base and final model against the poles and zeros of the whole sweep, held-out band included."""
-        measured = extract(self.spectrum)
-        base = pole_zero_residuals(measured, self.relative_noise, self.curves[0])
-        if not self.verdict.causes:
-            return base, base
-        return base, pole_zero_residuals(measured, self.relative_noise, self.curves[1])
+        """Its poles and zeros against those of base and final model."""
+        return self.sweeps[self.shown].pole_zero
 
     def constants(self, fit: JointFit) -> dict[str, Estimate]:
         """Free constants of a fit with standard deviations."""
@@ -166,7 +172,11 @@ def diagnose(specimens: Specimen | Sequence[Specimen], progress: Progress | None
         gain=_gain(comparison, sweeps),
         unknowns=run.unknowns,
         reduced_size=sum(model.size for model in run.models),
-        notes=(*(note for one in several for note in one.measured.spectrum.notes), *run.notes),
+        notes=(
+            *(note for one in several for note in one.measured.spectrum.notes),
+            *(note for specimen in specimens for note in electrode_notes(specimen)),
+            *run.notes,
+        ),
         seconds={step: round(value, 3) for step, value in clock.seconds.items()},
         sweeps=sweeps,
     )

@@ -13,6 +13,7 @@ from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.resonances import Resonance, effective_coupling
 from femu_piezo.specimen import Specimen
 from femu_piezo.study.inputs import Problem, prepare
+from femu_piezo.study.shapes import electrode_notes
 
 #: Share of the strongest mode's |a²/λ| below which a mode is not shown: the terminals hardly see it.
 _VISIBLE = 1e-3
@@ -69,12 +70,18 @@ class ModesResult:
     modes: tuple[DrivenMode, ...]
     band: tuple[float, float]
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What to know of the accuracy, as sentences."""
+        return electrode_notes(self.specimen)
+
     def to_json(self) -> dict:
         """Contents of modes.json."""
         return {
             "specimen": self.specimen.name,
             "band_Hz": list(self.band),
             "unknowns": self.model.size,
+            "notes": list(self.notes),
             "modes": [mode.to_json() for mode in self.modes],
         }
 

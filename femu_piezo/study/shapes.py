@@ -16,6 +16,8 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen import Specimen
 from femu_piezo.specimen_geometry import Geometry
 
+_FINER = '; elements = "tetrahedron" in [geometry] leaves a third of it'
+
 
 def shape_of(specimen: Specimen) -> Shape:
     """The body of a specimen; InputError with file and key where its dimensions do not go together."""
@@ -66,6 +68,19 @@ def _electrodes(geometry: Geometry) -> Electrodes:
     if geometry.wrap_length is not None:
         wrap = (geometry.wrap_length, geometry.wrap_gap)
     return Electrodes(geometry.electrode_margin or 0.0, span, wrap)
+
+
+def electrode_notes(specimen: Specimen) -> tuple[str, ...]:
+    """What to know of the accuracy of a body whose electrodes end inside its faces, as sentences."""
+    geometry = specimen.geometry
+    partial = (geometry.electrode_margin, geometry.electrode_length, geometry.wrap_length)
+    if not any(partial):
+        return ()
+    size, words = ("a few 1e-4", "") if geometry.elements == "tetrahedron" else ("up to 1e-3", _FINER)
+    return (
+        f"{specimen.name}: the field is singular where an electrode ends inside a face, which leaves a relative error "
+        f"of {size} in λ (half of it in frequency) whatever the accuracy asked for{words}",
+    )
 
 
 def first_mode_Hz(shape: Shape, constants: PiezoConstants, density: float) -> float:

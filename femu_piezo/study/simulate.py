@@ -17,6 +17,7 @@ from femu_piezo.resonances import Kind, Resonance
 from femu_piezo.specimen import Simulation, Specimen
 from femu_piezo.study.effects import simulated_with_effects
 from femu_piezo.study.inputs import Problem, prepare
+from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.threads import blas_limit
 
 #: Share of the strongest mode's |a²/λ| below which a mode is not listed: the terminals do not see it.
@@ -42,6 +43,11 @@ class SimulationResult:
     unknowns: int
     effects: tuple[str, ...] = ()
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What to know of the accuracy, as sentences."""
+        return electrode_notes(self.specimen)
+
     def to_json(self) -> dict:
         """Contents of simulation.json."""
         return {
@@ -50,6 +56,7 @@ class SimulationResult:
             "poles": [resonance.to_json() for resonance in self.poles],
             "zeros": [resonance.to_json() for resonance in self.zeros],
             "unknowns": self.unknowns,
+            "notes": list(self.notes),
         }
 
 

@@ -20,6 +20,7 @@ from femu_piezo.study.clock import Clock, Progress
 from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, baseline_constants, measure, start_constants
 from femu_piezo.study.results import Outcome, UpdateResult
+from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.study.solving import Run, State
 from femu_piezo.study.starts import pair_names
 from femu_piezo.updating.parameters import Estimate, estimates
@@ -110,6 +111,7 @@ def _parameters(state: State) -> dict[str, Estimate]:
 
 def _notes(measured: list[Measured], state: State, outcomes: tuple[Outcome, ...]) -> tuple[str, ...]:
     notes = [note for one in measured for note in one.spectrum.notes]
+    notes += [note for one in measured for note in electrode_notes(one.problem.specimen)]
     notes += [f"poles and zeros: {note}" for one in measured for note in one.extraction.notes]
     notes += [f"updated constants: {fault}" for fault in state.constants.physical_faults(tolerance=1e-3)]
     if state.known is not None:

@@ -17,7 +17,7 @@ from test_report import Page
 
 from femu_piezo.cli import main
 from femu_piezo.diagnosis.effect import EffectParameter
-from femu_piezo.output.diagnosis_words import band, listed, merged, quantity
+from femu_piezo.output.wording import band, listed, merged, quantity
 
 TUTORIAL = Path(__file__).resolve().parents[2] / "tutorials" / "hidden_effect"
 NOISE = 3e-3
@@ -110,8 +110,10 @@ def test_none_is_told_in_words_and_figures(none):
 def test_unknown_is_told_in_words_and_figures(unknown):
     assert unknown.record["verdict"] == "unknown"
     assert all(cause["probability"] < 0.9 for cause in unknown.record["causes"])
-    headline = "a part of the misfit; the rest has no name" if unknown.record["causes"] else "no known effect explains"
-    assert headline in unknown.first
+    assert "something that no known effect explains" in unknown.first
+    if unknown.record["causes"]:
+        share = 100 * unknown.record["remaining"]["unexplained"]
+        assert f"{share:.3g} % of the misfit stays" in unknown.first and "The best guess" in unknown.first
     assert "Do not rely on the constants" in unknown.first
     left = unknown.record["remaining"]["after"]
     low, high = left["worst_Hz"][0]

@@ -1,0 +1,65 @@
+"""Readable pieces of sentences: quantities with prefixes, lists, bands of frequency, names of effects."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femu_piezo.diagnosis.effect import Effect, EffectParameter
+from femu_piezo.output.curves import PRINTED
+from femu_piezo.output.tables import number
+
+_SHARES = {"relative_error", "fall_per_decade"}  # pure numbers that are read as per cent
+_UNITS = {"ohm": ("Ω", 1.0), "kg": ("g", 1e3), "kg/m^2": ("g/m²", 1e3), "1": ("", 1.0)}
+_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+
+
+def spoken(effect: Effect) -> str:
+    """The name of a cause in plain words."""
+    law = f" ({effect.law} law)" if effect.law else ""
+    return effect.title.replace("_", " ").replace(":", " ") + law
+
+
+def listed(words: list[str] | tuple[str, ...], last: str = "and") -> str:
+    """a, b and c."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
+
+
+def quantity(parameter: EffectParameter, value: float, std: float | None) -> str:
+    """A parameter of an effect with its deviation, in a readable unit."""
+    if parameter.unit == "1" and (parameter.name in _SHARES or parameter.name in PRINTED):
+        return f"{number(100 * value, None if std is None else 100 * std)} %"
+    unit, factor = _UNITS.get(parameter.unit, (parameter.unit.replace("^2", "²"), 1.0))
+    if unit:
+        size = factor * max(abs(value), std or 0.0)
+        power = int(np.clip(3 * np.floor(np.log10(size) / 3), -12, 9)) if size > 0 else 0
+        unit, factor = _PREFIXES[power] + unit, factor * 10.0**-power
+    text = number(factor * value, None if std is None else factor * std)
+    return f"({text}) {unit}" if unit and "±" in text else f"{text} {unit}".strip()
+
+
+def sizes(effect: Effect, values: np.ndarray, std: np.ndarray) -> str:
+    """All parameters of an effect with their names."""
+    found = zip(effect.parameters, values, std, strict=True)
+    return ", ".join(f"{p.name.replace('_', ' ')} {quantity(p, float(v), float(s))}" for p, v, s in found)
+
+
+def percent(share: float) -> str:
+    """A share in per cent with three digits."""
+    return f"{100 * share:.3g} %"
+
+
+def band(low: float, high: float) -> str:
+    """A band of frequencies, Hz, in kHz or MHz."""
+    factor, unit = (1e-6, "MHz") if high >= 2e6 else (1e-3, "kHz")
+    return f"{low * factor:.5g} to {high * factor:.5g} {unit}"
+
+
+def merged(bands: tuple[tuple[float, float], ...], gap: float) -> list[tuple[float, float]]:
+    """Bands in order of frequency, those less than a gap (Hz) apart joined."""
+    found: list[tuple[float, float]] = []
+    for low, high in sorted(bands):
+        if found and low - found[-1][1] < gap:
+            found[-1] = (found[-1][0], max(high, found[-1][1]))
+        else:
+            found.append((low, high))
+    return found

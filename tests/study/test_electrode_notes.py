@@ -1,0 +1,54 @@
+"""Bodies whose electrodes end inside a face say so wherever they are computed."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from femu_piezo.cli import main
+from femu_piezo.specimen import read_specimen
+from femu_piezo.study.shapes import electrode_notes
+
+PLATE = """
+[geometry]
+shape = "plate"
+length = "10 mm"
+width = "3 mm"
+thickness = "1 mm"
+{more}
+[material]
+base = "pzt-5h"
+"""
+
+
+def specimen(tmp_path, more: str):
+    path = tmp_path / "plate.toml"
+    path.write_text(PLATE.format(more=more), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    "more", ['electrode_length = "5 mm"', 'electrode_margin = "0.5 mm"', 'wrap_length = "1 mm"\nwrap_gap = "0.5 mm"']
+)
+def test_partial_electrodes_are_told(more, tmp_path):
+    (note,) = electrode_notes(read_specimen(specimen(tmp_path, more)))
+    assert "up to 1e-3 in λ" in note and "tetrahedron" in note
+    (finer,) = electrode_notes(read_specimen(specimen(tmp_path, more + '\nelements = "tetrahedron"')))
+    assert "a few 1e-4 in λ" in finer and "tetrahedron" not in finer
+
+
+def test_full_electrodes_need_no_note(tmp_path):
+    assert electrode_notes(read_specimen(specimen(tmp_path, ""))) == ()
+
+
+def test_commands_print_and_record_it(tmp_path):
+    path = specimen(tmp_path, 'electrode_length = "5 mm"\n')
+    path.write_text(path.read_text(encoding="utf-8") + "[update]\naccuracy = 1e-2\n", encoding="utf-8")
+    arguments = ["modes", str(path), "--out", str(tmp_path / "out"), "--band", "100000", "200000"]
+    answer = CliRunner().invoke(main, arguments)
+    assert answer.exit_code == 0, answer.output
+    assert "note:" in answer.output and "singular" in answer.output
+    record = json.loads((tmp_path / "out/modes.json").read_text(encoding="utf-8"))
+    assert len(record["notes"]) == 1 and "singular" in record["notes"][0]
