@@ -15,10 +15,28 @@ Law = Callable[[np.ndarray, float], np.ndarray]  # (constants (10,), frequency i
 Circuit = Callable[[np.ndarray, np.ndarray], np.ndarray]  # (ω (k,), Z (k,)) → Z'
 Profile = Callable[[np.ndarray], np.ndarray]
 
-#: Degrees along x (for the whole length), y, z; with something on a small part of a face; of φ with bare margins.
-_DEGREES, _FINE, _MARGIN = (14, 10, 6), (16, 11, 6), (8, 20)
-#: Elements beside the edge of an electrode, m from it.
-_GRADING = (0.05e-3, 0.3e-3)
+#: Degrees along x (for the whole length), y, z; with something on a small part of a face.
+_DEGREES, _FINE = (14, 10, 6), (16, 11, 6)
+
+
+@dataclass(frozen=True)
+class Grading:
+    """Elements at the edge of an electrode, where the fields are singular.
+
+    Attributes
+    ----------
+    along : distances of their ends from the edge, m
+    degree : of these elements;  across : of the ones along y and z
+    """
+
+    along: tuple[float, ...]
+    degree: int
+    across: tuple[int, int]
+
+
+#: Of the displacements and of φ. Their errors have opposite signs; at these orders they cancel to 1e-4 in Z, which
+#: tests/hidden_effects/test_solver.py holds against strongly graded elements.
+_GRADING = Grading((0.05e-3,), 3, (8, 8)), Grading((0.015e-3, 0.1e-3), 4, (6, 14))
 
 
 @dataclass
@@ -72,17 +90,9 @@ class Build:
         degrees = _FINE if any(not all(surface.keeps()[:2]) for surface in self.surfaces) else _DEGREES
         ends = joined((-half[0], half[0]), self.elements)
         axes = [self._along(ends, degrees[0]), *self._across(degrees[1:])]
-        if max(self.margins) == 0:
-            potential = axes
-        else:
-            edges = [-half[0] + self.margins[0], half[0] - self.margins[1]]
-            axes[0] = self._along(
-                joined(ends, *([e - g, e, e + g] for e in edges for g in (_GRADING[1:] if symmetric else (0.0,)))),
-                degrees[0],
-            )
-            fine = [e + s * g for e in edges for g in (0.0, *_GRADING) for s in (-1, 1)]
-            inside = [p for p in fine if abs(p) < half[0] - 0.2 * _GRADING[0]]
-            potential = [self._along(joined(ends, inside), degrees[0]), *self._across(_MARGIN)]
+        potential = axes
+        if max(self.margins) > 0:
+            axes, potential = ([self._margined(ends, g), *self._across(g.across)] for g in _GRADING)
         return Body(
             size=tuple(self.size),
             density=self.density,
@@ -95,17 +105,21 @@ class Build:
             symmetric=symmetric,
         )
 
-    def _along(self, ends: np.ndarray, degree: int) -> Axis:
-        """Elements along x, their degrees by their length."""
-        half = self.size[0] / 2
-        ends = np.array([e for e in ends if abs(e) <= half + 1e-12])
-        share = np.diff(ends) / (2 * half)
-        return Axis(
-            tuple(ends), tuple(int(np.clip(round(degree * s) + 3, 4 if s > 0.05 else 3, degree)) for s in share)
-        )
+    def _along(self, ends: np.ndarray, degree: int, least: int = 3) -> Axis:
+        """Elements along x, their degrees by their length but not below `least`."""
+        share = np.diff(ends) / np.ptp(ends)
+        return Axis(tuple(ends), tuple(int(np.clip(round(degree * s) + 3, least, degree)) for s in share))
 
     def _across(self, degrees) -> list[Axis]:
         return [Axis((-s / 2, s / 2), (p,)) for s, p in zip(self.size[1:], degrees, strict=True)]
+
+    def _margined(self, ends: np.ndarray, grading: Grading) -> Axis:
+        """Elements along x that grow away from the edges of the electrodes."""
+        half = self.size[0] / 2
+        edges = [-half + self.margins[0], half - self.margins[1]]
+        fine = [e + s * g for e in edges for g in (0.0, *grading.along) for s in (-1, 1)]
+        inside = [p for p in fine if abs(p) < half - 0.2 * min(grading.along)]
+        return self._along(joined(ends, inside), _DEGREES[0], grading.degree)
 
     def impedance(self, frequency: np.ndarray) -> np.ndarray:
         """Z (k,), ohm, as it would be measured without noise."""

@@ -1,9 +1,9 @@
 """Impedance of a `Body` with surfaces over a sweep: few vibration modes and static answers instead of all unknowns.
 
 The basis of each parity class holds the lossless short-circuit modes up to a multiple of the highest frequency, what
-losses add to the shapes of those in the band, the answers to the voltage (twice) and to the loads of every surface. The
-potential is eliminated exactly at the complex constants. `cutoff=None` keeps all unknowns: the full solve that the
-tests compare with.
+losses and surfaces add to the shapes of those in the band, the answers to the voltage (twice) and to a few patterns of
+load on every surface. The potential is eliminated exactly at the complex constants. `cutoff=None` keeps all unknowns:
+the full solve that the tests compare with.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ from itertools import product
 import numpy as np
 import scipy.linalg as sl
 from scipy.interpolate import BarycentricInterpolator
+from scipy.sparse.linalg import LinearOperator, eigsh
 
 from hidden_effects.body import Body, ParityClass, Surface
 from hidden_effects.ritz import e_form
 
 Theta = np.ndarray | Callable[[float], np.ndarray]
-_NODES, _BATCH = 12, 32
+#: Nodes of the interpolation over frequency, frequencies solved at once, unknowns from which Lanczos is the faster.
+_NODES, _BATCH, _MANY = 12, 32, 900
 
 
 def _constants(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -62,29 +64,54 @@ def _condensed(elastic, coupling, dielectric, constants) -> np.ndarray:
     return found
 
 
+def _loads(part: ParityClass, theta: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """Forces (n, k + 1) of displacements (n, k) and of the volt at complex constants."""
+    c, e, eps = _constants(theta)
+    piezo, potential = np.tensordot(e, part.coupling, axes=1), -np.tensordot(eps, part.dielectric, axes=1)
+    charges = np.concatenate([piezo[:, :-1].T @ states, potential[:-1, -1:]], axis=1)
+    forces = np.concatenate([np.tensordot(c, part.elastic @ states, axes=1), piezo[:, -1:]], axis=1)
+    return forces - piezo[:, :-1] @ sl.solve(potential[:-1, :-1], charges, assume_a="sym")
+
+
 def _basis(part: ParityClass, theta: np.ndarray, factors, top: float, cutoff: float) -> np.ndarray:
     """(n, r), orthonormal in the mass."""
-    lossy = _condensed(part.elastic, part.coupling, part.dielectric, _constants(theta))
-    lossless = _condensed(part.elastic, part.coupling, part.dielectric, _constants(np.asarray(theta).real))[:-1, :-1]
-    values, modes = sl.eigh(lossless, part.mass, subset_by_value=(-np.inf, (cutoff * top) ** 2))
+    constants = _constants(np.asarray(theta).real)
+    lossless = _condensed(part.elastic, part.coupling, part.dielectric, constants)[:-1, :-1]
     shifted = sl.cho_factor(lossless + (0.5 * top) ** 2 * part.mass)
+    values, modes = _modes(lossless, part.mass, shifted, top, cutoff)
     inner = modes[:, values < (1.3 * top) ** 2]
-    further = [sl.cho_solve(shifted, lossy[:-1, :-1].imag @ inner)]  # how losses change the shapes of modes
+    loads = _loads(part, theta, inner)
+    further = [sl.cho_solve(shifted, loads[:, :-1].imag)]  # how losses change the shapes of modes
     if part.driven:
-        load = np.stack([lossy[:-1, -1].real, lossy[:-1, -1].imag], axis=1)
-        first = sl.cho_solve(shifted, load)
+        first = sl.cho_solve(shifted, np.stack([loads[:, -1].real, loads[:, -1].imag], axis=1))
         further += [first, sl.cho_solve(shifted, part.mass @ first)]
     for factor in factors:
         left, singular, _ = np.linalg.svd(sl.cho_solve(shifted, factor), full_matrices=False)
-        further.append(left[:, singular > 3e-3 * singular[0]][:, :12])
+        further.append(left[:, singular > 3e-3 * singular[0]][:, :6])
+        further.append(sl.cho_solve(shifted, factor @ (factor.T @ inner)))
     extra = np.concatenate(further, axis=1)
-    extra = extra / np.sqrt(np.einsum("ik,ik->k", extra, part.mass @ extra))
+    norm = np.sqrt(np.einsum("ik,ik->k", extra, part.mass @ extra))
+    extra = extra[:, norm > 0] / norm[norm > 0]
     for _ in range(2):
         extra = extra - modes @ (modes.T @ (part.mass @ extra))
     gram = extra.T @ part.mass @ extra
     size, rotation = np.linalg.eigh((gram + gram.T) / 2)
     keep = size > 1e-10
     return np.concatenate([modes, extra @ (rotation[:, keep] / np.sqrt(size[keep]))], axis=1)
+
+
+def _modes(lossless, mass, shifted, top: float, cutoff: float) -> tuple[np.ndarray, np.ndarray]:
+    """Squared angular frequencies and shapes (n, k) of all modes up to the cutoff; by Lanczos if n is large."""
+    limit = (cutoff * top) ** 2
+    if len(mass) < _MANY:
+        return sl.eigh(lossless, mass, subset_by_value=(-np.inf, limit))
+    inverse = LinearOperator(mass.shape, matvec=lambda b: sl.cho_solve(shifted, b))
+    count = 40
+    while True:
+        values, modes = eigsh(lossless, count, mass, sigma=-((0.5 * top) ** 2), OPinv=inverse, v0=np.ones(len(mass)))
+        if values.max() > limit:
+            return values[values < limit], modes[:, values < limit]
+        count *= 2
 
 
 def _classes(body: Body, surfaces: Sequence[Surface]) -> list[tuple[int, int, int]]:

@@ -3,30 +3,37 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from femu_piezo.cli import main
-from hidden_effects.draws import NAMES, draw
-from hidden_effects.judge import judge_draw
+from hidden_effects import study
+from hidden_effects.catalogue import EFFECTS, NAMES
+from hidden_effects.confusion import rates
+from hidden_effects.draws import DENSITY, PZT5H, draw
+from hidden_effects.judge import Outcome, judge_draw
+from hidden_effects.ritz import RitzPlate
 
 
 @pytest.mark.parametrize("effect", ["none", "wrong_width"])
 def test_hidden_effect_is_named(effect, tmp_path):
-    outcome = judge_draw(draw(effect, 7), tmp_path)
-    assert outcome.truth
+    outcome = judge_draw(draw(effect, 7, variant=False), tmp_path)
     assert outcome.word == ("none" if effect == "none" else "effect")
     if effect != "none":
-        assert outcome.sigma > 8
-        assert abs(outcome.deviation) < 3
-        assert outcome.probability > 0.9
+        assert outcome.kind == "single" and outcome.detectable and outcome.first
+        assert abs(outcome.sizes["wrong_width.relative_error"]) < 3
+        assert outcome.confident
+        assert outcome.ratio[0] < 1.3 < outcome.ratio[1]
+    else:
+        assert outcome.sigma == () and not outcome.said
 
 
 def test_command_names_the_cause_and_the_extended_specimen_has_none(tmp_path):
     """diagnosis.json by the contract; the bias of the constants gone; extended.toml is diagnosed as none."""
-    hidden = draw("series_resistance", 8)
+    hidden = draw("series_resistance", 8, variant=False)
     spec = hidden.write(tmp_path)
     run = CliRunner()
     answer = run.invoke(main, ["diagnose", str(spec), "--out", str(tmp_path / "a")])
@@ -66,13 +73,60 @@ def test_unknown_effect_in_a_specimen_file_is_one_sentence(tmp_path):
     assert answer.output.strip().count("\n") == 0
 
 
-def test_the_independent_model_is_converged():
-    """Ritz orders of the draws against higher ones: 3e-4 in Z at most, at the sharp upper resonances."""
-    from hidden_effects.draws import DENSITY, PZT5H
-    from hidden_effects.ritz import RitzPlate
-
+def test_the_global_ritz_model_is_converged():
+    """Orders that other tests use against higher ones: 3e-4 in Z at most, at the sharp upper resonances."""
     frequency = np.concatenate([np.linspace(20e3, 130e3, 12), np.linspace(180e3, 240e3, 25)])
     theta, size = PZT5H * (1 - 0.015j), (12e-3, 6.9e-3, 1.6e-3)
     coarse = RitzPlate(size, DENSITY, (12, 9, 5)).impedance(theta, frequency)
     fine = RitzPlate(size, DENSITY, (16, 12, 7)).impedance(theta, frequency)
     assert np.max(np.abs(coarse / fine - 1)) < 3e-4
+
+
+def _outcome(kind: str, truth: tuple[str, ...], sigma: float, word: str, said: dict, alike=(), **more) -> Outcome:
+    names = {cause: list(alike) for cause in said}
+    return Outcome("x", 1, kind, truth, (sigma,) * len(truth), word, said, names, **more)
+
+
+def test_counts_of_the_study():
+    """What is right, in a class, confident, detectable; rates with their intervals."""
+    right = _outcome("single", ("leakage",), 20, "effect", {"leakage": 0.99}, sizes={"leakage.conductance": 3.5})
+    beside = _outcome("single", ("s",), 20, "effect", {"leakage": 0.95}, alike=("s",))
+    weak = _outcome("single", ("s",), 7.9, "none", {})
+    second = _outcome("single", ("s",), 30, "effect", {"leakage": 0.9, "s": 0.9})
+    assert (right.first, right.in_class, beside.first, beside.in_class) == (True, True, False, True)
+    assert not weak.detectable and not second.first and not second.in_class
+    pair = _outcome("pair", ("a", "b"), 9, "effect", {"b": 0.9, "c": 0.8}, alike=("a",))
+    assert not pair.first and pair.in_class
+    strange = _outcome("undescribed", ("liquid",), 50, "effect", {"leakage": 0.91})
+    doubt = _outcome("undescribed", ("liquid",), 50, "unknown", {"leakage": 0.91})
+    assert strange.confident and not doubt.confident
+    null = _outcome("null", (), 0, "none", {})
+    found = {rate.words: rate for rate in rates([right, beside, weak, second, pair, strange, doubt, null])}
+    assert (found["single effects: first"].count, found["single effects: first"].total) == (1, 3)
+    assert found["single effects: first or in its class"].count == 2
+    assert found["size within 3 σ"].count == 0 and not found["size within 3 σ"].holds
+    assert (found["nulls: none"].count, found["undescribed: no confident name"].count) == (1, 1)
+    assert "33.3% (95 %: 0.8% to 90.6%)" in found["single effects: first"].line()  # Clopper-Pearson of 1 in 3
+
+
+def test_study_goes_on_where_it_ended(tmp_path, monkeypatch):
+    """Finished draws come from the file, the others are computed and added to it."""
+    null = _outcome("null", (), 0, "none", {})
+    monkeypatch.setattr(study, "judged", lambda job: replace(null, name=job[0], seed=job[1]))
+    file = tmp_path / "results.jsonl"
+    first = list(study.run([("none", 1), ("none", 2)], results=file))
+    monkeypatch.setattr(study, "judged", lambda job: pytest.fail("computed again") if job[1] < 3 else first[0])
+    again = list(study.run([("none", 2), ("none", 1), ("none", 3)], results=file))
+    assert again[:2] == first[::-1] and len(again) == 3
+    assert len(file.read_text(encoding="utf-8").splitlines()) == 3
+
+
+def test_jobs_of_a_study():
+    """Every effect as often as asked, pairs of two different effects, undescribed effects of several kinds."""
+    found = study.jobs(list(EFFECTS), draws=2, nulls=3, pairs=10, undescribed=10, seed=5)
+    names = [name for name, _ in found]
+    assert all(names.count(effect) == 2 for effect in EFFECTS) and names.count("none") == 3
+    pairs = [name.split("+") for name in names if "+" in name]
+    assert len(pairs) == 10 and all(a != b and {a, b} <= set(EFFECTS) for a, b in pairs)
+    assert len({name for name in names if name.startswith("undescribed:")}) >= 8
+    assert len(set(found)) == len(found)

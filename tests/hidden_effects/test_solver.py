@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize_scalar
 from scipy.special import j1, y1
 
 from hidden_effects.body import Surface
-from hidden_effects.build import Build
+from hidden_effects.build import Build, Grading
 from hidden_effects.draws import DENSITY, PZT5H, draw
 from hidden_effects.reduced import Plate
 from hidden_effects.ritz import RitzPlate
+from hidden_effects.spectral import Axis, joined
 
 #: A slender plate, near a bar, of which the 1-D formulas hold to a per cent, and its low losses.
 BAR, LOW = np.array([12e-3, 1.0e-3, 0.5e-3]), PZT5H * (1 - 2e-4j)
@@ -31,7 +35,7 @@ def plate(**changes) -> Build:
 def resonance(build: Build, near: float, width: float = 0.02) -> tuple[float, float]:
     """Frequency, Hz, and height, S, of the highest conductance near one."""
     model = Plate(build.body(), build.theta, 1.2 * near, build.surfaces)
-    grid = near * np.linspace(1 - width, 1 + width, 401)
+    grid = near * np.linspace(1 - width, 1 + width, 81)
     top = grid[np.argmax((1 / model.impedance(build.theta, grid)).real)]
     step = grid[1] - grid[0]
     best = minimize_scalar(
@@ -48,11 +52,11 @@ def spot(x: float, y: float, side: float, mass: float) -> Surface:
 
 
 def test_ritz_with_global_polynomials_gives_the_same():
-    """Another basis, a full solve per frequency; with a film of mass on both faces."""
+    """Another basis, a full solve per frequency, a film of mass on both faces: a tenth of the least noise drawn."""
     film = Surface(*plate().whole_face, (1, -1), lambda w: -(w**2) * 0.1)
-    found = plate(surfaces=[film]).impedance(SWEEP)
-    other = RitzPlate(PLATE, DENSITY, (16, 12, 7), film=0.1).impedance(LOSSY, SWEEP)
-    assert np.max(np.abs(found / other - 1)) < 2e-5
+    found = plate(surfaces=[film]).impedance(SWEEP[::3])
+    other = RitzPlate(PLATE, DENSITY, (17, 14, 8), film=0.1).impedance(LOSSY, SWEEP[::3])
+    assert np.max(np.abs(found / other - 1)) < 5e-5
 
 
 @pytest.mark.parametrize("what", ["law", "gradient", "mass"])
@@ -67,8 +71,8 @@ def test_reduced_basis_gives_the_full_solve(what):
     theta = (lambda f: LOSSY.real + 1j * LOSSY.imag * (f / 140e3) ** 0.8) if what == "law" else LOSSY
     body = build.body()
     if what == "mass":  # of low order, so that the full solve is small
-        low = tuple(type(axis)(axis.breaks, (p,)) for axis, p in zip(body.axes, (8, 5, 3), strict=True))
-        body = type(body)(body.size, body.density, low, low)
+        low = tuple(Axis(axis.breaks, (p,)) for axis, p in zip(body.axes, (8, 5, 3), strict=True))
+        body = replace(body, axes=low, potential_axes=low)
     found = Plate(body, LOSSY, 240e3, build.surfaces).impedance(theta, sweep)
     full = Plate(body, LOSSY, 240e3, build.surfaces, cutoff=None)
     if what == "law":  # every frequency by its own constants, without interpolation
@@ -83,14 +87,14 @@ def test_parity_classes_together_are_the_whole_plate():
     masses = [spot(2e-3, 1e-3, 2e-3, 2e-6)]
     sweep = np.array([60e3, 140e3, 215e3])
     body = plate(surfaces=masses).body()
-    low = tuple(type(axis)(axis.breaks, (p,)) for axis, p in zip(body.axes, (9, 6, 4), strict=True))
+    low = tuple(Axis(axis.breaks, (p,)) for axis, p in zip(body.axes, (9, 6, 4), strict=True))
     both = [
-        Plate(type(body)(body.size, body.density, low, low, symmetric=symmetric), LOSSY, 240e3, masses)
+        Plate(replace(body, axes=low, potential_axes=low, symmetric=symmetric), LOSSY, 240e3, masses)
         for symmetric in (True, False)
     ]
     one, other = (model.impedance(LOSSY, sweep) for model in both)
     assert np.max(np.abs(one / other - 1)) < 5e-6
-    without = Plate(type(body)(body.size, body.density, low, low), LOSSY, 240e3).impedance(LOSSY, sweep)
+    without = Plate(replace(body, axes=low, potential_axes=low), LOSSY, 240e3).impedance(LOSSY, sweep)
     assert np.max(np.abs(one / without - 1)) > 1e-3
 
 
@@ -136,40 +140,48 @@ def test_margin_without_coupling_has_the_capacitance_of_the_conformal_map():
     assert capacitance == pytest.approx(PZT5H[9] * width * (length - 3e-3 + 2 * beyond) / thickness, rel=2e-5)
 
 
-def test_margin_converges_and_vanishes():
-    """Finer elements and higher orders at the edge: 1e-4 in Z, so below 1e-6 in frequency; and margin → 0."""
-    build, sweep = plate(margins=(0.4e-3, 0.4e-3)), SWEEP[::3]
-    body = build.body()
-    finer = type(body.axes[0])
-    edges = [6e-3 - 0.4e-3 + s for s in (-0.3e-3, -0.05e-3, -0.01e-3, 0, 0.01e-3, 0.05e-3, 0.2e-3)]
-    ends = sorted([-6e-3, *(-e for e in edges), *edges, 6e-3])
-    degrees = tuple(14 if b - a > 1e-3 else 4 for a, b in zip(ends[:-1], ends[1:], strict=True))
-    potential = (
-        finer(tuple(ends), degrees),
-        *(type(axis)(axis.breaks, (p,)) for axis, p in zip(body.axes[1:], (8, 26), strict=True)),
+def test_margin_converges():
+    """Against elements graded to a hundredth of a millimetre in both directions: 2e-4 in Z, so 2e-6 in resonances.
+
+    With low order along y, since the field at the edge is the same all along it.
+    """
+    build, sweep = plate(margins=(0.4e-3, 0.4e-3)), SWEEP[::4]
+    ends, half, body = np.array([-6e-3, 6e-3]), PLATE[2] / 2, build.body()
+
+    def graded(distances: tuple[float, ...], degree: int) -> tuple[Axis, Axis, Axis]:
+        along = build._margined(ends, Grading(distances, degree, (2, 6)))
+        depth = joined((-half, half), *((d - half, half - d) for d in distances))
+        orders = tuple(6 if a < 0 < b else degree for a, b in pairwise(depth))
+        return along, Axis((-3.45e-3, 3.45e-3), (2,)), Axis(tuple(depth), orders)
+
+    own, potential = ((axes[0], Axis((-3.45e-3, 3.45e-3), (2,)), axes[2]) for axes in (body.axes, body.potential_axes))
+    fine = graded((0.02e-3, 0.1e-3, 0.3e-3), 3), graded((0.008e-3, 0.05e-3, 0.25e-3), 4)
+    found, better = (
+        Plate(replace(body, axes=a, potential_axes=p), LOSSY, 240e3).impedance(LOSSY, sweep)
+        for a, p in ((own, potential), fine)
     )
-    other = Plate(type(body)(body.size, body.density, body.axes, potential, margins=body.margins), LOSSY, 240e3)
-    found = build.impedance(sweep)
-    assert np.max(np.abs(found / other.impedance(LOSSY, sweep) - 1)) < 1e-4
-    whole, small = plate().impedance(sweep), plate(margins=(2e-5, 2e-5)).impedance(sweep)
-    assert np.max(np.abs(small / whole - 1)) < 1e-3 < 0.01 < np.max(np.abs(found / whole - 1))
+    assert np.max(np.abs(found / better - 1)) < 2e-4
 
 
-def test_spot_and_slice_converge():
-    """Higher orders for a spot of mass and for a slice of softer material: 1e-4 in Z at most."""
-    masses = [spot(2.8e-3, 1.7e-3, 2e-3, 2e-6)]
-    soft = plate(elements=[2e-3, 2.2e-3], stiffness=[lambda x: 1 - 0.2 * ((x > 2e-3) & (x < 2.2e-3))])
+def test_margin_vanishes():
+    """Without margin the plate is whole: 0.1 % in Z for 2 µm, 1 % and more for 0.4 mm."""
+    whole = plate().impedance(SWEEP)
+    small, large = (np.abs(plate(margins=(m, m)).impedance(SWEEP) / whole - 1).max() for m in (2e-6, 4e-4))
+    assert small < 1e-3 < 1e-2 < large
+
+
+@pytest.mark.parametrize("what", ["spot", "slice"])
+def test_spot_and_slice_converge(what):
+    """Already at lower orders than the draws have: 1e-4 in Z for a spot of mass and for a slice of softer material."""
+    build, lower = plate(surfaces=[spot(2.8e-3, 1.7e-3, 2e-3, 2e-6)]), ((14,), (10,), (5,))
+    if what == "slice":
+        build = plate(elements=[2e-3, 2.2e-3], stiffness=[lambda x: 1 - 0.2 * ((x > 2e-3) & (x < 2.2e-3))])
+        lower = (tuple(p - 1 for p in build.body().axes[0].degrees), (9,), (5,))
+    body = build.body()
+    axes = tuple(Axis(axis.breaks, p) for axis, p in zip(body.axes, lower, strict=True))
+    coarse = Plate(replace(body, axes=axes, potential_axes=axes), LOSSY, 240e3, build.surfaces)
     sweep = SWEEP[::4]
-    for build, orders in ((plate(surfaces=masses), (18, 13, 6)), (soft, None)):
-        body = build.body()
-        degrees = orders or (tuple(p + 3 for p in body.axes[0].degrees), 12, 7)
-        fine = tuple(
-            type(axis)(axis.breaks, p if isinstance(p, tuple) else (p,))
-            for axis, p in zip(body.axes, degrees, strict=True)
-        )
-        other = type(body)(body.size, DENSITY, fine, fine, profiles=body.profiles, symmetric=body.symmetric)
-        better = Plate(other, LOSSY, 240e3, build.surfaces).impedance(LOSSY, sweep)
-        assert np.max(np.abs(build.impedance(sweep) / better - 1)) < 1e-4
+    assert np.max(np.abs(coarse.impedance(LOSSY, sweep) / build.impedance(sweep) - 1)) < 1e-4
 
 
 def test_membrane_stiffens_as_a_parallel_spring():
@@ -195,7 +207,7 @@ def test_tapered_bar_resonates_as_bessel_says():
     assert ratio > 1.005
 
 
-@pytest.mark.parametrize("effect", ["mounting", "electrode_margin", "local_crack", "poling_gradient", "leakage"])
+@pytest.mark.parametrize("effect", ["mounting", "electrode_margin", "poling_gradient", "leakage"])
 def test_draws_are_passive_and_keep_their_key(effect):
     """Re Z > 0 over the sweep; the file says nothing of the effect; the same seed gives the same draw."""
     hidden = draw(effect, 3, points=41, variant=False)
