@@ -28,7 +28,9 @@ def interpolation(model: ElectroelasticModel, points: np.ndarray) -> sp.csr_matr
     images = basis.mapping.F(corners, tind=own)  # (3, k, 4): every element is a box, so its map is affine
     edges = np.moveaxis(images[:, :, 1:] - images[:, :, :1], 0, 1)
     local = np.linalg.solve(edges, (points - images[:, :, 0]).T[:, :, None])[:, :, 0].T[:, :, None]
-    values = np.array([basis.elem.gbasis(basis.mapping, local, i, tind=own)[0].value[:, 0] for i in range(basis.Nbfun)])
+    values = np.array(
+        [np.asarray(basis.elem.gbasis(basis.mapping, local, i, tind=own)[0])[:, 0] for i in range(basis.Nbfun)]
+    )
     columns = basis.element_dofs[:, own]
     rows = np.broadcast_to(np.arange(points.shape[1]), columns.shape)
     return sp.csr_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=(points.shape[1], basis.N))

@@ -16,7 +16,7 @@ from numpy.polynomial import legendre
 
 from femu_piezo.diagnosis.bare_ends import BareEnds, measure_bare_ends
 from femu_piezo.diagnosis.box_interpolation import interpolation
-from femu_piezo.diagnosis.sectors import SPOT, Sectors, columns, flipped_axes
+from femu_piezo.diagnosis.sectors import SPOT, Sectors, columns, even, flipped_axes, odd
 from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.material.constants import ElasticForm
@@ -97,7 +97,7 @@ class Places:
 
     Attributes
     ----------
-    ramp : (3, r, r) per unit of e31 e33 e15, weighted by 2x/L over the whole plate
+    ramp : (2, 3, r, r) per unit of e31 e33 e15, weighted by 2x/L and by (2x/L)² − 1/3 over the whole plate
     spot : (3,) unknowns that are the displacement of an attached body; empty where the sector is not there
     bare_ends : None where the electrodes are not on the large faces
     """
@@ -116,7 +116,7 @@ class Places:
         face = self.face.select(keep[keep < displacements])
         spot = np.flatnonzero(np.isin(keep, self.spot))
         ends = None if self.bare_ends is None else self.bare_ends.select(square)
-        return Places(face, slices, self.ramp[:, square[0], square[1]], spot, ends)
+        return Places(face, slices, self.ramp[:, :, square[0], square[1]], spot, ends)
 
 
 def measure_places(model: ElectroelasticModel, sectors: Sectors, constants: ElasticForm) -> Places:
@@ -161,20 +161,20 @@ def _slices(model: ElectroelasticModel, sectors: Sectors) -> Slices:
 
 
 def _ramp(model: ElectroelasticModel, sectors: Sectors) -> np.ndarray:
-    """2x/L is odd in x: it couples classes whose parities differ about x alone."""
-    half = model.domain.mesh.p[0].max()
+    """The odd profile couples classes whose parities differ about x alone, the even one each class with itself."""
     size = sectors.member.size
-    found = np.zeros((len(PIEZOELECTRIC), size, size))
+    found = np.zeros((2, len(PIEZOELECTRIC), size, size))
     groups = sectors.classes
+    share = np.asarray(model.basis.global_coordinates())[0] / model.domain.mesh.p[0].max()
     for flipped, rows in groups.items():
         partner = tuple(sorted(set(flipped) ^ {0}))
         if partner in groups and 0 not in flipped:
             pair = np.concatenate([rows, groups[partner]])
-            weight = np.asarray(model.basis.global_coordinates())[0] / half
-            whole = _projected(model, sectors.fields[:, :, pair], PIEZOELECTRIC, None, weight)
-            whole[:, : rows.size, : rows.size] = 0.0
-            whole[:, rows.size :, rows.size :] = 0.0
-            found[(slice(None), *np.ix_(pair, pair))] = whole
+            fields, blocks = sectors.fields[:, :, pair], np.arange(pair.size) < rows.size
+            same = blocks[:, None] == blocks
+            where = (slice(None), *np.ix_(pair, pair))
+            found[0][where] = _projected(model, fields, PIEZOELECTRIC, None, odd(share)) * ~same
+            found[1][where] = _projected(model, fields, PIEZOELECTRIC, None, even(share)) * same
     return found
 
 

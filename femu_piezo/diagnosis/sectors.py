@@ -2,8 +2,8 @@
 
 The driven parity class alone serves every effect that keeps the mirror planes. A sector is named by the axes about
 whose mirror plane its parity is flipped, "x" to "xyz" (`femu_piezo.forward.parity`); "slices" and "x slices" hold the
-local response of the driven and of the x class to a yielding slice across the plate, "x ramp" that of the x class to
-driven fields whose piezoelectric coupling grows along x; "spot" has three unknowns
+local response of the driven and of the x class to a yielding slice across the plate, "ramp" and "x ramp" theirs
+to driven fields whose piezoelectric coupling varies along x; "spot" has three unknowns
 without field or inertia, the displacement of a body that is attached at a place. Vectors of further sectors tie a
 potential to each displacement: they are modes at the reference constants, and enter at second order only.
 """
@@ -32,6 +32,20 @@ _BEYOND = 2.5
 _KEEP = 1e-3
 #: Frequency of the local responses, as a share of the band's ω².
 _SHIFT = 0.3
+
+
+def even(share: np.ndarray) -> np.ndarray:
+    """Profile (2x/L)² − 1/3 of a constant along the length; its mean is zero."""
+    return share**2 - 1 / 3
+
+
+def odd(share: np.ndarray) -> np.ndarray:
+    """Profile 2x/L of a constant along the length."""
+    return share
+
+
+#: Which of them couples the driven class to a class that is flipped about x (True) or not (False).
+_PROFILES = {False: even, True: odd}
 
 
 def flipped_axes(sector: str) -> tuple[int, ...]:
@@ -88,11 +102,11 @@ def build_sectors(
             known = _class_modes(model, rough, constants, flipped, _BEYOND * top)
             parts.append(known)
             names.append(letters)
-        loads = {
-            f"{letters} {SLICES}".strip(): lambda: _slice_loads(model, constants, driven @ static),
-            f"{letters} {RAMP}".strip(): lambda: _ramp_loads(model, constants, driven @ states),
-        }
-        loads = {name: load() for name, load in loads.items() if name in wanted}
+        loads, slices, ramp = {}, f"{letters} {SLICES}".strip(), f"{letters} {RAMP}".strip()
+        if slices in wanted:
+            loads[slices] = _slice_loads(model, constants, driven @ static)
+        if ramp in wanted:
+            loads[ramp] = _ramp_loads(model, constants, driven @ states, _PROFILES[0 in flipped])
         responses = _responses(model, constants, flipped, list(loads.values()), _SHIFT * top) if loads else []
         for name, response in zip(loads, responses, strict=True):
             parts.append(_outside(model, response, known))
@@ -158,11 +172,11 @@ def _slice_loads(model: ElectroelasticModel, constants: ElasticForm, static: np.
     return loads / np.linalg.norm(loads, axis=0)
 
 
-def _ramp_loads(model: ElectroelasticModel, constants: ElasticForm, states: np.ndarray) -> np.ndarray:
-    """(4n, k) forces and charges of the piezoelectric coupling times 2x/L on states (4, n, k)."""
+def _ramp_loads(model: ElectroelasticModel, constants: ElasticForm, states: np.ndarray, profile) -> np.ndarray:
+    """(4n, k) forces and charges of the piezoelectric coupling times profile(2x/L) on states (4, n, k)."""
     coupling = np.tensordot(constants.vector().real, model.unit_tensors, axes=1)
     coupling[:3, :, :3], coupling[3, :, 3] = 0.0, 0.0
-    weight = np.asarray(model.basis.global_coordinates())[0] / model.domain.mesh.p[0].max()
+    weight = profile(np.asarray(model.basis.global_coordinates())[0] / model.domain.mesh.p[0].max())
     loads = assemble_gradient_products(model.basis, weight).stiffness(coupling) @ states.reshape(-1, states.shape[2])
     return loads / np.linalg.norm(loads, axis=0)
 

@@ -41,7 +41,7 @@ def _hook(springs: np.ndarray, own: float):
     def terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
         mass, x, y, radius = p
         n, slopes = places.face.at(x, y)
-        size, copies = places.ramp.shape[1], places.face.copies
+        size, copies = places.ramp.shape[-1], places.face.copies
         one, zero = np.ones(omega.shape, dtype=complex), np.zeros(omega.shape, dtype=complex)
         # relative displacement of face and body: rows (3, r)
         gap, moved = np.zeros((3, size)), np.zeros((2, 3, size))

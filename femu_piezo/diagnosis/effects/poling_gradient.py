@@ -1,4 +1,8 @@
-"""The piezoelectric constants vary along the length: e → e (1 + g 2x/L)."""
+"""The piezoelectric constants vary along the length: e → e [1 + g ξ + h (ξ² − 1/3)], ξ = 2x/L.
+
+The gradient g couples the driven modes to those that are odd about the middle, which a uniform plate cannot show. A
+real change of poling is curved as well: h, kept small by its prior, has no effect on the mean.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +13,11 @@ from femu_piezo.diagnosis.places import PIEZOELECTRIC, Places
 
 
 def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-    value, slopes = np.full(omega.shape, p[0], dtype=complex), np.ones((omega.size, 1), dtype=complex)
+    one = np.ones(omega.shape, dtype=complex)
     return [
-        LocalTerm("stiffness", matrix, value, slopes, constant)
-        for constant, matrix in zip(PIEZOELECTRIC, places.ramp, strict=True)
+        LocalTerm("stiffness", matrix, value * one, unit * one[:, None], constant)
+        for value, unit, profile in zip(p, np.eye(2), places.ramp, strict=True)
+        for constant, matrix in zip(PIEZOELECTRIC, profile, strict=True)
     ]
 
 
@@ -24,13 +29,16 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         Effect(
             name="poling_gradient",
             sentence="the poling changes along the length: modes without charge in a uniform plate are driven",
-            parameters=(EffectParameter("gradient", "1", 0.0, 0.95, 0.1, 0.3, starts=(0.05, 0.2, 0.5)),),
+            parameters=(
+                EffectParameter("gradient", "1", 0.0, 0.95, 0.1, 0.3, starts=(0.05, 0.2, 0.5)),
+                EffectParameter("curvature", "1", -0.5, 0.5, 0.02, 0.05),
+            ),
             confusable_with=("local_crack", "point_mass"),
             advice=(
                 "measure d33 at both ends with a d33 meter",
                 "split one electrode across the length and compare the halves",
             ),
             local=_terms,
-            sectors=("x", "x ramp"),
+            sectors=("ramp", "x", "x ramp"),
         ),
     )
