@@ -48,6 +48,7 @@ class Build:
     theta : (10,) true d-form constants
     fundamental : Hz, where laws over frequency are anchored
     elements : further ends of elements along x, m
+    admittance : of the specimen over that of the plates, for the sizes of what stands parallel to it
     warp : frequency (k,) → frequency at which the linear body answers, for what no linear body does
     """
 
@@ -56,6 +57,7 @@ class Build:
     theta: np.ndarray
     fundamental: float
     poling: int = 2
+    admittance: float = 1.0
     taper: float = 0.0
     margins: tuple[float, float] = (0.0, 0.0)
     stiffness: list[Profile] = field(default_factory=list)

@@ -16,8 +16,8 @@ from hidden_effects.body import Surface
 from hidden_effects.build import Build
 
 NAMES = ("s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "eps33T")
-#: Held constants that a wrong value is drawn for: those a k31 sweep can show.
-WRONG = ("s12", "s13", "s33", "d33")
+#: Held constants that a wrong value is drawn for: those a sweep of a k31 plate or of a k33 bar can show.
+WRONG = {2: ("s12", "s13", "s33", "d33"), 0: ("s11", "s13", "s44", "d31")}
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def stray_capacitance(build, assumed, rng, variant) -> Hidden:
 
 def leakage(build, assumed, rng, variant) -> Hidden:
     """Variant: grows with a weak power of frequency."""
-    value, anchor = log_uniform(rng, 3e-6, 3e-5), 2 * np.pi * build.fundamental
+    value, anchor = log_uniform(rng, 3e-6, 3e-5) * build.admittance, 2 * np.pi * build.fundamental
     power = 0.25 if variant else 0.0
     build.circuits.append(lambda w, z: 1 / (1 / z + value * (w / anchor) ** power))
     return Hidden("leakage", {"conductance": value}, variant="power of frequency" * variant, sized=not variant)
@@ -129,7 +129,7 @@ def dielectric_dispersion(build, assumed, rng, variant) -> Hidden:
 def wrong_insensitive_parameter(build, assumed, rng, variant) -> Hidden:
     """The true constant is (1 + p) times the assumed one. Variant: a second one is wrong by a fifth of that."""
     size = log_uniform(rng, 0.03, 0.12) * float(rng.choice([-1, 1]))
-    first, second = (str(name) for name in rng.choice(WRONG, 2, replace=False))
+    first, second = (str(name) for name in rng.choice(WRONG[build.poling], 2, replace=False))
     assumed[NAMES.index(first)] /= 1 + size
     if variant:
         assumed[NAMES.index(second)] /= 1 + size / 5

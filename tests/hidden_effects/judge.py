@@ -128,7 +128,7 @@ def _misfits(draw: Draw, result: Diagnosis) -> tuple[float, ...]:
     seen = result.fitted
     if len(draw.key) < 2:
         error = np.log(result.curves[0] / draw.clean)[seen]
-        whole = _root(error, draw.noise, 2 * len(FREE))
+        whole = _root(error, draw.noise, 2 * len(FREE[draw.build.poling]))
         return (whole,) if draw.key or draw.undescribed else ()
     fits = {effect.title: fit for effect, fit in result.comparison.singles if fit is not None}
     others = [fits.get(other.title) for other in reversed(draw.key)]

@@ -184,6 +184,23 @@ def test_spot_and_slice_converge(what):
     assert np.max(np.abs(coarse.impedance(LOSSY, sweep) / build.impedance(sweep) - 1)) < 1e-4
 
 
+def test_bar_poled_along_its_length_is_the_k33_bar():
+    """Y = jωC (1 − k²) / (1 − k² tan X/X), X = ωL/2 √(ρ s33D): IEEE 176; poles and zeros to 3e-3 of a slender bar."""
+    build = bar(poling=0)
+    s33, d33, eps33 = PZT5H[3], PZT5H[6], PZT5H[9]
+    coupling = d33**2 / (s33 * eps33)
+    velocity = 1 / np.sqrt(DENSITY * s33 * (1 - coupling))
+    antiresonance = velocity / (2 * BAR[0])
+    ratio = brentq(lambda r: 1 - coupling * np.tan(np.pi * r / 2) / (np.pi * r / 2), 0.5, 0.999)
+    assert resonance(build, ratio * antiresonance)[0] == pytest.approx(ratio * antiresonance, rel=3e-3)
+    sweep = antiresonance * np.linspace(0.99, 1.01, 201)
+    highest = sweep[np.argmax(build.impedance(sweep).real)]
+    assert highest == pytest.approx(antiresonance, rel=3e-3)
+    low = np.array([2e3])
+    capacitance = (1 / build.impedance(low) / (2j * np.pi * low))[0].real
+    assert capacitance == pytest.approx(eps33 * BAR[1] * BAR[2] / BAR[0], rel=2e-3)
+
+
 def test_membrane_stiffens_as_a_parallel_spring():
     """δf/f = E h s11/(2t) of a thin layer of the bar's Poisson ratio without mass."""
     nu = float(-PZT5H[1] / PZT5H[0])
