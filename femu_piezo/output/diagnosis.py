@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -28,6 +30,7 @@ def diagnosis_record(result: Diagnosis) -> dict:
         **_pole_zero(result.sweeps[result.shown]),
         "sweeps": [{"specimen": sweep.specimen.name, **_pole_zero(sweep)} for sweep in result.sweeps],
         "recommended_measurements": list(verdict.measurements),
+        "separations": [asdict(one) for one in result.separations],
         "remaining": {
             "before": _remaining(verdict.before),
             "after": _remaining(verdict.after),

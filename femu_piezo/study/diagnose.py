@@ -12,6 +12,7 @@ from femu_piezo.diagnosis.compare import Comparison
 from femu_piezo.diagnosis.effects import REFERENCE
 from femu_piezo.diagnosis.fitting import JointFit
 from femu_piezo.diagnosis.likeness import tangents
+from femu_piezo.diagnosis.separation import Separation
 from femu_piezo.diagnosis.verdict import Verdict, judge
 from femu_piezo.extraction import extract
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
@@ -20,6 +21,7 @@ from femu_piezo.study.clock import Clock, Progress
 from femu_piezo.study.diagnosis_run import Run
 from femu_piezo.study.diagnosis_start import first_constants
 from femu_piezo.study.diagnosis_subject import candidates, subjects
+from femu_piezo.study.planning import recommended, separations
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals, pole_zero_residuals
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.updating.parameters import Estimate, estimates
@@ -65,6 +67,7 @@ class Diagnosis:
     sweeps : of every specimen
     gain : rms |Δ log Z| of the held-out band (or of bands predicted without them) before and after, and of the noise
     seconds : step → time
+    separations : what further measurements would bring, by the model
     shown : number of the specimen that `specimen`, `spectrum`, `curves` and so on are about
     """
 
@@ -76,6 +79,7 @@ class Diagnosis:
     notes: tuple[str, ...]
     seconds: dict[str, float]
     sweeps: tuple[DiagnosedSweep, ...]
+    separations: tuple[Separation, ...] = ()
     shown: int = 0
 
     def of(self, index: int) -> Diagnosis:
@@ -165,10 +169,12 @@ def diagnose(specimens: Specimen | Sequence[Specimen], progress: Progress | None
         )
         for index, (specimen, one) in enumerate(zip(specimens, several, strict=True))
     )
+    clock.step("plan")
+    planned = separations(several, run, comparison, verdict)
     clock.step(None)
     return Diagnosis(
         comparison=comparison,
-        verdict=verdict,
+        verdict=replace(verdict, measurements=recommended(verdict, planned)),
         gain=_gain(comparison, sweeps),
         unknowns=run.unknowns,
         reduced_size=sum(model.size for model in run.models),
@@ -179,6 +185,7 @@ def diagnose(specimens: Specimen | Sequence[Specimen], progress: Progress | None
         ),
         seconds={step: round(value, 3) for step, value in clock.seconds.items()},
         sweeps=sweeps,
+        separations=planned,
     )
 
 

@@ -209,3 +209,23 @@ def test_specimens_of_one_name_are_refused(bars, tmp_path):
     answer = CliRunner().invoke(main, ["diagnose", str(study), "--out", str(tmp_path / "out")])
     assert answer.exit_code == 2
     assert "two specimens are named 'long'" in answer.output and answer.output.strip().count("\n") == 0
+
+
+def test_one_bar_is_told_what_to_measure(bars, tmp_path):
+    """The second bar and the open fixture are recommended, with what the model expects of them."""
+    write_study(bars, tmp_path, stray=8e-12)
+    answer = CliRunner().invoke(main, ["diagnose", str(tmp_path / "long.toml"), "--out", str(tmp_path / "out")])
+    assert answer.exit_code == 0, answer.output
+    record = json.loads((tmp_path / "out/diagnosis.json").read_text(encoding="utf-8"))
+    assert record["verdict"] == "none"
+    found = {(one["cause"], one["measurement"]): one for one in record["separations"]}
+    for cause in ("stray_capacitance", "wrong_length"):
+        second = found[cause, "measure a second specimen of the same material, half the length"]
+        assert second["expected"] > 10 * second["now"]
+    reading = found["stray_capacitance", "measure the open fixture without the specimen, to 0.05 pF"]
+    typical = next(c for c in record["candidates"] if c["effect"] == "stray_capacitance")["parameters"]["capacitance"]
+    assert reading["expected"] > 100 and typical["std"] > 10 * 5e-14
+    micrometer = found["wrong_length", "measure the length of long with a micrometer, to 0.1 %"]
+    assert micrometer["expected"] == pytest.approx(20.0, rel=0.1)  # of an error of 2 %
+    first = record["recommended_measurements"][0]
+    assert first.startswith("measure a second specimen of the same material, half the length: expected separation")

@@ -1,0 +1,64 @@
+"""Direct readings of what an effect is about: what to do, and how the reading follows the effect's parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from femu_piezo.diagnosis.effect import Effect, EffectContext
+
+#: Effect of the fixture → what to read, and the σ of such a reading in SI.
+_FIXTURE = {
+    "stray_capacitance": ("measure the open fixture without the specimen, to 0.05 pF", 5e-14),
+    "series_resistance": ("measure the shorted fixture, to 0.02 ohm", 0.02),
+    "series_inductance": ("measure the shorted fixture, to 10 nH", 1e-8),
+    "leakage": ("measure the insulation resistance at dc, to 10 nS", 1e-8),
+}
+#: Relative σ of a length by micrometer, and of a mass by balance.
+_MICROMETER, _BALANCE = 1e-3, 1e-3
+
+#: What to do, and (effect name, specimen) → (n,) slope of the reading over its σ.
+Reading = tuple[str, dict[tuple[str, str], np.ndarray]]
+
+
+def readings(effects: Sequence[Effect], contexts: dict[str, EffectContext]) -> list[Reading]:
+    """Every direct reading that tells about one of the effects.
+
+    contexts : specimen as the effects name it → what is known of it
+    """
+    found: list[Reading] = []
+    for effect in effects:
+        key = (effect.name, effect.specimen)
+        if effect.name in _FIXTURE:
+            words, std = _FIXTURE[effect.name]
+            found.append((words, {key: np.array([1 / std])}))
+        elif effect.stretch is not None:
+            dimension = effect.name.removeprefix("wrong_")
+            words = f"measure the {dimension}{_whose(effect)} with a micrometer, to 0.1 %"
+            found.append((words, {key: np.array([1 / _MICROMETER])}))
+    for name, context in contexts.items():
+        own = [effect for effect in effects if effect.specimen == name]
+        slopes = {(effect.name, name): slope for effect in own if (slope := _mass(effect, context)) is not None}
+        if slopes:
+            found.append((f"weigh the specimen{f' {name}' if name else ''}, to 0.1 %", slopes))
+    unique = dict.fromkeys(words for words, _ in found)
+    return [next(reading for reading in found if reading[0] == words) for words in unique]
+
+
+def _whose(effect: Effect) -> str:
+    return f" of {effect.specimen}" if effect.specimen else ""
+
+
+def _mass(effect: Effect, context: EffectContext) -> np.ndarray | None:
+    """(n,) relative change of the specimen's mass per SI unit of each parameter, over its σ."""
+    slopes = np.zeros(len(effect.parameters))
+    if effect.stretch is not None:
+        slopes[:] = effect.stretch(effect.rest)[1].sum(axis=0)  # volume grows with every dimension that does
+    elif effect.name == "electrode_mass":
+        slopes[0] = 2 / (context.density * context.thickness)
+    elif effect.name == "point_mass" and context.dimensions is not None:
+        slopes[0] = 1 / (context.density * float(np.prod(context.dimensions)))
+    else:
+        return None
+    return slopes / _BALANCE

@@ -1,0 +1,225 @@
+"""Which further measurement would tell causes apart: planned data by coarse models, ranked by expected separation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from femu_piezo.diagnosis.compare import Comparison
+from femu_piezo.diagnosis.effect import Effect
+from femu_piezo.diagnosis.ensemble import Ensemble, belonging_to, is_common
+from femu_piezo.diagnosis.evaluation import Evaluation
+from femu_piezo.diagnosis.extended_model import ExtendedModel, extend_model
+from femu_piezo.diagnosis.readings import readings
+from femu_piezo.diagnosis.separation import Plan, Point, Separation, between, strength, summary
+from femu_piezo.diagnosis.verdict import Verdict
+from femu_piezo.errors import ConvergenceError, InputError
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.study.diagnosis_run import Run
+from femu_piezo.study.diagnosis_subject import Subject
+from femu_piezo.study.inputs import Problem, prepare
+from femu_piezo.updating.data import Prior
+
+#: Bands beyond the present end of the sweep, and how much lower a noise, that are planned for.
+_WIDER, _QUIETER = (1.5, 2.0), 3.0
+#: Error of mesh and basis that a plan may have, and points per sweep.
+_ACCURACY, _POINTS = 3e-3, 250
+#: σ from which a plan is recommended, and how much more than the present data it must tell.
+_TELLS, _MORE = 3.0, 1.5
+#: Alternatives of one cause that are planned for, and plans told of each pair.
+_ALTERNATIVES, _BEST = 3, 3
+
+
+def separations(
+    several: Sequence[Subject], run: Run, comparison: Comparison, verdict: Verdict
+) -> tuple[Separation, ...]:
+    """What further measurements would bring for every pair that is not told apart: best first for each pair.
+
+    Pairs are a cause with what it is not told from, and an effect that the sweep cannot show with the constant that
+    imitates it.
+    """
+    prior = comparison.base.data.prior
+    pairs = [*_named(comparison, verdict), *_hidden(comparison, verdict)]
+    if not pairs:
+        return ()
+    effects = {effect.key: effect for pair in pairs for effect in (*pair.effects, *comparison.final.parameters.effects)}
+    material = comparison.final.parameters.material
+    constants = material.constants(comparison.final.x[: 2 * material.scale.size])
+    owner = several[0].measured.problem.specimen.name
+    now = Plan("", run.evaluation, comparison.base.data.relative_noise, owner)
+    plans = [
+        replace(now, words="average until the noise is a third", relative_noise=now.relative_noise / _QUIETER),
+        *_readings(now, several, tuple(effects.values())),
+        *_sweeps(now, several, tuple(effects.values()), constants),
+    ]
+    found: list[Separation] = []
+    for pair in pairs:
+        present = pair.sigma(now, prior)
+        told = [
+            Separation(plan.words, pair.cause, pair.other, pair.size, present, pair.sigma(plan, prior))
+            for plan in plans
+            if pair.concerns(plan)
+        ]
+        told = [one for one in told if one.expected >= max(_TELLS, _MORE * present)]
+        found += sorted(told, key=lambda one: -one.expected)[:_BEST]
+    return tuple(found)
+
+
+def recommended(verdict: Verdict, planned: Sequence[Separation]) -> tuple[str, ...]:
+    """Measurements in words, each with what it would tell apart and by how many σ, best first.
+
+    Those for the causes come first; the best tells most pairs apart, and the closest of them farthest. Then the
+    advice of the library for causes that are alone, and for pairs that no plan tells apart.
+    """
+    causes = {cause.effect.title for cause in verdict.causes}
+    words = _ranked([one for one in planned if one.cause in causes])
+    words += _ranked([one for one in planned if one.cause not in causes])
+    told = {one.cause for one in planned}
+    for cause in verdict.causes:
+        if cause.effect.title not in told:
+            words += cause.effect.advice if cause.indistinguishable_from else cause.effect.advice[:1]
+    for effect, constant in verdict.hidden:
+        if effect.name != "wrong_insensitive_parameter" and effect.title not in told:
+            words += [f"to tell {effect.title} from {constant}: {advice}" for advice in effect.advice[:2]]
+    return tuple(dict.fromkeys(words))
+
+
+def _ranked(planned: Sequence[Separation]) -> list[str]:
+    groups = {words: [one for one in planned if one.measurement == words] for words in {p.measurement for p in planned}}
+    best = sorted(groups.items(), key=lambda item: (-len(item[1]), -min(one.expected for one in item[1]), item[0]))
+    return [summary(group) for _, group in best]
+
+
+class _Pair:
+    """Two causes, or an effect and a constant, that are not told apart."""
+
+    def __init__(self, cause: Effect, first: Point, other: Effect | str, second: Point | None, size: float, words: str):
+        self.effects = [cause] if isinstance(other, str) else [cause, other]
+        self.cause, self.other = cause.title, other if isinstance(other, str) else other.title
+        self.size = words
+        self._first, self._second, self._value = first, second, size
+        keys = [effect.key for effect in first.parameters.effects]
+        self._index = keys.index(cause.key)
+
+    def sigma(self, plan: Plan, prior: Prior) -> float:
+        """Expected separation with a plan."""
+        if self._second is None:
+            return strength(plan, self._first, self._index, self._value, prior)
+        return between(plan, self._first, self._second, prior)
+
+    def concerns(self, plan: Plan) -> bool:
+        """Whether a plan has a reading that is about one of the two, or sweeps by a model that knows both."""
+        names = {effect.name for effect in self.effects}
+        if plan.readings:
+            return any(name in names for name, _ in plan.readings)
+        points = [point for point in (self._first, self._second) if point is not None]
+        known = [e for p in points for e in (*p.parameters.effects, *(e for e, _ in p.parameters.fixed))]
+        return not (plan.new_sweeps and any(effect.local is not None for effect in known))
+
+
+def _named(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
+    """Each cause with what it is not told from."""
+    final, pairs = comparison.final, []
+    point = Point(final.parameters, final.x)
+    for cause, found in zip(verdict.causes, comparison.found, strict=True):
+        for title in cause.indistinguishable_from[:_ALTERNATIVES]:
+            others = [(effect, fit) for effect, fit in found.fits if effect.title == title]
+            if others:
+                effect, fit = others[0]
+                pairs.append(_Pair(cause.effect, point, effect, Point(fit.parameters, fit.x), 0.0, ""))
+            else:
+                pairs.append(_Pair(cause.effect, point, title, None, float(cause.values[0]), ""))
+    return pairs
+
+
+def _hidden(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
+    """Each effect that the sweep cannot show, of usual size, with the constant that imitates it."""
+    base, pairs = comparison.base, []
+    known = {cause.effect.title for cause in verdict.causes}
+    for effect, constant in verdict.hidden:
+        if effect.name == "wrong_insensitive_parameter" or effect.local is not None or effect.title in known:
+            continue
+        known.add(effect.title)
+        parameter = effect.parameters[0]
+        size = min(parameter.spread, parameter.high - parameter.rest)
+        unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+        x = np.concatenate([base.x, effect.rest / effect.scale])
+        point = Point(base.parameters.with_effect(effect), x)
+        pairs.append(_Pair(effect, point, constant, None, size, f"{size:.2g}{unit}"))
+    return pairs
+
+
+def _readings(now: Plan, several: Sequence[Subject], effects: Sequence[Effect]) -> list[Plan]:
+    owned = [e if is_common(e) or e.specimen else belonging_to(e, now.owner) for e in effects]
+    contexts = {one.name or now.owner: one.context for one in several}
+    return [replace(now, words=words, readings=slopes) for words, slopes in readings(owned, contexts)]
+
+
+def _sweeps(now: Plan, several: Sequence[Subject], effects: Sequence[Effect], constants: PiezoConstants) -> list[Plan]:
+    """Wider bands, and for a single specimen a second one half as long; by models without effects at a place.
+
+    Such effects need the other parity classes of the plate, which cost more than a recommendation is worth.
+    """
+    if any(effect.local is not None for one in several for effect, _ in one.fixed):
+        return []
+    effects = [effect for effect in effects if effect.local is None]
+    highest = max(_WIDER)
+    models = [_coarse(one.measured.problem, one, effects, constants, highest * one.measured.band_Hz) for one in several]
+    plans = []
+    for factor in _WIDER:
+        parts, noise = [], []
+        for one, model in zip(several, models, strict=True):
+            frequency = _thinned(one.measured.fitted.frequency)
+            end = frequency[-1]
+            more = np.arange(end, factor * end, np.median(np.diff(frequency)))[1 : _POINTS + 1]
+            parts.append((one.name or now.owner, Evaluation(model, 2 * np.pi * np.concatenate([frequency, more]))))
+            noise.append(_noise(one, frequency.size + more.size))
+        words = f"sweep up to {factor:g} times the present end of the band"
+        plans.append(Plan(words, Ensemble(tuple(parts)), np.concatenate(noise), now.owner, new_sweeps=True))
+    if len(several) == 1:
+        plans += _second_specimen(now, several[0], models[0], effects, constants)
+    return plans
+
+
+def _second_specimen(now: Plan, one: Subject, model: ExtendedModel, effects: Sequence[Effect], constants):
+    """The same material half as long, swept over the same part of its resonances."""
+    geometry = one.measured.problem.specimen.geometry
+    dimension = next((name for name in ("length", "diameter") if getattr(geometry, name, None)), None)
+    if dimension is None:
+        return []
+    half = {dimension: getattr(geometry, dimension) / 2}
+    specimen = one.measured.problem.specimen
+    try:
+        problem = prepare(specimen.model_copy(update={"geometry": geometry.model_copy(update=half)}), check=False)
+        common = [effect for effect in effects if is_common(effect)]
+        other = _coarse(problem, one, common, constants, 2 * one.measured.band_Hz)
+    except (InputError, ConvergenceError):
+        return []
+    frequency = _thinned(one.measured.fitted.frequency)
+    parts = (
+        (now.owner, Evaluation(model, 2 * np.pi * frequency)),
+        ("the second", Evaluation(other, 4 * np.pi * frequency)),
+    )
+    words = f"measure a second specimen of the same material, half the {dimension}"
+    return [Plan(words, Ensemble(parts), np.tile(_noise(one, frequency.size), 2), now.owner, new_sweeps=True)]
+
+
+def _coarse(problem: Problem, one: Subject, effects: Sequence[Effect], constants: PiezoConstants, band_Hz: float):
+    """A model good enough for planning, up to a frequency."""
+    model = problem.model(problem.equivalent_frequency(band_Hz, _ACCURACY), _ACCURACY)
+    own = [effect for effect in effects if effect.specimen in ("", one.name)]
+    own += [effect for effect, _ in one.fixed]
+    return extend_model(model, [constants], own, band_Hz, accuracy=_ACCURACY)
+
+
+def _thinned(frequency: np.ndarray) -> np.ndarray:
+    """At most `_POINTS` of the frequencies."""
+    return frequency[:: -(-frequency.size // _POINTS)]
+
+
+def _noise(one: Subject, size: int) -> np.ndarray:
+    """(size,) the noise of a plan, that of the present sweep with points as dense."""
+    dense = np.sqrt(-(-one.measured.fitted.frequency.size // _POINTS))
+    return np.full(size, float(np.median(one.noise)) / dense)
