@@ -10,12 +10,14 @@ from pydantic import BeforeValidator, ConfigDict
 from femu_piezo.schema import PAIR, PATH, Table, quantity
 from femu_piezo.units import shown
 
-Length = Annotated[float, quantity("m", 1e-6, 10.0, 'is the unit right (mm taken for m)? write "40 mm"')]
+Length = Annotated[float, quantity("m", 1e-6, 0.5, 'is the unit right (mm taken for m)? write "40 mm"')]
 Distance = Annotated[float, quantity("m", 0.0, 10.0, 'is the unit right (mm taken for m)? write "0.5 mm"')]
 Position = Annotated[float, quantity("m", -10.0, 10.0, 'is the unit right (mm taken for m)? write "5 mm"')]
 Density = Annotated[float, quantity("kg/m^3", 100, 30000, 'is the unit right? write "7900 kg/m^3" or "7.9 g/cm^3"')]
 Unit = Annotated[float, quantity("m", 1e-7, 1.0, 'give the length of one unit of the mesh, such as "1 mm"')]
 
+#: Ratio of the largest to the smallest dimension above which one of them has a wrong unit.
+_SLENDEREST = 1000.0
 #: Dimensions that each shape must have.
 DIMENSIONS = {
     "plate": ("length", "width", "thickness"),
@@ -121,6 +123,13 @@ class Geometry(Table):
                     f"geometry.{name} does not belong to a {self.shape}, which has {', '.join(wanted)} and may have "
                     f"{', '.join(optional)}"
                 )
+        sizes = {name: getattr(self, name) for name in wanted if name != "file"}
+        if sizes and max(sizes.values()) > _SLENDEREST * min(sizes.values()):
+            small, large = min(sizes, key=sizes.get), max(sizes, key=sizes.get)
+            return (
+                f"geometry.{small} = {sizes[small]:g} m is less than 1/{_SLENDEREST:g} of {large} = {sizes[large]:g} "
+                "m; is the unit of one of them wrong?"
+            )
         if self.shape == "ring" and self.inner_diameter >= self.diameter:
             return (
                 f"geometry.inner_diameter = {self.inner_diameter:g} m is not smaller than diameter = "

@@ -90,8 +90,9 @@ def test_variables_and_absolute_paths(tmp_path: Path, monkeypatch: pytest.Monkey
         ("length =", "lenght =", "geometry.lenght is not a key that is known; did you mean 'length'?"),
         ("[geometry]", "[geometri]", "geometri is not a key that is known; did you mean 'geometry'?"),
         ('length = "40 mm"', "", "geometry.length is missing; a plate needs length, width, thickness"),
-        ('"40 mm"', "40", "geometry.length: 40 is outside 1e-06 … 10 m; is the unit right (mm taken for m)?"),
+        ('"40 mm"', "40", "geometry.length: 40 is outside 1e-06 … 0.5 m; is the unit right (mm taken for m)?"),
         ('"40 mm"', '"0 mm"', "geometry.length"),
+        ('"1 mm"', '"0.01 mm"', "geometry.thickness = 1e-05 m is less than 1/1000 of length = 0.04 m; is the unit"),
         ('"40 mm"', '"-40 mm"', "geometry.length"),
         ('"40 mm"', '"40 kg"', "wrong dimension"),
         ('"7900 kg/m^3"', '"7.9 kg/m^3"', "geometry.density"),
@@ -167,7 +168,7 @@ MATERIALS = st.builds(
     free=st.lists(st.sampled_from(CONSTANTS), unique=True, max_size=10).map(tuple),
     simplified=st.booleans(),
 )
-LENGTHS = st.floats(1e-6, 10)
+LENGTHS = st.floats(1e-3, 0.5)
 GEOMETRIES = st.one_of(
     st.builds(
         Geometry,
