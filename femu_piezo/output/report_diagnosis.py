@@ -19,6 +19,8 @@ from femu_piezo.output.wording import listed, spoken
 from femu_piezo.study.diagnose import Diagnosis, extended_specimen
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals
 
+#: Separation in σ beyond which a figure has no meaning.
+_FAR = 100
 _WORD = {"none": "good", "effect": "fair", "unknown": "poor"}
 
 
@@ -182,8 +184,23 @@ def _hidden(result: Diagnosis) -> str:
 
 
 def _measurements(result: Diagnosis) -> str:
+    """The recommendations, and what the model expects of each."""
     items = "".join(f"<li>{html.escape(words)}</li>" for words in result.verdict.measurements)
-    return f"<ol>{items}</ol>" if items else paragraph("Nothing further is needed to tell the candidates apart.")
+    body = f"<ol>{items}</ol>" if items else paragraph("Nothing further is needed to tell the candidates apart.")
+    if result.separations:
+        rows = [
+            (
+                one.measurement,
+                one.cause.replace("_", " ") + (f", {one.size}" if one.size else ""),
+                one.other.replace("_", " "),
+                f"{one.now:.2g} σ",
+                f"{one.expected:.2g} σ" if one.expected <= _FAR else f"over {_FAR} σ",
+            )
+            for one in result.separations
+        ]
+        headings = ("measurement", "would tell", "from", "now", "then")
+        body += table(headings, rows, "Separation that the model expects, all constants fitted again", "words")
+    return body
 
 
 def _mode(result: Diagnosis) -> str:
