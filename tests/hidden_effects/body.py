@@ -13,13 +13,10 @@ from functools import cached_property
 
 import numpy as np
 
+from hidden_effects import crystal
+from hidden_effects.crystal import VOIGT
 from hidden_effects.spectral import Axis, Line, joined, quadrature
 
-VOIGT = (((0, 0),), ((1, 1),), ((2, 2),), ((1, 2), (2, 1)), ((0, 2), (2, 0)), ((0, 1), (1, 0)))
-#: Voigt and vector indices of the crystal's 1, 2, 3 where the poling lies along x
-_ALONG_X = ([1, 2, 0, 4, 5, 3], [1, 2, 0])
-#: e-form constants by kind; c66 = (c11 − c12)/2
-ELASTIC, COUPLING, DIELECTRIC = ("c11", "c12", "c13", "c33", "c44"), ("e31", "e33", "e15"), ("eps11", "eps33")
 _VOLT = 4
 
 
@@ -127,9 +124,11 @@ class ParityClass:
         self._starts = np.concatenate([[0], np.cumsum(sizes)])
         self.displacements, self.potentials = int(self._starts[-1]), self._kept.size
         self.mass = self._mass()
-        self.elastic = np.array([self._strain_strain(_elastic(name, body.poling)) for name in ELASTIC])
-        self.coupling = np.array([self._strain_field(_coupling(name, body.poling)) for name in COUPLING])
-        self.dielectric = np.array([self._field_field(_dielectric(name, body.poling)) for name in DIELECTRIC])
+        self.elastic = np.array([self._strain_strain(crystal.elastic(name, body.poling)) for name in crystal.ELASTIC])
+        self.coupling = np.array([self._strain_field(crystal.coupling(name, body.poling)) for name in crystal.COUPLING])
+        self.dielectric = np.array(
+            [self._field_field(crystal.dielectric(name, body.poling)) for name in crystal.DIELECTRIC]
+        )
         self._products.clear()
 
     def _volt(self):
@@ -254,33 +253,3 @@ class ParityClass:
             self._placed({0: minus * xx, 1: -minus * yy}),
             self._placed({0: minus * uy, 1: minus * vx}),
         ]
-
-
-def _elastic(name: str, poling: int) -> np.ndarray:
-    c = np.zeros((6, 6))
-    one = {"c11": ((0, 0), (1, 1)), "c12": ((0, 1), (1, 0)), "c13": ((0, 2), (2, 0), (1, 2), (2, 1))}
-    one |= {"c33": ((2, 2),), "c44": ((3, 3), (4, 4))}
-    for i, j in one[name]:
-        c[i, j] = 1.0
-    c[5, 5] = {"c11": 0.5, "c12": -0.5}.get(name, 0.0)
-    return c if poling == 2 else _moved(c, _ALONG_X[0], _ALONG_X[0])
-
-
-def _coupling(name: str, poling: int) -> np.ndarray:
-    e = np.zeros((3, 6))
-    for k, j in {"e31": ((2, 0), (2, 1)), "e33": ((2, 2),), "e15": ((0, 4), (1, 3))}[name]:
-        e[k, j] = 1.0
-    return e if poling == 2 else _moved(e, _ALONG_X[1], _ALONG_X[0])
-
-
-def _dielectric(name: str, poling: int) -> np.ndarray:
-    eps = np.array([1.0, 1.0, 0.0] if name == "eps11" else [0.0, 0.0, 1.0])
-    found = np.empty(3)
-    found[[0, 1, 2] if poling == 2 else _ALONG_X[1]] = eps
-    return found
-
-
-def _moved(matrix: np.ndarray, rows: list[int], columns: list[int]) -> np.ndarray:
-    found = np.empty_like(matrix)
-    found[np.ix_(rows, columns)] = matrix
-    return found

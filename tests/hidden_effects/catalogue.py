@@ -213,7 +213,7 @@ def _depth(compliance: float) -> float:
 
 def poling_gradient(build, assumed, rng, variant) -> Hidden:
     """Variant: curved as well. The sign of g is that of an axis nobody has marked."""
-    size, half = log_uniform(rng, 0.02, 0.4), build.size[0] / 2
+    size, half = log_uniform(rng, 0.04, 0.4), build.size[0] / 2
     curved = 0.4 * size * float(rng.choice([-1, 1])) if variant else 0.0
     build.piezoelectric.append(lambda x: 1 + size * x / half + curved * ((x / half) ** 2 - 1 / 3))
     return Hidden("poling_gradient", {"gradient": size}, variant="curved" * variant, sized=not variant)
