@@ -131,7 +131,10 @@ def _constants(result: Diagnosis) -> str:
         "± is one standard deviation from noise and misfit of this sweep; errors of dimensions and density that are "
         "not fitted come on top."
     )
-    return table(("", "unit", "base model", "with what is named", "bias of the base model"), rows) + paragraph(words)
+    headings = ("", "unit", "base model", "with what is named", "bias of the base model")
+    if not result.verdict.causes:
+        headings, rows = headings[:3], [row[:3] for row in rows]
+    return table(headings, rows) + paragraph(words)
 
 
 def _candidates(result: Diagnosis) -> str:
@@ -156,7 +159,7 @@ def _candidates(result: Diagnosis) -> str:
         "Left-out error: of bands predicted without them, in σ; 1 is the noise."
     )
     headings = ("candidate", "evidence", "χ²", "left-out error (σ)", "fitted size", "")
-    body = table(headings, rows) + paragraph(words)
+    body = table(headings, rows, kind="candidates") + paragraph(words)
     return body + notes([f"The fit of {listed(failed)} did not settle."] if failed else [])
 
 
