@@ -5,7 +5,8 @@ whose mirror plane its parity is flipped, "x" to "xyz" (`femu_piezo.forward.pari
 local response of the driven and of the x class to a yielding slice across the plate, "ramp" and "x ramp" theirs
 to driven fields whose piezoelectric coupling varies along x; "spot" has three unknowns
 without field or inertia, the displacement of a body that is attached at a place. Vectors of further sectors tie a
-potential to each displacement: they are modes at the reference constants, and enter at second order only.
+potential to each displacement: they are modes at the reference constants, and enter at second order only. Slices are
+orthonormal to the ramps too, so an effect that asks for them asks for both.
 """
 
 from __future__ import annotations
@@ -103,10 +104,10 @@ def build_sectors(
             parts.append(known)
             names.append(letters)
         loads, slices, ramp = {}, f"{letters} {SLICES}".strip(), f"{letters} {RAMP}".strip()
-        if slices in wanted:
-            loads[slices] = _slice_loads(model, constants, driven @ static)
         if ramp in wanted:
             loads[ramp] = _ramp_loads(model, constants, driven @ states, _PROFILES[0 in flipped])
+        if slices in wanted:
+            loads[slices] = _slice_loads(model, constants, driven @ static)
         responses = _responses(model, constants, flipped, list(loads.values()), _SHIFT * top) if loads else []
         for name, response in zip(loads, responses, strict=True):
             parts.append(_outside(model, response, known))

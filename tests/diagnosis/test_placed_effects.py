@@ -1,0 +1,110 @@
+"""Effects at a place against the independent spectral solver: what they change, apart from the error of the mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden_effects.body import Surface
+from hidden_effects.build import Build
+
+from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
+from femu_piezo.diagnosis.joint import JointParameters
+from femu_piezo.diagnosis.sectors import flipped_axes
+
+
+def impedance(setup, key: str = "", values=()):
+    parameters, x = JointParameters(setup.material), setup.x
+    if key:
+        effect = setup.library[key]
+        parameters, x = parameters.with_effect(effect), np.append(x, np.array(values) / effect.scale)
+    return setup.evaluation.impedance(parameters, x)
+
+
+def build(setup) -> Build:
+    return Build(np.array(SIZE), DENSITY, setup.theta, FUNDAMENTAL)
+
+
+def mass(built: Build) -> None:
+    side, own = 0.8e-3, 2.5e-6
+    place = ((4.1e-3 - side / 2, 4.1e-3 + side / 2), (1.9e-3 - side / 2, 1.9e-3 + side / 2))
+    built.surfaces.append(Surface(*place, (1,), lambda w: -(w**2) * own / side**2))
+
+
+def crack(built: Build) -> None:
+    ends, kept = (1.875e-3, 2.25e-3), 0.375 / 0.525  # 0.15 mm of added length: 0.375 mm · k/(1 − k)
+    built.elements += ends
+    built.stiffness.append(lambda x: np.where((x > ends[0]) & (x < ends[1]), kept, 1.0))
+
+
+def gradient(built: Build) -> None:
+    built.piezoelectric.append(lambda x: 1 + 0.25 * x / 6e-3 + 0.04 * ((x / 6e-3) ** 2 - 1 / 3))
+
+
+def support(built: Build) -> None:
+    area = 2 * 0.8e-3 * SIZE[1]
+    built.surfaces.append(Surface((-0.4e-3, 0.4e-3), built.whole_face[1], (1, -1), lambda w: (1e6 + 4j * w) / area))
+
+
+def margins(built: Build) -> None:
+    built.margins = (0.25e-3, 0.25e-3)
+
+
+#: Effect → its parameters, how it is built, and the error allowed as a share of what it changes (rms over the sweep).
+#: The patch of the mass is a square of its radius' area, its local compliance (a third of the change here) that of a
+#: half-space: 4 % reached; the slice of the crack is a column of elements.
+CASES = {
+    "point_mass": ((2.5e-6, 4.1e-3, 1.9e-3, 0.8e-3 / np.sqrt(np.pi)), mass, 0.05),
+    "local_crack": ((0.15e-3, 2.0625e-3), crack, 0.02),
+    "poling_gradient": ((0.25, 0.04), gradient, 0.01),
+    "mounting": ((1e6, 4.0, 0.8e-3), support, 0.02),
+    "electrode_margin": ((0.25e-3,), margins, 0.02),
+}
+
+
+@pytest.fixture(scope="module")
+def bare(setup):
+    return build(setup).impedance(FREQUENCY)
+
+
+@pytest.mark.parametrize("key", CASES)
+def test_change_of_impedance_against_independent_solution(setup, bare, key):
+    values, change, share = CASES[key]
+    built = build(setup)
+    change(built)
+    exact = np.log(built.impedance(FREQUENCY) / bare)
+    own = np.log(impedance(setup, key, values) / impedance(setup))
+    error, size = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (own - exact, exact))
+    assert size > 0.005
+    assert error < share * size, f"{error / size:.4f}"
+
+
+def test_sectors_are_orthonormal_and_classes_do_not_couple(setup):
+    """uᵗMu = 1 over all sectors of a class, and no bulk operator joins two classes."""
+    model = setup.model
+    groups = np.array([sum(1 << axis for axis in flipped_axes(model.sectors[i])) for i in model.member])
+    apart = groups[:, None] != groups
+    assert np.max(np.abs(model.bulk[:, apart])) == 0.0
+    assert {"spot", "slices", "x ramp", "xyz"} <= set(model.sectors)
+
+
+def test_even_effects_need_no_further_sectors(setup):
+    """The size of the reduced model is that of the driven class unless an effect breaks a mirror."""
+    few = setup.model.restricted(setup.library["mounting"].sectors)
+    assert few.sectors == ("driven",)
+    assert few.size < 0.5 * setup.model.size
+    assert setup.model.restricted(setup.library["poling_gradient"].sectors).sectors == ("driven", "ramp", "x", "x ramp")
+
+
+def test_sites_promise_what_a_small_mass_does(setup):
+    """∂Z/∂m at a site against a difference quotient with a stiff patch, which follows the face."""
+    effect = setup.library["point_mass"]
+    index = 17
+    slopes = setup.evaluation.slopes_at_sites(JointParameters(setup.material), setup.x, effect)[:, index]
+    site = effect.sites[index].copy()
+    site[-1] = effect.bounds[-1, 1]
+    found = []
+    for mass in (2e-9, 4e-9):
+        site[0] = mass
+        found.append(impedance(setup, "point_mass", site))
+    difference = (found[1] - found[0]) / 2e-9
+    assert np.max(np.abs(difference - slopes)) < 0.01 * np.max(np.abs(slopes))
