@@ -74,6 +74,7 @@ class EffectParameter:
         explain a sweep alike the one of plausible size is the better
     starts : further values to start a fit from, beside the one that linearisation at `rest` gives
     rest : the value at which the effect vanishes
+    optional : whether a specimen file may leave it out; it is at `rest` then
     """
 
     name: str
@@ -84,6 +85,7 @@ class EffectParameter:
     spread: float
     starts: tuple[float, ...] = ()
     rest: float = 0.0
+    optional: bool = False
 
 
 @dataclass(frozen=True)

@@ -186,7 +186,11 @@ def test_table_of_effects_is_read_with_units_and_refused_in_one_sentence(setup):
         "wrong_insensitive_parameter:s12": 0.02,
         "wrong_insensitive_parameter:s13": -0.01,
     }
+    whole = replace(context, dimensions=SIZE)
+    ((effect, values),) = from_table({"point_mass": {"mass": "1 mg", "x": "4 mm", "y": 0.002}}, whole, "plate.toml")
+    assert values.tolist() == [1e-6, 4e-3, 2e-3, effect.parameters[3].rest]
     for wrong, words in (
+        ({"point_mass": {"x": 0.004, "y": 0.002}}, "point_mass"),
         ({"ghost": {"a": 1.0}}, "ghost"),
         ({"leakage": {"resistance": 1.0}}, "conductance"),
         ({"leakage": {}}, "conductance"),

@@ -43,8 +43,9 @@ def from_table(
             names = ", ".join(sorted({effect.name for effect in known}))
             raise InputError(f"{where}: effects.{name} is no effect that this specimen can have; known are {names}")
         for effect in variants:
-            if {parameter.name for parameter in effect.parameters} <= set(left):
-                found.append((effect, np.array([_value(p, left.pop(p.name), where, name) for p in effect.parameters])))
+            if {parameter.name for parameter in effect.parameters if not parameter.optional} <= set(left):
+                given = [_value(p, left.pop(p.name, p.rest), where, name) for p in effect.parameters]
+                found.append((effect, np.array(given)))
         if left or not values:
             words = "; or ".join(", ".join(f"{p.name} ({p.unit})" for p in effect.parameters) for effect in variants)
             raise InputError(f"{where}: effects.{name} has {sorted(left) or 'nothing'}; give {words}")

@@ -60,7 +60,9 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             parameters=(
                 EffectParameter("stiffness", "N/m", 0.0, 40 * stiffness, stiffness, 5 * stiffness),
                 EffectParameter("damping", "N s/m", 0.0, 40 * damping, damping, 5 * damping),
-                EffectParameter("width", "m", 0.0, length / 4, length / 20, length / 15, rest=length / 15),
+                EffectParameter(
+                    "width", "m", 0.0, length / 4, length / 20, length / 15, rest=length / 15, optional=True
+                ),
             ),
             confusable_with=("frequency_dependent_elastic_loss", "wrong_insensitive_parameter"),
             advice=("measure again hung on thin wires or lying on foam", "move the support and see what changes"),

@@ -89,7 +89,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                     EffectParameter(name, "m", 0.0, length, length / 20, 10 * length, rest=length / 2)
                     for name, length in zip(("x", "y"), half.tolist(), strict=True)
                 ),
-                EffectParameter("radius", "m", patch / 5, 6 * patch, patch / 2, patch, rest=patch),
+                EffectParameter("radius", "m", patch / 5, 6 * patch, patch / 2, patch, rest=patch, optional=True),
             ),
             confusable_with=("electrode_mass", "local_crack", "wrong_length"),
             advice=("look at both faces and clean them", "weigh the plate before and after cleaning"),

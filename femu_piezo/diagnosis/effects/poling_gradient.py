@@ -31,7 +31,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             sentence="the poling changes along the length: modes without charge in a uniform plate are driven",
             parameters=(
                 EffectParameter("gradient", "1", 0.0, 0.95, 0.1, 0.3, starts=(0.05, 0.2, 0.5)),
-                EffectParameter("curvature", "1", -0.5, 0.5, 0.02, 0.05),
+                EffectParameter("curvature", "1", -0.5, 0.5, 0.02, 0.05, optional=True),
             ),
             confusable_with=("local_crack", "point_mass"),
             advice=(
