@@ -1,4 +1,4 @@
-"""A relative error of one dimension: the body is (1 + p) times as long along one axis as the file says."""
+"""A relative error of one dimension: the body is (1 + p) times as large along its axes as the file says."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ _CONFUSABLE = {
     "length": ("s11", "s33"),
     "width": ("eps33T", "wrong_insensitive_parameter"),
     "thickness": ("eps33T", "d31"),
+    "diameter": ("s11", "s12", "wrong_thickness"),
 }
 
 
@@ -17,10 +18,10 @@ def dimension_effect(name: str, context: EffectContext) -> tuple[Effect, ...]:
     """The effect wrong_NAME for a specimen that has such a dimension, else nothing."""
     if name not in context.axes:
         return ()
-    axis = context.axes[name]
+    along = np.isin(np.arange(3), context.axes[name]).astype(float)
 
     def stretch(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return 1 + p[0] * np.eye(3)[axis], np.eye(3)[:, axis : axis + 1]
+        return 1 + p[0] * along, along[:, None]
 
     return (
         Effect(

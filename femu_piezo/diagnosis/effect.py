@@ -186,7 +186,7 @@ class EffectContext:
     fundamental_Hz : pole of the fundamental, where laws over frequency are anchored
     free : names of the free constants; all others are held
     constants : the ten constants of the base model
-    axes : the dimensions that the specimen has, by name, as axis numbers
+    axes : the dimensions that the specimen has, by name, as the axes (0, 1, 2) along which they lie
     density : kg/m³
     thickness : extent along the electrodes' normal, m
     impedance : typical |Z| of the sweep, ohm
@@ -197,7 +197,7 @@ class EffectContext:
     fundamental_Hz: float
     free: tuple[str, ...]
     constants: PiezoConstants
-    axes: Mapping[str, int]
+    axes: Mapping[str, tuple[int, ...]]
     density: float
     thickness: float
     impedance: float = field(default=1e3)

@@ -20,8 +20,14 @@ from femu_piezo.study.measured import Measured
 from femu_piezo.updating.data import SweepBlock
 from femu_piezo.updating.parameters import FreeConstants, MaterialParameters
 
-#: Dimensions by name as axes, of the shapes whose stretch is that of a box.
-_AXES = {"plate": {"length": 0, "width": 1, "thickness": 2}, "disk": {"thickness": 2}, "ring": {"thickness": 2}}
+#: Dimensions by name as axes; all radii of a disk or a ring go with its diameter.
+_ROUND = {"diameter": (0, 1), "thickness": (2,)}
+_AXES = {
+    "plate": {"length": (0,), "width": (1,), "thickness": (2,)},
+    "square": {"length": (0, 1), "thickness": (2,)},
+    "disk": _ROUND,
+    "ring": _ROUND,
+}
 #: Relative range of the free constants that the basis of an update with effects serves.
 _SPREAD = 0.05
 

@@ -1,0 +1,171 @@
+"""Diagnosis of k33 bars, square plates, disks, simplified material and held-out bands; data by independent solvers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden_effects.build import Build
+
+from diagnosis.conftest import DENSITY, TANGENTS
+from femu_piezo.diagnosis.effects import library
+from femu_piezo.diagnosis.evaluation import Evaluation
+from femu_piezo.diagnosis.extended_model import extend_model
+from femu_piezo.diagnosis.joint import JointParameters
+from femu_piezo.forward.response import full_impedance
+from femu_piezo.material.constants import D_FORM, PiezoConstants
+from femu_piezo.material.library import library_material
+from femu_piezo.specimen import read_specimen
+from femu_piezo.study.diagnose import diagnose
+from femu_piezo.study.diagnosis_start import first_constants
+from femu_piezo.study.effects import effect_context
+from femu_piezo.study.inputs import prepare
+from femu_piezo.study.measured import measure
+from femu_piezo.study.update import update
+from femu_piezo.updating.parameters import MaterialParameters
+
+NOISE = 2e-3
+#: What is hidden beside the body: series resistance (ohm), parallel conductance (S).
+RESISTANCE, CONDUCTANCE = 3.0, 1e-7
+TRUTH = library_material("pzt-5h").constants.vector() * np.linspace(0.985, 1.015, 10) * (1 - 1j * TANGENTS)
+#: Geometry table, axis of the poling, band (Hz): each with width modes or overtones in it.
+BODIES = {
+    "k33": ('shape = "plate"\npoling = "length"\nlength = 12e-3\nwidth = 3.2e-3\nthickness = 2.5e-3', 0, (20e3, 240e3)),
+    "square": ('shape = "square"\npoling = "thickness"\nlength = 12e-3\nthickness = 1.5e-3', 2, (20e3, 240e3)),
+    "plate": (
+        'shape = "plate"\npoling = "thickness"\nlength = 12e-3\nwidth = 6.5e-3\nthickness = 1.5e-3',
+        2,
+        (20e3, 240e3),
+    ),
+    "disk": ('shape = "disk"\npoling = "thickness"\ndiameter = 20e-3\nthickness = 1e-3', 2, (20e3, 300e3)),
+}
+SIZES = {"k33": (12e-3, 3.2e-3, 2.5e-3), "square": (12e-3, 12e-3, 1.5e-3), "plate": (12e-3, 6.5e-3, 1.5e-3)}
+
+
+def driving(body: str) -> tuple[str, ...]:
+    return ("s33", "d33", "eps33T") if body == "k33" else ("s11", "d31", "eps33T")
+
+
+def specification(body: str, theta: np.ndarray, more: str = "", material: str = "") -> str:
+    """A specimen file whose free constants are those of the library, the others of `theta`."""
+    values = dict(zip(D_FORM, theta.tolist(), strict=True))
+    for name in driving(body):
+        values[name] = getattr(library_material("pzt-5h").constants, name) * (1 - 0.015j)
+    lines = [f'name = "{body}"', "[geometry]", BODIES[body][0], f"density = {DENSITY}", "[material]", material]
+    lines += [f"{key} = {v.real!r}\ntan_{key} = {-v.imag / v.real!r}" for key, v in values.items()]
+    lines += [f"free = {list(driving(body))}", "[measurement]", 'file = "sweep.csv"', f"noise = {NOISE}", more]
+    return "\n".join(lines) + "\n"
+
+
+def write(
+    folder,
+    body: str,
+    *,
+    resistance: float = 0.0,
+    conductance: float = 0.0,
+    theta: np.ndarray = TRUTH,
+    more: str = "",
+    material: str = "",
+):
+    """Specimen file and noisy sweep of a body with a resistance in series or a conductance beside it."""
+    path = folder / f"{body}.toml"
+    path.write_text(specification(body, TRUTH, more, material), encoding="utf-8")
+    frequency = np.linspace(*BODIES[body][2], 121)
+    z = 1 / (1 / exact(body, theta, frequency, path) + conductance) + resistance
+    normal = np.random.default_rng(len(body)).standard_normal((2, z.size))
+    z = z * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2))
+    rows = np.column_stack([frequency, z.real, z.imag]).tolist()
+    text = ["frequency_Hz,resistance_ohm,reactance_ohm", *(",".join(map(repr, row)) for row in rows)]
+    (folder / "sweep.csv").write_text("\n".join(text) + "\n", encoding="utf-8")
+    return read_specimen(path)
+
+
+def exact(body: str, theta: np.ndarray, frequency: np.ndarray, path) -> np.ndarray:
+    """Z by spectral elements; of the disk by full solves on a much finer mesh than a diagnosis takes."""
+    if body in SIZES:
+        return Build(np.array(SIZES[body]), DENSITY, theta, 1e5, poling=BODIES[body][1]).impedance(frequency)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.split("[measurement]")[0], encoding="utf-8")
+    problem = prepare(read_specimen(path))
+    path.write_text(text, encoding="utf-8")
+    model = problem.model(frequency[-1], 3e-4)
+    return full_impedance(model, PiezoConstants.from_vector(theta).to_e_form(), frequency)
+
+
+@pytest.mark.parametrize("body", ["k33", "square", pytest.param("disk", marks=pytest.mark.slow)])
+def test_cause_is_named_and_the_start_is_near(body, tmp_path):
+    """The first constants lie within 5 % of the truth, also where modes of two dimensions meet."""
+    hidden = {"conductance": CONDUCTANCE} if body == "k33" else {"resistance": RESISTANCE}
+    specimen = write(tmp_path, body, **hidden)
+    start = first_constants([specimen], [measure(specimen)])
+    for name in driving(body):
+        truth = TRUTH[D_FORM.index(name)].real
+        assert getattr(start, name).real == pytest.approx(truth, rel=0.05), name
+    result = diagnose(specimen)
+    assert result.verdict.word == "effect"
+    (cause,) = result.verdict.causes
+    assert cause.effect.key == ("leakage" if body == "k33" else "series_resistance")
+    assert abs(cause.values[0] - next(iter(hidden.values()))) < 4 * cause.std[0]
+    final = result.constants(result.comparison.final)
+    for name in driving(body):
+        truth = TRUTH[D_FORM.index(name)]
+        assert abs(final[name].value - truth.real) < 4 * abs(final[name].std), name
+
+
+def test_update_of_a_square_plate_starts_from_the_file(tmp_path):
+    """Thin-bar formulas make no stable material of its first pair; the update begins with the file's constants."""
+    specimen = write(tmp_path, "square")
+    found = update(specimen).parameters
+    for name in driving("square"):
+        assert found[name].value == pytest.approx(TRUTH[D_FORM.index(name)].real, rel=1e-3), name
+
+
+@pytest.mark.parametrize("resistance", [RESISTANCE, pytest.param(0.0, marks=pytest.mark.slow)])
+def test_simplified_material(resistance, tmp_path):
+    """Data of an isotropic body and the isotropic simplification: none, and the resistance by name."""
+    path = tmp_path / "plate.toml"
+    path.write_text(specification("plate", TRUTH, material="simplified = true").split("[measurement]")[0])
+    free = (problem := prepare(read_specimen(path))).free(problem.constants)
+    isotropic = free.constants(TRUTH[[D_FORM.index(name) for name in free.names]]).vector()
+    specimen = write(tmp_path, "plate", resistance=resistance, theta=isotropic, material="simplified = true")
+    verdict = diagnose(specimen).verdict
+    assert [cause.effect.key for cause in verdict.causes] == ["series_resistance"] * (resistance > 0)
+    assert verdict.word == ("effect" if resistance else "none")
+
+
+@pytest.mark.parametrize("resistance", [RESISTANCE, pytest.param(0.0, marks=pytest.mark.slow)])
+def test_held_out_band(resistance, tmp_path):
+    """No fit sees the band: its error falls to the noise with the cause, and is there from the first without one."""
+    specimen = write(tmp_path, "plate", resistance=3 * resistance, more='held_out = ["195 kHz", "215 kHz"]')
+    result = diagnose(specimen)
+    frequency = result.spectrum.frequency
+    assert np.array_equal(result.fitted, (frequency < 195e3) | (frequency > 215e3))
+    assert result.comparison.base.data.impedance.size == np.count_nonzero(result.fitted)
+    assert [cause.effect.key for cause in result.verdict.causes] == ["series_resistance"] * (resistance > 0)
+    gain = result.gain
+    assert gain["noise_floor"] == pytest.approx(NOISE, rel=0.01)
+    assert gain["held_out_after"] < 1.3 * gain["noise_floor"]
+    assert (gain["held_out_before"] > 2 * gain["noise_floor"]) == (resistance > 0)
+
+
+def test_disk_that_is_larger_all_over_answers_at_lower_frequency(tmp_path):
+    """Diameter and thickness both (1 + p): Z'(f) = Z(f (1 + p)) exactly; the diameter alone moves radii."""
+    path = tmp_path / "disk.toml"
+    path.write_text(specification("disk", TRUTH).split("[measurement]")[0], encoding="utf-8")
+    problem = prepare(read_specimen(path))
+    context = effect_context(problem, 1.3e5, 1e3)
+    effects = {effect.name: effect for effect in library(context) if effect.name.startswith("wrong_")}
+    assert {"wrong_diameter", "wrong_thickness"} <= set(effects) and "wrong_length" not in effects
+    free = problem.free(problem.constants)
+    material, p = MaterialParameters.around(free, free.start), 0.01
+    chosen = [effects["wrong_diameter"], effects["wrong_thickness"]]
+    model = problem.model(300e3, 3e-3)
+    extended = extend_model(model, [problem.constants], chosen, 310e3, accuracy=1e-5)
+    frequency = np.linspace(50e3, 300e3, 101)
+    x = np.concatenate([material.x_of(free.start), [p / effect.scale[0] for effect in chosen]])
+    large = Evaluation(extended, 2 * np.pi * frequency).impedance(JointParameters(material, tuple(chosen)), x)
+    plain = Evaluation(extended, 2 * np.pi * frequency * (1 + p)).impedance(JointParameters(material), x[:6])
+    np.testing.assert_allclose(large, plain, rtol=2e-4)
+    only = JointParameters(material).with_effect(chosen[0])
+    wide = Evaluation(extended, 2 * np.pi * frequency[:1]).impedance(only, x[:7])
+    rest = Evaluation(extended, 2 * np.pi * frequency[:1]).impedance(JointParameters(material), x[:6])
+    assert abs(wide[0] / rest[0]) == pytest.approx(1 / (1 + p) ** 2, rel=5e-3)
