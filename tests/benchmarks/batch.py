@@ -1,6 +1,6 @@
 """Throughput of the batch on 1 and 2 processes and through Dask, memory, cost of a first and a further plate; kills.
 
-    python tests/benchmarks/batch.py [sweeps, default 500] [kills, default 50]
+    python tests/benchmarks/batch.py [sweeps, default 500] [kills, default 50] [most seconds of the rates, default 3600]
 
 On a machine that others use too, the column "others" (cores kept busy by other programs) tells what the rates are
 worth; processor time per plate (of the workers, and of the process that feeds them) depends on it less. The sweeps
@@ -10,6 +10,7 @@ are simulated by a reduced model on a finer mesh than the update uses, with scat
 from __future__ import annotations
 
 import csv
+import os
 import sys
 import tempfile
 import threading
@@ -132,7 +133,7 @@ def _busy() -> float:
     return times.user + times.nice + times.system
 
 
-def throughput(sweeps: Path, specimen: Path, folder: Path) -> None:
+def throughput(sweeps: Path, specimen: Path, folder: Path, budget_s: float) -> None:
     """The table of rates, measured side by side: in every round each of the three ways computes as many plates."""
     from contextlib import ExitStack
 
@@ -146,17 +147,23 @@ def throughput(sweeps: Path, specimen: Path, folder: Path) -> None:
     jobs = find_jobs(sweeps, specimen)
     print(f"{len(jobs)} sweeps of 401 points; load {psutil.getloadavg()[0]:.1f} on {psutil.cpu_count()} cores")
     with ExitStack() as stack:
+        before = dict(os.environ)
         cluster = stack.enter_context(LocalCluster(2, threads_per_worker=1, dashboard_address=None))
         cluster.wait_for_workers(2)
+        for name in set(os.environ) - set(before):  # what Dask tells malloc is not for the local processes
+            del os.environ[name]
         pools = {"1 process": LocalPool(1, None), "2 processes": LocalPool(2, None)}
         pools["Dask, 2 workers"] = DaskPool(cluster.scheduler_address)
         for pool in pools.values():
             stack.callback(pool.close)
         rounds = [jobs[start : start + ROUND] for start in range(0, len(jobs), ROUND)]
-        found = {name: [] for name in pools}
+        found, began = {name: [] for name in pools}, time.perf_counter()
         for part in rounds:
+            if len(found["1 process"]) > 1 and time.perf_counter() - began > budget_s:
+                break
             for name, pool in pools.items():
                 found[name].append(timed(part, folder / name.replace(" ", "_"), Kept(pool)))
+    jobs = jobs[: sum(len(part) for part in rounds[: len(found["1 process"])])]
     heads = ("plates/min", "efficiency", "first (s)", "MB/worker", "CPU ms", "feeding", "others")
     print(f"{'':18s}" + "".join(f"{head:>12s}" for head in heads))
     quiet = _quietest(found)
@@ -176,8 +183,8 @@ def throughput(sweeps: Path, specimen: Path, folder: Path) -> None:
         assert run_lot(jobs, out, lambda: None).computed == 0
         tables.add((out / "table.csv").read_bytes())
     print(
-        f"different tables among the three: {len(tables)}; medians of {len(quiet)} of {len(rounds)} rounds of {ROUND} "
-        "plates, those in which other programs used least of the machine, the first left out"
+        f"different tables among the three: {len(tables)}; medians of {len(quiet)} of {len(found['1 process'])} rounds "
+        f"of {ROUND} plates, those in which other programs used least of the machine, the first left out"
     )
     _costs(jobs)
     _accuracy(folder / "1_process" / "table.csv")
@@ -229,9 +236,9 @@ def kills(folder: Path, count: int) -> None:
 
 
 if __name__ == "__main__":
-    sweeps_, kills_ = (int(item) for item in [*sys.argv[1:], *(500, 50)[len(sys.argv) - 1 :]])
+    sweeps_, kills_, budget = (int(item) for item in [*sys.argv[1:], *(500, 50, 3600)[len(sys.argv) - 1 :]])
     with tempfile.TemporaryDirectory() as place:
         if sweeps_:
-            throughput(*make_lot(Path(place) / "lot", sweeps_), Path(place))
+            throughput(*make_lot(Path(place) / "lot", sweeps_), Path(place), budget)
         if kills_:
             kills(Path(place) / "kills", kills_)
