@@ -215,5 +215,6 @@ def _measures(result: Diagnosis) -> tuple[str, ...]:
         first = "Do not rely on the constants before the cause is known; look at the residual where it is largest."
         if not result.verdict.causes:
             return first, _HOLD
-    advice = [f"{words[0].upper()}{words[1:]}." for words in result.verdict.measurements[:3]]
-    return (first, *advice)
+    remedies = [cause.effect.advice[0] for cause in result.verdict.causes if cause.effect.advice]
+    advice = list(dict.fromkeys([*remedies, *result.verdict.measurements]))[:3]
+    return (first, *(f"{words[0].upper()}{words[1:]}." for words in advice))
