@@ -217,4 +217,4 @@ def _measures(result: Diagnosis) -> tuple[str, ...]:
             return first, _HOLD
     remedies = [cause.effect.advice[0] for cause in result.verdict.causes if cause.effect.advice]
     advice = list(dict.fromkeys([*remedies, *result.verdict.measurements]))[:3]
-    return (first, *(f"{words[0].upper()}{words[1:]}." for words in advice))
+    return (first, *(f"{words[0].upper()}{words[1:]}.".replace("_", " ") for words in advice))
