@@ -17,8 +17,8 @@ from femu_piezo.diagnosis.joint import JointParameters
 from femu_piezo.diagnosis.starts import Start, starts
 from femu_piezo.errors import ConvergenceError
 
-#: A rough fit whose χ² is within this factor of the best one's, or within so much of it, makes a contender.
-_FACTOR, _WITHIN = 4.0, 60.0
+#: A rough fit makes a contender where its χ² is within so much of the best one's, and so often the excess of that.
+_WITHIN, _FACTOR = 60.0, 3.0
 #: Gain in χ² by linearisation below which a candidate is not fitted; none is accepted or alike below it.
 _LEAST_GAIN = 4.0
 #: A rough fit this near to what linearisation promised has found the minimum there is.
@@ -51,10 +51,16 @@ def try_all(
     best = min((fit.chi_square for fit in found.values() if fit is not None), default=np.inf)
     for number, places in worth.items():
         rough = found[number]
-        if rough is None or rough.chi_square <= max(_FACTOR * best, best + _WITHIN):
+        if rough is None or _contends(rough, best, current, places[0]):
             progress(candidates[number].key)
             found[number] = _closely(evaluation, data, places, rough)
     return tuple((effect, found[number]) for number, effect in enumerate(candidates))
+
+
+def _contends(rough: JointFit, best: float, current: JointFit, start: Start) -> bool:
+    """Whether a close fit may change what is named: near the best, and with evidence for it, had or promised."""
+    reach = best + _WITHIN + _FACTOR * max(0.0, best - rough.freedom)
+    return rough.chi_square <= reach and min(rough.bic, start.linear.bic) < current.bic
 
 
 def _closely(evaluation, data, places: list[Start], rough: JointFit | None) -> JointFit | None:

@@ -56,6 +56,21 @@ def test_null_stays_null(setup, known):
         assert hidden["stray_capacitance"] == "eps33T"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("known", [True, False])
+def test_false_alarms_are_rare(setup, known):
+    """300 nulls, effects at a place included: one alarm at most.
+
+    One alarm in 300 bounds the rate by 1.6 % at 95 % confidence (Clopper and Pearson).
+    """
+    library, alarms = list(setup.library.values()), 0
+    start = setup.x * (1 + 0.02 * np.cos(np.arange(setup.x.size)))
+    for seed in range(300):
+        data = data_with(setup, {}, 1000 + seed, known)
+        alarms += bool(compare(setup.evaluation, data, JointParameters(setup.material), start, library).found)
+    assert alarms <= 1
+
+
 def test_what_no_candidate_describes_is_unknown(setup):
     """A bump near 160 kHz: structure is left, placed, and no cause is named with confidence."""
     data = data_with(setup, {}, 3)
