@@ -38,6 +38,7 @@ class QuietWorker(WorkerPlugin):
     name = "femu-piezo-quiet"
 
     def setup(self, worker: Worker) -> None:
+        """Called by Dask on every worker when the lot begins, or when the worker joins."""
         callbacks = worker.periodic_callbacks
         if _SAMPLING in callbacks:
             callbacks[_SAMPLING].stop()
@@ -49,6 +50,7 @@ class QuietWorker(WorkerPlugin):
                 ctypes.CDLL(None).mallopt(*option)
 
     def teardown(self, worker: Worker) -> None:
+        """Called by Dask when the lot is done: sampling and watch go on as before."""
         callbacks = worker.periodic_callbacks
         if _SAMPLING in callbacks:
             callbacks[_SAMPLING].start()
