@@ -18,7 +18,7 @@ from femu_piezo.geometry.domain import Domain
 
 
 def boundary_dofs(basis: skfem.Basis, names: tuple[str, ...]) -> np.ndarray:
-    """Degrees of freedom of a scalar basis on named boundaries, each once."""
+    """(k,) degrees of freedom of a scalar basis on named boundaries, each once."""
     return np.unique(np.concatenate([basis.get_dofs(name).all() for name in names]))
 
 
