@@ -45,11 +45,11 @@ def _stranger(omega: np.ndarray) -> np.ndarray:
 
 
 def _diagnosed(folder: Path, verdict: str) -> Case:
-    """The fundamental of the tutorial's plate, with more noise and 4 Ω in its leads; without; with a stranger."""
+    """The fundamental of the tutorial's plate, with more noise and 8 Ω in its leads; without; with a stranger."""
     f, real, imag = np.loadtxt(TUTORIAL / "sweep.csv", delimiter=",", skiprows=1).T
     z = real + 1j * imag
     f, z = f[f <= HIGHEST], z[f <= HIGHEST]
-    z = z + (2.5 if verdict == "effect" else -1.5)
+    z = z + (6.5 if verdict == "effect" else -1.5)
     if verdict == "unknown":
         z = 1 / (1 / z + _stranger(2 * np.pi * f))
     first, second = np.random.default_rng(5).standard_normal((2, f.size))
