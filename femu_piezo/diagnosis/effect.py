@@ -75,6 +75,7 @@ class EffectParameter:
     starts : further values to start a fit from, beside the one that linearisation at `rest` gives
     rest : the value at which the effect vanishes
     optional : whether a specimen file may leave it out; it is at `rest` then
+    law_error : standard deviation, relative to the value, by which the law's own approximations miss the parameter
     """
 
     name: str
@@ -86,6 +87,7 @@ class EffectParameter:
     starts: tuple[float, ...] = ()
     rest: float = 0.0
     optional: bool = False
+    law_error: float = 0.0
 
 
 @dataclass(frozen=True)

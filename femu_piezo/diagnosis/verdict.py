@@ -24,7 +24,7 @@ class Cause:
 
     Attributes
     ----------
-    values, std : of its parameters, SI
+    values, std : of its parameters, SI; the deviation includes what the law's approximations miss
     probability : from the evidence against all other candidates and none, times the share of the misfit explained
     indistinguishable_from : names of effects or constants (as "s11", or "NAME (constant)" for a held one)
     """
@@ -90,15 +90,17 @@ def _cause(found: Found, index: int, final: JointFit, tangents: list[Tangent], e
     same = [e.key for e, _ in found.fits if e.title == effect.title]
     own = next(t for t in tangents if t.effect.key == effect.key)
     alike = [e.title for e, _ in found.alike]
-    size = float(np.max(np.abs(final.parameters.values(final.x)[place] / effect.scale)))
+    values = final.parameters.values(final.x)[place]
+    law_error = np.array([parameter.law_error for parameter in effect.parameters])
+    size = float(np.max(np.abs(values / effect.scale)))
     alike += [t.effect.title for t in tangents if t.effect.title != effect.title and parallel(own, t, size)]
     if own.hidden:
         alike.append(own.nearest)
     alike = [other for other in dict.fromkeys(alike) if other != effect.title]
     return Cause(
         effect=effect,
-        values=final.parameters.values(final.x)[place],
-        std=final.std[columns] * effect.scale,
+        values=values,
+        std=np.hypot(final.std[columns] * effect.scale, law_error * values),
         probability=float(sum(chances[key] for key in same)) * explained,
         indistinguishable_from=tuple(alike),
     )

@@ -58,8 +58,8 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             name="mounting",
             sentence="the support at the middle holds the plate: a spring and a dashpot to ground",
             parameters=(
-                EffectParameter("stiffness", "N/m", 0.0, 40 * stiffness, stiffness, 5 * stiffness),
-                EffectParameter("damping", "N s/m", 0.0, 40 * damping, damping, 5 * damping),
+                EffectParameter("stiffness", "N/m", 0.0, 40 * stiffness, stiffness, 5 * stiffness, law_error=0.03),
+                EffectParameter("damping", "N s/m", 0.0, 40 * damping, damping, 5 * damping, law_error=0.03),
                 EffectParameter(
                     "width", "m", 0.0, length / 4, length / 20, length / 15, rest=length / 15, optional=True
                 ),

@@ -84,7 +84,9 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             name="point_mass",
             sentence="a small mass sticks to one face of the plate, away from its centre",
             parameters=(
-                EffectParameter("mass", "kg", _NONE * own, 0.3 * own, 0.001 * own, 0.02 * own, rest=_NONE * own),
+                EffectParameter(
+                    "mass", "kg", _NONE * own, 0.3 * own, 0.001 * own, 0.02 * own, rest=_NONE * own, law_error=0.04
+                ),
                 *(
                     EffectParameter(name, "m", 0.0, length, length / 20, 10 * length, rest=length / 2)
                     for name, length in zip(("x", "y"), half.tolist(), strict=True)
