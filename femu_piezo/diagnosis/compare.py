@@ -20,6 +20,8 @@ from femu_piezo.diagnosis.search import Trials, try_all
 
 #: Evidence (in units of BIC) beyond BIC and 2 ln N that an effect must bring.
 MARGIN = 6.0
+#: Share of the misfit, as an amplitude, that effects whose law is an approximation may leave: no further one is sought.
+_LAW = 0.1
 #: Candidates within this of the best are not told apart by the data.
 ALIKE = 6.0
 
@@ -99,7 +101,16 @@ def compare(
         if fit is None or current.bic - fit.bic < price:
             break
         current = search.swapped(fit)
+        if _within_law(base, current):
+            break
     return Comparison(base, search.on_top_of(base), current, tuple(search.places(current)))
+
+
+def _within_law(base: JointFit, current: JointFit) -> bool:
+    """Whether what is left, as an amplitude, may be what an approximate law misses of the effect it describes."""
+    approximate = any(p.law_error > 0 for effect in current.parameters.effects for p in effect.parameters)
+    left, excess = current.chi_square - current.freedom, base.chi_square - base.freedom
+    return approximate and left < _LAW**2 * excess
 
 
 class _Search:

@@ -37,7 +37,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                     0.01 * length,
                     0.03 * length,
                     starts=(0.005 * length, 0.02 * length, 0.06 * length),
-                    law_error=0.01,
+                    law_error=0.03,
                 ),
             ),
             confusable_with=("eps33T", "wrong_length", "poling_gradient"),
