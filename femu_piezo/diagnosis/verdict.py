@@ -16,6 +16,8 @@ from femu_piezo.diagnosis.residuals import Remaining, remaining
 #: Share of the misfit, as an amplitude, that may stay unexplained under a named cause: a real cause seldom follows the
 #: law of its model, but what it leaves is small beside what it takes.
 _UNEXPLAINED = 0.25
+#: rms error, in σ, of bands predicted by a right model that did not see them.
+_PREDICTED = 1.1
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,8 @@ class Cause:
     Attributes
     ----------
     values, std : of its parameters, SI; the deviation includes what the law's approximations miss
-    probability : from the evidence against all other candidates and none, times the share of the misfit explained
+    probability : from the evidence against all other candidates and none, times the share (as an amplitude) of the
+        misfit that the causes explain, and predict of bands not seen
     indistinguishable_from : names of effects or constants (as "s11", or "NAME (constant)" for a held one)
     """
 
@@ -63,7 +66,7 @@ def judge(comparison: Comparison, tangents: list[Tangent], frequency: np.ndarray
         for fit in (comparison.base, comparison.final)
     )
     unexplained = _unexplained(comparison.base, comparison.final)
-    doubt = unexplained if after.structured else 0.0
+    doubt = max(unexplained if after.structured else 0.0, _unpredicted(comparison.base, comparison.final))
     causes = tuple(
         _cause(found, index, comparison.final, tangents, 1 - doubt) for index, found in enumerate(comparison.found)
     )
@@ -79,6 +82,13 @@ def _unexplained(base: JointFit, final: JointFit) -> float:
     """√[(χ²_final − freedom)/(χ²_base − freedom)] within 0…1; 0 where the base has no excess."""
     excess = base.chi_square - base.freedom
     share = (final.chi_square - final.freedom) / excess if excess > 0 else 0.0
+    return float(np.sqrt(np.clip(share, 0.0, 1.0)))
+
+
+def _unpredicted(base: JointFit, final: JointFit) -> float:
+    """The same for bands that a fit did not see; 0 where their error is what right models have."""
+    excess = base.held_out_score**2 - 1
+    share = (final.held_out_score**2 - _PREDICTED**2) / excess if excess > 0 else 0.0
     return float(np.sqrt(np.clip(share, 0.0, 1.0)))
 
 
