@@ -17,6 +17,7 @@ import scipy.sparse as sp
 from femu_piezo.diagnosis.effect import Effect
 from femu_piezo.diagnosis.places import Places, measure_places
 from femu_piezo.diagnosis.sectors import DRIVEN, SPOT, Sectors, build_sectors
+from femu_piezo.diagnosis.weighted_products import WeightedProducts
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.material.constants import E_FORM, PiezoConstants
@@ -127,7 +128,8 @@ def extend_model(
         points.append((lossless, {f"stretch_{axis}_0": s - 1, f"stretch_{axis}_2": 1 / s - 1}))
     reduced = reduce_model(trained, points, band_Hz, accuracy=accuracy)
     wanted = list(dict.fromkeys(name for effect in effects for name in effect.sectors))
-    sectors = build_sectors(model, reduced, wanted, reference)
+    weighted = WeightedProducts(model)
+    sectors = build_sectors(weighted, reduced, wanted, reference)
     strata, owner, exponents = _strata(model, sectors)
     bulk = np.array([strata[owner == q].sum(axis=0) for q in range(len(E_FORM))])
     extra = {term.name: _by_class(sectors, lambda f, t=term: _product(matrices[t.name], f)) for term in terms}
@@ -144,7 +146,7 @@ def extend_model(
         estimated_error=reduced.estimated_error,
         sectors=sectors.names,
         member=sectors.member,
-        places=measure_places(model, sectors, reference) if placed else None,
+        places=measure_places(weighted, sectors, reference) if placed else None,
     )
 
 

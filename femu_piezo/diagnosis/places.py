@@ -11,13 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import skfem
 from numpy.polynomial import legendre
 
 from femu_piezo.diagnosis.bare_ends import BareEnds, measure_bare_ends
 from femu_piezo.diagnosis.box_interpolation import interpolation
-from femu_piezo.diagnosis.sectors import SPOT, Sectors, columns, even, flipped_axes, odd
-from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products
+from femu_piezo.diagnosis.sectors import SPOT, Sectors, flipped_axes
+from femu_piezo.diagnosis.weighted_products import WeightedProducts
+from femu_piezo.forward.gradient_products import FIELDS, GradientProducts
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.material.constants import ElasticForm
 
@@ -119,13 +119,12 @@ class Places:
         return Places(face, slices, self.ramp[:, :, square[0], square[1]], spot, ends)
 
 
-def measure_places(model: ElectroelasticModel, sectors: Sectors, constants: ElasticForm) -> Places:
+def measure_places(weighted: WeightedProducts, sectors: Sectors, constants: ElasticForm) -> Places:
     """Sample and project on a part of a plate with all three mirror planes; constants: lossless reference."""
-    spot = (
-        np.flatnonzero(sectors.member == sectors.names.index(SPOT)) if SPOT in sectors.names else np.zeros(0, dtype=int)
-    )
-    ends = measure_bare_ends(model, sectors, constants)
-    return Places(_face(model, sectors), _slices(model, sectors), _ramp(model, sectors), spot, ends)
+    names = np.array(sectors.names)
+    spot = np.flatnonzero(names[sectors.member] == SPOT)
+    ends = measure_bare_ends(weighted.model, sectors, constants)
+    return Places(_face(weighted.model, sectors), _slices(weighted, sectors), _ramp(weighted, sectors), spot, ends)
 
 
 def _face(model: ElectroelasticModel, sectors: Sectors) -> Face:
@@ -146,46 +145,39 @@ def _face(model: ElectroelasticModel, sectors: Sectors) -> Face:
     return Face(half, coefficients, group, model.domain.copies)
 
 
-def _slices(model: ElectroelasticModel, sectors: Sectors) -> Slices:
+def _slices(weighted: WeightedProducts, sectors: Sectors) -> Slices:
     axes = [flipped_axes(name) for name in sectors.names]
     own = np.flatnonzero(np.isin(sectors.member, [i for i, a in enumerate(axes) if a in ((), (0,))]))
     fields, size = sectors.fields[:, :, own], sectors.member.size
-    slabs = columns(model)
-    matrices = np.zeros((len(slabs), len(ELASTIC), size, size))
-    for matrix, slab in zip(matrices, slabs, strict=True):
+    matrices = np.zeros((len(weighted.slices), len(ELASTIC), size, size))
+    for matrix, products in zip(matrices, weighted.slices, strict=True):
         # the slice at x > 0 alone is half an even and half an odd weight
-        matrix[(slice(None), *np.ix_(own, own))] = 0.5 * _projected(model, fields, ELASTIC, slab)
-    x = model.domain.mesh.p[0]
-    centres = np.array([x[model.domain.mesh.t[:, slab]].mean() for slab in slabs])
-    return Slices(centres, float(x.max() / len(slabs)), matrices)
+        matrix[(slice(None), *np.ix_(own, own))] = 0.5 * _projected(weighted.model, products, fields, ELASTIC)
+    ends = weighted.slice_ends
+    return Slices((ends[1:] + ends[:-1]) / 2, float(ends[-1] / len(matrices)), matrices)
 
 
-def _ramp(model: ElectroelasticModel, sectors: Sectors) -> np.ndarray:
-    """The odd profile couples classes whose parities differ about x alone, the even one each class with itself."""
+def _ramp(weighted: WeightedProducts, sectors: Sectors) -> np.ndarray:
+    """The odd weight couples classes whose parities differ about x alone, the even one each class with itself."""
     size = sectors.member.size
     found = np.zeros((2, len(PIEZOELECTRIC), size, size))
     groups = sectors.classes
-    share = np.asarray(model.basis.global_coordinates())[0] / model.domain.mesh.p[0].max()
     for flipped, rows in groups.items():
         partner = tuple(sorted(set(flipped) ^ {0}))
         if partner in groups and 0 not in flipped:
             pair = np.concatenate([rows, groups[partner]])
             fields, blocks = sectors.fields[:, :, pair], np.arange(pair.size) < rows.size
             same = blocks[:, None] == blocks
-            where = (slice(None), *np.ix_(pair, pair))
-            found[0][where] = _projected(model, fields, PIEZOELECTRIC, None, odd(share)) * ~same
-            found[1][where] = _projected(model, fields, PIEZOELECTRIC, None, even(share)) * same
+            for matrix, products, coupled in zip(found, (weighted.odd, weighted.even), (~same, same), strict=True):
+                whole = _projected(weighted.model, products, fields, PIEZOELECTRIC)
+                matrix[(slice(None), *np.ix_(pair, pair))] = whole * coupled
     return found
 
 
 def _projected(
-    model: ElectroelasticModel, fields: np.ndarray, constants: range, elements=None, weight=None
+    model: ElectroelasticModel, products: GradientProducts, fields: np.ndarray, constants: range
 ) -> np.ndarray:
-    """(n_constants, k, k) unit-constant matrices over some elements, on fields (4, n, k)."""
-    basis = model.basis
-    if elements is not None:
-        basis = skfem.Basis(model.domain.mesh, model.basis.elem, elements=elements, intorder=4)
-    products = assemble_gradient_products(basis, weight)
+    """(n_constants, k, k) unit-constant matrices of some gradient products, on fields (4, n, k)."""
     nodes = np.flatnonzero(np.diff(products.indptr))
     g = [[product[nodes][:, nodes] for product in row] for row in products.gradient_matrices]
     local = fields[:, nodes, :]

@@ -15,15 +15,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import skfem
 
 from femu_piezo.diagnosis.box_interpolation import interpolation
-from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products
+from femu_piezo.diagnosis.weighted_products import WeightedProducts
+from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.forward.parity import ParityClass
+from femu_piezo.forward.parity import ParityClass, full_operators
 from femu_piezo.forward.reduced_basis import new_directions
 from femu_piezo.forward.reduction import ReducedModel
-from femu_piezo.geometry.boxes import tensor_box
+from femu_piezo.geometry.boxes import grid_lines, tensor_box
 from femu_piezo.material.constants import ElasticForm
 
 DRIVEN, SLICES, RAMP, SPOT = "driven", "slices", "ramp", "spot"
@@ -33,20 +33,6 @@ _BEYOND = 2.5
 _KEEP = 1e-3
 #: Frequency of the local responses, as a share of the band's ω².
 _SHIFT = 0.3
-
-
-def even(share: np.ndarray) -> np.ndarray:
-    """Profile (2x/L)² − 1/3 of a constant along the length; its mean is zero."""
-    return share**2 - 1 / 3
-
-
-def odd(share: np.ndarray) -> np.ndarray:
-    """Profile 2x/L of a constant along the length."""
-    return share
-
-
-#: Which of them couples the driven class to a class that is flipped about x (True) or not (False).
-_PROFILES = {False: even, True: odd}
 
 
 def flipped_axes(sector: str) -> tuple[int, ...]:
@@ -84,14 +70,15 @@ class Sectors:
 
 
 def build_sectors(
-    model: ElectroelasticModel, reduced: ReducedModel, wanted: Sequence[str], constants: ElasticForm
+    weighted: WeightedProducts, reduced: ReducedModel, wanted: Sequence[str], constants: ElasticForm
 ) -> Sectors:
     """The driven class of a reduced model and the further sectors that are wanted, at lossless constants."""
+    model = weighted.model
     driven = (model.prolongation @ reduced.basis).reshape(FIELDS, model.basis.N, -1)
     u = reduced.displacements
     parts, names = [driven[:, :, :u]], [DRIVEN]
     top = (2 * np.pi * reduced.band_Hz) ** 2
-    rough = _rougher(model) if any(flipped_axes(name) for name in wanted) else None
+    others = _OtherClasses(weighted, constants, _BEYOND * top) if any(map(flipped_axes, wanted)) else None
     static, states = _driven_states(reduced, constants, top)
     if SPOT in wanted:
         parts.append(np.zeros((FIELDS, model.basis.N, 3)))
@@ -100,17 +87,17 @@ def build_sectors(
         letters = "".join("xyz"[axis] for axis in flipped)
         known = driven[:, :, :u]
         if flipped:
-            known = _class_modes(model, rough, constants, flipped, _BEYOND * top)
+            known = others.modes(flipped)
             parts.append(known)
             names.append(letters)
         loads, slices, ramp = {}, f"{letters} {SLICES}".strip(), f"{letters} {RAMP}".strip()
         if ramp in wanted:
-            loads[ramp] = _ramp_loads(model, constants, driven @ states, _PROFILES[0 in flipped])
+            loads[ramp] = _ramp_loads(weighted, constants, driven @ states, 0 in flipped)
         if slices in wanted:
-            loads[slices] = _slice_loads(model, constants, driven @ static)
+            loads[slices] = _slice_loads(weighted, constants, driven @ static)
         responses = _responses(model, constants, flipped, list(loads.values()), _SHIFT * top) if loads else []
         for name, response in zip(loads, responses, strict=True):
-            parts.append(_outside(model, response, known))
+            parts.append(_outside(weighted, response, known))
             names.append(name)
             known = np.concatenate([known, parts[-1]], axis=2)
     counts = [part.shape[2] for part in parts]
@@ -119,34 +106,33 @@ def build_sectors(
     return Sectors(tuple(names), member, fields, int(sum(counts)))
 
 
-def _rougher(model: ElectroelasticModel) -> ElectroelasticModel:
-    """The same box with half as many elements along each axis."""
-    domain = model.domain
-    counts = [np.unique(np.round(axis / np.ptp(axis), 9)).size - 1 for axis in domain.mesh.p]
-    lines = [np.linspace(x.min(), x.max(), (n + 1) // 2 + 1) for x, n in zip(domain.mesh.p, counts, strict=True)]
-    return ElectroelasticModel(replace(domain, mesh=tensor_box(lines)), model.density)
-
-
-def _class_modes(
-    model: ElectroelasticModel, rough: ElectroelasticModel, constants: ElasticForm, flipped: tuple[int, ...], top: float
-) -> np.ndarray:
-    """(4, n, k) modes of a class with ω² below `top`, found on a rougher mesh, uᵗMu = 1 on the fine one.
+class _OtherClasses:
+    """Modes of the classes that the terminals do not drive, found on a box with half as many elements along each axis.
 
     They enter at second order of an effect; their error enters squared.
     """
-    fields = ParityClass(rough, constants, flipped).modes(top).reshape(FIELDS, rough.basis.N, -1)
-    probe = interpolation(rough, model.basis.doflocs)
-    fine = np.concatenate([probe @ part for part in fields])
-    n = 3 * model.basis.N
-    gram = fine[:n].T @ (model.products.mass_matrix(model.density)[:n, :n] @ fine[:n])
-    return np.linalg.solve(np.linalg.cholesky(gram), fine.T).T.reshape(FIELDS, model.basis.N, -1)
+
+    def __init__(self, weighted: WeightedProducts, constants: ElasticForm, top: float) -> None:
+        fine, self._mass, self._top = weighted.model, weighted.mass, top
+        lines = [np.linspace(line[0], line[-1], line.size // 2 + 1) for line in grid_lines(fine.domain.mesh)]
+        self._rough = ElectroelasticModel(replace(fine.domain, mesh=tensor_box(lines)), fine.density)
+        self._operators = full_operators(self._rough, constants)
+        self._probe = interpolation(self._rough, fine.basis.doflocs)
+
+    def modes(self, flipped: tuple[int, ...]) -> np.ndarray:
+        """(4, n, k) modes with ω² below the top, uᵗMu = 1 on the fine mesh."""
+        fields = ParityClass(self._rough, *self._operators, flipped).modes(self._top)
+        fine = np.stack([self._probe @ part for part in np.split(fields, FIELDS)])
+        u = fine[:3].reshape(self._mass.shape[0], -1)
+        lower = np.linalg.cholesky(u.T @ (self._mass @ u))
+        return np.linalg.solve(lower, fine.reshape(-1, u.shape[1]).T).T.reshape(fine.shape)
 
 
 def _responses(
     model: ElectroelasticModel, constants: ElasticForm, flipped: tuple[int, ...], loads: list[np.ndarray], shift: float
 ) -> list[np.ndarray]:
     """(4n, k) response of a class to each set of loads (4n, k) at ω² = shift."""
-    own = ParityClass(model, constants, flipped)
+    own = ParityClass(model, *full_operators(model, constants), flipped)
     factor = own.factor(shift)
     return [own.prolongation @ factor.solve(own.prolongation.T @ load) for load in loads]
 
@@ -158,45 +144,33 @@ def _driven_states(reduced: ReducedModel, constants: ElasticForm, top: float) ->
     return static, modal.states[:, np.append(True, modal.eigenvalues < _BEYOND * top)]
 
 
-def _slice_loads(model: ElectroelasticModel, constants: ElasticForm, static: np.ndarray) -> np.ndarray:
+def _slice_loads(weighted: WeightedProducts, constants: ElasticForm, static: np.ndarray) -> np.ndarray:
     """(4n, k) elastic forces of single columns of elements under uniform strain S_xx and under a volt (4, n)."""
     uniform = np.zeros_like(static)
-    uniform[0] = model.basis.doflocs[0]
+    uniform[0] = weighted.model.basis.doflocs[0]
     strained = np.column_stack([uniform.ravel(), static.ravel()])
-    elastic = np.tensordot(constants.vector().real, model.unit_tensors, axes=1)
+    elastic = np.tensordot(constants.vector().real, weighted.model.unit_tensors, axes=1)
     elastic[3], elastic[:, :, 3] = 0.0, 0.0
-    loads = []
-    for slab in columns(model):
-        part = skfem.Basis(model.domain.mesh, model.basis.elem, elements=slab, intorder=4)
-        loads.append(assemble_gradient_products(part).stiffness(elastic) @ strained)
-    loads = np.hstack(loads)
+    loads = np.hstack([products.stiffness(elastic) @ strained for products in weighted.slices])
     return loads / np.linalg.norm(loads, axis=0)
 
 
-def _ramp_loads(model: ElectroelasticModel, constants: ElasticForm, states: np.ndarray, profile) -> np.ndarray:
-    """(4n, k) forces and charges of the piezoelectric coupling times profile(2x/L) on states (4, n, k)."""
-    coupling = np.tensordot(constants.vector().real, model.unit_tensors, axes=1)
+def _ramp_loads(weighted: WeightedProducts, constants: ElasticForm, states: np.ndarray, odd: bool) -> np.ndarray:
+    """(4n, k) forces and charges of the piezoelectric coupling with an odd or even weight on states (4, n, k)."""
+    coupling = np.tensordot(constants.vector().real, weighted.model.unit_tensors, axes=1)
     coupling[:3, :, :3], coupling[3, :, 3] = 0.0, 0.0
-    weight = profile(np.asarray(model.basis.global_coordinates())[0] / model.domain.mesh.p[0].max())
-    loads = assemble_gradient_products(model.basis, weight).stiffness(coupling) @ states.reshape(-1, states.shape[2])
+    products = weighted.odd if odd else weighted.even
+    loads = products.stiffness(coupling) @ states.reshape(-1, states.shape[2])
     return loads / np.linalg.norm(loads, axis=0)
 
 
-def _outside(model: ElectroelasticModel, responses: np.ndarray, known: np.ndarray) -> np.ndarray:
+def _outside(weighted: WeightedProducts, responses: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Combinations (4, n, k) of responses (4n, j), their displacements orthonormal and new beside `known` (4, n, i)."""
-    n = 3 * model.basis.N
+    weight = weighted.mass
+    n = weight.shape[0]
     old = known[:3].reshape(n, -1)
-    weight = model.products.mass_matrix(model.density)[:n, :n]
     outside = responses[:n] - old @ (old.T @ (weight @ responses[:n]))
     fresh = new_directions(old, outside, _KEEP, weight)
     # the potentials follow the same combinations
     mix = np.linalg.lstsq(fresh.T @ (weight @ outside), np.eye(fresh.shape[1]), rcond=1e-10)[0]
-    return np.concatenate([fresh, responses[n:] @ mix]).reshape(FIELDS, model.basis.N, -1)
-
-
-def columns(model: ElectroelasticModel) -> list[np.ndarray]:
-    """Element numbers of every slice of elements across the part, by growing x; for boxes of hexahedra."""
-    centres = model.domain.mesh.p[0][model.domain.mesh.t].mean(axis=0)
-    places = np.unique(np.round(centres / np.ptp(model.domain.mesh.p[0]), 9))
-    which = np.argmin(np.abs(centres[:, None] / np.ptp(model.domain.mesh.p[0]) - places), axis=1)
-    return [np.flatnonzero(which == i) for i in range(places.size)]
+    return np.concatenate([fresh, responses[n:] @ mix]).reshape(*known.shape[:2], -1)

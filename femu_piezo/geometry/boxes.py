@@ -79,6 +79,24 @@ def read_hexahedra(path: Path) -> skfem.MeshHex:
     return replace(mesh, _subdomains=None)
 
 
+def grid_lines(mesh: skfem.MeshHex) -> list[np.ndarray]:
+    """Places of the grid lines of a box along x, y, z, each growing, m."""
+    found = []
+    for axis in mesh.p:
+        places = np.sort(axis)
+        found.append(places[np.append(True, np.diff(places) > 1e-9 * np.ptp(axis))])
+    return found
+
+
+def elements_of(mesh: skfem.MeshHex) -> np.ndarray:
+    """(nx, ny, nz) number of the element in every cell of a box."""
+    lines, centres = grid_lines(mesh), mesh.p[:, mesh.t].mean(axis=1)
+    cells = tuple(np.searchsorted(line, centre) - 1 for line, centre in zip(lines, centres, strict=True))
+    found = np.empty([line.size - 1 for line in lines], dtype=int)
+    found[cells] = np.arange(mesh.t.shape[1])
+    return found
+
+
 def tensor_box(lines: Sequence[np.ndarray]) -> skfem.MeshHex:
     """The box with grid lines at given x, y, z (m), and boundaries named as `FACES`."""
     mesh = skfem.MeshHex.init_tensor(*lines)
