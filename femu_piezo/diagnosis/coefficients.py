@@ -74,7 +74,7 @@ def collect(
     model: ExtendedModel, parameters: JointParameters, x: np.ndarray, active: list[Active], omega: np.ndarray
 ) -> Coefficients:
     """Everything that multiplies the matrices of a model at the unknowns x (n_x,) and frequencies (k,) rad/s."""
-    e_form, e_tangents = _constants(parameters, x, active, omega)
+    e_form, e_tangents = e_form_constants(parameters, x, active, omega)
     factors, factor_tangents = _stretch(active, x.size)
     stretched = bool(np.any(factors != 1) or np.any(factor_tangents))
     owner = model.owner if stretched else np.arange(e_form.shape[1])
@@ -93,13 +93,13 @@ def collect(
         np.tile(growth, (omega.size, 1, 1)).astype(complex),
     )
     for item in active:
-        for kind, matrix, value, slopes, constant in _extra_terms(model, item, omega):
-            tangent = np.zeros((omega.size, x.size), dtype=complex)
-            item.put(tangent, slopes)
-            if constant is not None:
-                tangent = tangent * e_form[:, constant, None] + value[:, None] * e_tangents[:, constant]
-                value = value * e_form[:, constant]
-            (stiff if kind == "stiffness" else heavy).add([matrix], value[:, None], tangent[:, None, :])
+        for term in _extra_terms(model, item, omega):
+            value, tangent = term.value, np.zeros((omega.size, x.size), dtype=complex)
+            item.put(tangent, term.slopes)
+            if term.constant is not None:
+                tangent = tangent * e_form[:, term.constant, None] + value[:, None] * e_tangents[:, term.constant]
+                value = value * e_form[:, term.constant]
+            (stiff if term.kind == "stiffness" else heavy).add([term.matrix], value[:, None], tangent[:, None, :])
     if stiff.matrices:
         terms = np.concatenate([terms, stiff.matrices])
         values = np.concatenate([values, *stiff.values], axis=1)
@@ -119,25 +119,17 @@ def _stretch(active: list[Active], unknowns: int) -> tuple[np.ndarray, np.ndarra
     return factors, tangents
 
 
-def _extra_terms(model: ExtendedModel, item: Active, omega: np.ndarray):
-    """(kind, matrix, value (k,), slopes (k, n), constant) of the terms that an effect adds."""
-    for term in item.effect.terms:
-        value, slopes = term.coefficient(omega, item.values)
-        if term.kind == "inertia":
-            u = model.displacements
-            yield "inertia", model.inertia[term.name][:u, :u], value, slopes, None
-        else:
-            yield "stiffness", model.stiffness[term.name], value, slopes, None
-    for term in local_terms(model, item.effect, omega, item.values):
-        yield term.kind, term.matrix, term.value, term.slopes, term.constant
+def _extra_terms(model: ExtendedModel, item: Active, omega: np.ndarray) -> list[LocalTerm]:
+    """The terms that an effect adds, on the mesh and at a place."""
+    effect, u = item.effect, model.displacements
+    found = [] if effect.local is None else effect.local(model.places, omega, item.values)
+    for term in effect.terms:
+        matrix = model.inertia[term.name][:u, :u] if term.kind == "inertia" else model.stiffness[term.name]
+        found.append(LocalTerm(term.kind, matrix, *term.coefficient(omega, item.values)))
+    return found
 
 
-def local_terms(model: ExtendedModel, effect: Effect, omega: np.ndarray, values: np.ndarray) -> list[LocalTerm]:
-    """The terms at a place of an effect, none where it has no such terms."""
-    return [] if effect.local is None else effect.local(model.places, omega, values)
-
-
-def _constants(
+def e_form_constants(
     parameters: JointParameters, x: np.ndarray, active: list[Active], omega: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """e-form constants (k, 10) at each frequency, and their tangents (k, 10, n_x)."""

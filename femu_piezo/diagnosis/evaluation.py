@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 
-from femu_piezo.diagnosis.coefficients import Active, Coefficients, active_effects, collect
+from femu_piezo.diagnosis.coefficients import Active, Coefficients, active_effects, collect, e_form_constants
 from femu_piezo.diagnosis.effect import Effect
 from femu_piezo.diagnosis.extended_model import ExtendedModel
 from femu_piezo.diagnosis.joint import JointParameters
@@ -60,8 +60,7 @@ class Evaluation:
             if item.effect.circuit is not None:
                 z, ratio, own = item.effect.circuit(self.omega, z, item.values)
                 tangents = tangents * ratio[:, None]
-                if item.columns is not None and tangents.shape[1] >= item.columns.stop:
-                    item.put(tangents, own)
+                item.put(tangents, own)
         return z, tangents
 
     def slopes_at_sites(self, parameters: JointParameters, x: np.ndarray, effect: Effect) -> np.ndarray:
@@ -78,7 +77,7 @@ class Evaluation:
             resolvent = 1 / (modal.eigenvalues[:, None] - self.omega**2)
             states = modal.states[:, :1] - modal.states[:, 1:] @ (modal.charges[:, None] * resolvent)
             y = modal.admittance(self.omega)
-            e_form = collect(model, JointParameters(parameters.material), x, [], middle).stiffness[0]
+            e_form = e_form_constants(parameters, x, [], middle)[0][0]
             found = np.array(
                 [_site_slope(model, effect, site, self.omega, states.T, e_form) for site in effect.sites]
             ).T
