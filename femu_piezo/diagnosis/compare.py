@@ -109,8 +109,7 @@ def compare(
 def _within_law(base: JointFit, current: JointFit) -> bool:
     """Whether what is left, as an amplitude, may be what an approximate law misses of the effect it describes."""
     approximate = any(p.law_error > 0 for effect in current.parameters.effects for p in effect.parameters)
-    left, excess = current.chi_square - current.freedom, base.chi_square - base.freedom
-    return approximate and left < _LAW**2 * excess
+    return approximate and current.excess < _LAW**2 * base.excess
 
 
 class _Search:

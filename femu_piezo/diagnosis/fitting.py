@@ -99,6 +99,11 @@ class JointFit:
         return self.residual.size - self.x.size
 
     @property
+    def excess(self) -> float:
+        """χ² beyond what noise gives."""
+        return self.chi_square - self.freedom
+
+    @property
     def noise_scale(self) -> float:
         """Factor on the noise that the misfit asks for; at least 1."""
         return float(np.sqrt(max(1.0, self.chi_square / self.freedom)))

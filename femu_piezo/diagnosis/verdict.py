@@ -48,6 +48,7 @@ class Verdict:
     before, after : what the base and the final fit leave over
     unexplained : share of the base's misfit beyond noise that the final fit leaves, as an amplitude (rms)
     hidden : effects that this sweep cannot show: (effect, the constant that imitates it)
+    measurements : what to measure next, once that has been planned
     """
 
     word: Literal["none", "effect", "unknown"]
@@ -56,7 +57,7 @@ class Verdict:
     after: Remaining
     unexplained: float
     hidden: tuple[tuple[Effect, str], ...]
-    measurements: tuple[str, ...]
+    measurements: tuple[str, ...] = ()
 
 
 def judge(comparison: Comparison, tangents: list[Tangent], frequency: np.ndarray) -> Verdict:
@@ -75,21 +76,22 @@ def judge(comparison: Comparison, tangents: list[Tangent], frequency: np.ndarray
     else:
         word = "unknown" if before.structured else "none"
     hidden = tuple((t.effect, t.nearest) for t in tangents if t.hidden)
-    return Verdict(word, causes, before, after, unexplained, hidden, _measurements(causes, hidden))
+    return Verdict(word, causes, before, after, unexplained, hidden)
 
 
 def _unexplained(base: JointFit, final: JointFit) -> float:
     """√[(χ²_final − freedom)/(χ²_base − freedom)] within 0…1; 0 where the base has no excess."""
-    excess = base.chi_square - base.freedom
-    share = (final.chi_square - final.freedom) / excess if excess > 0 else 0.0
-    return float(np.sqrt(np.clip(share, 0.0, 1.0)))
+    return _amplitude(final.excess, base.excess)
 
 
 def _unpredicted(base: JointFit, final: JointFit) -> float:
     """The same for bands that a fit did not see; 0 where their error is what right models have."""
-    excess = base.held_out_score**2 - 1
-    share = (final.held_out_score**2 - _PREDICTED**2) / excess if excess > 0 else 0.0
-    return float(np.sqrt(np.clip(share, 0.0, 1.0)))
+    return _amplitude(final.held_out_score**2 - _PREDICTED**2, base.held_out_score**2 - 1)
+
+
+def _amplitude(left: float, excess: float) -> float:
+    """√(left/excess) within 0…1; 0 where there is no excess."""
+    return float(np.sqrt(np.clip(left / excess, 0.0, 1.0))) if excess > 0 else 0.0
 
 
 def _cause(found: Found, index: int, final: JointFit, tangents: list[Tangent], explained: float) -> Cause:
@@ -114,13 +116,3 @@ def _cause(found: Found, index: int, final: JointFit, tangents: list[Tangent], e
         probability=float(sum(chances[key] for key in same)) * explained,
         indistinguishable_from=tuple(alike),
     )
-
-
-def _measurements(causes: tuple[Cause, ...], hidden: tuple[tuple[Effect, str], ...]) -> tuple[str, ...]:
-    """Advice for the causes that are not alone in their class, then for what the sweep cannot show."""
-    found = [words for cause in causes if cause.indistinguishable_from for words in cause.effect.advice]
-    found += [words for cause in causes if not cause.indistinguishable_from for words in cause.effect.advice[:1]]
-    for effect, constant in hidden:
-        if effect.name != "wrong_insensitive_parameter":
-            found += [f"to tell {effect.name} from {constant}: {words}" for words in effect.advice[:2]]
-    return tuple(dict.fromkeys(found))
