@@ -46,7 +46,7 @@ class Build:
     Attributes
     ----------
     theta : (10,) true d-form constants
-    fundamental : Hz, where laws over frequency are anchored
+    fundamental : Hz, where laws over frequency are anchored: the first pole of the plate without effects
     elements : further ends of elements along x, m
     admittance : of the specimen over that of the plates, for the sizes of what stands parallel to it
     warp : frequency (k,) → frequency at which the linear body answers, for what no linear body does
@@ -84,6 +84,15 @@ class Build:
         for law in self.laws:
             theta = law(theta, frequency)
         return theta
+
+    def pole(self, near: float) -> float:
+        """Frequency in Hz of the strongest conductance of the body as it is, 0.7 to 1.1 times a frequency near it."""
+        plate, frequency = Plate(self.body(), self.theta, 1.1 * near), np.linspace(0.7, 1.1, 161) * near
+        for _ in range(3):
+            conductance = (1 / plate.impedance(self.theta, frequency)).real
+            at, step = frequency[np.argmax(conductance)], frequency[1] - frequency[0]
+            frequency = np.linspace(at - step, at + step, 41)
+        return float(at)
 
     def body(self) -> Body:
         """The piece without what stands on its surfaces."""

@@ -198,7 +198,10 @@ def local_crack(build, assumed, rng, variant) -> Hidden:
     build.stiffness.append(profile)
     build.elements += [position - width / 2, position + width / 2, *([position] if variant else [])]
     return Hidden(
-        "local_crack", {"added_length": added, "position": position}, variant="gradual" * variant, sized=not variant
+        "local_crack",
+        {"added_length": added, "position": position, "width": width},
+        variant="gradual" * variant,
+        sized=not variant,
     )
 
 

@@ -100,8 +100,9 @@ def draw(name: str, seed: int, *, points: int = 301, variant: bool | None = None
     known, held_out = bool(rng.integers(2)), rng.random() < HELD_OUT
     frequency = np.linspace(20e3, 240e3, points)
     compliance = theta[0] if poling == 2 else theta[3] - theta[6] ** 2 / theta[9]  # s11E, s33D
-    fundamental = float(1 / (2 * nominal[0] * np.sqrt(DENSITY * compliance.real)))
-    build = Build(nominal.copy(), DENSITY, theta, fundamental, poling=poling)
+    near = float(1 / (2 * nominal[0] * np.sqrt(DENSITY * compliance.real)))
+    build = Build(nominal.copy(), DENSITY, theta, near, poling=poling)
+    build.fundamental = build.pole(near)
     if poling == 0:
         build.admittance = 1 / 80
     key, kind = [], ""
