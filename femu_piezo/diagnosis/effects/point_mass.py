@@ -1,9 +1,10 @@
 """A spot of mass on one face, away from the centre: solder, a drop of glue, a chip of electrode paste.
 
-The body moves by v, the face under it by N u; between them lies the local compliance C of the face under a patch of
-radius a, which the modes of the plate do not have:
+The body covers a patch of radius a. Its mean displacement is v, that of the face under it ⟨N u⟩; between them lies the
+local compliance C of the face, which the modes of the plate do not have. What of the motion varies over the patch, its
+tilt first of all, the face imposes:
 
-    + ½ (v − N u)ᵗ C^-1 (v − N u),   − ½ ω² m vᵗv
+    + ½ (v − ⟨N u⟩)ᵗ C^-1 (v − ⟨N u⟩),   − ½ ω² m [vᵗv + ⟨|N u|²⟩ − |⟨N u⟩|²]
 
 C is that of a half-space under even pressure, mean displacement 16 (1 − ν²)/(3π² E a) along the normal (Johnson,
 Contact Mechanics, 1985, section 3.3), and (2 − ν)/(2 − 2ν) times as much along the face.
@@ -14,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from femu_piezo.diagnosis.effect import Effect, EffectContext, EffectParameter, LocalTerm
-from femu_piezo.diagnosis.places import Places
+from femu_piezo.diagnosis.places import Face, Places
 from femu_piezo.diagnosis.sectors import SPOT
 
 #: Where to look first, as shares of half the length and half the width.
@@ -22,6 +23,8 @@ _ALONG, _ACROSS = np.linspace(0.06, 0.98, 9), np.linspace(0.08, 0.95, 5)
 #: Smallest mass, as a share of the plate's: at none at all the body has no equation of motion.
 _NONE = 1e-7
 _POISSON = 0.3
+#: Gauss points over a patch, and their weights.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
 def _springs(context: EffectContext) -> np.ndarray:
@@ -35,29 +38,56 @@ def _springs(context: EffectContext) -> np.ndarray:
     return 3 * np.pi**2 * moduli / (16 * (1 - _POISSON**2)) / np.array([tangential, tangential, 1.0])
 
 
+class _Patch:
+    """Means over a square of the area of a disk of some radius, by Gauss points; all by x, y, radius too.
+
+    Attributes
+    ----------
+    mean : (3, u) mean of N, with slopes (3, 3, u)
+    spread : (u, u) mean of NᵗN less that of the mean, with slopes (3, u, u)
+    """
+
+    def __init__(self, face: Face, x: float, y: float, radius: float) -> None:
+        shares = np.stack(np.meshgrid(*2 * [_NODES], indexing="ij"), axis=-1).reshape(-1, 2) * np.sqrt(np.pi) / 2
+        weights = np.multiply.outer(_WEIGHTS, _WEIGHTS).ravel() / 4
+        values, slopes = zip(*(face.at(x + a * radius, y + b * radius) for a, b in shares), strict=True)
+        n, along = np.array(values), np.array(slopes)  # (points, 3, u), (points, 2, 3, u)
+        grown = np.einsum("gd,gdcu->gcu", shares, along)
+        moved = np.concatenate([along, grown[:, None]], axis=1)  # by x, y, radius
+        self.mean = np.tensordot(weights, n, axes=1)
+        self.mean_slopes = np.tensordot(weights, moved, axes=1)
+        around, away = n - self.mean, moved - self.mean_slopes
+        self.spread = np.einsum("g,gcu,gcv->uv", weights, around, around, optimize=True)
+        half = np.einsum("g,gdcu,gcv->duv", weights, away, around, optimize=True)
+        self.spread_slopes = half + half.transpose(0, 2, 1)
+
+
 def _hook(springs: np.ndarray, own: float):
     """own: mass of the plate, the unit of inertia of the body's unknowns."""
 
     def terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
         mass, x, y, radius = p
-        n, slopes = places.face.at(x, y)
-        size, copies = places.ramp.shape[-1], places.face.copies
-        one, zero = np.ones(omega.shape, dtype=complex), np.zeros(omega.shape, dtype=complex)
+        patch = _Patch(places.face, x, y, radius)
+        size, copies, u = places.ramp.shape[-1], places.face.copies, patch.mean.shape[1]
+
+        def term(kind, matrix: np.ndarray, value: float, **slopes: float) -> LocalTerm:
+            one = np.ones(omega.size, dtype=complex)
+            row = np.array([slopes.get(name, 0.0) for name in ("mass", "x", "y", "radius")])
+            return LocalTerm(kind, matrix / copies, value * one, one[:, None] * row)
+
         # relative displacement of face and body: rows (3, r)
-        gap, moved = np.zeros((3, size)), np.zeros((2, 3, size))
-        gap[:, : n.shape[1]] = -n
+        gap, moved = np.zeros((3, size)), np.zeros((3, 3, size))
+        gap[:, :u] = -patch.mean
         gap[np.arange(3), places.spot] = 1 / np.sqrt(own)
-        moved[:, :, : n.shape[1]] = -slopes
-        spring = gap.T @ (springs[:, None] * gap) / copies
-        found = [LocalTerm("stiffness", spring, radius * one, np.stack([zero, zero, zero, one], axis=1))]
-        for place, slope in enumerate(moved):
-            change = slope.T @ (springs[:, None] * gap) / copies
-            columns = [zero, zero, zero, zero]
-            columns[1 + place] = radius * one
-            found.append(LocalTerm("stiffness", change + change.T, zero, np.stack(columns, axis=1)))
-        body = np.zeros((n.shape[1], n.shape[1]))
-        body[places.spot, places.spot] = 1 / (own * copies)
-        found.append(LocalTerm("inertia", body, mass * one, np.stack([one, zero, zero, zero], axis=1)))
+        moved[:, :, :u] = -patch.mean_slopes
+        found = [term("stiffness", gap.T @ (springs[:, None] * gap), radius, radius=1.0)]
+        body = patch.spread.copy()
+        body[places.spot, places.spot] += 1 / own
+        found.append(term("inertia", body, mass, mass=1.0))
+        for name, way, spread in zip(("x", "y", "radius"), moved, patch.spread_slopes, strict=True):
+            change = way.T @ (springs[:, None] * gap)
+            found.append(term("stiffness", change + change.T, 0.0, **{name: radius}))
+            found.append(term("inertia", spread, 0.0, **{name: mass}))
         return found
 
     return terms
