@@ -8,7 +8,8 @@ has the product of their parities; on the part, with its share 1/copies of the w
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -84,11 +85,19 @@ class Slices:
     ----------
     centres : (n,) m from the middle of the plate;  width : m
     matrices : (n, 5, r, r) per unit of c11 c12 c13 c33 c44
+    lateral : (n, r, r) of what of c^E is left where a slice is free of stress along x, per unit of c11 and with the
+        ratios of the reference constants
     """
 
     centres: np.ndarray
     width: float
     matrices: np.ndarray = field(repr=False)
+    lateral: np.ndarray = field(repr=False)
+
+    def select(self, square) -> Slices:
+        """The same with some of the unknowns, given by `numpy.ix_`."""
+        rows, columns = square
+        return replace(self, matrices=self.matrices[:, :, rows, columns], lateral=self.lateral[:, rows, columns])
 
 
 @dataclass(frozen=True)
@@ -111,12 +120,10 @@ class Places:
     def select(self, keep: np.ndarray, displacements: int) -> Places:
         """The same with the unknowns `keep` (indices), of which so many were displacements before."""
         square = np.ix_(keep, keep)
-        matrices = self.slices.matrices[:, :, square[0], square[1]]
-        slices = Slices(self.slices.centres, self.slices.width, matrices)
         face = self.face.select(keep[keep < displacements])
         spot = np.flatnonzero(np.isin(keep, self.spot))
         ends = None if self.bare_ends is None else self.bare_ends.select(square)
-        return Places(face, slices, self.ramp[:, :, square[0], square[1]], spot, ends)
+        return Places(face, self.slices.select(square), self.ramp[:, :, square[0], square[1]], spot, ends)
 
 
 def measure_places(weighted: WeightedProducts, sectors: Sectors, constants: ElasticForm) -> Places:
@@ -124,7 +131,8 @@ def measure_places(weighted: WeightedProducts, sectors: Sectors, constants: Elas
     names = np.array(sectors.names)
     spot = np.flatnonzero(names[sectors.member] == SPOT)
     ends = measure_bare_ends(weighted.model, sectors, constants)
-    return Places(_face(weighted.model, sectors), _slices(weighted, sectors), _ramp(weighted, sectors), spot, ends)
+    slices = _slices(weighted, sectors, constants)
+    return Places(_face(weighted.model, sectors), slices, _ramp(weighted, sectors), spot, ends)
 
 
 def _face(model: ElectroelasticModel, sectors: Sectors) -> Face:
@@ -145,23 +153,36 @@ def _face(model: ElectroelasticModel, sectors: Sectors) -> Face:
     return Face(half, coefficients, group, model.domain.copies)
 
 
-def _slices(weighted: WeightedProducts, sectors: Sectors) -> Slices:
+def _slices(weighted: WeightedProducts, sectors: Sectors, constants: ElasticForm) -> Slices:
     axes = [flipped_axes(name) for name in sectors.names]
     own = np.flatnonzero(np.isin(sectors.member, [i for i, a in enumerate(axes) if a in ((), (0,))]))
     fields, size = sectors.fields[:, :, own], sectors.member.size
-    matrices = np.zeros((len(weighted.slices), len(ELASTIC), size, size))
+    units = weighted.model.unit_tensors
+    whole = np.tensordot(constants.vector().real, units, axes=1)
+    tensors = [*units[ELASTIC.start : ELASTIC.stop], lateral_tensor(whole)]
+    matrices = np.zeros((len(weighted.slices), len(tensors), size, size))
     for matrix, products in zip(matrices, weighted.slices, strict=True):
         # the slice at x > 0 alone is half an even and half an odd weight
-        matrix[(slice(None), *np.ix_(own, own))] = 0.5 * _projected(weighted.model, products, fields, ELASTIC)
+        matrix[(slice(None), *np.ix_(own, own))] = 0.5 * _projected(products, fields, tensors)
     ends = weighted.slice_ends
-    return Slices((ends[1:] + ends[:-1]) / 2, float(ends[-1] / len(matrices)), matrices)
+    lateral = matrices[:, -1] / constants.c11.real
+    return Slices((ends[1:] + ends[:-1]) / 2, float(ends[-1] / len(matrices)), matrices[:, :-1], lateral)
+
+
+def lateral_tensor(whole: np.ndarray) -> np.ndarray:
+    """c_abcd − c_abkx (c_kxlx)^-1 c_lxcd (4, 4, 4, 4) of a coupled tensor: c^E at T_xx = T_xy = T_xz = 0, no field."""
+    c = whole[:3, :, :3]
+    found = np.zeros_like(whole)
+    normal = np.linalg.inv(c[:, 0, :, 0])
+    found[:3, :, :3] = c - np.einsum("iak,kl,ljb->iajb", c[:, :, :, 0], normal, c[:, 0])
+    return found
 
 
 def _ramp(weighted: WeightedProducts, sectors: Sectors) -> np.ndarray:
     """The odd weight couples classes whose parities differ about x alone, the even one each class with itself."""
     size = sectors.member.size
     found = np.zeros((2, len(PIEZOELECTRIC), size, size))
-    groups = sectors.classes
+    groups, units = sectors.classes, weighted.model.unit_tensors[PIEZOELECTRIC.start : PIEZOELECTRIC.stop]
     for flipped, rows in groups.items():
         partner = tuple(sorted(set(flipped) ^ {0}))
         if partner in groups and 0 not in flipped:
@@ -169,22 +190,19 @@ def _ramp(weighted: WeightedProducts, sectors: Sectors) -> np.ndarray:
             fields, blocks = sectors.fields[:, :, pair], np.arange(pair.size) < rows.size
             same = blocks[:, None] == blocks
             for matrix, products, coupled in zip(found, (weighted.odd, weighted.even), (~same, same), strict=True):
-                whole = _projected(weighted.model, products, fields, PIEZOELECTRIC)
+                whole = _projected(products, fields, units)
                 matrix[(slice(None), *np.ix_(pair, pair))] = whole * coupled
     return found
 
 
-def _projected(
-    model: ElectroelasticModel, products: GradientProducts, fields: np.ndarray, constants: range
-) -> np.ndarray:
-    """(n_constants, k, k) unit-constant matrices of some gradient products, on fields (4, n, k)."""
+def _projected(products: GradientProducts, fields: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
+    """(n_tensors, k, k) of tensors H[f, a, g, b] with some gradient products, on fields (4, n, k)."""
     nodes = np.flatnonzero(np.diff(products.indptr))
     g = [[product[nodes][:, nodes] for product in row] for row in products.gradient_matrices]
     local = fields[:, nodes, :]
     images: dict[tuple[int, int, int], np.ndarray] = {}
-    found = np.zeros((len(constants), fields.shape[2], fields.shape[2]))
-    for row, q in enumerate(constants):
-        tensor = model.unit_tensors[q]
+    found = np.zeros((len(tensors), fields.shape[2], fields.shape[2]))
+    for row, tensor in enumerate(tensors):
         for f in range(FIELDS):
             total = np.zeros_like(local[f])
             for a, other, b in zip(*np.nonzero(tensor[f]), strict=True):

@@ -79,7 +79,7 @@ def build_sectors(
     parts, names = [driven[:, :, :u]], [DRIVEN]
     top = (2 * np.pi * reduced.band_Hz) ** 2
     others = _OtherClasses(weighted, constants, _BEYOND * top) if any(map(flipped_axes, wanted)) else None
-    static, states = _driven_states(reduced, constants, top)
+    states = _driven_states(reduced, constants, top)
     if SPOT in wanted:
         parts.append(np.zeros((FIELDS, model.basis.N, 3)))
         names.append(SPOT)
@@ -94,7 +94,7 @@ def build_sectors(
         if ramp in wanted:
             loads[ramp] = _ramp_loads(weighted, constants, driven @ states, 0 in flipped)
         if slices in wanted:
-            loads[slices] = _slice_loads(weighted, constants, driven @ static)
+            loads[slices] = _slice_loads(weighted, constants)
         responses = _responses(model, constants, flipped, list(loads.values()), _SHIFT * top) if loads else []
         for name, response in zip(loads, responses, strict=True):
             parts.append(_outside(weighted, response, known))
@@ -137,18 +137,18 @@ def _responses(
     return [own.prolongation @ factor.solve(own.prolongation.T @ load) for load in loads]
 
 
-def _driven_states(reduced: ReducedModel, constants: ElasticForm, top: float) -> tuple[np.ndarray, np.ndarray]:
-    """(r,) plate under a constant volt; (r, k) clamped plate under a volt, then the driven modes in the band."""
+def _driven_states(reduced: ReducedModel, constants: ElasticForm, top: float) -> np.ndarray:
+    """(r, k) clamped plate under a volt, then the driven modes in the band."""
     modal = reduced.modal(ElasticForm.from_vector(constants.vector().real))
-    static = modal.states[:, 0] - modal.states[:, 1:] @ (modal.charges / modal.eigenvalues)
-    return static, modal.states[:, np.append(True, modal.eigenvalues < _BEYOND * top)]
+    return modal.states[:, np.append(True, modal.eigenvalues < _BEYOND * top)]
 
 
-def _slice_loads(weighted: WeightedProducts, constants: ElasticForm, static: np.ndarray) -> np.ndarray:
-    """(4n, k) elastic forces of single columns of elements under uniform strain S_xx and under a volt (4, n)."""
-    uniform = np.zeros_like(static)
-    uniform[0] = weighted.model.basis.doflocs[0]
-    strained = np.column_stack([uniform.ravel(), static.ravel()])
+def _slice_loads(weighted: WeightedProducts, constants: ElasticForm) -> np.ndarray:
+    """(4n, k) elastic forces of slices of elements under uniform S_xx, under uniform S_yy, and under u_y ∝ x y."""
+    x, y, _ = weighted.model.basis.doflocs
+    strained = np.zeros((FIELDS, x.size, 3))
+    strained[0, :, 0], strained[1, :, 1], strained[1, :, 2] = x, y, x * y
+    strained = strained.reshape(-1, 3)
     elastic = np.tensordot(constants.vector().real, weighted.model.unit_tensors, axes=1)
     elastic[3], elastic[:, :, 3] = 0.0, 0.0
     loads = np.hstack([products.stiffness(elastic) @ strained for products in weighted.slices])

@@ -35,7 +35,7 @@ class Setup:
             FUNDAMENTAL, free.names, constants, {"length": 0, "width": 1, "thickness": 2}, DENSITY, SIZE[2], 2e3, SIZE
         )
         self.library = {effect.key: effect for effect in library(context)}
-        model = ElectroelasticModel(Plate(*SIZE).domain((16, 9, 2)), DENSITY)
+        model = self.model_of_part = ElectroelasticModel(Plate(*SIZE).domain((16, 9, 2)), DENSITY)
         training = [constants, *free.training_sets(free.start, 0.04, 3)[1:]]
         training += [constants.lossless().with_values(s12=1.08 * constants.s12.real)]
         self.model = extend_model(model, training, list(self.library.values()), FREQUENCY[-1], accuracy=1e-5)

@@ -32,7 +32,7 @@ SIZES = {
 #: Effects at a place, with all their parameters.
 PLACED = {
     "point_mass": (2.5e-6, 4.1e-3, 1.9e-3, 0.5e-3),
-    "local_crack": (0.15e-3, 2.3e-3),
+    "local_crack": (0.15e-3, 2.3e-3, 0.2e-3),
     "poling_gradient": (0.25, 0.04),
     "mounting": (1e6, 4.0, 0.8e-3),
     "electrode_margin": (0.25e-3,),

@@ -1,9 +1,15 @@
 """A thin slice across the plate with reduced stiffness, as a crack leaves it.
 
-A slice of width w whose c^E is (1 − k) times that of the rest yields like w k/(1 − k) more length of sound material:
-that is its size. The slices of elements around its position share it like the points of a cubic interpolation, so what
-varies along the plate as a cubic feels it at its place; a slice of h that takes l has c^E (1 − l/(h + l)). e and ε^S
-stay. How w and k share the added length changes the yielding across the slice, hence the size by a few per cent.
+A slice of width w whose c^E is (1 − k) times that of the rest yields along the plate like a = w k/(1 − k) more length
+of sound material: that is its size. Against lateral strain, which is that of its neighbours, w k = a w/(w + a) of the
+plate is missing. The two differ where a is not small against w. e and ε^S stay.
+
+The slices of elements around its position share it like the points of a cubic interpolation, so what varies along the
+plate as a cubic feels it at its place. A slice of elements, h long, that takes the share q of it is a laminate with
+layers normal to x (Backus 1962, J. Geophys. Res. 67, 4427, here of layers that differ by a factor): with
+S = h/(h + q a) and P = 1 − q w k/h,
+
+    c^E → S c^E + (P − S) c^L,    c^L the part of c^E at T_xx = T_xy = T_xz = 0.
 """
 
 from __future__ import annotations
@@ -16,6 +22,8 @@ from femu_piezo.diagnosis.places import ELASTIC, Places
 
 #: Where to look first, as shares of half the length.
 _SITES = np.linspace(0.02, 0.95, 24)
+#: Number of c11 in the e-form.
+_C11 = ELASTIC[0]
 #: Slices that share a crack.
 _SHARED = 4
 
@@ -31,15 +39,26 @@ def _shares(places: Places, position: float) -> list[tuple[int, float, float]]:
 
 
 def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-    width, one, found = places.slices.width, np.ones((omega.size, 1), dtype=complex), []
-    for number, share, slope in _shares(places, p[1]):
-        yielding = share * p[0]
-        loss, rate = yielding / (width + yielding), width / (width + yielding) ** 2
-        slopes = -one * np.array([rate * share, rate * slope * p[0]])
-        found += [
-            LocalTerm("stiffness", places.slices.matrices[number, constant], -loss * one[:, 0], slopes, constant)
-            for constant in ELASTIC
+    (added, position, width), h, found = p, places.slices.width, []
+    lateral = added * width / (width + added)
+    lateral_slopes = np.array([width**2, added**2]) / (width + added) ** 2  # by the added length, by the width
+
+    def term(matrix: np.ndarray, value: float, slopes: list[float], constant: int) -> LocalTerm:
+        one = np.ones(omega.size, dtype=complex)
+        return LocalTerm("stiffness", matrix, value * one, one[:, None] * np.array(slopes), constant)
+
+    for number, share, slope in _shares(places, position):
+        yielding = share * added
+        loss, rate = yielding / (h + yielding), h / (h + yielding) ** 2
+        for constant in ELASTIC:
+            slopes = [-rate * share, -rate * slope * added, 0.0]
+            found.append(term(places.slices.matrices[number, constant], -loss, slopes, constant))
+        slopes = [
+            share * (rate - lateral_slopes[0] / h),
+            slope * (rate * added - lateral / h),
+            -share * lateral_slopes[1] / h,
         ]
+        found.append(term(places.slices.lateral[number], loss - share * lateral / h, slopes, _C11))
     return found
 
 
@@ -48,16 +67,17 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     if context.dimensions is None:
         return ()
     length = context.dimensions[0]
-    sites = _SITES * length / 2
+    sites, width = _SITES * length / 2, length / 40
     return (
         Effect(
             name="local_crack",
             sentence="a slice across the plate yields more than the rest: a crack or a soft joint",
             parameters=(
-                EffectParameter("added_length", "m", 0.0, 0.2 * length, 0.002 * length, 0.03 * length, law_error=0.03),
+                EffectParameter("added_length", "m", 0.0, 0.2 * length, 0.002 * length, 0.03 * length, law_error=0.02),
                 EffectParameter(
-                    "position", "m", 0.0, length / 2, length / 40, 5 * length, rest=length / 4, law_error=0.04
+                    "position", "m", 0.0, length / 2, length / 40, 5 * length, rest=length / 4, law_error=0.02
                 ),
+                EffectParameter("width", "m", width / 30, 10 * width, width, width, rest=width, optional=True),
             ),
             confusable_with=("point_mass", "s11", "wrong_length"),
             advice=(
@@ -66,6 +86,6 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             ),
             local=_terms,
             sectors=("ramp", "slices", "x", "x ramp", "x slices"),
-            sites=np.column_stack([np.full(sites.size, 0.002 * length), sites]),
+            sites=np.column_stack([np.full(sites.size, 0.002 * length), sites, np.full(sites.size, width)]),
         ),
     )
