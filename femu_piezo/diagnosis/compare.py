@@ -14,13 +14,14 @@ import numpy as np
 
 from femu_piezo.diagnosis.effect import Effect
 from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.fitting import JointFit, SweepData, fit_joint
+from femu_piezo.diagnosis.fitting import JointFit, SweepData, fit_joint, with_law_misses
 from femu_piezo.diagnosis.joint import JointParameters
 from femu_piezo.diagnosis.search import Trials, try_all
 
 #: Evidence (in units of BIC) beyond BIC and 2 ln N that an effect must bring.
 MARGIN = 6.0
-#: Share of the misfit, as an amplitude, that effects whose law is an approximation may leave: no further one is sought.
+#: Share of the misfit, as an amplitude, that effects whose law is an approximation may leave beyond what such laws are
+#: known to miss: no further one is sought.
 _LAW = 0.1
 #: Candidates within this of the best are not told apart by the data.
 ALIKE = 6.0
@@ -101,15 +102,11 @@ def compare(
         if fit is None or current.bic - fit.bic < price:
             break
         current = search.swapped(fit)
-        if _within_law(base, current):
+        final = with_law_misses(evaluation, current)
+        if final.law_misses is not None and final.excess_beyond_law < _LAW**2 * base.excess:
             break
-    return Comparison(base, search.on_top_of(base), current, tuple(search.places(current)))
-
-
-def _within_law(base: JointFit, current: JointFit) -> bool:
-    """Whether what is left, as an amplitude, may be what an approximate law misses of the effect it describes."""
-    approximate = any(p.law_error > 0 for effect in current.parameters.effects for p in effect.parameters)
-    return approximate and current.excess < _LAW**2 * base.excess
+    found = tuple(search.places(current))
+    return Comparison(base, search.on_top_of(base), with_law_misses(evaluation, current), found)
 
 
 class _Search:

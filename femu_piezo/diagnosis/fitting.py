@@ -53,6 +53,10 @@ class SweepData:
         """(k,) √2/σ of the relative noise."""
         return np.sqrt(2.0) / self.relative_noise
 
+    def bands(self, count: int = _BANDS) -> list[np.ndarray]:
+        """Indices of the points of contiguous bands, so many of each sweep."""
+        return [part for sweep in self.sweeps for part in np.array_split(sweep, count)]
+
     def select(self, keep: np.ndarray) -> SweepData:
         """The points where `keep` (bool, or indices in order) says so."""
         kept = np.arange(self.impedance.size)[keep]
@@ -71,6 +75,7 @@ class JointFit:
     jacobian : (2k, n_x) of the data;  prior_jacobian : (m, n_x) of the priors
     prior_residual : (m,) of the priors
     on_bound : names of the unknowns that ended on a bound
+    law_misses : (m, 2k) whitened errors that approximate laws may have made, each one standard deviation
     """
 
     parameters: JointParameters
@@ -81,6 +86,7 @@ class JointFit:
     prior_residual: np.ndarray
     on_bound: tuple[str, ...]
     data: SweepData
+    law_misses: np.ndarray | None = None
 
     @property
     def chi_square(self) -> float:
@@ -104,6 +110,24 @@ class JointFit:
         return self.chi_square - self.freedom
 
     @property
+    def excess_beyond_law(self) -> float:
+        """χ² beyond what noise and errors of approximate laws give, with the unknowns refitted; by linearisation."""
+        if self.law_misses is None:
+            return self.excess
+        count, unknowns = self.law_misses.shape[0], self.x.size
+        misses = np.concatenate([self.law_misses.T, np.zeros((self.prior_residual.size, count))])
+        whole = np.block(
+            [
+                [np.concatenate([self.jacobian, self.prior_jacobian]), misses],
+                [np.zeros((count, unknowns)), np.eye(count)],
+            ]
+        )
+        residual = np.concatenate([self.residual, self.prior_residual, np.zeros(count)])
+        span = np.linalg.svd(whole, full_matrices=False)[0]
+        left = residual - span @ (span.T @ residual)
+        return float(left @ left) - self.freedom
+
+    @property
     def noise_scale(self) -> float:
         """Factor on the noise that the misfit asks for; at least 1."""
         return float(np.sqrt(max(1.0, self.chi_square / self.freedom)))
@@ -123,10 +147,14 @@ class JointFit:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """(n_x, n_x), scaled by the misfit."""
+        """(n_x, n_x), scaled by the misfit, and what errors of approximate laws move."""
         whole = np.concatenate([self.jacobian, self.prior_jacobian])
-        _, singular, rotation = np.linalg.svd(whole, full_matrices=False)
-        return self.noise_scale**2 * (rotation.T / singular**2) @ rotation
+        left, singular, rotation = np.linalg.svd(whole, full_matrices=False)
+        found = self.noise_scale**2 * (rotation.T / singular**2) @ rotation
+        if self.law_misses is not None:
+            moved = rotation.T @ ((left[: self.residual.size].T @ self.law_misses.T) / singular[:, None])
+            found = found + moved @ moved.T
+        return found
 
     @property
     def std(self) -> np.ndarray:
@@ -141,7 +169,7 @@ class JointFit:
         k = self.residual.size // 2
         basis = np.linalg.svd(np.concatenate([self.jacobian, self.prior_jacobian]), full_matrices=False)[0][: 2 * k]
         found = np.empty(2 * k)
-        for points in (part for sweep in self.data.sweeps for part in np.array_split(sweep, bands)):
+        for points in self.data.bands(bands):
             rows = np.concatenate([points, points + k])
             hat = basis[rows] @ basis[rows].T
             found[rows] = np.linalg.lstsq(np.eye(rows.size) - hat, self.residual[rows], rcond=1e-10)[0]
@@ -151,6 +179,27 @@ class JointFit:
     def held_out_score(self) -> float:
         """rms of the leave-band-out prediction, in σ: about 1 for a right model."""
         return float(np.sqrt(np.mean(np.abs(self.predicted()) ** 2) / 2))
+
+
+def with_law_misses(evaluation: Evaluation, fit: JointFit) -> JointFit:
+    """The fit with the errors that the approximate laws of its effects may have made.
+
+    In each band of each sweep by itself, an effect may change log Z by its `law_error` more or less than its law says.
+    """
+    found, columns = [], [fit.parameters.columns(index) for index in range(len(fit.parameters.effects))]
+    whole = evaluation.impedance(fit.parameters, fit.x)
+    for effect, own in zip(fit.parameters.effects, columns, strict=True):
+        share = max(parameter.law_error for parameter in effect.parameters)
+        if share == 0:
+            continue
+        x = fit.x.copy()
+        x[own] = effect.rest / effect.scale
+        change = share * np.log(whole / evaluation.impedance(fit.parameters, x)) * fit.data.weight
+        for points in fit.data.bands():
+            row = np.zeros_like(change)
+            row[points] = change[points]
+            found.append(np.concatenate([row.real, row.imag]))
+    return replace(fit, law_misses=np.array(found)) if found else fit
 
 
 def whitened(

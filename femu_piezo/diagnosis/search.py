@@ -47,7 +47,8 @@ def try_all(
             found[number] = places[0].linear
             continue
         worth[number] = places
-        found[number] = _fitted(evaluation, data, places[0].linear.parameters, [places[0].x], coarse=True)
+        rough = places if effect.sites is not None else places[:1]  # one wrong place says nothing of the others
+        found[number] = _fitted(evaluation, data, places[0].linear.parameters, [p.x for p in rough], coarse=True)
     best = min((fit.chi_square for fit in found.values() if fit is not None), default=np.inf)
     for number, places in worth.items():
         rough = found[number]
