@@ -7,6 +7,7 @@ import numpy as np
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.output.chart import Axis, Band, Chart, Series
 from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
+from femu_piezo.output.impedance_charts import Curve, impedance_charts
 from femu_piezo.output.sensitivity import COLOURS
 from femu_piezo.study.results import Outcome
 
@@ -22,30 +23,16 @@ def curve_charts(outcome: Outcome) -> list[Chart]:
     x, name = spectrum.frequency * factor, measured.problem.specimen.name
     axis, group = Axis(label, log=scale == "log"), f"curves of {name}"
     curves = (
-        ("measured", spectrum.impedance, MEASURED["color"], "points"),
-        ("baseline", outcome.base_curve, BASELINE["color"], "dashed"),
-        ("updated", outcome.updated_curve, UPDATED["color"], "line"),
+        Curve("measured", spectrum.impedance, MEASURED["color"], "points"),
+        Curve("baseline", outcome.base_curve, BASELINE["color"], "dashed"),
+        Curve("updated", outcome.updated_curve, UPDATED["color"], "line"),
     )
     held_out = measured.problem.specimen.measurement.held_out
     bands = () if held_out is None else (Band("x", held_out[0] * factor, held_out[1] * factor, "not seen by the fit"),)
     residual = residual_in_sigma(outcome)
     return [
-        Chart(
-            axis,
-            Axis("|Z| (Ω)", log=True),
-            tuple(Series(words, x, np.abs(z), color, kind) for words, z, color, kind in curves),
-            group,
-            bands,
-            {"around the fundamental": _around_fundamental(outcome, factor)},
-            height=320,
-        ),
-        Chart(
-            axis,
-            Axis("phase of Z (°)", limits=(-95.0, 95.0)),
-            tuple(Series(words, x, np.degrees(np.angle(z)), color, kind) for words, z, color, kind in curves),
-            group,
-            bands,
-            height=240,
+        *impedance_charts(
+            x, axis, curves, group, bands, {"around the fundamental": _around_fundamental(outcome, factor)}
         ),
         Chart(
             axis,

@@ -6,16 +6,17 @@ import numpy as np
 
 from femu_piezo.output.chart import Axis, Band, Chart, Series
 from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
+from femu_piezo.output.impedance_charts import Curve, impedance_charts
 from femu_piezo.output.wording import listed, spoken
 from femu_piezo.study.diagnose import Diagnosis
 
 
-def models(result: Diagnosis) -> tuple[tuple[str, np.ndarray, dict, str], ...]:
-    """Words, curve, style and kind of line of the base and, where an effect is named, of the final model."""
-    base = ("base model, updated", result.curves[0], BASELINE, "dashed")
+def models(result: Diagnosis) -> tuple[Curve, ...]:
+    """Of the base and, where an effect is named, of the final model."""
+    base = Curve("base model, updated", result.curves[0], BASELINE["color"], "dashed")
     if not result.verdict.causes:
         return (base,)
-    return (base, (f"with {_names(result)}", result.curves[1], UPDATED, "line"))
+    return (base, Curve(f"with {_names(result)}", result.curves[1], UPDATED["color"], "line"))
 
 
 def _names(result: Diagnosis) -> str:
@@ -50,9 +51,9 @@ def residual_charts(result: Diagnosis) -> list[Chart]:
     """log |Z| and phase of simulated over measured, in σ, before and after."""
     x, factor, axis, group = _axis(result)
     sigma, charts = result.relative_noise / np.sqrt(2), []
-    for number_, (words, curve, _, _) in enumerate(models(result)):
-        error = np.log(curve / result.spectrum.impedance) / sigma
-        left = (result.verdict.before, result.verdict.after)[number_]
+    for index, curve in enumerate(models(result)):
+        error = np.log(curve.impedance / result.spectrum.impedance) / sigma
+        left = (result.verdict.before, result.verdict.after)[index]
         judged = "beyond noise, in size or in structure" if left.structured else "as noise alone would leave it"
         rms = float(np.sqrt(np.mean(np.abs(error) ** 2) / 2))
         charts.append(
@@ -65,9 +66,9 @@ def residual_charts(result: Diagnosis) -> list[Chart]:
                 ),
                 group,
                 (*_bands(result, factor), Band("y", -1.96, 1.96, "95 % of pure noise", "#e3ece3")),
-                _views(result, factor) if number_ == 0 else {},
+                _views(result, factor) if index == 0 else {},
                 height=250,
-                caption=f"{words[0].upper()}{words[1:]}: root mean square {rms:.3g} σ; {judged}.",
+                caption=f"{curve.words[0].upper()}{curve.words[1:]}: root mean square {rms:.3g} σ; {judged}.",
             )
         )
     return charts
@@ -76,19 +77,5 @@ def residual_charts(result: Diagnosis) -> list[Chart]:
 def curve_charts(result: Diagnosis) -> list[Chart]:
     """|Z| and phase, measured and simulated."""
     x, factor, axis, group = _axis(result)
-    curves = (("measured", result.spectrum.impedance, MEASURED, "points"), *models(result))
-    parts = (
-        (Axis("|Z| (Ω)", log=True), np.abs, 320),
-        (Axis("phase of Z (°)", limits=(-95.0, 95.0)), lambda z: np.degrees(np.angle(z)), 240),
-    )
-    return [
-        Chart(
-            axis,
-            vertical,
-            tuple(Series(words, x, part(z), style["color"], kind) for words, z, style, kind in curves),
-            group,
-            _bands(result, factor),
-            height=height,
-        )
-        for vertical, part, height in parts
-    ]
+    curves = (Curve("measured", result.spectrum.impedance, MEASURED["color"], "points"), *models(result))
+    return impedance_charts(x, axis, curves, group, _bands(result, factor))
