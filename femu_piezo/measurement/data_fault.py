@@ -14,7 +14,8 @@ class DataFault:
     Attributes
     ----------
     kind : "too_few", "khz_for_hz", "phase_turned", "reactance_sign", "resistance_sign", "columns_exchanged",
-        "admittance_exchanged", "not_passive", "rough", "jump", "spike", "mains" or "quantised"
+        "admittance_exchanged", "not_passive", "rough", "jump", "spike", "mains", "quantised" or
+        "interpolated"
     message : one sentence with the numbers and the remedy
     indices : (k,) int, the points concerned, counted from 0; empty where it is the whole sweep. Of a jump those of
         the shorter side

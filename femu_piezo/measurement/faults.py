@@ -1,4 +1,4 @@
-"""Physical faults inside a sweep: jumps (range switch), spikes, lines of the mains, quantised readings.
+"""Faults inside a sweep: jumps (range switch), spikes, lines of the mains, quantised readings, interpolated points.
 
 Spikes and jumps are told against local rational fits of two sizes that must agree, so that resonances are not taken
 for them. A resonance narrower than the steps of the sweep is one point off its neighbours and looks like a spike.
@@ -12,6 +12,7 @@ from femu_piezo.measurement.data_fault import DataFault
 from femu_piezo.measurement.local_fits import left_out, stepped
 from femu_piezo.measurement.noise import estimate_noise
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.measurement.straight_lines import interpolated
 
 #: Standard deviations from which a point or a step is off, and the residual up to which a window is well described.
 _OFF, _DESCRIBED = 7.0, 1.6
@@ -33,7 +34,7 @@ _REMEDY = "measure again, or set mask_faults = true in [measurement] of the spec
 
 
 def local_faults(spectrum: ImpedanceSpectrum) -> list[DataFault]:
-    """Jumps, spikes, mains lines and quantised readings of a spectrum, none of them fatal."""
+    """Jumps, spikes, mains lines, quantised readings and interpolated points of a spectrum, none of them fatal."""
     magnitude = np.abs(spectrum.impedance)
     if not _SANE[0] < magnitude.min() <= magnitude.max() < _SANE[1]:
         return []
@@ -41,6 +42,9 @@ def local_faults(spectrum: ImpedanceSpectrum) -> list[DataFault]:
     found = [quantised] if quantised else []
     if len(spectrum) < _FEWEST:
         return found
+    straight = None if quantised else interpolated(spectrum)
+    if straight:
+        return [straight]  # kinks are no spikes
     sigma = estimate_noise(spectrum).std(spectrum.impedance) / np.abs(spectrum.impedance)
     sigma = np.sqrt(sigma**2 + quantum**2 + _FINEST**2)
     spikes = _spikes(spectrum.frequency, spectrum.impedance, sigma)

@@ -113,3 +113,25 @@ def test_masking_that_leaves_too_little_is_refused(tmp_path: Path) -> None:
     write_spectrum(ImpedanceSpectrum(frequency, impedance), tmp_path / "x.csv")
     with pytest.raises(InputError, match="would leave 80 of 400 points"):
         read_spectrum(tmp_path / "x.csv", mask_faults=True)
+
+
+@pytest.mark.parametrize("pair", ["RX", "GB", "ZP"])
+def test_points_joined_by_straight_lines_are_told(pair: str) -> None:
+    """Every third point kept and the others interpolated; in the original, and in one without noise, nothing."""
+    frequency, impedance = noisy(600, 3e-4, HARD, 3)
+    coarse = frequency[::3]
+    parts = {
+        "RX": (impedance.real, impedance.imag),
+        "GB": ((1 / impedance).real, (1 / impedance).imag),
+        "ZP": (np.abs(impedance), np.angle(impedance)),
+    }[pair]
+    first, second = (np.interp(frequency, coarse, part[::3]) for part in parts)
+    joined = {"RX": first + 1j * second, "GB": 1 / (first + 1j * second), "ZP": first * np.exp(1j * second)}[pair]
+    assert list(faults_of(frequency, joined)) == ["interpolated"]
+    assert "interpolated" not in faults_of(frequency, impedance)
+
+
+@pytest.mark.parametrize(("points", "band"), [(40, (1e2, 60e3)), (301, (30e3, 50e3)), (20001, (1e3, 60e3))])
+def test_simulated_sweeps_are_not_taken_for_interpolated(points: int, band: tuple[float, float]) -> None:
+    frequency, impedance = noisy(points, 0.0, HARD, 1, band)
+    assert "interpolated" not in faults_of(frequency, impedance)
