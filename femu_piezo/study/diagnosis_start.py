@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.specimen import Specimen, Update
+from femu_piezo.specimen import Update
+from femu_piezo.study.clock import Clock
 from femu_piezo.study.measured import Measured
-from femu_piezo.study.update import update
+from femu_piezo.study.update import update_measured
 from femu_piezo.updating.data import CurveData, rms_log_error, weak_prior
 from femu_piezo.updating.least_squares import fit
 from femu_piezo.updating.parameters import MaterialParameters
@@ -22,15 +24,15 @@ _FIRST_ACCURACY = 1e-3
 _POOR = 0.05
 
 
-def first_constants(specimens: Sequence[Specimen], measured: Sequence[Measured]) -> PiezoConstants:
+def first_constants(measured: Sequence[Measured]) -> PiezoConstants:
     """Constants near the solution on a coarse mesh that knows no effects: by an update, or by a fit from the file's.
 
     The better of the two: the pole-zero update starts from thin-body formulas, which fail where the modes of two
     dimensions meet; the file's constants may be far away.
     """
-    plain, found = [_plain(specimen) for specimen in specimens], []
+    found = []
     try:
-        result = update(plain)
+        result = update_measured([_plain(one) for one in measured], Clock(None))
         found.append((max(outcome.rms_after for outcome in result.outcomes), result.constants))
     except ConvergenceError as error:
         reason = error
@@ -44,9 +46,11 @@ def first_constants(specimens: Sequence[Specimen], measured: Sequence[Measured])
     return min(found, key=lambda item: item[0])[1]
 
 
-def _plain(specimen: Specimen) -> Specimen:
+def _plain(one: Measured) -> Measured:
+    specimen = one.problem.specimen
     wish = (specimen.update or Update()).model_copy(update={"accuracy": _FIRST_ACCURACY})
-    return specimen.model_copy(update={"update": wish, "effects": None})
+    plain = specimen.model_copy(update={"update": wish, "effects": None})
+    return replace(one, problem=replace(one.problem, specimen=plain))
 
 
 def _from_file(measured: Sequence[Measured]) -> tuple[float, PiezoConstants]:

@@ -49,7 +49,12 @@ def update(
     specimens = [specimens] if isinstance(specimens, Specimen) else list(specimens)
     clock = Clock(progress)
     clock.step("read and extract")
-    measured = [measure(specimen) for specimen in specimens]
+    return update_measured([measure(specimen) for specimen in specimens], clock, bases)
+
+
+def update_measured(measured: Sequence[Measured], clock: Clock, bases: Bases | None = None) -> UpdateResult:
+    """`update` of specimens whose sweeps have been read and analysed."""
+    measured = list(measured)
     start = measured[0].problem.constants if has_effects(measured) else start_constants(measured)
     baseline, baseline_notes = baseline_constants(measured, start)
     method, origin = _method(measured)
@@ -60,7 +65,7 @@ def update(
     outcomes = tuple(run.outcome(index, state, baseline) for index in range(len(measured)))
     clock.step(None)
     return UpdateResult(
-        name=" + ".join(specimen.name for specimen in specimens),
+        name=" + ".join(one.problem.specimen.name for one in measured),
         baseline=baseline,
         constants=state.constants,
         parameters=_parameters(state),
