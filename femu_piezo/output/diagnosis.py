@@ -36,6 +36,7 @@ def diagnosis_record(result: Diagnosis) -> dict:
             "after": _remaining(verdict.after),
             "unexplained": verdict.unexplained,
         },
+        "linear_body": None if result.linear_body is None else asdict(result.linear_body),
         "not_visible": [
             {"effect": effect.title, "indistinguishable_from": [constant]} for effect, constant in verdict.hidden
         ],

@@ -15,6 +15,10 @@ from femu_piezo.study.diagnose import Diagnosis
 _MOVED = 3.0
 #: Share of the sweep that stands out from which a misfit is all over it.
 _WHOLE = 0.6
+_POINTS = (
+    "Sweep up and down, and at a tenth of the voltage: a drift or a body that is not linear shows at once. Use the "
+    "original points if these were read off a picture or converted."
+)
 _HOLD = (
     "Measure again with the specimen held differently and in another fixture: what moves belongs to the holder or the "
     "fixture, what stays to the specimen."
@@ -101,10 +105,24 @@ def _wrong(result: Diagnosis) -> tuple[str, ...]:
             + (", spread over the whole sweep" if whole or not where else "")
             + (f", most of it from {listed(where)}." if where else ".")
         )
+        found += _linear(result)
         found += [f"The best guess takes a part of it away. {_cause(cause)}" for cause in verdict.causes[:1]]
         found += [_cause(cause) for cause in verdict.causes[1:]]
     found += _resonances(result)
     return tuple(found)
+
+
+def _linear(result: Diagnosis) -> list[str]:
+    """That no linear body explains the points, where it is so."""
+    linear = result.linear_body
+    if linear is None or not linear.to_blame:
+        return []
+    count = "one resonance" if linear.resonances == 1 else f"{linear.resonances} resonances"
+    return [
+        f"It is not the simulation: the best linear body with {count} in this band, whatever its shape, constants and "
+        f"leads, misses the points by {linear.least:.3g} times the noise, the simulation by {linear.model:.3g} times. "
+        "What is wrong is in the points: drift, a drive too high for linearity, or how they became numbers."
+    ]
 
 
 def _cause(cause: Cause) -> str:
@@ -213,6 +231,8 @@ def _measures(result: Diagnosis) -> tuple[str, ...]:
         )
     else:
         first = "Do not rely on the constants before the cause is known; look at the residual where it is largest."
+        if result.linear_body is not None and result.linear_body.to_blame:
+            return first, _POINTS
         if not result.verdict.causes:
             return first, _HOLD
     remedies = [cause.effect.advice[0] for cause in result.verdict.causes if cause.effect.advice]

@@ -68,7 +68,7 @@ def _resonances(result: Diagnosis) -> str:
         "same frequencies. Pole: series resonance; zero: parallel resonance. k_eff belongs to a pole and its zero."
     )
     tables = [
-        _resonance_table(one, model[0], when)
+        _resonance_table(one, model.words, when)
         for model, one, when in zip(models(result), result.pole_zero, ("before", "after"), strict=False)
     ]
     return "".join(tables) + paragraph(words) + notes(_strangers(result))

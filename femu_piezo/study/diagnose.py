@@ -15,6 +15,7 @@ from femu_piezo.diagnosis.likeness import tangents
 from femu_piezo.diagnosis.separation import Separation
 from femu_piezo.diagnosis.verdict import Verdict, judge
 from femu_piezo.extraction import extract
+from femu_piezo.extraction.linear_body import linear_body_misfit
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen import Specimen
 from femu_piezo.study.clock import Clock, Progress
@@ -25,6 +26,11 @@ from femu_piezo.study.planning import recommended, separations
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals, pole_zero_residuals
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.updating.parameters import Estimate, estimates
+
+#: Most resonances of a linear body that is fitted for comparison.
+_FEW = 4
+#: Share of the model's misfit, and multiple of the noise, from which a linear body misses the points as well.
+_NEARLY, _CLEARLY = 0.75, 2.0
 
 
 @dataclass(frozen=True)
@@ -56,6 +62,36 @@ class DiagnosedSweep:
         if np.array_equal(*self.curves):
             return base, base
         return base, pole_zero_residuals(measured, self.relative_noise, self.curves[1])
+
+    @cached_property
+    def linear_body(self) -> LinearBody | None:
+        """The best linear body with the measured resonances against the base model; None for none, or many."""
+        poles = [one.measured.frequency_Hz for one in self.pole_zero[0].poles]
+        if not 0 < len(poles) <= _FEW:
+            return None
+        error = np.abs(np.log(self.curves[0] / self.spectrum.impedance)) / self.relative_noise
+        least = linear_body_misfit(self.spectrum, poles, self.relative_noise)
+        return LinearBody(len(poles), least, float(np.sqrt(np.mean(error**2))))
+
+
+@dataclass(frozen=True)
+class LinearBody:
+    """What any body that is linear would leave of a sweep.
+
+    Attributes
+    ----------
+    resonances : how many it has
+    least : its rms misfit over the noise;  model : that of the base model
+    """
+
+    resonances: int
+    least: float
+    model: float
+
+    @property
+    def to_blame(self) -> bool:
+        """Whether it misses the points nearly as much as the model: what is wrong is not the simulation."""
+        return self.least > max(_NEARLY * self.model, _CLEARLY)
 
 
 @dataclass(frozen=True)
@@ -118,6 +154,11 @@ class Diagnosis:
         return self.sweeps[self.shown].reference_Hz
 
     @property
+    def linear_body(self) -> LinearBody | None:
+        """What any linear body would leave of its sweep, where nothing explains it; else None."""
+        return self.sweeps[self.shown].linear_body if self.verdict.word == "unknown" else None
+
+    @property
     def pole_zero(self) -> tuple[PoleZeroResiduals, PoleZeroResiduals]:
         """Its poles and zeros against those of base and final model."""
         return self.sweeps[self.shown].pole_zero
@@ -151,7 +192,7 @@ def diagnose(specimens: Specimen | Sequence[Specimen], progress: Progress | None
     several = subjects(specimens)
     library = candidates(several)
     clock.step("first update")
-    start = first_constants(specimens, [one.measured for one in several])
+    start = first_constants([one.measured for one in several])
     run = Run(several, library, clock)
     comparison = run.compare(start, most)
     clock.step("verdict")

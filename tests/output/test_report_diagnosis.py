@@ -22,7 +22,7 @@ from femu_piezo.output.folder import prepare_folder, write_json
 from femu_piezo.output.report_diagnosis import write_diagnosis_report
 from femu_piezo.output.wording import band, listed, merged, quantity
 from femu_piezo.specimen import read_specimen
-from femu_piezo.study.diagnose import diagnose
+from femu_piezo.study.diagnose import LinearBody, diagnose
 
 TUTORIAL = Path(__file__).resolve().parents[2] / "tutorials" / "hidden_effect"
 NOISE, HIGHEST = 2e-3, 140e3
@@ -134,6 +134,14 @@ def test_unknown_is_told_in_words_and_figures(unknown):
     assert [one["frequency_Hz"] for one in alone] == [pytest.approx(100e3, rel=5e-3)]
     assert f"{alone[0]['frequency_Hz'] / 1e3:.5g} kHz (pole)" in unknown.first
     assert "practically certain" not in unknown.first and "Use the constants" not in unknown.first
+    linear = unknown.record["linear_body"]  # specimen and holder together are a linear body
+    assert linear["resonances"] == 2 and linear["least"] < 1.3 and linear["model"] > 2
+    assert "It is not the simulation" not in unknown.first
+
+
+@pytest.mark.parametrize(("least", "model", "blamed"), [(20.2, 20.7, True), (1.1, 20.7, False), (1.6, 1.7, False)])
+def test_points_are_blamed_where_no_linear_body_follows_them(least, model, blamed):
+    assert LinearBody(1, least, model).to_blame == blamed
 
 
 @pytest.mark.parametrize("name", ["effect", "none", "unknown"])

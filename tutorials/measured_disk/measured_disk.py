@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.optimize import least_squares
 
 from femu_piezo.extraction import extract
+from femu_piezo.extraction.linear_body import linear_body_misfit
 from femu_piezo.forward.thin_limits import thin_disk_eigenvalues
 from femu_piezo.material.constants import EPS0
 from femu_piezo.measurement.readers import read_spectrum
@@ -204,32 +204,19 @@ assert max((cause.probability for cause in diagnosis.verdict.causes), default=0.
 # %% [markdown]
 # ## Is it the simulation at all?
 #
-# A test that needs no finite elements: one resonance on a background, C(ω) = a + b ω² + r/(λ − ω²) with four complex
-# numbers. Any linear body with one mode in the band looks like this, whatever its constants, electrodes and cable are.
-# It leaves almost the same. So no better constants and no effect that keeps the disk linear will do; what can are the
+# A test that needs no finite elements: one resonance on a background, C(ω) = a + b ω² + c ω⁴ + r/(λ − ω²) with five
+# complex numbers. Any linear body with one mode in the band looks like this, whatever its constants, electrodes and cable
+# are. It leaves nearly the same, and the diagnosis says so.
+# So no better constants and no effect that keeps the disk linear will do; what can are the
 # drive level (a resonance that moves with the current), a drift of temperature over the sweep, or the way the figure
 # became numbers. One sweep does not tell them apart: measure up and down, and at a tenth of the voltage.
 
-
 # %%
-def one_resonance(spectrum, near_Hz):
-    """rms |Δ log Z| of the best C(ω) = a + b ω² + r/(λ − ω²), all complex: one mode of any linear body."""
-    x = (spectrum.frequency / near_Hz) ** 2
-    capacitance = spectrum.admittance / (1j * spectrum.omega)
-    capacitance = capacitance / np.median(np.abs(capacitance))
-
-    def misfit(u):
-        a, b, pole, residue = u[::2] + 1j * u[1::2]
-        error = np.log((a + b * (x - 1) + residue / (pole - x)) / capacitance)
-        return np.concatenate([error.real, error.imag])
-
-    starts = ([a, -0.02, 0.0, 0.0, 1.0, 0.012, r, 0.0] for a in (0.5, 1.0, 2.0) for r in (0.05, 0.2))
-    cost = min(least_squares(misfit, start, x_scale="jac").cost for start in starts)
-    return float(np.sqrt(2 * cost / x.size))
-
-
-bound, found_rms = one_resonance(sweep, 55.6e3), result.outcomes[0].rms_after
+bound, found_rms = linear_body_misfit(sweep, [55.6e3]), result.outcomes[0].rms_after
 print(f"\none resonance of any body: {100 * bound:.2f} %; the finite elements: {100 * found_rms:.2f} %")
 assert bound < found_rms < 1.2 * bound
+linear = diagnosis.linear_body
+print(f"in multiples of the scatter: {linear.least:.1f} and {linear.model:.1f}")
+assert linear.to_blame and linear.resonances == 1
 write_figure(OUT / "diagnosis.png", diagnosis_figure(diagnosis))
 write_diagnosis_report(OUT / "diagnosis.html", diagnosis, "tutorials/measured_disk/measured_disk.py")

@@ -1,0 +1,54 @@
+"""The best linear body leaves noise of linear bodies, and more of others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from femu_piezo.extraction.linear_body import linear_body_misfit
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.updating.start import k31_bar_admittance
+
+FREQUENCY = np.linspace(100e3, 160e3, 201)
+
+
+def admittance(frequency: np.ndarray) -> np.ndarray:
+    """A bar 12 × 3 × 1 mm whose length mode lies near 128 kHz; its next lies at three times that."""
+    return k31_bar_admittance(
+        2 * np.pi * frequency, 12e-3, 3e-3, 1e-3, 7700.0, 13.7e-12 * (1 - 0.012j), -130e-12 * (1 - 0.02j), 1.15e-8
+    )
+
+
+def spectrum(y: np.ndarray, noise: float) -> ImpedanceSpectrum:
+    normal = np.random.default_rng(1).standard_normal((2, y.size))
+    return ImpedanceSpectrum(FREQUENCY, (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2)) / y)
+
+
+@pytest.mark.parametrize("resistance", [0.0, 40.0])
+def test_linear_body_is_followed_to_the_noise(resistance: float) -> None:
+    """With leads as well; the next mode of the bar is part of the background."""
+    noise = 2e-3
+    sweep = spectrum(1 / (1 / admittance(FREQUENCY) + resistance), noise)
+    assert linear_body_misfit(sweep, [127e3], np.full(FREQUENCY.size, noise)) == pytest.approx(1.0, abs=0.1)
+    assert linear_body_misfit(sweep, [127e3]) == pytest.approx(noise, rel=0.1)
+
+
+def test_two_resonances_are_followed() -> None:
+    """A weak one beside the first, which one resonance cannot follow."""
+    lam = (2 * np.pi * 140e3) ** 2 * (1 + 0.01j)
+    more = 1j * 2 * np.pi * FREQUENCY * 2e-12 * lam / (lam - (2 * np.pi * FREQUENCY) ** 2)
+    sweep = spectrum(admittance(FREQUENCY) + more, 1e-3)
+    assert linear_body_misfit(sweep, [127e3, 140e3]) == pytest.approx(1e-3, rel=0.1)
+    assert linear_body_misfit(sweep, [127e3]) > 5e-3
+
+
+def test_resonance_that_moves_with_the_current_is_not_followed() -> None:
+    """A softening body: where the conductance is high the frequency has fallen by up to 0.4 %."""
+    strength = admittance(FREQUENCY).real
+    soft = admittance(FREQUENCY * (1 + 4e-3 * strength / strength.max()))
+    assert linear_body_misfit(spectrum(soft, 1e-3), [127e3]) > 10e-3
+
+
+def test_no_resonance_is_an_error() -> None:
+    with pytest.raises(ValueError, match="at least one pole"):
+        linear_body_misfit(spectrum(admittance(FREQUENCY), 1e-3), [])
