@@ -66,6 +66,7 @@ class DaskPool:
 
     lost = (KilledWorker,)
     breaks_whole = False
+    bundle = 4  # a job that is handed over alone costs some ms on either side
     limit_s = None
 
     def __init__(self, address: str) -> None:

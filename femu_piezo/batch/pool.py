@@ -31,11 +31,13 @@ class Pool(Protocol):
     ----------
     lost : exceptions that mean a dead worker
     breaks_whole : whether one dead worker loses all that is in flight
+    bundle : how many jobs at most a worker is handed at once, where handing over is dear
     limit_s : seconds after which a worker ends itself, None where it must not
     """
 
     lost: tuple[type[BaseException], ...]
     breaks_whole: bool
+    bundle: int
     limit_s: float | None
 
     @property
@@ -53,6 +55,7 @@ class LocalPool:
 
     lost = (BrokenProcessPool,)
     breaks_whole = True
+    bundle = 1
 
     def __init__(self, workers: int, limit_s: float | None) -> None:
         self._workers, self.limit_s = workers, limit_s
@@ -112,11 +115,16 @@ def run_all(
     _Dispatch(pool, function, tasks, finished, patience_s).run()
 
 
+def in_turn(function: Callable[..., dict], tasks: Sequence[tuple], limit_s: float | None) -> list[dict]:
+    """function(*task, limit_s) of several tasks, one after another."""
+    return [function(*task, limit_s) for task in tasks]
+
+
 class _Dispatch:
     def __init__(self, pool, function, tasks, finished, patience_s) -> None:
         self._pool, self._function, self._finished, self._patience = pool, function, finished, patience_s
         self._waiting, self._suspects = deque(tasks), deque()
-        self._running: dict[Future, tuple[tuple, bool, float]] = {}
+        self._running: dict[Future, tuple[list[tuple], bool, float]] = {}
         self._succeeded = self._died = 0
 
     def run(self) -> None:
@@ -137,10 +145,12 @@ class _Dispatch:
         try:
             if self._suspects:
                 if not self._running:
-                    self._start(self._suspects, alone=True)
+                    self._start(self._suspects, 1, alone=True)
                 return
             while self._waiting and len(self._running) < self._pool.width:
-                self._start(self._waiting, alone=False)
+                # small bundles at the end, so that all workers finish together
+                count = max(1, min(self._pool.bundle, len(self._waiting) // self._pool.width))
+                self._start(self._waiting, count, alone=False)
         except BrokenProcessPool:  # a worker died while it was idle
             if not self._running:
                 self._died += 1
@@ -148,16 +158,22 @@ class _Dispatch:
                 self._pool.restart()
                 self._fill()
 
-    def _start(self, queue: deque, alone: bool) -> None:
-        future = self._pool.submit(self._function, *queue[0], self._pool.limit_s)
-        self._running[future] = (queue.popleft(), alone, time.monotonic())
+    def _start(self, queue: deque, count: int, alone: bool) -> None:
+        tasks, limit = [queue[index] for index in range(count)], self._pool.limit_s
+        if count == 1:
+            future = self._pool.submit(self._function, *tasks[0], limit)
+        else:
+            future = self._pool.submit(in_turn, self._function, tasks, limit)
+        for _ in tasks:
+            queue.popleft()
+        self._running[future] = (tasks, alone, time.monotonic())
 
     def _is_lost(self, future: Future) -> bool:
         return not future.cancelled() and isinstance(future.exception(), self._pool.lost)
 
     def _take(self, future: Future) -> bool:
         """Report a future that is done; whether its worker was lost."""
-        task, alone, began = self._running.pop(future)
+        tasks, alone, began = self._running.pop(future)
         if not self._is_lost(future):
             try:
                 result = future.result()
@@ -167,11 +183,13 @@ class _Dispatch:
                     "again to continue"
                 ) from None
             self._succeeded += 1
-            self._finished(task, result, "")
+            for task, one in zip(tasks, [result] if len(tasks) == 1 else result, strict=True):
+                self._finished(task, one, "")
             return False
         if not alone:
-            self._suspects.append(task)
+            self._suspects.extend(tasks)
             return True
+        task = tasks[0]
         elapsed, limit = time.monotonic() - began, self._pool.limit_s
         self._died += 1
         if limit is not None and elapsed >= limit:
@@ -190,8 +208,9 @@ class _Dispatch:
 
     def _give_up(self) -> None:
         """Nothing has finished for too long (a cluster without workers, or a hang)."""
-        for future, (task, _, _) in self._running.items():
+        for future, (tasks, _, _) in self._running.items():
             future.cancel()
-            self._finished(task, None, f"no worker has answered for {self._patience:g} s")
+            for task in tasks:
+                self._finished(task, None, f"no worker has answered for {self._patience:g} s")
         self._running.clear()
         self._pool.restart()

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
 from femu_piezo.batch.jobs import Job, program_checksum
 from femu_piezo.batch.lot import lot_of
 from femu_piezo.batch.pool import Pool, run_all
-from femu_piezo.batch.store import Records, locked
+from femu_piezo.batch.store import Records, locked, write_record
 from femu_piezo.batch.table import rows_of, write_table
 from femu_piezo.batch.worker import record, run_job
 from femu_piezo.output.folder import prepare_folder
@@ -82,6 +84,14 @@ def _to_diagnose(rows: list[dict], which: Diagnosed) -> set[str]:
     return {row["file"] for row in rows if row["status"] == "ok"}
 
 
+def run_and_keep(folder: str, job: Job, checksum: str, program: str, limit_s: float | None = None) -> dict:
+    """`run_job` in a bundle: the worker itself makes the record durable at once, where it sees the folder."""
+    found = run_job(job, checksum, program, limit_s)
+    with suppress(OSError):
+        write_record(Path(folder), found)
+    return found
+
+
 class _Run:
     """Steps over the same workers, which start with the first job that must be computed."""
 
@@ -103,7 +113,8 @@ class _Run:
         def computed(task: tuple, result: dict | None, reason: str) -> None:
             job, checksum, _ = task
             result = result or record(job, checksum, "lost", f"{job.name}: {reason}")
-            records.write(result)
+            if self._pool.bundle == 1 or records.read(job.name, checksum) is None:
+                records.write(result)
             take(result)
 
         todo = []
@@ -118,7 +129,8 @@ class _Run:
         if todo:
             self._pool = self._pool or self._make_pool()
             tasks = [(job, checksums[job.name], self._program) for job in todo]
-            run_all(self._pool, run_job, tasks, computed, self._patience)
+            work = run_job if self._pool.bundle == 1 else partial(run_and_keep, str(records.folder.resolve()))
+            run_all(self._pool, work, tasks, computed, self._patience)
         return [found[job.name] for job in jobs]
 
     def close(self) -> None:

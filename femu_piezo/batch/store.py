@@ -25,11 +25,14 @@ class Records:
         for left in folder.glob(".*.tmp"):  # of a run that was killed while it wrote
             left.unlink(missing_ok=True)
 
+    @property
+    def folder(self) -> Path:
+        """Where the files are."""
+        return self._folder
+
     def path(self, name: str) -> Path:
         """File of the job `name`."""
-        if len(name.encode()) > 200:
-            name = hashlib.sha256(name.encode()).hexdigest()
-        return self._folder / f"{name}.json"
+        return _path(self._folder, name)
 
     def read(self, name: str, checksum: str) -> dict | None:
         """The record of a job where it is final and of these inputs; None where it must be computed."""
@@ -43,8 +46,19 @@ class Records:
 
     def write(self, record: dict) -> None:
         """Make a record durable."""
-        text = json.dumps(record, indent=1, allow_nan=False, ensure_ascii=False)
-        write_atomically(self.path(record["name"]), text + "\n")
+        write_record(self._folder, record)
+
+
+def write_record(folder: Path, record: dict) -> None:
+    """Make a record durable in a folder of records."""
+    text = json.dumps(record, indent=1, allow_nan=False, ensure_ascii=False)
+    write_atomically(_path(folder, record["name"]), text + "\n")
+
+
+def _path(folder: Path, name: str) -> Path:
+    if len(name.encode()) > 200:
+        name = hashlib.sha256(name.encode()).hexdigest()
+    return folder / f"{name}.json"
 
 
 @contextmanager

@@ -62,6 +62,7 @@ class InlinePool:
 
     lost = ()
     breaks_whole = False
+    bundle = 1
     limit_s = None
     width = 10_000
 

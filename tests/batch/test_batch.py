@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from concurrent.futures import Future
 from pathlib import Path
 
 import pyarrow.parquet
@@ -13,6 +14,7 @@ from lots import S11, InlinePool, kill_at_random, sweep, write_lot
 
 from femu_piezo.batch.jobs import Job, find_jobs, natural_order
 from femu_piezo.batch.lot import lot_of, lot_text
+from femu_piezo.batch.pool import in_turn
 from femu_piezo.batch.run import run_lot
 from femu_piezo.cli import main
 from femu_piezo.errors import ConvergenceError, InputError
@@ -247,6 +249,30 @@ def test_two_runs_cannot_share_a_folder(lot, tmp_path):
 
     jobs = find_jobs(lot[0], lot[1])[:1]
     run_lot(jobs, tmp_path, second_run)
+
+
+def test_bundles_give_the_same_table_and_lose_nothing(lot, tmp_path):
+    """Jobs handed over three at a time; the coordinator dies before it has seen the result of the first bundle."""
+
+    class Bundles(InlinePool):
+        bundle, width = 3, 1
+
+        def submit(self, function, *arguments):
+            future = Future()
+            future.set_result(function(*arguments))
+            self.done.append(len(arguments[1]) if function is in_turn else 1)
+            if dies:
+                raise KeyboardInterrupt
+            return future
+
+    jobs, dies = find_jobs(lot[0], lot[1]), True
+    with pytest.raises(KeyboardInterrupt):
+        run_lot(jobs, tmp_path, Bundles)
+    assert len(list((tmp_path / "records").glob("*.json"))) == 3
+    dies, pool = False, Bundles()
+    assert run_lot(jobs, tmp_path, lambda: pool).kept == 3
+    assert sum(pool.done) == len(jobs) - 3 and pool.done[0] > 1
+    assert (tmp_path / "table.csv").read_bytes() == (lot[2] / "table.csv").read_bytes()
 
 
 def test_dask_gives_the_same_table(lot, tmp_path):

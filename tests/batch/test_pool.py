@@ -11,7 +11,7 @@ from femu_piezo.batch.pool import LocalPool, run_all
 from femu_piezo.errors import ConvergenceError
 
 
-def outcome(tasks: list[str], workers: int = 2, limit_s: float | None = None) -> dict[str, str]:
+def outcome(tasks: list[str], workers: int = 2, limit_s: float | None = None, bundle: int = 1) -> dict[str, str]:
     """Task → "ok" or the reason why not."""
     found = {}
 
@@ -20,6 +20,7 @@ def outcome(tasks: list[str], workers: int = 2, limit_s: float | None = None) ->
         found[task[0]] = "ok" if result else reason
 
     pool = LocalPool(workers, limit_s)
+    pool.bundle = bundle
     try:
         run_all(pool, deadly, [(task,) for task in tasks], finished, patience_s=60)
     finally:
@@ -27,9 +28,10 @@ def outcome(tasks: list[str], workers: int = 2, limit_s: float | None = None) ->
     return found
 
 
-def test_a_dead_worker_costs_its_job_only():
-    tasks = ["a 1", "slow 2", "die", "a 3", "slow 4", "a 5"]
-    found = outcome(tasks)
+@pytest.mark.parametrize("bundle", [1, 3])
+def test_a_dead_worker_costs_its_job_only(bundle):
+    tasks = ["a 1", "slow 2", "die", "a 3", "slow 4", *(f"a {number}" for number in range(5, 20))]
+    found = outcome(tasks, bundle=bundle)
     assert set(found) == set(tasks)
     assert "died" in found.pop("die")
     assert set(found.values()) == {"ok"}
