@@ -184,12 +184,13 @@ class JointFit:
 def with_law_misses(evaluation: Evaluation, fit: JointFit) -> JointFit:
     """The fit with the errors that the approximate laws of its effects may have made.
 
-    In each band of each sweep by itself, an effect may change log Z by its `law_error` more or less than its law says.
+    In each band of each sweep by itself, an effect may change log Z by more or less than its law says: by the
+    `law_error` of its size, as a share.
     """
     found, columns = [], [fit.parameters.columns(index) for index in range(len(fit.parameters.effects))]
     whole = evaluation.impedance(fit.parameters, fit.x)
     for effect, own in zip(fit.parameters.effects, columns, strict=True):
-        share = max(parameter.law_error for parameter in effect.parameters)
+        share = effect.parameters[0].law_error
         if share == 0:
             continue
         x = fit.x.copy()

@@ -77,7 +77,9 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 EffectParameter(
                     "position", "m", 0.0, length / 2, length / 40, 5 * length, rest=length / 4, law_error=0.02
                 ),
-                EffectParameter("width", "m", width / 30, 10 * width, width, width, rest=width, optional=True),
+                EffectParameter(
+                    "width", "m", width / 30, 10 * width, width, width, rest=width, optional=True, law_error=0.25
+                ),
             ),
             confusable_with=("point_mass", "s11", "wrong_length"),
             advice=(
