@@ -9,7 +9,7 @@ import numpy as np
 from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.wording import band, listed, merged, percent, sizes, spoken
-from femu_piezo.study.diagnose import Diagnosis
+from femu_piezo.study.diagnose import Diagnosis, LinearBody
 
 #: Shift of a constant, in standard deviations, that is told.
 _MOVED = 3.0
@@ -83,6 +83,8 @@ def _headline(result: Diagnosis) -> str:
     many = len(result.verdict.causes) > 1
     if word == "effect":
         return f"The misfit has {'named causes' if many else 'a named cause'}: {_names(result)}."
+    if _points_to_blame(result):
+        return "No linear body follows these points: what is wrong is in the data, not in the simulation."
     words = "The simulation misses something that no known effect explains"
     if result.verdict.causes:
         return f"{words}: with {_names(result)} {percent(result.verdict.unexplained)} of the misfit stays."
@@ -105,24 +107,27 @@ def _wrong(result: Diagnosis) -> tuple[str, ...]:
             + (", spread over the whole sweep" if whole or not where else "")
             + (f", most of it from {listed(where)}." if where else ".")
         )
-        found += _linear(result)
-        found += [f"The best guess takes a part of it away. {_cause(cause)}" for cause in verdict.causes[:1]]
-        found += [_cause(cause) for cause in verdict.causes[1:]]
+        if _points_to_blame(result):
+            found.append(_linear(result.linear_body))
+        else:
+            found += [f"The best guess takes a part of it away. {_cause(cause)}" for cause in verdict.causes[:1]]
+            found += [_cause(cause) for cause in verdict.causes[1:]]
     found += _resonances(result)
     return tuple(found)
 
 
-def _linear(result: Diagnosis) -> list[str]:
-    """That no linear body explains the points, where it is so."""
-    linear = result.linear_body
-    if linear is None or not linear.to_blame:
-        return []
+def _points_to_blame(result: Diagnosis) -> bool:
+    return result.linear_body is not None and result.linear_body.to_blame
+
+
+def _linear(linear: LinearBody) -> str:
+    """That no linear body explains the points."""
     count = "one resonance" if linear.resonances == 1 else f"{linear.resonances} resonances"
-    return [
+    return (
         f"It is not the simulation: the best linear body with {count} in this band, whatever its shape, constants and "
         f"leads, misses the points by {linear.least:.3g} times the noise, the simulation by {linear.model:.3g} times. "
         "What is wrong is in the points: drift, a drive too high for linearity, or how they became numbers."
-    ]
+    )
 
 
 def _cause(cause: Cause) -> str:
@@ -147,7 +152,7 @@ def _resonances(result: Diagnosis) -> list[str]:
 def _sure(result: Diagnosis) -> tuple[str, ...]:
     verdict, gain, known = result.verdict, result.gain, result.comparison.base.data.noise_known
     found = []
-    for cause in verdict.causes:
+    for cause in () if _points_to_blame(result) else verdict.causes:
         found.append(f"{spoken(cause.effect).capitalize()} is {_certainty(cause.probability)}.")
         if cause.indistinguishable_from:
             others = listed([name.replace("_", " ") for name in cause.indistinguishable_from], "or")
@@ -201,6 +206,8 @@ def _bias(result: Diagnosis) -> tuple[str, ...]:
         if result.verdict.word == "none":
             return ("No bias was found: the updated constants stand, within their standard deviations.",)
         return ("They carry an error of unknown size: what is missing in the model has gone into them as well.",)
+    if result.verdict.word == "unknown" and _points_to_blame(result):
+        return ("They carry an error of unknown size: what is wrong with the points has gone into them as well.",)
     if result.verdict.word == "unknown":
         return ("They move with what is named, but neither set is safe while the rest of the misfit has no name.",)
     moved = [shift for shift in shifts(result) if shift.sigma > _MOVED]
@@ -231,7 +238,7 @@ def _measures(result: Diagnosis) -> tuple[str, ...]:
         )
     else:
         first = "Do not rely on the constants before the cause is known; look at the residual where it is largest."
-        if result.linear_body is not None and result.linear_body.to_blame:
+        if _points_to_blame(result):
             return first, _POINTS
         if not result.verdict.causes:
             return first, _HOLD

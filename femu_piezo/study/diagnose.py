@@ -30,7 +30,7 @@ from femu_piezo.updating.parameters import Estimate, estimates
 #: Most resonances of a linear body that is fitted for comparison.
 _FEW = 4
 #: Share of the model's misfit, and multiple of the noise, from which a linear body misses the points as well.
-_NEARLY, _CLEARLY = 0.75, 2.0
+_NEARLY, _CLEARLY = 0.6, 3.0
 
 
 @dataclass(frozen=True)
