@@ -1,13 +1,14 @@
 """Z and exact ∂Z/∂x of a specimen with effects, x = (material unknowns, effect parameters over their scales).
 
 Where no coefficient depends on ω the closed modal forms hold, an extra inertia going into the mass before the
-diagonalisation. Else the reduced system is solved at every frequency; with x(ω) the state driven by one volt the
-charge is stationary, so ∂(Q/V)/∂x_i = −xᵗ (∂A/∂x_i) x.
+diagonalisation. Else the reduced system is solved at every frequency, a large one on the states at a few of them; with
+x(ω) the state driven by one volt the charge is stationary, so ∂(Q/V)/∂x_i = −xᵗ (∂A/∂x_i) x.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator
@@ -23,6 +24,10 @@ from femu_piezo.threads import blas_limit
 _NODES = 14
 #: Frequencies solved at once.
 _BATCH = 64
+#: Frequencies whose states carry a large system, and how many times as many displacements make that worth while.
+_SAMPLES, _WORTHWHILE = 32, 2
+#: Share of the largest singular value of those states below which a direction is left out.
+_NEGLIGIBLE = 1e-10
 
 
 @dataclass(frozen=True)
@@ -134,28 +139,64 @@ def _solved(
     model: ExtendedModel, sweep: np.ndarray, c: Coefficients, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Y and ∂Y/∂x by one dense solve per frequency; weights (k, nodes) interpolate the coefficients."""
-    u, size = model.displacements, model.size
+    system = _System(c.terms, np.array(c.masses), model.displacements, c, weights)
+    if system.displacements > _WORTHWHILE * _SAMPLES:
+        system = system.on_states_of(sweep, np.unique(np.linspace(0, sweep.size - 1, _SAMPLES).astype(int)))
     y = np.empty(sweep.size, dtype=complex)
     slopes = np.empty((sweep.size, c.stiffness_tangents.shape[2]), dtype=complex)
-    flat = c.terms.reshape(len(c.terms), -1)
-    at_nodes = c.stiffness @ flat  # (nodes, r²)
     for part in np.array_split(np.arange(sweep.size), max(1, sweep.size // _BATCH)):
+        state, charge = system.states(sweep, part)
         w, omega = weights[part], sweep[part]
-        matrix = (w @ at_nodes).reshape(-1, size, size)
-        inertia = w @ c.inertia
-        for j, mass in enumerate(c.masses):
-            matrix[:, :u, :u] -= (omega**2 * inertia[:, j])[:, None, None] * mass
-        inner = np.linalg.solve(matrix[:, :-1, :-1], matrix[:, :-1, -1:])[:, :, 0]
-        state = np.concatenate([-inner, np.ones((part.size, 1))], axis=1)
-        charge = -np.einsum("ki,ki->k", matrix[:, -1, :], state)
-        along = _quadratic(c.terms, state)  # (part, n_terms)
+        along = _quadratic(system.terms, state)  # (part, n_terms)
         move = np.einsum("kt,kn,ntx->kx", along, w, c.stiffness_tangents, optimize=True)
-        heavy = _quadratic(np.array(c.masses), state[:, :u])
+        heavy = _quadratic(system.masses, state[:, : system.displacements])
         move -= omega[:, None] ** 2 * np.einsum("kj,kn,njx->kx", heavy, w, c.inertia_tangents, optimize=True)
         factor = 1j * omega * model.admittance_factor
         y[part] = factor * charge
         slopes[part] = -factor[:, None] * move
     return y, slopes
+
+
+@dataclass(frozen=True)
+class _System:
+    """Projected terms (n, r, r) and masses (j, u, u) with coefficients at nodes that weights (k, nodes) interpolate."""
+
+    terms: np.ndarray
+    masses: np.ndarray
+    displacements: int
+    coefficients: Coefficients
+    weights: np.ndarray
+
+    @cached_property
+    def _at_nodes(self) -> np.ndarray:
+        return self.coefficients.stiffness @ self.terms.reshape(len(self.terms), -1)  # (nodes, r²)
+
+    def states(self, sweep: np.ndarray, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(p, r) state under a volt and (p,) charge, at the frequencies number `part` of a sweep."""
+        u, size, w = self.displacements, self.terms.shape[1], self.weights[part]
+        matrix = (w @ self._at_nodes).reshape(-1, size, size)
+        inertia = sweep[part, None] ** 2 * (w @ self.coefficients.inertia)
+        for j, mass in enumerate(self.masses):
+            matrix[:, :u, :u] -= inertia[:, j, None, None] * mass
+        inner = np.linalg.solve(matrix[:, :-1, :-1], matrix[:, :-1, -1:])[:, :, 0]
+        state = np.concatenate([-inner, np.ones((part.size, 1))], axis=1)
+        return state, -np.einsum("ki,ki->k", matrix[:, -1, :], state)
+
+    def on_states_of(self, sweep: np.ndarray, samples: np.ndarray) -> _System:
+        """The system on the displacements at some frequencies: there Y is exact, and its slope along the sweep too.
+
+        Between them it follows as rational functions of that degree do.
+        """
+        u = self.displacements
+        found = self.states(sweep, samples)[0][:, :u]
+        left, singular, _ = np.linalg.svd(np.concatenate([found.real, found.imag]).T, full_matrices=False)
+        basis = left[:, singular > _NEGLIGIBLE * singular[0]]
+        size, few = self.terms.shape[1], basis.shape[1]
+        whole = np.zeros((size, few + size - u))
+        whole[:u, :few], whole[u:, few:] = basis, np.eye(size - u)
+        return replace(
+            self, terms=whole.T @ self.terms @ whole, masses=basis.T @ self.masses @ basis, displacements=few
+        )
 
 
 def _quadratic(terms: np.ndarray, states: np.ndarray) -> np.ndarray:

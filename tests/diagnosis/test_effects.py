@@ -9,6 +9,7 @@ from hidden_effects.ritz import RitzPlate
 from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
 from femu_piezo.diagnosis.effects import from_table
 from femu_piezo.diagnosis.effects.frequency_dependent_elastic_loss import partner
+from femu_piezo.diagnosis.evaluation import Evaluation
 from femu_piezo.diagnosis.joint import JointParameters
 from femu_piezo.errors import InputError
 
@@ -198,3 +199,20 @@ def test_table_of_effects_is_read_with_units_and_refused_in_one_sentence(setup):
     ):
         with pytest.raises(InputError, match=words):
             from_table(wrong, replace(context), "plate.toml")
+
+
+def test_large_systems_are_solved_on_states_at_a_few_frequencies(setup, monkeypatch):
+    """Where coefficients depend on ω: Z to 1e-8 of a solve at every frequency, slopes to 1e-5 of their largest."""
+    parameters, x = JointParameters(setup.material), setup.x
+    for key, values in {
+        "frequency_dependent_elastic_loss": (0.5,),
+        "point_mass": (2.5e-6, 4.1e-3, 1.9e-3, 0.45e-3),
+    }.items():
+        effect = setup.library[key]
+        parameters, x = parameters.with_effect(effect), np.append(x, np.array(values) / effect.scale)
+    dense = Evaluation(setup.model, 2 * np.pi * np.linspace(20e3, 225e3, 201))
+    few = dense.with_jacobian(parameters, x)
+    monkeypatch.setattr("femu_piezo.diagnosis.evaluation._WORTHWHILE", np.inf)
+    all_ = dense.with_jacobian(parameters, x)
+    assert 0 < np.max(np.abs(few[0] / all_[0] - 1)) < 1e-8
+    assert np.max(np.abs(few[1] - all_[1]) / np.max(np.abs(all_[1]), axis=0)) < 1e-5
