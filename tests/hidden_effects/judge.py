@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from femu_piezo.diagnosis.fitting import JointFit
+from femu_piezo.errors import FemuPiezoError
 from femu_piezo.specimen import read_specimen
 from femu_piezo.study.diagnose import Diagnosis, diagnose
 from hidden_effects.catalogue import NAMES
@@ -96,14 +97,19 @@ class Outcome:
 
 
 def judge_draw(draw: Draw, folder: Path) -> Outcome:
-    """Write specimen and sweep, diagnose them, compare with the key."""
-    result = diagnose(read_specimen(draw.write(folder)))
+    """Write specimen and sweep, diagnose them, compare with the key; what is refused counts as missed."""
+    kind, truth = _kind(draw), tuple(hidden.title for hidden in draw.key)
+    truth = truth or ((draw.undescribed,) if draw.undescribed else ())
+    try:
+        result = diagnose(read_specimen(draw.write(folder)))
+    except FemuPiezoError as error:
+        return Outcome(draw.name, draw.seed, kind, truth, (np.inf,) * len(truth), "refused", {}, {}, str(error))
     causes = result.verdict.causes
     return Outcome(
         name=draw.name,
         seed=draw.seed,
-        kind=_kind(draw),
-        truth=tuple(hidden.title for hidden in draw.key) or ((draw.undescribed,) if draw.undescribed else ()),
+        kind=kind,
+        truth=truth,
         sigma=_misfits(draw, result),
         word=result.verdict.word,
         said={cause.effect.title: cause.probability for cause in causes},
