@@ -10,10 +10,11 @@ import pytest
 from click.testing import CliRunner
 
 from femu_piezo.cli import main
+from femu_piezo.errors import InputError
 from hidden_effects import study
 from hidden_effects.catalogue import EFFECTS, NAMES
 from hidden_effects.confusion import rates
-from hidden_effects.draws import DENSITY, PZT5H, draw
+from hidden_effects.draws import DENSITY, PZT5H, _drawn, draw
 from hidden_effects.judge import Outcome, judge_draw
 from hidden_effects.ritz import RitzPlate
 
@@ -130,3 +131,19 @@ def test_jobs_of_a_study():
     assert len(pairs) == 10 and all(a != b and {a, b} <= set(EFFECTS) for a, b in pairs)
     assert len({name for name in names if name.startswith("undescribed:")}) >= 8
     assert len(set(found)) == len(found)
+
+
+def test_specimens_are_passive():
+    """The losses first drawn for this bar of k33² = 0.56 would feed energy back; those of the draw do not."""
+    assert _drawn("frequency_dependent_elastic_loss", 5003, 31, None, []).clean.real.min() < 0
+    assert draw("frequency_dependent_elastic_loss", 5003, points=31).clean.real.min() > 0
+
+
+def test_refused_sweep_counts_as_missed(tmp_path, monkeypatch):
+    def refuse(specimen):
+        raise InputError("no")
+
+    monkeypatch.setattr("hidden_effects.judge.diagnose", refuse)
+    outcome = judge_draw(draw("series_resistance", 2, points=31), tmp_path)
+    assert outcome.word == "refused" and outcome.detectable and not outcome.in_class
+    assert not all(rate.holds for rate in rates([outcome]))
