@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,6 +14,8 @@ from femu_piezo.diagnosis.joint import JointParameters
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.updating.data import Prior
 
+#: Excess of χ², in its standard deviations, from which what is left has structure.
+_STRUCTURED = 3.0
 #: Contiguous bands of the leave-band-out prediction.
 _BANDS = 10
 #: Least ratio of the true variance of the noise to an estimated one.
@@ -147,14 +149,43 @@ class JointFit:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """(n_x, n_x), scaled by the misfit, and what errors of approximate laws move."""
-        whole = np.concatenate([self.jacobian, self.prior_jacobian])
-        left, singular, rotation = np.linalg.svd(whole, full_matrices=False)
+        """(n_x, n_x), scaled by the misfit; with what errors of approximate laws move, and what single bands decide.
+
+        The last, the delete-a-band jackknife, only where more is left than noise and laws explain: there neighbouring
+        residuals err alike, and the first counts them as many.
+        """
+        left, singular, rotation = self._decomposed
         found = self.noise_scale**2 * (rotation.T / singular**2) @ rotation
+        moved = np.zeros((0, self.residual.size))
         if self.law_misses is not None:
-            moved = rotation.T @ ((left[: self.residual.size].T @ self.law_misses.T) / singular[:, None])
-            found = found + moved @ moved.T
-        return found
+            moved = self.law_misses
+        if self.excess_beyond_law > _STRUCTURED * np.sqrt(2 * self.freedom):
+            moved = np.concatenate([moved, self._band_pulls()])
+        along = rotation.T @ ((left[: self.residual.size].T @ moved.T) / singular[:, None])
+        return found + along @ along.T
+
+    @cached_property
+    def _decomposed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Singular value decomposition of data and priors."""
+        return np.linalg.svd(np.concatenate([self.jacobian, self.prior_jacobian]), full_matrices=False)
+
+    def _band_pulls(self) -> np.ndarray:
+        """(bands, 2k) residuals by which each band pulls the unknowns, of the delete-a-band jackknife (linear)."""
+        found = []
+        for rows, unseen in self._left_out(_BANDS):
+            pull = np.zeros(self.residual.size)
+            pull[rows] = unseen
+            found.append(pull)
+        return np.sqrt(1 - 1 / len(found)) * np.array(found)
+
+    def _left_out(self, bands: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """(rows of the residual, their values for the fit that did not see them) of each band of each sweep."""
+        k = self.residual.size // 2
+        basis = self._decomposed[0][: 2 * k]
+        for points in self.data.bands(bands):
+            rows = np.concatenate([points, points + k])
+            hat = basis[rows] @ basis[rows].T
+            yield rows, np.linalg.lstsq(np.eye(rows.size) - hat, self.residual[rows], rcond=1e-10)[0]
 
     @property
     def std(self) -> np.ndarray:
@@ -167,12 +198,9 @@ class JointFit:
         Linear: (I − H_bb)^-1 r_b with the hat matrix H = J (JᵗJ)^-1 Jᵗ.
         """
         k = self.residual.size // 2
-        basis = np.linalg.svd(np.concatenate([self.jacobian, self.prior_jacobian]), full_matrices=False)[0][: 2 * k]
         found = np.empty(2 * k)
-        for points in self.data.bands(bands):
-            rows = np.concatenate([points, points + k])
-            hat = basis[rows] @ basis[rows].T
-            found[rows] = np.linalg.lstsq(np.eye(rows.size) - hat, self.residual[rows], rcond=1e-10)[0]
+        for rows, unseen in self._left_out(bands):
+            found[rows] = unseen
         return found[:k] + 1j * found[k:]
 
     @cached_property

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from hidden_effects.build import Build
 
@@ -76,3 +78,31 @@ def test_lateral_stiffness_is_that_of_a_layer_free_of_normal_stress(setup):
     stiffness = np.linalg.inv(compliance)  # of S_yy, S_zz
     assert np.allclose([found[1, 1, 1, 1], found[1, 1, 2, 2], found[2, 2, 2, 2]], stiffness[[0, 0, 1], [0, 1, 1]])
     assert np.isclose(found[1, 2, 1, 2], 1 / constants.s44.real)
+
+
+def test_structured_misfit_widens_deviations_by_the_jackknife_over_bands(setup):
+    """Against linear least squares without each band in turn; noise alone leaves the deviations as they are."""
+    data = SweepData(
+        noisy(setup.evaluation.impedance(JointParameters(setup.material), setup.x)),
+        np.full(FREQUENCY.size, NOISE),
+        True,
+        weak_prior(setup.material, setup.material.free.start),
+    )
+    parameters = JointParameters(setup.material)
+    plain = fit_joint(setup.evaluation, data, parameters, [setup.x])
+    wave = np.exp(2e-3 * np.sin(FREQUENCY / 8e3))
+    fit = fit_joint(setup.evaluation, replace(data, impedance=data.impedance * wave), parameters, [setup.x])
+    whole = np.concatenate([fit.jacobian, fit.prior_jacobian])
+    residual = np.concatenate([fit.residual, fit.prior_residual])
+    shifts = []
+    for points in np.array_split(np.arange(FREQUENCY.size), 10):
+        kept = np.setdiff1d(np.arange(residual.size), [*points, *(points + FREQUENCY.size)])
+        shifts.append(np.linalg.lstsq(whole[kept], -residual[kept], rcond=None)[0])
+    shifts = np.array(shifts)
+    scaled = fit.noise_scale**2 * np.linalg.inv(whole.T @ whole)
+    expected = scaled + 0.9 * shifts.T @ shifts
+    std = np.sqrt(np.diag(expected))
+    assert np.max(std / np.sqrt(np.diag(scaled))) > 1.5
+    assert np.max(np.abs(fit.covariance - expected) / np.outer(std, std)) < 1e-5
+    before = np.concatenate([plain.jacobian, plain.prior_jacobian])
+    assert np.allclose(plain.covariance, plain.noise_scale**2 * np.linalg.inv(before.T @ before), rtol=1e-6)
