@@ -96,7 +96,7 @@ def test_cause_is_named_and_the_start_is_near(body, tmp_path):
     """The first constants lie within 5 % of the truth, also where modes of two dimensions meet."""
     hidden = {"conductance": CONDUCTANCE} if body == "k33" else {"resistance": RESISTANCE}
     specimen = write(tmp_path, body, **hidden)
-    start = first_constants([specimen], [measure(specimen)])
+    start = first_constants([measure(specimen)])
     for name in driving(body):
         truth = TRUTH[D_FORM.index(name)].real
         assert getattr(start, name).real == pytest.approx(truth, rel=0.05), name
