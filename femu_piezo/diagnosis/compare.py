@@ -101,12 +101,10 @@ def compare(
         fit = min((fit for _, fit in sound), key=lambda fit: fit.bic, default=None)
         if fit is None or current.bic - fit.bic < price:
             break
-        current = search.swapped(fit)
-        final = with_law_misses(evaluation, current)
-        if final.law_misses is not None and final.excess_beyond_law < _LAW**2 * base.excess:
+        current = with_law_misses(evaluation, search.swapped(fit))
+        if current.law_misses is not None and current.excess_beyond_law < _LAW**2 * base.excess:
             break
-    found = tuple(search.places(current))
-    return Comparison(base, search.on_top_of(base), with_law_misses(evaluation, current), found)
+    return Comparison(base, search.on_top_of(base), current, tuple(search.places(current)))
 
 
 class _Search:

@@ -75,7 +75,8 @@ class EffectParameter:
     starts : further values to start a fit from, beside the one that linearisation at `rest` gives
     rest : the value at which the effect vanishes
     optional : whether a specimen file may leave it out; it is at `rest` then
-    law_error : standard deviation, relative to the value, by which the law's own approximations miss the parameter
+    law_error : standard deviation, relative to the value, by which the law's own approximations miss the parameter; of
+        the first one, the size, also the share of the effect's change of log Z that they miss
     """
 
     name: str

@@ -80,6 +80,7 @@ def build_sectors(
     top = (2 * np.pi * reduced.band_Hz) ** 2
     others = _OtherClasses(weighted, constants, _BEYOND * top) if any(map(flipped_axes, wanted)) else None
     states = _driven_states(reduced, constants, top)
+    operators = full_operators(model, constants) if any(name.endswith((SLICES, RAMP)) for name in wanted) else ()
     if SPOT in wanted:
         parts.append(np.zeros((FIELDS, model.basis.N, 3)))
         names.append(SPOT)
@@ -95,7 +96,9 @@ def build_sectors(
             loads[ramp] = _ramp_loads(weighted, constants, driven @ states, 0 in flipped)
         if slices in wanted:
             loads[slices] = _slice_loads(weighted, constants)
-        responses = _responses(model, constants, flipped, list(loads.values()), _SHIFT * top) if loads else []
+        responses = []
+        if loads:
+            responses = _responses(ParityClass(model, *operators, flipped), list(loads.values()), _SHIFT * top)
         for name, response in zip(loads, responses, strict=True):
             parts.append(_outside(weighted, response, known))
             names.append(name)
@@ -128,11 +131,8 @@ class _OtherClasses:
         return np.linalg.solve(lower, fine.reshape(-1, u.shape[1]).T).T.reshape(fine.shape)
 
 
-def _responses(
-    model: ElectroelasticModel, constants: ElasticForm, flipped: tuple[int, ...], loads: list[np.ndarray], shift: float
-) -> list[np.ndarray]:
+def _responses(own: ParityClass, loads: list[np.ndarray], shift: float) -> list[np.ndarray]:
     """(4n, k) response of a class to each set of loads (4n, k) at ω² = shift."""
-    own = ParityClass(model, *full_operators(model, constants), flipped)
     factor = own.factor(shift)
     return [own.prolongation @ factor.solve(own.prolongation.T @ load) for load in loads]
 

@@ -40,26 +40,14 @@ def linear_body_misfit(
 
     def misfit(u: np.ndarray) -> np.ndarray:
         a, b, c, *rest = u[::2] + 1j * u[1::2]
-        model = (
-            a
-            + b * (x - 1)
-            + c * (x - 1) ** 2
-            + sum(r / (pole - x) for pole, r in zip(rest[::2], rest[1::2], strict=True))
-        )
-        error = weight * np.log(model / capacitance)
+        background = a + b * (x - 1) + c * (x - 1) ** 2
+        modes = sum(r / (pole - x) for pole, r in zip(rest[::2], rest[1::2], strict=True))
+        error = weight * np.log((background + modes) / capacitance)
         return np.concatenate([error.real, error.imag])
 
     places = (np.asarray(poles_Hz) / near) ** 2
     starts = (
-        [
-            share,
-            -_LOSS,
-            0.0,
-            0.0,
-            0.0,
-            0.0,
-            *(v for place in places for v in (place, _LOSS * place, strength * place, 0.0)),
-        ]
+        [share, -_LOSS, *4 * [0.0], *np.outer(places, [1.0, _LOSS, strength, 0.0]).ravel()]
         for share in _SHARES
         for strength in _STRENGTHS
     )

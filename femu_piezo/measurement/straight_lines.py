@@ -40,8 +40,6 @@ def interpolated(spectrum: ImpedanceSpectrum) -> DataFault | None:
 
 def straight_share(frequency: np.ndarray, values: np.ndarray) -> float:
     """Share of points (n,) that lie on the line through both neighbours, next to others that do not."""
-    if values.size < 2 * _AROUND:
-        return 0.0
     slopes = np.diff(values) / np.diff(frequency)
     bend = np.abs(np.diff(slopes)) * (frequency[2:] - frequency[:-2])
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(bend, _AROUND), 2 * _AROUND + 1)
