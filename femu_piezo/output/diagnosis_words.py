@@ -202,12 +202,12 @@ def _best_candidate(result: Diagnosis) -> str:
 
 
 def _bias(result: Diagnosis) -> tuple[str, ...]:
+    if _points_to_blame(result):
+        return ("They carry an error of unknown size: what is wrong with the points has gone into them as well.",)
     if not result.verdict.causes:
         if result.verdict.word == "none":
             return ("No bias was found: the updated constants stand, within their standard deviations.",)
         return ("They carry an error of unknown size: what is missing in the model has gone into them as well.",)
-    if result.verdict.word == "unknown" and _points_to_blame(result):
-        return ("They carry an error of unknown size: what is wrong with the points has gone into them as well.",)
     if result.verdict.word == "unknown":
         return ("They move with what is named, but neither set is safe while the rest of the misfit has no name.",)
     moved = [shift for shift in shifts(result) if shift.sigma > _MOVED]
