@@ -9,20 +9,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from femu_piezo.diagnosis.effect import Effect
 from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.fitting import JointFit, SweepData, fit_joint, with_law_misses
+from femu_piezo.diagnosis.fitting import STRUCTURED, JointFit, SweepData, fit_joint, with_law_misses
 from femu_piezo.diagnosis.joint import JointParameters
-from femu_piezo.diagnosis.search import Trials, try_all
+from femu_piezo.diagnosis.search import Trials, best_pair, try_all
 
 #: Evidence (in units of BIC) beyond BIC and 2 ln N that an effect must bring.
 MARGIN = 6.0
 #: Share of the misfit, as an amplitude, that effects whose law is an approximation may leave beyond what such laws are
 #: known to miss: no further one is sought.
 _LAW = 0.1
+#: rms error, in σ, of bands not seen, above which a fit may be none of the right effects.
+_FORESEEN = 1.3
 #: Candidates within this of the best are not told apart by the data.
 ALIKE = 6.0
 
@@ -95,16 +98,29 @@ def compare(
     search = _Search(evaluation, data, base, tuple(library), progress)
     price = 2 * np.log(len(library)) + MARGIN
     current = base
-    for _ in range(most):
-        tried = search.on_top_of(current)
-        sound = [(e, fit) for e, fit in tried if fit is not None and fit.held_out_score < current.held_out_score]
-        fit = min((fit for _, fit in sound), key=lambda fit: fit.bic, default=None)
-        if fit is None or current.bic - fit.bic < price:
+    while len(current.parameters.effects) < most:
+        fit = search.further(current, most, price)
+        if fit is None:
             break
         current = with_law_misses(evaluation, search.swapped(fit))
-        if current.law_misses is not None and current.excess_beyond_law < _LAW**2 * base.excess:
-            break
     return Comparison(base, search.on_top_of(base), current, tuple(search.places(current)))
+
+
+def _pays(current: JointFit, fit: JointFit | None, price: float) -> bool:
+    """Whether the evidence for a larger set pays for each of its further effects."""
+    if fit is None:
+        return False
+    return current.bic - fit.bic >= price * (len(fit.parameters.effects) - len(current.parameters.effects))
+
+
+def _structured(fit: JointFit) -> bool:
+    """Whether a fit leaves more than noise."""
+    return fit.excess > STRUCTURED * np.sqrt(2 * fit.freedom)
+
+
+def _right(fit: JointFit) -> bool:
+    """Whether a fit leaves noise alone, in bands that it did not see as well."""
+    return not _structured(fit) and fit.held_out_score < _FORESEEN
 
 
 class _Search:
@@ -130,6 +146,45 @@ class _Search:
             )
             self._tried[keys] = current, tried
         return self._tried[keys][1]
+
+    def further(self, current: JointFit, most: int, price: float) -> JointFit | None:
+        """The best larger set that pays for itself: with one more effect, or the best two where there are fewer.
+
+        Two that leave nothing but noise are taken before all that could be added to the best single one is tried.
+        """
+        known = len(current.parameters.effects)
+        if known == 1 and most > 1 and not _right(current) and _pays(current, self.pair, price):
+            if not _structured(self.pair):
+                return self.pair
+            options = [self.pair]
+        else:
+            options = []
+        if not self._law_explains(current):
+            options.append(self.one_more(current))
+        found = [fit for fit in options if _pays(current, fit, price)]
+        if not found and known == 0 and most > 1 and _pays(current, self.pair, price):
+            return self.pair
+        return min(found, key=lambda fit: fit.bic, default=None)
+
+    def _law_explains(self, current: JointFit) -> bool:
+        """Whether the misfit is no more than what approximate laws of effects that it names are known to miss."""
+        return current.law_misses is not None and current.excess_beyond_law < _LAW**2 * self._base.excess
+
+    def one_more(self, current: JointFit) -> JointFit | None:
+        """The best fit with one more effect, of those that predict bands not seen better than the current one."""
+        fits = [fit for _, fit in self.on_top_of(current) if fit is not None]
+        sound = [fit for fit in fits if fit.held_out_score < current.held_out_score]
+        return min(sound, key=lambda fit: fit.bic, default=None)
+
+    @cached_property
+    def pair(self) -> JointFit | None:
+        """The best two effects at once; None where the base leaves nothing, or none predicts better."""
+        base = self._base
+        if not _structured(base):
+            return None
+        return best_pair(
+            self._evaluation, self._data, base, self._library, lambda keys: self._progress(f"together: {keys}")
+        )
 
     def swapped(self, current: JointFit) -> JointFit:
         """Exchange earlier choices for better ones now that a further effect is known."""

@@ -15,7 +15,7 @@ from femu_piezo.errors import ConvergenceError
 from femu_piezo.updating.data import Prior
 
 #: Excess of χ², in its standard deviations, from which what is left has structure.
-_STRUCTURED = 3.0
+STRUCTURED = 3.0
 #: Contiguous bands of the leave-band-out prediction.
 _BANDS = 10
 #: Least ratio of the true variance of the noise to an estimated one.
@@ -24,6 +24,8 @@ LEAST_SCALE = 0.4
 _MARGIN = 1e-6
 #: Relative gain of a step below which a coarse fit stops.
 _COARSE = 1e-3
+#: The same of a close fit: far below what counts as evidence.
+_CLOSE = 1e-7
 
 
 @dataclass(frozen=True)
@@ -159,7 +161,7 @@ class JointFit:
         moved = np.zeros((0, self.residual.size))
         if self.law_misses is not None:
             moved = self.law_misses
-        if self.excess_beyond_law > _STRUCTURED * np.sqrt(2 * self.freedom):
+        if self.excess_beyond_law > STRUCTURED * np.sqrt(2 * self.freedom):
             moved = np.concatenate([moved, self._band_pulls()])
         along = rotation.T @ ((left[: self.residual.size].T @ moved.T) / singular[:, None])
         return found + along @ along.T
@@ -332,7 +334,7 @@ def fit_joint(
     problem, best = _Problem(evaluation, data, parameters), None
     lower, upper = parameters.bounds.T
     margin = _MARGIN * (upper - lower)
-    tolerance, most = (_COARSE, 15) if coarse else (1e-9, 60)
+    tolerance, most = (_COARSE, 15) if coarse else (_CLOSE, 60)
     for start in starts:
         x0 = np.clip(start, lower + margin, upper - margin)
         solution = least_squares(

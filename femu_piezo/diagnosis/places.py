@@ -16,7 +16,7 @@ from numpy.polynomial import legendre
 
 from femu_piezo.diagnosis.bare_ends import BareEnds, measure_bare_ends
 from femu_piezo.diagnosis.box_interpolation import interpolation
-from femu_piezo.diagnosis.sectors import SPOT, Sectors, flipped_axes
+from femu_piezo.diagnosis.sectors import SLICES, SPOT, TAPER, Sectors, flipped_axes
 from femu_piezo.diagnosis.weighted_products import WeightedProducts
 from femu_piezo.forward.gradient_products import FIELDS, GradientProducts
 from femu_piezo.forward.model import ElectroelasticModel
@@ -101,6 +101,26 @@ class Slices:
 
 
 @dataclass(frozen=True)
+class Taper:
+    """What a width W (1 + t ξ), ξ = 2x/L, adds to the operators.
+
+    Attributes
+    ----------
+    first, second : (10, r, r) per unit of every e-form constant, of t and of t²
+    inertia : (u, u) of t
+    """
+
+    first: np.ndarray = field(repr=False)
+    second: np.ndarray = field(repr=False)
+    inertia: np.ndarray = field(repr=False)
+
+    def select(self, square, displacements) -> Taper:
+        """The same with some of the unknowns, and with those of them that are displacements, given by `numpy.ix_`."""
+        rows, columns = square
+        return Taper(self.first[:, rows, columns], self.second[:, rows, columns], self.inertia[displacements])
+
+
+@dataclass(frozen=True)
 class Places:
     """Everything at once.
 
@@ -109,6 +129,7 @@ class Places:
     ramp : (2, 3, r, r) per unit of e31 e33 e15, weighted by 2x/L and by (2x/L)² − 1/3 over the whole plate
     spot : (3,) unknowns that are the displacement of an attached body; empty where the sector is not there
     bare_ends : None where the electrodes are not on the large faces
+    taper : None where no effect asks for its sector
     """
 
     face: Face
@@ -116,14 +137,17 @@ class Places:
     ramp: np.ndarray = field(repr=False)
     spot: np.ndarray
     bare_ends: BareEnds | None
+    taper: Taper | None
 
     def select(self, keep: np.ndarray, displacements: int) -> Places:
         """The same with the unknowns `keep` (indices), of which so many were displacements before."""
         square = np.ix_(keep, keep)
-        face = self.face.select(keep[keep < displacements])
+        moving = keep[keep < displacements]
+        face = self.face.select(moving)
         spot = np.flatnonzero(np.isin(keep, self.spot))
         ends = None if self.bare_ends is None else self.bare_ends.select(square)
-        return Places(face, self.slices.select(square), self.ramp[:, :, square[0], square[1]], spot, ends)
+        taper = None if self.taper is None else self.taper.select(square, np.ix_(moving, moving))
+        return Places(face, self.slices.select(square), self.ramp[:, :, square[0], square[1]], spot, ends, taper)
 
 
 def measure_places(weighted: WeightedProducts, sectors: Sectors, constants: ElasticForm) -> Places:
@@ -132,7 +156,8 @@ def measure_places(weighted: WeightedProducts, sectors: Sectors, constants: Elas
     spot = np.flatnonzero(names[sectors.member] == SPOT)
     ends = measure_bare_ends(weighted.model, sectors, constants)
     slices = _slices(weighted, sectors, constants)
-    return Places(_face(weighted.model, sectors), slices, _ramp(weighted, sectors), spot, ends)
+    taper = _taper(weighted, sectors) if any(name.endswith(TAPER) for name in names) else None
+    return Places(_face(weighted.model, sectors), slices, _ramp(weighted, sectors), spot, ends, taper)
 
 
 def _face(model: ElectroelasticModel, sectors: Sectors) -> Face:
@@ -178,11 +203,17 @@ def lateral_tensor(whole: np.ndarray) -> np.ndarray:
     return found
 
 
+def _smooth_classes(sectors: Sectors) -> dict[tuple[int, ...], np.ndarray]:
+    """The unknowns of each parity class but those of spots and slices, which what varies slowly hardly moves."""
+    rough = [i for i, name in enumerate(sectors.names) if name.endswith((SPOT, SLICES))]
+    return {group: own[~np.isin(sectors.member[own], rough)] for group, own in sectors.classes.items()}
+
+
 def _ramp(weighted: WeightedProducts, sectors: Sectors) -> np.ndarray:
     """The odd weight couples classes whose parities differ about x alone, the even one each class with itself."""
     size = sectors.member.size
     found = np.zeros((2, len(PIEZOELECTRIC), size, size))
-    groups, units = sectors.classes, weighted.model.unit_tensors[PIEZOELECTRIC.start : PIEZOELECTRIC.stop]
+    groups, units = _smooth_classes(sectors), weighted.model.unit_tensors[PIEZOELECTRIC.start : PIEZOELECTRIC.stop]
     for flipped, rows in groups.items():
         partner = tuple(sorted(set(flipped) ^ {0}))
         if partner in groups and 0 not in flipped:
@@ -193,6 +224,22 @@ def _ramp(weighted: WeightedProducts, sectors: Sectors) -> np.ndarray:
                 whole = _projected(products, fields, units)
                 matrix[(slice(None), *np.ix_(pair, pair))] = whole * coupled
     return found
+
+
+def _taper(weighted: WeightedProducts, sectors: Sectors) -> Taper:
+    """The first order couples the driven class to that whose parity differs about x, the second each with itself."""
+    groups, size, u = _smooth_classes(sectors), sectors.member.size, sectors.displacements
+    rows = groups[()]
+    pair = np.concatenate([rows, groups[0,]])
+    fields, even = sectors.fields[:, :, pair], np.arange(pair.size) < rows.size
+    same, square = even[:, None] == even, np.ix_(pair, pair)
+    found = np.zeros((2, len(weighted.model.unit_tensors), size, size))
+    for matrix, products, coupled in zip(found, weighted.tapered, (~same, same), strict=True):
+        matrix[(slice(None), *square)] = _projected(products, fields, weighted.model.unit_tensors) * coupled
+    inertia = np.zeros((size, size))
+    flat = fields.reshape(-1, pair.size)
+    inertia[square] = flat.T @ (weighted.tapered[0].mass_matrix(weighted.model.density) @ flat) * ~same
+    return Taper(*found, inertia[:u, :u])
 
 
 def _projected(products: GradientProducts, fields: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:

@@ -1,12 +1,16 @@
-"""Candidates on top of a fit: which are worth a fit, and how closely to fit.
+"""Candidates on top of a fit, one by one and two at once: which are worth a fit, and how closely to fit.
 
 Most candidates are far from explaining a sweep, and a rough fit says so: only contenders are fitted closely and from
 further starts. Where linearisation promises next to nothing, the linearised fit stands for the candidate.
+
+Two causes that act together may each explain little by itself, and then the best single one is neither of them. So
+pairs are tried as pairs; those without a place, whose slopes say in a moment what any two of them promise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -14,13 +18,15 @@ from femu_piezo.diagnosis.effect import Effect
 from femu_piezo.diagnosis.evaluation import Evaluation
 from femu_piezo.diagnosis.fitting import JointFit, SweepData, fit_joint
 from femu_piezo.diagnosis.joint import JointParameters
-from femu_piezo.diagnosis.starts import Start, starts
+from femu_piezo.diagnosis.starts import Start, start_at, start_together, starts
 from femu_piezo.errors import ConvergenceError
 
 #: A rough fit makes a contender where its χ² is within so much of the best one's, and so often the excess of that.
 _WITHIN, _FACTOR = 60.0, 3.0
 #: Gain in χ² by linearisation below which a candidate is not fitted; none is accepted or alike below it.
 _LEAST_GAIN = 4.0
+#: Most pairs that are fitted roughly, and closely.
+_ROUGH_PAIRS, _CLOSE_PAIRS = 40, 4
 #: A rough fit this near to what linearisation promised has found the minimum there is.
 _AS_PROMISED = 1.0
 
@@ -58,10 +64,49 @@ def try_all(
     return tuple((effect, found[number]) for number, effect in enumerate(candidates))
 
 
+def best_pair(
+    evaluation: Evaluation,
+    data: SweepData,
+    current: JointFit,
+    candidates: Sequence[Effect],
+    progress: Callable[[str], None] = lambda step: None,
+) -> JointFit | None:
+    """The current fit with those two candidates added that do best together; None where none did better.
+
+    Candidates at a place are left out. Better is a fit that also predicts bands not seen better than the current one.
+
+    progress : called with the keys of each pair
+    """
+    alone = [start_at(evaluation, data, current, effect) for effect in candidates if effect.sites is None]
+    together = [start_together(data, current, *two) for two in combinations(alone, 2) if _differ(two)]
+    together.sort(key=lambda start: start.promised)
+    rough: list[JointFit] = []
+    for start in together[:_ROUGH_PAIRS]:
+        if start.promised > _reach(together[0].promised, current):
+            break
+        progress(" and ".join(effect.key for effect in start.linear.parameters.effects[-2:]))
+        fit = _fitted(evaluation, data, start.linear.parameters, [start.x, start.alone()], coarse=True)
+        rough += [] if fit is None else [fit]
+    rough.sort(key=lambda fit: fit.bic)
+    close = [_fitted(evaluation, data, fit.parameters, [fit.x]) for fit in rough[:_CLOSE_PAIRS]]
+    sound = [fit for fit in close if fit is not None and fit.held_out_score < current.held_out_score]
+    return min(sound, key=lambda fit: fit.bic, default=None)
+
+
+def _differ(two: tuple[Start, Start]) -> bool:
+    """Whether two starts are about two causes, not two laws of one."""
+    first, second = (start.linear.parameters.effects[-1] for start in two)
+    return first.title != second.title
+
+
+def _reach(best: float, current: JointFit) -> float:
+    """χ² up to which a rough figure may belong to the best fit, if the best such figure is this."""
+    return best + _WITHIN + _FACTOR * max(0.0, best - current.freedom)
+
+
 def _contends(rough: JointFit, best: float, current: JointFit, start: Start) -> bool:
     """Whether a close fit may change what is named: near the best, and with evidence for it, had or promised."""
-    reach = best + _WITHIN + _FACTOR * max(0.0, best - rough.freedom)
-    return rough.chi_square <= reach and min(rough.bic, start.linear.bic) < current.bic
+    return rough.chi_square <= _reach(best, rough) and min(rough.bic, start.linear.bic) < current.bic
 
 
 def _closely(evaluation, data, places: list[Start], rough: JointFit | None) -> JointFit | None:

@@ -3,10 +3,11 @@
 The driven parity class alone serves every effect that keeps the mirror planes. A sector is named by the axes about
 whose mirror plane its parity is flipped, "x" to "xyz" (`femu_piezo.forward.parity`); "slices" and "x slices" hold the
 local response of the driven and of the x class to a yielding slice across the plate, "ramp" and "x ramp" theirs
-to driven fields whose piezoelectric coupling varies along x; "spot" has three unknowns
+to driven fields whose piezoelectric coupling varies along x, "x taper" that of the x class to driven fields whose
+width varies along x; "spot" has three unknowns
 without field or inertia, the displacement of a body that is attached at a place. Vectors of further sectors tie a
-potential to each displacement: they are modes at the reference constants, and enter at second order only. Slices are
-orthonormal to the ramps too, so an effect that asks for them asks for both.
+potential to each displacement: they are modes at the reference constants, and enter at second order only. A taper is
+orthonormal to the ramp of its class, slices are so to both, and an effect that asks for one asks for those before.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ from femu_piezo.forward.reduction import ReducedModel
 from femu_piezo.geometry.boxes import grid_lines, tensor_box
 from femu_piezo.material.constants import ElasticForm
 
-DRIVEN, SLICES, RAMP, SPOT = "driven", "slices", "ramp", "spot"
+DRIVEN, SLICES, RAMP, TAPER, SPOT = "driven", "slices", "ramp", "taper", "spot"
+#: Sectors of local responses.
+_LOCAL = (RAMP, TAPER, SLICES)
 #: Modes of the other classes are kept up to this multiple of the band's ω².
 _BEYOND = 2.5
 #: Local responses smaller than this share of the largest, outside what is known, are dropped.
@@ -37,7 +40,9 @@ _SHIFT = 0.3
 
 def flipped_axes(sector: str) -> tuple[int, ...]:
     """Axes about whose mirror plane the parity is flipped: "xz" → (0, 2), "x slices" → (0,), "driven" → ()."""
-    name = sector.removesuffix(SLICES).removesuffix(RAMP).strip()
+    name = sector
+    for ending in _LOCAL:
+        name = name.removesuffix(ending).strip()
     return () if name in ("", DRIVEN, SPOT) else tuple("xyz".index(letter) for letter in name)
 
 
@@ -80,7 +85,7 @@ def build_sectors(
     top = (2 * np.pi * reduced.band_Hz) ** 2
     others = _OtherClasses(weighted, constants, _BEYOND * top) if any(map(flipped_axes, wanted)) else None
     states = _driven_states(reduced, constants, top)
-    operators = full_operators(model, constants) if any(name.endswith((SLICES, RAMP)) for name in wanted) else ()
+    operators = full_operators(model, constants) if any(name.endswith(_LOCAL) for name in wanted) else ()
     if SPOT in wanted:
         parts.append(np.zeros((FIELDS, model.basis.N, 3)))
         names.append(SPOT)
@@ -91,9 +96,11 @@ def build_sectors(
             known = others.modes(flipped)
             parts.append(known)
             names.append(letters)
-        loads, slices, ramp = {}, f"{letters} {SLICES}".strip(), f"{letters} {RAMP}".strip()
+        loads, (ramp, taper, slices) = {}, (f"{letters} {ending}".strip() for ending in _LOCAL)
         if ramp in wanted:
             loads[ramp] = _ramp_loads(weighted, constants, driven @ states, 0 in flipped)
+        if taper in wanted:
+            loads[taper] = _taper_loads(weighted, constants, driven @ states)
         if slices in wanted:
             loads[slices] = _slice_loads(weighted, constants)
         responses = []
@@ -138,9 +145,11 @@ def _responses(own: ParityClass, loads: list[np.ndarray], shift: float) -> list[
 
 
 def _driven_states(reduced: ReducedModel, constants: ElasticForm, top: float) -> np.ndarray:
-    """(r, k) clamped plate under a volt, then the driven modes in the band."""
+    """(r, k) plate under a volt, clamped and free to yield slowly; then the driven modes in the band."""
     modal = reduced.modal(ElasticForm.from_vector(constants.vector().real))
-    return modal.states[:, np.append(True, modal.eigenvalues < _BEYOND * top)]
+    clamped, modes = modal.states[:, :1], modal.states[:, 1:]
+    yielding = clamped - modes @ (modal.charges / modal.eigenvalues)[:, None]
+    return np.hstack([clamped, yielding, modes[:, modal.eigenvalues < _BEYOND * top]])
 
 
 def _slice_loads(weighted: WeightedProducts, constants: ElasticForm) -> np.ndarray:
@@ -164,13 +173,23 @@ def _ramp_loads(weighted: WeightedProducts, constants: ElasticForm, states: np.n
     return loads / np.linalg.norm(loads, axis=0)
 
 
+def _taper_loads(weighted: WeightedProducts, constants: ElasticForm, states: np.ndarray) -> np.ndarray:
+    """(4n, k) forces, charges and inertia of a width that varies, on states (4, n, k)."""
+    first = weighted.tapered[0]
+    flat = states.reshape(-1, states.shape[2])
+    stiff = first.stiffness(np.tensordot(constants.vector().real, weighted.model.unit_tensors, axes=1))
+    loads = np.hstack([stiff @ flat, (first.mass_matrix(weighted.model.density) @ flat)[:, 1:]])
+    return loads / np.linalg.norm(loads, axis=0)
+
+
 def _outside(weighted: WeightedProducts, responses: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Combinations (4, n, k) of responses (4n, j), their displacements orthonormal and new beside `known` (4, n, i)."""
     weight = weighted.mass
     n = weight.shape[0]
-    old = known[:3].reshape(n, -1)
-    outside = responses[:n] - old @ (old.T @ (weight @ responses[:n]))
-    fresh = new_directions(old, outside, _KEEP, weight)
+    known = known.reshape(-1, known.shape[2])
+    old = known[:n]
+    outside = responses - known @ (old.T @ (weight @ responses[:n]))
+    fresh = new_directions(old, outside[:n], _KEEP, weight)
     # the potentials follow the same combinations
-    mix = np.linalg.lstsq(fresh.T @ (weight @ outside), np.eye(fresh.shape[1]), rcond=1e-10)[0]
-    return np.concatenate([fresh, responses[n:] @ mix]).reshape(*known.shape[:2], -1)
+    mix = np.linalg.lstsq(fresh.T @ (weight @ outside[:n]), np.eye(fresh.shape[1]), rcond=1e-10)[0]
+    return np.concatenate([fresh, outside[n:] @ mix]).reshape(FIELDS, -1, fresh.shape[1])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,16 +19,18 @@ _SITES = 3
 
 @dataclass(frozen=True)
 class Start:
-    """Where a fit with one more effect may begin.
+    """Where a fit with one or two more effects may begin.
 
     Attributes
     ----------
-    x : (n_x,) the unknowns of the fit before, then the effect's
-    linear : the fit that linearisation there promises, places of the effect held
+    x : (n_x,) the unknowns of the fit before, then those of the new effects
+    linear : the fit that linearisation there promises, places of effects held
+    before : number of the unknowns of the fit before
     """
 
     x: np.ndarray
     linear: JointFit
+    before: int
 
     @property
     def promised(self) -> float:
@@ -37,13 +39,13 @@ class Start:
 
     @property
     def own(self) -> slice:
-        """Columns of the new effect."""
-        return self.linear.parameters.columns(len(self.linear.parameters.effects) - 1)
+        """Columns of the new effects."""
+        return slice(self.before, self.x.size)
 
     def alone(self) -> np.ndarray:
-        """(n_x,) the start with the effect's own step alone, within the inner half of its range."""
+        """(n_x,) the start with the own step of the new effects alone, within the inner half of their ranges."""
         low, high = self.linear.parameters.bounds[self.own].T / 2
-        return np.concatenate([self.x[: self.own.start], np.clip(self.linear.x[self.own], low, high)])
+        return np.concatenate([self.x[: self.before], np.clip(self.linear.x[self.own], low, high)])
 
 
 def starts(evaluation: Evaluation, data: SweepData, current: JointFit, effect: Effect) -> list[Start]:
@@ -54,11 +56,27 @@ def starts(evaluation: Evaluation, data: SweepData, current: JointFit, effect: E
     parameters = current.parameters.with_effect(effect)
     if effect.sites is not None:
         return _at_sites(evaluation, data, current, effect, parameters)
-    found = []
-    for values in (effect.rest + _REST * effect.scale, *listed_values(effect)):
-        x = np.concatenate([current.x, values / effect.scale])
-        found.append(Start(x, linear_fit(evaluation, data, parameters, x, np.arange(x.size))))
-    return sorted(found, key=lambda start: start.promised)
+    found = [start_at(evaluation, data, current, effect, values) for values in listed_values(effect)]
+    return sorted([start_at(evaluation, data, current, effect), *found], key=lambda start: start.promised)
+
+
+def start_at(
+    evaluation: Evaluation, data: SweepData, current: JointFit, effect: Effect, values: np.ndarray | None = None
+) -> Start:
+    """A start with one more effect at `values` (n,) of its parameters, next to rest where none are given."""
+    values = effect.rest + _REST * effect.scale if values is None else values
+    x = np.concatenate([current.x, values / effect.scale])
+    linear = linear_fit(evaluation, data, current.parameters.with_effect(effect), x, np.arange(x.size))
+    return Start(x, linear, current.x.size)
+
+
+def start_together(data: SweepData, current: JointFit, first: Start, second: Start) -> Start:
+    """A start with two more effects, of the starts next to rest of each."""
+    parameters = first.linear.parameters.with_effect(second.linear.parameters.effects[-1])
+    x = np.concatenate([first.x, second.x[second.own]])
+    columns = np.hstack([start.linear.jacobian[:, start.own] for start in (first, second)])
+    linear = _linearised_with(data, current, parameters, x, columns, np.arange(x.size))
+    return Start(x, linear, current.x.size)
 
 
 def listed_values(effect: Effect) -> list[np.ndarray]:
@@ -89,19 +107,25 @@ def _at_sites(evaluation, data: SweepData, current: JointFit, effect: Effect, pa
 
 def _at_site(data, current: JointFit, effect: Effect, parameters: JointParameters, slopes, size: float, place):
     """The start of `size` at a site, with the promise of the slopes (2k,) there."""
-    before, count = current.x.size, len(effect.parameters)
+    before = current.x.size
     at_rest = np.concatenate([current.x, [effect.rest[0] / effect.scale[0]], place / effect.scale[1:]])
-    prior, prior_slopes = parameters.prior(at_rest)
-    rows = np.zeros((slopes.size, count))
-    rows[:, 0] = slopes * effect.scale[0]
-    pad = np.zeros((current.prior_residual.size, count))
-    whole = np.block([[current.jacobian, rows], [current.prior_jacobian, pad]])
-    jacobian = np.concatenate([whole, prior_slopes[-count:]])
-    residual = np.concatenate([current.residual, current.prior_residual, prior[-count:]])
-    moving = np.arange(before + 1)
-    linear = linearised(data, parameters, at_rest, residual, jacobian, moving)
+    columns = np.zeros((slopes.size, len(effect.parameters)))
+    columns[:, 0] = slopes * effect.scale[0]
+    linear = _linearised_with(data, current, parameters, at_rest, columns, np.arange(before + 1))
     if linear.x[before] * effect.scale[0] < effect.bounds[0, 0]:  # a size of the wrong sign: nothing is gained
-        linear = replace(linear, x=at_rest, residual=current.residual, prior_residual=residual[slopes.size :])
+        linear = _linearised_with(data, current, parameters, at_rest, columns, np.arange(0))
     x = at_rest.copy()
     x[before] = size / effect.scale[0]
-    return Start(x, linear)
+    return Start(x, linear, before)
+
+
+def _linearised_with(data, current: JointFit, parameters: JointParameters, x, columns, moving) -> JointFit:
+    """What linearisation promises of a fit with new effects at rest, x (n_x,), whose slopes are columns (2k, n)."""
+    prior = current.prior_residual
+    pull, slopes = parameters.prior(x)
+    new = slopes[-columns.shape[1] :]
+    known = np.concatenate([current.jacobian, current.prior_jacobian])
+    beside = np.concatenate([columns, np.zeros((prior.size, columns.shape[1]))])
+    jacobian = np.concatenate([np.hstack([known, beside]), new])
+    residual = np.concatenate([current.residual, prior, pull[-columns.shape[1] :]])
+    return linearised(data, parameters, x, residual, jacobian, moving)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -48,6 +49,28 @@ class WeightedProducts:
         return assemble_gradient_products(self.model.basis, self._share**2 - 1 / 3)
 
     @cached_property
+    def tapered(self) -> tuple[GradientProducts, GradientProducts]:
+        """Parts of first and second order in t where the width is W (1 + t ξ), ξ = 2x/L.
+
+        The map y → y (1 + t ξ) turns ∂_x into ∂_x − t η/(1 + tξ) ∂_y with η = 2y/L, ∂_y into ∂_y/(1 + tξ), and dV into
+        (1 + tξ) dV.
+        """
+        part = self.model.basis
+        xi, eta = self._share, self._share_across
+        along, across = self.odd.gradients, assemble_gradient_products(part, eta).gradients
+        first, second = np.zeros_like(along), np.zeros_like(along)
+        first[0, 0] = along[0, 0] - across[0, 1] - across[1, 0]
+        first[1, 1], first[2, 2] = -along[1, 1], along[2, 2]
+        first[0, 1] = first[1, 0] = -across[1, 1]
+        first[0, 2], first[2, 0] = along[0, 2] - across[1, 2], along[2, 0] - across[2, 1]
+        second[0, 0], mixed, second[1, 1] = (
+            assemble_gradient_products(part, weight).gradients[1, 1] for weight in (eta**2, xi * eta, xi**2)
+        )
+        second[0, 1] = second[1, 0] = mixed
+        none = np.zeros_like(self.odd.mass)
+        return replace(self.odd, gradients=first), replace(self.odd, gradients=second, mass=none)
+
+    @cached_property
     def mass(self) -> sp.csr_matrix:
         """(3n, 3n) mass of all displacements, symmetry planes not held, kg."""
         n = 3 * self.model.basis.N
@@ -57,3 +80,8 @@ class WeightedProducts:
     def _share(self) -> np.ndarray:
         """(elements, points) 2x/L at the points of integration."""
         return np.asarray(self.model.basis.global_coordinates())[0] / self.model.domain.mesh.p[0].max()
+
+    @property
+    def _share_across(self) -> np.ndarray:
+        """(elements, points) 2y/L."""
+        return np.asarray(self.model.basis.global_coordinates())[1] / self.model.domain.mesh.p[0].max()

@@ -37,6 +37,7 @@ PLACED = {
     "poling_gradient": (0.25, 0.04),
     "mounting": (1e6, 4.0, 0.8e-3),
     "electrode_margin": (0.25e-3,),
+    "tapered_width": (0.03,),
 }
 
 

@@ -154,6 +154,13 @@ def _wrong(name: str, axis: int, low: float, high: float) -> Entry:
     return entry
 
 
+def tapered_width(build, assumed, rng, variant) -> Hidden:
+    """The width grows along the length."""
+    size = log_uniform(rng, 0.005, 0.04)
+    build.taper += size
+    return Hidden("tapered_width", {"taper": size})
+
+
 def electrode_mass(build, assumed, rng, variant) -> Hidden:
     """Variant: unequal films on the two faces; the size is the mean."""
     size, share = log_uniform(rng, 0.02, 0.2), 0.3 if variant else 0.0
@@ -254,6 +261,7 @@ EFFECTS: Mapping[str, Entry] = {
     "wrong_length": _wrong("length", 0, 0.003, 0.015),
     "wrong_width": _wrong("width", 1, 0.003, 0.015),
     "wrong_thickness": _wrong("thickness", 2, 0.01, 0.04),
+    "tapered_width": tapered_width,
     "electrode_mass": electrode_mass,
     "point_mass": point_mass,
     "local_crack": local_crack,

@@ -59,11 +59,6 @@ def glue_layer(build: Build, rng: np.random.Generator) -> None:
     build.surfaces.append(Surface(*face, (-1,), lambda w: -(w**2) * heavy))
 
 
-def trapezoid(build: Build, rng: np.random.Generator) -> None:
-    """The width falls along the length."""
-    build.taper = log_uniform(rng, 0.005, 0.04)
-
-
 def drive_level(build: Build, rng: np.random.Generator) -> None:
     """Near the fundamental the strain softens the material: the curve bends there alone."""
     shift, width = -log_uniform(rng, 2e-4, 2e-3), float(rng.uniform(0.01, 0.03)) * build.fundamental
@@ -83,7 +78,6 @@ UNDESCRIBED: Mapping[str, Callable[[Build, np.random.Generator], None]] = {
     "liquid": liquid,
     "fixture_resonance": fixture_resonance,
     "glue_layer": glue_layer,
-    "trapezoid": trapezoid,
     "drive_level": drive_level,
     "warming": warming,
 }

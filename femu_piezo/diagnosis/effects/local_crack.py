@@ -87,7 +87,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 "ring the plate at higher drive: cracks rattle",
             ),
             local=_terms,
-            sectors=("ramp", "slices", "x", "x ramp", "x slices"),
+            sectors=("ramp", "slices", "x", "x ramp", "x taper", "x slices"),
             sites=np.column_stack([np.full(sites.size, 0.002 * length), sites, np.full(sites.size, width)]),
         ),
     )
