@@ -24,6 +24,8 @@ MARGIN = 6.0
 #: Share of the misfit, as an amplitude, that effects whose law is an approximation may leave beyond what such laws are
 #: known to miss: no further one is sought.
 _LAW = 0.1
+#: Share of the misfit, as an amplitude, from which what two effects leave is no third one's.
+_HOPELESS = 0.25
 #: rms error, in σ, of bands not seen, above which a fit may be none of the right effects.
 _FORESEEN = 1.3
 #: Candidates within this of the best are not told apart by the data.
@@ -159,12 +161,16 @@ class _Search:
             options = [self.pair]
         else:
             options = []
-        if not self._law_explains(current):
+        if not self._law_explains(current) and not self._hopeless(current):
             options.append(self.one_more(current))
         found = [fit for fit in options if _pays(current, fit, price)]
         if not found and known == 0 and most > 1 and _pays(current, self.pair, price):
             return self.pair
         return min(found, key=lambda fit: fit.bic, default=None)
+
+    def _hopeless(self, current: JointFit) -> bool:
+        """Whether two effects or more leave so much that a further one would hardly be the rest of it."""
+        return len(current.parameters.effects) > 1 and current.excess > _HOPELESS**2 * self._base.excess
 
     def _law_explains(self, current: JointFit) -> bool:
         """Whether the misfit is no more than what approximate laws of effects that it names are known to miss."""

@@ -22,10 +22,8 @@ _BANDS = 10
 LEAST_SCALE = 0.4
 #: Distance to a bound, relative to its range, that a start keeps.
 _MARGIN = 1e-6
-#: Relative gain of a step below which a coarse fit stops.
-_COARSE = 1e-3
-#: The same of a close fit: far below what counts as evidence.
-_CLOSE = 1e-7
+#: Relative gain of a step below which a coarse fit stops, and its most steps; the same of a close fit.
+_COARSE, _CLOSE = (1e-3, 15), (1e-7, 60)
 
 
 @dataclass(frozen=True)
@@ -325,34 +323,37 @@ def fit_joint(
     *,
     coarse: bool = False,
 ) -> JointFit:
-    """The best of the fits from several starts (n_x,).
+    """The best of coarse fits from several starts (n_x,), brought to its end.
 
-    coarse : stop where a step gains less than a thousandth of χ², for candidates that are only to be ranked
+    coarse : leave it there, for candidates that are only to be ranked
 
     Raises ConvergenceError where none settles.
     """
-    problem, best = _Problem(evaluation, data, parameters), None
-    lower, upper = parameters.bounds.T
-    margin = _MARGIN * (upper - lower)
-    tolerance, most = (_COARSE, 15) if coarse else (_CLOSE, 60)
-    for start in starts:
-        x0 = np.clip(start, lower + margin, upper - margin)
-        solution = least_squares(
-            problem.residual,
-            x0,
-            problem.jacobian,
-            bounds=(lower, upper),
-            x_scale="jac",
-            xtol=tolerance,
-            ftol=tolerance,
-            gtol=1e-9,
-            max_nfev=most,
-        )
-        if solution.status >= 0 and (best is None or solution.cost < best.cost - 1e-6):
-            best = solution
+    problem = _Problem(evaluation, data, parameters)
+    found = [_least_squares(problem, parameters, start, *_COARSE) for start in starts]
+    best = min((one for one in found if one.status >= 0), key=lambda one: one.cost, default=None)
+    if best is not None and not coarse:
+        best = _least_squares(problem, parameters, best.x, *_CLOSE)
     if best is None:
         raise ConvergenceError(
             f"no fit of {', '.join(parameters.names)} settled: check dimensions, density and poling, or free fewer "
             "constants"
         )
     return _joint_fit(data, parameters, best.x, best.fun, best.jac, best.active_mask)
+
+
+def _least_squares(problem: _Problem, parameters: JointParameters, start: np.ndarray, tolerance: float, most: int):
+    """A fit from x (n_x,) until a step gains less than a share of χ², of at most so many steps."""
+    lower, upper = parameters.bounds.T
+    margin = _MARGIN * (upper - lower)
+    return least_squares(
+        problem.residual,
+        np.clip(start, lower + margin, upper - margin),
+        problem.jacobian,
+        bounds=(lower, upper),
+        x_scale="jac",
+        xtol=tolerance,
+        ftol=tolerance,
+        gtol=1e-9,
+        max_nfev=most,
+    )

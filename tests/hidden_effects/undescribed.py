@@ -59,6 +59,12 @@ def glue_layer(build: Build, rng: np.random.Generator) -> None:
     build.surfaces.append(Surface(*face, (-1,), lambda w: -(w**2) * heavy))
 
 
+def range_switch(build: Build, rng: np.random.Generator) -> None:
+    """The instrument changes its range in the sweep, and the gains of the two ranges differ."""
+    switch, step = 2 * np.pi * float(rng.uniform(60e3, 200e3)), log_uniform(rng, 2e-3, 2e-2)
+    build.circuits.append(lambda w, z: np.where(w > switch, 1 + step, 1.0) * z)
+
+
 def drive_level(build: Build, rng: np.random.Generator) -> None:
     """Near the fundamental the strain softens the material: the curve bends there alone."""
     shift, width = -log_uniform(rng, 2e-4, 2e-3), float(rng.uniform(0.01, 0.03)) * build.fundamental
@@ -78,6 +84,7 @@ UNDESCRIBED: Mapping[str, Callable[[Build, np.random.Generator], None]] = {
     "liquid": liquid,
     "fixture_resonance": fixture_resonance,
     "glue_layer": glue_layer,
+    "range_switch": range_switch,
     "drive_level": drive_level,
     "warming": warming,
 }
