@@ -2,8 +2,8 @@
 
 The basis of each parity class holds the lossless short-circuit modes up to a multiple of the highest frequency, what
 losses and surfaces add to the shapes of those in the band, the answers to the voltage (twice) and to a few patterns of
-load on every surface. The potential is eliminated exactly at the complex constants. `cutoff=None` keeps all unknowns:
-the full solve that the tests compare with.
+load on every surface, those by modes of the driven class among them. The potential is eliminated exactly at the complex
+constants. `cutoff=None` keeps all unknowns: the full solve that the tests compare with.
 """
 
 from __future__ import annotations
@@ -37,10 +37,14 @@ def _constants(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 class _Reduced:
     """One class on its basis: operator(θ) over (displacements, volt)."""
 
-    def __init__(self, part: ParityClass, theta: np.ndarray, surfaces, top: float, cutoff: float | None) -> None:
+    def __init__(self, part: ParityClass, theta, surfaces, top: float, cutoff: float | None, driven) -> None:
+        """driven : what the driven class has as `shapes`; empty for itself."""
         self.dielectric = part.dielectric
         factors = [part.factor(surface) for surface in surfaces]
-        basis = np.eye(part.displacements) if cutoff is None else _basis(part, theta, factors, top, cutoff)
+        basis, count = np.eye(part.displacements), 0
+        if cutoff is not None:
+            basis, count = _basis(part, theta, factors, top, cutoff, driven)
+        self.shapes = [factor.T @ basis[:, :count] for factor in factors]
         self.elastic = np.array([basis.T @ a @ basis for a in part.elastic])
         self.coupling = np.array([basis.T @ a for a in part.coupling])
         self.mass = basis.T @ part.mass @ basis
@@ -73,12 +77,14 @@ def _loads(part: ParityClass, theta: np.ndarray, states: np.ndarray) -> np.ndarr
     return forces - piezo[:, :-1] @ sl.solve(potential[:-1, :-1], charges, assume_a="sym")
 
 
-def _basis(part: ParityClass, theta: np.ndarray, factors, top: float, cutoff: float) -> np.ndarray:
-    """(n, r), orthonormal in the mass."""
+def _basis(part: ParityClass, theta: np.ndarray, factors, top: float, cutoff: float, driven) -> tuple[np.ndarray, int]:
+    """(n, r), orthonormal in the mass; its first columns are modes, so many of them in the band."""
     constants = _constants(np.asarray(theta).real)
     lossless = _condensed(part.elastic, part.coupling, part.dielectric, constants)[:-1, :-1]
     shifted = sl.cho_factor(lossless + (0.5 * top) ** 2 * part.mass)
     values, modes = _modes(lossless, part.mass, shifted, top, cutoff)
+    order = np.argsort(values)
+    values, modes = values[order], modes[:, order]
     inner = modes[:, values < (1.3 * top) ** 2]
     loads = _loads(part, theta, inner)
     further = [sl.cho_solve(shifted, loads[:, :-1].imag)]  # how losses change the shapes of modes
@@ -89,6 +95,7 @@ def _basis(part: ParityClass, theta: np.ndarray, factors, top: float, cutoff: fl
         left, singular, _ = np.linalg.svd(sl.cho_solve(shifted, factor), full_matrices=False)
         further.append(left[:, singular > 3e-3 * singular[0]][:, :6])
         further.append(sl.cho_solve(shifted, factor @ (factor.T @ inner)))
+    further += [sl.cho_solve(shifted, factor @ shape) for factor, shape in zip(factors, driven, strict=False)]
     extra = np.concatenate(further, axis=1)
     norm = np.sqrt(np.einsum("ik,ik->k", extra, part.mass @ extra))
     extra = extra[:, norm > 0] / norm[norm > 0]
@@ -97,7 +104,7 @@ def _basis(part: ParityClass, theta: np.ndarray, factors, top: float, cutoff: fl
     gram = extra.T @ part.mass @ extra
     size, rotation = np.linalg.eigh((gram + gram.T) / 2)
     keep = size > 1e-10
-    return np.concatenate([modes, extra @ (rotation[:, keep] / np.sqrt(size[keep]))], axis=1)
+    return np.concatenate([modes, extra @ (rotation[:, keep] / np.sqrt(size[keep]))], axis=1), inner.shape[1]
 
 
 def _modes(lossless, mass, shifted, top: float, cutoff: float) -> tuple[np.ndarray, np.ndarray]:
@@ -141,7 +148,10 @@ class Plate:
         self._surfaces = tuple(surfaces)
         top = 2 * np.pi * top_Hz
         signs = _classes(body, surfaces)
-        self._parts = [_Reduced(ParityClass(body, s), theta, surfaces, top, cutoff) for s in signs]
+        self._parts: list[_Reduced] = []
+        for own in signs:  # the driven class first
+            shapes = self._parts[0].shapes if self._parts else []
+            self._parts.append(_Reduced(ParityClass(body, own), theta, surfaces, top, cutoff, shapes))
         self.size = sum(part.size for part in self._parts)
         self._mass = sl.block_diag(*(part.mass for part in self._parts))
         self._forms = []

@@ -59,7 +59,7 @@ def test_ritz_with_global_polynomials_gives_the_same():
     assert np.max(np.abs(found / other - 1)) < 5e-5
 
 
-@pytest.mark.parametrize("what", ["law", "gradient", "mass"])
+@pytest.mark.parametrize("what", ["law", "gradient", "mass", "film on one face"])
 def test_reduced_basis_gives_the_full_solve(what):
     """All unknowns of the same body: 5e-6 in Z."""
     build = plate()
@@ -67,10 +67,12 @@ def test_reduced_basis_gives_the_full_solve(what):
         build.piezoelectric.append(lambda x: 1 + 0.3 * x / 6e-3)
     if what == "mass":
         build.surfaces.append(spot(2e-3, 1e-3, 2e-3, 2e-6))
+    if what == "film on one face":
+        build.surfaces.append(Surface(*build.whole_face, (1,), lambda w: -(w**2) * 0.1))
     sweep = np.array([30e3, 95e3, 141e3, 190e3, 228e3])
     theta = (lambda f: LOSSY.real + 1j * LOSSY.imag * (f / 140e3) ** 0.8) if what == "law" else LOSSY
     body = build.body()
-    if what == "mass":  # of low order, so that the full solve is small
+    if what in ("mass", "film on one face"):  # of low order, so that the full solve is small
         low = tuple(Axis(axis.breaks, (p,)) for axis, p in zip(body.axes, (8, 5, 3), strict=True))
         body = replace(body, axes=low, potential_axes=low)
     found = Plate(body, LOSSY, 240e3, build.surfaces).impedance(theta, sweep)
