@@ -69,7 +69,7 @@ class Comparison:
     ----------
     singles : each candidate alone with the constants (None where its fit did not settle), in the order of the library
     final : the fit with all accepted effects; the base where there is none
-    found : the accepted effects
+    found : the accepted effects, first the one without which most is left
     """
 
     base: JointFit
@@ -105,7 +105,8 @@ def compare(
         if fit is None:
             break
         current = with_law_misses(evaluation, search.swapped(fit))
-    return Comparison(base, search.on_top_of(base), current, tuple(search.places(current)))
+    found = sorted(search.places(current), key=lambda place: -place.without)
+    return Comparison(base, search.on_top_of(base), current, tuple(found))
 
 
 def _pays(current: JointFit, fit: JointFit | None, price: float) -> bool:

@@ -16,8 +16,9 @@ from numpy.polynomial import legendre
 
 from femu_piezo.diagnosis.bare_ends import BareEnds, measure_bare_ends
 from femu_piezo.diagnosis.box_interpolation import interpolation
-from femu_piezo.diagnosis.sectors import SLICES, SPOT, TAPER, Sectors, flipped_axes
+from femu_piezo.diagnosis.sectors import FILM, SLICES, SPOT, TAPER, Sectors, flipped_axes
 from femu_piezo.diagnosis.weighted_products import WeightedProducts
+from femu_piezo.forward.electrodes import electrode_film
 from femu_piezo.forward.gradient_products import FIELDS, GradientProducts
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.material.constants import ElasticForm
@@ -130,6 +131,8 @@ class Places:
     spot : (3,) unknowns that are the displacement of an attached body; empty where the sector is not there
     bare_ends : None where the electrodes are not on the large faces
     taper : None where no effect asks for its sector
+    films : (u, u) ∫ v·u over one electrode, between the driven class and that whose parity differs about the plane
+        between the electrodes, m² per unit of displacement²; None where no effect asks for its sector
     """
 
     face: Face
@@ -138,6 +141,7 @@ class Places:
     spot: np.ndarray
     bare_ends: BareEnds | None
     taper: Taper | None
+    films: np.ndarray | None
 
     def select(self, keep: np.ndarray, displacements: int) -> Places:
         """The same with the unknowns `keep` (indices), of which so many were displacements before."""
@@ -147,7 +151,8 @@ class Places:
         spot = np.flatnonzero(np.isin(keep, self.spot))
         ends = None if self.bare_ends is None else self.bare_ends.select(square)
         taper = None if self.taper is None else self.taper.select(square, np.ix_(moving, moving))
-        return Places(face, self.slices.select(square), self.ramp[:, :, square[0], square[1]], spot, ends, taper)
+        films = None if self.films is None else self.films[np.ix_(moving, moving)]
+        return Places(face, self.slices.select(square), self.ramp[:, :, square[0], square[1]], spot, ends, taper, films)
 
 
 def measure_places(weighted: WeightedProducts, sectors: Sectors, constants: ElasticForm) -> Places:
@@ -157,7 +162,8 @@ def measure_places(weighted: WeightedProducts, sectors: Sectors, constants: Elas
     ends = measure_bare_ends(weighted.model, sectors, constants)
     slices = _slices(weighted, sectors, constants)
     taper = _taper(weighted, sectors) if any(name.endswith(TAPER) for name in names) else None
-    return Places(_face(weighted.model, sectors), slices, _ramp(weighted, sectors), spot, ends, taper)
+    films = _films(weighted.model, sectors) if any(name.endswith(FILM) for name in names) else None
+    return Places(_face(weighted.model, sectors), slices, _ramp(weighted, sectors), spot, ends, taper, films)
 
 
 def _face(model: ElectroelasticModel, sectors: Sectors) -> Face:
@@ -224,6 +230,16 @@ def _ramp(weighted: WeightedProducts, sectors: Sectors) -> np.ndarray:
                 whole = _projected(products, fields, units)
                 matrix[(slice(None), *np.ix_(pair, pair))] = whole * coupled
     return found
+
+
+def _films(model: ElectroelasticModel, sectors: Sectors) -> np.ndarray:
+    groups = _smooth_classes(sectors)
+    rows = groups[()]
+    pair = np.concatenate([rows, groups[2,]])
+    flat, even = sectors.fields[:, :, pair].reshape(-1, pair.size), np.arange(pair.size) < rows.size
+    found = np.zeros((sectors.member.size, sectors.member.size))
+    found[np.ix_(pair, pair)] = flat.T @ (electrode_film(model.basis, model.domain) @ flat) * (even[:, None] != even)
+    return found[: sectors.displacements, : sectors.displacements]
 
 
 def _taper(weighted: WeightedProducts, sectors: Sectors) -> Taper:

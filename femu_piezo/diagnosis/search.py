@@ -18,7 +18,7 @@ from femu_piezo.diagnosis.effect import Effect
 from femu_piezo.diagnosis.evaluation import Evaluation
 from femu_piezo.diagnosis.fitting import JointFit, SweepData, fit_joint
 from femu_piezo.diagnosis.joint import JointParameters
-from femu_piezo.diagnosis.starts import Start, start_at, start_together, starts
+from femu_piezo.diagnosis.starts import Start, start_together, starts
 from femu_piezo.errors import ConvergenceError
 
 #: A rough fit makes a contender where its χ² is within so much of the best one's, and so often the excess of that.
@@ -77,14 +77,20 @@ def best_pair(
 
     progress : called with the keys of each pair
     """
-    alone = [start_at(evaluation, data, current, effect) for effect in candidates if effect.sites is None]
-    together = [start_together(data, current, *two) for two in combinations(alone, 2) if _differ(two)]
-    together.sort(key=lambda start: start.promised)
+    smooth = [effect for effect in candidates if effect.sites is None]
+    alone = [start for effect in smooth for start in starts(evaluation, data, current, effect)]
+    promised: dict[str, Start] = {}
+    for two in combinations(alone, 2):
+        if _differ(two):
+            start = start_together(data, current, *two)
+            keys = " and ".join(effect.key for effect in start.linear.parameters.effects[-2:])
+            promised[keys] = min(promised.get(keys, start), start, key=lambda one: one.promised)
     rough: list[JointFit] = []
-    for start in together[:_ROUGH_PAIRS]:
-        if start.promised > _reach(together[0].promised, current):
+    least = min((start.promised for start in promised.values()), default=np.inf)
+    for keys, start in sorted(promised.items(), key=lambda item: item[1].promised)[:_ROUGH_PAIRS]:
+        if start.promised > _reach(least, current):
             break
-        progress(" and ".join(effect.key for effect in start.linear.parameters.effects[-2:]))
+        progress(keys)
         fit = _fitted(evaluation, data, start.linear.parameters, [start.x, start.alone()], coarse=True)
         rough += [] if fit is None else [fit]
     rough.sort(key=lambda fit: fit.bic)

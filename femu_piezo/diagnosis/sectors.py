@@ -4,10 +4,10 @@ The driven parity class alone serves every effect that keeps the mirror planes. 
 whose mirror plane its parity is flipped, "x" to "xyz" (`femu_piezo.forward.parity`); "slices" and "x slices" hold the
 local response of the driven and of the x class to a yielding slice across the plate, "ramp" and "x ramp" theirs
 to driven fields whose piezoelectric coupling varies along x, "x taper" that of the x class to driven fields whose
-width varies along x; "spot" has three unknowns
-without field or inertia, the displacement of a body that is attached at a place. Vectors of further sectors tie a
-potential to each displacement: they are modes at the reference constants, and enter at second order only. A taper is
-orthonormal to the ramp of its class, slices are so to both, and an effect that asks for one asks for those before.
+width varies along x, "z film" that of the z class to driven fields with a film on one electrode; "spot" has three
+unknowns without field or inertia, the displacement of a body that is attached at a place. Vectors of further sectors
+tie a potential to each displacement: they are modes at the reference constants, and enter at second order only. A taper
+is orthonormal to the ramp of its class, slices are so to all, and an effect that asks for one asks for those before.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 
 from femu_piezo.diagnosis.box_interpolation import interpolation
 from femu_piezo.diagnosis.weighted_products import WeightedProducts
+from femu_piezo.forward.electrodes import electrode_film
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.parity import ParityClass, full_operators
@@ -27,9 +28,9 @@ from femu_piezo.forward.reduction import ReducedModel
 from femu_piezo.geometry.boxes import grid_lines, tensor_box
 from femu_piezo.material.constants import ElasticForm
 
-DRIVEN, SLICES, RAMP, TAPER, SPOT = "driven", "slices", "ramp", "taper", "spot"
+DRIVEN, SLICES, RAMP, TAPER, FILM, SPOT = "driven", "slices", "ramp", "taper", "film", "spot"
 #: Sectors of local responses.
-_LOCAL = (RAMP, TAPER, SLICES)
+_LOCAL = (RAMP, TAPER, FILM, SLICES)
 #: Modes of the other classes are kept up to this multiple of the band's ω².
 _BEYOND = 2.5
 #: Local responses smaller than this share of the largest, outside what is known, are dropped.
@@ -96,11 +97,13 @@ def build_sectors(
             known = others.modes(flipped)
             parts.append(known)
             names.append(letters)
-        loads, (ramp, taper, slices) = {}, (f"{letters} {ending}".strip() for ending in _LOCAL)
+        loads, (ramp, taper, film, slices) = {}, (f"{letters} {ending}".strip() for ending in _LOCAL)
         if ramp in wanted:
             loads[ramp] = _ramp_loads(weighted, constants, driven @ states, 0 in flipped)
         if taper in wanted:
             loads[taper] = _taper_loads(weighted, constants, driven @ states)
+        if film in wanted:
+            loads[film] = _film_loads(model, driven @ states)
         if slices in wanted:
             loads[slices] = _slice_loads(weighted, constants)
         responses = []
@@ -180,6 +183,13 @@ def _taper_loads(weighted: WeightedProducts, constants: ElasticForm, states: np.
     stiff = first.stiffness(np.tensordot(constants.vector().real, weighted.model.unit_tensors, axes=1))
     loads = np.hstack([stiff @ flat, (first.mass_matrix(weighted.model.density) @ flat)[:, 1:]])
     return loads / np.linalg.norm(loads, axis=0)
+
+
+def _film_loads(model: ElectroelasticModel, states: np.ndarray) -> np.ndarray:
+    """(4n, k) inertia of a film on the electrode of the part, on states (4, n, k) that move it."""
+    loads = electrode_film(model.basis, model.domain) @ states.reshape(-1, states.shape[2])
+    norm = np.linalg.norm(loads, axis=0)
+    return loads[:, norm > 0] / norm[norm > 0]
 
 
 def _outside(weighted: WeightedProducts, responses: np.ndarray, known: np.ndarray) -> np.ndarray:

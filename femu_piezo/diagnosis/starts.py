@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,6 +38,11 @@ class Start:
         return self.linear.chi_square
 
     @property
+    def before_step(self) -> np.ndarray:
+        """(2k,) residual of the data at x."""
+        return self.linear.residual - self.linear.jacobian @ (self.linear.x - self.x)
+
+    @property
     def own(self) -> slice:
         """Columns of the new effects."""
         return slice(self.before, self.x.size)
@@ -56,26 +61,21 @@ def starts(evaluation: Evaluation, data: SweepData, current: JointFit, effect: E
     parameters = current.parameters.with_effect(effect)
     if effect.sites is not None:
         return _at_sites(evaluation, data, current, effect, parameters)
-    found = [start_at(evaluation, data, current, effect, values) for values in listed_values(effect)]
-    return sorted([start_at(evaluation, data, current, effect), *found], key=lambda start: start.promised)
-
-
-def start_at(
-    evaluation: Evaluation, data: SweepData, current: JointFit, effect: Effect, values: np.ndarray | None = None
-) -> Start:
-    """A start with one more effect at `values` (n,) of its parameters, next to rest where none are given."""
-    values = effect.rest + _REST * effect.scale if values is None else values
-    x = np.concatenate([current.x, values / effect.scale])
-    linear = linear_fit(evaluation, data, current.parameters.with_effect(effect), x, np.arange(x.size))
-    return Start(x, linear, current.x.size)
+    found = []
+    for values in (effect.rest + _REST * effect.scale, *listed_values(effect)):
+        x = np.concatenate([current.x, values / effect.scale])
+        linear = linear_fit(evaluation, data, parameters, x, np.arange(x.size))
+        found.append(Start(x, linear, current.x.size))
+    return sorted(found, key=lambda start: start.promised)
 
 
 def start_together(data: SweepData, current: JointFit, first: Start, second: Start) -> Start:
-    """A start with two more effects, of the starts next to rest of each."""
+    """A start with two more effects, of one start of each: they are taken to change the residual independently."""
     parameters = first.linear.parameters.with_effect(second.linear.parameters.effects[-1])
     x = np.concatenate([first.x, second.x[second.own]])
     columns = np.hstack([start.linear.jacobian[:, start.own] for start in (first, second)])
-    linear = _linearised_with(data, current, parameters, x, columns, np.arange(x.size))
+    moved = current.residual + sum(start.before_step - current.residual for start in (first, second))
+    linear = _linearised_with(data, replace(current, residual=moved), parameters, x, columns, np.arange(x.size))
     return Start(x, linear, current.x.size)
 
 

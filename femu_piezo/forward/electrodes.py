@@ -45,3 +45,14 @@ def prolongation(basis: skfem.Basis, domain: Domain, potential_scale: float) -> 
     columns = np.concatenate([np.arange(free.size), np.full(hot.size, free.size)])
     values = np.where(rows >= 3 * n, potential_scale, 1.0)
     return sp.csr_matrix((values, (rows, columns)), shape=(FIELDS * n, free.size + 1))
+
+
+def electrode_film(basis: skfem.Basis, domain: Domain) -> sp.csr_matrix:
+    """∫ v·u over the electrodes of the computed part that are real faces, (4n, 4n), m² per unit of displacement².
+
+    A plane of antisymmetric potential is a ground of the part but no face of the body.
+    """
+    faces = [name for name in (*domain.hot, *domain.ground) if name not in domain.symmetry]
+    facets = np.concatenate([basis.mesh.boundaries[face] for face in faces])
+    block = skfem.BilinearForm(lambda u, v, w: u * v).assemble(skfem.FacetBasis(basis.mesh, basis.elem, facets=facets))
+    return sp.block_diag([block, block, block, sp.csr_matrix(block.shape)], format="csr")

@@ -38,6 +38,7 @@ PLACED = {
     "mounting": (1e6, 4.0, 0.8e-3),
     "electrode_margin": (0.25e-3,),
     "tapered_width": (0.03,),
+    "unequal_electrode_mass": (0.6,),
 }
 
 

@@ -61,6 +61,11 @@ def slight_taper(built: Build) -> None:
     built.taper = 0.01
 
 
+def unequal_films(built: Build) -> None:
+    for side in (1, -1):
+        built.surfaces.append(Surface(*built.whole_face, (side,), lambda w, side=side: -(w**2) * side * 0.3))
+
+
 #: Case → parameters of the effect, how it is built, and the error allowed as a share of what it changes (rms over the
 #: sweep). The patch of the mass is a square of its radius' area, its local compliance (a third of the change here) that
 #: of a half-space; the slice of the crack is a column of elements, the narrow one a part of one, not in its middle.
@@ -71,6 +76,7 @@ CASES = {
     "poling_gradient": ((0.25, 0.04), gradient, 0.01),
     "mounting": ((1e6, 4.0, 0.8e-3), support, 0.02),
     "electrode_margin": ((0.25e-3,), margins, 0.02),
+    "unequal_electrode_mass": ((0.6,), unequal_films, 0.08),
     "tapered_width": ((0.03,), taper, 0.003),
     "tapered_width, slight": ((0.01,), slight_taper, 0.003),
 }

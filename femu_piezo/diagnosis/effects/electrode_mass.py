@@ -4,24 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-import skfem
 
 from femu_piezo.diagnosis.effect import Effect, EffectContext, EffectParameter, ExtraTerm
+from femu_piezo.forward.electrodes import electrode_film
 from femu_piezo.forward.model import ElectroelasticModel
 
 
 def film(model: ElectroelasticModel) -> sp.csr_matrix:
-    """∫ v·u over the electrodes of the computed part that are real faces, (4n, 4n), m² per unit of displacement².
-
-    A plane of antisymmetric potential is a ground of the part but no face of the body.
-    """
-    domain = model.domain
-    faces = [name for name in (*domain.hot, *domain.ground) if name not in domain.symmetry]
-    basis = skfem.FacetBasis(
-        model.basis.mesh, model.basis.elem, facets=np.concatenate([model.basis.mesh.boundaries[f] for f in faces])
-    )
-    block = skfem.BilinearForm(lambda u, v, w: u * v).assemble(basis)
-    return sp.block_diag([block, block, block, sp.csr_matrix(block.shape)], format="csr")
+    """∫ v·u over the electrodes, (4n, 4n), m² per unit of displacement²."""
+    return electrode_film(model.basis, model.domain)
 
 
 def _mass(omega: np.ndarray, p: np.ndarray):
