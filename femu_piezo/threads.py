@@ -2,18 +2,26 @@
 
 The reduced model works on matrices of order 100: a BLAS that wakes 64 threads for each of them is many times slower
 than one thread, and two processes doing so on few cores stop each other. `blas_limit` keeps such sections to few
-threads and restores the limits afterwards; it never raises a limit that the user has set.
+threads and restores the limits afterwards; it never raises a limit that the user has set. Independent pieces of such
+work share the cores instead (`in_parallel`): the heavy parts of NumPy, SciPy and the factorisation let other threads
+run.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from typing import TypeVar
 
 from threadpoolctl import ThreadpoolController
 
 #: Unknowns below which one thread is fastest, and the most threads that an operator gains from.
 _SMALL, _MOST_THREADS = 20_000, 4
+
+
+Item, Result = TypeVar("Item"), TypeVar("Result")
 
 
 @lru_cache(maxsize=1)
@@ -37,3 +45,14 @@ def available_cores() -> int:
 def useful_threads(unknowns: int) -> int:
     """Threads for one sparse operator: one for a small one, never more than the process may use."""
     return 1 if unknowns < _SMALL else min(available_cores(), _MOST_THREADS)
+
+
+def in_parallel(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+    """work(item) of every item, in their order, on the available cores; the results are those of a plain loop."""
+    items = list(items)
+    threads = min(available_cores(), len(items))
+    if threads < 2:
+        yield from map(work, items)
+        return
+    with blas_limit(), ThreadPoolExecutor(threads) as pool:
+        yield from pool.map(work, items)

@@ -16,11 +16,12 @@ import scipy.sparse as sp
 
 from femu_piezo.diagnosis.effect import Effect
 from femu_piezo.diagnosis.places import Places, measure_places
-from femu_piezo.diagnosis.sectors import DRIVEN, SPOT, Sectors, build_sectors
+from femu_piezo.diagnosis.sectors import DRIVEN, SPOT, Sectors, build_sectors, other_modes
 from femu_piezo.diagnosis.weighted_products import WeightedProducts
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.material.constants import E_FORM, PiezoConstants
+from femu_piezo.threads import in_parallel
 
 #: Relative stretch of each dimension that the basis is trained for.
 _STRETCH = 0.02
@@ -126,10 +127,14 @@ def extend_model(
     for axis in range(3) if stretching else ():
         s = 1 + _STRETCH
         points.append((lossless, {f"stretch_{axis}_0": s - 1, f"stretch_{axis}_2": 1 / s - 1}))
-    reduced = reduce_model(trained, points, band_Hz, accuracy=accuracy)
     wanted = list(dict.fromkeys(name for effect in effects for name in effect.sectors))
     weighted = WeightedProducts(model)
-    sectors = build_sectors(weighted, reduced, wanted, reference)
+    pieces = (
+        lambda: reduce_model(trained, points, band_Hz, accuracy=accuracy),
+        lambda: other_modes(weighted, wanted, reference, band_Hz),
+    )
+    reduced, modes = in_parallel(lambda piece: piece(), pieces)
+    sectors = build_sectors(weighted, reduced, wanted, reference, modes)
     strata, owner, exponents = _strata(model, sectors)
     bulk = np.array([strata[owner == q].sum(axis=0) for q in range(len(E_FORM))])
     extra = {term.name: _by_class(sectors, lambda f, t=term: _product(matrices[t.name], f)) for term in terms}

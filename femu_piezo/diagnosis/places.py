@@ -22,6 +22,7 @@ from femu_piezo.forward.electrodes import electrode_film
 from femu_piezo.forward.gradient_products import FIELDS, GradientProducts
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.material.constants import ElasticForm
+from femu_piezo.threads import in_parallel
 
 #: Points along length and width at which the fields of a face are sampled for interpolation by polynomials.
 _SAMPLES = (18, 14)
@@ -159,11 +160,17 @@ def measure_places(weighted: WeightedProducts, sectors: Sectors, constants: Elas
     """Sample and project on a part of a plate with all three mirror planes; constants: lossless reference."""
     names = np.array(sectors.names)
     spot = np.flatnonzero(names[sectors.member] == SPOT)
-    ends = measure_bare_ends(weighted.model, sectors, constants)
-    slices = _slices(weighted, sectors, constants)
-    taper = _taper(weighted, sectors) if any(name.endswith(TAPER) for name in names) else None
-    films = _films(weighted.model, sectors) if any(name.endswith(FILM) for name in names) else None
-    return Places(_face(weighted.model, sectors), slices, _ramp(weighted, sectors), spot, ends, taper, films)
+    asked = {ending for ending in (TAPER, FILM) if any(name.endswith(ending) for name in names)}
+    pieces = (
+        lambda: _slices(weighted, sectors, constants),
+        lambda: measure_bare_ends(weighted.model, sectors, constants),
+        lambda: _taper(weighted, sectors) if TAPER in asked else None,
+        lambda: _ramp(weighted, sectors),
+        lambda: _films(weighted.model, sectors) if FILM in asked else None,
+        lambda: _face(weighted.model, sectors),
+    )
+    slices, ends, taper, ramp, films, face = in_parallel(lambda piece: piece(), pieces)
+    return Places(face, slices, ramp, spot, ends, taper, films)
 
 
 def _face(model: ElectroelasticModel, sectors: Sectors) -> Face:

@@ -9,7 +9,7 @@ pairs are tried as pairs; those without a place, whose slopes say in a moment wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -20,6 +20,7 @@ from femu_piezo.diagnosis.fitting import JointFit, SweepData, fit_joint
 from femu_piezo.diagnosis.joint import JointParameters
 from femu_piezo.diagnosis.starts import Start, start_together, starts
 from femu_piezo.errors import ConvergenceError
+from femu_piezo.threads import in_parallel
 
 #: A rough fit makes a contender where its χ² is within so much of the best one's, and so often the excess of that.
 _WITHIN, _FACTOR = 60.0, 3.0
@@ -44,24 +45,31 @@ def try_all(
 
     progress : called with the key of each candidate
     """
-    found: dict[int, JointFit | None] = {}
-    worth: dict[int, list[Start]] = {}
-    for number, effect in enumerate(candidates):
-        progress(effect.key)
+
+    def roughly(effect: Effect) -> tuple[list[Start], JointFit | None]:
         places = starts(evaluation, data, current, effect)
         if current.chi_square - places[0].promised < _LEAST_GAIN:
-            found[number] = places[0].linear
-            continue
-        worth[number] = places
+            return [], places[0].linear
         rough = places if effect.sites is not None else places[:1]  # one wrong place says nothing of the others
-        found[number] = _fitted(evaluation, data, places[0].linear.parameters, [p.x for p in rough], coarse=True)
-    best = min((fit.chi_square for fit in found.values() if fit is not None), default=np.inf)
-    for number, places in worth.items():
-        rough = found[number]
-        if rough is None or _contends(rough, best, current, places[0]):
-            progress(candidates[number].key)
-            found[number] = _closely(evaluation, data, places, rough)
-    return tuple((effect, found[number]) for number, effect in enumerate(candidates))
+        return places, _fitted(evaluation, data, places[0].linear.parameters, [p.x for p in rough], coarse=True)
+
+    def closely(trial: tuple[list[Start], JointFit | None]) -> JointFit | None:
+        places, rough = trial
+        if places and (rough is None or _contends(rough, best, current, places[0])):
+            return _closely(evaluation, data, places, rough)
+        return rough
+
+    trials = list(_told(in_parallel(roughly, candidates), candidates, progress))
+    best = min((fit.chi_square for _, fit in trials if fit is not None), default=np.inf)
+    found = _told(in_parallel(closely, trials), candidates, progress)
+    return tuple(zip(candidates, found, strict=True))
+
+
+def _told(results: Iterator, candidates: Sequence[Effect], progress: Callable[[str], None]) -> Iterator:
+    """The results; each time the candidate that is waited for is named."""
+    for effect in candidates:
+        progress(effect.key)
+        yield next(results)
 
 
 def best_pair(
@@ -78,23 +86,27 @@ def best_pair(
     progress : called with the keys of each pair
     """
     smooth = [effect for effect in candidates if effect.sites is None]
-    alone = [start for effect in smooth for start in starts(evaluation, data, current, effect)]
+    alone = [start for own in in_parallel(lambda e: starts(evaluation, data, current, e), smooth) for start in own]
     promised: dict[str, Start] = {}
     for two in combinations(alone, 2):
         if _differ(two):
             start = start_together(data, current, *two)
             keys = " and ".join(effect.key for effect in start.linear.parameters.effects[-2:])
             promised[keys] = min(promised.get(keys, start), start, key=lambda one: one.promised)
+    most_promising = sorted(promised.items(), key=lambda item: item[1].promised)[:_ROUGH_PAIRS]
+    reach = _reach(most_promising[0][1].promised, current) if most_promising else 0.0
+
+    def roughly(item: tuple[str, Start]) -> JointFit | None:
+        start = item[1]
+        return _fitted(evaluation, data, start.linear.parameters, [start.x, start.alone()], coarse=True)
+
+    worth = [item for item in most_promising if item[1].promised <= reach]
     rough: list[JointFit] = []
-    least = min((start.promised for start in promised.values()), default=np.inf)
-    for keys, start in sorted(promised.items(), key=lambda item: item[1].promised)[:_ROUGH_PAIRS]:
-        if start.promised > _reach(least, current):
-            break
+    for (keys, _), fit in zip(worth, in_parallel(roughly, worth), strict=True):
         progress(keys)
-        fit = _fitted(evaluation, data, start.linear.parameters, [start.x, start.alone()], coarse=True)
         rough += [] if fit is None else [fit]
     rough.sort(key=lambda fit: fit.bic)
-    close = [_fitted(evaluation, data, fit.parameters, [fit.x]) for fit in rough[:_CLOSE_PAIRS]]
+    close = in_parallel(lambda fit: _fitted(evaluation, data, fit.parameters, [fit.x]), rough[:_CLOSE_PAIRS])
     sound = [fit for fit in close if fit is not None and fit.held_out_score < current.held_out_score]
     return min(sound, key=lambda fit: fit.bic, default=None)
 

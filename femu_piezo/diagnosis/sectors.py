@@ -27,6 +27,7 @@ from femu_piezo.forward.reduced_basis import new_directions
 from femu_piezo.forward.reduction import ReducedModel
 from femu_piezo.geometry.boxes import grid_lines, tensor_box
 from femu_piezo.material.constants import ElasticForm
+from femu_piezo.threads import in_parallel
 
 DRIVEN, SLICES, RAMP, TAPER, FILM, SPOT = "driven", "slices", "ramp", "taper", "film", "spot"
 #: Sectors of local responses.
@@ -75,48 +76,76 @@ class Sectors:
         }
 
 
+#: Flipped axes → modes (4, n, k) of that parity class.
+Modes = dict[tuple[int, ...], np.ndarray]
+
+
+def other_modes(weighted: WeightedProducts, wanted: Sequence[str], constants: ElasticForm, band_Hz: float) -> Modes:
+    """Modes of the classes that the terminals do not drive and the wanted sectors name, at lossless constants."""
+    flips = dict.fromkeys(axes for axes in map(flipped_axes, wanted) if axes)
+    if not flips:
+        return {}
+    others = _OtherClasses(weighted, constants, _BEYOND * (2 * np.pi * band_Hz) ** 2)
+    return {axes: others.modes(axes) for axes in flips}
+
+
 def build_sectors(
-    weighted: WeightedProducts, reduced: ReducedModel, wanted: Sequence[str], constants: ElasticForm
+    weighted: WeightedProducts, reduced: ReducedModel, wanted: Sequence[str], constants: ElasticForm, modes: Modes
 ) -> Sectors:
-    """The driven class of a reduced model and the further sectors that are wanted, at lossless constants."""
+    """The driven class of a reduced model and the further sectors that are wanted, at lossless constants.
+
+    modes : of the other classes, as `other_modes` gives them
+    """
     model = weighted.model
     driven = (model.prolongation @ reduced.basis).reshape(FIELDS, model.basis.N, -1)
     u = reduced.displacements
-    parts, names = [driven[:, :, :u]], [DRIVEN]
     top = (2 * np.pi * reduced.band_Hz) ** 2
-    others = _OtherClasses(weighted, constants, _BEYOND * top) if any(map(flipped_axes, wanted)) else None
-    states = _driven_states(reduced, constants, top)
+    states = driven @ _driven_states(reduced, constants, top)
     operators = full_operators(model, constants) if any(name.endswith(_LOCAL) for name in wanted) else ()
-    if SPOT in wanted:
-        parts.append(np.zeros((FIELDS, model.basis.N, 3)))
-        names.append(SPOT)
-    for flipped in dict.fromkeys(flipped_axes(name) for name in wanted if name != SPOT):
-        letters = "".join("xyz"[axis] for axis in flipped)
-        known = driven[:, :, :u]
-        if flipped:
-            known = others.modes(flipped)
-            parts.append(known)
-            names.append(letters)
-        loads, (ramp, taper, film, slices) = {}, (f"{letters} {ending}".strip() for ending in _LOCAL)
-        if ramp in wanted:
-            loads[ramp] = _ramp_loads(weighted, constants, driven @ states, 0 in flipped)
-        if taper in wanted:
-            loads[taper] = _taper_loads(weighted, constants, driven @ states)
-        if film in wanted:
-            loads[film] = _film_loads(model, driven @ states)
-        if slices in wanted:
-            loads[slices] = _slice_loads(weighted, constants)
-        responses = []
-        if loads:
-            responses = _responses(ParityClass(model, *operators, flipped), list(loads.values()), _SHIFT * top)
+
+    def local(flipped: tuple[int, ...]) -> list[tuple[str, np.ndarray]]:
+        known = modes[flipped] if flipped else driven[:, :, :u]
+        loads = _local_loads(weighted, constants, wanted, flipped, states)
+        if not loads:
+            return []
+        responses = _responses(ParityClass(model, *operators, flipped), list(loads.values()), _SHIFT * top)
+        found = []
         for name, response in zip(loads, responses, strict=True):
-            parts.append(_outside(weighted, response, known))
-            names.append(name)
-            known = np.concatenate([known, parts[-1]], axis=2)
-    counts = [part.shape[2] for part in parts]
+            found.append((name, _outside(weighted, response, known)))
+            known = np.concatenate([known, found[-1][1]], axis=2)
+        return found
+
+    parts = [(DRIVEN, driven[:, :, :u])]
+    if SPOT in wanted:
+        parts.append((SPOT, np.zeros((FIELDS, model.basis.N, 3))))
+    flips = list(dict.fromkeys(flipped_axes(name) for name in wanted if name != SPOT))
+    for flipped, further in zip(flips, in_parallel(local, flips), strict=True):
+        parts += [(_letters(flipped), modes[flipped])] if flipped else []
+        parts += further
+    counts = [part.shape[2] for _, part in parts]
     member = np.concatenate([np.repeat(np.arange(len(parts)), counts), np.zeros(driven.shape[2] - u, dtype=int)])
-    fields = np.concatenate([*parts, driven[:, :, u:]], axis=2)
-    return Sectors(tuple(names), member, fields, int(sum(counts)))
+    fields = np.concatenate([*(part for _, part in parts), driven[:, :, u:]], axis=2)
+    return Sectors(tuple(name for name, _ in parts), member, fields, int(sum(counts)))
+
+
+def _letters(flipped: tuple[int, ...]) -> str:
+    return "".join("xyz"[axis] for axis in flipped)
+
+
+def _local_loads(
+    weighted: WeightedProducts, constants: ElasticForm, wanted: Sequence[str], flipped: tuple[int, ...], states
+) -> dict[str, np.ndarray]:
+    """Sector → loads (4n, k) on a class, of the local responses that are wanted, in the order of `_LOCAL`."""
+    loads, (ramp, taper, film, slices) = {}, (f"{_letters(flipped)} {ending}".strip() for ending in _LOCAL)
+    if ramp in wanted:
+        loads[ramp] = _ramp_loads(weighted, constants, states, 0 in flipped)
+    if taper in wanted:
+        loads[taper] = _taper_loads(weighted, constants, states)
+    if film in wanted:
+        loads[film] = _film_loads(weighted.model, states)
+    if slices in wanted:
+        loads[slices] = _slice_loads(weighted, constants)
+    return loads
 
 
 class _OtherClasses:

@@ -1,0 +1,36 @@
+"""Work that shares the cores: same results in the same order, errors come through, the user's limit is kept."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import pytest
+
+from femu_piezo.threads import in_parallel
+
+
+@pytest.mark.parametrize("cores", ["1", "2"])
+def test_results_come_in_order(monkeypatch, cores):
+    monkeypatch.setenv("OMP_NUM_THREADS", cores)
+    assert list(in_parallel(lambda i: (time.sleep(0.02 * (5 - i)), i**2)[1], range(5))) == [0, 1, 4, 9, 16]
+    assert list(in_parallel(abs, [])) == []
+
+
+def test_one_core_is_a_plain_loop(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    own = threading.get_ident()
+    assert set(in_parallel(lambda _: threading.get_ident(), range(4))) == {own}
+
+
+def test_pieces_run_side_by_side(monkeypatch):
+    """Two pieces that wait for each other can only end together."""
+    monkeypatch.setattr("femu_piezo.threads.available_cores", lambda: 2)
+    both = threading.Barrier(2, timeout=10)
+    assert sorted(in_parallel(lambda _: both.wait(), range(2))) == [0, 1]
+
+
+def test_an_error_comes_through(monkeypatch):
+    monkeypatch.setattr("femu_piezo.threads.available_cores", lambda: 2)
+    with pytest.raises(ZeroDivisionError):
+        list(in_parallel(lambda i: 1 / i, [1, 0, 2]))
