@@ -1,4 +1,4 @@
-"""Every candidate effect fitted with all free constants, compared by evidence; forward search for further ones.
+"""Every candidate effect fitted with all free constants, compared by evidence; forward search for more, and by pairs.
 
 An effect is accepted where it predicts bands that the fit did not see better than the model without it, and the
 evidence gains more than its price: BIC pays for the parameter, 2 ln N for having chosen among N candidates, and a
@@ -15,7 +15,7 @@ import numpy as np
 
 from femu_piezo.diagnosis.effect import Effect
 from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.fitting import STRUCTURED, JointFit, SweepData, fit_joint, with_law_misses
+from femu_piezo.diagnosis.fitting import JointFit, SweepData, fit_joint, with_law_misses
 from femu_piezo.diagnosis.joint import JointParameters
 from femu_piezo.diagnosis.search import Trials, best_pair, try_all
 
@@ -116,14 +116,9 @@ def _pays(current: JointFit, fit: JointFit | None, price: float) -> bool:
     return current.bic - fit.bic >= price * (len(fit.parameters.effects) - len(current.parameters.effects))
 
 
-def _structured(fit: JointFit) -> bool:
-    """Whether a fit leaves more than noise."""
-    return fit.excess > STRUCTURED * np.sqrt(2 * fit.freedom)
-
-
 def _right(fit: JointFit) -> bool:
     """Whether a fit leaves noise alone, in bands that it did not see as well."""
-    return not _structured(fit) and fit.held_out_score < _FORESEEN
+    return not fit.structured and fit.held_out_score < _FORESEEN
 
 
 class _Search:
@@ -155,19 +150,16 @@ class _Search:
 
         Two that leave nothing but noise are taken before all that could be added to the best single one is tried.
         """
-        known = len(current.parameters.effects)
-        if known == 1 and most > 1 and not _right(current) and _pays(current, self.pair, price):
-            if not _structured(self.pair):
+        known, options = len(current.parameters.effects), []
+        if known == 1 and not _right(current):
+            options.append(self.pair)
+            if _pays(current, self.pair, price) and not self.pair.structured:
                 return self.pair
-            options = [self.pair]
-        else:
-            options = []
         if not self._law_explains(current) and not self._hopeless(current):
             options.append(self.one_more(current))
-        found = [fit for fit in options if _pays(current, fit, price)]
-        if not found and known == 0 and most > 1 and _pays(current, self.pair, price):
-            return self.pair
-        return min(found, key=lambda fit: fit.bic, default=None)
+        if known == 0 and most > 1 and not _pays(current, options[0], price):
+            options.append(self.pair)
+        return min((fit for fit in options if _pays(current, fit, price)), key=lambda fit: fit.bic, default=None)
 
     def _hopeless(self, current: JointFit) -> bool:
         """Whether two effects or more leave so much that a further one would hardly be the rest of it."""
@@ -187,7 +179,7 @@ class _Search:
     def pair(self) -> JointFit | None:
         """The best two effects at once; None where the base leaves nothing, or none predicts better."""
         base = self._base
-        if not _structured(base):
+        if not base.structured:
             return None
         return best_pair(
             self._evaluation, self._data, base, self._library, lambda keys: self._progress(f"together: {keys}")

@@ -8,6 +8,7 @@ matrix is the sum of its parts of equal exponents ("strata"); with them any stre
 from __future__ import annotations
 
 import copy
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -133,7 +134,7 @@ def extend_model(
         lambda: reduce_model(trained, points, band_Hz, accuracy=accuracy),
         lambda: other_modes(weighted, wanted, reference, band_Hz),
     )
-    reduced, modes = in_parallel(lambda piece: piece(), pieces)
+    reduced, modes = in_parallel(operator.call, pieces)
     sectors = build_sectors(weighted, reduced, wanted, reference, modes)
     strata, owner, exponents = _strata(model, sectors)
     bulk = np.array([strata[owner == q].sum(axis=0) for q in range(len(E_FORM))])

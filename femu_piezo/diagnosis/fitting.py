@@ -15,7 +15,7 @@ from femu_piezo.errors import ConvergenceError
 from femu_piezo.updating.data import Prior
 
 #: Excess of χ², in its standard deviations, from which what is left has structure.
-STRUCTURED = 3.0
+_STRUCTURED = 3.0
 #: Contiguous bands of the leave-band-out prediction.
 _BANDS = 10
 #: Least ratio of the true variance of the noise to an estimated one.
@@ -112,6 +112,14 @@ class JointFit:
         return self.chi_square - self.freedom
 
     @property
+    def structured(self) -> bool:
+        """Whether it leaves more than noise."""
+        return self._is_structure(self.excess)
+
+    def _is_structure(self, excess: float) -> bool:
+        return excess > _STRUCTURED * np.sqrt(2 * self.freedom)
+
+    @property
     def excess_beyond_law(self) -> float:
         """χ² beyond what noise and errors of approximate laws give, with the unknowns refitted; by linearisation."""
         if self.law_misses is None:
@@ -159,7 +167,7 @@ class JointFit:
         moved = np.zeros((0, self.residual.size))
         if self.law_misses is not None:
             moved = self.law_misses
-        if self.excess_beyond_law > STRUCTURED * np.sqrt(2 * self.freedom):
+        if self._is_structure(self.excess_beyond_law):
             moved = np.concatenate([moved, self._band_pulls()])
         along = rotation.T @ ((left[: self.residual.size].T @ moved.T) / singular[:, None])
         return found + along @ along.T

@@ -8,6 +8,7 @@ has the product of their parities; on the part, with its share 1/copies of the w
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -18,7 +19,6 @@ from femu_piezo.diagnosis.bare_ends import BareEnds, measure_bare_ends
 from femu_piezo.diagnosis.box_interpolation import interpolation
 from femu_piezo.diagnosis.sectors import FILM, SLICES, SPOT, TAPER, Sectors, flipped_axes
 from femu_piezo.diagnosis.weighted_products import WeightedProducts
-from femu_piezo.forward.electrodes import electrode_film
 from femu_piezo.forward.gradient_products import FIELDS, GradientProducts
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.material.constants import ElasticForm
@@ -166,10 +166,10 @@ def measure_places(weighted: WeightedProducts, sectors: Sectors, constants: Elas
         lambda: measure_bare_ends(weighted.model, sectors, constants),
         lambda: _taper(weighted, sectors) if TAPER in asked else None,
         lambda: _ramp(weighted, sectors),
-        lambda: _films(weighted.model, sectors) if FILM in asked else None,
+        lambda: _films(weighted, sectors) if FILM in asked else None,
         lambda: _face(weighted.model, sectors),
     )
-    slices, ends, taper, ramp, films, face = in_parallel(lambda piece: piece(), pieces)
+    slices, ends, taper, ramp, films, face = in_parallel(operator.call, pieces)
     return Places(face, slices, ramp, spot, ends, taper, films)
 
 
@@ -230,32 +230,35 @@ def _ramp(weighted: WeightedProducts, sectors: Sectors) -> np.ndarray:
     for flipped, rows in groups.items():
         partner = tuple(sorted(set(flipped) ^ {0}))
         if partner in groups and 0 not in flipped:
-            pair = np.concatenate([rows, groups[partner]])
-            fields, blocks = sectors.fields[:, :, pair], np.arange(pair.size) < rows.size
-            same = blocks[:, None] == blocks
+            pair, same = _two(rows, groups[partner])
+            fields = sectors.fields[:, :, pair]
             for matrix, products, coupled in zip(found, (weighted.odd, weighted.even), (~same, same), strict=True):
                 whole = _projected(products, fields, units)
                 matrix[(slice(None), *np.ix_(pair, pair))] = whole * coupled
     return found
 
 
-def _films(model: ElectroelasticModel, sectors: Sectors) -> np.ndarray:
+def _two(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The unknowns (k,) of two classes, one after the other, and (k, k) which of them are of one class."""
+    pair = np.concatenate([first, second])
+    own = np.arange(pair.size) < first.size
+    return pair, own[:, None] == own
+
+
+def _films(weighted: WeightedProducts, sectors: Sectors) -> np.ndarray:
     groups = _smooth_classes(sectors)
-    rows = groups[()]
-    pair = np.concatenate([rows, groups[2,]])
-    flat, even = sectors.fields[:, :, pair].reshape(-1, pair.size), np.arange(pair.size) < rows.size
+    pair, same = _two(groups[()], groups[2,])
+    flat = sectors.fields[:, :, pair].reshape(-1, pair.size)
     found = np.zeros((sectors.member.size, sectors.member.size))
-    found[np.ix_(pair, pair)] = flat.T @ (electrode_film(model.basis, model.domain) @ flat) * (even[:, None] != even)
+    found[np.ix_(pair, pair)] = flat.T @ (weighted.film @ flat) * ~same
     return found[: sectors.displacements, : sectors.displacements]
 
 
 def _taper(weighted: WeightedProducts, sectors: Sectors) -> Taper:
     """The first order couples the driven class to that whose parity differs about x, the second each with itself."""
     groups, size, u = _smooth_classes(sectors), sectors.member.size, sectors.displacements
-    rows = groups[()]
-    pair = np.concatenate([rows, groups[0,]])
-    fields, even = sectors.fields[:, :, pair], np.arange(pair.size) < rows.size
-    same, square = even[:, None] == even, np.ix_(pair, pair)
+    pair, same = _two(groups[()], groups[0,])
+    fields, square = sectors.fields[:, :, pair], np.ix_(pair, pair)
     found = np.zeros((2, len(weighted.model.unit_tensors), size, size))
     for matrix, products, coupled in zip(found, weighted.tapered, (~same, same), strict=True):
         matrix[(slice(None), *square)] = _projected(products, fields, weighted.model.unit_tensors) * coupled

@@ -59,16 +59,17 @@ def try_all(
             return _closely(evaluation, data, places, rough)
         return rough
 
-    trials = list(_told(in_parallel(roughly, candidates), candidates, progress))
+    keys = [effect.key for effect in candidates]
+    trials = list(_told(in_parallel(roughly, candidates), keys, progress))
     best = min((fit.chi_square for _, fit in trials if fit is not None), default=np.inf)
-    found = _told(in_parallel(closely, trials), candidates, progress)
+    found = _told(in_parallel(closely, trials), keys, progress)
     return tuple(zip(candidates, found, strict=True))
 
 
-def _told(results: Iterator, candidates: Sequence[Effect], progress: Callable[[str], None]) -> Iterator:
-    """The results; each time the candidate that is waited for is named."""
-    for effect in candidates:
-        progress(effect.key)
+def _told(results: Iterator, names: Sequence[str], progress: Callable[[str], None]) -> Iterator:
+    """The results; each time the one that is waited for is named."""
+    for name in names:
+        progress(name)
         yield next(results)
 
 
@@ -96,16 +97,12 @@ def best_pair(
     most_promising = sorted(promised.items(), key=lambda item: item[1].promised)[:_ROUGH_PAIRS]
     reach = _reach(most_promising[0][1].promised, current) if most_promising else 0.0
 
-    def roughly(item: tuple[str, Start]) -> JointFit | None:
-        start = item[1]
+    def roughly(start: Start) -> JointFit | None:
         return _fitted(evaluation, data, start.linear.parameters, [start.x, start.alone()], coarse=True)
 
-    worth = [item for item in most_promising if item[1].promised <= reach]
-    rough: list[JointFit] = []
-    for (keys, _), fit in zip(worth, in_parallel(roughly, worth), strict=True):
-        progress(keys)
-        rough += [] if fit is None else [fit]
-    rough.sort(key=lambda fit: fit.bic)
+    worth = {keys: start for keys, start in most_promising if start.promised <= reach}
+    fits = _told(in_parallel(roughly, worth.values()), list(worth), progress)
+    rough = sorted((fit for fit in fits if fit is not None), key=lambda fit: fit.bic)
     close = in_parallel(lambda fit: _fitted(evaluation, data, fit.parameters, [fit.x]), rough[:_CLOSE_PAIRS])
     sound = [fit for fit in close if fit is not None and fit.held_out_score < current.held_out_score]
     return min(sound, key=lambda fit: fit.bic, default=None)

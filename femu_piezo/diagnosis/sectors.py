@@ -19,7 +19,6 @@ import numpy as np
 
 from femu_piezo.diagnosis.box_interpolation import interpolation
 from femu_piezo.diagnosis.weighted_products import WeightedProducts
-from femu_piezo.forward.electrodes import electrode_film
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.parity import ParityClass, full_operators
@@ -142,7 +141,7 @@ def _local_loads(
     if taper in wanted:
         loads[taper] = _taper_loads(weighted, constants, states)
     if film in wanted:
-        loads[film] = _film_loads(weighted.model, states)
+        loads[film] = _film_loads(weighted, states)
     if slices in wanted:
         loads[slices] = _slice_loads(weighted, constants)
     return loads
@@ -214,9 +213,9 @@ def _taper_loads(weighted: WeightedProducts, constants: ElasticForm, states: np.
     return loads / np.linalg.norm(loads, axis=0)
 
 
-def _film_loads(model: ElectroelasticModel, states: np.ndarray) -> np.ndarray:
+def _film_loads(weighted: WeightedProducts, states: np.ndarray) -> np.ndarray:
     """(4n, k) inertia of a film on the electrode of the part, on states (4, n, k) that move it."""
-    loads = electrode_film(model.basis, model.domain) @ states.reshape(-1, states.shape[2])
+    loads = weighted.film @ states.reshape(-1, states.shape[2])
     norm = np.linalg.norm(loads, axis=0)
     return loads[:, norm > 0] / norm[norm > 0]
 

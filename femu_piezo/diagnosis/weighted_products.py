@@ -1,4 +1,4 @@
-"""Gradient products of a part with weights along its length, each assembled once for all that needs it."""
+"""Gradient products of a part with weights along its length, and its films, assembled once for all that needs them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 import skfem
 
+from femu_piezo.forward.electrodes import electrode_film
 from femu_piezo.forward.gradient_products import GradientProducts, assemble_gradient_products
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.boxes import elements_of, grid_lines
@@ -41,12 +42,12 @@ class WeightedProducts:
     @cached_property
     def odd(self) -> GradientProducts:
         """With the weight 2x/L."""
-        return assemble_gradient_products(self.model.basis, self._share)
+        return assemble_gradient_products(self.model.basis, self._share[0])
 
     @cached_property
     def even(self) -> GradientProducts:
         """With the weight (2x/L)² − 1/3, whose mean is zero."""
-        return assemble_gradient_products(self.model.basis, self._share**2 - 1 / 3)
+        return assemble_gradient_products(self.model.basis, self._share[0] ** 2 - 1 / 3)
 
     @cached_property
     def tapered(self) -> tuple[GradientProducts, GradientProducts]:
@@ -56,7 +57,7 @@ class WeightedProducts:
         (1 + tξ) dV.
         """
         part = self.model.basis
-        xi, eta = self._share, self._share_across
+        xi, eta = self._share
         along, across = self.odd.gradients, assemble_gradient_products(part, eta).gradients
         first, second = np.zeros_like(along), np.zeros_like(along)
         first[0, 0] = along[0, 0] - across[0, 1] - across[1, 0]
@@ -71,6 +72,11 @@ class WeightedProducts:
         return replace(self.odd, gradients=first), replace(self.odd, gradients=second, mass=none)
 
     @cached_property
+    def film(self) -> sp.csr_matrix:
+        """(4n, 4n) ∫ v·u over the electrode of the part, m² per unit of displacement²."""
+        return electrode_film(self.model)
+
+    @cached_property
     def mass(self) -> sp.csr_matrix:
         """(3n, 3n) mass of all displacements, symmetry planes not held, kg."""
         n = 3 * self.model.basis.N
@@ -78,10 +84,5 @@ class WeightedProducts:
 
     @property
     def _share(self) -> np.ndarray:
-        """(elements, points) 2x/L at the points of integration."""
-        return np.asarray(self.model.basis.global_coordinates())[0] / self.model.domain.mesh.p[0].max()
-
-    @property
-    def _share_across(self) -> np.ndarray:
-        """(elements, points) 2y/L."""
-        return np.asarray(self.model.basis.global_coordinates())[1] / self.model.domain.mesh.p[0].max()
+        """(2, elements, points) 2x/L and 2y/L at the points of integration."""
+        return np.asarray(self.model.basis.global_coordinates())[:2] / self.model.domain.mesh.p[0].max()

@@ -8,6 +8,8 @@ and dielectric entries have one magnitude.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import scipy.sparse as sp
 import skfem
@@ -15,6 +17,9 @@ import skfem
 from femu_piezo.errors import InputError
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.geometry.domain import Domain
+
+if TYPE_CHECKING:
+    from femu_piezo.forward.model import ElectroelasticModel
 
 
 def boundary_dofs(basis: skfem.Basis, names: tuple[str, ...]) -> np.ndarray:
@@ -47,11 +52,12 @@ def prolongation(basis: skfem.Basis, domain: Domain, potential_scale: float) -> 
     return sp.csr_matrix((values, (rows, columns)), shape=(FIELDS * n, free.size + 1))
 
 
-def electrode_film(basis: skfem.Basis, domain: Domain) -> sp.csr_matrix:
+def electrode_film(model: ElectroelasticModel) -> sp.csr_matrix:
     """∫ v·u over the electrodes of the computed part that are real faces, (4n, 4n), m² per unit of displacement².
 
     A plane of antisymmetric potential is a ground of the part but no face of the body.
     """
+    basis, domain = model.basis, model.domain
     faces = [name for name in (*domain.hot, *domain.ground) if name not in domain.symmetry]
     facets = np.concatenate([basis.mesh.boundaries[face] for face in faces])
     block = skfem.BilinearForm(lambda u, v, w: u * v).assemble(skfem.FacetBasis(basis.mesh, basis.elem, facets=facets))

@@ -41,10 +41,9 @@ class _Reduced:
         """driven : what the driven class has as `shapes`; empty for itself."""
         self.dielectric = part.dielectric
         factors = [part.factor(surface) for surface in surfaces]
-        basis, count = np.eye(part.displacements), 0
+        basis, self.shapes = np.eye(part.displacements), []
         if cutoff is not None:
-            basis, count = _basis(part, theta, factors, top, cutoff, driven)
-        self.shapes = [factor.T @ basis[:, :count] for factor in factors]
+            basis, self.shapes = _basis(part, theta, factors, top, cutoff, driven)
         self.elastic = np.array([basis.T @ a @ basis for a in part.elastic])
         self.coupling = np.array([basis.T @ a for a in part.coupling])
         self.mass = basis.T @ part.mass @ basis
@@ -77,24 +76,23 @@ def _loads(part: ParityClass, theta: np.ndarray, states: np.ndarray) -> np.ndarr
     return forces - piezo[:, :-1] @ sl.solve(potential[:-1, :-1], charges, assume_a="sym")
 
 
-def _basis(part: ParityClass, theta: np.ndarray, factors, top: float, cutoff: float, driven) -> tuple[np.ndarray, int]:
-    """(n, r), orthonormal in the mass; its first columns are modes, so many of them in the band."""
+def _basis(part: ParityClass, theta: np.ndarray, factors, top: float, cutoff: float, driven) -> tuple[np.ndarray, list]:
+    """(n, r), orthonormal in the mass; how its modes in the band move each surface, (g, k)."""
     constants = _constants(np.asarray(theta).real)
     lossless = _condensed(part.elastic, part.coupling, part.dielectric, constants)[:-1, :-1]
     shifted = sl.cho_factor(lossless + (0.5 * top) ** 2 * part.mass)
     values, modes = _modes(lossless, part.mass, shifted, top, cutoff)
-    order = np.argsort(values)
-    values, modes = values[order], modes[:, order]
     inner = modes[:, values < (1.3 * top) ** 2]
     loads = _loads(part, theta, inner)
     further = [sl.cho_solve(shifted, loads[:, :-1].imag)]  # how losses change the shapes of modes
     if part.driven:
         first = sl.cho_solve(shifted, np.stack([loads[:, -1].real, loads[:, -1].imag], axis=1))
         further += [first, sl.cho_solve(shifted, part.mass @ first)]
-    for factor in factors:
+    shapes = [factor.T @ inner for factor in factors]
+    for factor, shape in zip(factors, shapes, strict=True):
         left, singular, _ = np.linalg.svd(sl.cho_solve(shifted, factor), full_matrices=False)
         further.append(left[:, singular > 3e-3 * singular[0]][:, :6])
-        further.append(sl.cho_solve(shifted, factor @ (factor.T @ inner)))
+        further.append(sl.cho_solve(shifted, factor @ shape))
     further += [sl.cho_solve(shifted, factor @ shape) for factor, shape in zip(factors, driven, strict=False)]
     extra = np.concatenate(further, axis=1)
     norm = np.sqrt(np.einsum("ik,ik->k", extra, part.mass @ extra))
@@ -104,7 +102,7 @@ def _basis(part: ParityClass, theta: np.ndarray, factors, top: float, cutoff: fl
     gram = extra.T @ part.mass @ extra
     size, rotation = np.linalg.eigh((gram + gram.T) / 2)
     keep = size > 1e-10
-    return np.concatenate([modes, extra @ (rotation[:, keep] / np.sqrt(size[keep]))], axis=1), inner.shape[1]
+    return np.concatenate([modes, extra @ (rotation[:, keep] / np.sqrt(size[keep]))], axis=1), shapes
 
 
 def _modes(lossless, mass, shifted, top: float, cutoff: float) -> tuple[np.ndarray, np.ndarray]:

@@ -3,16 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sp
 
 from femu_piezo.diagnosis.effect import Effect, EffectContext, EffectParameter, ExtraTerm
 from femu_piezo.forward.electrodes import electrode_film
-from femu_piezo.forward.model import ElectroelasticModel
-
-
-def film(model: ElectroelasticModel) -> sp.csr_matrix:
-    """∫ v·u over the electrodes, (4n, 4n), m² per unit of displacement²."""
-    return electrode_film(model.basis, model.domain)
 
 
 def _mass(omega: np.ndarray, p: np.ndarray):
@@ -29,6 +22,6 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             parameters=(EffectParameter("mass_per_area", "kg/m^2", -0.02 * own, 0.2 * own, 0.005 * own, 0.05 * own),),
             confusable_with=("wrong_length", "s11"),
             advice=("weigh the specimen and compare with density × volume", "measure the thickness of the electrodes"),
-            terms=(ExtraTerm("film", "inertia", film, _mass, (0.02 * own,)),),
+            terms=(ExtraTerm("film", "inertia", electrode_film, _mass, (0.02 * own,)),),
         ),
     )
