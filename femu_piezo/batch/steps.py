@@ -75,7 +75,7 @@ def _diagnose(specimens: list[Specimen], bases: Bases) -> tuple[dict[str, Value]
         raise InputError(
             f"{specimens[0].path}: several specimens fitted together have no common diagnosis; diagnose each by itself"
         )
-    result = diagnose(specimens[0])
+    result = diagnose(specimens[0], bases=bases)
     verdict, gain = result.verdict, result.gain
     causes = sorted(verdict.causes, key=lambda cause: -cause.probability)
     columns: dict[str, Value] = {"verdict": verdict.word}

@@ -216,6 +216,25 @@ class JointFit:
         """rms of the leave-band-out prediction, in σ: about 1 for a right model."""
         return float(np.sqrt(np.mean(np.abs(self.predicted()) ** 2) / 2))
 
+    @cached_property
+    def left_out_misfit(self) -> float:
+        """rms of the leave-band-out prediction over what noise makes of it, which is more than the noise: 1 if right.
+
+        The prediction has the covariance (I − H_bb)^-1, so r_bᵗ (I − H_bb)^-1 r_b is a χ².
+        """
+        squares = [self.residual[rows] @ unseen for rows, unseen in self._left_out(_BANDS)]
+        return float(np.sqrt(np.sum(squares) / self.residual.size))
+
+    def unseen_misfit(self, error: np.ndarray, slopes: np.ndarray) -> float:
+        """rms error of points that the fit did not see, over what noise there and in the unknowns makes of it.
+
+        Parameters
+        ----------
+        error : (m,) whitened real residuals;  slopes : (m, n_x) of them in the unknowns
+        """
+        spread = np.eye(error.size) + slopes @ self.covariance @ slopes.T
+        return float(np.sqrt(error @ np.linalg.solve(spread, error) / error.size))
+
 
 def with_law_misses(evaluation: Evaluation, fit: JointFit) -> JointFit:
     """The fit with the errors that the approximate laws of its effects may have made.

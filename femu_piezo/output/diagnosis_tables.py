@@ -26,8 +26,8 @@ def diagnosis_table(result: Diagnosis) -> RenderableType:
         if cause.indistinguishable_from:
             lines.append(f"    this sweep cannot tell it from {listed(cause.indistinguishable_from, 'or')}")
     lines.append(
-        f"error on unseen data: {percent(gain['held_out_before'])} before, {percent(gain['held_out_after'])} after, "
-        f"noise {percent(gain['noise_floor'])}"
+        f"error on unseen data: {percent(gain['held_out_before'])} before, {percent(gain['held_out_after'])} after "
+        f"({gain['over_expected']:.3g} times that of a right model), noise {percent(gain['noise_floor'])}"
     )
     if verdict.causes and verdict.after.structured:
         bands = ", ".join(f"{low / 1e3:.4g}-{high / 1e3:.4g} kHz" for low, high in verdict.after.worst_Hz[:3])

@@ -161,8 +161,9 @@ def _sure(result: Diagnosis) -> tuple[str, ...]:
     before, after, floor = (percent(gain[key]) for key in ("held_out_before", "held_out_after", "noise_floor"))
     if verdict.causes:
         found.append(
-            f"The test on data that no fit saw ({unseen}): the error {_moves(gain)} from {before} to {after}; the "
-            f"noise is {floor}."
+            f"The test on data that no fit saw ({unseen}): the error {_moves(gain)} from {before} to {after}, "
+            f"{gain['over_expected']:.3g} times what noise leaves of such a prediction by a right model; the noise is "
+            f"{floor}."
         )
     else:
         found.append(f"On data that no fit saw ({unseen}) the model errs by {before}; the noise is {floor}.")

@@ -1,20 +1,22 @@
-"""Where the models and reduced bases of an update come from: made for one specimen, or shared by a lot of them.
+"""Where the models and bases of updates and diagnoses come from: made for one specimen, or shared by a lot of them.
 
 A shared basis must not depend on which specimen came first, or a row of a lot would change with the order of work.
-So everything it is built from is a function of the specimen file and of rounded values: the mesh and the band go up
-to the next rung of a ladder of frequencies, the constants it is trained around are those of the specimen file, or
-the nearest on a grid where the sweep says otherwise. Equal inputs give equal bits.
+So everything it is built from is a function of the specimen file and of rounded values: mesh, band and accuracy go to
+the next rung of ladders, the constants it is trained around are those of the specimen file, or the nearest on a grid
+where the sweep says otherwise. Equal inputs give equal bits.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from typing import TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from femu_piezo.diagnosis.effect import Effect
+from femu_piezo.diagnosis.extended_model import ExtendedModel, extend_model
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import ReducedModel, reduce_model
 from femu_piezo.geometry.mesh_file import MeshFile
@@ -26,10 +28,11 @@ from femu_piezo.updating.parameters import FreeConstants
 
 #: Relative range of the free constants that one reduced basis covers, and how far they may leave it.
 SPREAD, LEAVE = 0.25, 0.3
-#: A start within this of the specimen file's constants uses the basis around those.
-_NEAR = 0.2
-#: Rungs of the ladder of frequencies (relative to the expected first pole) and of the grid of free constants.
-_RUNG, _GRID = 1.25, 1.1
+#: A start within this of the specimen file's constants uses the basis around those, in an update and in a diagnosis.
+_NEAR, _CLOSE = 0.2, 0.05
+#: Rungs of the ladders of frequencies (relative to the expected first pole) of an update and of a diagnosis, whose
+#: meshes are costly; of accuracies (relative to 1); and of the grid of free constants.
+_RUNG, _FINE_RUNG, _ACCURACY_RUNG, _GRID = 1.25, 1.04, 1.5, 1.1
 
 Made = TypeVar("Made")
 
@@ -53,24 +56,45 @@ class Bases:
         """Basis for the curve of one set of constants."""
         return reduce_model(model, [base], one.band_Hz)
 
+    def fine_model(self, one: Measured, accuracy: float) -> ElectroelasticModel:
+        """Mesh within `accuracy` (relative, of eigenvalues) to the end of the sweep."""
+        return one.problem.model(one.problem.equivalent_frequency(one.band_Hz, accuracy), accuracy)
+
+    def around(self, problem: Problem, constants: PiezoConstants) -> PiezoConstants:
+        """The constants that bases with effects are trained around, where a fit starts from `constants`."""
+        return constants
+
+    def extended(
+        self,
+        model: ElectroelasticModel,
+        training: Sequence[PiezoConstants],
+        effects: Sequence[Effect],
+        one: Measured,
+        accuracy: float,
+    ) -> ExtendedModel:
+        """Basis that serves all effects of a list, within `accuracy` of Z at the training constants."""
+        return extend_model(model, training, effects, one.band_Hz, accuracy=accuracy)
+
 
 class SharedBases(Bases):
     """The same, shared by all specimens of equal geometry, density, fixed constants and accuracy in this process.
 
     Parameters
     ----------
-    models, bases : how many are kept, the latest used; a basis takes some MB, a model up to some 100 MB
+    models, bases, extended : how many are kept, the latest used; a basis takes some MB, a model up to some 100 MB, a
+        basis with effects up to some 100 MB
 
     Attributes
     ----------
     made, used : models and bases built, and asked for, so far
     """
 
-    def __init__(self, models: int = 4, bases: int = 16) -> None:
+    def __init__(self, models: int = 4, bases: int = 16, extended: int = 4) -> None:
         self._models: OrderedDict[Hashable, ElectroelasticModel] = OrderedDict()
         self._reduced: OrderedDict[Hashable, ReducedModel] = OrderedDict()
+        self._extended: OrderedDict[Hashable, ExtendedModel] = OrderedDict()
         self._keys: WeakKeyDictionary[ElectroelasticModel, Hashable] = WeakKeyDictionary()
-        self._most_models, self._most_bases = models, bases
+        self._most_models, self._most_bases, self._most_extended = models, bases, extended
         self.made = self.used = 0
 
     def model(self, one: Measured, whole_curve: bool) -> ElectroelasticModel:
@@ -81,16 +105,8 @@ class SharedBases(Bases):
         return model
 
     def anchor(self, problem: Problem, free: FreeConstants) -> FreeConstants:
-        own = np.array([getattr(problem.constants, name).real for name in free.names])
-        start = free.start.real
-        rounded = np.sign(start) * _GRID ** np.round(np.log(np.abs(start)) / np.log(_GRID))
-        near = np.all(np.abs(start / np.where(own == 0, np.inf, own) - 1) <= _NEAR)
-        for values in (own, rounded) if near else (rounded,):
-            constants = problem.constants.with_values(**dict(zip(free.names, values, strict=True)))
-            around = problem.free(problem.simplified(constants.lossless()))
-            if not around.constants(around.start).physical_faults():
-                return around
-        return free
+        near = self._rounded(problem, free, _NEAR)
+        return free if near is None else problem.free(problem.simplified(near.lossless()))
 
     def reduced(self, model: ElectroelasticModel, around: FreeConstants, one: Measured) -> ReducedModel:
         band = self._rung(one.problem, one.band_Hz)
@@ -113,11 +129,60 @@ class SharedBases(Bases):
         key = (self._keys[model], band, "baseline", _bits(base.vector()))
         return self._kept(self._reduced, key, lambda: reduce_model(model, [base], band), self._most_bases)
 
+    def fine_model(self, one: Measured, accuracy: float) -> ElectroelasticModel:
+        accuracy = _rung_below(accuracy)
+        exact = one.problem.equivalent_frequency(one.band_Hz, accuracy)
+        frequency = self._rung(one.problem, exact, _FINE_RUNG)
+        key = (*_body(one.problem), one.problem.shear_speed, frequency, accuracy)
+        model = self._kept(self._models, key, lambda: one.problem.model(frequency, accuracy), self._most_models)
+        self._keys[model] = key
+        return model
+
+    def around(self, problem: Problem, constants: PiezoConstants) -> PiezoConstants:
+        near = self._rounded(problem, problem.free(constants), _CLOSE)
+        return constants if near is None else problem.simplified(near)
+
+    def extended(
+        self,
+        model: ElectroelasticModel,
+        training: Sequence[PiezoConstants],
+        effects: Sequence[Effect],
+        one: Measured,
+        accuracy: float,
+    ) -> ExtendedModel:
+        band, accuracy = self._rung(one.problem, one.band_Hz, _FINE_RUNG), _rung_below(accuracy)
+        key = (self._keys[model], band, accuracy, *(_bits(item.vector()) for item in training), _needs(effects))
+        return self._kept(
+            self._extended,
+            key,
+            lambda: extend_model(model, training, effects, band, accuracy=accuracy),
+            self._most_extended,
+        )
+
     @staticmethod
-    def _rung(problem: Problem, frequency_Hz: float) -> float:
+    def _rounded(problem: Problem, free: FreeConstants, near: float) -> PiezoConstants | None:
+        """The file's constants where the free ones are near them, else with free ones on the grid; None if unstable.
+
+        near : relative; the tangents are those of the file
+        """
+        own = np.array([getattr(problem.constants, name) for name in free.names])
+        start = free.start.real
+        rounded = np.sign(start) * _GRID ** np.round(np.log(np.abs(start)) / np.log(_GRID))
+        share = np.where(own.real == 0, np.inf, start / np.where(own.real == 0, 1.0, own.real))
+        tangents = np.where(own.real == 0, 0.0, own.imag / np.where(own.real == 0, 1.0, own.real))
+        on_grid = rounded * (1 + 1j * tangents)
+        for values in (own, on_grid) if np.all(np.abs(share - 1) <= near) else (on_grid,):
+            constants = problem.constants.with_values(**dict(zip(free.names, values, strict=True)))
+            around = problem.free(problem.simplified(constants.lossless()))
+            if not around.constants(around.start).physical_faults():
+                return constants
+        return None
+
+    @staticmethod
+    def _rung(problem: Problem, frequency_Hz: float, step: float = _RUNG) -> float:
         """The next rung at or above a frequency, Hz; a share of 1e-9 above a rung still belongs to it."""
         unit = problem.expected_pole_Hz
-        return float(unit * _RUNG ** np.ceil(np.log(frequency_Hz / unit) / np.log(_RUNG) - 1e-9))
+        return float(unit * step ** np.ceil(np.log(frequency_Hz / unit) / np.log(step) - 1e-9))
 
     def _kept(self, shelf: OrderedDict[Hashable, Made], key: Hashable, make: Callable[[], Made], most: int) -> Made:
         self.used += 1
@@ -141,6 +206,19 @@ def _body(problem: Problem) -> tuple[Hashable, ...]:
         status = problem.plate.file.stat()
         state = (status.st_mtime_ns, status.st_size, status.st_ino)
     return (type(problem.plate), problem.plate, *state, problem.density)
+
+
+def _rung_below(accuracy: float) -> float:
+    """The next rung at or below an accuracy."""
+    return float(_ACCURACY_RUNG ** np.floor(np.log(accuracy) / np.log(_ACCURACY_RUNG) + 1e-9))
+
+
+def _needs(effects: Sequence[Effect]) -> Hashable:
+    """What a basis has for a list of effects: their terms and sectors, and whether they stretch or sit at places."""
+    terms = {(term.name, term.kind, term.training) for effect in effects for term in effect.terms}
+    sectors = tuple(dict.fromkeys(name for effect in effects for name in effect.sectors))
+    placed = any(effect.local is not None for effect in effects)
+    return tuple(sorted(terms)), sectors, any(effect.stretch is not None for effect in effects), placed
 
 
 def _bits(values: np.ndarray) -> bytes:

@@ -18,6 +18,7 @@ from femu_piezo.extraction import extract
 from femu_piezo.extraction.linear_body import linear_body_misfit
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen import Specimen
+from femu_piezo.study.bases import Bases
 from femu_piezo.study.clock import Clock, Progress
 from femu_piezo.study.diagnosis_run import Run
 from femu_piezo.study.diagnosis_start import first_constants
@@ -101,7 +102,8 @@ class Diagnosis:
     Attributes
     ----------
     sweeps : of every specimen
-    gain : rms |Δ log Z| of the held-out band (or of bands predicted without them) before and after, and of the noise
+    gain : rms |Δ log Z| of the held-out band (or of bands predicted without them) before and after, and of the noise;
+        "over_expected": the misfit after over what noise makes of such a prediction by a right model
     seconds : step → time
     separations : what further measurements would bring, by the model
     shown : number of the specimen that `specimen`, `spectrum`, `curves` and so on are about
@@ -171,7 +173,13 @@ class Diagnosis:
         return dict(zip(material.free.names, estimates(material.theta(x[:own]), covariance), strict=True))
 
 
-def diagnose(specimens: Specimen | Sequence[Specimen], progress: Progress | None = None, *, most: int = 3) -> Diagnosis:
+def diagnose(
+    specimens: Specimen | Sequence[Specimen],
+    progress: Progress | None = None,
+    bases: Bases | None = None,
+    *,
+    most: int = 3,
+) -> Diagnosis:
     """Compare every candidate effect with the sweep of a specimen, or with those of several of one material.
 
     The first specimen's [material] rules; constants and fixture are common, other effects belong to one specimen.
@@ -179,6 +187,7 @@ def diagnose(specimens: Specimen | Sequence[Specimen], progress: Progress | None
     Parameters
     ----------
     progress : called with the name of each step
+    bases : where models and bases come from; made for these specimens alone where None
     most : most effects that may act together
 
     Raises
@@ -187,13 +196,13 @@ def diagnose(specimens: Specimen | Sequence[Specimen], progress: Progress | None
     ConvergenceError : the base model cannot be fitted
     """
     specimens = [specimens] if isinstance(specimens, Specimen) else list(specimens)
-    clock = Clock(progress)
+    clock, bases = Clock(progress), bases or Bases()
     clock.step("read and extract")
     several = subjects(specimens)
     library = candidates(several)
     clock.step("first update")
-    start = first_constants([one.measured for one in several])
-    run = Run(several, library, clock)
+    start = first_constants([one.measured for one in several], bases)
+    run = Run(several, library, clock, bases)
     comparison = run.compare(start, most)
     clock.step("verdict")
     frequency = np.concatenate([one.measured.fitted.frequency for one in several])
@@ -216,7 +225,7 @@ def diagnose(specimens: Specimen | Sequence[Specimen], progress: Progress | None
     return Diagnosis(
         comparison=comparison,
         verdict=replace(verdict, measurements=recommended(verdict, planned)),
-        gain=_gain(comparison, sweeps),
+        gain=_gain(run, comparison, sweeps),
         unknowns=run.unknowns,
         reduced_size=sum(model.size for model in run.models),
         notes=(
@@ -230,24 +239,41 @@ def diagnose(specimens: Specimen | Sequence[Specimen], progress: Progress | None
     )
 
 
-def _gain(comparison: Comparison, sweeps: Sequence[DiagnosedSweep]) -> dict[str, float]:
-    """rms |Δ log Z| of points that the fit did not see, before and after, against the noise."""
+def _gain(run: Run, comparison: Comparison, sweeps: Sequence[DiagnosedSweep]) -> dict[str, float]:
+    """rms |Δ log Z| of points that the fit did not see, before and after, against the noise.
+
+    Noise also moves the constants that predict such points; `over_expected` is the misfit after in units of what
+    noise at the points and in all unknowns makes of it: 1 for a right model.
+    """
 
     def rms(values: np.ndarray) -> float:
         return float(np.sqrt(np.mean(np.abs(values) ** 2)))
 
-    unseen = [sweep for sweep in sweeps if not np.all(sweep.fitted)]
+    final = comparison.final
+    unseen = [(index, sweep) for index, sweep in enumerate(sweeps) if not np.all(sweep.fitted)]
     if unseen:
         errors = [
-            np.concatenate([np.log(one.curves[i] / one.spectrum.impedance)[~one.fitted] for one in unseen])
+            np.concatenate([np.log(one.curves[i] / one.spectrum.impedance)[~one.fitted] for _, one in unseen])
             for i in (0, 1)
         ]
-        floor = np.concatenate([one.relative_noise[~one.fitted] for one in unseen])
+        floor = np.concatenate([one.relative_noise[~one.fitted] for _, one in unseen])
+        slopes = np.concatenate([run.log_slopes(index, final)[~one.fitted] for index, one in unseen])
+        weight = np.sqrt(2) / floor
+        whitened, slopes = errors[1] * weight, slopes * weight[:, None]
+        misfit = final.unseen_misfit(
+            np.concatenate([whitened.real, whitened.imag]), np.concatenate([slopes.real, slopes.imag])
+        )
     else:
         weight = comparison.base.data.weight
-        errors = [fit.predicted() / weight for fit in (comparison.base, comparison.final)]
+        errors = [fit.predicted() / weight for fit in (comparison.base, final)]
         floor = np.concatenate([one.relative_noise for one in sweeps])
-    return {"held_out_before": rms(errors[0]), "held_out_after": rms(errors[1]), "noise_floor": rms(floor)}
+        misfit = final.left_out_misfit
+    return {
+        "held_out_before": rms(errors[0]),
+        "held_out_after": rms(errors[1]),
+        "noise_floor": rms(floor),
+        "over_expected": misfit,
+    }
 
 
 def extended_specimen(diagnosis: Diagnosis) -> Specimen:

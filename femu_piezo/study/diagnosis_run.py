@@ -10,11 +10,12 @@ from femu_piezo.diagnosis.compare import Comparison, compare
 from femu_piezo.diagnosis.effect import Effect
 from femu_piezo.diagnosis.ensemble import Ensemble, own_parameters
 from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.extended_model import ExtendedModel, extend_model
+from femu_piezo.diagnosis.extended_model import ExtendedModel
 from femu_piezo.diagnosis.fitting import JointFit, SweepData
 from femu_piezo.diagnosis.joint import JointParameters
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.study.bases import Bases
 from femu_piezo.study.clock import Clock
 from femu_piezo.study.diagnosis_subject import LEAST_ERROR, Subject
 from femu_piezo.updating.data import weak_prior
@@ -38,8 +39,8 @@ class Run:
     notes : what is to be said about the accuracy
     """
 
-    def __init__(self, several: Sequence[Subject], candidates: Sequence[Effect], clock: Clock) -> None:
-        self._several, self._candidates, self._clock = several, tuple(candidates), clock
+    def __init__(self, several: Sequence[Subject], candidates: Sequence[Effect], clock: Clock, bases: Bases) -> None:
+        self._several, self._candidates, self._clock, self._bases = several, tuple(candidates), clock, bases
         self.models: tuple[ExtendedModel, ...] = ()
         self.unknowns = 0
         self.notes: tuple[str, ...] = ()
@@ -52,20 +53,24 @@ class Run:
     def compare(self, start: PiezoConstants, most: int) -> Comparison:
         """Compare from start constants."""
         self._clock.step("mesh and assemble")
-        full = [_full_model(one) for one in self._several]
+        full = [
+            self._bases.fine_model(one.measured, _share_of_noise(one, _MESH_SHARE, _MESH_RANGE))
+            for one in self._several
+        ]
         self.unknowns = sum(model.size for model in full)
-        constants = start
+        problem, constants = self._several[0].measured.problem, start
         for _ in range(3):
             self._clock.step("reduce")
-            free = self._several[0].measured.problem.free(constants)
+            around = self._bases.around(problem, constants)
+            training = _training(around, problem.free(around))
             self.models = tuple(
-                _reduced(one, model, constants, free, self._candidates)
-                for one, model in zip(self._several, full, strict=True)
+                self._reduced(one, model, training) for one, model in zip(self._several, full, strict=True)
             )
-            comparison = self._compared(free, most)
+            comparison = self._compared(problem.free(constants), most)
             material = comparison.base.parameters.material
             own = comparison.base.x[: 2 * material.scale.size]
-            if np.max(np.abs(own[0::2] - 1)) <= _LEAVE:
+            moved = material.theta(own).real - problem.free(around).start.real
+            if np.all(np.abs(moved) <= _LEAVE * np.abs(material.scale)):
                 break
             constants = material.constants(own)
         return comparison
@@ -81,9 +86,26 @@ class Run:
 
     def curve(self, index: int, fit: JointFit) -> np.ndarray:
         """Z (k,) of one specimen over its whole sweep, ohm."""
+        evaluation, own, columns = self._whole_sweep(index, fit)
+        return evaluation.impedance(own, fit.x[columns])
+
+    def log_slopes(self, index: int, fit: JointFit) -> np.ndarray:
+        """(k, n_x) slopes of log Z of one specimen over its whole sweep in all unknowns of a fit."""
+        evaluation, own, columns = self._whole_sweep(index, fit)
+        z, tangents = evaluation.with_jacobian(own, fit.x[columns])
+        slopes = np.zeros((z.size, fit.x.size), dtype=complex)
+        slopes[:, columns] = tangents / z[:, None]
+        return slopes
+
+    def _whole_sweep(self, index: int, fit: JointFit) -> tuple[Evaluation, JointParameters, np.ndarray]:
         one = self._several[index]
-        own, columns = own_parameters(fit.parameters, one.name)
-        return Evaluation(self.models[index], one.measured.spectrum.omega).impedance(own, fit.x[columns])
+        return Evaluation(self.models[index], one.measured.spectrum.omega), *own_parameters(fit.parameters, one.name)
+
+    def _reduced(self, one: Subject, model: ElectroelasticModel, training: Sequence[PiezoConstants]) -> ExtendedModel:
+        effects = [effect for effect in self._candidates if effect.specimen in ("", one.name)]
+        effects += [effect for effect, _ in one.fixed]
+        accuracy = _share_of_noise(one, _BASIS_SHARE, _BASIS_RANGE)
+        return self._bases.extended(model, training, effects, one.measured, accuracy)
 
     def _compared(self, free: FreeConstants, most: int) -> Comparison:
         self._clock.step("compare")
@@ -101,19 +123,8 @@ class Run:
         return compare(self.evaluation, data, parameters, start, self._candidates, most=most, progress=self._clock.tell)
 
 
-def _full_model(one: Subject) -> ElectroelasticModel:
-    accuracy = float(np.clip(np.median(one.noise) * _MESH_SHARE, *_MESH_RANGE))
-    problem = one.measured.problem
-    return problem.model(problem.equivalent_frequency(one.measured.band_Hz, accuracy), accuracy)
-
-
-def _reduced(
-    one: Subject, model: ElectroelasticModel, constants: PiezoConstants, free: FreeConstants, candidates
-) -> ExtendedModel:
-    effects = [effect for effect in candidates if effect.specimen in ("", one.name)]
-    effects += [effect for effect, _ in one.fixed]
-    accuracy = float(np.clip(np.median(one.noise) * _BASIS_SHARE, *_BASIS_RANGE))
-    return extend_model(model, _training(constants, free), effects, one.measured.band_Hz, accuracy=accuracy)
+def _share_of_noise(one: Subject, share: float, limits: tuple[float, float]) -> float:
+    return float(np.clip(np.median(one.noise) * share, *limits))
 
 
 def _training(constants: PiezoConstants, free: FreeConstants) -> list[PiezoConstants]:

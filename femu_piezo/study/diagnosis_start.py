@@ -11,6 +11,7 @@ from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen import Update
+from femu_piezo.study.bases import Bases
 from femu_piezo.study.clock import Clock
 from femu_piezo.study.measured import Measured
 from femu_piezo.study.update import update_measured
@@ -24,7 +25,7 @@ _FIRST_ACCURACY = 1e-3
 _POOR = 0.05
 
 
-def first_constants(measured: Sequence[Measured]) -> PiezoConstants:
+def first_constants(measured: Sequence[Measured], bases: Bases) -> PiezoConstants:
     """Constants near the solution on a coarse mesh that knows no effects: by an update, or by a fit from the file's.
 
     The better of the two: the pole-zero update starts from thin-body formulas, which fail where the modes of two
@@ -32,7 +33,7 @@ def first_constants(measured: Sequence[Measured]) -> PiezoConstants:
     """
     found = []
     try:
-        result = update_measured([_plain(one) for one in measured], Clock(None))
+        result = update_measured([_plain(one) for one in measured], Clock(None), bases)
         found.append((max(outcome.rms_after for outcome in result.outcomes), result.constants))
     except ConvergenceError as error:
         reason = error

@@ -7,7 +7,7 @@ import pytest
 
 from diagnosis.conftest import FREQUENCY
 from femu_piezo.diagnosis.compare import compare
-from femu_piezo.diagnosis.fitting import SweepData, fit_joint, whitened
+from femu_piezo.diagnosis.fitting import JointFit, SweepData, fit_joint, whitened
 from femu_piezo.diagnosis.joint import JointParameters
 from femu_piezo.diagnosis.likeness import parallel, tangents
 from femu_piezo.diagnosis.verdict import judge
@@ -92,9 +92,33 @@ def test_prediction_of_left_out_bands_is_that_of_fits_without_them(setup):
         kept = np.setdiff1d(np.arange(FREQUENCY.size), points)
         evaluation = type(setup.evaluation)(setup.model, setup.evaluation.omega[kept])
         other = fit_joint(evaluation, data.select(kept), parameters, [setup.x])
-        residual = whitened(setup.evaluation, data, parameters, other.x)[0]
+        residual, slopes = whitened(setup.evaluation, data, parameters, other.x)
         unseen = residual[points] + 1j * residual[points + FREQUENCY.size]
         assert np.max(np.abs(unseen - predicted[points])) < 0.1
+        rows = np.concatenate([points, points + FREQUENCY.size])
+        square = np.sum(fit.residual[points] * predicted[points].real)
+        square += np.sum(fit.residual[points + FREQUENCY.size] * predicted[points].imag)
+        assert other.unseen_misfit(residual[rows], slopes[rows]) == pytest.approx(np.sqrt(square / rows.size), rel=0.05)
+
+
+def test_misfit_of_left_out_bands_is_one_for_a_right_model_whatever_a_band_decides(setup):
+    """Linear models of noise, one unknown of which only a band can tell: predictions err by more than the noise."""
+    count, rng = 200, np.random.default_rng(8)
+    data = SweepData(
+        np.ones(count, complex), np.full(count, NOISE), True, weak_prior(setup.material, setup.material.free.start)
+    )
+    jacobian = rng.standard_normal((2 * count, 3))
+    jacobian[:, 2] *= np.tile(np.where(np.isin(np.arange(count), data.bands()[1]), 1.0, 0.02), 2)
+    span = np.linalg.qr(jacobian)[0]
+    scores, misfits = [], []
+    for _ in range(50):
+        residual = rng.standard_normal(2 * count)
+        residual -= span @ (span.T @ residual)
+        fit = JointFit(None, np.zeros(3), residual, jacobian, np.zeros((0, 3)), np.zeros(0), (), data)
+        scores.append(fit.held_out_score)
+        misfits.append(fit.left_out_misfit)
+    assert np.mean(scores) > 1.3
+    assert np.mean(misfits) == pytest.approx(1.0, abs=0.02) and np.std(misfits) < 0.06
 
 
 def test_evidence_profiles_the_noise(setup):

@@ -105,6 +105,7 @@ def test_effect_is_told_in_words_and_figures(effect):
     assert "Series resistance is practically certain (probability above 0.999" in effect.first
     gain = effect.record["gain"]
     assert f"falls from {100 * gain['held_out_before']:.3g} % to {100 * gain['held_out_after']:.3g} %" in effect.first
+    assert f"{gain['over_expected']:.3g} times what noise leaves" in effect.first and 0.8 < gain["over_expected"] < 1.2
     assert f"the noise is {100 * gain['noise_floor']:.3g} %" in effect.first
     before, after = (effect.record["parameters"][when]["eps33T"]["tan"] for when in ("before", "after"))
     assert f"tan eps33T had come out {100 * (before / after - 1):.2g} % too large" in effect.first

@@ -1,0 +1,55 @@
+"""Bases that the specimens of a lot share: made once, and functions of rounded values alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.specimen import read_specimen
+from femu_piezo.study.bases import SharedBases
+from femu_piezo.study.diagnosis_subject import subjects
+
+TRIO = ("s11", "d31", "eps33T")
+
+
+@pytest.fixture
+def subject(sweeps, write_specimen_of):
+    (found,) = subjects([read_specimen(write_specimen_of("k31", sweeps["k31"], TRIO))])
+    return found
+
+
+def moved(constants: PiezoConstants, share: float) -> PiezoConstants:
+    """With the free constants times 1 + share."""
+    return constants.with_values(**{name: getattr(constants, name) * (1 + share) for name in TRIO})
+
+
+def test_basis_with_effects_is_made_once(subject):
+    """Specimens whose noise and start differ by little get one model and one basis; others their own."""
+    bases, one = SharedBases(), subject.measured
+    effects = [effect for effect in subject.candidates() if effect.name in ("wrong_width", "leakage")]
+    own = one.problem.constants
+    model = bases.fine_model(one, 1e-4)
+    assert bases.fine_model(one, 1.05e-4) is model and bases.fine_model(one, 5e-5) is not model
+    training = [bases.around(one.problem, moved(own, share)) for share in (0.03, -0.02)]
+    assert training[0] == training[1]
+    first = bases.extended(model, training[:1], effects, one, 4e-5)
+    assert bases.extended(model, training[1:], list(reversed(effects)), one, 4.2e-5) is first
+    assert bases.extended(model, training[:1], effects, one, 1e-5) is not first
+    assert bases.extended(model, training[:1], effects[:1], one, 4e-5).sectors == first.sectors
+    count = bases.made
+    assert bases.extended(model, training[:1], effects, one, 4e-5) is first
+    assert bases.made == count and first.estimated_error < 4e-5
+
+
+@pytest.mark.parametrize("share", [0.07, -0.07, 0.3])
+def test_constants_far_from_the_file_go_to_a_grid(subject, share):
+    """Within half a step of the start, with the tangents of the file; the same for all starts about there."""
+    problem = subject.measured.problem
+    own = problem.constants
+    around = SharedBases().around(problem, moved(own, share))
+    for name in TRIO:
+        ratio = getattr(around, name) / (getattr(own, name) * (1 + share))
+        assert ratio.imag == pytest.approx(0.0, abs=1e-12) and abs(np.log(ratio.real)) <= np.log(1.1) / 2 + 1e-9
+    assert around.s12 == own.s12
+    assert SharedBases().around(problem, moved(around, 0.01)) == SharedBases().around(problem, around)
