@@ -1,8 +1,8 @@
 """What is hidden in the data: every effect by the meaning of its name, with its variants.
 
-An entry takes (build, assumed constants, random generator, variant) and changes the build, or for a wrong constant what
-the specimen file assumes. Real effects never follow a formula exactly: with `variant` the entry draws another law,
-shape or place. It returns what the key says.
+An entry takes (build, random generator, variant) and changes the build; the specimen file keeps what is assumed. Real
+effects never follow a formula exactly: with `variant` the entry draws another law, shape or place. It returns what the
+key says.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Hidden:
         return f"{self.effect}:{self.detail}" if self.detail else self.effect
 
 
-Entry = Callable[[Build, np.ndarray, np.random.Generator, bool], Hidden]
+Entry = Callable[[Build, np.random.Generator, bool], Hidden]
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
@@ -52,7 +52,7 @@ def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def series_resistance(build, assumed, rng, variant) -> Hidden:
+def series_resistance(build, rng, variant) -> Hidden:
     """Variant: a fifth of it is skin effect."""
     value, anchor = log_uniform(rng, 1.0, 8.0), 2 * np.pi * build.fundamental
     share = 0.2 if variant else 0.0
@@ -60,7 +60,7 @@ def series_resistance(build, assumed, rng, variant) -> Hidden:
     return Hidden("series_resistance", {"resistance": value}, variant="skin effect" * variant, sized=not variant)
 
 
-def series_inductance(build, assumed, rng, variant) -> Hidden:
+def series_inductance(build, rng, variant) -> Hidden:
     """Variant: damped by a resistor in parallel."""
     value = log_uniform(rng, 2e-6, 12e-6)
     damping = 8 * 2 * np.pi * 240e3 * value if variant else np.inf
@@ -68,7 +68,7 @@ def series_inductance(build, assumed, rng, variant) -> Hidden:
     return Hidden("series_inductance", {"inductance": value}, variant="damped" * variant, sized=not variant)
 
 
-def stray_capacitance(build, assumed, rng, variant) -> Hidden:
+def stray_capacitance(build, rng, variant) -> Hidden:
     """Variant: a lossy cable."""
     value = log_uniform(rng, 5e-12, 40e-12)
     tangent = 0.03 if variant else 0.0
@@ -76,7 +76,7 @@ def stray_capacitance(build, assumed, rng, variant) -> Hidden:
     return Hidden("stray_capacitance", {"capacitance": value}, variant="lossy" * variant)
 
 
-def leakage(build, assumed, rng, variant) -> Hidden:
+def leakage(build, rng, variant) -> Hidden:
     """Variant: grows with a weak power of frequency."""
     value, anchor = log_uniform(rng, 3e-6, 3e-5) * build.admittance, 2 * np.pi * build.fundamental
     power = 0.25 if variant else 0.0
@@ -84,7 +84,7 @@ def leakage(build, assumed, rng, variant) -> Hidden:
     return Hidden("leakage", {"conductance": value}, variant="power of frequency" * variant, sized=not variant)
 
 
-def frequency_dependent_elastic_loss(build, assumed, rng, variant) -> Hidden:
+def frequency_dependent_elastic_loss(build, rng, variant) -> Hidden:
     """Variants: linear in frequency; a Debye peak."""
     size = log_uniform(rng, 0.3, 0.9) * float(rng.choice([-1, 1]))
     words = str(rng.choice(["linear", "Debye peak"])) if variant else ""
@@ -106,7 +106,7 @@ def frequency_dependent_elastic_loss(build, assumed, rng, variant) -> Hidden:
     return Hidden("frequency_dependent_elastic_loss", {"exponent": size}, variant=words, sized=not variant)
 
 
-def dielectric_dispersion(build, assumed, rng, variant) -> Hidden:
+def dielectric_dispersion(build, rng, variant) -> Hidden:
     """Variant: a broad relaxation (Cole-Cole) with its losses."""
     size = log_uniform(rng, 0.01, 0.05)
     relaxation = float(rng.uniform(60e3, 150e3))
@@ -126,13 +126,13 @@ def dielectric_dispersion(build, assumed, rng, variant) -> Hidden:
     return Hidden("dielectric_dispersion", {"fall_per_decade": size}, variant="relaxation" * variant, sized=not variant)
 
 
-def wrong_insensitive_parameter(build, assumed, rng, variant) -> Hidden:
+def wrong_insensitive_parameter(build, rng, variant) -> Hidden:
     """The true constant is (1 + p) times the assumed one. Variant: a second one is wrong by a fifth of that."""
     size = log_uniform(rng, 0.03, 0.12) * float(rng.choice([-1, 1]))
     first, second = (str(name) for name in rng.choice(WRONG[build.poling], 2, replace=False))
-    assumed[NAMES.index(first)] /= 1 + size
+    build.theta[NAMES.index(first)] *= 1 + size
     if variant:
-        assumed[NAMES.index(second)] /= 1 + size / 5
+        build.theta[NAMES.index(second)] *= 1 + size / 5
     return Hidden(
         "wrong_insensitive_parameter",
         {"relative_error": size},
@@ -143,7 +143,7 @@ def wrong_insensitive_parameter(build, assumed, rng, variant) -> Hidden:
 
 
 def _wrong(name: str, axis: int, low: float, high: float) -> Entry:
-    def entry(build, assumed, rng, variant) -> Hidden:
+    def entry(build, rng, variant) -> Hidden:
         """Variant: the sides are not quite parallel; the size is that of the mean."""
         size = log_uniform(rng, low, high) * float(rng.choice([-1, 1]))
         build.size[axis] *= 1 + size
@@ -154,14 +154,14 @@ def _wrong(name: str, axis: int, low: float, high: float) -> Entry:
     return entry
 
 
-def tapered_width(build, assumed, rng, variant) -> Hidden:
+def tapered_width(build, rng, variant) -> Hidden:
     """The width grows along the length."""
     size = log_uniform(rng, 0.005, 0.04)
     build.taper += size
     return Hidden("tapered_width", {"taper": size})
 
 
-def electrode_mass(build, assumed, rng, variant) -> Hidden:
+def electrode_mass(build, rng, variant) -> Hidden:
     """Variant: unequal films on the two faces; the size is the mean."""
     size, share = log_uniform(rng, 0.02, 0.2), 0.3 if variant else 0.0
     for side in (1, -1):
@@ -172,7 +172,7 @@ def electrode_mass(build, assumed, rng, variant) -> Hidden:
     return Hidden("electrode_mass", {"mass_per_area": size}, variant="unequal films" * variant)
 
 
-def point_mass(build, assumed, rng, variant) -> Hidden:
+def point_mass(build, rng, variant) -> Hidden:
     """A square patch on the upper face. Variants: a large one; a long one along the width or the length."""
     mass = log_uniform(rng, 0.0003, 0.005) * float(np.prod(build.size)) * build.density
     words = str(rng.choice(["large patch", "long patch"])) if variant else ""
@@ -188,7 +188,7 @@ def point_mass(build, assumed, rng, variant) -> Hidden:
     return Hidden("point_mass", {"mass": mass, "x": x, "y": y}, variant=words, sized=not variant)
 
 
-def local_crack(build, assumed, rng, variant) -> Hidden:
+def local_crack(build, rng, variant) -> Hidden:
     """A slice of softer material. Variant: the stiffness falls and rises linearly across the slice."""
     added, width = log_uniform(rng, 2e-6, 6e-5), log_uniform(rng, 0.1e-3, 0.4e-3)
     position = float(rng.uniform(0.03, 0.85) * build.size[0] / 2)
@@ -221,7 +221,7 @@ def _depth(compliance: float) -> float:
     return low
 
 
-def poling_gradient(build, assumed, rng, variant) -> Hidden:
+def poling_gradient(build, rng, variant) -> Hidden:
     """Variant: curved as well. The sign of g is that of an axis nobody has marked."""
     size, half = log_uniform(rng, 0.04, 0.4), build.size[0] / 2
     curved = 0.4 * size * float(rng.choice([-1, 1])) if variant else 0.0
@@ -229,7 +229,7 @@ def poling_gradient(build, assumed, rng, variant) -> Hidden:
     return Hidden("poling_gradient", {"gradient": size}, variant="curved" * variant, sized=not variant)
 
 
-def mounting(build, assumed, rng, variant) -> Hidden:
+def mounting(build, rng, variant) -> Hidden:
     """Variants: on one face only; off the middle; hardly any width."""
     stiffness, damping = log_uniform(rng, 2e5, 5e6), log_uniform(rng, 0.3, 6.0)
     width = float(rng.uniform(0.5e-3, 1.2e-3))
@@ -243,7 +243,7 @@ def mounting(build, assumed, rng, variant) -> Hidden:
     return Hidden("mounting", {"stiffness": stiffness, "damping": damping}, variant=words, sized=not variant)
 
 
-def electrode_margin(build, assumed, rng, variant) -> Hidden:
+def electrode_margin(build, rng, variant) -> Hidden:
     """Variant: unequal at the two ends; the size is the mean."""
     size, share = log_uniform(rng, 0.05e-3, 0.5e-3), 0.35 if variant else 0.0
     build.margins = (size * (1 - share), size * (1 + share))

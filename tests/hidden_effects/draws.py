@@ -1,6 +1,8 @@
 """Draws of specimens with hidden effects: the data go to a file, the key stays with the caller.
 
 The data come from an independent discretisation (`build`); the code under test gets a specimen file and a CSV only.
+Every thousand seeds is a lot of its own, with several set-ups: a size of plate, a material as its supplier gives it, an
+instrument. Of a draw the constants that are free, what is hidden and the noise itself are its own.
 """
 
 from __future__ import annotations
@@ -28,6 +30,8 @@ BARS = ("none", "leakage", "frequency_dependent_elastic_loss", "wrong_insensitiv
 DENSITY = 7500.0
 #: Draws of one specimen until its sweep is passive.
 _ATTEMPTS = 10
+#: Set-ups of plates in a lot, beside that of a bar; a noise of each is from a share of its own of the range.
+_SETUPS, _NOISE = 6, (5e-4, 3e-3)
 #: Share of the draws that follow another law than the library's, and that hold out a band.
 VARIANTS, HELD_OUT = 0.35, 0.2
 
@@ -80,6 +84,67 @@ class Draw:
         return folder / "plate.toml"
 
 
+@dataclass(frozen=True)
+class Setup:
+    """What several draws have in common.
+
+    Attributes
+    ----------
+    nominal : length, width, thickness of the file, m
+    poling : axis
+    held : (10,) true constants, of those that are free real published values
+    noise : relative, of Z
+    """
+
+    nominal: np.ndarray
+    poling: int
+    held: np.ndarray
+    noise: float
+
+    @property
+    def assumed(self) -> np.ndarray:
+        """(10,) constants of the file."""
+        found = self.held.copy()
+        for free in FREE[self.poling]:
+            found[NAMES.index(free)] *= 1 - 0.015j
+        return found
+
+
+def place_of(name: str, seed: int) -> tuple[int, int, bool]:
+    """Lot, number of the set-up in it, and whether it is the bar that every sixth draw of some effects is."""
+    lot, number = divmod(seed, 1000)
+    number %= _SETUPS
+    return lot, number, name in BARS and number == _SETUPS - 1
+
+
+def setup_of(name: str, seed: int) -> Setup:
+    """The set-up of a draw."""
+    lot, number, bar = place_of(name, seed)
+    rng = np.random.default_rng([2028, lot, number, int(bar)])
+    share = np.random.default_rng([2028, lot]).permutation(_SETUPS)[number] + rng.random()
+    noise = float(np.exp(np.interp(share / _SETUPS, (0, 1), np.log(_NOISE))))
+    if bar:
+        nominal = np.array([12e-3, rng.uniform(3e-3, 3.6e-3), rng.uniform(2.2e-3, 2.8e-3)])
+    else:
+        nominal = np.array([12e-3, 12e-3 * rng.uniform(0.52, 0.6), rng.uniform(1.4e-3, 1.8e-3)])
+    poling = 0 if bar else 2
+    for _ in range(_ATTEMPTS):
+        held = PZT5H * rng.uniform(0.96, 1.04, 10) * (1 - 1j * rng.uniform(0.012, 0.02, 10))
+        for free in FREE[poling]:
+            held[NAMES.index(free)] = PZT5H[NAMES.index(free)]
+        setup = Setup(nominal, poling, held, noise)
+        if _passive(setup.assumed):
+            return setup
+    raise RuntimeError(f"lot {lot}: no passive material in {_ATTEMPTS} draws")
+
+
+def _passive(theta: np.ndarray) -> bool:
+    """Whether no stress and field at all gains energy: the loss part of s, d and ε together is positive."""
+    s11, s12, s13, s33, s44, d31, d33, d15, eps11, eps33 = -theta.imag
+    along = [[s11, s12, s13, -d31], [s12, s11, s13, -d31], [s13, s13, s33, -d33], [-d31, -d31, -d33, eps33]]
+    return all(np.linalg.eigvalsh(part)[0] > 0 for part in (np.array(along), np.array([[s44, -d15], [-d15, eps11]])))
+
+
 def draw(name: str, seed: int, *, points: int = 301, variant: bool | None = None) -> Draw:
     """A specimen with random constants, losses, dimensions and noise, and what `name` says of random size.
 
@@ -99,16 +164,10 @@ def draw(name: str, seed: int, *, points: int = 301, variant: bool | None = None
 
 def _drawn(name: str, seed: int, points: int, variant: bool | None, attempt: list[int]) -> Draw:
     rng = np.random.default_rng([2026, seed, zlib.crc32(name.encode()), *attempt])
-    poling = 0 if name in BARS and seed % 6 == 5 else 2
-    if poling == 2:
-        nominal = np.array([12e-3, 12e-3 * rng.uniform(0.52, 0.6), rng.uniform(1.4e-3, 1.8e-3)])
-    else:
-        nominal = np.array([12e-3, rng.uniform(3e-3, 3.6e-3), rng.uniform(2.2e-3, 2.8e-3)])
-    theta = PZT5H * rng.uniform(0.96, 1.04, 10) * (1 - 1j * rng.uniform(0.012, 0.02, 10))
-    assumed = theta.copy()
+    setup = setup_of(name, seed)
+    nominal, poling, noise, theta = setup.nominal, setup.poling, setup.noise, setup.held.copy()
     for free in FREE[poling]:
-        assumed[NAMES.index(free)] = PZT5H[NAMES.index(free)] * (1 - 0.015j)
-    noise = float(np.exp(rng.uniform(np.log(5e-4), np.log(3e-3))))
+        theta[NAMES.index(free)] *= rng.uniform(0.96, 1.04) * (1 - 1j * rng.uniform(0.012, 0.02))
     known, held_out = bool(rng.integers(2)), rng.random() < HELD_OUT
     frequency = np.linspace(20e3, 240e3, points)
     compliance = theta[0] if poling == 2 else theta[3] - theta[6] ** 2 / theta[9]  # s11E, s33D
@@ -124,12 +183,12 @@ def _drawn(name: str, seed: int, points: int, variant: bool | None, attempt: lis
     elif name != "none":
         for effect in name.split("+"):
             other = bool(rng.random() < VARIANTS) if variant is None else variant
-            key.append(EFFECTS[effect](build, assumed, rng, other))
+            key.append(EFFECTS[effect](build, rng, other))
     clean = build.impedance(frequency)
     normal = rng.standard_normal((2, points))
     z = clean * (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2))
     low = float(rng.uniform(40e3, 200e3))
-    text = _specification(nominal, poling, assumed, noise if known else None, (low, low + 25e3) if held_out else None)
+    text = _specification(setup, noise if known else None, (low, low + 25e3) if held_out else None)
     return Draw(name, seed, text, frequency, z, clean, tuple(key), kind, build, noise)
 
 
@@ -139,10 +198,11 @@ def pair_of(number: int) -> str:
     return "+".join(str(effect) for effect in rng.choice(list(EFFECTS), 2, replace=False))
 
 
-def _specification(dimensions, poling, assumed, noise: float | None, held_out: tuple[float, float] | None) -> str:
+def _specification(setup: Setup, noise: float | None, held_out: tuple[float, float] | None) -> str:
+    poling, assumed = setup.poling, setup.assumed
     along = "thickness" if poling == 2 else "length"
     lines = ['name = "hidden"', "[geometry]", 'shape = "plate"', f'poling = "{along}"', f"density = {DENSITY}"]
-    for name, value in zip(("length", "width", "thickness"), dimensions.tolist(), strict=True):
+    for name, value in zip(("length", "width", "thickness"), setup.nominal.tolist(), strict=True):
         lines.append(f"{name} = {value!r}")
     lines += ["[material]", f"free = {list(FREE[poling])}"]
     for name, value in zip(NAMES, assumed.tolist(), strict=True):

@@ -16,6 +16,7 @@ import numpy as np
 from femu_piezo.diagnosis.fitting import JointFit
 from femu_piezo.errors import FemuPiezoError
 from femu_piezo.specimen import read_specimen
+from femu_piezo.study.bases import Bases
 from femu_piezo.study.diagnose import Diagnosis, diagnose
 from hidden_effects.catalogue import NAMES
 from hidden_effects.draws import FREE, Draw
@@ -38,6 +39,7 @@ class Outcome:
     sizes : "effect.parameter" → (estimated − true)/std, of the effects named rightly
     bias : constant → (value after extension − true)/std, "tan_…" likewise
     ratio : rms of the unseen points after extension over the true noise, and before
+    misfit : the same after over what noise makes of such a prediction by a right model
     """
 
     name: str
@@ -52,6 +54,7 @@ class Outcome:
     sizes: dict[str, float] = field(default_factory=dict)
     bias: dict[str, float] = field(default_factory=dict)
     ratio: tuple[float, float] = (0.0, 0.0)
+    misfit: float = 0.0
     seconds: float = 0.0
 
     @property
@@ -92,16 +95,20 @@ class Outcome:
         words = f" [{self.variant}]" if self.variant else ""
         return (
             f"{mark} {self.name}:{self.seed}{words} {sigma or '0'} σ → {self.word}: {said or 'nothing'}; {sizes} "
-            f"rms/noise {self.ratio[0]:.2f} (before {self.ratio[1]:.1f}), {self.seconds:.0f} s"
+            f"rms/noise {self.ratio[0]:.2f} (over expected {self.misfit:.2f}, before {self.ratio[1]:.1f}), "
+            f"{self.seconds:.0f} s"
         )
 
 
-def judge_draw(draw: Draw, folder: Path) -> Outcome:
-    """Write specimen and sweep, diagnose them, compare with the key; what is refused counts as missed."""
+def judge_draw(draw: Draw, folder: Path, bases: Bases | None = None) -> Outcome:
+    """Write specimen and sweep, diagnose them, compare with the key; what is refused counts as missed.
+
+    bases : where the diagnosis has its models from; its own where None
+    """
     kind, truth = _kind(draw), tuple(hidden.title for hidden in draw.key)
     truth = truth or ((draw.undescribed,) if draw.undescribed else ())
     try:
-        result = diagnose(read_specimen(draw.write(folder)))
+        result = diagnose(read_specimen(draw.write(folder)), bases=bases)
     except FemuPiezoError as error:
         return Outcome(draw.name, draw.seed, kind, truth, (np.inf,) * len(truth), "refused", {}, {}, str(error))
     causes = result.verdict.causes
@@ -118,6 +125,7 @@ def judge_draw(draw: Draw, folder: Path) -> Outcome:
         sizes=_sizes(draw, result),
         bias=_bias(draw, result),
         ratio=(result.gain["held_out_after"] / draw.noise, result.gain["held_out_before"] / draw.noise),
+        misfit=result.gain["over_expected"] * result.gain["noise_floor"] / draw.noise,
         seconds=sum(result.seconds.values()),
     )
 

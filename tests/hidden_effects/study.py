@@ -1,4 +1,7 @@
-"""Runs many draws, one or several at a time, and keeps what was found so that a study can be resumed."""
+"""Runs many draws, one or several at a time, and keeps what was found so that a study can be resumed.
+
+The draws of a set-up share model and basis within each process.
+"""
 
 from __future__ import annotations
 
@@ -8,31 +11,41 @@ import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, replace
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from hidden_effects.draws import draw, pair_of
+from femu_piezo.study.bases import SharedBases
+from hidden_effects.draws import draw, pair_of, place_of
 from hidden_effects.judge import Outcome, judge_draw
 from hidden_effects.undescribed import UNDESCRIBED
 
 Job = tuple[str, int]
 
+#: Kept at a time: a set-up may need a basis for the noise of the file and another for that of the sweep.
+_KEPT = 4
+
+
+@cache
+def _bases() -> SharedBases:
+    return SharedBases(models=2 * _KEPT, bases=4 * _KEPT, extended=_KEPT)
+
 
 def jobs(effects: Sequence[str], draws: int, nulls: int, pairs: int, undescribed: int, seed: int) -> list[Job]:
-    """(name, seed) of every draw; all effects in turn, so that a part of a study has something of each."""
+    """(name, seed) of every draw, set-up by set-up, and there all in turn: a part of a study has something of each."""
     found = [(effect, seed + number) for number in range(draws) for effect in effects]
     found += [("none", seed + number) for number in range(nulls)]
     found += [(pair_of(seed + number), seed + number) for number in range(pairs)]
     kinds = list(UNDESCRIBED)
     found += [(f"undescribed:{kinds[number % len(kinds)]}", seed + number) for number in range(undescribed)]
-    return found
+    return sorted(found, key=lambda job: place_of(*job))
 
 
 def judged(job: Job) -> Outcome:
     """Draw and judge one; the seconds are those of the draw and the diagnosis."""
     began = time.perf_counter()
     with TemporaryDirectory(prefix="hidden_") as folder:
-        outcome = judge_draw(draw(*job), Path(folder))
+        outcome = judge_draw(draw(*job), Path(folder), _bases())
     return replace(outcome, seconds=time.perf_counter() - began)
 
 

@@ -4,8 +4,7 @@ pytest -m slow tests/hidden_effects -s
 HIDDEN_DRAWS=3 HIDDEN_NULLS=10 HIDDEN_ONLY=point_mass,mounting HIDDEN_PROCESSES=2 HIDDEN_RESULTS=study.jsonl …
 
 HIDDEN_DRAWS (of each effect), HIDDEN_NULLS, HIDDEN_PAIRS, HIDDEN_UNDESCRIBED, HIDDEN_SEED: numbers; HIDDEN_ONLY: some
-of the effects; HIDDEN_RESULTS: file of finished draws, with which a study goes on where it ended. Every draw has
-dimensions of its own, so the bases are not shared.
+of the effects; HIDDEN_RESULTS: file of finished draws, with which a study goes on where it ended.
 """
 
 from __future__ import annotations
