@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from femu_piezo.diagnosis.effect import Effect
 from femu_piezo.diagnosis.places import Places, measure_places
-from femu_piezo.diagnosis.sectors import DRIVEN, SPOT, Sectors, build_sectors, other_modes
+from femu_piezo.diagnosis.sectors import DRIVEN, SPOT, Sectors, build_sectors, prepare_classes
 from femu_piezo.diagnosis.weighted_products import WeightedProducts
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import reduce_model
@@ -132,14 +132,18 @@ def extend_model(
     weighted = WeightedProducts(model)
     pieces = (
         lambda: reduce_model(trained, points, band_Hz, accuracy=accuracy),
-        lambda: other_modes(weighted, wanted, reference, band_Hz),
+        lambda: prepare_classes(weighted, wanted, reference, band_Hz),
     )
-    reduced, modes = in_parallel(operator.call, pieces)
-    sectors = build_sectors(weighted, reduced, wanted, reference, modes)
-    strata, owner, exponents = _strata(model, sectors)
+    reduced, classes = in_parallel(operator.call, pieces)
+    sectors = build_sectors(weighted, reduced, wanted, reference, classes)
+    placed = any(effect.local is not None for effect in effects)
+    pieces = (
+        lambda: measure_places(weighted, sectors, reference) if placed else None,
+        lambda: _strata(model, sectors),
+    )
+    places, (strata, owner, exponents) = in_parallel(operator.call, pieces)
     bulk = np.array([strata[owner == q].sum(axis=0) for q in range(len(E_FORM))])
     extra = {term.name: _by_class(sectors, lambda f, t=term: _product(matrices[t.name], f)) for term in terms}
-    placed = any(effect.local is not None for effect in effects)
     return ExtendedModel(
         bulk=bulk,
         strata=strata if stretching else bulk,
@@ -152,7 +156,7 @@ def extend_model(
         estimated_error=reduced.estimated_error,
         sectors=sectors.names,
         member=sectors.member,
-        places=measure_places(weighted, sectors, reference) if placed else None,
+        places=places,
     )
 
 

@@ -227,60 +227,70 @@ def _ramp(weighted: WeightedProducts, sectors: Sectors) -> np.ndarray:
     size = sectors.member.size
     found = np.zeros((2, len(PIEZOELECTRIC), size, size))
     groups, units = _smooth_classes(sectors), weighted.model.unit_tensors[PIEZOELECTRIC.start : PIEZOELECTRIC.stop]
-    for flipped, rows in groups.items():
+    for flipped, own in groups.items():
         partner = tuple(sorted(set(flipped) ^ {0}))
-        if partner in groups and 0 not in flipped:
-            pair, same = _two(rows, groups[partner])
-            fields = sectors.fields[:, :, pair]
-            for matrix, products, coupled in zip(found, (weighted.odd, weighted.even), (~same, same), strict=True):
-                whole = _projected(products, fields, units)
-                matrix[(slice(None), *np.ix_(pair, pair))] = whole * coupled
+        if partner in groups:
+            _put(found[1], _projected(weighted.even, sectors.fields[:, :, own], units), own)
+            if 0 not in flipped:
+                _put(found[0], _coupled(weighted.odd, sectors, own, groups[partner], units), own, groups[partner])
     return found
 
 
-def _two(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The unknowns (k,) of two classes, one after the other, and (k, k) which of them are of one class."""
-    pair = np.concatenate([first, second])
-    own = np.arange(pair.size) < first.size
-    return pair, own[:, None] == own
+def _put(found: np.ndarray, block: np.ndarray, rows: np.ndarray, columns: np.ndarray | None = None) -> None:
+    """Write blocks (…, k, l) to rows and columns of symmetric (…, r, r); a block of rows with themselves without."""
+    found[(..., *np.ix_(rows, rows if columns is None else columns))] = block
+    if columns is not None:
+        found[(..., *np.ix_(columns, rows))] = np.swapaxes(block, -1, -2)
 
 
 def _films(weighted: WeightedProducts, sectors: Sectors) -> np.ndarray:
     groups = _smooth_classes(sectors)
-    pair, same = _two(groups[()], groups[2,])
-    flat = sectors.fields[:, :, pair].reshape(-1, pair.size)
+    left, right = (sectors.fields[:, :, own].reshape(-1, own.size) for own in (groups[()], groups[2,]))
     found = np.zeros((sectors.member.size, sectors.member.size))
-    found[np.ix_(pair, pair)] = flat.T @ (weighted.film @ flat) * ~same
+    _put(found, left.T @ (weighted.film @ right), groups[()], groups[2,])
     return found[: sectors.displacements, : sectors.displacements]
 
 
 def _taper(weighted: WeightedProducts, sectors: Sectors) -> Taper:
     """The first order couples the driven class to that whose parity differs about x, the second each with itself."""
     groups, size, u = _smooth_classes(sectors), sectors.member.size, sectors.displacements
-    pair, same = _two(groups[()], groups[0,])
-    fields, square = sectors.fields[:, :, pair], np.ix_(pair, pair)
-    found = np.zeros((2, len(weighted.model.unit_tensors), size, size))
-    for matrix, products, coupled in zip(found, weighted.tapered, (~same, same), strict=True):
-        matrix[(slice(None), *square)] = _projected(products, fields, weighted.model.unit_tensors) * coupled
-    inertia = np.zeros((size, size))
-    flat = fields.reshape(-1, pair.size)
-    inertia[square] = flat.T @ (weighted.tapered[0].mass_matrix(weighted.model.density) @ flat) * ~same
+    units, (first, second) = weighted.model.unit_tensors, weighted.tapered
+    rows, columns = groups[()], groups[0,]
+    found, inertia = np.zeros((2, len(units), size, size)), np.zeros((size, size))
+    _put(found[0], _coupled(first, sectors, rows, columns, units), rows, columns)
+    for own in (rows, columns):
+        _put(found[1], _projected(second, sectors.fields[:, :, own], units), own)
+    left, right = (sectors.fields[:, :, own].reshape(-1, own.size) for own in (rows, columns))
+    _put(inertia, left.T @ (first.mass_matrix(weighted.model.density) @ right), rows, columns)
     return Taper(*found, inertia[:u, :u])
+
+
+def _coupled(products: GradientProducts, sectors: Sectors, rows, columns, tensors: Sequence[np.ndarray]) -> np.ndarray:
+    """(n_tensors, k, l) of tensors with some gradient products, between the unknowns of two classes."""
+    return _between(products, sectors.fields[:, :, rows], sectors.fields[:, :, columns], tensors)
 
 
 def _projected(products: GradientProducts, fields: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
     """(n_tensors, k, k) of tensors H[f, a, g, b] with some gradient products, on fields (4, n, k)."""
+    found = _between(products, fields, fields, tensors)
+    return (found + found.transpose(0, 2, 1)) / 2
+
+
+def _between(
+    products: GradientProducts, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray]
+) -> np.ndarray:
+    """(n_tensors, k, l) of tensors H[f, a, g, b] with some gradient products, on fields (4, n, k) and (4, n, l)."""
     nodes = np.flatnonzero(np.diff(products.indptr))
     g = [[product[nodes][:, nodes] for product in row] for row in products.gradient_matrices]
-    local = fields[:, nodes, :]
+    left, right = left[:, nodes, :], right[:, nodes, :]
     images: dict[tuple[int, int, int], np.ndarray] = {}
-    found = np.zeros((len(tensors), fields.shape[2], fields.shape[2]))
+    found = np.zeros((len(tensors), left.shape[2], right.shape[2]))
     for row, tensor in enumerate(tensors):
         for f in range(FIELDS):
-            total = np.zeros_like(local[f])
+            total = np.zeros_like(right[f])
             for a, other, b in zip(*np.nonzero(tensor[f]), strict=True):
                 if (a, other, b) not in images:
-                    images[a, other, b] = g[a][b] @ local[other]
+                    images[a, other, b] = g[a][b] @ right[other]
                 total += tensor[f, a, other, b] * images[a, other, b]
-            found[row] += local[f].T @ total
-    return (found + found.transpose(0, 2, 1)) / 2
+            found[row] += left[f].T @ total
+    return found

@@ -12,7 +12,7 @@ is orthonormal to the ramp of its class, slices are so to all, and an effect tha
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -75,41 +75,66 @@ class Sectors:
         }
 
 
-#: Flipped axes → modes (4, n, k) of that parity class.
-Modes = dict[tuple[int, ...], np.ndarray]
+@dataclass(frozen=True)
+class ClassBasis:
+    """What of one parity class depends on no driven state.
+
+    Attributes
+    ----------
+    modes : (4, n, k); none of the driven class
+    respond : sets of loads (4n, j) → the response (4n, j) to each; None where no local responses are wanted
+    """
+
+    modes: np.ndarray = field(repr=False)
+    respond: Callable[[list[np.ndarray]], list[np.ndarray]] | None = field(repr=False)
 
 
-def other_modes(weighted: WeightedProducts, wanted: Sequence[str], constants: ElasticForm, band_Hz: float) -> Modes:
-    """Modes of the classes that the terminals do not drive and the wanted sectors name, at lossless constants."""
-    flips = dict.fromkeys(axes for axes in map(flipped_axes, wanted) if axes)
-    if not flips:
-        return {}
-    others = _OtherClasses(weighted, constants, _BEYOND * (2 * np.pi * band_Hz) ** 2)
-    return {axes: others.modes(axes) for axes in flips}
+#: Flipped axes → what is known of that parity class.
+Classes = dict[tuple[int, ...], ClassBasis]
+
+
+def prepare_classes(
+    weighted: WeightedProducts, wanted: Sequence[str], constants: ElasticForm, band_Hz: float
+) -> Classes:
+    """Modes and factors of all classes that the wanted sectors name, at lossless constants."""
+    model, top = weighted.model, (2 * np.pi * band_Hz) ** 2
+    flips = list(dict.fromkeys(flipped_axes(name) for name in wanted if name != SPOT))
+    local = {flipped_axes(name) for name in wanted if name.endswith(_LOCAL)}
+    others = _OtherClasses(weighted, constants, _BEYOND * top) if any(flips) else None
+    operators = full_operators(model, constants) if local else ()
+
+    def respond(flipped: tuple[int, ...]) -> Callable[[list[np.ndarray]], list[np.ndarray]]:
+        own = ParityClass(model, *operators, flipped)
+        factor = own.factor(_SHIFT * top)
+        return lambda loads: [own.prolongation @ factor.solve(own.prolongation.T @ load) for load in loads]
+
+    none = np.zeros((FIELDS, model.basis.N, 0))
+    return {
+        flipped: ClassBasis(others.modes(flipped) if flipped else none, respond(flipped) if flipped in local else None)
+        for flipped in flips
+    }
 
 
 def build_sectors(
-    weighted: WeightedProducts, reduced: ReducedModel, wanted: Sequence[str], constants: ElasticForm, modes: Modes
+    weighted: WeightedProducts, reduced: ReducedModel, wanted: Sequence[str], constants: ElasticForm, classes: Classes
 ) -> Sectors:
     """The driven class of a reduced model and the further sectors that are wanted, at lossless constants.
 
-    modes : of the other classes, as `other_modes` gives them
+    classes : as `prepare_classes` gives them
     """
     model = weighted.model
     driven = (model.prolongation @ reduced.basis).reshape(FIELDS, model.basis.N, -1)
     u = reduced.displacements
-    top = (2 * np.pi * reduced.band_Hz) ** 2
-    states = driven @ _driven_states(reduced, constants, top)
-    operators = full_operators(model, constants) if any(name.endswith(_LOCAL) for name in wanted) else ()
+    states = driven @ _driven_states(reduced, constants, (2 * np.pi * reduced.band_Hz) ** 2)
 
     def local(flipped: tuple[int, ...]) -> list[tuple[str, np.ndarray]]:
-        known = modes[flipped] if flipped else driven[:, :, :u]
-        loads = _local_loads(weighted, constants, wanted, flipped, states)
-        if not loads:
+        own = classes[flipped]
+        if own.respond is None:
             return []
-        responses = _responses(ParityClass(model, *operators, flipped), list(loads.values()), _SHIFT * top)
+        known = own.modes if flipped else driven[:, :, :u]
+        loads = _local_loads(weighted, constants, wanted, flipped, states)
         found = []
-        for name, response in zip(loads, responses, strict=True):
+        for name, response in zip(loads, own.respond(list(loads.values())), strict=True):
             found.append((name, _outside(weighted, response, known)))
             known = np.concatenate([known, found[-1][1]], axis=2)
         return found
@@ -117,9 +142,8 @@ def build_sectors(
     parts = [(DRIVEN, driven[:, :, :u])]
     if SPOT in wanted:
         parts.append((SPOT, np.zeros((FIELDS, model.basis.N, 3))))
-    flips = list(dict.fromkeys(flipped_axes(name) for name in wanted if name != SPOT))
-    for flipped, further in zip(flips, in_parallel(local, flips), strict=True):
-        parts += [(_letters(flipped), modes[flipped])] if flipped else []
+    for flipped, further in zip(classes, in_parallel(local, classes), strict=True):
+        parts += [(_letters(flipped), classes[flipped].modes)] if flipped else []
         parts += further
     counts = [part.shape[2] for _, part in parts]
     member = np.concatenate([np.repeat(np.arange(len(parts)), counts), np.zeros(driven.shape[2] - u, dtype=int)])
@@ -167,12 +191,6 @@ class _OtherClasses:
         u = fine[:3].reshape(self._mass.shape[0], -1)
         lower = np.linalg.cholesky(u.T @ (self._mass @ u))
         return np.linalg.solve(lower, fine.reshape(-1, u.shape[1]).T).T.reshape(fine.shape)
-
-
-def _responses(own: ParityClass, loads: list[np.ndarray], shift: float) -> list[np.ndarray]:
-    """(4n, k) response of a class to each set of loads (4n, k) at ω² = shift."""
-    factor = own.factor(shift)
-    return [own.prolongation @ factor.solve(own.prolongation.T @ load) for load in loads]
 
 
 def _driven_states(reduced: ReducedModel, constants: ElasticForm, top: float) -> np.ndarray:
