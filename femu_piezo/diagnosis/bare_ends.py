@@ -134,12 +134,11 @@ def _freed(model: ElectroelasticModel, fields: np.ndarray, constants: ElasticFor
     response -= image @ np.linalg.lstsq(held_out.T @ image, held_out.T @ response, rcond=1e-10)[0]
     moved = np.zeros_like(interpolated)
     moved[free] = -scale[:, None] * response
-    found = []
-    for tensor in model.unit_tensors:
-        unit = products.stiffness(tensor)
-        crossed = moved[rows].T @ (unit[rows] @ interpolated)
-        found.append(crossed + crossed.T + moved.T @ (unit @ moved))
-    return np.array(found)
+    moved, interpolated = moved.reshape(FIELDS, n, -1), interpolated.reshape(FIELDS, n, -1)
+    freed = np.zeros_like(moved)
+    freed[3, strip] = moved[3, strip]
+    crossed = products.between(freed, interpolated, model.unit_tensors, strip)
+    return crossed + crossed.transpose(0, 2, 1) + products.between(moved, moved, model.unit_tensors)
 
 
 def _graded(start: float, edge: float, end: float, height: float) -> np.ndarray:

@@ -7,7 +7,6 @@ matrix is the sum of its parts of equal exponents ("strata"); with them any stre
 
 from __future__ import annotations
 
-import copy
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -118,7 +117,7 @@ def extend_model(
     reference = lossless.to_e_form()
     stretching = any(effect.stretch is not None for effect in effects)
     parts = _stretch_parts(model, reference.vector().real) if stretching else {}
-    trained = _with_terms(model, {**matrices, **parts})
+    trained = model.with_terms(parts, matrices)
     top = (2 * np.pi * band_Hz) ** 2
     points: list = [*training]
     for term in terms:
@@ -177,24 +176,15 @@ def _by_class(sectors: Sectors, project) -> np.ndarray:
     return found
 
 
-def _with_terms(model: ElectroelasticModel, matrices: dict[str, sp.spmatrix]) -> ElectroelasticModel:
-    """A copy of the model with further terms, sharing everything else."""
-    other = copy.copy(model)
-    p = model.prolongation
-    other.extra_terms = {**model.extra_terms, **{name: (p.T @ a @ p).tocsr() for name, a in matrices.items()}}
-    return other
-
-
-def _stretch_parts(model: ElectroelasticModel, coefficients: np.ndarray) -> dict[str, sp.csr_matrix]:
-    """The parts of Σ c_q A_q with no derivative and with two derivatives along each axis, (4n, 4n)."""
+def _stretch_parts(model: ElectroelasticModel, coefficients: np.ndarray) -> dict[str, np.ndarray]:
+    """The parts of Σ c_q H_q (4, 3, 4, 3) with no derivative and with two derivatives along each axis."""
     tensor = np.tensordot(coefficients, model.unit_tensors, axes=1)
     parts = {}
     for axis in range(3):
         along = (np.arange(3) == axis).astype(int)
         count = along[:, None] + along[None, :]  # derivatives along the axis in H[f, a, g, b]
         for k in (0, 2):
-            masked = tensor * (count == k)[None, :, None, :]
-            parts[f"stretch_{axis}_{k}"] = model.products.stiffness(masked)
+            parts[f"stretch_{axis}_{k}"] = tensor * (count == k)[None, :, None, :]
     return parts
 
 

@@ -19,7 +19,7 @@ from femu_piezo.diagnosis.bare_ends import BareEnds, measure_bare_ends
 from femu_piezo.diagnosis.box_interpolation import interpolation
 from femu_piezo.diagnosis.sectors import FILM, SLICES, SPOT, TAPER, Sectors, flipped_axes
 from femu_piezo.diagnosis.weighted_products import WeightedProducts
-from femu_piezo.forward.gradient_products import FIELDS, GradientProducts
+from femu_piezo.forward.gradient_products import GradientProducts
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.material.constants import ElasticForm
 from femu_piezo.threads import in_parallel
@@ -267,30 +267,10 @@ def _taper(weighted: WeightedProducts, sectors: Sectors) -> Taper:
 
 def _coupled(products: GradientProducts, sectors: Sectors, rows, columns, tensors: Sequence[np.ndarray]) -> np.ndarray:
     """(n_tensors, k, l) of tensors with some gradient products, between the unknowns of two classes."""
-    return _between(products, sectors.fields[:, :, rows], sectors.fields[:, :, columns], tensors)
+    return products.between(sectors.fields[:, :, rows], sectors.fields[:, :, columns], tensors)
 
 
 def _projected(products: GradientProducts, fields: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
-    """(n_tensors, k, k) of tensors H[f, a, g, b] with some gradient products, on fields (4, n, k)."""
-    found = _between(products, fields, fields, tensors)
+    """(n_tensors, k, k) symmetric, of tensors H[f, a, g, b] with some gradient products, on fields (4, n, k)."""
+    found = products.between(fields, fields, tensors)
     return (found + found.transpose(0, 2, 1)) / 2
-
-
-def _between(
-    products: GradientProducts, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray]
-) -> np.ndarray:
-    """(n_tensors, k, l) of tensors H[f, a, g, b] with some gradient products, on fields (4, n, k) and (4, n, l)."""
-    nodes = np.flatnonzero(np.diff(products.indptr))
-    g = [[product[nodes][:, nodes] for product in row] for row in products.gradient_matrices]
-    left, right = left[:, nodes, :], right[:, nodes, :]
-    images: dict[tuple[int, int, int], np.ndarray] = {}
-    found = np.zeros((len(tensors), left.shape[2], right.shape[2]))
-    for row, tensor in enumerate(tensors):
-        for f in range(FIELDS):
-            total = np.zeros_like(right[f])
-            for a, other, b in zip(*np.nonzero(tensor[f]), strict=True):
-                if (a, other, b) not in images:
-                    images[a, other, b] = g[a][b] @ right[other]
-                total += tensor[f, a, other, b] * images[a, other, b]
-            found[row] += left[f].T @ total
-    return found

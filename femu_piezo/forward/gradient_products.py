@@ -11,6 +11,7 @@ every unit-constant matrix, for any crystal orientation.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -94,6 +95,32 @@ class GradientProducts:
             if blocks[f][f] is None:
                 blocks[f][f] = sp.csr_matrix((self.size, self.size))
         return sp.bmat(blocks, format="csr")
+
+    def between(
+        self, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray], rows: np.ndarray | None = None
+    ) -> np.ndarray:
+        """(n_tensors, k, l): vᵗA w of extended tensors on all pairs of fields v and w, without forming any A.
+
+        Parameters
+        ----------
+        left, right : (4, n, k) and (4, n, l) fields;  tensors : each (4, 3, 4, 3)
+        rows : the only nodes where left is not zero; all where None
+        """
+        nodes = np.flatnonzero(np.diff(self.indptr))
+        rows = nodes if rows is None else rows
+        g = [[product[rows][:, nodes] for product in line] for line in self.gradient_matrices]
+        left, right = left[:, rows], right[:, nodes]
+        images: dict[tuple[int, int, int], np.ndarray] = {}
+        found = np.zeros((len(tensors), left.shape[2], right.shape[2]))
+        for block, tensor in zip(found, tensors, strict=True):
+            for f in np.flatnonzero(np.any(left, axis=(1, 2))):
+                total = np.zeros((rows.size, right.shape[2]))
+                for a, other, b in zip(*np.nonzero(tensor[f]), strict=True):
+                    if (a, other, b) not in images:
+                        images[a, other, b] = g[a][b] @ right[other]
+                    total += tensor[f, a, other, b] * images[a, other, b]
+                block += left[f].T @ total
+        return found
 
     def mass_matrix(self, density: float) -> sp.csr_matrix:
         """(4n, 4n) matrix of ∫ρ v·u (kg), zero in the potential."""

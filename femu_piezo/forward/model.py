@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from functools import cached_property
 
@@ -43,7 +44,8 @@ class ElectroelasticModel:
 
     Attributes
     ----------
-    terms : names of the affine terms: the ten e-form constants, then the extra ones
+    terms : names of the affine terms: the ten e-form constants, the tensor terms, the extra ones
+    tensor_terms : name → extended tensor (4, 3, 4, 3) of a further term (`with_terms`)
     size : number of free unknowns m, the hot electrode's potential last
     """
 
@@ -65,14 +67,29 @@ class ElectroelasticModel:
         self.rotation = axes_with_poling(np.array(domain.poling))
         self.unit_tensors = unit_tensors(self.rotation)
         self.prolongation = prolongation(self.basis, domain, POTENTIAL_SCALE)
-        self.extra_terms = {
-            name: (self.prolongation.T @ matrix @ self.prolongation).tocsr()
-            for name, matrix in (extra_terms or {}).items()
-        }
+        self.tensor_terms: dict[str, np.ndarray] = {}
+        self.extra_terms = {name: self._constrained(matrix) for name, matrix in (extra_terms or {}).items()}
+
+    def with_terms(self, tensors: Mapping[str, np.ndarray], matrices: Mapping[str, sp.spmatrix]) -> ElectroelasticModel:
+        """A copy with further terms that shares everything else.
+
+        Parameters
+        ----------
+        tensors : name → (4, 3, 4, 3), symmetric in (f,a) ↔ (g,b);  matrices : name → (4n, 4n)
+        """
+        other = copy.copy(self)
+        other.tensor_terms = {**self.tensor_terms, **tensors}
+        other.extra_terms = {**self.extra_terms, **{name: self._constrained(a) for name, a in matrices.items()}}
+        return other
 
     @property
     def terms(self) -> tuple[str, ...]:
-        return (*E_FORM, *self.extra_terms)
+        return (*E_FORM, *self.tensor_terms, *self.extra_terms)
+
+    @property
+    def tensors(self) -> np.ndarray:
+        """(n, 4, 3, 4, 3) extended tensors of the unit constants and of the tensor terms."""
+        return np.array([*self.unit_tensors, *self.tensor_terms.values()])
 
     @property
     def size(self) -> int:
@@ -82,14 +99,18 @@ class ElectroelasticModel:
         """A_q (m, m) real: the operator of one unit constant, which is also ∂A/∂c_q."""
         if name in self.extra_terms:
             return self.extra_terms[name]
-        return self._reduced(self.unit_tensors[E_FORM.index(name)])
+        return self._reduced(self.tensors[self.terms.index(name)])
 
     def stiffness(self, constants: ElasticForm, extra: Mapping[str, complex] | None = None) -> sp.csr_matrix:
         """Σ c_q A_q (m, m): real where every constant is real, else complex symmetric."""
         values = constants.vector()
         values = values if np.any(values.imag) else values.real
-        matrix = self._reduced(np.tensordot(values, self.unit_tensors, axes=1))
-        for name, coefficient in (extra or {}).items():
+        extra = dict(extra or {})
+        tensor = np.tensordot(values, self.unit_tensors, axes=1)
+        for name in extra.keys() & self.tensor_terms.keys():
+            tensor = tensor + extra.pop(name) * self.tensor_terms[name]
+        matrix = self._reduced(tensor)
+        for name, coefficient in extra.items():
             matrix = matrix + coefficient * self.extra_terms[name]
         return matrix
 

@@ -41,7 +41,8 @@ class TermImages:
             {block: matrix[split[block[0]]][:, split[block[1]]] for block in _BLOCKS}
             for matrix in model.extra_terms.values()
         ]
-        count = len(model.unit_tensors) + len(self._extra)
+        self._tensors = model.tensors
+        count = len(self._tensors) + len(self._extra)
         self._images: list[dict[str, np.ndarray]] = [{} for _ in range(count)]
 
     def add(self, kind: str, columns: np.ndarray) -> None:
@@ -70,7 +71,7 @@ class TermImages:
                 product = (matrices[a][b] @ wide).reshape(nodes, len(fields), k)
                 for position, g in enumerate(fields):
                     moved[a, g, b] = product[:, position]
-        return [self._combine(tensor, moved, fields, (nodes, k)) for tensor in self._model.unit_tensors]
+        return [self._combine(tensor, moved, fields, (nodes, k)) for tensor in self._tensors]
 
     def _combine(self, tensor: np.ndarray, moved: dict, fields, shape: tuple[int, int]) -> dict[str, np.ndarray]:
         """Restrict Σ H[f,a,g,b] G_ab V_g to the unknowns, rows "u" (f < 3) and "p" (f = 3) where not zero."""

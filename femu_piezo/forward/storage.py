@@ -22,7 +22,7 @@ def fingerprint(model: ElectroelasticModel) -> str:
     """Digest of all that a projection depends on: mesh, element, density, electrodes, symmetry, orientation, terms."""
     digest = hashlib.sha256()
     mesh, prolongation = model.domain.mesh, model.prolongation
-    parts = [mesh.p, mesh.t, model.unit_tensors, prolongation.indptr, prolongation.indices, prolongation.data]
+    parts = [mesh.p, mesh.t, model.tensors, prolongation.indptr, prolongation.indices, prolongation.data]
     for matrix in model.extra_terms.values():
         parts += [matrix.indptr, matrix.indices, matrix.data]
     for part in parts:

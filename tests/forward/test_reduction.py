@@ -132,6 +132,27 @@ def test_extra_terms_are_trained_too():
         reduced.modal(e_form, {"spring": 1.0})
 
 
+def test_a_term_given_by_its_tensor_is_the_one_given_by_its_matrix():
+    """The elastic shear part of the reference, doubled: one operator, one basis, one impedance."""
+    plate, band = Plate(12e-3, 5e-3, 1e-3), 150e3
+    bare = ElectroelasticModel(plate.domain((6, 2, 1)), 7500.0)
+    e_form = LOSSY.to_e_form()
+    tensor = bare.unit_tensors[4] * e_form.c44.real
+    by_tensor = bare.with_terms({"shear": tensor}, {})
+    by_matrix = bare.with_terms({}, {"shear": bare.products.stiffness(tensor)})
+    assert by_tensor.terms == by_matrix.terms == (*bare.terms, "shear") and "shear" not in bare.terms
+    operators = [model.stiffness(e_form, {"shear": 0.3 + 0.01j}) for model in (by_tensor, by_matrix)]
+    assert abs(operators[0] - operators[1]).max() < 1e-12 * abs(operators[1]).max()
+    assert abs(by_tensor.term("shear") - by_matrix.term("shear")).max() < 1e-12 * abs(by_matrix.term("shear")).max()
+    training = [(LOSSY, {"shear": share}) for share in (0.0, 0.2)]
+    frequency, curves = np.linspace(1e3, band, 50), []
+    for model in (by_tensor, by_matrix):
+        reduced = reduce_model(model, training, band)
+        curves.append(reduced.impedance(e_form, frequency, {"shear": 0.1}))
+    np.testing.assert_allclose(curves[0], curves[1], rtol=1e-7)
+    assert true_error(by_tensor, reduced, e_form, band, extra={"shear": 0.1}) < 1e-5
+
+
 def test_an_accuracy_out_of_reach_is_refused(trained):
     model, free, band, _ = trained
     with pytest.raises(ConvergenceError, match="narrow the band"):

@@ -61,6 +61,20 @@ def test_unit_forms_equal_gradient_products(bases, index, direction):
     assert abs(readable - fast).max() < 1e-12 * abs(readable).max()
 
 
+def test_energies_between_fields_equal_those_of_the_operator(bases):
+    """vᵗA w of three tensors at once; with v on some nodes alone the others' rows are not needed."""
+    scalar, rng = bases[0], np.random.default_rng(1)
+    products, tensors = assemble_gradient_products(scalar), unit_tensors(np.eye(3))[[0, 6, 9]]
+    left, right = rng.standard_normal((4, scalar.N, 3)), rng.standard_normal((4, scalar.N, 2))
+    some = rng.permutation(scalar.N)[:5]
+    sparse = np.zeros_like(left)
+    sparse[3, some] = left[3, some]
+    for own, rows in ((left, None), (sparse, some)):
+        flat = own.reshape(-1, 3)
+        exact = np.array([flat.T @ (products.stiffness(tensor) @ right.reshape(-1, 2)) for tensor in tensors])
+        np.testing.assert_allclose(products.between(own, right, tensors, rows), exact, rtol=1e-12, atol=1e-12)
+
+
 def test_whole_operator_is_the_sum_of_its_terms(bases):
     scalar, coupled, dofs = bases
     e_form = PZT.to_e_form()

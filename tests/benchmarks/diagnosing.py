@@ -1,0 +1,74 @@
+"""Where the seconds of `diagnose` go: nulls, single effects and a pair of the hidden ones, alone and on a shared basis.
+
+    python tests/benchmarks/diagnosing.py
+    OMP_NUM_THREADS=1 python tests/benchmarks/diagnosing.py
+
+Each row is one whole diagnosis in this process, reading and planning included, with a basis of its own and, in the last
+column but one, again on the basis of a first one of its set-up. Without OMP_NUM_THREADS independent work shares the
+cores. Takes some minutes.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from hidden_effects.draws import draw
+from rich.console import Console
+from rich.table import Table
+
+from femu_piezo.specimen import Specimen, read_specimen
+from femu_piezo.study.bases import Bases, SharedBases
+from femu_piezo.study.diagnose import Diagnosis, diagnose
+from femu_piezo.threads import available_cores
+
+#: Draws by name and seed; set-ups of several noises, one of them a bar.
+DRAWS = (
+    ("none", 9000),
+    ("none", 9003),
+    ("none", 9001),
+    ("none", 9005),
+    ("leakage", 9000),
+    ("wrong_thickness", 9003),
+    ("mounting", 9001),
+    ("local_crack", 9002),
+    ("electrode_mass", 9005),
+    ("poling_gradient+tapered_width", 9006),
+)
+STEPS = ("first update", "reduce", "compare", "plan")
+CONSOLE = Console(width=130)
+
+
+def seconds(specimen: Specimen, bases: Bases) -> tuple[float, Diagnosis]:
+    """Of one diagnosis."""
+    begin = time.perf_counter()
+    result = diagnose(specimen, bases=bases)
+    return time.perf_counter() - begin, result
+
+
+def row(name: str, seed: int) -> list[str]:
+    """One draw diagnosed alone, then twice on shared bases."""
+    hidden = draw(name, seed)
+    with tempfile.TemporaryDirectory() as folder:
+        specimen = read_specimen(hidden.write(Path(folder)))
+        alone, result = seconds(specimen, Bases())
+        shared = SharedBases()
+        seconds(specimen, shared)
+        again = seconds(specimen, shared)[0]
+    said = " + ".join(cause.effect.title for cause in result.verdict.causes) or result.verdict.word
+    steps = [f"{result.seconds.get(step, 0.0):.1f}" for step in STEPS]
+    size = [f"{result.unknowns}", f"{result.reduced_size}"]
+    return [f"{name}:{seed}", f"{100 * hidden.noise:.2f} %", *size, *steps, f"{alone:.1f}", f"{again:.1f}", said]
+
+
+if __name__ == "__main__":
+    table = Table(title=f"diagnose, seconds, {available_cores()} cores", title_justify="left")
+    for heading in ("hidden", "noise", "unknowns", "r", *STEPS, "all", "shared", "said"):
+        table.add_column(heading, justify="right")
+    for job in DRAWS:
+        table.add_row(*row(*job))
+    CONSOLE.print(table)
