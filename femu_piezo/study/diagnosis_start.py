@@ -25,7 +25,7 @@ _FIRST_ACCURACY = 1e-3
 _POOR = 0.05
 
 
-def first_constants(measured: Sequence[Measured], bases: Bases) -> PiezoConstants:
+def first_constants(measured: Sequence[Measured], bases: Bases | None = None) -> PiezoConstants:
     """Constants near the solution on a coarse mesh that knows no effects: by an update, or by a fit from the file's.
 
     The better of the two: the pole-zero update starts from thin-body formulas, which fail where the modes of two
