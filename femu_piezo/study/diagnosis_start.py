@@ -21,25 +21,26 @@ from femu_piezo.updating.parameters import MaterialParameters
 
 #: Mesh error of the first update, whose constants are only where to begin.
 _FIRST_ACCURACY = 1e-3
-#: rms |Δ log Z| of the first update above which a fit from the constants of the file is tried as well.
+#: rms |Δ log Z| of a fit from the constants of the file above which an update is tried as well.
 _POOR = 0.05
 
 
 def first_constants(measured: Sequence[Measured], bases: Bases | None = None) -> PiezoConstants:
-    """Constants near the solution on a coarse mesh that knows no effects: by an update, or by a fit from the file's.
+    """Constants near the solution on a coarse mesh that knows no effects: by a fit from the file's, or by an update.
 
-    The better of the two: the pole-zero update starts from thin-body formulas, which fail where the modes of two
-    dimensions meet; the file's constants may be far away.
+    The better of the two: the file's constants may be far away; the pole-zero update starts from thin-body formulas,
+    which fail where the modes of two dimensions meet.
     """
-    found = []
-    try:
-        result = update_measured([_plain(one) for one in measured], Clock(None), bases)
-        found.append((max(outcome.rms_after for outcome in result.outcomes), result.constants))
-    except ConvergenceError as error:
-        reason = error
-    if not found or found[0][0] > _POOR:
+    found, reason = [], None
+    if not measured[0].problem.constants.physical_faults():
         try:
             found.append(_from_file(measured))
+        except ConvergenceError as error:
+            reason = error
+    if not found or found[0][0] > _POOR:
+        try:
+            result = update_measured([_plain(one) for one in measured], Clock(None), bases)
+            found.append((max(outcome.rms_after for outcome in result.outcomes), result.constants))
         except ConvergenceError as error:
             reason = error
     if not found:
