@@ -94,7 +94,7 @@ def _diagnosis_words(word: str, causes) -> str:
     named = []
     for cause in causes:
         parameters = zip(cause.effect.parameters, cause.values, cause.std, strict=True)
-        sizes = (f"{p.name} {v:.4g} ± {std:.2g} {p.unit}".removesuffix(" 1") for p, v, std in parameters)
+        sizes = (f"{p.name} {v:.4g} ± {std:.2g}{p.after_number}" for p, v, std in parameters)
         alike = f", not to be told from {', '.join(cause.indistinguishable_from)}" * bool(cause.indistinguishable_from)
         named.append(f"{cause.effect.title} ({', '.join(sizes)}; probability {cause.probability:.2f}{alike})")
     if word == "none":

@@ -87,10 +87,7 @@ def _condensed(
     Also the numbers (k,) of these unknowns. What the inner potentials do for a strip, ψ does.
     """
     size = fields.shape[2]
-    flat = fields.reshape(-1, size)
-    matrix = flat.T @ (
-        model.products.stiffness(np.tensordot(constants.vector().real, model.unit_tensors, axes=1)) @ flat
-    )
+    (matrix,) = model.products.within(fields, [np.tensordot(constants.vector().real, model.unit_tensors, axes=1)])
     inner, kept = np.arange(displacements, size - 1), np.append(np.arange(displacements), size - 1)
     follow = -np.linalg.solve(matrix[np.ix_(inner, inner)], matrix[np.ix_(inner, kept)])
     return fields[:, :, kept] + fields[:, :, inner] @ follow, kept
@@ -138,7 +135,7 @@ def _freed(model: ElectroelasticModel, fields: np.ndarray, constants: ElasticFor
     freed = np.zeros_like(moved)
     freed[3, strip] = moved[3, strip]
     crossed = products.between(freed, interpolated, model.unit_tensors, strip)
-    return crossed + crossed.transpose(0, 2, 1) + products.between(moved, moved, model.unit_tensors)
+    return crossed + crossed.transpose(0, 2, 1) + products.within(moved, model.unit_tensors)
 
 
 def _graded(start: float, edge: float, end: float, height: float) -> np.ndarray:

@@ -90,6 +90,11 @@ class EffectParameter:
     optional: bool = False
     law_error: float = 0.0
 
+    @property
+    def after_number(self) -> str:
+        """The unit as it follows a number: " kg", and nothing for a pure number."""
+        return "" if self.unit == "1" else f" {self.unit}"
+
 
 @dataclass(frozen=True)
 class ExtraTerm:

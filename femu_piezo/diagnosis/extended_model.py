@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy.sparse as sp
 
-from femu_piezo.diagnosis.effect import Effect
+from femu_piezo.diagnosis.effect import Effect, ExtraTerm
 from femu_piezo.diagnosis.places import Places, measure_places
 from femu_piezo.diagnosis.sectors import DRIVEN, SPOT, Sectors, build_sectors, prepare_classes
 from femu_piezo.diagnosis.weighted_products import WeightedProducts
@@ -96,6 +96,37 @@ class ExtendedModel:
         )
 
 
+@dataclass(frozen=True)
+class Needs:
+    """What a model must have for a list of effects; equal for lists that one model serves.
+
+    Attributes
+    ----------
+    trained : name, kind and training values of every term
+    terms : the terms themselves, told apart by their names
+    sectors : names
+    stretching, placed : whether an effect changes dimensions, or sits at a place
+    """
+
+    trained: tuple[tuple[str, str, tuple[float, ...]], ...]
+    terms: tuple[ExtraTerm, ...] = field(compare=False)
+    sectors: tuple[str, ...]
+    stretching: bool
+    placed: bool
+
+    @classmethod
+    def of(cls, effects: Sequence[Effect]) -> Needs:
+        """Of all effects of a list."""
+        terms = tuple({term.name: term for effect in effects for term in effect.terms}.values())
+        return cls(
+            trained=tuple((term.name, term.kind, term.training) for term in terms),
+            terms=terms,
+            sectors=tuple(dict.fromkeys(name for effect in effects for name in effect.sectors)),
+            stretching=any(effect.stretch is not None for effect in effects),
+            placed=any(effect.local is not None for effect in effects),
+        )
+
+
 def extend_model(
     model: ElectroelasticModel,
     training: Sequence[PiezoConstants],
@@ -111,45 +142,42 @@ def extend_model(
     training : constants the basis is trained at, the reference first
     accuracy : of Z, as `reduce_model`
     """
-    terms = list({term.name: term for effect in effects for term in effect.terms}.values())
-    matrices = {term.name: term.matrix(model) for term in terms}
+    needs = Needs.of(effects)
+    matrices = {term.name: term.matrix(model) for term in needs.terms}
     lossless = training[0].lossless()
     reference = lossless.to_e_form()
-    stretching = any(effect.stretch is not None for effect in effects)
-    parts = _stretch_parts(model, reference.vector().real) if stretching else {}
+    parts = _stretch_parts(model, reference.vector().real) if needs.stretching else {}
     trained = model.with_terms(parts, matrices)
     top = (2 * np.pi * band_Hz) ** 2
     points: list = [*training]
-    for term in terms:
+    for term in needs.terms:
         for value in term.training:
             # a mass leads along the same states as a spring, which makes no mode of negative stiffness
             points.append((lossless, {term.name: 0.3 * top * value if term.kind == "inertia" else value}))
-    for axis in range(3) if stretching else ():
+    for axis in range(3) if needs.stretching else ():
         s = 1 + _STRETCH
         points.append((lossless, {f"stretch_{axis}_0": s - 1, f"stretch_{axis}_2": 1 / s - 1}))
-    wanted = list(dict.fromkeys(name for effect in effects for name in effect.sectors))
     weighted = WeightedProducts(model)
     pieces = (
         lambda: reduce_model(trained, points, band_Hz, accuracy=accuracy),
-        lambda: prepare_classes(weighted, wanted, reference, band_Hz),
+        lambda: prepare_classes(weighted, needs.sectors, reference, band_Hz),
     )
     reduced, classes = in_parallel(operator.call, pieces)
-    sectors = build_sectors(weighted, reduced, wanted, reference, classes)
-    placed = any(effect.local is not None for effect in effects)
+    sectors = build_sectors(weighted, reduced, needs.sectors, reference, classes)
     pieces = (
-        lambda: measure_places(weighted, sectors, reference) if placed else None,
+        lambda: measure_places(weighted, sectors, reference) if needs.placed else None,
         lambda: _strata(model, sectors),
     )
     places, (strata, owner, exponents) = in_parallel(operator.call, pieces)
     bulk = np.array([strata[owner == q].sum(axis=0) for q in range(len(E_FORM))])
-    extra = {term.name: _by_class(sectors, lambda f, t=term: _product(matrices[t.name], f)) for term in terms}
+    extra = {term.name: _by_class(sectors, lambda f, t=term: _product(matrices[t.name], f)) for term in needs.terms}
     return ExtendedModel(
         bulk=bulk,
-        strata=strata if stretching else bulk,
-        owner=owner if stretching else np.arange(len(E_FORM)),
-        exponents=exponents if stretching else np.zeros((len(E_FORM), 3)),
-        stiffness={term.name: extra[term.name] for term in terms if term.kind == "stiffness"},
-        inertia={term.name: extra[term.name] for term in terms if term.kind == "inertia"},
+        strata=strata if needs.stretching else bulk,
+        owner=owner if needs.stretching else np.arange(len(E_FORM)),
+        exponents=exponents if needs.stretching else np.zeros((len(E_FORM), 3)),
+        stiffness={term.name: extra[term.name] for term in needs.terms if term.kind == "stiffness"},
+        inertia={term.name: extra[term.name] for term in needs.terms if term.kind == "inertia"},
         displacements=sectors.displacements,
         admittance_factor=reduced.admittance_factor,
         estimated_error=reduced.estimated_error,
@@ -190,35 +218,10 @@ def _stretch_parts(model: ElectroelasticModel, coefficients: np.ndarray) -> dict
 
 def _strata(model: ElectroelasticModel, sectors: Sectors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Parts of equal constant and exponents: matrices (n_s, r, r), constants (n_s,), exponents (n_s, 3)."""
-    keys: list[tuple[int, tuple[int, ...]]] = []
-
-    def project(fields: np.ndarray) -> np.ndarray:
-        sums = _class_strata(model, fields)
-        keys[:] = sums
-        return np.array([(matrix + matrix.T) / 2 for matrix in sums.values()])
-
-    matrices = _by_class(sectors, project)
-    return matrices, np.array([q for q, _ in keys]), np.array([powers for _, powers in keys], dtype=float)
-
-
-def _class_strata(model: ElectroelasticModel, fields: np.ndarray) -> dict[tuple[int, tuple[int, ...]], np.ndarray]:
-    """Project every gradient product that occurs once on fields (4, n, k), and sum by constant and exponents."""
-    gradients = model.products.gradient_matrices
-    images: dict[tuple[int, int, int], np.ndarray] = {}
-    atoms: dict[tuple[int, int, int, int], np.ndarray] = {}
-
-    def atom(f: int, a: int, g: int, b: int) -> np.ndarray:
-        if (g, b, f, a) in atoms:
-            return atoms[g, b, f, a].T
-        if (f, a, g, b) not in atoms:
-            if (a, g, b) not in images:
-                images[a, g, b] = gradients[a][b] @ fields[g]
-            atoms[f, a, g, b] = fields[f].T @ images[a, g, b]
-        return atoms[f, a, g, b]
-
-    sums: dict[tuple[int, tuple[int, ...]], np.ndarray] = {}
+    parts: dict[tuple[int, tuple[int, ...]], np.ndarray] = {}
     for q, tensor in enumerate(model.unit_tensors):
         for f, a, g, b in zip(*np.nonzero(tensor), strict=True):
-            key = (q, tuple(1 - int(a == axis) - int(b == axis) for axis in range(3)))
-            sums[key] = sums.get(key, 0.0) + tensor[f, a, g, b] * atom(f, a, g, b)
-    return sums
+            powers = tuple(1 - int(a == axis) - int(b == axis) for axis in range(3))
+            parts.setdefault((q, powers), np.zeros_like(tensor))[f, a, g, b] = tensor[f, a, g, b]
+    matrices = _by_class(sectors, lambda fields: model.products.within(fields, list(parts.values())))
+    return matrices, np.array([q for q, _ in parts]), np.array([powers for _, powers in parts], dtype=float)

@@ -9,7 +9,6 @@ has the product of their parities; on the part, with its share 1/copies of the w
 from __future__ import annotations
 
 import operator
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,7 +18,6 @@ from femu_piezo.diagnosis.bare_ends import BareEnds, measure_bare_ends
 from femu_piezo.diagnosis.box_interpolation import interpolation
 from femu_piezo.diagnosis.sectors import FILM, SLICES, SPOT, TAPER, Sectors, flipped_axes
 from femu_piezo.diagnosis.weighted_products import WeightedProducts
-from femu_piezo.forward.gradient_products import GradientProducts
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.material.constants import ElasticForm
 from femu_piezo.threads import in_parallel
@@ -201,7 +199,7 @@ def _slices(weighted: WeightedProducts, sectors: Sectors, constants: ElasticForm
     matrices = np.zeros((len(weighted.slices), len(tensors), size, size))
     for matrix, products in zip(matrices, weighted.slices, strict=True):
         # the slice at x > 0 alone is half an even and half an odd weight
-        matrix[(slice(None), *np.ix_(own, own))] = 0.5 * _projected(products, fields, tensors)
+        matrix[(slice(None), *np.ix_(own, own))] = 0.5 * products.within(fields, tensors)
     ends = weighted.slice_ends
     lateral = matrices[:, -1] / constants.c11.real
     return Slices((ends[1:] + ends[:-1]) / 2, float(ends[-1] / len(matrices)), matrices[:, :-1], lateral)
@@ -230,9 +228,10 @@ def _ramp(weighted: WeightedProducts, sectors: Sectors) -> np.ndarray:
     for flipped, own in groups.items():
         partner = tuple(sorted(set(flipped) ^ {0}))
         if partner in groups:
-            _put(found[1], _projected(weighted.even, sectors.fields[:, :, own], units), own)
+            _put(found[1], weighted.even.within(sectors.fields[:, :, own], units), own)
             if 0 not in flipped:
-                _put(found[0], _coupled(weighted.odd, sectors, own, groups[partner], units), own, groups[partner])
+                left, right = (sectors.fields[:, :, one] for one in (own, groups[partner]))
+                _put(found[0], weighted.odd.between(left, right, units), own, groups[partner])
     return found
 
 
@@ -257,20 +256,10 @@ def _taper(weighted: WeightedProducts, sectors: Sectors) -> Taper:
     units, (first, second) = weighted.model.unit_tensors, weighted.tapered
     rows, columns = groups[()], groups[0,]
     found, inertia = np.zeros((2, len(units), size, size)), np.zeros((size, size))
-    _put(found[0], _coupled(first, sectors, rows, columns, units), rows, columns)
-    for own in (rows, columns):
-        _put(found[1], _projected(second, sectors.fields[:, :, own], units), own)
-    left, right = (sectors.fields[:, :, own].reshape(-1, own.size) for own in (rows, columns))
+    left, right = (sectors.fields[:, :, own] for own in (rows, columns))
+    _put(found[0], first.between(left, right, units), rows, columns)
+    _put(found[1], second.within(left, units), rows)
+    _put(found[1], second.within(right, units), columns)
+    left, right = (fields.reshape(-1, fields.shape[2]) for fields in (left, right))
     _put(inertia, left.T @ (first.mass_matrix(weighted.model.density) @ right), rows, columns)
     return Taper(*found, inertia[:u, :u])
-
-
-def _coupled(products: GradientProducts, sectors: Sectors, rows, columns, tensors: Sequence[np.ndarray]) -> np.ndarray:
-    """(n_tensors, k, l) of tensors with some gradient products, between the unknowns of two classes."""
-    return products.between(sectors.fields[:, :, rows], sectors.fields[:, :, columns], tensors)
-
-
-def _projected(products: GradientProducts, fields: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
-    """(n_tensors, k, k) symmetric, of tensors H[f, a, g, b] with some gradient products, on fields (4, n, k)."""
-    found = products.between(fields, fields, tensors)
-    return (found + found.transpose(0, 2, 1)) / 2

@@ -108,19 +108,27 @@ class GradientProducts:
         """
         nodes = np.flatnonzero(np.diff(self.indptr))
         rows = nodes if rows is None else rows
-        g = [[product[rows][:, nodes] for product in line] for line in self.gradient_matrices]
-        left, right = left[:, rows], right[:, nodes]
-        images: dict[tuple[int, int, int], np.ndarray] = {}
+        g = self.gradient_matrices
+        if rows.size < self.size or nodes.size < self.size:
+            g = [[product[rows][:, nodes] for product in line] for line in g]
+            left, right = left[:, rows], right[:, nodes]
+        used = np.flatnonzero(np.any(left, axis=(1, 2)))
+        tensors = np.asarray(tensors)[:, used]
         found = np.zeros((len(tensors), left.shape[2], right.shape[2]))
-        for block, tensor in zip(found, tensors, strict=True):
-            for f in np.flatnonzero(np.any(left, axis=(1, 2))):
-                total = np.zeros((rows.size, right.shape[2]))
-                for a, other, b in zip(*np.nonzero(tensor[f]), strict=True):
-                    if (a, other, b) not in images:
-                        images[a, other, b] = g[a][b] @ right[other]
-                    total += tensor[f, a, other, b] * images[a, other, b]
-                block += left[f].T @ total
+        for a, other, b in zip(*np.nonzero(np.any(tensors, axis=(0, 1))), strict=True):
+            image = g[a][b] @ right[other]
+            for f, row in enumerate(used):
+                shares = tensors[:, f, a, other, b]
+                if np.any(shares):
+                    product = left[row].T @ image
+                    for number in np.flatnonzero(shares):
+                        found[number] += shares[number] * product
         return found
+
+    def within(self, fields: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
+        """(n_tensors, k, k) symmetric: `between` of fields (4, n, k) with themselves."""
+        found = self.between(fields, fields, tensors)
+        return (found + found.transpose(0, 2, 1)) / 2
 
     def mass_matrix(self, density: float) -> sp.csr_matrix:
         """(4n, 4n) matrix of ∫ρ v·u (kg), zero in the potential."""

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from femu_piezo.diagnosis.effect import Effect
-from femu_piezo.diagnosis.extended_model import ExtendedModel, extend_model
+from femu_piezo.diagnosis.extended_model import ExtendedModel, Needs, extend_model
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import ReducedModel, reduce_model
 from femu_piezo.geometry.mesh_file import MeshFile
@@ -42,27 +42,36 @@ class Bases:
 
     def model(self, one: Measured, whole_curve: bool) -> ElectroelasticModel:
         """Mesh within the specimen's accuracy to the end of the sweep, or (`whole_curve` False) to the zero."""
-        return one.problem.model(one.model_frequency(whole_curve), _accuracy(one))
+        accuracy = (one.problem.specimen.update or Update()).accuracy
+        return self._model(one.problem, self._rung(one.problem, one.model_frequency(whole_curve), _RUNG), accuracy)
+
+    def fine_model(self, one: Measured, accuracy: float) -> ElectroelasticModel:
+        """Mesh within `accuracy` (relative, of eigenvalues) to the end of the sweep."""
+        problem, accuracy = one.problem, self._rung_below(accuracy)
+        exact = problem.equivalent_frequency(one.band_Hz, accuracy)
+        return self._model(problem, self._rung(problem, exact, _FINE_RUNG), accuracy)
 
     def anchor(self, problem: Problem, free: FreeConstants) -> FreeConstants:
         """The free constants with the values that the bases are trained around."""
         return free
 
-    def reduced(self, model: ElectroelasticModel, around: FreeConstants, one: Measured) -> ReducedModel:
-        """Basis for the free constants within `SPREAD` of `around`."""
-        return reduce_model(model, around.training_sets(around.start, SPREAD), one.band_Hz)
-
-    def baseline(self, model: ElectroelasticModel, base: PiezoConstants, one: Measured) -> ReducedModel:
-        """Basis for the curve of one set of constants."""
-        return reduce_model(model, [base], one.band_Hz)
-
-    def fine_model(self, one: Measured, accuracy: float) -> ElectroelasticModel:
-        """Mesh within `accuracy` (relative, of eigenvalues) to the end of the sweep."""
-        return one.problem.model(one.problem.equivalent_frequency(one.band_Hz, accuracy), accuracy)
-
     def around(self, problem: Problem, constants: PiezoConstants) -> PiezoConstants:
         """The constants that bases with effects are trained around, where a fit starts from `constants`."""
         return constants
+
+    def reduced(self, model: ElectroelasticModel, around: FreeConstants, one: Measured) -> ReducedModel:
+        """Basis for the free constants within `SPREAD` of `around`."""
+        band = self._rung(one.problem, one.band_Hz, _RUNG)
+        key = (band, around.names, _bits(around.start), _bits(around.constants(around.start).vector()))
+        return self._basis(
+            "reduced", model, key, lambda: reduce_model(model, around.training_sets(around.start, SPREAD), band)
+        )
+
+    def baseline(self, model: ElectroelasticModel, base: PiezoConstants, one: Measured) -> ReducedModel:
+        """Basis for the curve of one set of constants."""
+        band = self._rung(one.problem, one.band_Hz, _RUNG)
+        key = (band, "baseline", _bits(base.vector()))
+        return self._basis("reduced", model, key, lambda: reduce_model(model, [base], band))
 
     def extended(
         self,
@@ -73,7 +82,28 @@ class Bases:
         accuracy: float,
     ) -> ExtendedModel:
         """Basis that serves all effects of a list, within `accuracy` of Z at the training constants."""
-        return extend_model(model, training, effects, one.band_Hz, accuracy=accuracy)
+        band, accuracy = self._rung(one.problem, one.band_Hz, _FINE_RUNG), self._rung_below(accuracy)
+        key = (band, accuracy, *(_bits(item.vector()) for item in training), Needs.of(effects))
+        return self._basis(
+            "extended", model, key, lambda: extend_model(model, training, effects, band, accuracy=accuracy)
+        )
+
+    def _rung(self, problem: Problem, frequency_Hz: float, step: float) -> float:
+        """The frequency that stands for one, not below it, Hz."""
+        return frequency_Hz
+
+    def _rung_below(self, accuracy: float) -> float:
+        """The accuracy that stands for one, not above it."""
+        return accuracy
+
+    def _model(self, problem: Problem, frequency_Hz: float, accuracy: float) -> ElectroelasticModel:
+        return problem.model(frequency_Hz, accuracy)
+
+    def _basis(
+        self, kind: str, model: ElectroelasticModel, key: tuple[Hashable, ...], make: Callable[[], Made]
+    ) -> Made:
+        """A basis of a model, told from its others by kind and key."""
+        return make()
 
 
 class SharedBases(Bases):
@@ -90,113 +120,65 @@ class SharedBases(Bases):
     """
 
     def __init__(self, models: int = 4, bases: int = 16, extended: int = 4) -> None:
-        self._models: OrderedDict[Hashable, ElectroelasticModel] = OrderedDict()
-        self._reduced: OrderedDict[Hashable, ReducedModel] = OrderedDict()
-        self._extended: OrderedDict[Hashable, ExtendedModel] = OrderedDict()
+        self._most = {"model": models, "reduced": bases, "extended": extended}
+        self._shelves: dict[str, OrderedDict[Hashable, Any]] = {kind: OrderedDict() for kind in self._most}
         self._keys: WeakKeyDictionary[ElectroelasticModel, Hashable] = WeakKeyDictionary()
-        self._most_models, self._most_bases, self._most_extended = models, bases, extended
         self.made = self.used = 0
 
-    def model(self, one: Measured, whole_curve: bool) -> ElectroelasticModel:
-        frequency = self._rung(one.problem, one.model_frequency(whole_curve))
-        key = (*_body(one.problem), one.problem.shear_speed, frequency, _accuracy(one))
-        model = self._kept(self._models, key, lambda: one.problem.model(frequency, _accuracy(one)), self._most_models)
-        self._keys[model] = key
-        return model
-
     def anchor(self, problem: Problem, free: FreeConstants) -> FreeConstants:
-        near = self._rounded(problem, free, _NEAR)
+        near = _rounded(problem, free, _NEAR)
         return free if near is None else problem.free(problem.simplified(near.lossless()))
 
-    def reduced(self, model: ElectroelasticModel, around: FreeConstants, one: Measured) -> ReducedModel:
-        band = self._rung(one.problem, one.band_Hz)
-        key = (
-            self._keys[model],
-            band,
-            around.names,
-            _bits(around.start),
-            _bits(around.constants(around.start).vector()),
-        )
-        return self._kept(
-            self._reduced,
-            key,
-            lambda: reduce_model(model, around.training_sets(around.start, SPREAD), band),
-            self._most_bases,
-        )
-
-    def baseline(self, model: ElectroelasticModel, base: PiezoConstants, one: Measured) -> ReducedModel:
-        band = self._rung(one.problem, one.band_Hz)
-        key = (self._keys[model], band, "baseline", _bits(base.vector()))
-        return self._kept(self._reduced, key, lambda: reduce_model(model, [base], band), self._most_bases)
-
-    def fine_model(self, one: Measured, accuracy: float) -> ElectroelasticModel:
-        accuracy = _rung_below(accuracy)
-        exact = one.problem.equivalent_frequency(one.band_Hz, accuracy)
-        frequency = self._rung(one.problem, exact, _FINE_RUNG)
-        key = (*_body(one.problem), one.problem.shear_speed, frequency, accuracy)
-        model = self._kept(self._models, key, lambda: one.problem.model(frequency, accuracy), self._most_models)
-        self._keys[model] = key
-        return model
-
     def around(self, problem: Problem, constants: PiezoConstants) -> PiezoConstants:
-        near = self._rounded(problem, problem.free(constants), _CLOSE)
+        near = _rounded(problem, problem.free(constants), _CLOSE)
         return constants if near is None else problem.simplified(near)
 
-    def extended(
-        self,
-        model: ElectroelasticModel,
-        training: Sequence[PiezoConstants],
-        effects: Sequence[Effect],
-        one: Measured,
-        accuracy: float,
-    ) -> ExtendedModel:
-        band, accuracy = self._rung(one.problem, one.band_Hz, _FINE_RUNG), _rung_below(accuracy)
-        key = (self._keys[model], band, accuracy, *(_bits(item.vector()) for item in training), _needs(effects))
-        return self._kept(
-            self._extended,
-            key,
-            lambda: extend_model(model, training, effects, band, accuracy=accuracy),
-            self._most_extended,
-        )
-
-    @staticmethod
-    def _rounded(problem: Problem, free: FreeConstants, near: float) -> PiezoConstants | None:
-        """The file's constants where the free ones are near them, else with free ones on the grid; None if unstable.
-
-        near : relative; the tangents are those of the file
-        """
-        own = np.array([getattr(problem.constants, name) for name in free.names])
-        start = free.start.real
-        rounded = np.sign(start) * _GRID ** np.round(np.log(np.abs(start)) / np.log(_GRID))
-        share = np.where(own.real == 0, np.inf, start / np.where(own.real == 0, 1.0, own.real))
-        tangents = np.where(own.real == 0, 0.0, own.imag / np.where(own.real == 0, 1.0, own.real))
-        on_grid = rounded * (1 + 1j * tangents)
-        for values in (own, on_grid) if np.all(np.abs(share - 1) <= near) else (on_grid,):
-            constants = problem.constants.with_values(**dict(zip(free.names, values, strict=True)))
-            around = problem.free(problem.simplified(constants.lossless()))
-            if not around.constants(around.start).physical_faults():
-                return constants
-        return None
-
-    @staticmethod
-    def _rung(problem: Problem, frequency_Hz: float, step: float = _RUNG) -> float:
+    def _rung(self, problem: Problem, frequency_Hz: float, step: float) -> float:
         """The next rung at or above a frequency, Hz; a share of 1e-9 above a rung still belongs to it."""
         unit = problem.expected_pole_Hz
         return float(unit * step ** np.ceil(np.log(frequency_Hz / unit) / np.log(step) - 1e-9))
 
-    def _kept(self, shelf: OrderedDict[Hashable, Made], key: Hashable, make: Callable[[], Made], most: int) -> Made:
+    def _rung_below(self, accuracy: float) -> float:
+        """The next rung at or below an accuracy."""
+        return float(_ACCURACY_RUNG ** np.floor(np.log(accuracy) / np.log(_ACCURACY_RUNG) + 1e-9))
+
+    def _model(self, problem: Problem, frequency_Hz: float, accuracy: float) -> ElectroelasticModel:
+        key = (*_body(problem), problem.shear_speed, frequency_Hz, accuracy)
+        model = self._kept("model", key, lambda: problem.model(frequency_Hz, accuracy))
+        self._keys[model] = key
+        return model
+
+    def _basis(
+        self, kind: str, model: ElectroelasticModel, key: tuple[Hashable, ...], make: Callable[[], Made]
+    ) -> Made:
+        return self._kept(kind, (self._keys[model], *key), make)
+
+    def _kept(self, kind: str, key: Hashable, make: Callable[[], Made]) -> Made:
         self.used += 1
+        shelf = self._shelves[kind]
         if key not in shelf:
             self.made += 1
             shelf[key] = make()
-            while len(shelf) > most:
+            while len(shelf) > self._most[kind]:
                 shelf.popitem(last=False)
         shelf.move_to_end(key)
         return shelf[key]
 
 
-def _accuracy(one: Measured) -> float:
-    return (one.problem.specimen.update or Update()).accuracy
+def _rounded(problem: Problem, free: FreeConstants, near: float) -> PiezoConstants | None:
+    """The file's constants where the free ones are near them, else with free ones on the grid; None if unstable.
+
+    near : relative; the tangents are those of the file
+    """
+    own = np.array([getattr(problem.constants, name) for name in free.names])
+    size, start = np.where(own.real == 0, np.inf, own.real), free.start.real
+    on_grid = np.sign(start) * _GRID ** np.round(np.log(np.abs(start)) / np.log(_GRID)) * (1 + 1j * own.imag / size)
+    for values in (own, on_grid) if np.all(np.abs(start / size - 1) <= near) else (on_grid,):
+        constants = problem.constants.with_values(**dict(zip(free.names, values, strict=True)))
+        around = problem.free(problem.simplified(constants.lossless()))
+        if not around.constants(around.start).physical_faults():
+            return constants
+    return None
 
 
 def _body(problem: Problem) -> tuple[Hashable, ...]:
@@ -206,19 +188,6 @@ def _body(problem: Problem) -> tuple[Hashable, ...]:
         status = problem.plate.file.stat()
         state = (status.st_mtime_ns, status.st_size, status.st_ino)
     return (type(problem.plate), problem.plate, *state, problem.density)
-
-
-def _rung_below(accuracy: float) -> float:
-    """The next rung at or below an accuracy."""
-    return float(_ACCURACY_RUNG ** np.floor(np.log(accuracy) / np.log(_ACCURACY_RUNG) + 1e-9))
-
-
-def _needs(effects: Sequence[Effect]) -> Hashable:
-    """What a basis has for a list of effects: their terms and sectors, and whether they stretch or sit at places."""
-    terms = {(term.name, term.kind, term.training) for effect in effects for term in effect.terms}
-    sectors = tuple(dict.fromkeys(name for effect in effects for name in effect.sectors))
-    placed = any(effect.local is not None for effect in effects)
-    return tuple(sorted(terms)), sectors, any(effect.stretch is not None for effect in effects), placed
 
 
 def _bits(values: np.ndarray) -> bytes:

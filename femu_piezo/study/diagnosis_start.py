@@ -31,21 +31,27 @@ def first_constants(measured: Sequence[Measured], bases: Bases | None = None) ->
     The better of the two: the file's constants may be far away; the pole-zero update starts from thin-body formulas,
     which fail where the modes of two dimensions meet.
     """
-    found, reason = [], None
+    attempts = [lambda: _by_update(measured, bases)]
     if not measured[0].problem.constants.physical_faults():
+        attempts.insert(0, lambda: _from_file(measured))
+    found = []
+    for attempt in attempts:
         try:
-            found.append(_from_file(measured))
+            found.append(attempt())
         except ConvergenceError as error:
             reason = error
-    if not found or found[0][0] > _POOR:
-        try:
-            result = update_measured([_plain(one) for one in measured], Clock(None), bases)
-            found.append((max(outcome.rms_after for outcome in result.outcomes), result.constants))
-        except ConvergenceError as error:
-            reason = error
+            continue
+        if found[-1][0] <= _POOR:
+            break
     if not found:
         raise reason
     return min(found, key=lambda item: item[0])[1]
+
+
+def _by_update(measured: Sequence[Measured], bases: Bases | None) -> tuple[float, PiezoConstants]:
+    """rms |Δ log Z| and constants of an update on a coarse mesh."""
+    result = update_measured([_plain(one) for one in measured], Clock(None), bases)
+    return max(outcome.rms_after for outcome in result.outcomes), result.constants
 
 
 def _plain(one: Measured) -> Measured:

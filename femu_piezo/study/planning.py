@@ -144,10 +144,9 @@ def _hidden(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
         known.add(effect.title)
         parameter = effect.parameters[0]
         size = min(parameter.spread, parameter.high - parameter.rest)
-        unit = "" if parameter.unit == "1" else f" {parameter.unit}"
         x = np.concatenate([base.x, effect.rest / effect.scale])
         point = Point(base.parameters.with_effect(effect), x)
-        pairs.append(_Pair(effect, point, constant, None, size, f"{size:.2g}{unit}"))
+        pairs.append(_Pair(effect, point, constant, None, size, f"{size:.2g}{parameter.after_number}"))
     return pairs
 
 

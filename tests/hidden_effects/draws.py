@@ -146,7 +146,7 @@ def _passive(theta: np.ndarray) -> bool:
 
 
 def draw(name: str, seed: int, *, points: int = 301, variant: bool | None = None) -> Draw:
-    """A specimen with random constants, losses, dimensions and noise, and what `name` says of random size.
+    """A specimen of its set-up with random free constants and noise, and what `name` says of random size.
 
     Parameters
     ----------

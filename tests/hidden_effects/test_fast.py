@@ -81,6 +81,21 @@ def test_unknown_effect_in_a_specimen_file_is_one_sentence(tmp_path):
     assert answer.output.strip().count("\n") == 0
 
 
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ("[effects.tapered_width]\ntaper = 0.5\n", "effects.tapered_width.taper = 0.5 is outside 0 … 0.1\n"),
+        ("[effects.point_mass]\nmass = 1\nx = 1e-3\ny = 1e-3\n", " kg\n"),
+    ],
+)
+def test_value_of_an_effect_out_of_its_range_is_one_sentence(tmp_path, table, words):
+    spec = draw("none", 7, points=31).write(tmp_path)
+    spec.write_text(spec.read_text(encoding="utf-8") + table, encoding="utf-8")
+    answer = CliRunner().invoke(main, ["diagnose", str(spec), "--out", str(tmp_path / "out")])
+    assert answer.exit_code == 2
+    assert answer.output.endswith(words) and answer.output.strip().count("\n") == 0
+
+
 def test_the_global_ritz_model_is_converged():
     """Orders that other tests use against higher ones: 3e-4 in Z at most, at the sharp upper resonances."""
     frequency = np.concatenate([np.linspace(20e3, 130e3, 12), np.linspace(180e3, 240e3, 25)])

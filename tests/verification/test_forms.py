@@ -73,6 +73,9 @@ def test_energies_between_fields_equal_those_of_the_operator(bases):
         flat = own.reshape(-1, 3)
         exact = np.array([flat.T @ (products.stiffness(tensor) @ right.reshape(-1, 2)) for tensor in tensors])
         np.testing.assert_allclose(products.between(own, right, tensors, rows), exact, rtol=1e-12, atol=1e-12)
+    own = products.within(left, tensors)
+    np.testing.assert_allclose(own, products.between(left, left, tensors), rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(own, own.transpose(0, 2, 1))
 
 
 def test_whole_operator_is_the_sum_of_its_terms(bases):

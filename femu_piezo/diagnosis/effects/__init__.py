@@ -56,6 +56,6 @@ def _value(parameter: EffectParameter, value: float | str, where: str, name: str
     key = f"{where}: effects.{name}.{parameter.name}"
     number = parse_quantity(value, parameter.unit, key)
     if not parameter.low <= number <= parameter.high:
-        unit = f" {parameter.unit}".removesuffix(" 1")
-        raise InputError(f"{key} = {number:g} is outside {parameter.low:g} … {parameter.high:g}{unit}")
+        reach = f"{parameter.low:g} … {parameter.high:g}{parameter.after_number}"
+        raise InputError(f"{key} = {number:g} is outside {reach}")
     return number
