@@ -114,7 +114,7 @@ def simulate(specimen: Path, out: Path, full_order: bool) -> None:
     from femu_piezo.measurement.readers import write_spectrum
     from femu_piezo.output.curves import simulation_figure
     from femu_piezo.output.folder import prepare_folder, write_figure, write_json
-    from femu_piezo.specimen import read_specimen
+    from femu_piezo.specimen.file import read_specimen
     from femu_piezo.study.simulate import simulate as run
 
     wanted = read_specimen(specimen)
@@ -197,7 +197,7 @@ def update(
     from femu_piezo.output.records import update_record
     from femu_piezo.output.sensitivity import sensitivity_figure
     from femu_piezo.output.tables import console, update_table
-    from femu_piezo.specimen import read_specimens, with_measurement
+    from femu_piezo.specimen.file import read_specimens, with_measurement
     from femu_piezo.study.update import update as run
 
     imported = time.perf_counter() - _STARTED
@@ -294,7 +294,7 @@ def identify(specimens: tuple[Path, ...], out: Path, noise: float) -> None:
     from femu_piezo.output.folder import prepare_folder, write_figure, write_json
     from femu_piezo.output.sensitivity import sensitivity_figure
     from femu_piezo.output.tables import console, identifiability_table
-    from femu_piezo.specimen import read_specimens
+    from femu_piezo.specimen.file import read_specimens
     from femu_piezo.study.identify import identify as run
 
     wanted = read_specimens(specimens)
@@ -333,7 +333,7 @@ def diagnose(specimens: tuple[Path, ...], out: Path, data: Path | None, report: 
     from femu_piezo.output.folder import prepare_folder, write_figure, write_json
     from femu_piezo.output.report_diagnosis import write_diagnosis_report
     from femu_piezo.output.tables import console
-    from femu_piezo.specimen import read_specimens, write_specimen, write_study
+    from femu_piezo.specimen.file import read_specimens, write_specimen, write_study
     from femu_piezo.study.diagnose import diagnose as run
     from femu_piezo.study.diagnose import extended_specimen
 
@@ -373,7 +373,7 @@ def modes(
     """
     from femu_piezo.output.folder import prepare_folder, write_binary, write_figure, write_json
     from femu_piezo.output.modes import animation, mode_figure, overview_figure
-    from femu_piezo.specimen import read_specimen
+    from femu_piezo.specimen.file import read_specimen
     from femu_piezo.study.modes import find_modes
 
     wanted = read_specimen(specimen)

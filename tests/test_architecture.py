@@ -11,14 +11,16 @@ ROOT = Path(femu_piezo.__file__).parent
 
 #: Layers from the bottom; a module may import its own layer and those below.
 LAYERS = (
-    {"errors", "units", "files", "schema", "resonances", "threads"},
-    {"specimen", "specimen_geometry"},
+    {"errors", "units", "files", "resonances", "threads"},
+    {"specimen"},
     {"material"},
     {"measurement", "geometry"},
     {"extraction", "forward"},
-    {"updating"},
+    {"effects"},
+    {"inference"},
     {"diagnosis"},
-    {"study", "output"},
+    {"study"},
+    {"output"},
     {"batch"},
     {"cli"},
 )

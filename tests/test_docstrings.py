@@ -92,10 +92,10 @@ def test_methods_are_explained():
 
 
 def test_array_arguments_of_the_public_mathematics_have_shapes():
-    """A function of forward, updating or material that takes or gives an array says how it is laid out, or its unit."""
+    """A function of forward, inference or material that takes or gives an array says how it is laid out."""
     missing = []
     for path, tree in _modules():
-        if path.parts[0] not in ("forward", "updating", "material"):
+        if path.parts[0] not in ("forward", "inference", "material"):
             continue
         for node in _public(tree.body, FUNCTIONS):
             text = ast.get_docstring(node) or ""

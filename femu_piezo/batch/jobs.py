@@ -10,7 +10,7 @@ from pathlib import Path
 
 import femu_piezo
 from femu_piezo.errors import InputError
-from femu_piezo.specimen import Specimen, read_specimens, with_measurement
+from femu_piezo.specimen.file import Specimen, read_specimens, with_measurement
 
 #: File name endings of measured sweeps.
 SWEEPS = (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from femu_piezo.specimen import CONSTANTS
+from femu_piezo.specimen.file import CONSTANTS
 
 #: Fewest specimens from which limits, outliers and drift are told.
 FEWEST = 8

@@ -10,8 +10,8 @@ from collections.abc import Callable
 
 from femu_piezo.errors import InputError
 from femu_piezo.output.records import update_record
-from femu_piezo.specimen import CONSTANTS, Specimen
-from femu_piezo.study.bases import Bases
+from femu_piezo.specimen.file import CONSTANTS, Specimen
+from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.update import update
 
 Value = float | int | str | None

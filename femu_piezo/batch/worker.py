@@ -100,7 +100,7 @@ def _changed(job: Job) -> str:
 def _bases():
     global _shared_bases
     if _shared_bases is None:
-        from femu_piezo.study.bases import SharedBases
+        from femu_piezo.study.model_cache import SharedBases
 
         _shared_bases = SharedBases()
     return _shared_bases

@@ -13,11 +13,11 @@ from functools import cached_property
 
 import numpy as np
 
-from femu_piezo.diagnosis.effect import Effect
-from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.fitting import JointFit, SweepData, fit_joint, with_law_misses
-from femu_piezo.diagnosis.joint import JointParameters
 from femu_piezo.diagnosis.search import Trials, best_pair, try_all
+from femu_piezo.effects.effect import Effect
+from femu_piezo.inference.fit import JointFit, SweepData, fit_joint, with_law_misses
+from femu_piezo.inference.joint import JointParameters
+from femu_piezo.inference.response import Evaluation
 
 #: Evidence (in units of BIC) beyond BIC and 2 ln N that an effect must bring.
 MARGIN = 6.0

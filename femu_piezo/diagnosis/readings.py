@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from femu_piezo.diagnosis.effect import Effect, EffectContext
+from femu_piezo.effects.effect import Effect, EffectContext
 
 #: Effect of the fixture → what to read, and the σ of such a reading in SI.
 _FIXTURE = {

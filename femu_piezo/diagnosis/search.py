@@ -14,12 +14,12 @@ from itertools import combinations
 
 import numpy as np
 
-from femu_piezo.diagnosis.effect import Effect
-from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.fitting import JointFit, SweepData, fit_joint
-from femu_piezo.diagnosis.joint import JointParameters
 from femu_piezo.diagnosis.starts import Start, start_together, starts
+from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import ConvergenceError
+from femu_piezo.inference.fit import JointFit, SweepData, fit_joint
+from femu_piezo.inference.joint import JointParameters
+from femu_piezo.inference.response import Evaluation
 from femu_piezo.threads import in_parallel
 
 #: A rough fit makes a contender where its χ² is within so much of the best one's, and so often the excess of that.

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from femu_piezo.diagnosis.effect import Effect
-from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.fitting import JointFit, SweepData, linear_fit, linearised
-from femu_piezo.diagnosis.joint import JointParameters
+from femu_piezo.effects.effect import Effect
+from femu_piezo.inference.fit import JointFit, SweepData, linear_fit, linearised
+from femu_piezo.inference.joint import JointParameters
+from femu_piezo.inference.response import Evaluation
 
 #: Size, over its scale, at which a parameter starts "at rest": there every slope exists.
 _REST = 1e-3

@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 
 from femu_piezo.diagnosis.compare import Comparison, Found
-from femu_piezo.diagnosis.effect import Effect
-from femu_piezo.diagnosis.fitting import JointFit
-from femu_piezo.diagnosis.likeness import Tangent, parallel
-from femu_piezo.diagnosis.residuals import Remaining, remaining
+from femu_piezo.diagnosis.confounding import Tangent, parallel
+from femu_piezo.diagnosis.whiteness import Remaining, remaining
+from femu_piezo.effects.effect import Effect
+from femu_piezo.inference.fit import JointFit
 
 #: Share of the misfit, as an amplitude, that may stay unexplained under a named cause: a real cause seldom follows the
 #: law of its model, but what it leaves is small beside what it takes.

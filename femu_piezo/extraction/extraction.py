@@ -7,7 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from femu_piezo.errors import InputError
-from femu_piezo.extraction.findings import (
+from femu_piezo.extraction.covariance import fisher_spread, jackknife_spread
+from femu_piezo.extraction.fit import Fit, SweepData, solve_linear
+from femu_piezo.extraction.likelihood import maximum_likelihood, noise_of
+from femu_piezo.extraction.limitations import (
     Finding,
     find_clipping,
     find_lossless,
@@ -17,14 +20,11 @@ from femu_piezo.extraction.findings import (
     gravest_first,
     too_few_points,
 )
-from femu_piezo.extraction.fit import Fit, SweepData, solve_linear
-from femu_piezo.extraction.likelihood import maximum_likelihood, noise_of
 from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.order import MAX_BACKGROUND, evidence
 from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.extraction.result import Extraction, Method
 from femu_piezo.extraction.roots import Roots, pair, resonances
-from femu_piezo.extraction.spread import fisher_spread, jackknife_spread
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.resonances import Resonance, ResonanceSet
 from femu_piezo.threads import blas_limit

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from femu_piezo.extraction.fit import ROUNDING, Fit, SweepData, correlation, fit
+from femu_piezo.extraction.noise_level import NoiseUsed, noise_from_residual, weight_of_file
 from femu_piezo.extraction.order import Candidate, evidence, search, widen
-from femu_piezo.extraction.weighting import NoiseUsed, noise_from_residual, weight_of_file
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 GUARD_DEGREES = 2  # background beyond the evidence: an omitted degree biases, an idle one costs 3 % of σ

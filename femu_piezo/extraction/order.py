@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from femu_piezo.extraction.covariance import fisher_spread
 from femu_piezo.extraction.fit import ROUNDING, Fit, SweepData, correlation, fit, solve_linear
 from femu_piezo.extraction.model import RationalModel
-from femu_piezo.extraction.spread import fisher_spread
 
 MAX_BACKGROUND = 12
 MAX_LOSS = 0.3  # beyond η = 0.3 a term is background, not a resonance

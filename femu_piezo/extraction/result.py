@@ -7,11 +7,11 @@ from typing import Literal
 
 import numpy as np
 
-from femu_piezo.extraction.findings import Finding
+from femu_piezo.extraction.limitations import Finding
 from femu_piezo.extraction.model import RationalModel
+from femu_piezo.extraction.noise_level import NoiseUsed
 from femu_piezo.extraction.order import Candidate
 from femu_piezo.extraction.roots import Pair
-from femu_piezo.extraction.weighting import NoiseUsed
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.resonances import Resonance, ResonanceSet
 

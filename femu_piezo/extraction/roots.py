@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from femu_piezo.extraction.covariance import Spread
 from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.order import MAX_LOSS, MAX_PHASE
-from femu_piezo.extraction.spread import Spread
 from femu_piezo.resonances import Kind, Resonance, ResonanceSet, effective_coupling
 
 MAX_RELATIVE_STD_LOSS = 0.35  # a resonance has its loss known to better than this

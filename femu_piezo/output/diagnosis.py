@@ -7,8 +7,8 @@ from dataclasses import asdict
 import numpy as np
 from matplotlib.figure import Figure
 
-from femu_piezo.diagnosis.fitting import JointFit
 from femu_piezo.diagnosis.verdict import Cause
+from femu_piezo.inference.fit import JointFit
 from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
 from femu_piezo.study.diagnose import DiagnosedSweep, Diagnosis
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from femu_piezo.errors import FemuPiezoError
 from femu_piezo.output.modes import mode_figure
 from femu_piezo.output.report import Section, paragraph, picture
-from femu_piezo.specimen import CONSTANTS, Specimen
+from femu_piezo.specimen.file import CONSTANTS, Specimen
 from femu_piezo.study.modes import find_modes
 from femu_piezo.study.results import Outcome, UpdateResult
 

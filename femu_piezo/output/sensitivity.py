@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from femu_piezo.inference.sensitivity import Sensitivity
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.output.curves import MEASURED, frequency_axis
-from femu_piezo.updating.sensitivity import Sensitivity
 
 #: Colour of each constant, the same in every picture.
 COLOURS = dict(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from femu_piezo.diagnosis.effect import Effect, EffectParameter
+from femu_piezo.effects.effect import Effect, EffectParameter
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.tables import number
 

@@ -9,24 +9,24 @@ from functools import cached_property
 import numpy as np
 
 from femu_piezo.diagnosis.compare import Comparison
-from femu_piezo.diagnosis.effects import REFERENCE
-from femu_piezo.diagnosis.fitting import JointFit
-from femu_piezo.diagnosis.likeness import tangents
-from femu_piezo.diagnosis.separation import Separation
+from femu_piezo.diagnosis.confounding import tangents
+from femu_piezo.diagnosis.next_measurement import Separation
 from femu_piezo.diagnosis.verdict import Verdict, judge
+from femu_piezo.effects.library import REFERENCE
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.linear_body import linear_body_misfit
+from femu_piezo.inference.fit import JointFit
+from femu_piezo.inference.unknowns import Estimate, estimates
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.specimen import Specimen
-from femu_piezo.study.bases import Bases
-from femu_piezo.study.clock import Clock, Progress
+from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.diagnosis_run import Run
 from femu_piezo.study.diagnosis_start import first_constants
 from femu_piezo.study.diagnosis_subject import candidates, subjects
+from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.planning import recommended, separations
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals, pole_zero_residuals
+from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.shapes import electrode_notes
-from femu_piezo.updating.parameters import Estimate, estimates
 
 #: Most resonances of a linear body that is fitted for comparison.
 _FEW = 4

@@ -7,19 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from femu_piezo.diagnosis.compare import Comparison, compare
-from femu_piezo.diagnosis.effect import Effect
-from femu_piezo.diagnosis.ensemble import Ensemble, own_parameters
-from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.extended_model import ExtendedModel
-from femu_piezo.diagnosis.fitting import JointFit, SweepData
-from femu_piezo.diagnosis.joint import JointParameters
+from femu_piezo.effects.effect import Effect
+from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.inference.blocks import weak_prior
+from femu_piezo.inference.ensemble import Ensemble, own_parameters
+from femu_piezo.inference.fit import JointFit, SweepData
+from femu_piezo.inference.joint import JointParameters
+from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.study.bases import Bases
-from femu_piezo.study.clock import Clock
 from femu_piezo.study.diagnosis_subject import LEAST_ERROR, Subject
-from femu_piezo.updating.data import weak_prior
-from femu_piezo.updating.parameters import FreeConstants, MaterialParameters
+from femu_piezo.study.model_cache import Bases
+from femu_piezo.study.progress import Clock
 
 #: Mesh error (relative, of eigenvalues at the end of the sweep) and error of the reduced model, as shares of the noise,
 #: and the ranges they are kept in.

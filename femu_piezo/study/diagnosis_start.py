@@ -9,15 +9,15 @@ import numpy as np
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.reduction import reduce_model
+from femu_piezo.inference.blocks import CurveData, rms_log_error, weak_prior
+from femu_piezo.inference.least_squares import fit
+from femu_piezo.inference.unknowns import MaterialParameters
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.specimen import Update
-from femu_piezo.study.bases import Bases
-from femu_piezo.study.clock import Clock
+from femu_piezo.specimen.file import Update
 from femu_piezo.study.measured import Measured
+from femu_piezo.study.model_cache import Bases
+from femu_piezo.study.progress import Clock
 from femu_piezo.study.update import update_measured
-from femu_piezo.updating.data import CurveData, rms_log_error, weak_prior
-from femu_piezo.updating.least_squares import fit
-from femu_piezo.updating.parameters import MaterialParameters
 
 #: Mesh error of the first update, whose constants are only where to begin.
 _FIRST_ACCURACY = 1e-3

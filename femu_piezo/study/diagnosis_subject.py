@@ -8,12 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from femu_piezo.diagnosis.effect import Effect, EffectContext
-from femu_piezo.diagnosis.effects import library
-from femu_piezo.diagnosis.ensemble import belonging_to, is_common
+from femu_piezo.effects.effect import Effect, EffectContext
+from femu_piezo.effects.library import library
 from femu_piezo.errors import InputError
+from femu_piezo.inference.ensemble import belonging_to, is_common
 from femu_piezo.measurement.noise import estimate_noise
-from femu_piezo.specimen import Specimen
+from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.effects import effect_context, known_effects
 from femu_piezo.study.measured import Measured, measure
 

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from femu_piezo.diagnosis.effect import Effect, EffectContext
-from femu_piezo.diagnosis.effects import from_table
-from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.extended_model import ExtendedModel, extend_model
-from femu_piezo.diagnosis.joint import JointParameters
+from femu_piezo.effects.effect import Effect, EffectContext
+from femu_piezo.effects.extended_model import ExtendedModel, extend_model
+from femu_piezo.effects.library import from_table
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import EIGHTH, Plate
+from femu_piezo.inference.blocks import SweepBlock
+from femu_piezo.inference.joint import JointParameters
+from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.study.inputs import Problem
 from femu_piezo.study.measured import Measured
-from femu_piezo.updating.data import SweepBlock
-from femu_piezo.updating.parameters import FreeConstants, MaterialParameters
+from femu_piezo.study.problem import Problem
 
 #: Dimensions by name as axes; all radii of a disk or a ring go with its diameter.
 _ROUND = {"diameter": (0, 1), "thickness": (2,)}

@@ -9,15 +9,15 @@ import numpy as np
 
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.geometry.shapes import Plate
+from femu_piezo.inference.blocks import CurveData, weak_prior
+from femu_piezo.inference.identifiability import Identifiability, identifiability
+from femu_piezo.inference.sensitivity import Sensitivity, sensitivity
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.specimen import Specimen
-from femu_piezo.study.inputs import Problem, prepare
+from femu_piezo.specimen.file import Specimen
+from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.simulate import sweep_frequencies
-from femu_piezo.updating.data import CurveData, weak_prior
-from femu_piezo.updating.identifiability import Identifiability, identifiability
-from femu_piezo.updating.parameters import FreeConstants, MaterialParameters
-from femu_piezo.updating.sensitivity import Sensitivity, sensitivity
 
 #: Eigenvalue error of the mesh: sensitivities need not be better.
 _ACCURACY = 1e-3
@@ -104,7 +104,7 @@ def identify(
     """Predict the joint standard deviations of all ten constants from sweeps with relative noise.
 
     The constants are those of the first specimen's file; constants that are zero there cannot be free. Beside the
-    sweeps stands only the weak prior of `femu_piezo.updating.data.weak_prior` (real parts ±50 %, tangents 0.05).
+    sweeps stands only the weak prior of `femu_piezo.inference.blocks.weak_prior` (real parts ±50 %, tangents 0.05).
 
     Parameters
     ----------

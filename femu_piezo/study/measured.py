@@ -10,14 +10,14 @@ from femu_piezo.errors import InputError
 from femu_piezo.extraction import Extraction, extract
 from femu_piezo.extraction.roots import Pair
 from femu_piezo.geometry.shapes import Plate
+from femu_piezo.inference.starts.pole_zero import static_permittivity
+from femu_piezo.inference.starts.thin_body import bar_coupling
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.specimen import Specimen, Update
-from femu_piezo.study.inputs import Problem, prepare
+from femu_piezo.specimen.file import Specimen, Update
+from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.starts import has_uniform_field, start_permittivity, start_values
-from femu_piezo.updating.pole_zero import static_permittivity
-from femu_piezo.updating.start import bar_coupling
 
 #: A sweep reaches low frequency where it starts below this share of the fundamental pole: there the plate is free
 #: and uniform, and the error of eq 41 is about k² (f/f_p)² ≈ 2e-4.

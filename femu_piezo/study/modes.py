@@ -11,8 +11,8 @@ from femu_piezo.forward.mode_family import family, real_phase
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.resonances import Resonance, effective_coupling
-from femu_piezo.specimen import Specimen
-from femu_piezo.study.inputs import Problem, prepare
+from femu_piezo.specimen.file import Specimen
+from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.shapes import electrode_notes
 
 #: Share of the strongest mode's |a²/λ| below which a mode is not shown: the terminals hardly see it.

@@ -8,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 
 from femu_piezo.diagnosis.compare import Comparison
-from femu_piezo.diagnosis.effect import Effect
-from femu_piezo.diagnosis.ensemble import Ensemble, belonging_to, is_common
-from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.extended_model import ExtendedModel, extend_model
+from femu_piezo.diagnosis.next_measurement import Plan, Point, Separation, between, strength, summary
 from femu_piezo.diagnosis.readings import readings
-from femu_piezo.diagnosis.separation import Plan, Point, Separation, between, strength, summary
 from femu_piezo.diagnosis.verdict import Verdict
+from femu_piezo.effects.effect import Effect
+from femu_piezo.effects.extended_model import ExtendedModel, extend_model
 from femu_piezo.errors import ConvergenceError, InputError
+from femu_piezo.inference.blocks import Prior
+from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common
+from femu_piezo.inference.response import Evaluation
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.study.diagnosis_run import Run
 from femu_piezo.study.diagnosis_subject import Subject
-from femu_piezo.study.inputs import Problem, prepare
-from femu_piezo.updating.data import Prior
+from femu_piezo.study.problem import Problem, prepare
 
 #: Bands beyond the present end of the sweep, and how much lower a noise, that are planned for.
 _WIDER, _QUIETER = (1.5, 2.0), 3.0

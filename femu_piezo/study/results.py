@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from femu_piezo.inference.blocks import rms_log_error
+from femu_piezo.inference.identifiability import Identifiability
+from femu_piezo.inference.least_squares import Fit
+from femu_piezo.inference.sensitivity import Sensitivity
+from femu_piezo.inference.starts.pole_zero import Step
+from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.resonances import Resonance
 from femu_piezo.study.measured import Measured
-from femu_piezo.updating.data import rms_log_error
-from femu_piezo.updating.identifiability import Identifiability
-from femu_piezo.updating.least_squares import Fit
-from femu_piezo.updating.parameters import Estimate
-from femu_piezo.updating.pole_zero import Step
-from femu_piezo.updating.sensitivity import Sensitivity
 
 
 @dataclass(frozen=True)

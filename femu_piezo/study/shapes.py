@@ -13,8 +13,8 @@ from femu_piezo.geometry.shape import Shape
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Electrodes, Slab
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.specimen import Specimen
-from femu_piezo.specimen_geometry import Geometry
+from femu_piezo.specimen.file import Specimen
+from femu_piezo.specimen.geometry import Geometry
 
 _FINER = '; elements = "tetrahedron" in [geometry] leaves a third of it'
 

@@ -14,9 +14,9 @@ from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.forward.response import full_impedance
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.resonances import Kind, Resonance
-from femu_piezo.specimen import Simulation, Specimen
+from femu_piezo.specimen.file import Simulation, Specimen
 from femu_piezo.study.effects import simulated_with_effects
-from femu_piezo.study.inputs import Problem, prepare
+from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.threads import blas_limit
 

@@ -11,23 +11,23 @@ from femu_piezo.forward.fundamental import dominant_index, reduced_source
 from femu_piezo.forward.modal import ModalModel
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import ReducedModel
+from femu_piezo.inference.blocks import CurveData, Passivity, Prior, weak_prior
+from femu_piezo.inference.identifiability import Identifiability, identifiability
+from femu_piezo.inference.least_squares import Fit, fit
+from femu_piezo.inference.matching import match
+from femu_piezo.inference.sensitivity import sensitivity
+from femu_piezo.inference.starts.pole_zero import Step, propagate_covariance, update_pair, update_simplified
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.simplified import simplify
 from femu_piezo.resonances import Resonance
-from femu_piezo.specimen import Update
-from femu_piezo.study.bases import LEAVE, Bases
-from femu_piezo.study.clock import Clock
+from femu_piezo.specimen.file import Update
 from femu_piezo.study.effects import EffectCurve, effect_curve, has_effects
 from femu_piezo.study.measured import Measured
+from femu_piezo.study.model_cache import LEAVE, Bases
+from femu_piezo.study.progress import Clock
 from femu_piezo.study.results import Outcome
 from femu_piezo.study.starts import pair_names
-from femu_piezo.updating.data import CurveData, Passivity, Prior, weak_prior
-from femu_piezo.updating.identifiability import Identifiability, identifiability
-from femu_piezo.updating.least_squares import Fit, fit
-from femu_piezo.updating.matching import match
-from femu_piezo.updating.parameters import FreeConstants, MaterialParameters
-from femu_piezo.updating.pole_zero import Step, propagate_covariance, update_pair, update_simplified
-from femu_piezo.updating.sensitivity import sensitivity
 
 #: Bands of a sweep whose residuals count as one where neighbours are correlated.
 _BANDS = 15

@@ -9,8 +9,8 @@ from femu_piezo.geometry.regions import Circle
 from femu_piezo.geometry.shape import Shape
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Slab
-from femu_piezo.study.inputs import Problem
-from femu_piezo.updating.start import bar_permittivity, bar_start, disk_permittivity, disk_start
+from femu_piezo.inference.starts.thin_body import bar_permittivity, bar_start, disk_permittivity, disk_start
+from femu_piezo.study.problem import Problem
 
 #: Loss tangent that every start value is given.
 _TANGENT = 0.01

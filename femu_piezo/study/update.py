@@ -14,16 +14,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from femu_piezo.errors import InputError
-from femu_piezo.specimen import Specimen, Update
-from femu_piezo.study.bases import Bases
-from femu_piezo.study.clock import Clock, Progress
+from femu_piezo.inference.unknowns import Estimate, estimates
+from femu_piezo.specimen.file import Specimen, Update
 from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, baseline_constants, measure, start_constants
+from femu_piezo.study.model_cache import Bases
+from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.results import Outcome, UpdateResult
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.study.solving import Run, State
 from femu_piezo.study.starts import pair_names
-from femu_piezo.updating.parameters import Estimate, estimates
 
 #: rms |Δ log Z| of an updated model that is told as poor where it is also well above the noise.
 _POOR = 0.01

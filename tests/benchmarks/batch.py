@@ -49,8 +49,8 @@ def make_lot(folder: Path, count: int) -> tuple[Path, Path]:
     from femu_piezo.forward.reduction import reduce_model
     from femu_piezo.measurement.readers import write_spectrum
     from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-    from femu_piezo.specimen import read_specimen
-    from femu_piezo.study.inputs import prepare
+    from femu_piezo.specimen.file import read_specimen
+    from femu_piezo.study.problem import prepare
 
     (folder / "sweeps").mkdir(parents=True)
     specimen = folder / "plate.toml"
@@ -199,7 +199,7 @@ def _quietest(found: dict[str, list[dict[str, float]]]) -> list[int]:
 
 def _costs(jobs) -> None:
     """Time of the first plate and of the others in one process, without reading and start of processes."""
-    from femu_piezo.study.bases import SharedBases
+    from femu_piezo.study.model_cache import SharedBases
     from femu_piezo.study.update import update
 
     bases, seconds = SharedBases(), []

@@ -21,9 +21,9 @@ from hidden_effects.draws import draw
 from rich.console import Console
 from rich.table import Table
 
-from femu_piezo.specimen import Specimen, read_specimen
-from femu_piezo.study.bases import Bases, SharedBases
+from femu_piezo.specimen.file import Specimen, read_specimen
 from femu_piezo.study.diagnose import Diagnosis, diagnose
+from femu_piezo.study.model_cache import Bases, SharedBases
 from femu_piezo.threads import available_cores
 
 #: Draws by name and seed; set-ups of several noises, one of them a bar.

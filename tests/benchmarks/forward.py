@@ -29,11 +29,11 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.forward.response import full_impedance
 from femu_piezo.geometry.shapes import Plate
+from femu_piezo.inference.starts.pole_zero import update_simplified
+from femu_piezo.inference.unknowns import FreeConstants
 from femu_piezo.material.constants import E_FORM, EPS0, PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.material.simplified import SimplifiedK31
-from femu_piezo.updating.parameters import FreeConstants
-from femu_piezo.updating.pole_zero import update_simplified
 
 BASE = library_material("tj52-hd").constants
 TANGENTS = np.array([14, 12, 13, 15, 20, 16, 17, 18, 19, 20]) * 1e-3

@@ -27,8 +27,8 @@ import numpy as np
 from femu_piezo.errors import FemuPiezoError
 from femu_piezo.geometry.mesh_file import MeshFile
 from femu_piezo.measurement.readers import read_spectrum
-from femu_piezo.specimen import read_specimen
-from femu_piezo.study.inputs import prepare
+from femu_piezo.specimen.file import read_specimen
+from femu_piezo.study.problem import prepare
 
 ROOT = Path(__file__).resolve().parents[2]
 HANG_S = 20

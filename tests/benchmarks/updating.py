@@ -26,17 +26,17 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.forward.response import full_impedance
 from femu_piezo.geometry.shapes import Plate
+from femu_piezo.inference.blocks import CurveData, Passivity, weak_prior
+from femu_piezo.inference.least_squares import fit
+from femu_piezo.inference.starts.pole_zero import update_pair
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.material.simplified import simplify
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.specimen import read_specimen
+from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.update import update
-from femu_piezo.updating.data import CurveData, Passivity, weak_prior
-from femu_piezo.updating.least_squares import fit
-from femu_piezo.updating.parameters import FreeConstants, MaterialParameters
-from femu_piezo.updating.pole_zero import update_pair
 
 DENSITY = 7500.0
 TANGENTS = np.array([15, 13, 12, 16, 20, 13, 12, 14, 18, 17]) * 1e-3

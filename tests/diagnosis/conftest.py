@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from femu_piezo.diagnosis.effect import EffectContext
-from femu_piezo.diagnosis.effects import library
-from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.extended_model import extend_model
+from femu_piezo.effects.effect import EffectContext
+from femu_piezo.effects.extended_model import extend_model
+from femu_piezo.effects.library import library
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
+from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
-from femu_piezo.updating.parameters import FreeConstants, MaterialParameters
 
 SIZE, DENSITY = (12e-3, 6.5e-3, 1.5e-3), 7500.0
 TANGENTS = np.array([15, 13, 12, 16, 20, 13, 12, 14, 18, 17]) * 1e-3

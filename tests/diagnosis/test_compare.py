@@ -7,11 +7,11 @@ import pytest
 
 from diagnosis.conftest import FREQUENCY
 from femu_piezo.diagnosis.compare import compare
-from femu_piezo.diagnosis.fitting import JointFit, SweepData, fit_joint, whitened
-from femu_piezo.diagnosis.joint import JointParameters
-from femu_piezo.diagnosis.likeness import parallel, tangents
+from femu_piezo.diagnosis.confounding import parallel, tangents
 from femu_piezo.diagnosis.verdict import judge
-from femu_piezo.updating.data import weak_prior
+from femu_piezo.inference.blocks import weak_prior
+from femu_piezo.inference.fit import JointFit, SweepData, fit_joint, whitened
+from femu_piezo.inference.joint import JointParameters
 
 NOISE = 1e-3
 

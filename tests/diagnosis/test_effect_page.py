@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from femu_piezo.diagnosis.effect import EffectContext
-from femu_piezo.diagnosis.effects import library
+from femu_piezo.effects.effect import EffectContext
+from femu_piezo.effects.library import library
 from femu_piezo.material.library import library_material
 
 PAGE = Path(__file__).resolve().parents[2] / "tutorials" / "effects.md"

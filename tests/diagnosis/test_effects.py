@@ -7,11 +7,11 @@ import pytest
 from hidden_effects.ritz import RitzPlate
 
 from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
-from femu_piezo.diagnosis.effects import from_table
-from femu_piezo.diagnosis.effects.frequency_dependent_elastic_loss import partner
-from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.joint import JointParameters
+from femu_piezo.effects.library import from_table
+from femu_piezo.effects.library.losses import partner
 from femu_piezo.errors import InputError
+from femu_piezo.inference.joint import JointParameters
+from femu_piezo.inference.response import Evaluation
 
 OMEGA = 2 * np.pi * FREQUENCY
 ORDERS = (13, 10, 5)
@@ -177,7 +177,7 @@ def test_partner_of_a_loss_law_is_kramers_kronig():
 def test_table_of_effects_is_read_with_units_and_refused_in_one_sentence(setup):
     from dataclasses import replace
 
-    from femu_piezo.diagnosis.effect import EffectContext
+    from femu_piezo.effects.effect import EffectContext
 
     context = EffectContext(
         FUNDAMENTAL, ("s11",), setup.material.constants(setup.x), {"length": 0}, DENSITY, SIZE[2], 2e3
@@ -214,7 +214,7 @@ def test_large_systems_are_solved_on_states_at_a_few_frequencies(setup, monkeypa
         parameters, x = parameters.with_effect(effect), np.append(x, np.array(values) / effect.scale)
     dense = Evaluation(setup.model, 2 * np.pi * np.linspace(20e3, 225e3, 201))
     few = dense.with_jacobian(parameters, x)
-    monkeypatch.setattr("femu_piezo.diagnosis.evaluation._WORTHWHILE", np.inf)
+    monkeypatch.setattr("femu_piezo.inference.response._WORTHWHILE", np.inf)
     all_ = dense.with_jacobian(parameters, x)
     assert 0 < np.max(np.abs(few[0] / all_[0] - 1)) < 1e-8
     assert np.max(np.abs(few[1] - all_[1]) / np.max(np.abs(all_[1]), axis=0)) < 1e-5

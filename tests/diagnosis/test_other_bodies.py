@@ -7,21 +7,21 @@ import pytest
 from hidden_effects.build import Build
 
 from diagnosis.conftest import DENSITY, TANGENTS
-from femu_piezo.diagnosis.effects import library
-from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.extended_model import extend_model
-from femu_piezo.diagnosis.joint import JointParameters
+from femu_piezo.effects.extended_model import extend_model
+from femu_piezo.effects.library import library
 from femu_piezo.forward.response import full_impedance
+from femu_piezo.inference.joint import JointParameters
+from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.unknowns import MaterialParameters
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.library import library_material
-from femu_piezo.specimen import read_specimen
+from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import diagnose
 from femu_piezo.study.diagnosis_start import first_constants
 from femu_piezo.study.effects import effect_context
-from femu_piezo.study.inputs import prepare
 from femu_piezo.study.measured import measure
+from femu_piezo.study.problem import prepare
 from femu_piezo.study.update import update
-from femu_piezo.updating.parameters import MaterialParameters
 
 NOISE = 2e-3
 #: What is hidden beside the body: series resistance (ohm), parallel conductance (S).

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from femu_piezo.diagnosis.residuals import remaining, whiteness
+from femu_piezo.diagnosis.whiteness import remaining, whiteness
 
 
 def test_false_alarm_rate_on_white_noise():

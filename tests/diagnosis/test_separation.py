@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from diagnosis.conftest import FREQUENCY, SIZE
-from femu_piezo.diagnosis.effect import EffectContext
-from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.fitting import SweepData, fit_joint
-from femu_piezo.diagnosis.joint import JointParameters
+from femu_piezo.diagnosis.next_measurement import Plan, Point, Separation, between, strength, summary
 from femu_piezo.diagnosis.readings import readings
-from femu_piezo.diagnosis.separation import Plan, Point, Separation, between, strength, summary
-from femu_piezo.updating.data import Prior
+from femu_piezo.effects.effect import EffectContext
+from femu_piezo.inference.blocks import Prior
+from femu_piezo.inference.fit import SweepData, fit_joint
+from femu_piezo.inference.joint import JointParameters
+from femu_piezo.inference.response import Evaluation
 
 NOISE = 1e-3
 NO_PRIOR = Prior({})

@@ -12,21 +12,21 @@ from hidden_effects.ritz import RitzPlate
 from diagnosis.conftest import DENSITY, TANGENTS
 from femu_piezo.cli import main
 from femu_piezo.diagnosis.compare import compare
-from femu_piezo.diagnosis.effect import EffectContext
-from femu_piezo.diagnosis.effects import library
-from femu_piezo.diagnosis.ensemble import Ensemble, belonging_to, is_common, own_parameters
-from femu_piezo.diagnosis.evaluation import Evaluation
-from femu_piezo.diagnosis.extended_model import extend_model
-from femu_piezo.diagnosis.fitting import SweepData, fit_joint, whitened
-from femu_piezo.diagnosis.joint import JointParameters
-from femu_piezo.diagnosis.likeness import tangents
+from femu_piezo.diagnosis.confounding import tangents
 from femu_piezo.diagnosis.verdict import judge
+from femu_piezo.effects.effect import EffectContext
+from femu_piezo.effects.extended_model import extend_model
+from femu_piezo.effects.library import library
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
+from femu_piezo.inference.blocks import weak_prior
+from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common, own_parameters
+from femu_piezo.inference.fit import SweepData, fit_joint, whitened
+from femu_piezo.inference.joint import JointParameters
+from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.library import library_material
-from femu_piezo.updating.data import weak_prior
-from femu_piezo.updating.parameters import FreeConstants, MaterialParameters
 
 NOISE = 1e-3
 #: Length, width, thickness (m), fundamental and band (Hz): the first length mode alone.

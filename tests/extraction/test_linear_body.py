@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from femu_piezo.extraction.linear_body import linear_body_misfit
+from femu_piezo.inference.starts.thin_body import k31_bar_admittance
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.updating.start import k31_bar_admittance
 
 FREQUENCY = np.linspace(100e3, 160e3, 201)
 

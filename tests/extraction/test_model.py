@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from femu_piezo.extraction.covariance import Spread, fisher_spread, jackknife_spread
 from femu_piezo.extraction.fit import SweepData, correlation, fit, residual, solve_linear
 from femu_piezo.extraction.model import FrequencyAxis, RationalModel
-from femu_piezo.extraction.spread import Spread, fisher_spread, jackknife_spread
 
 from .bar import Bar, sweep
 

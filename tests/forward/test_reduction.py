@@ -12,9 +12,9 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.forward.response import full_impedance
 from femu_piezo.geometry.shapes import Plate
+from femu_piezo.inference.unknowns import FreeConstants
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
-from femu_piezo.updating.parameters import FreeConstants
 
 PZT = library_material("pzt-5h").constants.lossless()
 TANGENTS = np.array([14, 12, 13, 15, 20, 16, 17, 18, 19, 20]) * 1e-3

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from femu_piezo.diagnosis.fitting import JointFit
 from femu_piezo.errors import FemuPiezoError
-from femu_piezo.specimen import read_specimen
-from femu_piezo.study.bases import Bases
+from femu_piezo.inference.fit import JointFit
+from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import Diagnosis, diagnose
+from femu_piezo.study.model_cache import Bases
 from hidden_effects.catalogue import NAMES
 from hidden_effects.draws import FREE, Draw
 

@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from femu_piezo.study.bases import SharedBases
+from femu_piezo.study.model_cache import SharedBases
 from hidden_effects.draws import draw, pair_of, place_of
 from hidden_effects.judge import Outcome, judge_draw
 from hidden_effects.undescribed import UNDESCRIBED

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from femu_piezo.cli import main
 from femu_piezo.errors import InputError
-from femu_piezo.study.bases import SharedBases
+from femu_piezo.study.model_cache import SharedBases
 from hidden_effects import study
 from hidden_effects.catalogue import EFFECTS, NAMES
 from hidden_effects.confusion import rates

@@ -17,7 +17,7 @@ from femu_piezo.geometry.catalogue import disk
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.library import library_material
 from femu_piezo.output.surface import GROUND, HOT, surface_of
-from femu_piezo.specimen import read_specimen
+from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.modes import find_modes
 
 PIC255 = library_material("pic255")

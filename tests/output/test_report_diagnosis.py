@@ -16,12 +16,12 @@ from click.testing import CliRunner
 from test_report import Page
 
 from femu_piezo.cli import main
-from femu_piezo.diagnosis.effect import EffectParameter
+from femu_piezo.effects.effect import EffectParameter
 from femu_piezo.output.diagnosis import diagnosis_record
 from femu_piezo.output.folder import prepare_folder, write_json
 from femu_piezo.output.report_diagnosis import write_diagnosis_report
 from femu_piezo.output.wording import band, listed, merged, quantity
-from femu_piezo.specimen import read_specimen
+from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import LinearBody, diagnose
 
 TUTORIAL = Path(__file__).resolve().parents[2] / "tutorials" / "hidden_effect"

@@ -11,15 +11,15 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.forward.response import full_impedance
 from femu_piezo.geometry.shapes import Plate
-from femu_piezo.material.constants import EPS0
-from femu_piezo.material.simplified import SimplifiedK33
-from femu_piezo.resonances import Resonance
-from femu_piezo.updating.pole_zero import (
+from femu_piezo.inference.starts.pole_zero import (
     low_frequency_permittivity,
     paper_step,
     static_permittivity,
     update_simplified,
 )
+from femu_piezo.material.constants import EPS0
+from femu_piezo.material.simplified import SimplifiedK33
+from femu_piezo.resonances import Resonance
 
 DENSITY = 7900.0
 #: λ of the paper's target (Table 2) from its p1 and z1, 1 mm linear hexahedra.

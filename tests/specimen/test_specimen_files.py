@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from femu_piezo.errors import InputError
-from femu_piezo.specimen import (
+from femu_piezo.specimen.file import (
     CONSTANTS,
     Geometry,
     Material,

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from femu_piezo.cli import main
-from femu_piezo.specimen import read_specimen
+from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.shapes import electrode_notes
 
 PLATE = """

@@ -11,12 +11,12 @@ from femu_piezo.forward.thin_limits import thin_disk_admittance, thin_disk_eigen
 from femu_piezo.geometry.catalogue import disk, trapezoid
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Electrodes
+from femu_piezo.inference.starts.thin_body import disk_permittivity, disk_start
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.specimen import read_specimen
+from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.starts import has_uniform_field, pair_names, solid_disk_radius
 from femu_piezo.study.update import update
-from femu_piezo.updating.start import disk_permittivity, disk_start
 
 DENSITY = 7500.0
 

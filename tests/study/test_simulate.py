@@ -11,8 +11,8 @@ from click.testing import CliRunner
 
 from femu_piezo.cli import main
 from femu_piezo.forward.reduction import reduce_model
-from femu_piezo.specimen import read_specimen
-from femu_piezo.study.inputs import prepare
+from femu_piezo.specimen.file import read_specimen
+from femu_piezo.study.problem import prepare
 from femu_piezo.study.simulate import curve_resonances, simulate
 
 PLATE = """

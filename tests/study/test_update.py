@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from femu_piezo.cli import main
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.specimen import read_specimen, read_specimens
+from femu_piezo.specimen.file import read_specimen, read_specimens
 from femu_piezo.study.update import update
 
 TRIO = ("s11", "d31", "eps33T")

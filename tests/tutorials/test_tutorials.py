@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from femu_piezo.specimen import read_specimen
+from femu_piezo.specimen.file import read_specimen
 
 FOLDER = Path(__file__).resolve().parents[2] / "tutorials"
 #: tutorial → pictures it must write

@@ -10,9 +10,9 @@ from femu_piezo.forward.linear_solver import factorize
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.response import driven_state, full_impedance
 from femu_piezo.geometry.shapes import Plate
+from femu_piezo.inference.starts.thin_body import bar_permittivity, bar_start, k31_bar_admittance, k33_bar_impedance
 from femu_piezo.material.constants import D_FORM, E_FORM, PiezoConstants
 from femu_piezo.material.library import library_material
-from femu_piezo.updating.start import bar_permittivity, bar_start, k31_bar_admittance, k33_bar_impedance
 
 PZT = library_material("pzt-5h").constants
 LOSSY = PiezoConstants.from_vector(PZT.vector() * (1 - 1j * np.array([14, 12, 13, 15, 20, 16, 17, 18, 19, 20]) * 1e-3))

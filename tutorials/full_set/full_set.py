@@ -20,9 +20,9 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.output.folder import prepare_folder, write_figure
 from femu_piezo.output.report_update import write_update_report
 from femu_piezo.output.sensitivity import sensitivity_figure
-from femu_piezo.specimen import CONSTANTS, Measurement, read_specimens
+from femu_piezo.specimen.file import CONSTANTS, Measurement, read_specimens
 from femu_piezo.study.identify import identify
-from femu_piezo.study.inputs import prepare
+from femu_piezo.study.problem import prepare
 from femu_piezo.study.update import update
 
 HERE = Path(__file__).parent if "__file__" in globals() else Path()

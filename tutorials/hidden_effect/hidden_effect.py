@@ -18,7 +18,7 @@ from femu_piezo.output.diagnosis import diagnosis_figure
 from femu_piezo.output.diagnosis_words import answer
 from femu_piezo.output.folder import prepare_folder, write_figure
 from femu_piezo.output.report_diagnosis import write_diagnosis_report
-from femu_piezo.specimen import read_specimen, write_specimen
+from femu_piezo.specimen.file import read_specimen, write_specimen
 from femu_piezo.study.diagnose import diagnose, extended_specimen
 from femu_piezo.study.update import update
 

@@ -17,7 +17,7 @@ from femu_piezo.output.extraction_plots import extraction_figure
 from femu_piezo.output.folder import prepare_folder, write_figure
 from femu_piezo.output.report_update import write_update_report
 from femu_piezo.output.sensitivity import sensitivity_figure
-from femu_piezo.specimen import read_specimen
+from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.update import update
 
 HERE = Path(__file__).parent if "__file__" in globals() else Path()

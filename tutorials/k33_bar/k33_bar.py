@@ -16,15 +16,15 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.forward.response import full_impedance
 from femu_piezo.geometry.shapes import Plate
+from femu_piezo.inference.starts.pole_zero import update_simplified
 from femu_piezo.material.constants import EPS0
 from femu_piezo.material.simplified import SimplifiedK33
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.output.curves import impedance_figure, iteration_figure
 from femu_piezo.output.folder import prepare_folder, write_figure
-from femu_piezo.specimen import read_specimen
+from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.update import update
-from femu_piezo.updating.pole_zero import update_simplified
 
 HERE = Path(__file__).parent if "__file__" in globals() else Path()
 OUT = prepare_folder(Path(os.environ.get("FEMU_PIEZO_OUT", "out")) / "k33_bar")

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
 from femu_piezo.extraction.linear_body import linear_body_misfit
+from femu_piezo.inference.starts.thin_body import k31_bar_admittance
 from femu_piezo.material.constants import EPS0
 from femu_piezo.output.curves import impedance_figure
 from femu_piezo.output.diagnosis import diagnosis_figure
@@ -22,10 +23,9 @@ from femu_piezo.output.folder import prepare_folder, write_figure
 from femu_piezo.output.report_curves import residual_in_sigma
 from femu_piezo.output.report_diagnosis import write_diagnosis_report
 from femu_piezo.output.report_update import write_update_report
-from femu_piezo.specimen import read_specimen
+from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import diagnose
 from femu_piezo.study.update import update
-from femu_piezo.updating.start import k31_bar_admittance
 
 HERE = Path(__file__).parent if "__file__" in globals() else Path()
 OUT = prepare_folder(Path(os.environ.get("FEMU_PIEZO_OUT", "out")) / "measured_bar")

@@ -23,7 +23,7 @@ from femu_piezo.output.diagnosis_words import answer
 from femu_piezo.output.folder import prepare_folder, write_figure
 from femu_piezo.output.report_diagnosis import write_diagnosis_report
 from femu_piezo.output.report_update import write_update_report
-from femu_piezo.specimen import read_specimen
+from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import diagnose
 from femu_piezo.study.update import update
 

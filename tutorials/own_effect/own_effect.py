@@ -19,7 +19,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
-from femu_piezo.diagnosis import effects
+from femu_piezo.effects import library
 from femu_piezo.forward.eigen import solve_eigen
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
@@ -27,7 +27,7 @@ from femu_piezo.material.library import library_material
 from femu_piezo.output.diagnosis import diagnosis_figure
 from femu_piezo.output.diagnosis_words import answer
 from femu_piezo.output.folder import prepare_folder, write_figure
-from femu_piezo.specimen import read_specimen
+from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import diagnose
 
 HERE = Path(__file__).parent if "__file__" in globals() else Path()
@@ -111,12 +111,12 @@ assert left > 1.2 and before.verdict.after.structured  # beyond noise, and it sa
 # %% [markdown]
 # ## The effect joins the library
 #
-# Every module in a folder of `femu_piezo.diagnosis.effects` that has `candidates(context)` takes part in `simulate`,
+# Every module in a folder of `femu_piezo.effects.library` that has `candidates(context)` takes part in `simulate`,
 # `update` and `diagnose`; nothing else needs to be touched. In a checkout the file goes into that folder. From outside,
 # one line of Python adds a folder of one's own. (Specimen files cannot do this: they never run code.)
 
 # %%
-effects.__path__.append(str(HERE / "effects"))
+library.__path__.append(str(HERE / "effects"))
 after = diagnose(specimen)
 print(f"\nwith it: {after.verdict.word}: {answer(after).headline}")
 for sentence in (*answer(after).wrong, *answer(after).sure):

@@ -18,7 +18,7 @@ from femu_piezo.geometry.catalogue import trapezoid
 from femu_piezo.geometry.slab import Electrodes
 from femu_piezo.material.library import library_material
 from femu_piezo.output.folder import prepare_folder
-from femu_piezo.specimen import read_specimen
+from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.modes import find_modes
 
 OUT = prepare_folder(Path(os.environ.get("FEMU_PIEZO_OUT", "out")) / "trapezoid")

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 import skfem
 
-from femu_piezo.diagnosis.effect import Effect, EffectContext, EffectParameter, ExtraTerm
+from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, ExtraTerm
 from femu_piezo.forward.model import ElectroelasticModel
 
 

@@ -1,0 +1,192 @@
+"""How far a planned measurement would tell two causes apart, in σ, by the model at the fits there are.
+
+Two fits A and B explain the present data alike. In the planned data A predicts d_A. What B then misses, all its
+unknowns (constants and effect) fitted again from where they stand, is their separation:
+
+    min_x ‖ d_A − d_B(x) ‖,   whitened by the noise of the planned data.
+
+An effect that a constant imitates is told from it as soon as its size is known against that constant: size/σ(size),
+all other unknowns free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from femu_piezo.inference.blocks import Prior
+from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common
+from femu_piezo.inference.joint import JointParameters
+from femu_piezo.inference.response import Evaluation
+
+#: Most Gauss-Newton steps of a refit, and the gain of one below which it has settled.
+_STEPS, _SETTLED = 6, 0.01
+#: Separation beyond which the figure has no meaning, and pairs told in one recommendation.
+_FAR, _TOLD = 100, 3
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Data that there would be after a further measurement, the present ones included.
+
+    Attributes
+    ----------
+    words : what to do
+    evaluation : of all sweeps
+    relative_noise : (k,) sqrt(E|δZ/Z|²) of theirs
+    owner : name that effects get which belong to the one specimen there is now
+    readings : direct readings: (effect name, its specimen) → (n,) slope of the reading in the effect's parameters over
+        the reading's σ; readings of several effects add up to one number
+    new_sweeps : whether there are sweeps beyond the present ones
+    """
+
+    words: str
+    evaluation: Evaluation | Ensemble
+    relative_noise: np.ndarray = field(repr=False)
+    owner: str = ""
+    readings: Mapping[tuple[str, str], np.ndarray] = field(default_factory=dict)
+    new_sweeps: bool = False
+
+    def owned(self, parameters: JointParameters) -> JointParameters:
+        """The unknowns with every effect that is not common as that of its specimen."""
+
+        def own(effect):
+            return effect if is_common(effect) or effect.specimen else belonging_to(effect, self.owner)
+
+        return replace(
+            parameters,
+            effects=tuple(own(effect) for effect in parameters.effects),
+            fixed=tuple((own(effect), values) for effect, values in parameters.fixed),
+        )
+
+    def predicted(self, parameters: JointParameters, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Whitened log Z of all sweeps as Re, Im, then the reading: (2k + 1,), and the Jacobian (2k + 1, n_x)."""
+        owned = self.owned(parameters)
+        z, slopes = self.evaluation.with_jacobian(owned, x)
+        weight = np.sqrt(2.0) / self.relative_noise
+        rows = slopes / z[:, None] * weight[:, None]
+        reading, row = 0.0, np.zeros((1, x.size))
+        for index, (effect, values) in enumerate(zip(owned.effects, owned.values(x), strict=True)):
+            slope = self.readings.get((effect.name, "" if is_common(effect) else effect.specimen))
+            if slope is not None:
+                reading += float(slope @ (values - effect.rest))
+                row[0, owned.columns(index)] = slope * effect.scale
+        logs = np.log(z) * weight
+        return np.concatenate([logs.real, logs.imag, [reading]]), np.concatenate([rows.real, rows.imag, row])
+
+
+@dataclass(frozen=True)
+class Point:
+    """Unknowns of a fit and where they stand."""
+
+    parameters: JointParameters
+    x: np.ndarray
+
+
+@dataclass(frozen=True)
+class Separation:
+    """What a planned measurement would bring.
+
+    Attributes
+    ----------
+    measurement : in words
+    cause, other : titles of the two, the other an effect or a constant
+    size : in words, the size of `cause` that the figure holds for where it is not named in the data; else ""
+    now, expected : σ with the present data and with those of the plan
+    """
+
+    measurement: str
+    cause: str
+    other: str
+    size: str
+    now: float
+    expected: float
+
+
+def summary(planned: Sequence[Separation]) -> str:
+    """What one measurement would bring for several pairs, the closest pairs first, as a recommendation."""
+    ordered = sorted(planned, key=lambda one: one.expected)
+    pairs = [
+        f"{one.cause}{' of ' + one.size if one.size else ''} from {one.other} {_figure(one.expected)}"
+        for one in ordered
+    ]
+    more = f" and {len(pairs) - _TOLD} more" if len(pairs) > _TOLD else ""
+    return f"{ordered[0].measurement}: expected separation of {', '.join(pairs[:_TOLD])}{more}"
+
+
+def _figure(sigma: float) -> str:
+    if sigma > _FAR:
+        return f"over {_FAR} σ"
+    return f"{sigma:.{0 if sigma >= 10 else 1}f} σ"
+
+
+def between(plan: Plan, first: Point, second: Point, prior: Prior) -> float:
+    """σ by which the second cause misses what the first predicts, all its unknowns refitted.
+
+    prior : of the constants
+    """
+    wanted, _ = plan.predicted(first.parameters, first.x)
+    rows = _prior_rows(prior, second)
+    turn = 2 * np.pi * np.sqrt(2.0) / plan.relative_noise
+    phases = slice(turn.size, 2 * turn.size)
+
+    def missed(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        reached, jacobian = plan.predicted(second.parameters, x)
+        difference = wanted - reached
+        difference[phases] -= turn * np.round(difference[phases] / turn)  # phases differ by less than half a turn
+        pulled = np.concatenate([difference, rows @ (second.x - x)])
+        return pulled, np.concatenate([jacobian, rows]), float(np.linalg.norm(pulled))
+
+    low, high = second.parameters.bounds.T
+    x, (difference, jacobian, left) = second.x, missed(second.x)
+    for _ in range(_STEPS):
+        step, before = _solved(jacobian, difference), left
+        for share in (1.0, 0.3, 0.1):
+            other = np.clip(x + share * step, low, high)
+            tried = missed(other)
+            if tried[2] < left:
+                x, (difference, jacobian, left) = other, tried
+                break
+        if left > (1 - _SETTLED) * before:
+            break
+    return left
+
+
+def strength(plan: Plan, point: Point, effect: int, size: float, prior: Prior) -> float:
+    """size/σ of the first parameter of the effect number `effect`, all other unknowns free; size in SI."""
+    _, jacobian = plan.predicted(point.parameters, point.x)
+    own = point.parameters.columns(effect)
+    others = np.delete(np.arange(point.x.size), own.start)
+    rows = _prior_rows(prior, point)
+    return (
+        abs(size)
+        / point.parameters.effects[effect].scale[0]
+        * _left(jacobian[:, own.start], jacobian[:, others], rows[:, others])
+    )
+
+
+def _left(target: np.ndarray, jacobian: np.ndarray, prior: np.ndarray) -> float:
+    """min_δ ‖(target, 0) − (jacobian, prior) δ‖."""
+    whole = np.concatenate([jacobian, prior])
+    padded = np.concatenate([target, np.zeros(len(prior))])
+    return float(np.linalg.norm(padded - whole @ _solved(whole, padded)))
+
+
+def _solved(matrix: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """The least-squares solution, columns scaled to one."""
+    norm = np.linalg.norm(matrix, axis=0)
+    norm[norm == 0] = 1.0
+    return np.linalg.lstsq(matrix / norm, target, rcond=1e-12)[0] / norm
+
+
+def _prior_rows(prior: Prior, point: Point) -> np.ndarray:
+    """(m, n_x) slopes of the priors of constants and of the effects beyond their first parameter, its size."""
+    material = point.parameters.material
+    own = 2 * material.scale.size
+    rows = np.zeros((len(prior.values), point.x.size))
+    rows[:, :own] = prior.jacobian(material, point.x[:own])
+    pull = point.parameters.prior(point.x)[1]
+    sizes = [point.parameters.columns(i).start - own for i in range(len(point.parameters.effects))]
+    return np.concatenate([rows, np.delete(pull, sizes, axis=0)])

@@ -1,0 +1,242 @@
+"""`Effect`: something a real specimen has and the base model leaves out, as data.
+
+An effect changes the affine model A = Σ c_q A_q − ω² M at one or more of these places, each with exact slopes:
+
+    constants   the ten d-form constants, over frequency or not         θ → θ'(ω, p)
+    stretch     the dimensions along the axes                           s_a(p): ∂_a → ∂_a/s_a, dV → s_x s_y s_z dV
+    density     the density                                             ρ → m(p) ρ
+    terms       further stiffness or inertia terms on the mesh          + c(ω, p) A_extra, − ω² m(p) M_extra
+    local       terms at a place that is itself a parameter             + c(ω, p) A(p), on the reduced plate
+    circuit     a two-port around the terminals                         Z → Z'(ω, p)
+
+Effects compose: a list of them is applied in order, circuits last. Each file of `femu_piezo.effects.library` holds
+one; it needs no change anywhere else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import scipy.sparse as sp
+
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.material.constants import PiezoConstants
+
+if TYPE_CHECKING:
+    from femu_piezo.effects.local.operators import Places
+
+#: (θ (k, 10), tangents (k, 10, n_x) = ∂θ/∂x, ω (k,), p (n,)) → (θ', its tangents, ∂θ'/∂p (k, 10, n)). The map may be
+#: real-linear only (it may treat Re and Im apart); x and p are real.
+ConstantsHook = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+#: p (n,) → factors s (3,) on the dimensions along x, y, z, and ∂s/∂p (3, n)
+StretchHook = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+#: p (n,) → factor on the density, and its slopes ∂/∂p (n,)
+DensityHook = Callable[[np.ndarray], tuple[float, np.ndarray]]
+#: (ω (k,), p (n,)) → coefficient (k,) complex, and ∂/∂p (k, n)
+CoefficientHook = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+#: (ω (k,), Z (k,), p (n,)) → Z' (k,), ∂Z'/∂Z (k,), ∂Z'/∂p (k, n)
+CircuitHook = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class LocalTerm:
+    """One term of the reduced plate at given parameters: value · matrix, and its slopes in the parameters.
+
+    Attributes
+    ----------
+    kind : "stiffness" adds value · matrix to the operator, "inertia" −ω² value · matrix (value must not depend on ω)
+    matrix : (r, r) real for stiffness, (u, u) on the displacement unknowns for inertia
+    value : (k,) over frequency;  slopes : (k, n) ∂value/∂p
+    constant : number of the e-form constant that multiplies it, where one does
+    """
+
+    kind: Literal["stiffness", "inertia"]
+    matrix: np.ndarray
+    value: np.ndarray
+    slopes: np.ndarray
+    constant: int | None = None
+
+
+#: (places of the reduced plate, ω (k,), p (n,)) → its terms
+LocalHook = Callable[["Places", np.ndarray, np.ndarray], list[LocalTerm]]
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One real parameter of an effect.
+
+    Attributes
+    ----------
+    unit : in words of SI, "1" for a pure number
+    low, high : bounds of a fit; 0 (or `rest`) lies between: there the effect vanishes
+    scale : a usual size, the unit of the fit
+    spread : how far from `rest` such effects usually are where there is one: the standard deviation of the prior of a
+        candidate
+    tolerance : how far from `rest` it may be without being an effect (a calliper's deviation, the residue of a
+        fixture): the standard deviation of the prior that every fit has; 0 where it is exactly at rest
+    starts : further values to start a fit from, beside the one that linearisation at `rest` gives
+    rest : the value at which the effect vanishes
+    optional : whether a specimen file may leave it out; it is at `rest` then
+    law_error : standard deviation, relative to the value, by which the law's own approximations miss the parameter; of
+        the first one, the size, also the share of the effect's change of log Z that they miss
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    scale: float
+    spread: float
+    starts: tuple[float, ...] = ()
+    rest: float = 0.0
+    optional: bool = False
+    law_error: float = 0.0
+    tolerance: float = 0.0
+
+    @property
+    def after_number(self) -> str:
+        """The unit as it follows a number: " kg", and nothing for a pure number."""
+        return "" if self.unit == "1" else f" {self.unit}"
+
+
+@dataclass(frozen=True)
+class ExtraTerm:
+    """A further term of the affine model.
+
+    Attributes
+    ----------
+    kind : "stiffness" adds c A to the operator, "inertia" adds −ω² c A (c must not depend on ω then)
+    matrix : builds A, (4n, 4n) sparse over all degrees of freedom, fields one after another
+    coefficient : c(ω, p) with slopes
+    training : values of c that the reduced basis must serve
+    """
+
+    name: str
+    kind: Literal["stiffness", "inertia"]
+    matrix: Callable[[ElectroelasticModel], sp.spmatrix]
+    coefficient: CoefficientHook
+    training: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """A candidate cause of a misfit.
+
+    Attributes
+    ----------
+    name : as in results and in the [effects] table of a specimen file
+    sentence : what it is, in physical words
+    variant : the constant that is meant, where one name has several candidates
+    law : another formula of the same cause, where it has several
+    specimen : whose it is, where several are diagnosed together and it is not common to all
+    confusable_with : names of effects and constants it may be hard to tell from
+    advice : further measurements that separate it from those
+    dispersive : whether `constants` or a coefficient depends on ω
+    sectors : groups of unknowns beyond the driven ones that the terms couple
+        (`femu_piezo.effects.local.symmetry_sectors`)
+    sites : (m, n) parameters to start a fit from: the size, then where it sits. How Z moves with a small size tells
+        how promising each is and what size it asks for
+    onset : terms whose slopes in the size hold at size zero, where those of `local` do not
+    """
+
+    name: str
+    sentence: str
+    parameters: tuple[EffectParameter, ...]
+    variant: str = ""
+    law: str = ""
+    specimen: str = ""
+    confusable_with: tuple[str, ...] = ()
+    advice: tuple[str, ...] = ()
+    constants: ConstantsHook | None = None
+    stretch: StretchHook | None = None
+    density: DensityHook | None = None
+    terms: tuple[ExtraTerm, ...] = ()
+    local: LocalHook | None = None
+    circuit: CircuitHook | None = None
+    dispersive: bool = False
+    sectors: tuple[str, ...] = ()
+    sites: np.ndarray | None = None
+    onset: LocalHook | None = None
+
+    @property
+    def key(self) -> str:
+        """Name, variant, specimen and law, unique in the library."""
+        return f"{self.title}/{self.law}" if self.law else self.title
+
+    @property
+    def title(self) -> str:
+        """The cause in words of the library: its name, with the constant it is about and the specimen that has it."""
+        name = f"{self.name}:{self.variant}" if self.variant else self.name
+        return f"{name} ({self.specimen})" if self.specimen else name
+
+    @property
+    def rest(self) -> np.ndarray:
+        """(n,) parameters at which the effect vanishes."""
+        return np.array([parameter.rest for parameter in self.parameters])
+
+    @property
+    def scale(self) -> np.ndarray:
+        """(n,) unit of each parameter in a fit."""
+        return np.array([parameter.scale for parameter in self.parameters])
+
+    @property
+    def spread(self) -> np.ndarray:
+        """(n,) prior standard deviation of each parameter where the effect is tried as a cause."""
+        return np.array([max(parameter.spread, parameter.tolerance) for parameter in self.parameters])
+
+    @property
+    def tolerance(self) -> np.ndarray:
+        """(n,) prior standard deviation of each parameter where it is not."""
+        return np.array([parameter.tolerance for parameter in self.parameters])
+
+    @property
+    def has_tolerance(self) -> bool:
+        """Whether every fit has it, within its tolerance."""
+        return bool(np.any(self.tolerance > 0))
+
+    @property
+    def is_candidate(self) -> bool:
+        """Whether it may be larger than its tolerance, and so be a cause."""
+        return bool(np.any(self.spread > self.tolerance))
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """(n, 2) lower and upper bounds."""
+        return np.array([[parameter.low, parameter.high] for parameter in self.parameters])
+
+
+@dataclass(frozen=True)
+class EffectContext:
+    """What the library must know of a specimen to make its candidates.
+
+    Attributes
+    ----------
+    fundamental_Hz : pole of the fundamental, where laws over frequency are anchored
+    free : names of the free constants; all others are held
+    constants : the ten constants of the base model
+    axes : the dimensions that the specimen has, by name, as the axes (0, 1, 2) along which they lie
+    density : kg/m³
+    thickness : extent along the electrodes' normal, m
+    impedance : typical |Z| of the sweep, ohm
+    tolerances : standard deviations by name: relative of dimensions, of the density and of held constants ("s12"),
+        absolute of their tangents ("tan_s12"), SI of the fixture's "resistance", "inductance" and "capacitance";
+        relative "accuracy" and "phase_accuracy" (rad) of the instrument. What has none is known exactly.
+    band_Hz : lowest and highest frequency of the sweep
+    dimensions : length, width, thickness of a plate with three mirror planes, m; None for other bodies
+    poling : "thickness" (k31) or "length" (k33)
+    """
+
+    fundamental_Hz: float
+    free: tuple[str, ...]
+    constants: PiezoConstants
+    axes: Mapping[str, tuple[int, ...]]
+    density: float
+    thickness: float
+    impedance: float = field(default=1e3)
+    dimensions: tuple[float, float, float] | None = None
+    poling: str = "thickness"
+    tolerances: Mapping[str, float] = field(default_factory=dict)
+    band_Hz: tuple[float, float] = (100.0, 1e6)

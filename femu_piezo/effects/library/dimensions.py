@@ -1,0 +1,59 @@
+"""Dimensions and density other than the specimen file says: the body is (1 + p) times as long, or as dense.
+
+The deviation of calliper and balance (`std_length`, `std_density`) is the tolerance of p; beyond it the entry is wrong.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
+
+_CONFUSABLE = {
+    "length": ("s11", "s33"),
+    "width": ("eps33T", "wrong_insensitive_parameter"),
+    "thickness": ("eps33T", "d31"),
+    "diameter": ("s11", "s12", "wrong_thickness"),
+}
+
+
+def _error(context: EffectContext, name: str) -> tuple[EffectParameter, ...]:
+    tolerance = context.tolerances.get(name, 0.0)
+    return (
+        EffectParameter("relative_error", "1", -0.1, 0.1, 0.005, max(0.02, 3 * tolerance), tolerance=tolerance),
+    )
+
+
+def _stretch(along: np.ndarray):
+    def stretch(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return 1 + p[0] * along, along[:, None]
+
+    return stretch
+
+
+def candidates(context: EffectContext) -> tuple[Effect, ...]:
+    """One for each dimension that the specimen has by name, all radii of a disk going together, and the density."""
+    dimensions = tuple(
+        Effect(
+            name=f"wrong_{name}",
+            sentence=f"the {name} in the specimen file is not that of the specimen",
+            parameters=_error(context, name),
+            confusable_with=_CONFUSABLE[name],
+            advice=(
+                f"measure the {name} with a micrometer",
+                "widen the band to the modes of the other dimensions",
+                "measure a second specimen of the same material and other size: a constant is common to both",
+            ),
+            stretch=_stretch(np.isin(np.arange(3), axes).astype(float)),
+        )
+        for name, axes in context.axes.items()
+    )
+    density = Effect(
+        name="wrong_density",
+        sentence="the density in the specimen file is not that of the specimen",
+        parameters=_error(context, "density"),
+        confusable_with=("s11", "s33", "wrong_length"),
+        advice=("weigh the specimen and divide by its volume",),
+        density=lambda p: (1 + p[0], np.ones(1)),
+    )
+    return (*dimensions, density)

@@ -1,0 +1,74 @@
+"""Heavy electrodes: a film of mass on both faces, and one that is heavier on one face than on the other.
+
+    electrode_mass           −ω² μ ∫ v·u dS over both faces, μ in kg/m² on each face
+    unequal_electrode_mass   −ω² (d/2) (∫_upper − ∫_lower) v·u dS beside the mean film; it couples the driven modes to
+                             those that are odd about the plane between the electrodes, bending among them
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, ExtraTerm, LocalTerm
+from femu_piezo.effects.local.operators import Places
+from femu_piezo.forward.electrodes import electrode_film
+
+
+def _mass(omega: np.ndarray, p: np.ndarray):
+    return np.full(omega.shape, p[0], dtype=complex), np.ones((omega.size, 1), dtype=complex)
+
+
+
+def _difference(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
+    one = np.ones(omega.shape, dtype=complex)
+    return [LocalTerm("inertia", places.films, p[0] / 2 * one, one[:, None] / 2)]
+
+
+
+def _both(context: EffectContext) -> tuple[Effect, ...]:
+    """Bounded by a fifth of the specimen's own mass per area and face."""
+    own = context.density * context.thickness / 2
+    return (
+        Effect(
+            name="electrode_mass",
+            sentence="the electrodes are heavy: a film of mass on both faces",
+            parameters=(EffectParameter("mass_per_area", "kg/m^2", -0.02 * own, 0.2 * own, 0.005 * own, 0.05 * own),),
+            confusable_with=("wrong_length", "s11"),
+            advice=("weigh the specimen and compare with density × volume", "measure the thickness of the electrodes"),
+            terms=(ExtraTerm("film", "inertia", electrode_film, _mass, (0.02 * own,)),),
+        ),
+    )
+
+
+def _unequal(context: EffectContext) -> tuple[Effect, ...]:
+    """For plates with three mirror planes and electrodes on their faces; which one is the heavier cannot be told."""
+    if context.dimensions is None or context.poling != "thickness":
+        return ()
+    own = context.density * context.thickness / 2
+    return (
+        Effect(
+            name="unequal_electrode_mass",
+            sentence="one electrode is heavier than the other: the plate bends as it vibrates",
+            parameters=(
+                EffectParameter(
+                    "difference",
+                    "kg/m^2",
+                    0.0,
+                    0.2 * own,
+                    0.01 * own,
+                    0.03 * own,
+                    starts=(0.003 * own, 0.01 * own, 0.04 * own),
+                    law_error=0.03,
+                ),
+            ),
+            confusable_with=("electrode_mass", "point_mass"),
+            advice=("measure the thickness of both electrodes", "compare with the simulation of a bare plate"),
+            local=_difference,
+            sectors=("z", "z film"),
+        ),
+    )
+
+
+def candidates(context: EffectContext) -> tuple[Effect, ...]:
+    """The mean film, and the difference of the two where the body has the symmetry that tells it."""
+    return (*_both(context), *_unequal(context))

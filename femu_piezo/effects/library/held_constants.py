@@ -1,0 +1,53 @@
+"""A constant that the update holds fixed is not what the file says: θ → θ (1 + p)(1 − j t), one for each held constant.
+
+How well such a constant is known (`std_s12`, `std_tan_s12`) is the tolerance of p and of t. A candidate widens p alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
+from femu_piezo.material.constants import D_FORM
+
+
+def _hook(index: int):
+    def constants(theta, tangents, omega, p):
+        own = np.zeros((*theta.shape, 2), dtype=complex)
+        factor, value = (1 + p[0]) * (1 - 1j * p[1]), theta[:, index]
+        own[:, index, 0] = value * (1 - 1j * p[1])
+        own[:, index, 1] = -1j * value * (1 + p[0])
+        theta, tangents = theta.copy(), tangents.copy()
+        theta[:, index] = value * factor
+        tangents[:, index] *= factor
+        return theta, tangents, own
+
+    return constants
+
+
+def candidates(context: EffectContext) -> tuple[Effect, ...]:
+    """One for each constant that is neither free nor zero."""
+    held = [name for name in D_FORM if name not in context.free and getattr(context.constants, name) != 0]
+    return tuple(
+        Effect(
+            name="wrong_insensitive_parameter",
+            variant=name,
+            sentence=f"the constant {name}, held fixed, is not that of this material",
+            parameters=(
+                _value(name, context.tolerances.get(name, 0.0)),
+                _tangent(name, context.tolerances.get(f"tan_{name}", 0.0)),
+            ),
+            confusable_with=tuple(other for other in held if other != name),
+            advice=(f"free {name} and measure a specimen that determines it (`femu-piezo identify` says which)",),
+            constants=_hook(D_FORM.index(name)),
+        )
+        for name in held
+    )
+
+
+def _value(name: str, tolerance: float) -> EffectParameter:
+    return EffectParameter(name, "1", -0.45, 0.8, 0.05, max(0.12, 3 * tolerance), tolerance=tolerance)
+
+
+def _tangent(name: str, tolerance: float) -> EffectParameter:
+    return EffectParameter(f"tan_{name}", "1", -0.2, 0.5, 0.005, tolerance, optional=True, tolerance=tolerance)

@@ -1,0 +1,113 @@
+"""Laws over frequency.
+
+Elastic losses that follow a power of frequency: tan φ(ω) = tan φ (ω/ω0)^n for all five compliances.
+
+Two laws, told apart by the data:
+- plain: the real parts stay. Not causal.
+- causal: with the part of the Kramers-Kronig partner that the change of the loss asks for. A loss
+  s'' = s' tan φ (ω/ω0)^n belongs to the causal compliance ∝ (jω)^n, whose real part adds
+  −s' tan φ cot(nπ/2) [(ω/ω0)^n − 1]; of this the share of a constant loss, −s' tan φ (2/π) ln(ω/ω0), is left out as
+  it is in the base model, so that n = 0 is the base model.
+
+ε33T falls by a constant share per decade: ε33T(ω) = ε33T [1 − p log10(ω/ω0)].
+
+The Kramers-Kronig partner of this fall is a constant loss tangent p π/(2 ln 10) to first order in p (Jonscher's
+constant loss). It is not added here, since the tangent of ε33T holds it: the model is causal where that tangent is
+not smaller.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
+from femu_piezo.material.constants import D_FORM
+
+_EPS33T = D_FORM.index("eps33T")
+_ELASTIC = slice(0, 5)
+_SENTENCE = "the elastic loss tangent follows a power of frequency about the fundamental"
+
+
+def partner(n: float, logs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """d(n, L) = cot(nπ/2)(e^{nL} − 1) − (2/π) L and ∂d/∂n, by their series about n = 0 where n is small."""
+    if abs(n) < 1e-3:
+        second, third = logs**2 / np.pi, logs**3 / (3 * np.pi) - np.pi * logs / 6
+        return n * second + n**2 * third, second + 2 * n * third
+    half = np.pi / 2
+    power, cot = np.exp(n * logs), 1 / np.tan(n * half)
+    slope = -half * (1 + cot**2) * (power - 1) + cot * logs * power
+    return cot * (power - 1) - logs / half, slope
+
+
+def _hook(anchor: float, causal: bool):
+    def constants(theta, tangents, omega, p):
+        logs = np.log(omega / anchor)
+        power = np.exp(p[0] * logs)
+        shift, shift_slope = partner(p[0], logs) if causal else (np.zeros_like(logs), np.zeros_like(logs))
+
+        def law(values, power, shift, keep):  # Im s = −s' tan φ: its power, and the real part it brings
+            add = (slice(None),) + (None,) * (values.ndim - 1)
+            return keep * values.real + shift[add] * values.imag + 1j * power[add] * values.imag
+
+        own = np.zeros((*theta.shape, 1), dtype=complex)
+        own[:, _ELASTIC, 0] = law(theta[:, _ELASTIC], power * logs, shift_slope, 0.0)
+        theta, tangents = theta.copy(), tangents.copy()
+        theta[:, _ELASTIC] = law(theta[:, _ELASTIC], power, shift, 1.0)
+        tangents[:, _ELASTIC] = law(tangents[:, _ELASTIC], power, shift, 1.0)
+        return theta, tangents, own
+
+    return constants
+
+
+def _elastic(context: EffectContext) -> tuple[Effect, ...]:
+    """The plain law and its causal variant."""
+    anchor = 2 * np.pi * context.fundamental_Hz
+    laws = (
+        ("", "exponent", False, "; not causal"),
+        ("causal", "causal_exponent", True, ", with the dispersion it causes"),
+    )
+    return tuple(
+        Effect(
+            name="frequency_dependent_elastic_loss",
+            law=law,
+            sentence=_SENTENCE + words,
+            parameters=(EffectParameter(name, "1", -1.5, 1.5, 0.3, 1.0),),
+            confusable_with=("wrong_insensitive_parameter", "tan_s11"),
+            advice=("measure up to the next overtones: each new mode is one more loss",),
+            constants=_hook(anchor, causal),
+            dispersive=True,
+        )
+        for law, name, causal, words in laws
+    )
+
+
+def _dielectric(context: EffectContext) -> tuple[Effect, ...]:
+    """Anchored at the fundamental, where ε33T keeps its value."""
+    anchor = 2 * np.pi * context.fundamental_Hz
+
+    def constants(theta, tangents, omega, p):
+        decades = np.log10(omega / anchor)
+        factor = 1 - p[0] * decades
+        own = np.zeros((*theta.shape, 1), dtype=complex)
+        own[:, _EPS33T, 0] = -decades * theta[:, _EPS33T]
+        theta, tangents = theta.copy(), tangents.copy()
+        theta[:, _EPS33T] *= factor
+        tangents[:, _EPS33T] *= factor[:, None]
+        return theta, tangents, own
+
+    return (
+        Effect(
+            name="dielectric_dispersion",
+            sentence="ε33T falls with frequency, by a constant share per decade",
+            parameters=(EffectParameter("fall_per_decade", "1", -0.1, 0.4, 0.01, 0.1),),
+            confusable_with=("eps33T", "series_inductance", "leakage"),
+            advice=("measure over two more decades towards low frequency, where no resonance disturbs",),
+            constants=constants,
+            dispersive=True,
+        ),
+    )
+
+
+def candidates(context: EffectContext) -> tuple[Effect, ...]:
+    """Elastic losses by their two laws, and the fall of ε33T."""
+    return (*_elastic(context), *_dielectric(context))

@@ -1,0 +1,162 @@
+"""What multiplies the projected matrices at given unknowns: values and tangents over frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from femu_piezo.effects.effect import Effect, LocalTerm
+from femu_piezo.effects.extended_model import ExtendedModel
+from femu_piezo.inference.joint import JointParameters
+from femu_piezo.material.constants import PiezoConstants
+
+
+@dataclass(frozen=True)
+class Active:
+    """One effect in the evaluation: its values, and where its slopes go (None for fixed values)."""
+
+    effect: Effect
+    values: np.ndarray
+    columns: slice | None
+
+    def put(self, target: np.ndarray, slopes: np.ndarray) -> None:
+        """Add ∂/∂p (…, n) times the scale to the columns of a tangent array (…, n_x)."""
+        if self.columns is not None:
+            target[..., self.columns] += slopes * self.effect.scale
+
+
+def active_effects(parameters: JointParameters, x: np.ndarray) -> list[Active]:
+    """The fixed effects, then the fitted ones at x (n_x,)."""
+    fixed = [Active(effect, values, None) for effect, values in parameters.fixed]
+    fitted = zip(parameters.effects, parameters.values(x), strict=True)
+    return fixed + [Active(effect, values, parameters.columns(i)) for i, (effect, values) in enumerate(fitted)]
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """Projected matrices with what multiplies them at k frequencies, for n_x unknowns.
+
+    Attributes
+    ----------
+    terms : (n, r, r) real; stiffness : (k, n) complex; stiffness_tangents : (k, n, n_x)
+    masses : m matrices (u, u); inertia : (k, m) complex; inertia_tangents : (k, m, n_x)
+    """
+
+    terms: np.ndarray
+    stiffness: np.ndarray
+    stiffness_tangents: np.ndarray
+    masses: list[np.ndarray]
+    inertia: np.ndarray
+    inertia_tangents: np.ndarray
+
+
+class _Sum:
+    """Terms of one kind as they are collected."""
+
+    def __init__(self) -> None:
+        self.matrices: list[np.ndarray] = []
+        self.values: list[np.ndarray] = []
+        self.tangents: list[np.ndarray] = []
+
+    def add(self, matrices: Sequence[np.ndarray] | np.ndarray, values: np.ndarray, tangents: np.ndarray) -> None:
+        """n matrices with values (k, n) and tangents (k, n, n_x)."""
+        self.matrices.extend(matrices)
+        self.values.append(values)
+        self.tangents.append(tangents)
+
+    def stacked(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.concatenate(self.values, axis=1), np.concatenate(self.tangents, axis=1)
+
+
+def collect(
+    model: ExtendedModel, parameters: JointParameters, x: np.ndarray, active: list[Active], omega: np.ndarray
+) -> Coefficients:
+    """Everything that multiplies the matrices of a model at the unknowns x (n_x,) and frequencies (k,) rad/s."""
+    e_form, e_tangents = e_form_constants(parameters, x, active, omega)
+    factors, factor_tangents = _stretch(active, x.size)
+    stretched = bool(np.any(factors != 1) or np.any(factor_tangents))
+    owner = model.owner if stretched else np.arange(e_form.shape[1])
+    powers = model.exponents if stretched else np.zeros((owner.size, 3))
+    terms = model.strata if stretched else model.bulk
+    scaling = np.prod(factors**powers, axis=1)
+    scaling_tangents = scaling[:, None] * (powers @ (factor_tangents / factors[:, None]))
+    values = e_form[:, owner] * scaling
+    tangents = e_tangents[:, owner] * scaling[:, None] + e_form[:, owner, None] * scaling_tangents
+    volume = np.prod(factors)
+    growth = volume * np.sum(factor_tangents / factors[:, None], axis=0)
+    density, denser = _density(active, x.size)
+    volume, growth = volume * density, growth * density + volume * denser
+    stiff, heavy = _Sum(), _Sum()
+    heavy.add(
+        [model.mass],
+        np.full((omega.size, 1), volume, dtype=complex),
+        np.tile(growth, (omega.size, 1, 1)).astype(complex),
+    )
+    for item in active:
+        for term in _extra_terms(model, item, omega):
+            value, tangent = term.value, np.zeros((omega.size, x.size), dtype=complex)
+            item.put(tangent, term.slopes)
+            if term.constant is not None:
+                tangent = tangent * e_form[:, term.constant, None] + value[:, None] * e_tangents[:, term.constant]
+                value = value * e_form[:, term.constant]
+            (stiff if term.kind == "stiffness" else heavy).add([term.matrix], value[:, None], tangent[:, None, :])
+    if stiff.matrices:
+        terms = np.concatenate([terms, stiff.matrices])
+        values = np.concatenate([values, *stiff.values], axis=1)
+        tangents = np.concatenate([tangents, *stiff.tangents], axis=1)
+    return Coefficients(terms, values, tangents, heavy.matrices, *heavy.stacked())
+
+
+def _stretch(active: list[Active], unknowns: int) -> tuple[np.ndarray, np.ndarray]:
+    """Factors on the dimensions (3,) of all effects together, and their tangents (3, n_x)."""
+    factors, tangents = np.ones(3), np.zeros((3, unknowns))
+    for item in active:
+        if item.effect.stretch is not None:
+            own, slopes = item.effect.stretch(item.values)
+            tangents *= own[:, None]
+            item.put(tangents, slopes * factors[:, None])
+            factors = factors * own
+    return factors, tangents
+
+
+def _density(active: list[Active], unknowns: int) -> tuple[float, np.ndarray]:
+    """Factor on the density of all effects together, and its tangent (n_x,)."""
+    factor, tangent = 1.0, np.zeros(unknowns)
+    for item in active:
+        if item.effect.density is not None:
+            own, slopes = item.effect.density(item.values)
+            tangent *= own
+            item.put(tangent, slopes * factor)
+            factor *= own
+    return factor, tangent
+
+
+def _extra_terms(model: ExtendedModel, item: Active, omega: np.ndarray) -> list[LocalTerm]:
+    """The terms that an effect adds, on the mesh and at a place."""
+    effect, u = item.effect, model.displacements
+    found = [] if effect.local is None else effect.local(model.places, omega, item.values)
+    for term in effect.terms:
+        matrix = model.inertia[term.name][:u, :u] if term.kind == "inertia" else model.stiffness[term.name]
+        found.append(LocalTerm(term.kind, matrix, *term.coefficient(omega, item.values)))
+    return found
+
+
+def e_form_constants(
+    parameters: JointParameters, x: np.ndarray, active: list[Active], omega: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """e-form constants (k, 10) at each frequency, and their tangents (k, 10, n_x)."""
+    material = parameters.material
+    own = x[: 2 * material.scale.size]
+    theta = np.tile(material.constants(own).vector(), (omega.size, 1))
+    tangents = np.zeros((omega.size, 10, x.size), dtype=complex)
+    tangents[:, :, : own.size] = material.free.directions @ material.slopes(own)
+    for item in active:
+        if item.effect.constants is not None:
+            theta, tangents, slopes = item.effect.constants(theta, tangents, omega, item.values)
+            item.put(tangents, slopes)
+    sets = [PiezoConstants.from_vector(row) for row in theta]
+    e_form = np.array([constants.to_e_form().vector() for constants in sets])
+    jacobians = np.array([constants.e_form_jacobian() for constants in sets])
+    return e_form, jacobians @ tangents

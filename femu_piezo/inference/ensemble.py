@@ -1,0 +1,86 @@
+"""Several specimens of one material as one sweep: constants and fixture are common, the rest is a specimen's own.
+
+One fit explains all sweeps, whose whitened residuals stand one below another. A wrong constant moves every sweep as the
+body asks, a stray capacitance is the same farads beside each, a wrong length is that of one specimen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from femu_piezo.effects.effect import Effect
+from femu_piezo.inference.joint import JointParameters
+from femu_piezo.inference.response import Evaluation
+
+
+def is_common(effect: Effect) -> bool:
+    """Whether all specimens share it with one size: laws of the material, and what the fixture adds."""
+    return effect.circuit is not None or effect.constants is not None
+
+
+def belonging_to(effect: Effect, specimen: str) -> Effect:
+    """The effect as that of one specimen."""
+    return replace(effect, specimen=specimen)
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Z of several specimens one after another, as `Evaluation` for one.
+
+    Attributes
+    ----------
+    parts : (name, evaluation) of each specimen
+    """
+
+    parts: tuple[tuple[str, Evaluation], ...]
+
+    @cached_property
+    def omega(self) -> np.ndarray:
+        """(k,) rad/s of all sweeps."""
+        return np.concatenate([part.omega for _, part in self.parts])
+
+    def impedance(self, parameters: JointParameters, x: np.ndarray) -> np.ndarray:
+        """Z (k,), ohm."""
+        return self.with_jacobian(parameters, x)[0]
+
+    def with_jacobian(self, parameters: JointParameters, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Z (k,) and ∂Z/∂x (k, n_x), ohm."""
+        values, slopes = [], []
+        for name, part in self.parts:
+            own, columns = own_parameters(parameters, name)
+            z, tangents = part.with_jacobian(own, x[columns])
+            values.append(z)
+            slopes.append(np.zeros((z.size, x.size), dtype=complex))
+            slopes[-1][:, columns] = tangents
+        return np.concatenate(values), np.concatenate(slopes)
+
+    def slopes_at_sites(self, parameters: JointParameters, x: np.ndarray, effect: Effect) -> np.ndarray:
+        """∂Z/∂(size) (k, m) at size zero for each of an effect's m sites; zero for other specimens than its own."""
+        found = []
+        for name, part in self.parts:
+            own, columns = own_parameters(parameters, name)
+            if effect.specimen in ("", name):
+                found.append(part.slopes_at_sites(own, x[columns], effect))
+            else:
+                found.append(np.zeros((part.omega.size, len(effect.sites)), dtype=complex))
+        return np.concatenate(found)
+
+
+def own_parameters(parameters: JointParameters, specimen: str) -> tuple[JointParameters, np.ndarray]:
+    """The unknowns that one specimen has, and where they stand in x (n_x,)."""
+
+    def has(effect: Effect) -> bool:
+        return effect.specimen in ("", specimen)
+
+    kept = [index for index, effect in enumerate(parameters.effects) if has(effect)]
+    material = np.arange(2 * parameters.material.scale.size)
+    columns = [np.arange(*parameters.columns(index).indices(parameters.count)) for index in kept]
+    own = replace(
+        parameters,
+        effects=tuple(parameters.effects[index] for index in kept),
+        fixed=tuple(item for item in parameters.fixed if has(item[0])),
+    )
+    return own, np.concatenate([material, *columns])

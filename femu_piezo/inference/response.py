@@ -1,0 +1,215 @@
+"""Z and exact ∂Z/∂x of a specimen with effects, x = (material unknowns, effect parameters over their scales).
+
+Where no coefficient depends on ω the closed modal forms hold, an extra inertia going into the mass before the
+diagonalisation. Else the reduced system is solved at every frequency, a large one on the states at a few of them; with
+x(ω) the state driven by one volt the charge is stationary, so ∂(Q/V)/∂x_i = −xᵗ (∂A/∂x_i) x.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import BarycentricInterpolator
+
+from femu_piezo.effects.effect import Effect
+from femu_piezo.effects.extended_model import ExtendedModel
+from femu_piezo.forward.modal import ModalModel, diagonalise
+from femu_piezo.inference.coefficients import Active, Coefficients, active_effects, collect, e_form_constants
+from femu_piezo.inference.joint import JointParameters
+from femu_piezo.threads import blas_limit
+
+#: Chebyshev nodes in log ω on which coefficients that depend on ω are evaluated; they are smooth.
+_NODES = 14
+#: Frequencies solved at once.
+_BATCH = 64
+#: Frequencies whose states carry a large system, and how many times as many displacements make that worth while.
+_SAMPLES, _WORTHWHILE = 32, 2
+#: Share of the largest singular value of those states below which a direction is left out.
+_NEGLIGIBLE = 1e-10
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Z of the specimen over a sweep as a function of x, with its exact Jacobian.
+
+    Attributes
+    ----------
+    omega : (k,) rad/s
+    """
+
+    model: ExtendedModel
+    omega: np.ndarray
+
+    def impedance(self, parameters: JointParameters, x: np.ndarray) -> np.ndarray:
+        """Z (k,), ohm."""
+        return self.with_jacobian(parameters, x)[0]
+
+    def with_jacobian(self, parameters: JointParameters, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Z (k,) and ∂Z/∂x (k, n_x), ohm."""
+        active = active_effects(parameters, x)
+        model = self.model.restricted([name for item in active for name in item.effect.sectors])
+        with blas_limit():
+            if any(item.effect.dispersive for item in active):
+                nodes, weights = _nodes(self.omega)
+                y, slopes = _solved(model, self.omega, collect(model, parameters, x, active, nodes), weights)
+            else:
+                y, slopes = _closed(model, self.omega, collect(model, parameters, x, active, self.omega[:1]))
+        z, tangents = 1 / y, -slopes / y[:, None] ** 2
+        return self._through_circuits(active, z, tangents)
+
+    def _through_circuits(self, active: list[Active], z: np.ndarray, tangents: np.ndarray):
+        """Z and its tangents (k, n) at the terminals, of Z and tangents of the body."""
+        for item in active:
+            if item.effect.circuit is not None:
+                z, ratio, own = item.effect.circuit(self.omega, z, item.values)
+                tangents = tangents * ratio[:, None]
+                item.put(tangents, own)
+        return z, tangents
+
+    def slopes_at_sites(self, parameters: JointParameters, x: np.ndarray, effect: Effect) -> np.ndarray:
+        """∂Z/∂(size) (k, m) at size zero for each of an effect's m sites, on top of the effects at x; ohm per SI unit.
+
+        Where coefficients depend on ω, those at the middle of the sweep are taken: this serves to find starts.
+        """
+        active = active_effects(parameters, x)
+        model = self.model.restricted([name for item in active for name in item.effect.sectors])
+        middle = self.omega[[self.omega.size // 2]]
+        with blas_limit():
+            c = collect(model, parameters, x, active, middle)
+            modal = _modal(model, c)
+            resolvent = 1 / (modal.eigenvalues[:, None] - self.omega**2)
+            states = modal.states[:, :1] - modal.states[:, 1:] @ (modal.charges[:, None] * resolvent)
+            y = modal.admittance(self.omega)
+            e_form = e_form_constants(parameters, x, [], middle)[0][0]
+            found = np.array(
+                [_site_slope(model, effect, site, self.omega, states.T, e_form) for site in effect.sites]
+            ).T
+        along = 1j * (self.omega * model.admittance_factor)[:, None] * found / y[:, None] ** 2
+        frozen = [replace(item, columns=None) for item in active]
+        return self._through_circuits(frozen, 1 / y, along)[1]
+
+
+def _site_slope(model, effect: Effect, site: np.ndarray, omega, states, e_form) -> np.ndarray:
+    """xᵗ (∂A/∂size) x (k,) with the driven states x (k, r)."""
+    total = np.zeros(omega.size, dtype=complex)
+    onset = effect.local if effect.onset is None else effect.onset
+    for term in onset(model.places, omega, np.concatenate([[0.0], site[1:]])):
+        slope = term.slopes[:, 0] * (1.0 if term.constant is None else e_form[term.constant])
+        if term.kind == "inertia":
+            slope = -slope * omega**2
+        if np.any(slope):
+            total += slope * _quadratic(term.matrix[None], states[:, : term.matrix.shape[0]])[:, 0]
+    return total
+
+
+def _closed(model: ExtendedModel, omega: np.ndarray, c: Coefficients) -> tuple[np.ndarray, np.ndarray]:
+    """Y and ∂Y/∂x by partial fractions; coefficients (1, …)."""
+    modal = _modal(model, c)
+    y = modal.admittance(omega)
+    slopes = modal.admittance_jacobian(omega, c.stiffness_tangents[0])
+    moving = np.flatnonzero(np.any(c.inertia_tangents[0] != 0, axis=0))
+    if moving.size:
+        u, size = model.displacements, model.size
+        masses = np.zeros((len(c.masses), size, size))
+        masses[:, :u, :u] = c.masses
+        heavy = replace(modal, terms=masses).admittance_jacobian(omega, c.inertia_tangents[0][:, moving])
+        slopes[:, moving] -= omega[:, None] ** 2 * heavy
+    return y, slopes
+
+
+def _modal(model: ExtendedModel, c: Coefficients) -> ModalModel:
+    """Closed forms with the mass D = Σ m_j M_j: displacements u = L^-ᵗ w, D = L Lᵗ; coefficients (1, …)."""
+    stiffness = np.tensordot(c.stiffness[0], c.terms, axes=1)
+    u, factor = model.displacements, model.admittance_factor
+    if len(c.masses) == 1:
+        transform = np.ones(model.size)
+        transform[:u] = 1 / np.sqrt(c.inertia[0, 0].real)
+        modal = diagonalise(stiffness * np.outer(transform, transform), c.terms, u, factor)
+        return replace(modal, states=modal.states * transform[:, None])
+    mass = sum(value.real * matrix for value, matrix in zip(c.inertia[0], c.masses, strict=True))
+    transform = np.eye(model.size)
+    transform[:u, :u] = np.linalg.inv(np.linalg.cholesky(mass)).T
+    modal = diagonalise(transform.T @ stiffness @ transform, c.terms, u, factor)
+    return replace(modal, states=transform @ modal.states)
+
+
+def _solved(
+    model: ExtendedModel, sweep: np.ndarray, c: Coefficients, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Y and ∂Y/∂x by one dense solve per frequency; weights (k, nodes) interpolate the coefficients."""
+    system = _System(c.terms, np.array(c.masses), model.displacements, c, weights)
+    if system.displacements > _WORTHWHILE * _SAMPLES:
+        system = system.on_states_of(sweep, np.unique(np.linspace(0, sweep.size - 1, _SAMPLES).astype(int)))
+    y = np.empty(sweep.size, dtype=complex)
+    slopes = np.empty((sweep.size, c.stiffness_tangents.shape[2]), dtype=complex)
+    for part in np.array_split(np.arange(sweep.size), max(1, sweep.size // _BATCH)):
+        state, charge = system.states(sweep, part)
+        w, omega = weights[part], sweep[part]
+        along = _quadratic(system.terms, state)  # (part, n_terms)
+        move = np.einsum("kt,kn,ntx->kx", along, w, c.stiffness_tangents, optimize=True)
+        heavy = _quadratic(system.masses, state[:, : system.displacements])
+        move -= omega[:, None] ** 2 * np.einsum("kj,kn,njx->kx", heavy, w, c.inertia_tangents, optimize=True)
+        factor = 1j * omega * model.admittance_factor
+        y[part] = factor * charge
+        slopes[part] = -factor[:, None] * move
+    return y, slopes
+
+
+@dataclass(frozen=True)
+class _System:
+    """Projected terms (n, r, r) and masses (j, u, u) with coefficients at nodes that weights (k, nodes) interpolate."""
+
+    terms: np.ndarray
+    masses: np.ndarray
+    displacements: int
+    coefficients: Coefficients
+    weights: np.ndarray
+
+    @cached_property
+    def _at_nodes(self) -> np.ndarray:
+        return self.coefficients.stiffness @ self.terms.reshape(len(self.terms), -1)  # (nodes, r²)
+
+    def states(self, sweep: np.ndarray, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(p, r) state under a volt and (p,) charge, at the frequencies number `part` of a sweep."""
+        u, size, w = self.displacements, self.terms.shape[1], self.weights[part]
+        matrix = (w @ self._at_nodes).reshape(-1, size, size)
+        inertia = sweep[part, None] ** 2 * (w @ self.coefficients.inertia)
+        for j, mass in enumerate(self.masses):
+            matrix[:, :u, :u] -= inertia[:, j, None, None] * mass
+        inner = np.linalg.solve(matrix[:, :-1, :-1], matrix[:, :-1, -1:])[:, :, 0]
+        state = np.concatenate([-inner, np.ones((part.size, 1))], axis=1)
+        return state, -np.einsum("ki,ki->k", matrix[:, -1, :], state)
+
+    def on_states_of(self, sweep: np.ndarray, samples: np.ndarray) -> _System:
+        """The system on the displacements at some frequencies: there Y is exact, and its slope along the sweep too.
+
+        Between them it follows as rational functions of that degree do.
+        """
+        u = self.displacements
+        found = self.states(sweep, samples)[0][:, :u]
+        left, singular, _ = np.linalg.svd(np.concatenate([found.real, found.imag]).T, full_matrices=False)
+        basis = left[:, singular > _NEGLIGIBLE * singular[0]]
+        size, few = self.terms.shape[1], basis.shape[1]
+        whole = np.zeros((size, few + size - u))
+        whole[:u, :few], whole[u:, few:] = basis, np.eye(size - u)
+        return replace(
+            self, terms=whole.T @ self.terms @ whole, masses=basis.T @ self.masses @ basis, displacements=few
+        )
+
+
+def _quadratic(terms: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """xᵗ A_t x (k, n_terms) for real symmetric A (n_terms, r, r) and complex states (k, r)."""
+    real, imag = np.ascontiguousarray(states.real), np.ascontiguousarray(states.imag)
+    found = np.empty((len(states), len(terms)), dtype=complex)
+    for t, matrix in enumerate(terms):
+        found[:, t] = np.einsum("kr,kr->k", real @ matrix + 1j * (imag @ matrix), states)
+    return found
+
+
+def _nodes(omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies of the nodes, and the weights (k, nodes) that interpolate from them in log ω."""
+    low, high = np.log([omega.min(), omega.max()])
+    at = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
+    return np.exp(at), BarycentricInterpolator(at, np.eye(_NODES))(np.log(omega))

@@ -1,0 +1,349 @@
+"""The specimen file: what was measured, of which material, and what to do with it (TOML; see README.md).
+
+    specimen = read_specimen("plate.toml")
+    write_specimen(specimen, "copy.toml")
+
+All values are SI floats once read. Every wrong input is one `InputError` sentence that names file, key, value
+and what would be right; the models raise it too when they are built in Python.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import ConfigDict, model_validator
+
+from femu_piezo.errors import InputError
+from femu_piezo.files import read_bytes, write_atomically
+from femu_piezo.specimen.geometry import Geometry as Geometry
+from femu_piezo.specimen.schema import LIST, PAIR, PATH, Table, quantity
+from femu_piezo.units import EPS0, shown
+
+CONSTANTS = ("s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "eps33T")
+"""The ten complex material parameters by their names in specimen files (IEEE 176; T: at constant stress)."""
+
+_LARGEST_FILE = 1_000_000
+_FREE = {"thickness": ("s11", "d31", "eps33T"), "length": ("s33", "d33", "eps33T")}
+_FREE_IN_SHEAR = ("s44", "d15", "eps11T")
+
+Frequency = Annotated[float, quantity("Hz", 1e-3, 1e10, 'give a positive frequency such as "90 kHz"')]
+_COMPLIANCE = "compliances are given in m^2/N, such as 16.5e-12"
+Compliance = Annotated[float, quantity("m^2/N", 1e-14, 1e-9, _COMPLIANCE)]
+CrossCompliance = Annotated[float, quantity("m^2/N", -1e-9, 1e-9, _COMPLIANCE)]
+Charge = Annotated[float, quantity("C/N", -1e-8, 1e-8, "piezoelectric constants are given in C/N, such as -255e-12")]
+Permittivity = Annotated[float, quantity("F/m", EPS0, 1e6 * EPS0, 'permittivities are given in F/m or as "3400 eps0"')]
+LossTangent = Annotated[float, quantity("1", 0, 1, 'loss tangents are pure numbers such as 0.015 or "1.5 %"')]
+CrossLossTangent = Annotated[float, quantity("1", -1, 1, 'loss tangents are pure numbers such as 0.015 or "1.5 %"')]
+PriorStd = Annotated[
+    float, quantity("1", 1e-6, 10, 'prior knowledge is a relative standard deviation, such as 0.05 or "5 %"')
+]
+RelativeNoise = Annotated[
+    float, quantity("1", 0, 1, 'noise is the relative standard deviation, such as 0.001 or "0.1 %"')
+]
+Accuracy = Annotated[float, quantity("1", 1e-9, 0.1, "give the relative eigenvalue error, such as 1e-4")]
+
+
+class Material(Table):
+    """A base of the material library and overrides, or all ten constants; complex: value (1 − j tan).
+
+    std_s11 and so on: how well the real part is known beforehand, relative; a prior of the curve fit.
+    """
+
+    model_config = ConfigDict(title="material")
+
+    base: str | None = None
+    s11: Compliance | None = None
+    s12: CrossCompliance | None = None
+    s13: CrossCompliance | None = None
+    s33: Compliance | None = None
+    s44: Compliance | None = None
+    d31: Charge | None = None
+    d33: Charge | None = None
+    d15: Charge | None = None
+    eps11T: Permittivity | None = None
+    eps33T: Permittivity | None = None
+    tan_s11: LossTangent | None = None
+    tan_s12: CrossLossTangent | None = None
+    tan_s13: CrossLossTangent | None = None
+    tan_s33: LossTangent | None = None
+    tan_s44: LossTangent | None = None
+    tan_d31: CrossLossTangent | None = None
+    tan_d33: CrossLossTangent | None = None
+    tan_d15: CrossLossTangent | None = None
+    tan_eps11T: LossTangent | None = None
+    tan_eps33T: LossTangent | None = None
+    std_s11: PriorStd | None = None
+    std_s12: PriorStd | None = None
+    std_s13: PriorStd | None = None
+    std_s33: PriorStd | None = None
+    std_s44: PriorStd | None = None
+    std_d31: PriorStd | None = None
+    std_d33: PriorStd | None = None
+    std_d15: PriorStd | None = None
+    std_eps11T: PriorStd | None = None
+    std_eps33T: PriorStd | None = None
+    free: Annotated[tuple[str, ...] | None, LIST] = None
+    simplified: bool = False
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The constants given here, SI: name → real part."""
+        return {name: getattr(self, name) for name in CONSTANTS if getattr(self, name) is not None}
+
+    @property
+    def tangents(self) -> dict[str, float]:
+        """The loss tangents given here: name of the constant → tan. Absent: that of `base`, else 0."""
+        tangents = {name: getattr(self, f"tan_{name}") for name in CONSTANTS}
+        return {name: tan for name, tan in tangents.items() if tan is not None}
+
+    @property
+    def priors(self) -> dict[str, float]:
+        """Relative standard deviations of what is known beforehand: name of the constant → std."""
+        found = {name: getattr(self, f"std_{name}") for name in CONSTANTS}
+        return {name: std for name, std in found.items() if std is not None}
+
+    def problem(self) -> str | None:
+        if self.base is not None and not (self.base.strip() and self.base.isprintable()):
+            return f"material.base = {shown(self.base)} is no name; give one of the material library"
+        missing = [name for name in CONSTANTS if name not in self.values]
+        if self.base is None and missing:
+            return (
+                f"material has no base and lacks {', '.join(missing)}; name a base of the library, such as "
+                'base = "tj52-hd", or give all ten constants'
+            )
+        for name in self.free or ():
+            if name not in CONSTANTS:
+                return f"material.free names {shown(name)}, which is none of {', '.join(CONSTANTS)}"
+            if self.free.count(name) > 1:
+                return f"material.free names {shown(name)} twice; name each constant once"
+        return None
+
+
+class Measurement(Table):
+    """A measured sweep: `file` (absolute once read); `held_out`: a band (low, high), Hz, that no fit sees.
+
+    correct_phase: turn the phase by 180°; mask_faults: leave out spikes, mains lines and the shorter side of jumps.
+    """
+
+    model_config = ConfigDict(title="measurement")
+
+    missing: ClassVar[dict[str, str]] = {"file": 'give the path of the sweep, such as file = "impedance.csv"'}
+
+    file: Annotated[Path, PATH]
+    held_out: Annotated[tuple[Frequency, Frequency] | None, PAIR] = None
+    correct_phase: bool = False
+    mask_faults: bool = False
+    noise: RelativeNoise | None = None
+
+    def problem(self) -> str | None:
+        if self.held_out is not None and not self.held_out[0] < self.held_out[1]:
+            low, high = self.held_out
+            return f"measurement.held_out = [{low:g}, {high:g}] Hz is no band; give the lower frequency first"
+        if self.noise == 0:
+            return "measurement.noise = 0 claims exact data; leave the key out to have the noise estimated"
+        return None
+
+
+class Simulation(Table):
+    """Sweep of a simulation. `start` and `stop` in Hz, chosen around the fundamental where absent."""
+
+    model_config = ConfigDict(title="simulation")
+
+    start: Frequency | None = None
+    stop: Frequency | None = None
+    points: int = 801
+    spacing: Literal["linear", "log"] = "linear"
+    noise: RelativeNoise = 0.0
+    seed: int = 0
+
+    def problem(self) -> str | None:
+        if self.start is not None and self.stop is not None and not self.start < self.stop:
+            return f"simulation.start = {self.start:g} Hz is not below stop = {self.stop:g} Hz; exchange them"
+        if not 2 <= self.points <= 1_000_000:
+            return f"simulation.points = {self.points} is outside 2 … 1000000; 801 is usual"
+        if not 0 <= self.seed < 2**63:
+            return f"simulation.seed = {self.seed} is outside 0 … 2^63 - 1; give a whole number such as 1"
+        return None
+
+
+class Update(Table):
+    """How to update. `accuracy`: relative eigenvalue error of the mesh; `loss`: of the curve fit, robust or not."""
+
+    model_config = ConfigDict(title="update")
+
+    method: Literal["auto", "pole_zero", "curve"] = "auto"
+    accuracy: Accuracy = 1e-4
+    loss: Literal["linear", "soft_l1", "huber", "cauchy"] = "linear"
+
+
+class Specimen(Table):
+    """One piece: geometry, material and, where given, its measured sweep and what to do with them.
+
+    effects : what the specimen has beyond the base model, effect → parameter → value, by the names of `diagnose`
+    """
+
+    model_config = ConfigDict(title="")
+    missing: ClassVar[dict[str, str]] = {
+        "name": 'give a name such as name = "plate 07"',
+        "geometry": "add a [geometry] table with shape, its dimensions and poling",
+        "material": "add a [material] table with base or the ten constants",
+    }
+
+    name: str
+    geometry: Geometry
+    material: Material
+    measurement: Measurement | None = None
+    simulation: Simulation | None = None
+    update: Update | None = None
+    effects: dict[str, dict[str, float | str]] | None = None
+    path: Path | None = None
+
+    def problem(self) -> str | None:
+        if not 0 < len(self.name) <= 200 or not self.name.isprintable():
+            return f"name = {shown(self.name)} is not a line of 1 to 200 characters; give a short name"
+        return None
+
+    @model_validator(mode="after")
+    def _default_free(self) -> Specimen:
+        if self.material.free is None:
+            material = self.material.model_copy(update={"free": _FREE.get(self.geometry.poling, _FREE_IN_SHEAR)})
+            object.__setattr__(self, "material", material)
+        return self
+
+
+def read_specimens(paths: Sequence[Path | str], data_file: Path | str | None = None) -> list[Specimen]:
+    """The specimens of several files; a study file, which has only `specimens = ["a.toml", …]`, stands for those."""
+    found = []
+    for path in map(Path, paths):
+        data = _parse_toml(path)
+        members = data.get("specimens")
+        if members is None:
+            found.append(read_specimen(path, data_file))
+            continue
+        right = 'a study file has only specimens = ["k31.toml", "k33.toml"], paths relative to it'
+        if set(data) - {"specimens", "name"} or not isinstance(members, list) or not members:
+            raise InputError(f"{path}: {right}")
+        if not all(isinstance(member, str) for member in members):
+            raise InputError(f"{path}: specimens = {shown(members)} holds something else than paths; {right}")
+        found += [read_specimen(_resolve(member, path, f"{path}: specimens")) for member in members]
+    if data_file is not None and len(found) > 1:
+        raise InputError("--data gives the sweep of one specimen; with several, name each sweep in its own file")
+    return found
+
+
+def read_specimen(path: Path | str, data_file: Path | str | None = None) -> Specimen:
+    """The specimen of a TOML file; paths in it are taken relative to it, `${NAME}` from the environment.
+
+    data_file : the measured sweep, in place of measurement.file
+
+    Raises InputError where the file or any value in it cannot be used.
+    """
+    path = Path(path)
+    data = _parse_toml(path)
+    if "path" in data:
+        raise InputError(f"{path}: path is not a key that is known; remove it")
+    data.setdefault("name", path.stem)
+    if data_file is not None:
+        measurement = data.setdefault("measurement", {})
+        if isinstance(measurement, dict):
+            measurement["file"] = str(Path(data_file).absolute())
+    for section in ("geometry", "measurement"):
+        table = data.get(section)
+        if isinstance(table, dict) and isinstance(table.get("file"), str):
+            table["file"] = _resolve(table["file"], path, f"{path}: {section}.file")
+    return Specimen.model_validate(data | {"path": path}, context={"file": str(path)})
+
+
+def with_measurement(specimens: Sequence[Specimen], **wishes: bool) -> list[Specimen]:
+    """The specimens with those keys of [measurement] set that are True here, whatever their files say."""
+    asked = {key: True for key, wish in wishes.items() if wish}
+    return [
+        one
+        if one.measurement is None or not asked
+        else one.model_copy(update={"measurement": one.measurement.model_copy(update=asked)})
+        for one in specimens
+    ]
+
+
+def _parse_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file as they stand."""
+    raw = read_bytes(path, _LARGEST_FILE)
+    try:
+        text = raw.decode("utf-8-sig")
+        if "\0" in text:
+            raise InputError(f"{path}: this is not a text file; give a specimen file in TOML")
+        return tomllib.loads(text)
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: this is not UTF-8 text; give a specimen file in TOML, saved as UTF-8") from None
+    except tomllib.TOMLDecodeError as error:
+        reason = str(error)[0].lower() + str(error)[1:]
+        raise InputError(f'{path}: this is not TOML: {reason}; write KEY = VALUE, strings in "quotes"') from None
+    except (ValueError, RecursionError):  # an integer of thousands of digits, or brackets nested as deep
+        raise InputError(
+            f"{path}: a number or a nesting in this file is too long; write a plain specimen file"
+        ) from None
+
+
+def _resolve(text: str, specimen: Path, where: str) -> Path:
+    """The absolute path that `text` means in a specimen file."""
+
+    def variable(match: re.Match[str]) -> str:
+        value = os.environ.get(match[1])
+        if not value:
+            raise InputError(
+                f"{where}: the environment variable {match[1]} in {text!r} is not set; set it or write a path"
+            )
+        return value
+
+    if not text.strip() or "\0" in text:
+        raise InputError(f'{where}: {text!r} is not a path; give one such as "impedance.csv"')
+    expanded = os.path.expanduser(re.sub(r"\$\{(\w+)\}", variable, text))
+    return Path(os.path.abspath(specimen.parent / expanded))
+
+
+def write_specimen(specimen: Specimen, path: Path | str) -> None:
+    """Write a specimen file that reads back as `specimen`; written beside `path` and renamed.
+
+    Raises InputError where the file cannot be written, or a path in it has "${", which stands for a variable.
+    """
+    path = Path(path)
+    lines = [f"name = {_toml(specimen.name)}"]
+    for section in ("geometry", "material", "measurement", "simulation", "update"):
+        table = getattr(specimen, section)
+        if table is None:
+            continue
+        lines += ["", f"[{section}]"]
+        for key, value in table:
+            if value is not None:
+                lines.append(f"{key} = {_toml(_relative(value, path) if isinstance(value, Path) else value)}")
+    for name, values in (specimen.effects or {}).items():
+        lines += ["", f"[effects.{name}]", *(f"{key} = {_toml(value)}" for key, value in values.items())]
+    write_atomically(path, "\n".join(lines) + "\n")
+
+
+def write_study(members: Sequence[str], path: Path | str) -> None:
+    """Write a study file that stands for the specimen files `members`, paths relative to it."""
+    write_atomically(Path(path), f"specimens = {_toml(tuple(members))}\n")
+
+
+def _relative(file: Path, specimen: Path) -> str:
+    """`file` as the specimen file writes it: relative where it lies in the same folder or below."""
+    absolute, folder = Path(os.path.abspath(file)), Path(os.path.abspath(specimen.parent))
+    if "${" in str(absolute):
+        raise InputError(f"{specimen}: the path {absolute} contains '${{', which stands for a variable; rename it")
+    return str(absolute.relative_to(folder)) if absolute.is_relative_to(folder) else str(absolute)
+
+
+def _toml(value: str | bool | int | float | tuple) -> str:
+    """A TOML value."""
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return str(value).lower() if isinstance(value, bool) else repr(value)

@@ -1,0 +1,159 @@
+"""The [geometry] table of a specimen file: shape, dimensions, electrodes, poling (SI once read)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import BeforeValidator, ConfigDict
+
+from femu_piezo.specimen.schema import PAIR, PATH, Table, quantity
+from femu_piezo.units import shown
+
+Length = Annotated[float, quantity("m", 1e-6, 0.5, 'is the unit right (mm taken for m)? write "40 mm"')]
+Distance = Annotated[float, quantity("m", 0.0, 10.0, 'is the unit right (mm taken for m)? write "0.5 mm"')]
+Position = Annotated[float, quantity("m", -10.0, 10.0, 'is the unit right (mm taken for m)? write "5 mm"')]
+Density = Annotated[float, quantity("kg/m^3", 100, 30000, 'is the unit right? write "7900 kg/m^3" or "7.9 g/cm^3"')]
+Unit = Annotated[float, quantity("m", 1e-7, 1.0, 'give the length of one unit of the mesh, such as "1 mm"')]
+
+#: Ratio of the largest to the smallest dimension above which one of them has a wrong unit.
+_SLENDEREST = 1000.0
+#: Dimensions that each shape must have.
+DIMENSIONS = {
+    "plate": ("length", "width", "thickness"),
+    "square": ("length", "thickness"),
+    "trapezoid": ("length", "width", "width_end", "thickness"),
+    "disk": ("diameter", "thickness"),
+    "ring": ("diameter", "inner_diameter", "thickness"),
+    "mesh": ("file",),
+}
+#: What a slab may have beyond its dimensions.
+FEATURES = (
+    "hole_diameter",
+    "hole_position",
+    "chamfer",
+    "electrode_margin",
+    "electrode_start",
+    "electrode_length",
+    "wrap_length",
+    "wrap_gap",
+    "elements",
+)
+_OPTIONAL = {
+    "plate": ("corner_radius", *FEATURES),
+    "square": ("corner_radius", *FEATURES),
+    "trapezoid": FEATURES,
+    "disk": FEATURES,
+    "ring": FEATURES,
+    "mesh": ("unit",),
+}
+_ALL = tuple(dict.fromkeys(name for table in (DIMENSIONS, _OPTIONAL) for names in table.values() for name in names))
+
+
+def _to_poling(value: object) -> object:
+    """ "thickness", "length", or a direction (x, y, z), of which that of the thickness goes by its name."""
+    right = 'write "thickness", "length" or a direction such as [1, 0, 0]'
+    if isinstance(value, (list, tuple)):
+        numbers = [isinstance(part, (int, float)) and not isinstance(part, bool) for part in value]
+        if len(value) != 3 or not all(numbers) or not any(value):
+            raise ValueError(f"{shown(list(value))} is no direction; {right}")
+        x, y, z = (float(part) for part in value)
+        return "thickness" if x == y == 0 and z > 0 else (x, y, z)
+    if value not in ("thickness", "length"):
+        raise ValueError(f"{shown(value)} is not known; {right}")
+    return value
+
+
+class Geometry(Table):
+    """Shape and dimensions in m.
+
+    poling : "thickness" or "length", the direction of poling and of the field; or a direction (x, y, z), with the
+        electrodes on the two faces (x along the length, z through the thickness)
+    hole_diameter, hole_position : a through-hole and its centre (x, y) from the middle of the body
+    chamfer : 45° bevel along the outer edges of both faces
+    electrode_margin : bare rim of both faces
+    electrode_start, electrode_length : the hot electrode covers only this much, from the end x_min (the wide end
+        of a trapezoid)
+    wrap_length, wrap_gap : the ground goes round the end x_min onto the hot face; the bare gap beside it
+    elements : "hexahedron" or "tetrahedron"
+    unit : length of one unit of the coordinates in a mesh file, m
+    """
+
+    model_config = ConfigDict(title="geometry")
+
+    missing: ClassVar[dict[str, str]] = {"shape": f"give one of {', '.join(DIMENSIONS)}"}
+
+    shape: Literal["plate", "square", "trapezoid", "disk", "ring", "mesh"]
+    length: Length | None = None
+    width: Length | None = None
+    width_end: Length | None = None
+    thickness: Length | None = None
+    diameter: Length | None = None
+    inner_diameter: Length | None = None
+    corner_radius: Distance | None = None
+    hole_diameter: Length | None = None
+    hole_position: Annotated[tuple[Position, Position] | None, PAIR] = None
+    chamfer: Distance | None = None
+    electrode_margin: Distance | None = None
+    electrode_start: Distance | None = None
+    electrode_length: Length | None = None
+    wrap_length: Length | None = None
+    wrap_gap: Length | None = None
+    elements: Literal["hexahedron", "tetrahedron"] | None = None
+    file: Annotated[Path | None, PATH] = None
+    unit: Unit | None = None
+    density: Density | None = None
+    poling: Annotated[str | tuple[float, float, float], BeforeValidator(_to_poling)] = "thickness"
+
+    @property
+    def plain(self) -> bool:
+        """Only dimensions, no holes, chamfers, margins and so on."""
+        return all(getattr(self, name) is None for name in _ALL if name not in DIMENSIONS[self.shape])
+
+    def problem(self) -> str | None:
+        return self._wrong_dimensions() or self._wrong_feature() or self._wrong_poling()
+
+    def _wrong_dimensions(self) -> str | None:
+        wanted, optional = DIMENSIONS[self.shape], _OPTIONAL[self.shape]
+        for name in _ALL:
+            if name in wanted and getattr(self, name) is None:
+                return f"geometry.{name} is missing; a {self.shape} needs {', '.join(wanted)}"
+            if name not in wanted + optional and getattr(self, name) is not None:
+                return (
+                    f"geometry.{name} does not belong to a {self.shape}, which has {', '.join(wanted)} and may have "
+                    f"{', '.join(optional)}"
+                )
+        sizes = {name: getattr(self, name) for name in wanted if name != "file"}
+        if sizes and max(sizes.values()) > _SLENDEREST * min(sizes.values()):
+            small, large = min(sizes, key=sizes.get), max(sizes, key=sizes.get)
+            return (
+                f"geometry.{small} = {sizes[small]:g} m is less than 1/{_SLENDEREST:g} of {large} = {sizes[large]:g} "
+                "m; is the unit of one of them wrong?"
+            )
+        if self.shape == "ring" and self.inner_diameter >= self.diameter:
+            return (
+                f"geometry.inner_diameter = {self.inner_diameter:g} m is not smaller than diameter = "
+                f"{self.diameter:g} m; are the two exchanged?"
+            )
+        return None
+
+    def _wrong_feature(self) -> str | None:
+        for first, second in (
+            ("hole_position", "hole_diameter"),
+            ("electrode_start", "electrode_length"),
+            ("wrap_length", "wrap_gap"),
+            ("wrap_gap", "wrap_length"),
+        ):
+            if getattr(self, first) is not None and getattr(self, second) is None:
+                return f"geometry.{first} is given without geometry.{second}; give both"
+        return None
+
+    def _wrong_poling(self) -> str | None:
+        if self.poling == "length" and self.shape != "plate":
+            return f'geometry.poling = "length" is for a plate; a {self.shape} is poled along "thickness"'
+        if self.poling == "length" and not self.plain:
+            return (
+                'geometry.poling = "length" is for a plain rectangular plate with its electrodes on the two ends; '
+                "take out holes, corners, chamfers and partial electrodes, or give a mesh file"
+            )
+        return None

@@ -1,0 +1,194 @@
+"""Where the models and bases of updates and diagnoses come from: made for one specimen, or shared by a lot of them.
+
+A shared basis must not depend on which specimen came first, or a row of a lot would change with the order of work.
+So everything it is built from is a function of the specimen file and of rounded values: mesh, band and accuracy go to
+the next rung of ladders, the constants it is trained around are those of the specimen file, or the nearest on a grid
+where the sweep says otherwise. Equal inputs give equal bits.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from femu_piezo.effects.effect import Effect
+from femu_piezo.effects.extended_model import ExtendedModel, Needs, extend_model
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.reduction import ReducedModel, reduce_model
+from femu_piezo.geometry.mesh_file import MeshFile
+from femu_piezo.inference.unknowns import FreeConstants
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.specimen.file import Update
+from femu_piezo.study.measured import Measured
+from femu_piezo.study.problem import Problem
+
+#: Relative range of the free constants that one reduced basis covers, and how far they may leave it.
+SPREAD, LEAVE = 0.25, 0.3
+#: A start within this of the specimen file's constants uses the basis around those, in an update and in a diagnosis.
+_NEAR, _CLOSE = 0.2, 0.05
+#: Rungs of the ladders of frequencies (relative to the expected first pole) of an update and of a diagnosis, whose
+#: meshes are costly; of accuracies (relative to 1); and of the grid of free constants.
+_RUNG, _FINE_RUNG, _ACCURACY_RUNG, _GRID = 1.25, 1.04, 1.5, 1.1
+
+Made = TypeVar("Made")
+
+
+class Bases:
+    """Models and reduced bases made for the specimens at hand, around their own start values; nothing is kept."""
+
+    def model(self, one: Measured, whole_curve: bool) -> ElectroelasticModel:
+        """Mesh within the specimen's accuracy to the end of the sweep, or (`whole_curve` False) to the zero."""
+        accuracy = (one.problem.specimen.update or Update()).accuracy
+        return self._model(one.problem, self._rung(one.problem, one.model_frequency(whole_curve), _RUNG), accuracy)
+
+    def fine_model(self, one: Measured, accuracy: float) -> ElectroelasticModel:
+        """Mesh within `accuracy` (relative, of eigenvalues) to the end of the sweep."""
+        problem, accuracy = one.problem, self._rung_below(accuracy)
+        exact = problem.equivalent_frequency(one.band_Hz, accuracy)
+        return self._model(problem, self._rung(problem, exact, _FINE_RUNG), accuracy)
+
+    def anchor(self, problem: Problem, free: FreeConstants) -> FreeConstants:
+        """The free constants with the values that the bases are trained around."""
+        return free
+
+    def around(self, problem: Problem, constants: PiezoConstants) -> PiezoConstants:
+        """The constants that bases with effects are trained around, where a fit starts from `constants`."""
+        return constants
+
+    def reduced(self, model: ElectroelasticModel, around: FreeConstants, one: Measured) -> ReducedModel:
+        """Basis for the free constants within `SPREAD` of `around`."""
+        band = self._rung(one.problem, one.band_Hz, _RUNG)
+        key = (band, around.names, _bits(around.start), _bits(around.constants(around.start).vector()))
+        return self._basis(
+            "reduced", model, key, lambda: reduce_model(model, around.training_sets(around.start, SPREAD), band)
+        )
+
+    def baseline(self, model: ElectroelasticModel, base: PiezoConstants, one: Measured) -> ReducedModel:
+        """Basis for the curve of one set of constants."""
+        band = self._rung(one.problem, one.band_Hz, _RUNG)
+        key = (band, "baseline", _bits(base.vector()))
+        return self._basis("reduced", model, key, lambda: reduce_model(model, [base], band))
+
+    def extended(
+        self,
+        model: ElectroelasticModel,
+        training: Sequence[PiezoConstants],
+        effects: Sequence[Effect],
+        one: Measured,
+        accuracy: float,
+    ) -> ExtendedModel:
+        """Basis that serves all effects of a list, within `accuracy` of Z at the training constants."""
+        band, accuracy = self._rung(one.problem, one.band_Hz, _FINE_RUNG), self._rung_below(accuracy)
+        key = (band, accuracy, *(_bits(item.vector()) for item in training), Needs.of(effects))
+        return self._basis(
+            "extended", model, key, lambda: extend_model(model, training, effects, band, accuracy=accuracy)
+        )
+
+    def _rung(self, problem: Problem, frequency_Hz: float, step: float) -> float:
+        """The frequency that stands for one, not below it, Hz."""
+        return frequency_Hz
+
+    def _rung_below(self, accuracy: float) -> float:
+        """The accuracy that stands for one, not above it."""
+        return accuracy
+
+    def _model(self, problem: Problem, frequency_Hz: float, accuracy: float) -> ElectroelasticModel:
+        return problem.model(frequency_Hz, accuracy)
+
+    def _basis(
+        self, kind: str, model: ElectroelasticModel, key: tuple[Hashable, ...], make: Callable[[], Made]
+    ) -> Made:
+        """A basis of a model, told from its others by kind and key."""
+        return make()
+
+
+class SharedBases(Bases):
+    """The same, shared by all specimens of equal geometry, density, fixed constants and accuracy in this process.
+
+    Parameters
+    ----------
+    models, bases, extended : how many are kept, the latest used; a basis takes some MB, a model up to some 100 MB, a
+        basis with effects up to some 100 MB
+
+    Attributes
+    ----------
+    made, used : models and bases built, and asked for, so far
+    """
+
+    def __init__(self, models: int = 4, bases: int = 16, extended: int = 4) -> None:
+        self._most = {"model": models, "reduced": bases, "extended": extended}
+        self._shelves: dict[str, OrderedDict[Hashable, Any]] = {kind: OrderedDict() for kind in self._most}
+        self._keys: WeakKeyDictionary[ElectroelasticModel, Hashable] = WeakKeyDictionary()
+        self.made = self.used = 0
+
+    def anchor(self, problem: Problem, free: FreeConstants) -> FreeConstants:
+        near = _rounded(problem, free, _NEAR)
+        return free if near is None else problem.free(problem.simplified(near.lossless()))
+
+    def around(self, problem: Problem, constants: PiezoConstants) -> PiezoConstants:
+        near = _rounded(problem, problem.free(constants), _CLOSE)
+        return constants if near is None else problem.simplified(near)
+
+    def _rung(self, problem: Problem, frequency_Hz: float, step: float) -> float:
+        """The next rung at or above a frequency, Hz; a share of 1e-9 above a rung still belongs to it."""
+        unit = problem.expected_pole_Hz
+        return float(unit * step ** np.ceil(np.log(frequency_Hz / unit) / np.log(step) - 1e-9))
+
+    def _rung_below(self, accuracy: float) -> float:
+        """The next rung at or below an accuracy."""
+        return float(_ACCURACY_RUNG ** np.floor(np.log(accuracy) / np.log(_ACCURACY_RUNG) + 1e-9))
+
+    def _model(self, problem: Problem, frequency_Hz: float, accuracy: float) -> ElectroelasticModel:
+        key = (*_body(problem), problem.shear_speed, frequency_Hz, accuracy)
+        model = self._kept("model", key, lambda: problem.model(frequency_Hz, accuracy))
+        self._keys[model] = key
+        return model
+
+    def _basis(
+        self, kind: str, model: ElectroelasticModel, key: tuple[Hashable, ...], make: Callable[[], Made]
+    ) -> Made:
+        return self._kept(kind, (self._keys[model], *key), make)
+
+    def _kept(self, kind: str, key: Hashable, make: Callable[[], Made]) -> Made:
+        self.used += 1
+        shelf = self._shelves[kind]
+        if key not in shelf:
+            self.made += 1
+            shelf[key] = make()
+            while len(shelf) > self._most[kind]:
+                shelf.popitem(last=False)
+        shelf.move_to_end(key)
+        return shelf[key]
+
+
+def _rounded(problem: Problem, free: FreeConstants, near: float) -> PiezoConstants | None:
+    """The file's constants where the free ones are near them, else with free ones on the grid; None if unstable.
+
+    near : relative; the tangents are those of the file
+    """
+    own = np.array([getattr(problem.constants, name) for name in free.names])
+    size, start = np.where(own.real == 0, np.inf, own.real), free.start.real
+    on_grid = np.sign(start) * _GRID ** np.round(np.log(np.abs(start)) / np.log(_GRID)) * (1 + 1j * own.imag / size)
+    for values in (own, on_grid) if np.all(np.abs(start / size - 1) <= near) else (on_grid,):
+        constants = problem.constants.with_values(**dict(zip(free.names, values, strict=True)))
+        around = problem.free(problem.simplified(constants.lossless()))
+        if not around.constants(around.start).physical_faults():
+            return constants
+    return None
+
+
+def _body(problem: Problem) -> tuple[Hashable, ...]:
+    """What tells one body from another: its shape, for a mesh file also that file's state, and its density."""
+    state: tuple[Hashable, ...] = ()
+    if isinstance(problem.plate, MeshFile):
+        status = problem.plate.file.stat()
+        state = (status.st_mtime_ns, status.st_size, status.st_ino)
+    return (type(problem.plate), problem.plate, *state, problem.density)
+
+
+def _bits(values: np.ndarray) -> bytes:
+    return np.ascontiguousarray(values).tobytes()

@@ -1,0 +1,138 @@
+"""From a specimen file to the objects of the calculation: constants, plate, model, measured sweep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from femu_piezo.errors import InputError
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry.shape import Shape
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.inference.unknowns import FreeConstants
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.material.library import library_material
+from femu_piezo.material.simplified import simplify
+from femu_piezo.specimen.file import Specimen
+from femu_piezo.study.shapes import first_mode_Hz, shape_of
+
+#: Eigenvalue error allowed at the end of a sweep of shapes other than rectangular plates.
+_ERROR_AT_END = 1e-3
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A specimen ready to compute.
+
+    Attributes
+    ----------
+    plate : the body with its electrodes; a `Plate`, or any other `Shape`
+    constants : the ten constants of the specimen file, the paper's simplification applied where asked for
+    density : kg/m³
+    """
+
+    specimen: Specimen
+    plate: Shape
+    constants: PiezoConstants
+    density: float
+
+    @property
+    def shear_speed(self) -> float:
+        """Slowest shear wave of the start material, m/s."""
+        return float(1 / np.sqrt(self.density * max(self.constants.s44.real, self.constants.s66.real)))
+
+    def free(self, constants: PiezoConstants) -> FreeConstants:
+        """The free constants of the specimen around given constants."""
+        return FreeConstants.of(
+            constants,
+            self.specimen.material.free,
+            simplified=self.specimen.material.simplified,
+            poling=self.plate.poling,
+        )
+
+    def simplified(self, constants: PiezoConstants) -> PiezoConstants:
+        """The paper's simplification of the constants where the specimen asks for it, else themselves."""
+        return simplify(constants, self.plate.poling).full() if self.specimen.material.simplified else constants
+
+    def model(
+        self, frequency_Hz: float, accuracy: float, symmetric_axes: tuple[int, ...] | None = None, order: int = 2
+    ) -> ElectroelasticModel:
+        """Model of the body whose eigenvalues are within `accuracy` of converged up to a frequency.
+
+        Parameters
+        ----------
+        symmetric_axes : mirror planes to cut at; all that the shape has where None, () for the whole body
+        """
+        if symmetric_axes and isinstance(self.plate, Plate):
+            divisions = self.plate.divisions(accuracy, frequency_Hz, self.shear_speed, symmetric_axes)
+            return ElectroelasticModel(self.plate.domain(divisions, symmetric_axes), self.density, order)
+        whole = symmetric_axes == ()
+        domain = self.plate.domain_for(accuracy, frequency_Hz, self.shear_speed, symmetric=not whole)
+        return ElectroelasticModel(domain, self.density, order)
+
+    def equivalent_frequency(self, highest_Hz: float, accuracy: float) -> float:
+        """Frequency up to which `accuracy` is asked of the mesh, for a sweep that ends at `highest_Hz`.
+
+        The end itself for a plate. Other shapes cost more: `accuracy` up to 1.5 times the expected first pole, and
+        1e-3 at the end, where the error of an eigenvalue grows by the fourth power of frequency.
+        """
+        if isinstance(self.plate, Plate) and self.plate.direction is None:
+            return highest_Hz
+        first = min(1.5 * self.expected_pole_Hz, highest_Hz)
+        return max(first, highest_Hz * min(1.0, accuracy / _ERROR_AT_END) ** 0.25)
+
+    @cached_property
+    def expected_pole_Hz(self) -> float:
+        """First driven mode in the thin limit, Hz: where to look for it before anything is measured."""
+        return first_mode_Hz(self.plate, self.constants, self.density)
+
+
+def prepare(specimen: Specimen, *, check: bool = True) -> Problem:
+    """Build the problem of a specimen; InputError with file and key where the specimen cannot be computed.
+
+    check : refuse constants of no stable, passive material; False where they are only a start
+    """
+    where = str(specimen.path or specimen.name)
+    try:
+        base = library_material(specimen.material.base) if specimen.material.base else None
+    except InputError as error:
+        raise InputError(f"{where}: material.base: {error}") from None
+    density = specimen.geometry.density or (base.density if base else None)
+    if density is None:
+        raise InputError(f'{where}: geometry.density is missing and there is no base material; write "7800 kg/m^3"')
+    constants = _constants(specimen, base.constants if base else None)
+    plate = shape_of(specimen)
+    if specimen.material.simplified:
+        constants = simplify(constants, plate.poling).full()
+    charge = _driving_constant(plate)
+    if getattr(constants, charge) == 0:
+        raise InputError(
+            f"{where}: material.{charge} is zero, so a body poled along {_named(plate)} has no electrical "
+            f"response; give material.{charge}"
+        )
+    if check:
+        constants.check(f"{where}: material")
+    return Problem(specimen, plate, constants, float(density))
+
+
+def _constants(specimen: Specimen, base: PiezoConstants | None) -> PiezoConstants:
+    values = base.as_dict() if base else {}
+    values |= {name: complex(value) for name, value in specimen.material.values.items()}
+    for name, tangent in specimen.material.tangents.items():
+        values[name] = values[name].real * (1 - 1j * tangent)
+    return PiezoConstants(**values)
+
+
+def _driving_constant(shape: Shape) -> str:
+    """The piezoelectric constant that drives the first mode: d15 where the field lies across the poling."""
+    along = abs(shape.poling_direction[0 if shape.poling == "length" else 2])
+    if along < 1e-6:
+        return "d15"
+    return "d31" if shape.poling == "thickness" else "d33"
+
+
+def _named(shape: Shape) -> str:
+    axis = shape.poling_direction
+    return f"its {shape.poling}" if axis[0 if shape.poling == "length" else 2] == 1 else f"the direction {list(axis)}"

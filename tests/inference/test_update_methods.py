@@ -1,0 +1,219 @@
+"""Pole-zero iteration, curve fit and identifiability on data made by exact formulas or another discretisation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from femu_piezo.errors import ConvergenceError, InputError
+from femu_piezo.forward.fundamental import full_source, reduced_source
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.reduction import reduce_model
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.inference.blocks import CurveData, Passivity, PoleZeroData, Prior, weak_prior
+from femu_piezo.inference.identifiability import identifiability
+from femu_piezo.inference.least_squares import fit
+from femu_piezo.inference.matching import match
+from femu_piezo.inference.starts.pole_zero import propagate_covariance, update_pair
+from femu_piezo.inference.starts.thin_body import k31_bar_admittance
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.material.library import library_material
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.resonances import Resonance, ResonanceSet
+
+PZT = library_material("pzt-5h").constants
+LOSSY = PiezoConstants.from_vector(PZT.vector() * (1 - 1j * np.array([14, 12, 13, 15, 20, 16, 17, 18, 19, 20]) * 1e-3))
+#: A bar so slender that the 1-D formula, exact and no discretisation at all, is the truth to 1e-5.
+BAR = Plate(40e-3, 0.2e-3, 0.2e-3)
+DENSITY = 7500.0
+FREE = ("s11", "d31", "eps33T")
+
+
+@pytest.fixture(scope="module")
+def bar():
+    """Reduced model of the bar, its exact sweep, and the parameters around a start 15 % off."""
+    model = ElectroelasticModel(BAR.domain((20, 1, 1)), DENSITY)
+    away = LOSSY.with_values(
+        s11=LOSSY.s11.real * 1.15 + 0j, d31=LOSSY.d31.real * 0.85 + 0j, eps33T=LOSSY.eps33T.real * 1.1 + 0j
+    )
+    free = FreeConstants.of(away, FREE)
+    reduced = reduce_model(model, free.training_sets(free.start, 0.25), 60e3, accuracy=1e-7)
+    frequency = np.linspace(20e3, 60e3, 401)
+    y = k31_bar_admittance(2 * np.pi * frequency, 40e-3, 0.2e-3, 0.2e-3, DENSITY, LOSSY.s11, LOSSY.d31, LOSSY.eps33T)
+    return model, reduced, free, ImpedanceSpectrum(frequency, 1 / y)
+
+
+def _noisy(spectrum: ImpedanceSpectrum, level: float, seed: int) -> ImpedanceSpectrum:
+    normal = np.random.default_rng(seed).standard_normal((2, len(spectrum)))
+    error = level * (normal[0] + 1j * normal[1]) / np.sqrt(2)
+    return ImpedanceSpectrum(spectrum.frequency, spectrum.impedance * (1 + error))
+
+
+def test_curve_fit_recovers_the_exact_bar(bar):
+    _, reduced, free, spectrum = bar
+    parameters = MaterialParameters.around(free, free.start)
+    curve = CurveData("bar", reduced, spectrum, np.full(401, 1e-3))
+    found = fit([curve, weak_prior(parameters, free.start)], parameters, free.start)
+    for name, value in zip(FREE, found.theta, strict=True):
+        exact = getattr(LOSSY, name)
+        assert value.real == pytest.approx(exact.real, rel=1e-4), name
+        assert -value.imag / value.real == pytest.approx(LOSSY.tangent(name), rel=5e-3), name
+
+
+def test_intervals_of_the_curve_fit_cover(bar):
+    """40 draws of 0.1 % noise: the scatter of every estimate is what the covariance says, and its mean unbiased."""
+    _, reduced, free, spectrum = bar
+    parameters = MaterialParameters.around(free, free.start)
+    truth = fit([CurveData("bar", reduced, spectrum, np.full(401, 1e-3))], parameters, free.start).x
+    pulls = []
+    for seed in range(40):
+        curve = CurveData("bar", reduced, _noisy(spectrum, 1e-3, seed), np.full(401, 1e-3))
+        found = fit([curve], parameters, parameters.theta(truth))
+        pulls.append((found.x - truth) / np.sqrt(np.diag(found.covariance)))
+    pulls = np.array(pulls)
+    assert np.all(np.abs(pulls.mean(axis=0)) < 3.3 / np.sqrt(40))
+    assert np.mean(np.abs(pulls) < 1) == pytest.approx(0.683, abs=0.09)
+    assert np.mean(np.abs(pulls) < 2) == pytest.approx(0.954, abs=0.05)
+
+
+def test_pole_zero_newton_recovers_the_exact_bar(bar):
+    """Poles of the 1-D bar are exact complex numbers; the zero is the root of its Y, found to rounding."""
+    _, reduced, free, _ = bar
+    pole = (np.pi / 40e-3) ** 2 / (DENSITY * LOSSY.s11)
+    k2 = LOSSY.d31**2 / (LOSSY.s11 * LOSSY.eps33T)
+    x = 1.75 + 0j  # root of (1 − k²) X cos X + k² sin X beyond π/2
+    for _ in range(60):
+        slope = (1 - k2) * (np.cos(x) - x * np.sin(x)) + k2 * np.cos(x)
+        x -= ((1 - k2) * x * np.cos(x) + k2 * np.sin(x)) / slope
+    assert 1.6 < x.real < 2.0
+    zero = (2 * x / 40e-3) ** 2 / (DENSITY * LOSSY.s11)
+    two = FreeConstants.of(free.constants(free.start).with_values(eps33T=LOSSY.eps33T), ("s11", "d31"))
+    found = update_pair(reduced_source(reduced), two, np.array([pole, zero]))
+    assert found.constants.s11 == pytest.approx(LOSSY.s11, rel=1e-4)
+    assert found.constants.d31 == pytest.approx(LOSSY.d31, rel=1e-3)
+    covariance = propagate_covariance(found, two, np.diag([1e-8, 1e-8, 1e-8, 1e-8]) * abs(pole) ** 2)
+    # s11 ∝ 1/λ_pole: a relative 1e-4 of λ is a relative 1e-4 of s11
+    assert np.sqrt(covariance[0, 0]) / found.constants.s11.real == pytest.approx(1e-4, rel=2e-2)
+
+
+def test_reduced_and_full_sources_agree(bar):
+    model, reduced, free, _ = bar
+    constants = free.constants(free.start * (1 - 0.01j))
+    small, full = reduced_source(reduced)(constants, 35e3), full_source(model)(constants, 35e3)
+    np.testing.assert_allclose(small.eigenvalues, full.eigenvalues, rtol=1e-6)
+    share = constants.to_e_form().vector() / full.eigenvalues[:, None]  # ∂log λ/∂log c
+    np.testing.assert_allclose(small.sensitivities * share, full.sensitivities * share, atol=1e-6)
+
+
+def test_contradictory_pole_and_zero_are_refused(bar):
+    """A zero 40 % above its pole would need a coupling no passive ceramic has with these constants."""
+    _, reduced, free, _ = bar
+    pole = (np.pi / 40e-3) ** 2 / (DENSITY * LOSSY.s11)
+    two = FreeConstants.of(free.constants(free.start), ("s11", "d31"))
+    with pytest.raises(ConvergenceError, match="pole"):
+        update_pair(reduced_source(reduced), two, np.array([pole, 9 * pole]))
+
+
+def _check_jacobian(block, parameters, x):
+    """Against Richardson-extrapolated central differences."""
+    exact = block.jacobian(parameters, x)
+    for column in range(x.size):
+        unit = np.eye(x.size)[column]
+
+        def central(step, unit=unit):
+            return (block.residual(parameters, x + step * unit) - block.residual(parameters, x - step * unit)) / (
+                2 * step
+            )
+
+        slope = (64 * central(5e-5) - 20 * central(1e-4) + central(2e-4)) / 45
+        np.testing.assert_allclose(exact[:, column], slope, rtol=2e-5, atol=2e-5 * np.abs(exact[:, column]).max())
+
+
+def test_every_block_has_an_exact_jacobian(bar):
+    _, reduced, free, spectrum = bar
+    theta = free.start * (1 - 1j * np.array([0.011, 0.013, 0.017]))
+    parameters = MaterialParameters.around(free, theta)
+    x = parameters.x_of(theta)
+    modal = reduced.modal(free.constants(theta).to_e_form())
+    measured = ResonanceSet(
+        (Resonance("pole", complex(modal.eigenvalues[0])),), (Resonance("zero", complex(modal.zeros[0][0])),)
+    )
+    for block in (
+        CurveData("curve", reduced, spectrum, np.full(401, 1e-3)),
+        PoleZeroData("poles and zeros", reduced, measured),
+        Prior({"d31": (-2e-10, 1e-11), "tan_s11": (0.01, 0.005)}),
+    ):
+        _check_jacobian(block, parameters, x)
+
+
+def test_passivity_holds_the_fit_inside(bar):
+    """Data that ask for a negative tangent of d31's partner are answered at the wall, not beyond it."""
+    _, _, free, _ = bar
+    parameters = MaterialParameters.around(free, free.start)
+    wish = Prior({"tan_s11": (0.002, 1e-4), "tan_d31": (0.15, 1e-4), "tan_eps33T": (0.002, 1e-4)})
+    sizes = Prior({name: (float(v.real), 1e-6 * abs(v.real)) for name, v in zip(FREE, free.start, strict=True)})
+    theta = free.start * (1 - 0.01j)
+    loose = fit([wish, sizes], parameters, theta)
+    assert free.constants(loose.theta).physical_faults() != []
+    held = fit([wish, sizes, Passivity(1e-7)], parameters, theta)
+    assert free.constants(held.theta).physical_faults(tolerance=1e-3) == []
+
+
+def test_identifiability_names_what_is_confounded():
+    """Two unknowns that act alike: their sum is known, their difference is not."""
+    rng = np.random.default_rng(0)
+    base = rng.standard_normal((200, 3))
+    jacobian = np.column_stack([base[:, 0], base[:, 1], base[:, 1] * (1 + 1e-14), base[:, 2] * 1e4])
+    told = identifiability(jacobian, ("a", "b", "c", "tan_a"), np.ones(4))
+    assert told.verdict("tan_a") == "well"
+    assert told.verdict("b") == told.verdict("c") == "not"
+    assert np.isinf(told.std[1]) or told.std[1] > 1e6
+    assert told.std_alone[1] == pytest.approx(1 / np.linalg.norm(base[:, 1]))
+    assert "b" in told.weakest(1)[0] and "c" in told.weakest(1)[0]
+
+
+def test_identifiability_is_the_covariance():
+    rng = np.random.default_rng(1)
+    jacobian, values = rng.standard_normal((50, 4)), np.array([2.0, 0.01, 3.0, 0.02])
+    told = identifiability(jacobian, ("a", "tan_a", "b", "tan_b"), values)
+    relative = np.array([2.0, 1.0, 3.0, 1.0])
+    covariance = np.linalg.inv(jacobian.T @ jacobian) / np.outer(relative, relative)
+    np.testing.assert_allclose(told.std, np.sqrt(np.diag(covariance)), rtol=1e-10)
+    np.testing.assert_allclose(told.correlation, covariance / np.outer(told.std, told.std), atol=1e-10)
+
+
+def test_matching_follows_strength_where_modes_cross():
+    """A weak mode crosses a strong one: the measured strong mode stays with the strong one of the model."""
+    measured = (
+        Resonance("pole", 1.00e10 + 1e8j, residue=1e10),
+        Resonance("pole", 1.02e10 + 1e8j, residue=1e7),
+    )
+    model = np.array([0.995e10, 1.03e10]) + 1e8j
+    weak_first = match(measured, model, np.array([1e-2, 1.0]))
+    assert list(weak_first) == [1, 0]
+    strong_first = match(measured, model, np.array([1.0, 1e-2]))
+    assert list(strong_first) == [0, 1]
+
+
+def test_matching_refuses_more_modes_than_the_model_has():
+    measured = tuple(Resonance("pole", 1e10 * (k + 1) + 1e8j) for k in range(3))
+    with pytest.raises(ConvergenceError, match="3 were measured"):
+        match(measured, np.array([1e10, 2e10]) + 1e8j, np.ones(2))
+
+
+def test_free_constants_refuse_strangers_and_zeros():
+    simple = library_material("tj52-hd").constants
+    with pytest.raises(InputError, match="simplified"):
+        FreeConstants.of(simple, ("s11", "s13"), simplified=True)
+    with pytest.raises(InputError, match="d15"):
+        FreeConstants.of(simple, ("s11", "d15"))
+
+
+def test_simplified_free_constants_move_together(target):
+    free = FreeConstants.of(target.full(), FREE, simplified=True)
+    theta = np.array([16e-12 - 1e-13j, -3e-10 + 1e-12j, 2e-8 - 1e-10j])
+    moved = free.constants(theta)
+    assert moved.s33 == moved.s11 == theta[0]
+    assert moved.s44 == pytest.approx(2 * (moved.s11 - moved.s12))
+    assert (moved.d31, moved.eps33T, moved.d33) == (theta[1], theta[2], 0)
