@@ -47,6 +47,8 @@ _UNITS = (
     "henry = volt * second / ampere = H",
     f"vacuum_permittivity = {EPS0!r} * farad / meter = eps0",
     "percent = 0.01 = %",
+    "radian = [] = rad",
+    "degree = 0.017453292519943295 * radian = deg = °",
 )
 _NAMES = (
     "mm",
@@ -67,6 +69,8 @@ _NAMES = (
     "F",
     "eps0",
     "Ohm",
+    "mrad",
+    "deg",
 )
 
 _EXAMPLES = {
@@ -76,6 +80,11 @@ _EXAMPLES = {
     "m^2/N": '"16.5e-12 m^2/N"',
     "C/N": '"-255 pC/N"',
     "F/m": '"3400 eps0"',
+    "ohm": '"20 mohm"',
+    "H": '"10 nH"',
+    "F": '"0.1 pF"',
+    "rad": '"0.8 mrad"',
+    "kg": '"1.580 g"',
     "1": '0.01 or "1 %"',
 }
 

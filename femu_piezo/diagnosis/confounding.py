@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femu_piezo.effects.effect import Effect
-from femu_piezo.inference.fit import JointFit, whitened
-from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.fit import Fit, Response
 
 #: |cos| of two tangents, free of what the constants can do, that counts as parallel.
 PARALLEL = 0.99
@@ -43,30 +42,33 @@ class Tangent:
         return self.share < _SHARE or self.visible < VISIBLE
 
 
-def tangents(evaluation: Evaluation, base: JointFit, effects: Sequence[Effect]) -> list[Tangent]:
+def tangents(response: Response, base: Fit, effects: Sequence[Effect]) -> list[Tangent]:
     """Tangent of each effect on top of the base fit: at rest, or the secant to one scale where rest has no slope."""
-    span = np.linalg.svd(base.jacobian, full_matrices=False)[0]
-    found = []
+    span, found = base.span, []
     for effect in effects:
-        own = _direction(evaluation, base, effect)
+        own = _direction(response, base, effect)
         outside = own - span @ (span.T @ own)
         size, left = np.linalg.norm(own), np.linalg.norm(outside)
-        moves = np.linalg.lstsq(base.jacobian, own, rcond=None)[0]
-        strength = np.linalg.norm(base.jacobian, axis=0)[:, None] * np.abs(moves)
+        count = base.parameters.of_material
+        scaled = base.jacobian[:, :count] * base.parameters.prior_std[:count]
+        moves = np.linalg.lstsq(scaled, own, rcond=None)[0]
+        strength = np.linalg.norm(scaled, axis=0)[:, None] * np.abs(moves)
         nearest = base.parameters.names[int(np.argmax(strength.sum(axis=1)))]
         found.append(Tangent(effect, outside, float(left), float(left / size), nearest))
     return found
 
 
-def _direction(evaluation: Evaluation, base: JointFit, effect: Effect) -> np.ndarray:
+def _direction(response: Response, base: Fit, effect: Effect) -> np.ndarray:
     """(2k, 1) change of the sweep for one scale of the effect, whitened."""
-    parameters = base.parameters.with_effect(effect)
+    parameters = base.parameters.with_candidate(effect)
+    own = parameters.columns(parameters.index(effect.key))
+    if base.parameters.has(effect):
+        return base.jacobian[:, own.start : own.start + 1]
+    x = parameters.carried(base.parameters, base.x)
     if len(effect.parameters) == 1 and effect.local is None:
-        x = np.concatenate([base.x, effect.rest / effect.scale])
-        return whitened(evaluation, base.data, parameters, x)[1][:, base.x.size :]
-    x = np.concatenate([base.x, effect.rest / effect.scale])
-    x[base.x.size] += 1.0
-    return (whitened(evaluation, base.data, parameters, x)[0] - base.residual)[:, None]
+        return base.data.whitened(*response.with_jacobian(parameters, x))[1][:, own]
+    x[own.start] += 1.0
+    return (base.data.whitened(*response.with_jacobian(parameters, x))[0] - base.residual)[:, None]
 
 
 def parallel(first: Tangent, second: Tangent, size: float) -> bool:

@@ -16,10 +16,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from femu_piezo.inference.blocks import Prior
 from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common
-from femu_piezo.inference.joint import JointParameters
 from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.unknowns import Unknowns
 
 #: Most Gauss-Newton steps of a refit, and the gain of one below which it has settled.
 _STEPS, _SETTLED = 6, 0.01
@@ -49,19 +48,21 @@ class Plan:
     readings: Mapping[tuple[str, str], np.ndarray] = field(default_factory=dict)
     new_sweeps: bool = False
 
-    def owned(self, parameters: JointParameters) -> JointParameters:
+    def owned(self, parameters: Unknowns) -> Unknowns:
         """The unknowns with every effect that is not common as that of its specimen."""
 
         def own(effect):
             return effect if is_common(effect) or effect.specimen else belonging_to(effect, self.owner)
 
+        renamed = {effect.key: own(effect).key for effect in parameters.effects}
         return replace(
             parameters,
             effects=tuple(own(effect) for effect in parameters.effects),
+            candidates=tuple(renamed[key] for key in parameters.candidates),
             fixed=tuple((own(effect), values) for effect, values in parameters.fixed),
         )
 
-    def predicted(self, parameters: JointParameters, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def predicted(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whitened log Z of all sweeps as Re, Im, then the reading: (2k + 1,), and the Jacobian (2k + 1, n_x)."""
         owned = self.owned(parameters)
         z, slopes = self.evaluation.with_jacobian(owned, x)
@@ -81,7 +82,7 @@ class Plan:
 class Point:
     """Unknowns of a fit and where they stand."""
 
-    parameters: JointParameters
+    parameters: Unknowns
     x: np.ndarray
 
 
@@ -122,13 +123,10 @@ def _figure(sigma: float) -> str:
     return f"{sigma:.{0 if sigma >= 10 else 1}f} σ"
 
 
-def between(plan: Plan, first: Point, second: Point, prior: Prior) -> float:
-    """σ by which the second cause misses what the first predicts, all its unknowns refitted.
-
-    prior : of the constants
-    """
+def between(plan: Plan, first: Point, second: Point) -> float:
+    """σ by which the second cause misses what the first predicts, all its unknowns refitted."""
     wanted, _ = plan.predicted(first.parameters, first.x)
-    rows = _prior_rows(prior, second)
+    rows = _prior_rows(second)
     turn = 2 * np.pi * np.sqrt(2.0) / plan.relative_noise
     phases = slice(turn.size, 2 * turn.size)
 
@@ -154,12 +152,12 @@ def between(plan: Plan, first: Point, second: Point, prior: Prior) -> float:
     return left
 
 
-def strength(plan: Plan, point: Point, effect: int, size: float, prior: Prior) -> float:
+def strength(plan: Plan, point: Point, effect: int, size: float) -> float:
     """size/σ of the first parameter of the effect number `effect`, all other unknowns free; size in SI."""
     _, jacobian = plan.predicted(point.parameters, point.x)
     own = point.parameters.columns(effect)
     others = np.delete(np.arange(point.x.size), own.start)
-    rows = _prior_rows(prior, point)
+    rows = _prior_rows(point)
     return (
         abs(size)
         / point.parameters.effects[effect].scale[0]
@@ -181,12 +179,8 @@ def _solved(matrix: np.ndarray, target: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(matrix / norm, target, rcond=1e-12)[0] / norm
 
 
-def _prior_rows(prior: Prior, point: Point) -> np.ndarray:
-    """(m, n_x) slopes of the priors of constants and of the effects beyond their first parameter, its size."""
-    material = point.parameters.material
-    own = 2 * material.scale.size
-    rows = np.zeros((len(prior.values), point.x.size))
-    rows[:, :own] = prior.jacobian(material, point.x[:own])
-    pull = point.parameters.prior(point.x)[1]
-    sizes = [point.parameters.columns(i).start - own for i in range(len(point.parameters.effects))]
-    return np.concatenate([rows, np.delete(pull, sizes, axis=0)])
+def _prior_rows(point: Point) -> np.ndarray:
+    """(m, n_x) slopes of the priors of everything but the sizes of causes, their first parameters."""
+    parameters = point.parameters
+    sizes = [parameters.columns(parameters.index(key)).start for key in parameters.candidates]
+    return np.delete(np.diag(1 / parameters.prior_std), sizes, axis=0)

@@ -1,15 +1,15 @@
-"""Where fits with a further effect may begin, and what linearisation there promises."""
+"""Where fits with a further cause may begin, and what linearisation there promises."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from femu_piezo.effects.effect import Effect
-from femu_piezo.inference.fit import JointFit, SweepData, linear_fit, linearised
-from femu_piezo.inference.joint import JointParameters
-from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.fit import Fit, linear_fit, stepped
+from femu_piezo.inference.unknowns import Unknowns
 
 #: Size, over its scale, at which a parameter starts "at rest": there every slope exists.
 _REST = 1e-3
@@ -19,18 +19,18 @@ _SITES = 3
 
 @dataclass(frozen=True)
 class Start:
-    """Where a fit with one or two more effects may begin.
+    """Where a fit with one or two more causes may begin.
 
     Attributes
     ----------
-    x : (n_x,) the unknowns of the fit before, then those of the new effects
+    x : (n_x,) the unknowns of the fit before, and those of the new causes
     linear : the fit that linearisation there promises, places of effects held
-    before : number of the unknowns of the fit before
+    residual : (2k,) whitened, of the data at x
     """
 
     x: np.ndarray
-    linear: JointFit
-    before: int
+    linear: Fit
+    residual: np.ndarray
 
     @property
     def promised(self) -> float:
@@ -38,94 +38,128 @@ class Start:
         return self.linear.chi_square
 
     @property
-    def before_step(self) -> np.ndarray:
-        """(2k,) residual of the data at x."""
-        return self.linear.residual - self.linear.jacobian @ (self.linear.x - self.x)
+    def cause(self) -> Effect:
+        """The last of the new causes."""
+        return self.linear.parameters.causes[-1]
 
-    @property
-    def own(self) -> slice:
-        """Columns of the new effects."""
-        return slice(self.before, self.x.size)
+    def own(self, effect: Effect) -> slice:
+        """Columns of a cause."""
+        parameters = self.linear.parameters
+        return parameters.columns(parameters.index(effect.key))
 
     def alone(self) -> np.ndarray:
-        """(n_x,) the start with the own step of the new effects alone, within the inner half of their ranges."""
-        low, high = self.linear.parameters.bounds[self.own].T / 2
-        return np.concatenate([self.x[: self.before], np.clip(self.linear.x[self.own], low, high)])
+        """(n_x,) the start with the step of its last cause alone, within the inner half of its range."""
+        x, own = self.x.copy(), self.own(self.cause)
+        low, high = self.linear.parameters.bounds[own].T / 2
+        x[own] = np.clip(self.linear.x[own], low, high)
+        return x
 
 
-def starts(evaluation: Evaluation, data: SweepData, current: JointFit, effect: Effect) -> list[Start]:
-    """Starts of a fit with one more effect, the most promising first.
+def starts(response, current: Fit, effect: Effect) -> list[Start]:
+    """Starts of a fit with one more cause, the most promising first.
 
-    At its most promising sites where it sits at a place; else at rest and at the values that its parameters list.
+    At its most promising sites where it sits at a place; where the fit has it within its tolerance, from there; else at
+    rest and at the values that its parameters list.
     """
-    parameters = current.parameters.with_effect(effect)
+    parameters = current.parameters.with_candidate(effect)
+    x = parameters.carried(current.parameters, current.x)
     if effect.sites is not None:
-        return _at_sites(evaluation, data, current, effect, parameters)
-    found = []
-    for values in (effect.rest + _REST * effect.scale, *listed_values(effect)):
-        x = np.concatenate([current.x, values / effect.scale])
-        linear = linear_fit(evaluation, data, parameters, x, np.arange(x.size))
-        found.append(Start(x, linear, current.x.size))
+        return _at_sites(response, current, effect, parameters, x)
+    own, found = parameters.columns(parameters.index(effect.key)), []
+    if current.parameters.has(effect):
+        lifted = _widened(current, parameters, x, {}, current.residual)
+        return [Start(x, stepped(lifted), current.residual)]
+    for values in (effect.rest + _REST * effect.scale, *_listed(effect)):
+        at = x.copy()
+        at[own] = values / effect.scale
+        found.append(Start(at, *linear_fit(response, current.data, parameters, at)))
     return sorted(found, key=lambda start: start.promised)
 
 
-def start_together(data: SweepData, current: JointFit, first: Start, second: Start) -> Start:
-    """A start with two more effects, of one start of each: they are taken to change the residual independently."""
-    parameters = first.linear.parameters.with_effect(second.linear.parameters.effects[-1])
-    x = np.concatenate([first.x, second.x[second.own]])
-    columns = np.hstack([start.linear.jacobian[:, start.own] for start in (first, second)])
-    moved = current.residual + sum(start.before_step - current.residual for start in (first, second))
-    linear = _linearised_with(data, replace(current, residual=moved), parameters, x, columns, np.arange(x.size))
-    return Start(x, linear, current.x.size)
+def _listed(effect: Effect) -> list[np.ndarray]:
+    """Parameters to start from beside rest: each listed value of each parameter, the others at rest."""
+    found = []
+    for number, parameter in enumerate(effect.parameters):
+        for value in parameter.starts:
+            values = effect.rest + _REST * effect.scale
+            values[number] = value
+            found.append(values)
+    return found
 
 
-def listed_values(effect: Effect) -> list[np.ndarray]:
-    """Values (n,) that the first parameter's `starts` list, the others at rest."""
-    return [np.array([value, *effect.rest[1:]]) for value in effect.parameters[0].starts]
+def start_together(current: Fit, first: Start, second: Start) -> Start:
+    """A start with two more causes, of one start of each: they are taken to change the residual independently."""
+    parameters = first.linear.parameters.with_candidate(second.cause)
+    x = parameters.carried(first.linear.parameters, first.x)
+    columns = {}
+    for start in (first, second):
+        effect, own = start.cause, start.own(start.cause)
+        x[parameters.columns(parameters.index(effect.key))] = start.x[own]
+        columns[effect.key] = start.linear.jacobian[:, own]
+    residual = current.residual + sum(start.residual - current.residual for start in (first, second))
+    return Start(x, stepped(_widened(current, parameters, x, columns, residual)), residual)
 
 
-def _at_sites(evaluation, data: SweepData, current: JointFit, effect: Effect, parameters: JointParameters):
-    """The sites with the largest gain in χ² by linearisation at size zero, each with the size that gives it."""
-    z = data.impedance * np.exp(current.log_error)
-    slopes = evaluation.slopes_at_sites(current.parameters, current.x, effect) / z[:, None] * data.weight[:, None]
+def _widened(
+    current: Fit, parameters: Unknowns, x: np.ndarray, columns: Mapping[str, np.ndarray], residual: np.ndarray
+) -> Fit:
+    """A fit with more unknowns, linearised: key → (2k, n) Jacobian of the effects that it had not."""
+    old, new = current.parameters, parameters
+    jacobian = np.zeros((residual.size, new.count))
+    wall = current.further_residual.size - old.count
+    further = np.concatenate([np.diag(1 / new.prior_std), np.zeros((wall, new.count))])
+
+    def put(target: slice, source: slice) -> None:
+        jacobian[:, target] = current.jacobian[:, source]
+        further[new.count :, target] = current.further_jacobian[old.count :, source]
+
+    put(slice(0, new.of_material), slice(0, old.of_material))
+    for number, effect in enumerate(new.effects):
+        if old.has(effect):
+            put(new.columns(number), old.columns(old.index(effect.key)))
+        if effect.key in columns:
+            jacobian[:, new.columns(number)] = columns[effect.key]
+    return replace(
+        current,
+        parameters=new,
+        x=x,
+        residual=residual,
+        jacobian=jacobian,
+        further_residual=np.concatenate([(x - new.prior_mean) / new.prior_std, current.further_residual[old.count :]]),
+        further_jacobian=further,
+        discrepancy=None,
+    )
+
+
+def _at_sites(response, current: Fit, effect: Effect, parameters: Unknowns, x: np.ndarray) -> list[Start]:
+    """Starts at the most promising sites, judged by how a small size at each moves Z outside what all else can do."""
+    slopes = response.slopes_at_sites(current.parameters, current.x, effect)
+    z = current.data.impedance * np.exp(current.log_error)
+    slopes = slopes / z[:, None] * current.data.weight[:, None]
     rows = np.concatenate([slopes.real, slopes.imag])
-    pull = np.zeros((current.prior_residual.size, rows.shape[1]))
-    whole = np.concatenate([current.jacobian, current.prior_jacobian])
-    span = np.linalg.svd(whole, full_matrices=False)[0]
-    columns = np.concatenate([rows, pull])
-    outside = columns - span @ (span.T @ columns)
-    residual = np.concatenate([current.residual, current.prior_residual])
-    power, along = np.sum(outside**2, axis=0), -(outside.T @ residual)
+    outside = rows - current.span @ (current.span.T @ rows)
+    power, along = np.sum(outside**2, axis=0), -(outside.T @ current.residual)
     low, high = effect.bounds[0]
     size = np.clip(along / np.where(power > 0, power, np.inf), low, high / 2)
     gain = 2 * size * along - size**2 * power
     return [
-        _at_site(data, current, effect, parameters, rows[:, site], size[site], effect.sites[site, 1:])
+        _at_site(current, effect, parameters, x, rows[:, site], size[site], effect.sites[site, 1:])
         for site in np.argsort(-gain)[:_SITES]
     ]
 
 
-def _at_site(data, current: JointFit, effect: Effect, parameters: JointParameters, slopes, size: float, place):
+def _at_site(current: Fit, effect: Effect, parameters: Unknowns, x, slopes, size: float, place) -> Start:
     """The start of `size` at a site, with the promise of the slopes (2k,) there."""
-    before = current.x.size
-    at_rest = np.concatenate([current.x, [effect.rest[0] / effect.scale[0]], place / effect.scale[1:]])
+    own = parameters.columns(parameters.index(effect.key))
+    at = x.copy()
+    at[own] = np.concatenate([[effect.rest[0]], place]) / effect.scale
     columns = np.zeros((slopes.size, len(effect.parameters)))
     columns[:, 0] = slopes * effect.scale[0]
-    linear = _linearised_with(data, current, parameters, at_rest, columns, np.arange(before + 1))
-    if linear.x[before] * effect.scale[0] < effect.bounds[0, 0]:  # a size of the wrong sign: nothing is gained
-        linear = _linearised_with(data, current, parameters, at_rest, columns, np.arange(0))
-    x = at_rest.copy()
-    x[before] = size / effect.scale[0]
-    return Start(x, linear, before)
-
-
-def _linearised_with(data, current: JointFit, parameters: JointParameters, x, columns, moving) -> JointFit:
-    """What linearisation promises of a fit with new effects at rest, x (n_x,), whose slopes are columns (2k, n)."""
-    prior = current.prior_residual
-    pull, slopes = parameters.prior(x)
-    new = slopes[-columns.shape[1] :]
-    known = np.concatenate([current.jacobian, current.prior_jacobian])
-    beside = np.concatenate([columns, np.zeros((prior.size, columns.shape[1]))])
-    jacobian = np.concatenate([np.hstack([known, beside]), new])
-    residual = np.concatenate([current.residual, prior, pull[-columns.shape[1] :]])
-    return linearised(data, parameters, x, residual, jacobian, moving)
+    at_rest = _widened(current, parameters, at, {effect.key: columns}, current.residual)
+    moving = np.delete(np.arange(x.size), np.arange(own.start + 1, own.stop))
+    linear = stepped(at_rest, moving)
+    if linear.x[own.start] * effect.scale[0] < effect.bounds[0, 0]:  # a size of the wrong sign: nothing is gained
+        linear = at_rest
+    at = at.copy()
+    at[own.start] = size / effect.scale[0]
+    return Start(at, linear, current.residual)

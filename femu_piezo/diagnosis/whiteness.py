@@ -52,7 +52,7 @@ class Remaining:
 
 def remaining(
     residual: np.ndarray,
-    unknowns: int,
+    unknowns: float,
     frequency: np.ndarray,
     noise_known: bool,
     sweeps: list[np.ndarray] | None = None,

@@ -224,6 +224,7 @@ class EffectContext:
     tolerances : standard deviations by name: relative of dimensions, of the density and of held constants ("s12"),
         absolute of their tangents ("tan_s12"), SI of the fixture's "resistance", "inductance" and "capacitance";
         relative "accuracy" and "phase_accuracy" (rad) of the instrument. What has none is known exactly.
+    weighed : whether the density follows from a mass, so that a larger body is a lighter material
     band_Hz : lowest and highest frequency of the sweep
     dimensions : length, width, thickness of a plate with three mirror planes, m; None for other bodies
     poling : "thickness" (k31) or "length" (k33)
@@ -240,3 +241,4 @@ class EffectContext:
     poling: str = "thickness"
     tolerances: Mapping[str, float] = field(default_factory=dict)
     band_Hz: tuple[float, float] = (100.0, 1e6)
+    weighed: bool = False

@@ -18,10 +18,11 @@ from femu_piezo.effects.effect import Effect, ExtraTerm
 from femu_piezo.effects.local.operators import Places, measure_places
 from femu_piezo.effects.local.symmetry_sectors import DRIVEN, SPOT, Sectors, build_sectors, prepare_classes
 from femu_piezo.effects.local.weighted_forms import WeightedProducts
+from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import reduce_model
-from femu_piezo.material.constants import E_FORM, PiezoConstants
-from femu_piezo.threads import in_parallel
+from femu_piezo.material.constants import E_FORM, ElasticForm, PiezoConstants
+from femu_piezo.threads import blas_limit, in_parallel
 
 #: Relative stretch of each dimension that the basis is trained for.
 _STRETCH = 0.02
@@ -68,6 +69,13 @@ class ExtendedModel:
         """(u, u) diagonal mass of the displacement unknowns: 1, and 0 where a spot has no field."""
         spot = self.sectors.index(SPOT) if SPOT in self.sectors else -1
         return np.diag((self.member[: self.displacements] != spot).astype(float))
+
+    def modal(self, constants: ElasticForm) -> ModalModel:
+        """Closed forms of the body without effects at given e-form constants (complex)."""
+        with blas_limit():
+            driven = self.restricted(())
+            stiffness = np.tensordot(constants.vector(), driven.bulk, axes=1)
+            return diagonalise(stiffness, driven.bulk, driven.displacements, driven.admittance_factor)
 
     def restricted(self, wanted: Sequence[str]) -> ExtendedModel:
         """The model with the driven sector and those that are wanted alone; kept for the next call."""

@@ -7,14 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.eigen import solve_eigen
+from femu_piezo.forward.modal import ModalModel
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.forward.reduction import ReducedModel
-from femu_piezo.material.constants import E_FORM, PiezoConstants
+from femu_piezo.material.constants import E_FORM, ElasticForm, PiezoConstants
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,14 @@ def full_source(model: ElectroelasticModel, count: int = 8) -> PairSource:
     return pair
 
 
-def reduced_source(reduced: ReducedModel) -> PairSource:
-    """Pairs from the reduced model: milliseconds each."""
+class HasModal(Protocol):
+    """A reduced model."""
+
+    def modal(self, constants: ElasticForm) -> ModalModel: ...
+
+
+def reduced_source(reduced: HasModal) -> PairSource:
+    """Pairs from a reduced model: milliseconds each."""
 
     def pair(constants: PiezoConstants, near_Hz: float) -> PoleZeroPair:
         modal = reduced.modal(constants.to_e_form())

@@ -9,7 +9,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect, LocalTerm
 from femu_piezo.effects.extended_model import ExtendedModel
-from femu_piezo.inference.joint import JointParameters
+from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.material.constants import PiezoConstants
 
 
@@ -27,7 +27,7 @@ class Active:
             target[..., self.columns] += slopes * self.effect.scale
 
 
-def active_effects(parameters: JointParameters, x: np.ndarray) -> list[Active]:
+def active_effects(parameters: Unknowns, x: np.ndarray) -> list[Active]:
     """The fixed effects, then the fitted ones at x (n_x,)."""
     fixed = [Active(effect, values, None) for effect, values in parameters.fixed]
     fitted = zip(parameters.effects, parameters.values(x), strict=True)
@@ -71,7 +71,7 @@ class _Sum:
 
 
 def collect(
-    model: ExtendedModel, parameters: JointParameters, x: np.ndarray, active: list[Active], omega: np.ndarray
+    model: ExtendedModel, parameters: Unknowns, x: np.ndarray, active: list[Active], omega: np.ndarray
 ) -> Coefficients:
     """Everything that multiplies the matrices of a model at the unknowns x (n_x,) and frequencies (k,) rad/s."""
     e_form, e_tangents = e_form_constants(parameters, x, active, omega)
@@ -143,12 +143,12 @@ def _extra_terms(model: ExtendedModel, item: Active, omega: np.ndarray) -> list[
     return found
 
 
-def e_form_constants(
-    parameters: JointParameters, x: np.ndarray, active: list[Active], omega: np.ndarray
+def d_form_constants(
+    parameters: Unknowns, x: np.ndarray, active: list[Active], omega: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """e-form constants (k, 10) at each frequency, and their tangents (k, 10, n_x)."""
+    """d-form constants (k, 10) at each frequency, and their tangents (k, 10, n_x)."""
     material = parameters.material
-    own = x[: 2 * material.scale.size]
+    own = x[: parameters.of_material]
     theta = np.tile(material.constants(own).vector(), (omega.size, 1))
     tangents = np.zeros((omega.size, 10, x.size), dtype=complex)
     tangents[:, :, : own.size] = material.free.directions @ material.slopes(own)
@@ -156,6 +156,14 @@ def e_form_constants(
         if item.effect.constants is not None:
             theta, tangents, slopes = item.effect.constants(theta, tangents, omega, item.values)
             item.put(tangents, slopes)
+    return theta, tangents
+
+
+def e_form_constants(
+    parameters: Unknowns, x: np.ndarray, active: list[Active], omega: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """e-form constants (k, 10) at each frequency, and their tangents (k, 10, n_x)."""
+    theta, tangents = d_form_constants(parameters, x, active, omega)
     sets = [PiezoConstants.from_vector(row) for row in theta]
     e_form = np.array([constants.to_e_form().vector() for constants in sets])
     jacobians = np.array([constants.e_form_jacobian() for constants in sets])

@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from femu_piezo.effects.effect import Effect
-from femu_piezo.inference.joint import JointParameters
 from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.unknowns import Unknowns
 
 
 def is_common(effect: Effect) -> bool:
@@ -42,11 +42,15 @@ class Ensemble:
         """(k,) rad/s of all sweeps."""
         return np.concatenate([part.omega for _, part in self.parts])
 
-    def impedance(self, parameters: JointParameters, x: np.ndarray) -> np.ndarray:
+    def at(self, factor: float) -> Ensemble:
+        """The same at frequencies larger by a factor."""
+        return Ensemble(tuple((name, part.at(factor)) for name, part in self.parts))
+
+    def impedance(self, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
         """Z (k,), ohm."""
         return self.with_jacobian(parameters, x)[0]
 
-    def with_jacobian(self, parameters: JointParameters, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def with_jacobian(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Z (k,) and ∂Z/∂x (k, n_x), ohm."""
         values, slopes = [], []
         for name, part in self.parts:
@@ -57,7 +61,7 @@ class Ensemble:
             slopes[-1][:, columns] = tangents
         return np.concatenate(values), np.concatenate(slopes)
 
-    def slopes_at_sites(self, parameters: JointParameters, x: np.ndarray, effect: Effect) -> np.ndarray:
+    def slopes_at_sites(self, parameters: Unknowns, x: np.ndarray, effect: Effect) -> np.ndarray:
         """∂Z/∂(size) (k, m) at size zero for each of an effect's m sites; zero for other specimens than its own."""
         found = []
         for name, part in self.parts:
@@ -69,18 +73,19 @@ class Ensemble:
         return np.concatenate(found)
 
 
-def own_parameters(parameters: JointParameters, specimen: str) -> tuple[JointParameters, np.ndarray]:
+def own_parameters(parameters: Unknowns, specimen: str) -> tuple[Unknowns, np.ndarray]:
     """The unknowns that one specimen has, and where they stand in x (n_x,)."""
 
     def has(effect: Effect) -> bool:
         return effect.specimen in ("", specimen)
 
     kept = [index for index, effect in enumerate(parameters.effects) if has(effect)]
-    material = np.arange(2 * parameters.material.scale.size)
     columns = [np.arange(*parameters.columns(index).indices(parameters.count)) for index in kept]
+    effects = tuple(parameters.effects[index] for index in kept)
     own = replace(
         parameters,
-        effects=tuple(parameters.effects[index] for index in kept),
+        effects=effects,
+        candidates=tuple(effect.key for effect in effects if effect.key in parameters.candidates),
         fixed=tuple(item for item in parameters.fixed if has(item[0])),
     )
-    return own, np.concatenate([material, *columns])
+    return own, np.concatenate([np.arange(parameters.of_material), *columns])

@@ -1,99 +1,147 @@
-"""One joint fit of material and effects to a sweep, with everything that comparing fits needs."""
+"""The one fit: the most probable unknowns of a sweep, their covariance, and the evidence for the model.
+
+    −2 log p(x | data) = Σ |log Z_model(x) − log Z|²/σ² + Σ ((x − mean)/std)² + passivity wall
+
+Free constants, tolerances and effects are all in x (`femu_piezo.inference.unknowns`). `update` is this fit; `diagnose`
+is this fit for several lists of causes. About the solution the model is taken as linear (Laplace): with J the Jacobian
+of data and priors, H = JᵗJ, the covariance is H^-1 and the evidence
+
+    log p(data) = −½ χ² − ½ log det(H Σ_prior) + constant.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
 from femu_piezo.errors import ConvergenceError
-from femu_piezo.inference.blocks import Prior
-from femu_piezo.inference.joint import JointParameters
-from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.discrepancy import Discrepancy, learn_discrepancy, noise_level
+from femu_piezo.inference.passivity import passivity_wall
+from femu_piezo.inference.sweeps import SweepData
+from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.threads import blas_limit
 
-#: Excess of χ², in its standard deviations, from which what is left has structure.
-_STRUCTURED = 3.0
-#: Contiguous bands of the leave-band-out prediction.
-_BANDS = 10
-#: Least ratio of the true variance of the noise to an estimated one.
-LEAST_SCALE = 0.4
 #: Distance to a bound, relative to its range, that a start keeps.
 _MARGIN = 1e-6
 #: Relative gain of a step below which a coarse fit stops, and its most steps; the same of a close fit.
-_COARSE, _CLOSE = (1e-3, 15), (1e-7, 60)
+_COARSE, _CLOSE = (1e-3, 12), (1e-9, 80)
+#: Relative step of the frequency for ∂log Z/∂log f.
+_STEP = 1e-5
+
+
+class Response(Protocol):
+    """Z of the sweeps at given unknowns (`Evaluation`, `Ensemble`)."""
+
+    def with_jacobian(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
+
+    def at(self, factor: float) -> Response: ...
 
 
 @dataclass(frozen=True)
-class SweepData:
-    """The sweep that fits may see.
-
-    Attributes
-    ----------
-    impedance : (k,) measured Z, ohm
-    relative_noise : (k,) sqrt(E|δZ/Z|²)
-    noise_known : whether it came with the data (else it was estimated from the sweep alone)
-    prior : prior knowledge of the free constants
-    sizes : points of each sweep where there are several, one after another
-    """
-
-    impedance: np.ndarray
-    relative_noise: np.ndarray
-    noise_known: bool
-    prior: Prior
-    sizes: tuple[int, ...] = ()
-
-    @property
-    def sweeps(self) -> list[np.ndarray]:
-        """Indices of the points of each sweep."""
-        return np.split(np.arange(self.impedance.size), np.cumsum(self.sizes)[:-1])
-
-    @property
-    def weight(self) -> np.ndarray:
-        """(k,) √2/σ of the relative noise."""
-        return np.sqrt(2.0) / self.relative_noise
-
-    def bands(self, count: int = _BANDS) -> list[np.ndarray]:
-        """Indices of the points of contiguous bands, so many of each sweep."""
-        return [part for sweep in self.sweeps for part in np.array_split(sweep, count)]
-
-    def select(self, keep: np.ndarray) -> SweepData:
-        """The points where `keep` (bool, or indices in order) says so."""
-        kept = np.arange(self.impedance.size)[keep]
-        sizes = tuple(int(np.count_nonzero(np.isin(sweep, kept))) for sweep in self.sweeps) if self.sizes else ()
-        return replace(self, impedance=self.impedance[kept], relative_noise=self.relative_noise[kept], sizes=sizes)
-
-
-@dataclass(frozen=True)
-class JointFit:
-    """A fit of the material with some effects.
+class Fit:
+    """The most probable unknowns, and the model linearised there.
 
     Attributes
     ----------
     x : (n_x,) solution
     residual : (2k,) whitened (log Z_model − log Z)/σ, Re then Im
-    jacobian : (2k, n_x) of the data;  prior_jacobian : (m, n_x) of the priors
-    prior_residual : (m,) of the priors
+    jacobian : (2k, n_x) of it
+    further_residual, further_jacobian : (m,), (m, n_x) rows of the priors and of the passivity wall
+    log_slope : (k,) ∂log Z/∂log f of the model
     on_bound : names of the unknowns that ended on a bound
-    law_misses : (m, 2k) whitened errors that approximate laws may have made, each one standard deviation
+    discrepancy : that of the likelihood of this fit; None where it knows of noise alone
     """
 
-    parameters: JointParameters
+    parameters: Unknowns
     x: np.ndarray
-    residual: np.ndarray
-    jacobian: np.ndarray
-    prior_jacobian: np.ndarray
-    prior_residual: np.ndarray
-    on_bound: tuple[str, ...]
     data: SweepData
-    law_misses: np.ndarray | None = None
+    residual: np.ndarray = field(repr=False)
+    jacobian: np.ndarray = field(repr=False)
+    further_residual: np.ndarray = field(repr=False)
+    further_jacobian: np.ndarray = field(repr=False)
+    log_slope: np.ndarray = field(repr=False)
+    on_bound: tuple[str, ...] = ()
+    discrepancy: Discrepancy | None = field(default=None, repr=False)
+
+    @cached_property
+    def _rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """Residual and Jacobian of data, priors and wall, the data whitened by noise and discrepancy."""
+        residual, jacobian = self.residual, self.jacobian
+        if self.discrepancy is not None:
+            both = solve_triangular(self.discrepancy.factor, np.column_stack([residual, jacobian]), lower=True)
+            residual, jacobian = both[:, 0], both[:, 1:]
+        return (
+            np.concatenate([residual, self.further_residual]),
+            np.concatenate([jacobian, self.further_jacobian]),
+        )
+
+    @cached_property
+    def _triangle(self) -> tuple[np.ndarray, np.ndarray]:
+        """Q and R of the Jacobian with its columns in prior standard deviations."""
+        return np.linalg.qr(self._rows[1] * self.parameters.prior_std)
 
     @property
     def chi_square(self) -> float:
-        """Σ residual² of data and prior."""
-        return float(self.residual @ self.residual + self.prior_residual @ self.prior_residual)
+        """Σ residual² of data and priors."""
+        residual = self._rows[0]
+        return float(residual @ residual)
+
+    @property
+    def freedom(self) -> int:
+        """Residuals of the data minus unknowns that the data determine."""
+        return round(self.residual.size - self.determined)
+
+    @property
+    def determined(self) -> float:
+        """Number of unknowns that the data determine, Σ over all of 1 − posterior/prior variance in their span."""
+        rows = self.residual.size
+        return float(np.sum(self._triangle[0][:rows] ** 2))
+
+    @property
+    def noise_scale(self) -> float:
+        """Most probable factor on the noise."""
+        return noise_level(self.chi_square, self.residual.size - self.determined, self.data.level_std)
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """(n_x, n_x) of the unknowns, noise, priors and discrepancy together.
+
+        H^-1 at the most probable noise level. Where misfit is smooth in frequency the discrepancy of the likelihood
+        widens it; no factor for misfit is applied beyond that, as white misfit is noise and is in the level. The
+        coverage of these intervals is tested in tests/inference/test_coverage.py.
+        """
+        scale = self.noise_scale
+        rows = self._rows[1] * self.parameters.prior_std
+        rows[: self.residual.size] /= scale
+        inverse = np.linalg.inv(np.linalg.qr(rows, mode="r"))
+        return (inverse @ inverse.T) * np.outer(self.parameters.prior_std, self.parameters.prior_std)
+
+    @property
+    def std(self) -> np.ndarray:
+        """(n_x,) standard deviations of the unknowns."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @cached_property
+    def log_evidence(self) -> float:
+        """log p(data) by Laplace's method at the most probable noise level, noise alone in the likelihood."""
+        scale, std = self.noise_scale, self.data.level_std
+        rows = self.further_jacobian * self.parameters.prior_std
+        stacked = np.concatenate([self.jacobian * (self.parameters.prior_std / scale), rows])
+        determinant = np.sum(np.log(np.abs(np.diag(np.linalg.qr(stacked, mode="r")))))
+        misfit = float(self.residual @ self.residual) / scale**2 + float(self.further_residual @ self.further_residual)
+        level = self.residual.size * np.log(scale) + 0.5 * (np.log(scale) / std) ** 2
+        return float(-0.5 * misfit - determinant - level)
+
+    @cached_property
+    def learned(self) -> Discrepancy:
+        """The discrepancy that the residual asks for."""
+        return learn_discrepancy(self.data, self.log_slope, self.residual, self.span, self.chi_square)
 
     @property
     def log_error(self) -> np.ndarray:
@@ -102,118 +150,44 @@ class JointFit:
         return (self.residual[:k] + 1j * self.residual[k:]) / self.data.weight
 
     @property
-    def freedom(self) -> int:
-        """Residuals minus unknowns."""
-        return self.residual.size - self.x.size
+    def std_of_effects(self) -> list[np.ndarray]:
+        """Standard deviations of each effect's parameters, SI."""
+        return [
+            self.std[self.parameters.columns(number)] * effect.scale
+            for number, effect in enumerate(self.parameters.effects)
+        ]
 
-    @property
-    def excess(self) -> float:
-        """χ² beyond what noise gives."""
-        return self.chi_square - self.freedom
-
-    @property
-    def structured(self) -> bool:
-        """Whether it leaves more than noise."""
-        return self._is_structure(self.excess)
-
-    def _is_structure(self, excess: float) -> bool:
-        return excess > _STRUCTURED * np.sqrt(2 * self.freedom)
-
-    @property
-    def excess_beyond_law(self) -> float:
-        """χ² beyond what noise and errors of approximate laws give, with the unknowns refitted; by linearisation."""
-        if self.law_misses is None:
-            return self.excess
-        count, unknowns = self.law_misses.shape[0], self.x.size
-        misses = np.concatenate([self.law_misses.T, np.zeros((self.prior_residual.size, count))])
-        whole = np.block(
-            [
-                [np.concatenate([self.jacobian, self.prior_jacobian]), misses],
-                [np.zeros((count, unknowns)), np.eye(count)],
-            ]
-        )
-        residual = np.concatenate([self.residual, self.prior_residual, np.zeros(count)])
-        span = np.linalg.svd(whole, full_matrices=False)[0]
-        left = residual - span @ (span.T @ residual)
-        return float(left @ left) - self.freedom
-
-    @property
-    def noise_scale(self) -> float:
-        """Factor on the noise that the misfit asks for; at least 1."""
-        return float(np.sqrt(max(1.0, self.chi_square / self.freedom)))
-
-    @property
-    def bic(self) -> float:
-        """χ² + k ln n where the noise is known; smaller is better.
-
-        Where it is estimated its scale is profiled, n ln s² + χ²/s² + k ln n, but not below what the estimate can be
-        wrong by: misfit below the noise is no evidence.
-        """
-        n, price = self.residual.size, self.x.size * np.log(self.residual.size)
-        if self.data.noise_known:
-            return self.chi_square + price
-        square = max(self.chi_square / n, LEAST_SCALE)
-        return float(n * np.log(square) + self.chi_square / square + price)
-
-    @cached_property
-    def covariance(self) -> np.ndarray:
-        """(n_x, n_x), scaled by the misfit; with what errors of approximate laws move, and what single bands decide.
-
-        The last, the delete-a-band jackknife, only where more is left than noise and laws explain: there neighbouring
-        residuals err alike, and the first counts them as many.
-        """
-        left, singular, rotation = self._decomposed
-        found = self.noise_scale**2 * (rotation.T / singular**2) @ rotation
-        moved = np.zeros((0, self.residual.size))
-        if self.law_misses is not None:
-            moved = self.law_misses
-        if self._is_structure(self.excess_beyond_law):
-            moved = np.concatenate([moved, self._band_pulls()])
-        along = rotation.T @ ((left[: self.residual.size].T @ moved.T) / singular[:, None])
-        return found + along @ along.T
-
-    @cached_property
-    def _decomposed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Singular value decomposition of data and priors."""
-        return np.linalg.svd(np.concatenate([self.jacobian, self.prior_jacobian]), full_matrices=False)
-
-    def _band_pulls(self) -> np.ndarray:
-        """(bands, 2k) residuals by which each band pulls the unknowns, of the delete-a-band jackknife (linear)."""
-        found = []
-        for rows, unseen in self._left_out(_BANDS):
-            pull = np.zeros(self.residual.size)
-            pull[rows] = unseen
-            found.append(pull)
-        return np.sqrt(1 - 1 / len(found)) * np.array(found)
-
-    def _left_out(self, bands: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """(rows of the residual, their values for the fit that did not see them) of each band of each sweep."""
+    def _left_out(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """(rows of the residual, their values for the fit that did not see them) of each band of each sweep; linear."""
         k = self.residual.size // 2
-        basis = self._decomposed[0][: 2 * k]
-        for points in self.data.bands(bands):
+        residual, basis = self.residual, self.span
+        found = []
+        for points in self.data.bands():
             rows = np.concatenate([points, points + k])
             hat = basis[rows] @ basis[rows].T
-            yield rows, np.linalg.lstsq(np.eye(rows.size) - hat, self.residual[rows], rcond=1e-10)[0]
+            found.append((rows, np.linalg.lstsq(np.eye(rows.size) - hat, residual[rows], rcond=1e-10)[0]))
+        return found
 
-    @property
-    def std(self) -> np.ndarray:
-        """(n,) standard deviations of the unknowns."""
-        return np.sqrt(np.diag(self.covariance))
+    @cached_property
+    def span(self) -> np.ndarray:
+        """(2k, n) Q of the unknowns within their priors: r − Q Qᵗ r is what no change of theirs explains of r."""
+        rows = np.concatenate([self.jacobian, self.further_jacobian]) * self.parameters.prior_std
+        return np.linalg.qr(rows)[0][: self.residual.size]
 
-    def predicted(self, bands: int = _BANDS) -> np.ndarray:
+    def predicted(self) -> np.ndarray:
         """(k,) complex whitened error of each point as predicted by a fit that did not see its band of its sweep.
 
-        Linear: (I − H_bb)^-1 r_b with the hat matrix H = J (JᵗJ)^-1 Jᵗ.
+        Linear: (I − H_bb)^-1 r_b with the hat matrix H = J (JᵗJ)^-1 Jᵗ of data and priors.
         """
         k = self.residual.size // 2
         found = np.empty(2 * k)
-        for rows, unseen in self._left_out(bands):
+        for rows, unseen in self._left_out():
             found[rows] = unseen
         return found[:k] + 1j * found[k:]
 
     @cached_property
     def held_out_score(self) -> float:
-        """rms of the leave-band-out prediction, in σ: about 1 for a right model."""
+        """rms of the leave-band-out prediction, in σ."""
         return float(np.sqrt(np.mean(np.abs(self.predicted()) ** 2) / 2))
 
     @cached_property
@@ -222,7 +196,7 @@ class JointFit:
 
         The prediction has the covariance (I − H_bb)^-1, so r_bᵗ (I − H_bb)^-1 r_b is a χ².
         """
-        squares = [self.residual[rows] @ unseen for rows, unseen in self._left_out(_BANDS)]
+        squares = [self.residual[rows] @ unseen for rows, unseen in self._left_out()]
         return float(np.sqrt(np.sum(squares) / self.residual.size))
 
     def unseen_misfit(self, error: np.ndarray, slopes: np.ndarray) -> float:
@@ -236,151 +210,166 @@ class JointFit:
         return float(np.sqrt(error @ np.linalg.solve(spread, error) / error.size))
 
 
-def with_law_misses(evaluation: Evaluation, fit: JointFit) -> JointFit:
-    """The fit with the errors that the approximate laws of its effects may have made.
+class _Posterior:
+    """Residual and Jacobian of data, priors and wall, the last evaluation kept."""
 
-    In each band of each sweep by itself, an effect may change log Z by more or less than its law says: by the
-    `law_error` of its size, as a share.
-    """
-    found, columns = [], [fit.parameters.columns(index) for index in range(len(fit.parameters.effects))]
-    whole = evaluation.impedance(fit.parameters, fit.x)
-    for effect, own in zip(fit.parameters.effects, columns, strict=True):
-        share = effect.parameters[0].law_error
-        if share == 0:
-            continue
-        x = fit.x.copy()
-        x[own] = effect.rest / effect.scale
-        change = share * np.log(whole / evaluation.impedance(fit.parameters, x)) * fit.data.weight
-        for points in fit.data.bands():
-            row = np.zeros_like(change)
-            row[points] = change[points]
-            found.append(np.concatenate([row.real, row.imag]))
-    return replace(fit, law_misses=np.array(found)) if found else fit
-
-
-def whitened(
-    evaluation: Evaluation, data: SweepData, parameters: JointParameters, x: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Residual (2k,) = (log Z_model − log Z)/σ as Re, Im, and its Jacobian (2k, n_x)."""
-    z, tangents = evaluation.with_jacobian(parameters, x)
-    difference = np.log(z / data.impedance) * data.weight
-    slopes = tangents / z[:, None] * data.weight[:, None]
-    return (
-        np.concatenate([difference.real, difference.imag]),
-        np.concatenate([slopes.real, slopes.imag]),
-    )
-
-
-class _Problem:
-    """Residual and Jacobian of data and priors, the last evaluation kept."""
-
-    def __init__(self, evaluation: Evaluation, data: SweepData, parameters: JointParameters) -> None:
-        self._evaluation, self._data, self._parameters = evaluation, data, parameters
+    def __init__(
+        self, response: Response, data: SweepData, parameters: Unknowns, discrepancy: Discrepancy | None
+    ) -> None:
+        self.response, self.data, self.parameters = response, data, parameters
+        self._factor = None if discrepancy is None else discrepancy.factor
         self._x: np.ndarray | None = None
 
-    def evaluate(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residual (2k + m,) and Jacobian (2k + m, n_x), the m rows of the priors last."""
+    def parts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Whitened residual and Jacobian of the data, and those of priors and wall."""
         if self._x is None or not np.array_equal(x, self._x):
-            self._x = x.copy()
-            residual, jacobian = whitened(self._evaluation, self._data, self._parameters, x)
-            material = self._parameters.material
-            own = x[: 2 * material.scale.size]
-            rows = np.zeros((len(self._data.prior.values), x.size))
-            rows[:, : own.size] = self._data.prior.jacobian(material, own)
-            pull, slopes = self._parameters.prior(x)
+            z, tangents = self.response.with_jacobian(self.parameters, x)
+            std = self.parameters.prior_std
+            wall, slopes = passivity_wall(self.parameters, x)
             self._last = (
-                np.concatenate([residual, self._data.prior.residual(material, own), pull]),
-                np.concatenate([jacobian, rows, slopes]),
+                *self.data.whitened(z, tangents),
+                np.concatenate([(x - self.parameters.prior_mean) / std, wall]),
+                np.concatenate([np.diag(1 / std), slopes]),
             )
+            self._x = x.copy()
         return self._last
 
     def residual(self, x: np.ndarray) -> np.ndarray:
-        return self.evaluate(x)[0]
+        residual, _, further, _ = self.parts(x)
+        return np.concatenate([self._whitened(residual), further])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        return self.evaluate(x)[1]
+        _, jacobian, _, further = self.parts(x)
+        return np.concatenate([self._whitened(jacobian), further])
+
+    def _whitened(self, rows: np.ndarray) -> np.ndarray:
+        return rows if self._factor is None else solve_triangular(self._factor, rows, lower=True)
 
 
-def linear_fit(
-    evaluation: Evaluation, data: SweepData, parameters: JointParameters, x: np.ndarray, moving: np.ndarray
-) -> JointFit:
-    """What one Gauss-Newton step from x (n_x,) promises: step, residuals and Jacobian by linearisation.
-
-    moving : indices of the unknowns that may move
-    """
-    residual, jacobian = _Problem(evaluation, data, parameters).evaluate(x)
-    return linearised(data, parameters, x, residual, jacobian, moving)
-
-
-def linearised(
+def fit(
+    response: Response,
     data: SweepData,
-    parameters: JointParameters,
-    x: np.ndarray,
-    residual: np.ndarray,
-    jacobian: np.ndarray,
-    moving: np.ndarray,
-) -> JointFit:
-    """`linear_fit` of residual (2k + m,) and Jacobian (2k + m, n_x) at x (n_x,), the m rows of the priors last."""
-    norm = np.linalg.norm(jacobian[:, moving], axis=0)
-    norm[norm == 0] = 1.0
-    step = np.zeros(x.size)
-    step[moving] = np.linalg.lstsq(jacobian[:, moving] / norm, -residual, rcond=1e-9)[0] / norm
-    return _joint_fit(data, parameters, x + step, residual + jacobian @ step, jacobian, np.zeros(x.size))
-
-
-def _joint_fit(data, parameters: JointParameters, x, residual, jacobian, active) -> JointFit:
-    rows = 2 * data.impedance.size
-    return JointFit(
-        parameters=parameters,
-        x=x,
-        residual=residual[:rows],
-        jacobian=jacobian[:rows],
-        prior_jacobian=jacobian[rows:],
-        prior_residual=residual[rows:],
-        on_bound=tuple(parameters.names[i] for i in np.flatnonzero(active)),
-        data=data,
-    )
-
-
-def fit_joint(
-    evaluation: Evaluation,
-    data: SweepData,
-    parameters: JointParameters,
+    parameters: Unknowns,
     starts: Sequence[np.ndarray],
     *,
     coarse: bool = False,
-) -> JointFit:
+    loss: str = "linear",
+    discrepancy: Discrepancy | None = None,
+) -> Fit:
     """The best of coarse fits from several starts (n_x,), brought to its end.
 
-    coarse : leave it there, for candidates that are only to be ranked
+    Parameters
+    ----------
+    coarse : leave it there, for lists of causes that are only to be ranked
+    loss : "linear", or a robust loss of scipy ("soft_l1", "huber", "cauchy") against outliers
+    discrepancy : a smooth misfit that the likelihood allows for beside the noise
 
-    Raises ConvergenceError where none settles.
+    Raises
+    ------
+    ConvergenceError : no start settles
     """
-    problem = _Problem(evaluation, data, parameters)
-    found = [_least_squares(problem, parameters, start, *_COARSE) for start in starts]
-    best = min((one for one in found if one.status >= 0), key=lambda one: one.cost, default=None)
-    if best is not None and not coarse:
-        best = _least_squares(problem, parameters, best.x, *_CLOSE)
+    posterior = _Posterior(response, data, parameters, discrepancy)
+    with blas_limit():
+        found = [_least_squares(posterior, start, loss, *_COARSE) for start in starts]
+        best = min((one for one in found if one.status >= 0), key=lambda one: one.cost, default=None)
+        if best is not None and not coarse:
+            best = _least_squares(posterior, best.x, loss, *_CLOSE)
     if best is None:
         raise ConvergenceError(
             f"no fit of {', '.join(parameters.names)} settled: check dimensions, density and poling, or free fewer "
             "constants"
         )
-    return _joint_fit(data, parameters, best.x, best.fun, best.jac, best.active_mask)
+    return _finished(posterior, best.x, loss, np.flatnonzero(best.active_mask), discrepancy)
 
 
-def _least_squares(problem: _Problem, parameters: JointParameters, start: np.ndarray, tolerance: float, most: int):
+def _finished(posterior: _Posterior, x: np.ndarray, loss: str, active: np.ndarray, discrepancy) -> Fit:
+    residual, jacobian, further_residual, further_jacobian = posterior.parts(x)
+    share = np.sqrt(_ROBUST[loss](residual**2))
+    ahead, behind = (
+        posterior.response.at(1 + sign * _STEP).with_jacobian(posterior.parameters, x)[0] for sign in (1, -1)
+    )
+    return Fit(
+        parameters=posterior.parameters,
+        x=x,
+        data=posterior.data,
+        residual=residual * share,
+        jacobian=jacobian * share[:, None],
+        further_residual=further_residual,
+        further_jacobian=further_jacobian,
+        log_slope=np.log(ahead / behind) / (2 * _STEP),
+        on_bound=tuple(posterior.parameters.names[i] for i in active),
+        discrepancy=discrepancy,
+    )
+
+
+#: Weight of a squared residual z at the solution, the slope of scipy's loss functions.
+_ROBUST = {
+    "linear": np.ones_like,
+    "soft_l1": lambda z: 1 / np.sqrt(1 + z),
+    "huber": lambda z: 1 / np.sqrt(np.maximum(z, 1.0)),
+    "cauchy": lambda z: 1 / (1 + z),
+}
+
+
+def _least_squares(posterior: _Posterior, start: np.ndarray, loss: str, tolerance: float, most: int):
     """A fit from x (n_x,) until a step gains less than a share of χ², of at most so many steps."""
-    lower, upper = parameters.bounds.T
+    lower, upper = posterior.parameters.bounds.T
     margin = _MARGIN * (upper - lower)
     return least_squares(
-        problem.residual,
+        posterior.residual,
         np.clip(start, lower + margin, upper - margin),
-        problem.jacobian,
+        posterior.jacobian,
         bounds=(lower, upper),
         x_scale="jac",
+        loss=loss,
         xtol=tolerance,
         ftol=tolerance,
         gtol=1e-9,
         max_nfev=most,
     )
+
+
+def refitted(fit_: Fit, response: Response, discrepancy: Discrepancy | None, loss: str = "linear") -> Fit:
+    """The same unknowns fitted with another discrepancy in the likelihood."""
+    return fit(response, fit_.data, fit_.parameters, [fit_.x], loss=loss, discrepancy=discrepancy)
+
+
+def linear_fit(
+    response: Response, data: SweepData, parameters: Unknowns, x: np.ndarray, moving: np.ndarray | None = None
+) -> tuple[Fit, np.ndarray]:
+    """What one Gauss-Newton step from x (n_x,) promises: the fit by linearisation, and the residual (2k,) at x.
+
+    moving : indices of the unknowns that may move; all where None
+    """
+    residual, jacobian, further, slopes = _Posterior(response, data, parameters, None).parts(x)
+    at_x = Fit(parameters, x, data, residual, jacobian, further, slopes, np.zeros(data.impedance.size))
+    return stepped(at_x, moving), residual
+
+
+def stepped(at_x: Fit, moving: np.ndarray | None = None) -> Fit:
+    """A Gauss-Newton step of the linearised model of a fit, unknowns `moving` alone; all where None."""
+    moving = np.arange(at_x.x.size) if moving is None else moving
+    rows = np.concatenate([at_x.jacobian, at_x.further_jacobian])
+    residual = np.concatenate([at_x.residual, at_x.further_residual])
+    std = at_x.parameters.prior_std[moving]
+    step = np.zeros(at_x.x.size)
+    step[moving] = np.linalg.lstsq(rows[:, moving] * std, -residual, rcond=1e-12)[0] * std
+    return replace(
+        at_x,
+        x=at_x.x + step,
+        residual=at_x.residual + at_x.jacobian @ step,
+        further_residual=at_x.further_residual + at_x.further_jacobian @ step,
+    )
+
+
+def log_posterior(response: Response, solution: Fit) -> Callable[[np.ndarray], float]:
+    """log p(x | data) up to a constant for unknowns x (n_x,), noise level and discrepancy those of a fit."""
+    posterior = _Posterior(response, solution.data, solution.parameters, solution.discrepancy)
+    rows, scale = solution.residual.size, solution.noise_scale
+
+    def density(x: np.ndarray) -> float:
+        residual = posterior.residual(x)
+        own, further = residual[:rows] / scale, residual[rows:]
+        return float(-0.5 * (own @ own + further @ further))
+
+    return density

@@ -17,7 +17,7 @@ from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.inference.coefficients import Active, Coefficients, active_effects, collect, e_form_constants
-from femu_piezo.inference.joint import JointParameters
+from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.threads import blas_limit
 
 #: Chebyshev nodes in log ω on which coefficients that depend on ω are evaluated; they are smooth.
@@ -42,11 +42,15 @@ class Evaluation:
     model: ExtendedModel
     omega: np.ndarray
 
-    def impedance(self, parameters: JointParameters, x: np.ndarray) -> np.ndarray:
+    def at(self, factor: float) -> Evaluation:
+        """The same at frequencies larger by a factor."""
+        return replace(self, omega=self.omega * factor)
+
+    def impedance(self, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
         """Z (k,), ohm."""
         return self.with_jacobian(parameters, x)[0]
 
-    def with_jacobian(self, parameters: JointParameters, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def with_jacobian(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Z (k,) and ∂Z/∂x (k, n_x), ohm."""
         active = active_effects(parameters, x)
         model = self.model.restricted([name for item in active for name in item.effect.sectors])
@@ -59,6 +63,21 @@ class Evaluation:
         z, tangents = 1 / y, -slopes / y[:, None] ** 2
         return self._through_circuits(active, z, tangents)
 
+    def modal(self, parameters: Unknowns, x: np.ndarray) -> ModalModel:
+        """Closed forms of the body at x (n_x,), circuits apart; laws over frequency as in the middle of the sweep."""
+        active = active_effects(parameters, x)
+        model = self.model.restricted([name for item in active for name in item.effect.sectors])
+        middle = self.omega[[self.omega.size // 2]]
+        with blas_limit():
+            return _modal(model, collect(model, parameters, x, active, middle))
+
+    def terminals(self, parameters: Unknowns, x: np.ndarray, omega: np.ndarray, kind: str) -> np.ndarray:
+        """Z at the terminals ("pole": it vanishes there) or Y ("zero") at complex ω (m,); laws as `modal`."""
+        frozen = [replace(item, columns=None) for item in active_effects(parameters, x)]
+        z = 1 / self.modal(parameters, x).admittance(omega)
+        z = replace(self, omega=omega)._through_circuits(frozen, z, np.zeros((omega.size, 0)))[0]
+        return z if kind == "pole" else 1 / z
+
     def _through_circuits(self, active: list[Active], z: np.ndarray, tangents: np.ndarray):
         """Z and its tangents (k, n) at the terminals, of Z and tangents of the body."""
         for item in active:
@@ -68,7 +87,7 @@ class Evaluation:
                 item.put(tangents, own)
         return z, tangents
 
-    def slopes_at_sites(self, parameters: JointParameters, x: np.ndarray, effect: Effect) -> np.ndarray:
+    def slopes_at_sites(self, parameters: Unknowns, x: np.ndarray, effect: Effect) -> np.ndarray:
         """∂Z/∂(size) (k, m) at size zero for each of an effect's m sites, on top of the effects at x; ohm per SI unit.
 
         Where coefficients depend on ω, those at the middle of the sweep are taken: this serves to find starts.

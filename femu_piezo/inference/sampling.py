@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from femu_piezo.errors import ConvergenceError, InputError
-from femu_piezo.inference.blocks import DataBlock
-from femu_piezo.inference.least_squares import Fit
+from femu_piezo.inference.fit import Fit, Response, log_posterior
 
 #: Independent samples below which an answer is refused.
 _ENOUGH = 1000
@@ -21,8 +19,9 @@ class Posterior:
 
     Attributes
     ----------
-    names : unknowns as in `MaterialParameters.names`
-    samples : (k, m) real parts in SI, loss tangents; burn-in removed, thinned to near independence
+    names : unknowns as in `Unknowns.names`
+    samples : (k, m) real parts of constants in SI, their loss tangents, parameters of effects over their scales;
+        burn-in removed, thinned to near independence
     autocorrelation : (m,) integrated autocorrelation times of the chain, steps
     """
 
@@ -38,13 +37,13 @@ class Posterior:
 
 
 def sample_posterior(
-    blocks: Sequence[DataBlock], solution: Fit, *, steps: int = 2000, walkers: int | None = None, seed: int = 0
+    response: Response, solution: Fit, *, steps: int = 2000, walkers: int | None = None, seed: int = 0
 ) -> Posterior:
-    """Sample exp(−½ Σ residual²), data in units of the noise reached, by affine-invariant ensemble sampling.
+    """Sample the posterior of a fit by affine-invariant ensemble sampling, at the noise level reached.
 
     Parameters
     ----------
-    blocks : the data blocks of the fit
+    response : Z of the sweeps at given unknowns, as for the fit
     steps, walkers : length of the chain and size of the ensemble (4 per unknown where None)
 
     Raises
@@ -60,12 +59,10 @@ def sample_posterior(
     parameters = solution.parameters
     lower, upper = parameters.bounds.T
 
+    density = log_posterior(response, solution)
+
     def log_probability(x: np.ndarray) -> float:
-        if np.any(x <= lower) or np.any(x >= upper):
-            return -np.inf
-        parts = zip(blocks, solution.block_scales, strict=True)
-        residual = np.concatenate([block.residual(parameters, x) / scale for block, scale in parts])
-        return float(-0.5 * residual @ residual)
+        return -np.inf if np.any(x <= lower) or np.any(x >= upper) else density(x)
 
     size = solution.x.size
     walkers = walkers or 4 * size
@@ -84,5 +81,5 @@ def sample_posterior(
         )
     chain = sampler.get_chain(discard=int(5 * longest), thin=max(int(longest / 2), 1), flat=True)
     scale = np.ones(size)
-    scale[0::2] = parameters.scale
+    scale[: parameters.of_material : 2] = parameters.material.scale
     return Posterior(parameters.names, chain * scale, times)

@@ -1,6 +1,10 @@
-"""Free complex parameters: which constants move, and how the others follow.
+"""The unknowns of a fit: free constants, tolerances and effects, each with bounds and a Gaussian prior.
 
-The ten d-form constants are an affine function of the free ones,
+The model holds many numbers, which differ in how well each is known beforehand: a free constant hardly, a held one, a
+dimension, the density, the instrument within a tolerance, a candidate effect within its usual size. All are unknowns
+with priors in one vector x (`Unknowns`).
+
+Of the material, the ten d-form constants are an affine function of the free ones,
 
     constants = fixed + directions · θ,
 
@@ -11,10 +15,13 @@ derivative of every e-form constant is the chain rule through `PiezoConstants.e_
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
+from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import InputError
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.simplified import Poling, simplify
@@ -22,16 +29,27 @@ from femu_piezo.material.simplified import Poling, simplify
 
 @dataclass(frozen=True)
 class Estimate:
-    """One complex constant value·(1 − j tan) with standard deviations (None where unknown)."""
+    """One complex constant value·(1 − j tan) with standard deviations (None where unknown).
+
+    Attributes
+    ----------
+    budget, tan_budget : source of uncertainty → its part of the standard deviation, which add in squares to the whole;
+        empty where the standard deviation has no such parts
+    """
 
     value: float
     std: float | None
     tan: float
     tan_std: float | None
+    budget: Mapping[str, float] = field(default_factory=dict)
+    tan_budget: Mapping[str, float] = field(default_factory=dict)
 
-    def to_json(self) -> dict[str, float | None]:
-        """value, std, tan, tan_std as in update.json."""
-        return {"value": self.value, "std": self.std, "tan": self.tan, "tan_std": self.tan_std}
+    def to_json(self) -> dict:
+        """value, std, tan, tan_std and the budgets as in update.json."""
+        record: dict = {"value": self.value, "std": self.std, "tan": self.tan, "tan_std": self.tan_std}
+        if self.budget:
+            record |= {"budget": dict(self.budget), "tan_budget": dict(self.tan_budget)}
+        return record
 
 
 def estimates(theta: np.ndarray, covariance: np.ndarray | None) -> list[Estimate]:
@@ -212,3 +230,137 @@ class MaterialParameters:
         real = np.empty((2 * self.scale.size, x.size))
         real[0::2], real[1::2] = slopes.real, slopes.imag
         return real @ covariance @ real.T
+
+
+#: What is believed of any ceramic before measuring: real parts within ±50 % of the file's, tangents 0.02 ± 0.05.
+_REAL_STD, _TANGENT, _TANGENT_STD = 0.5, 0.02, 0.05
+#: Prior standard deviation, over its scale, of a parameter that is exactly known.
+_HELD = 1e-6
+
+
+def material_prior(
+    free: FreeConstants, real_std: Mapping[str, float], tangent_std: Mapping[str, float]
+) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation of real parts (SI) and tangents by name, centred on the values of the file.
+
+    Parameters
+    ----------
+    free : the free constants around the values of the specimen file
+    real_std : relative standard deviations that the file states;  tangent_std : absolute ones of tangents
+    """
+    prior = {}
+    for name, value in zip(free.names, free.start, strict=True):
+        prior[name] = (value.real, real_std.get(name, _REAL_STD) * abs(value.real))
+        known = name in tangent_std
+        tangent = -value.imag / value.real if known else _TANGENT
+        prior[f"tan_{name}"] = (tangent, tangent_std[name] if known else _TANGENT_STD)
+    return prior
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """The real unknowns x of a fit: those of the material, then each effect's parameters over their scales.
+
+    Attributes
+    ----------
+    material : the free constants
+    prior : label of `material` → mean and standard deviation, SI
+    effects : tolerances and candidates, whose parameters are unknowns
+    candidates : keys of those effects whose prior is that of a cause (`Effect.spread`); the others keep to their
+        tolerance
+    fixed : effects with known values, which the model has in any case
+    """
+
+    material: MaterialParameters
+    prior: Mapping[str, tuple[float, float]]
+    effects: tuple[Effect, ...] = ()
+    candidates: tuple[str, ...] = ()
+    fixed: tuple[tuple[Effect, np.ndarray], ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all unknowns, of the material first."""
+        own = tuple(f"{effect.key}.{p.name}" for effect in self.effects for p in effect.parameters)
+        return self.material.names + own
+
+    @property
+    def of_material(self) -> int:
+        """Number of the unknowns of the material, which come first."""
+        return 2 * self.material.scale.size
+
+    @cached_property
+    def scale(self) -> np.ndarray:
+        """(n_p,) units of the effects' parameters."""
+        return np.concatenate([effect.scale for effect in self.effects]) if self.effects else np.zeros(0)
+
+    @cached_property
+    def prior_mean(self) -> np.ndarray:
+        """(n_x,) mean of the Gaussian prior."""
+        material = [self.prior[name][0] for name in self.material.names] / self._material_units
+        return np.concatenate([material, *(effect.rest / effect.scale for effect in self.effects)])
+
+    @cached_property
+    def prior_std(self) -> np.ndarray:
+        """(n_x,) standard deviation of the Gaussian prior."""
+        material = np.abs([self.prior[name][1] for name in self.material.names] / self._material_units)
+        own = [
+            np.maximum((e.spread if e.key in self.candidates else e.tolerance) / e.scale, _HELD) for e in self.effects
+        ]
+        return np.concatenate([material, *own])
+
+    @property
+    def _material_units(self) -> np.ndarray:
+        """(2n,) SI value of a material unknown that is 1."""
+        return np.stack([self.material.scale, np.ones(self.material.scale.size)], axis=1).ravel()
+
+    @cached_property
+    def bounds(self) -> np.ndarray:
+        """(n_x, 2)"""
+        own = [effect.bounds / effect.scale[:, None] for effect in self.effects]
+        return np.concatenate([self.material.bounds, *own])
+
+    @property
+    def count(self) -> int:
+        """Number of unknowns."""
+        return self.of_material + self.scale.size
+
+    @property
+    def causes(self) -> tuple[Effect, ...]:
+        """The effects that are tried as causes, in the order they were added."""
+        return tuple(self.effects[self.index(key)] for key in self.candidates)
+
+    def index(self, key: str) -> int:
+        """Number of the effect of that key; ValueError where there is none."""
+        return [effect.key for effect in self.effects].index(key)
+
+    def has(self, effect: Effect) -> bool:
+        """Whether the effect is among the unknowns, as a tolerance or as a cause."""
+        return any(own.key == effect.key for own in self.effects)
+
+    def with_candidate(self, effect: Effect) -> Unknowns:
+        """The same with one more cause: a tolerance that is lifted, or an effect that was not there."""
+        effects = self.effects if self.has(effect) else (*self.effects, effect)
+        return replace(self, effects=effects, candidates=(*self.candidates, effect.key))
+
+    def without_candidate(self, key: str) -> Unknowns:
+        """The same with one cause less; what has a tolerance goes back to it."""
+        kept = tuple(effect for effect in self.effects if effect.key != key or effect.has_tolerance)
+        return replace(self, effects=kept, candidates=tuple(other for other in self.candidates if other != key))
+
+    def carried(self, other: Unknowns, x: np.ndarray) -> np.ndarray:
+        """(n_x,) unknowns at the values x of another list; those that it has not are at rest."""
+        start = self.prior_mean.copy()
+        start[: self.of_material] = x[: other.of_material]
+        for number, effect in enumerate(self.effects):
+            if other.has(effect):
+                start[self.columns(number)] = x[other.columns(other.index(effect.key))]
+        return start
+
+    def values(self, x: np.ndarray) -> list[np.ndarray]:
+        """Parameters of each effect in SI units at x (n_x,)."""
+        return [x[self.columns(number)] * effect.scale for number, effect in enumerate(self.effects)]
+
+    def columns(self, index: int) -> slice:
+        """Where the unknowns of the effect number `index` stand in x."""
+        start = self.of_material + sum(len(effect.parameters) for effect in self.effects[:index])
+        return slice(start, start + len(self.effects[index].parameters))

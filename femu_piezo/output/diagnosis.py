@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from femu_piezo.diagnosis.verdict import Cause
-from femu_piezo.inference.fit import JointFit
+from femu_piezo.inference.fit import Fit
 from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
 from femu_piezo.study.diagnose import DiagnosedSweep, Diagnosis
 
@@ -112,7 +112,7 @@ def _candidates(result: Diagnosis) -> list[dict]:
     return sorted(records, key=lambda record: -record.get("evidence", -np.inf))
 
 
-def _values(fit: JointFit) -> dict:
+def _values(fit: Fit) -> dict:
     effect, columns = fit.parameters.effects[-1], fit.parameters.columns(len(fit.parameters.effects) - 1)
     values, std = fit.parameters.values(fit.x)[-1], fit.std[columns] * effect.scale
     return {

@@ -43,6 +43,11 @@ CrossLossTangent = Annotated[float, quantity("1", -1, 1, 'loss tangents are pure
 PriorStd = Annotated[
     float, quantity("1", 1e-6, 10, 'prior knowledge is a relative standard deviation, such as 0.05 or "5 %"')
 ]
+TangentStd = Annotated[float, quantity("1", 0, 1, "the standard deviation of a loss tangent, such as 0.005")]
+PhaseStd = Annotated[float, quantity("rad", 0, 0.5, 'the accuracy of a phase is an angle such as "0.8 mrad"')]
+Resistance = Annotated[float, quantity("ohm", 0, 1e6, 'a residue is a resistance such as "20 mohm"')]
+Inductance = Annotated[float, quantity("H", 0, 1.0, 'a residue is an inductance such as "10 nH"')]
+Capacitance = Annotated[float, quantity("F", 0, 1e-3, 'a residue is a capacitance such as "0.1 pF"')]
 RelativeNoise = Annotated[
     float, quantity("1", 0, 1, 'noise is the relative standard deviation, such as 0.001 or "0.1 %"')
 ]
@@ -52,7 +57,8 @@ Accuracy = Annotated[float, quantity("1", 1e-9, 0.1, "give the relative eigenval
 class Material(Table):
     """A base of the material library and overrides, or all ten constants; complex: value (1 − j tan).
 
-    std_s11 and so on: how well the real part is known beforehand, relative; a prior of the curve fit.
+    std_s11 and so on: how well the real part is known beforehand, relative; std_tan_s11: its tangent, absolute. Priors
+    of every fit; defaults of held constants in README.md.
     """
 
     model_config = ConfigDict(title="material")
@@ -88,6 +94,16 @@ class Material(Table):
     std_d15: PriorStd | None = None
     std_eps11T: PriorStd | None = None
     std_eps33T: PriorStd | None = None
+    std_tan_s11: TangentStd | None = None
+    std_tan_s12: TangentStd | None = None
+    std_tan_s13: TangentStd | None = None
+    std_tan_s33: TangentStd | None = None
+    std_tan_s44: TangentStd | None = None
+    std_tan_d31: TangentStd | None = None
+    std_tan_d33: TangentStd | None = None
+    std_tan_d15: TangentStd | None = None
+    std_tan_eps11T: TangentStd | None = None
+    std_tan_eps33T: TangentStd | None = None
     free: Annotated[tuple[str, ...] | None, LIST] = None
     simplified: bool = False
 
@@ -108,6 +124,12 @@ class Material(Table):
         found = {name: getattr(self, f"std_{name}") for name in CONSTANTS}
         return {name: std for name, std in found.items() if std is not None}
 
+    @property
+    def tangent_priors(self) -> dict[str, float]:
+        """Standard deviations of loss tangents that are known beforehand: name of the constant → std."""
+        found = {name: getattr(self, f"std_tan_{name}") for name in CONSTANTS}
+        return {name: std for name, std in found.items() if std is not None}
+
     def problem(self) -> str | None:
         if self.base is not None and not (self.base.strip() and self.base.isprintable()):
             return f"material.base = {shown(self.base)} is no name; give one of the material library"
@@ -125,10 +147,21 @@ class Material(Table):
         return None
 
 
+class Residue(Table):
+    """What a fixture leaves after its compensation, standard deviations: ohm, H, F."""
+
+    model_config = ConfigDict(title="measurement.residue")
+
+    resistance: Resistance | None = None
+    inductance: Inductance | None = None
+    capacitance: Capacitance | None = None
+
+
 class Measurement(Table):
     """A measured sweep: `file` (absolute once read); `held_out`: a band (low, high), Hz, that no fit sees.
 
     correct_phase: turn the phase by 180°; mask_faults: leave out spikes, mains lines and the shorter side of jumps.
+    accuracy, phase_accuracy: of |Z| (relative) and phase (rad), standard deviations smooth over frequency.
     """
 
     model_config = ConfigDict(title="measurement")
@@ -140,6 +173,9 @@ class Measurement(Table):
     correct_phase: bool = False
     mask_faults: bool = False
     noise: RelativeNoise | None = None
+    accuracy: RelativeNoise | None = None
+    phase_accuracy: PhaseStd | None = None
+    residue: Residue | None = None
 
     def problem(self) -> str | None:
         if self.held_out is not None and not self.held_out[0] < self.held_out[1]:
@@ -173,19 +209,25 @@ class Simulation(Table):
 
 
 class Update(Table):
-    """How to update. `accuracy`: relative eigenvalue error of the mesh; `loss`: of the curve fit, robust or not."""
+    """How to update. `accuracy`: relative eigenvalue error of the mesh; `loss`: of the curve fit, robust or not.
+
+    noise_only : take dimensions, density, held constants and instrument as exactly known
+    """
 
     model_config = ConfigDict(title="update")
 
     method: Literal["auto", "pole_zero", "curve"] = "auto"
     accuracy: Accuracy = 1e-4
     loss: Literal["linear", "soft_l1", "huber", "cauchy"] = "linear"
+    noise_only: bool = False
 
 
 class Specimen(Table):
     """One piece: geometry, material and, where given, its measured sweep and what to do with them.
 
     effects : what the specimen has beyond the base model, effect → parameter → value, by the names of `diagnose`
+    fitted : where a fit left what has a tolerance (dimensions, held constants, instrument), in the same form;
+        simulations take it, fits keep to the values and tolerances of the other tables
     """
 
     model_config = ConfigDict(title="")
@@ -202,6 +244,7 @@ class Specimen(Table):
     simulation: Simulation | None = None
     update: Update | None = None
     effects: dict[str, dict[str, float | str]] | None = None
+    fitted: dict[str, dict[str, float | str]] | None = None
     path: Path | None = None
 
     def problem(self) -> str | None:
@@ -320,10 +363,14 @@ def write_specimen(specimen: Specimen, path: Path | str) -> None:
             continue
         lines += ["", f"[{section}]"]
         for key, value in table:
-            if value is not None:
+            if isinstance(value, Table):
+                inner = ", ".join(f"{name} = {_toml(one)}" for name, one in value if one is not None)
+                lines.append(f"{key} = {{ {inner} }}")
+            elif value is not None:
                 lines.append(f"{key} = {_toml(_relative(value, path) if isinstance(value, Path) else value)}")
-    for name, values in (specimen.effects or {}).items():
-        lines += ["", f"[effects.{name}]", *(f"{key} = {_toml(value)}" for key, value in values.items())]
+    for kind in ("effects", "fitted"):
+        for name, values in (getattr(specimen, kind) or {}).items():
+            lines += ["", f"[{kind}.{name}]", *(f"{key} = {_toml(value)}" for key, value in values.items())]
     write_atomically(path, "\n".join(lines) + "\n")
 
 

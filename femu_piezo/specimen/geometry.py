@@ -14,6 +14,10 @@ Length = Annotated[float, quantity("m", 1e-6, 0.5, 'is the unit right (mm taken 
 Distance = Annotated[float, quantity("m", 0.0, 10.0, 'is the unit right (mm taken for m)? write "0.5 mm"')]
 Position = Annotated[float, quantity("m", -10.0, 10.0, 'is the unit right (mm taken for m)? write "5 mm"')]
 Density = Annotated[float, quantity("kg/m^3", 100, 30000, 'is the unit right? write "7900 kg/m^3" or "7.9 g/cm^3"')]
+Tolerance = Annotated[float, quantity("m", 0.0, 0.1, 'the deviation of a calliper is a length such as "0.02 mm"')]
+RelativeStd = Annotated[float, quantity("1", 0.0, 1.0, 'a relative standard deviation, such as 0.003 or "0.3 %"')]
+Mass = Annotated[float, quantity("kg", 1e-9, 100.0, 'is the unit right? write "1.580 g"')]
+MassStd = Annotated[float, quantity("kg", 0.0, 10.0, 'the deviation of a balance is a mass such as "1 mg"')]
 Unit = Annotated[float, quantity("m", 1e-7, 1.0, 'give the length of one unit of the mesh, such as "1 mm"')]
 
 #: Ratio of the largest to the smallest dimension above which one of them has a wrong unit.
@@ -77,6 +81,8 @@ class Geometry(Table):
     wrap_length, wrap_gap : the ground goes round the end x_min onto the hot face; the bare gap beside it
     elements : "hexahedron" or "tetrahedron"
     unit : length of one unit of the coordinates in a mesh file, m
+    mass, std_mass : in place of the density, kg
+    std_length, … : standard deviations of the dimensions, m, and of the density, relative; defaults in README.md
     """
 
     model_config = ConfigDict(title="geometry")
@@ -103,6 +109,13 @@ class Geometry(Table):
     file: Annotated[Path | None, PATH] = None
     unit: Unit | None = None
     density: Density | None = None
+    mass: Mass | None = None
+    std_length: Tolerance | None = None
+    std_width: Tolerance | None = None
+    std_thickness: Tolerance | None = None
+    std_diameter: Tolerance | None = None
+    std_density: RelativeStd | None = None
+    std_mass: MassStd | None = None
     poling: Annotated[str | tuple[float, float, float], BeforeValidator(_to_poling)] = "thickness"
 
     @property
@@ -111,7 +124,21 @@ class Geometry(Table):
         return all(getattr(self, name) is None for name in _ALL if name not in DIMENSIONS[self.shape])
 
     def problem(self) -> str | None:
-        return self._wrong_dimensions() or self._wrong_feature() or self._wrong_poling()
+        return (
+            self._wrong_dimensions() or self._wrong_feature() or self._wrong_poling() or self._wrong_tolerance()
+        )
+
+    def _wrong_tolerance(self) -> str | None:
+        for name in ("length", "width", "thickness", "diameter"):
+            if getattr(self, f"std_{name}") is not None and getattr(self, name) is None:
+                return f"geometry.std_{name} is given, but a {self.shape} has no {name}; take it out"
+        if self.mass is not None and self.density is not None:
+            return "geometry.mass and geometry.density are both given; the mass stands in place of the density"
+        if self.mass is not None and self.std_density is not None:
+            return "geometry.std_density is given beside geometry.mass; give std_mass"
+        if self.std_mass is not None and self.mass is None:
+            return "geometry.std_mass is given without geometry.mass; give both"
+        return None
 
     def _wrong_dimensions(self) -> str | None:
         wanted, optional = DIMENSIONS[self.shape], _OPTIONAL[self.shape]

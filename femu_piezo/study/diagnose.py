@@ -8,30 +8,37 @@ from functools import cached_property
 
 import numpy as np
 
-from femu_piezo.diagnosis.compare import Comparison
 from femu_piezo.diagnosis.confounding import tangents
 from femu_piezo.diagnosis.next_measurement import Separation
+from femu_piezo.diagnosis.rules import Rules
+from femu_piezo.diagnosis.selection import Comparison, compare_from
 from femu_piezo.diagnosis.verdict import Verdict, judge
+from femu_piezo.diagnosis.whiteness import remaining
+from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.library import REFERENCE
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.linear_body import linear_body_misfit
-from femu_piezo.inference.fit import JointFit
-from femu_piezo.inference.unknowns import Estimate, estimates
+from femu_piezo.inference.budget import constants_of
+from femu_piezo.inference.fit import Fit
+from femu_piezo.inference.unknowns import Estimate
+from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Specimen
-from femu_piezo.study.diagnosis_run import Run
-from femu_piezo.study.diagnosis_start import first_constants
-from femu_piezo.study.diagnosis_subject import candidates, subjects
+from femu_piezo.study.beginning import begin
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.planning import recommended, separations
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals, pole_zero_residuals
+from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.shapes import electrode_notes
+from femu_piezo.study.subjects import LEAST_ERROR, Subject, read_subjects, shared_library
 
 #: Most resonances of a linear body that is fitted for comparison.
 _FEW = 4
 #: Share of the model's misfit, and multiple of the noise, from which a linear body misses the points as well.
 _NEARLY, _CLEARLY = 0.6, 3.0
+#: Probability of what is left over by chance below which effects at a place are tried as well.
+_DOUBT = 0.05
 
 
 @dataclass(frozen=True)
@@ -165,12 +172,9 @@ class Diagnosis:
         """Its poles and zeros against those of base and final model."""
         return self.sweeps[self.shown].pole_zero
 
-    def constants(self, fit: JointFit) -> dict[str, Estimate]:
-        """Free constants of a fit with standard deviations."""
-        material, x = fit.parameters.material, fit.x
-        own = 2 * material.scale.size
-        covariance = material.theta_covariance(x[:own], fit.covariance[:own, :own])
-        return dict(zip(material.free.names, estimates(material.theta(x[:own]), covariance), strict=True))
+    def constants(self, fit: Fit) -> dict[str, Estimate]:
+        """Free constants of a fit with standard deviations and budgets."""
+        return constants_of(fit)
 
 
 def diagnose(
@@ -178,9 +182,10 @@ def diagnose(
     progress: Progress | None = None,
     bases: Bases | None = None,
     *,
-    most: int = 3,
+    rules: Rules | None = None,
+    effects: Sequence[Effect] | None = None,
 ) -> Diagnosis:
-    """Compare every candidate effect with the sweep of a specimen, or with those of several of one material.
+    """Compare sets of candidate effects with the sweep of a specimen, or with those of several of one material.
 
     The first specimen's [material] rules; constants and fixture are common, other effects belong to one specimen.
 
@@ -188,7 +193,8 @@ def diagnose(
     ----------
     progress : called with the name of each step
     bases : where models and bases come from; made for these specimens alone where None
-    most : most effects that may act together
+    rules : prior probabilities and thresholds
+    effects : the candidates; those of the library where None
 
     Raises
     ------
@@ -196,17 +202,18 @@ def diagnose(
     ConvergenceError : the base model cannot be fitted
     """
     specimens = [specimens] if isinstance(specimens, Specimen) else list(specimens)
-    clock, bases = Clock(progress), bases or Bases()
+    clock, bases, rules = Clock(progress), bases or Bases(), rules or Rules()
     clock.step("read and extract")
-    several = subjects(specimens)
-    library = candidates(several)
-    clock.step("first update")
-    start = first_constants([one.measured for one in several], bases)
-    run = Run(several, library, clock, bases)
-    comparison = run.compare(start, most)
+    several = read_subjects(specimens)
+    offered = shared_library(several) if effects is None else tuple(effects)
+    library = tuple(effect for effect in offered if effect.is_candidate)
+    clock.step("start")
+    start = begin([one.measured for one in several], bases).constants
+    posterior, comparison = _compared(several, library, start, clock, bases, rules)
     clock.step("verdict")
     frequency = np.concatenate([one.measured.fitted.frequency for one in several])
-    verdict = judge(comparison, tangents(run.evaluation, comparison.base, library), frequency)
+    served = [effect for effect in library if effect.local is None or _places(posterior)]
+    verdict = judge(comparison, tangents(posterior.evaluation, comparison.base, served), frequency)
     sweeps = tuple(
         DiagnosedSweep(
             specimen=specimen,
@@ -214,24 +221,24 @@ def diagnose(
             spectrum=one.measured.spectrum,
             fitted=one.fitted,
             relative_noise=one.noise,
-            curves=(run.curve(index, comparison.base), run.curve(index, comparison.final)),
+            curves=(posterior.curve(index, comparison.base), posterior.curve(index, comparison.final)),
             reference_Hz=one.context.fundamental_Hz,
         )
         for index, (specimen, one) in enumerate(zip(specimens, several, strict=True))
     )
     clock.step("plan")
-    planned = separations(several, run, comparison, verdict)
+    planned = separations(several, posterior, comparison, verdict)
     clock.step(None)
     return Diagnosis(
         comparison=comparison,
         verdict=replace(verdict, measurements=recommended(verdict, planned)),
-        gain=_gain(run, comparison, sweeps),
-        unknowns=run.unknowns,
-        reduced_size=sum(model.size for model in run.models),
+        gain=_gain(posterior, comparison, sweeps),
+        unknowns=posterior.unknowns,
+        reduced_size=sum(model.size for model in posterior.models),
         notes=(
             *(note for one in several for note in one.measured.spectrum.notes),
             *(note for specimen in specimens for note in electrode_notes(specimen)),
-            *run.notes,
+            *_accuracy_notes(several),
         ),
         seconds={step: round(value, 3) for step, value in clock.seconds.items()},
         sweeps=sweeps,
@@ -239,7 +246,49 @@ def diagnose(
     )
 
 
-def _gain(run: Run, comparison: Comparison, sweeps: Sequence[DiagnosedSweep]) -> dict[str, float]:
+def _compared(
+    several: Sequence[Subject],
+    library: Sequence[Effect],
+    start: PiezoConstants,
+    clock: Clock,
+    bases: Bases,
+    rules: Rules,
+) -> tuple[Posterior, Comparison]:
+    """Models and comparison; effects at a place join where something is left that they might explain."""
+    smooth = tuple(effect for effect in library if effect.local is None)
+    posterior = Posterior(several, clock, bases, smooth)
+    base = posterior.base(start)
+    if len(smooth) < len(library) and _leaves_something(base):
+        posterior, base = posterior.enlarged(library, base)
+    else:
+        library = smooth
+    clock.step("compare")
+    return posterior, compare_from(
+        base, posterior.evaluation, library, rules=rules, loss=posterior.loss, progress=clock.tell
+    )
+
+
+def _leaves_something(base: Fit) -> bool:
+    """Whether a fit leaves more than about one null in ten does."""
+    left = remaining(base.residual, base.determined, base.data.frequency, base.data.noise_known, base.data.sweeps)
+    doubt = min(left.p_white, 1.0 if left.p_size is None else left.p_size)
+    return doubt < _DOUBT or base.learned.log_evidence > 0
+
+
+def _places(posterior: Posterior) -> bool:
+    return any(model.places is not None for model in posterior.models)
+
+
+def _accuracy_notes(several: Sequence[Subject]) -> tuple[str, ...]:
+    if min(float(np.median(one.noise)) for one in several) >= 2 * LEAST_ERROR:
+        return ()
+    return (
+        f"the noise of the sweep is near or below the error of the model; errors of Z below {LEAST_ERROR:.0e} "
+        "count as noise",
+    )
+
+
+def _gain(posterior: Posterior, comparison: Comparison, sweeps: Sequence[DiagnosedSweep]) -> dict[str, float]:
     """rms |Δ log Z| of points that the fit did not see, before and after, against the noise.
 
     Noise also moves the constants that predict such points; `over_expected` is the misfit after in units of what
@@ -257,7 +306,7 @@ def _gain(run: Run, comparison: Comparison, sweeps: Sequence[DiagnosedSweep]) ->
             for i in (0, 1)
         ]
         floor = np.concatenate([one.relative_noise[~one.fitted] for _, one in unseen])
-        slopes = np.concatenate([run.log_slopes(index, final)[~one.fitted] for index, one in unseen])
+        slopes = np.concatenate([posterior.log_slopes(index, final)[~one.fitted] for index, one in unseen])
         weight = np.sqrt(2) / floor
         whitened, slopes = errors[1] * weight, slopes * weight[:, None]
         misfit = final.unseen_misfit(
@@ -277,22 +326,33 @@ def _gain(run: Run, comparison: Comparison, sweeps: Sequence[DiagnosedSweep]) ->
 
 
 def extended_specimen(diagnosis: Diagnosis) -> Specimen:
-    """The specimen file of the specimen shown, with the updated constants and the named effects as known."""
+    """The specimen file of the specimen shown, with the updated constants and the named effects as known.
+
+    Where the fit left what has a tolerance stands in [fitted]: simulations take it, so that they give the fitted curve,
+    and fits keep to the nominal values and their tolerances, so that no data count twice.
+    """
     final, specimen = diagnosis.comparison.final, diagnosis.specimen
     material = final.parameters.material
-    constants = material.constants(final.x[: 2 * material.scale.size])
+    constants = material.constants(final.x[: final.parameters.of_material])
     values = {}
-    for name in final.parameters.material.free.names:
+    for name in material.free.names:
         values[name] = getattr(constants, name).real
-        values[f"tan_{name}"] = max(0.0, constants.tangent(name)) if name[0] in "se" else constants.tangent(name)
-    effects: dict[str, dict[str, float]] = {key: dict(table) for key, table in (specimen.effects or {}).items()}
+        values[f"tan_{name}"] = constants.tangent(name)
+    tables: dict[str, dict] = {
+        "effects": {key: dict(table) for key, table in (specimen.effects or {}).items()},
+        "fitted": {},
+    }
     for effect, own in zip(final.parameters.effects, final.parameters.values(final.x), strict=True):
         if effect.specimen not in ("", diagnosis.sweeps[diagnosis.shown].name):
             continue
-        table = effects.setdefault(effect.name, {})
+        kind = "effects" if effect.key in final.parameters.candidates else "fitted"
+        table = tables[kind].setdefault(effect.name, {})
         table.update({parameter.name: float(value) for parameter, value in zip(effect.parameters, own, strict=True)})
         if effect.dispersive:
             table.setdefault(REFERENCE, diagnosis.sweeps[0].reference_Hz)
     return specimen.model_copy(
-        update={"material": specimen.material.model_copy(update=values), "effects": effects or None}
+        update={
+            "material": specimen.material.model_copy(update=values),
+            **{kind: table or None for kind, table in tables.items()},
+        }
     )

@@ -7,16 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from femu_piezo.forward.reduction import reduce_model
+from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.geometry.shapes import Plate
-from femu_piezo.inference.blocks import CurveData, weak_prior
 from femu_piezo.inference.identifiability import Identifiability, identifiability
-from femu_piezo.inference.sensitivity import Sensitivity, sensitivity
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters
+from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.sensitivity import Sensitivity
+from femu_piezo.inference.sweeps import SweepData
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM
-from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.problem import Problem, prepare
+from femu_piezo.study.resonances_with_effects import sensitivity_with_effects
 from femu_piezo.study.simulate import sweep_frequencies
 
 #: Eigenvalue error of the mesh: sensitivities need not be better.
@@ -104,7 +105,8 @@ def identify(
     """Predict the joint standard deviations of all ten constants from sweeps with relative noise.
 
     The constants are those of the first specimen's file; constants that are zero there cannot be free. Beside the
-    sweeps stands only the weak prior of `femu_piezo.inference.blocks.weak_prior` (real parts ±50 %, tangents 0.05).
+    sweeps stands only the weak prior of
+    `femu_piezo.inference.unknowns.material_prior` (real parts ±50 %, tangents 0.05).
 
     Parameters
     ----------
@@ -142,24 +144,27 @@ def _free(problem: Problem) -> FreeConstants:
 
 def _unknowns(first: Problem) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     """Names and values of the unknowns, and the Jacobian of the weak prior that keeps the open ones in range."""
+    unknowns, x = _material(first)
+    return unknowns.names, x, np.diag(1 / unknowns.prior_std)
+
+
+def _material(first: Problem) -> tuple[Unknowns, np.ndarray]:
+    """All constants of the first specimen as unknowns, and their values (n_x,)."""
     free = _free(first)
-    parameters = MaterialParameters.around(free, free.start)
-    x = parameters.x_of(free.start)
-    return parameters.names, x, weak_prior(parameters, free.start).jacobian(parameters, x)
+    material = MaterialParameters.around(free, free.start)
+    return Unknowns(material, material_prior(free, {}, {})), material.x_of(free.start)
 
 
 def _jacobian(problem: Problem, first: Problem, frequency: np.ndarray, noise: float) -> tuple[np.ndarray, Sensitivity]:
     """Whitened Jacobian of one predicted sweep in the unknowns of the first specimen's material."""
-    free = _free(first)
-    parameters = MaterialParameters.around(free, free.start)
-    constants = free.constants(free.start)
-    reduced = reduce_model(
-        problem.model(frequency[-1], _ACCURACY), free.training_sets(free.start, 0.05), frequency[-1], accuracy=1e-4
-    )
-    impedance = reduced.impedance(constants.to_e_form(), frequency)
-    curve = CurveData("prediction", reduced, ImpedanceSpectrum(frequency, impedance), np.full(frequency.size, noise))
-    jacobian = curve.jacobian(parameters, parameters.x_of(free.start))
-    return jacobian, sensitivity(problem.specimen.name, reduced, constants, frequency)
+    unknowns, x = _material(first)
+    free, top = unknowns.material.free, float(frequency[-1])
+    model = problem.model(top, _ACCURACY)
+    reduced = extend_model(model, free.training_sets(free.start, 0.05), (), top, accuracy=1e-4)
+    evaluation = Evaluation(reduced, 2 * np.pi * frequency)
+    z, slopes = evaluation.with_jacobian(unknowns, x)
+    data = SweepData(frequency, z, np.full(frequency.size, noise), noise_known=True)
+    return data.whitened(z, slopes)[1], sensitivity_with_effects(problem.specimen.name, evaluation, unknowns, x)
 
 
 def _candidates(problems: list[Problem]) -> list[tuple[str, Problem, np.ndarray]]:

@@ -15,7 +15,7 @@ from femu_piezo.inference.starts.thin_body import bar_coupling
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.specimen.file import Specimen, Update
+from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.starts import has_uniform_field, start_permittivity, start_values
 
@@ -24,8 +24,6 @@ from femu_piezo.study.starts import has_uniform_field, start_permittivity, start
 LOW_FREQUENCY_SHARE = 0.03
 #: Points below this share of the pole enter the mean; the known rise of a bar, 2e-3 k² there, is taken out.
 LOW_POINTS_SHARE = 0.05
-#: Eigenvalue error allowed at the end of the sweep when only the fundamental is fitted: the curve is then a picture.
-_PICTURE_ACCURACY = 1e-3
 #: Share of the strongest coupling from which a pair may be the fundamental.
 _STRONG = 0.6
 
@@ -82,16 +80,6 @@ class Measured:
     def noise_known(self) -> bool:
         """Whether the noise came with the data."""
         return self.fitted.noise is not None
-
-    def model_frequency(self, whole_curve: bool) -> float:
-        """Frequency up to which the mesh must be within the specimen's accuracy, Hz.
-
-        The end of the fitted sweep, or (the curve a mere picture) the zero.
-        """
-        accuracy = (self.problem.specimen.update or Update()).accuracy
-        exact_up_to = self.fitted.frequency[-1] if whole_curve else 1.05 * self.pair.zero.frequency_Hz
-        picture = self.band_Hz * (accuracy / max(accuracy, _PICTURE_ACCURACY)) ** 0.25
-        return self.problem.equivalent_frequency(float(max(exact_up_to, picture)), accuracy)
 
     def start_values(self, free: tuple[str, ...]) -> dict[str, complex]:
         """Those of the free constants that the sweep gives by thin-body formulas."""

@@ -18,11 +18,9 @@ import numpy as np
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel, Needs, extend_model
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.forward.reduction import ReducedModel, reduce_model
 from femu_piezo.geometry.mesh_file import MeshFile
 from femu_piezo.inference.unknowns import FreeConstants
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.specimen.file import Update
 from femu_piezo.study.measured import Measured
 from femu_piezo.study.problem import Problem
 
@@ -40,12 +38,7 @@ Made = TypeVar("Made")
 class Bases:
     """Models and reduced bases made for the specimens at hand, around their own start values; nothing is kept."""
 
-    def model(self, one: Measured, whole_curve: bool) -> ElectroelasticModel:
-        """Mesh within the specimen's accuracy to the end of the sweep, or (`whole_curve` False) to the zero."""
-        accuracy = (one.problem.specimen.update or Update()).accuracy
-        return self._model(one.problem, self._rung(one.problem, one.model_frequency(whole_curve), _RUNG), accuracy)
-
-    def fine_model(self, one: Measured, accuracy: float) -> ElectroelasticModel:
+    def model(self, one: Measured, accuracy: float) -> ElectroelasticModel:
         """Mesh within `accuracy` (relative, of eigenvalues) to the end of the sweep."""
         problem, accuracy = one.problem, self._rung_below(accuracy)
         exact = problem.equivalent_frequency(one.band_Hz, accuracy)
@@ -59,19 +52,18 @@ class Bases:
         """The constants that bases with effects are trained around, where a fit starts from `constants`."""
         return constants
 
-    def reduced(self, model: ElectroelasticModel, around: FreeConstants, one: Measured) -> ReducedModel:
-        """Basis for the free constants within `SPREAD` of `around`."""
+    def rough(
+        self, model: ElectroelasticModel, around: FreeConstants, one: Measured, accuracy: float
+    ) -> ExtendedModel:
+        """Basis for the free constants within `SPREAD` of `around`, without effects."""
         band = self._rung(one.problem, one.band_Hz, _RUNG)
-        key = (band, around.names, _bits(around.start), _bits(around.constants(around.start).vector()))
+        key = (band, accuracy, around.names, _bits(around.start), _bits(around.constants(around.start).vector()))
         return self._basis(
-            "reduced", model, key, lambda: reduce_model(model, around.training_sets(around.start, SPREAD), band)
+            "rough",
+            model,
+            key,
+            lambda: extend_model(model, around.training_sets(around.start, SPREAD), (), band, accuracy=accuracy),
         )
-
-    def baseline(self, model: ElectroelasticModel, base: PiezoConstants, one: Measured) -> ReducedModel:
-        """Basis for the curve of one set of constants."""
-        band = self._rung(one.problem, one.band_Hz, _RUNG)
-        key = (band, "baseline", _bits(base.vector()))
-        return self._basis("reduced", model, key, lambda: reduce_model(model, [base], band))
 
     def extended(
         self,
@@ -120,7 +112,7 @@ class SharedBases(Bases):
     """
 
     def __init__(self, models: int = 4, bases: int = 16, extended: int = 4) -> None:
-        self._most = {"model": models, "reduced": bases, "extended": extended}
+        self._most = {"model": models, "rough": bases, "extended": extended}
         self._shelves: dict[str, OrderedDict[Hashable, Any]] = {kind: OrderedDict() for kind in self._most}
         self._keys: WeakKeyDictionary[ElectroelasticModel, Hashable] = WeakKeyDictionary()
         self.made = self.used = 0

@@ -7,20 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from femu_piezo.diagnosis.compare import Comparison
 from femu_piezo.diagnosis.next_measurement import Plan, Point, Separation, between, strength, summary
 from femu_piezo.diagnosis.readings import readings
+from femu_piezo.diagnosis.selection import Comparison
 from femu_piezo.diagnosis.verdict import Verdict
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel, extend_model
 from femu_piezo.errors import ConvergenceError, InputError
-from femu_piezo.inference.blocks import Prior
 from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.study.diagnosis_run import Run
-from femu_piezo.study.diagnosis_subject import Subject
+from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.problem import Problem, prepare
+from femu_piezo.study.subjects import Subject
 
 #: Bands beyond the present end of the sweep, and how much lower a noise, that are planned for.
 _WIDER, _QUIETER = (1.5, 2.0), 3.0
@@ -33,14 +32,13 @@ _ALTERNATIVES, _BEST = 3, 3
 
 
 def separations(
-    several: Sequence[Subject], run: Run, comparison: Comparison, verdict: Verdict
+    several: Sequence[Subject], posterior: Posterior, comparison: Comparison, verdict: Verdict
 ) -> tuple[Separation, ...]:
     """What further measurements would bring for every pair that is not told apart: best first for each pair.
 
     Pairs are a cause with what it is not told from, and an effect that the sweep cannot show with the constant that
     imitates it.
     """
-    prior = comparison.base.data.prior
     pairs = [*_named(comparison, verdict), *_hidden(comparison, verdict)]
     if not pairs:
         return ()
@@ -48,7 +46,7 @@ def separations(
     material = comparison.final.parameters.material
     constants = material.constants(comparison.final.x[: 2 * material.scale.size])
     owner = several[0].measured.problem.specimen.name
-    now = Plan("", run.evaluation, comparison.base.data.relative_noise, owner)
+    now = Plan("", posterior.evaluation, comparison.base.data.relative_noise, owner)
     plans = [
         replace(now, words="average until the noise is a third", relative_noise=now.relative_noise / _QUIETER),
         *_readings(now, several, tuple(effects.values())),
@@ -56,9 +54,9 @@ def separations(
     ]
     found: list[Separation] = []
     for pair in pairs:
-        present = pair.sigma(now, prior)
+        present = pair.sigma(now)
         told = [
-            Separation(plan.words, pair.cause, pair.other, pair.size, present, pair.sigma(plan, prior))
+            Separation(plan.words, pair.cause, pair.other, pair.size, present, pair.sigma(plan))
             for plan in plans
             if pair.concerns(plan)
         ]
@@ -100,14 +98,13 @@ class _Pair:
         self.cause, self.other = cause.title, other if isinstance(other, str) else other.title
         self.size = words
         self._first, self._second, self._value = first, second, size
-        keys = [effect.key for effect in first.parameters.effects]
-        self._index = keys.index(cause.key)
+        self._index = first.parameters.index(cause.key)
 
-    def sigma(self, plan: Plan, prior: Prior) -> float:
+    def sigma(self, plan: Plan) -> float:
         """Expected separation with a plan."""
         if self._second is None:
-            return strength(plan, self._first, self._index, self._value, prior)
-        return between(plan, self._first, self._second, prior)
+            return strength(plan, self._first, self._index, self._value)
+        return between(plan, self._first, self._second)
 
     def concerns(self, plan: Plan) -> bool:
         """Whether a plan has a reading that is about one of the two, or sweeps by a model that knows both."""
@@ -125,7 +122,7 @@ def _named(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
     point = Point(final.parameters, final.x)
     for cause, found in zip(verdict.causes, comparison.found, strict=True):
         for title in cause.indistinguishable_from[:_ALTERNATIVES]:
-            others = [(effect, fit) for effect, fit in found.fits if effect.title == title]
+            others = [(effect, fit) for effect, fit, _ in found.fits if effect.title == title]
             if others:
                 effect, fit = others[0]
                 pairs.append(_Pair(cause.effect, point, effect, Point(fit.parameters, fit.x), 0.0, ""))
@@ -144,8 +141,8 @@ def _hidden(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
         known.add(effect.title)
         parameter = effect.parameters[0]
         size = min(parameter.spread, parameter.high - parameter.rest)
-        x = np.concatenate([base.x, effect.rest / effect.scale])
-        point = Point(base.parameters.with_effect(effect), x)
+        parameters = base.parameters.with_candidate(effect)
+        point = Point(parameters, parameters.carried(base.parameters, base.x))
         pairs.append(_Pair(effect, point, constant, None, size, f"{size:.2g}{parameter.after_number}"))
     return pairs
 

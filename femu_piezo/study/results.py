@@ -6,15 +6,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from femu_piezo.inference.blocks import rms_log_error
+from femu_piezo.effects.extended_model import ExtendedModel
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.inference.fit import Fit
 from femu_piezo.inference.identifiability import Identifiability
-from femu_piezo.inference.least_squares import Fit
 from femu_piezo.inference.sensitivity import Sensitivity
 from femu_piezo.inference.starts.pole_zero import Step
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.resonances import Resonance
 from femu_piezo.study.measured import Measured
+
+
+def rms_log_error(model: np.ndarray, data: np.ndarray) -> float:
+    """Root mean square of |log Z_model − log Z_data| over a sweep (k,), dimensionless."""
+    return float(np.sqrt(np.mean(np.abs(np.log(model / data)) ** 2)))
+
+
+def mesh_words(model: ElectroelasticModel, reduced: ExtendedModel) -> str:
+    """What the mesh of a model is, in words."""
+    mesh, copies = model.domain.mesh, model.domain.copies
+    part = "the whole body" if copies == 1 else f"1/{copies} of the body, cut at its mirror planes"
+    kind = "hexahedra" if "Hex" in type(mesh).__name__ else "tetrahedra"
+    return f"{mesh.nelements} quadratic {kind} in {part}; {model.size} unknowns, reduced to {reduced.size}"
 
 
 @dataclass(frozen=True)

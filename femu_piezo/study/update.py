@@ -3,8 +3,9 @@
 1. extract poles and zeros from each sweep (independent of any model);
 2. start from the 1-D formulas; ε33T from the low end of a sweep where it has one (eqs 41, 42);
 3. pole-zero iteration of the paper on each fundamental: (s11, d31) or (s33, d33);
-4. where no sweep has a low end, more constants are free or several specimens join: maximum-likelihood fit of the
-   curves, started from 3.
+4. the most probable constants, all tolerances of the specimen file marginalised, by a fit of the curves from there.
+
+With method = "pole_zero" step 3 is the answer, as in the paper.
 """
 
 from __future__ import annotations
@@ -14,19 +15,32 @@ from collections.abc import Sequence
 import numpy as np
 
 from femu_piezo.errors import InputError
-from femu_piezo.inference.unknowns import Estimate, estimates
+from femu_piezo.inference.budget import constants_of
+from femu_piezo.inference.fit import Fit, refitted
+from femu_piezo.inference.identifiability import Identifiability, identifiability
+from femu_piezo.inference.starts.pole_zero import Step
+from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, estimates, material_prior
+from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import Specimen, Update
+from femu_piezo.study.beginning import begin
 from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, baseline_constants, measure, start_constants
 from femu_piezo.study.model_cache import Bases
+from femu_piezo.study.pole_zero_update import PoleZeroState, pole_zero_update
+from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.progress import Clock, Progress
-from femu_piezo.study.results import Outcome, UpdateResult
+from femu_piezo.study.resonances_with_effects import matched_resonances, sensitivity_with_effects
+from femu_piezo.study.results import Outcome, UpdateResult, mesh_words
 from femu_piezo.study.shapes import electrode_notes
-from femu_piezo.study.solving import Run, State
 from femu_piezo.study.starts import pair_names
+from femu_piezo.study.subjects import Subject, subjects
 
-#: rms |Δ log Z| of an updated model that is told as poor where it is also well above the noise.
+#: rms |Δ log Z| of an updated model that a note warns about where it is also well above the noise.
 _POOR = 0.01
+#: Error of Z by the bases of the pole-zero update.
+_POLE_ZERO_BASIS = 1e-5
+#: Factor on the noise of a sweep from which a note says so.
+_LOUD = 1.2
 
 
 def update(
@@ -54,37 +68,79 @@ def update(
 
 def update_measured(measured: Sequence[Measured], clock: Clock, bases: Bases | None = None) -> UpdateResult:
     """`update` of specimens whose sweeps have been read and analysed."""
-    measured = list(measured)
-    start = measured[0].problem.constants if has_effects(measured) else start_constants(measured)
-    baseline, baseline_notes = baseline_constants(measured, start)
+    measured, bases = list(measured), bases or Bases()
+    several = subjects(measured)
     method, origin = _method(measured)
-    clock.step("mesh and assemble")
-    run = Run(measured, method, clock, bases or Bases())
-    state = run.solve(start, method)
+    if method == "pole_zero":
+        return _by_pole_zero(several, clock, bases, origin)
+    clock.step("start")
+    beginning = begin(measured, bases)
+    posterior = Posterior(several, clock, bases)
+    found = posterior.base(beginning.constants)
+    found = settled(posterior, found)
     clock.step("curves")
-    outcomes = tuple(run.outcome(index, state, baseline) for index in range(len(measured)))
+    known = _known(found)
+    constants = found.parameters.material.constants(found.x[: found.parameters.of_material])
+    baseline, baseline_notes = baseline_constants(measured, beginning.constants)
+    outcomes = tuple(
+        _outcome(posterior, index, found, baseline, beginning.histories[index]) for index in range(len(measured))
+    )
     clock.step(None)
     return UpdateResult(
         name=" + ".join(one.problem.specimen.name for one in measured),
         baseline=baseline,
-        constants=state.constants,
-        parameters=_parameters(state),
+        constants=constants,
+        parameters=constants_of(found),
         outcomes=outcomes,
-        permittivity_source="fitted to the curve" if method == "curve" and origin != "given" else origin,
+        permittivity_source="given" if origin == "given" else "fitted to the curve",
         method=method,
-        fit=state.fit,
-        known=state.known,
-        provenance=state.provenance,
-        notes=(*baseline_notes, *_notes(measured, state, outcomes)),
+        fit=found,
+        known=known,
+        provenance=_provenance(found, measured),
+        notes=(*baseline_notes, *_notes(several, constants, outcomes, found, known)),
+        seconds=clock.seconds,
+    )
+
+
+def settled(posterior: Posterior, found: Fit) -> Fit:
+    """The fit with a discrepancy in its likelihood where the data ask for one."""
+    learned = found.learned
+    return refitted(found, posterior.evaluation, learned, posterior.loss) if learned.probable else found
+
+
+def _by_pole_zero(several: Sequence[Subject], clock: Clock, bases: Bases, origin: str) -> UpdateResult:
+    """The paper's update alone."""
+    measured = [one.measured for one in several]
+    start = start_constants(measured)
+    baseline, baseline_notes = baseline_constants(measured, start)
+    clock.step("mesh and assemble")
+    full = [bases.model(one, (one.problem.specimen.update or Update()).accuracy) for one in measured]
+    clock.step("pole-zero update")
+    state = pole_zero_update(measured, full, bases, start, _POLE_ZERO_BASIS)
+    clock.step("curves")
+    outcomes = (_pole_zero_outcome(several[0], full[0], state, baseline),)
+    clock.step(None)
+    theta = state.free.start
+    return UpdateResult(
+        name=measured[0].problem.specimen.name,
+        baseline=baseline,
+        constants=state.constants,
+        parameters=dict(zip(state.free.names, estimates(theta, state.covariance), strict=True)),
+        outcomes=outcomes,
+        permittivity_source=origin,
+        method="pole_zero",
+        fit=None,
+        known=None,
+        provenance=None,
+        notes=(*baseline_notes, *_notes(several, state.constants, outcomes)),
         seconds=clock.seconds,
     )
 
 
 def _method(measured: list[Measured]) -> tuple[str, str]:
-    """("pole_zero" or "curve", origin of ε33T): poles and zeros alone where two unknowns and a known ε33T suffice."""
+    """("pole_zero" or "curve", origin of ε33T); "auto" is the curve, which holds the poles and zeros and more."""
     first = measured[0]
     specimen, free = first.problem.specimen, set(first.problem.specimen.material.free)
-    wish = (specimen.update or Update()).method
     names = set(pair_names(first.problem.plate))
     if "eps33T" not in free:
         origin = "given"
@@ -92,48 +148,134 @@ def _method(measured: list[Measured]) -> tuple[str, str]:
         origin = f"low frequency ({first.spectrum.frequency[0]:.6g} Hz, eqs 41 and 42)"
     else:
         origin = "curve"
-    enough = (
-        not has_effects(measured)
-        and bool(names)
-        and free - {"eps33T"} == names
-        and origin != "curve"
-        and len(measured) == 1
-    )
-    if wish == "pole_zero" and not enough:
+    if (specimen.update or Update()).method != "pole_zero":
+        return "curve", origin
+    plain = not has_effects(measured) and bool(names) and len(measured) == 1
+    if not (plain and free - {"eps33T"} == names and origin != "curve"):
         raise InputError(
             f'{specimen.path or specimen.name}: update.method = "pole_zero" finds {" and ".join(sorted(names))} of one '
             "specimen without [effects] at a known eps33T; the sweep does not reach low frequency or other constants "
             'are free, so give eps33T and take it out of material.free, or use method = "curve"'
         )
-    return ("pole_zero" if enough and wish != "curve" else "curve"), origin
+    return "pole_zero", origin
 
 
-def _parameters(state: State) -> dict[str, Estimate]:
-    if state.fit is not None:
-        return state.fit.estimates
-    return dict(zip(state.free.names, estimates(state.theta, state.covariance), strict=True))
+def _outcome(posterior: Posterior, index: int, found: Fit, base: PiezoConstants, history: tuple[Step, ...]) -> Outcome:
+    """Curves and matched resonances of one specimen at the solution."""
+    one = posterior.several[index].measured
+    evaluation, own, columns = posterior.whole_sweep(index, found)
+    x, model = found.x[columns], posterior.full[index]
+    return Outcome(
+        measured=one,
+        matched=matched_resonances(one, evaluation, own, x),
+        base_curve=_baseline_curve(evaluation, own, posterior.problem.free(base)),
+        updated_curve=evaluation.impedance(own, x),
+        history=history,
+        sensitivity=sensitivity_with_effects(one.problem.specimen.name, evaluation, own, x),
+        unknowns=model.size,
+        mesh=mesh_words(model, posterior.models[index]),
+    )
 
 
-def _notes(measured: list[Measured], state: State, outcomes: tuple[Outcome, ...]) -> tuple[str, ...]:
+def _baseline_curve(evaluation, own: Unknowns, free) -> np.ndarray:
+    """Z (k,) of the constants of the file with its known effects, ohm."""
+    material = MaterialParameters.around(free, free.start)
+    unknowns = Unknowns(material, material_prior(free, {}, {}), fixed=own.fixed)
+    return evaluation.impedance(unknowns, material.x_of(free.start))
+
+
+def _pole_zero_outcome(subject: Subject, full, state: PoleZeroState, base: PiezoConstants) -> Outcome:
+    from femu_piezo.inference.response import Evaluation
+
+    one, model = subject.measured, state.models[0]
+    evaluation = Evaluation(model, one.spectrum.omega)
+    material = MaterialParameters.around(state.free, state.free.start)
+    unknowns = Unknowns(material, material_prior(state.free, {}, {}))
+    x = material.x_of(state.free.start)
+    return Outcome(
+        measured=one,
+        matched=matched_resonances(one, evaluation, unknowns, x),
+        base_curve=_baseline_curve(evaluation, unknowns, one.problem.free(base)),
+        updated_curve=evaluation.impedance(unknowns, x),
+        history=state.histories[0],
+        sensitivity=sensitivity_with_effects(one.problem.specimen.name, evaluation, unknowns, x),
+        unknowns=full.size,
+        mesh=mesh_words(full, model),
+    )
+
+
+def _known(found: Fit) -> Identifiability:
+    """What the data tell of each constant, tolerances marginalised; beside them the weak prior."""
+    parameters = found.parameters
+    count = parameters.of_material
+    rows = np.concatenate([found.jacobian / found.noise_scale, found.further_jacobian])
+    others = rows[:, count:] * parameters.prior_std[count:]
+    own = rows[:, :count]
+    if others.shape[1]:
+        span = np.linalg.qr(others)[0]
+        own = own - span @ (span.T @ own)
+    return identifiability(own, parameters.material.names, found.x[:count])
+
+
+def _provenance(found: Fit, measured: Sequence[Measured]) -> dict[str, dict[str, float]]:
+    """Where the knowledge of each constant comes from: shares of |∂residual/∂x|² of every sweep and of the prior.
+
+    The information each sweep would give on the constant if all others were known, real part and tangent together.
+    """
+    k, result = found.residual.size // 2, {}
+    for index, name in enumerate(found.parameters.material.free.names):
+        columns = slice(2 * index, 2 * index + 2)
+        parts = {
+            one.problem.specimen.name: float(np.sum(found.jacobian[np.concatenate([own, own + k])][:, columns] ** 2))
+            for one, own in zip(measured, found.data.sweeps, strict=True)
+        }
+        parts["prior"] = float(np.sum(found.further_jacobian[:, columns] ** 2))
+        total = sum(parts.values())
+        result[name] = {source: part / total for source, part in parts.items()}
+    return result
+
+
+def _notes(
+    several: Sequence[Subject],
+    constants: PiezoConstants,
+    outcomes: tuple[Outcome, ...],
+    found: Fit | None = None,
+    known: Identifiability | None = None,
+) -> tuple[str, ...]:
+    measured = [one.measured for one in several]
     notes = [note for one in measured for note in one.spectrum.notes]
     notes += [note for one in measured for note in electrode_notes(one.problem.specimen)]
     notes += [f"poles and zeros: {note}" for one in measured for note in one.extraction.notes]
-    notes += [f"updated constants: {fault}" for fault in state.constants.physical_faults(tolerance=1e-3)]
-    if state.known is not None:
-        loose = [name for name in state.known.names if state.known.verdict(name) == "not"]
+    notes += [f"updated constants: {fault}" for fault in constants.physical_faults(tolerance=1e-3)]
+    if known is not None:
+        loose = [name for name in known.names if known.verdict(name) == "not"]
         if loose:
             notes.append(f"the data do not determine {', '.join(loose)}: these stand where the prior holds them")
-    if state.fit is not None and state.fit.noise_scale > 1 and all(one.noise_known for one in measured):
-        notes.append(
-            f"the sweep misses the model by {state.fit.noise_scale:.3g} times its stated noise: the standard "
-            "deviations are those of this misfit, not of the noise"
-        )
-    for one, outcome in zip(measured, outcomes, strict=True):
-        noise = float(np.median(one.relative_noise))
+    if found is not None:
+        notes += _fit_notes(found)
+    for one, outcome in zip(several, outcomes, strict=True):
+        noise = float(np.median(one.noise))
         if outcome.rms_after > max(_POOR, 5 * noise):
             notes.append(
-                f"{one.problem.specimen.name}: the updated model still misses the sweep by "
+                f"{one.measured.problem.specimen.name}: the updated model still misses the sweep by "
                 f"{100 * outcome.rms_after:.2g} % rms where its noise is {100 * noise:.2g} %: look at "
                 "the curve before using the constants"
             )
     return tuple(notes)
+
+
+def _fit_notes(found: Fit) -> list[str]:
+    notes = []
+    if found.on_bound:
+        notes.append(f"{', '.join(found.on_bound)} ended on the border of the range that a fit may use")
+    if found.discrepancy is not None:
+        notes.append(
+            f"the model misses the sweep by a smooth function of frequency of about {found.discrepancy.sigma:.1g} "
+            "(relative), which the standard deviations take into account; `femu-piezo diagnose` looks for its cause"
+        )
+    if found.data.noise_known and found.noise_scale > _LOUD:
+        notes.append(
+            f"the sweep is {found.noise_scale:.3g} times as noisy as stated: the standard deviations are those of the "
+            "noise found"
+        )
+    return notes

@@ -21,6 +21,8 @@ def library(context: EffectContext) -> tuple[Effect, ...]:
     return tuple(effect for module in modules for effect in module.candidates(context))
 
 
+#: Frequencies of any sweep, Hz.
+_ANY_BAND = (1.0, 1e9)
 #: Key of an [effects.NAME] table: where a law over frequency is anchored.
 REFERENCE = "reference_frequency"
 
@@ -37,7 +39,8 @@ def from_table(
         left = dict(values)
         anchor = left.pop(REFERENCE, context.fundamental_Hz)
         at = replace(context, fundamental_Hz=parse_quantity(anchor, "Hz", f"{where}: effects.{name}.{REFERENCE}"))
-        known = library(replace(at, free=()))  # a constant that is free now may have had an error before
+        # a constant that is free now may have had an error before, and another sweep another band
+        known = library(replace(at, free=(), band_Hz=_ANY_BAND))
         variants = [effect for effect in known if effect.name == name]
         if not variants:
             names = ", ".join(sorted({effect.name for effect in known}))

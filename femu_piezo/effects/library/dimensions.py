@@ -1,5 +1,6 @@
 """Dimensions and density other than the specimen file says: the body is (1 + p) times as long, or as dense.
 
+Where the piece was weighed (`mass`), its density follows from its dimensions and the mass alone has a deviation.
 The deviation of calliper and balance (`std_length`, `std_density`) is the tolerance of p; beyond it the entry is wrong.
 """
 
@@ -31,6 +32,15 @@ def _stretch(along: np.ndarray):
     return stretch
 
 
+def _lighter(axes: int):
+    """Density at a given mass of a body that is (1 + p) times as large along so many axes."""
+
+    def density(p: np.ndarray) -> tuple[float, np.ndarray]:
+        return (1 + p[0]) ** -axes, np.array([-axes * (1 + p[0]) ** (-axes - 1)])
+
+    return density
+
+
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
     """One for each dimension that the specimen has by name, all radii of a disk going together, and the density."""
     dimensions = tuple(
@@ -45,6 +55,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 "measure a second specimen of the same material and other size: a constant is common to both",
             ),
             stretch=_stretch(np.isin(np.arange(3), axes).astype(float)),
+            density=_lighter(len(axes)) if context.weighed else None,
         )
         for name, axes in context.axes.items()
     )

@@ -1,4 +1,4 @@
-"""What a diagnosis knows of one specimen before any fit: sweep, noise, known and possible effects."""
+"""What is known of one specimen before any fit: sweep, noise, tolerances, known and possible effects."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.effects import effect_context, known_effects
 from femu_piezo.study.measured import Measured, measure
 
-#: Relative error of Z that the finest mesh leaves: sweeps are not taken to be more exact than the model.
-LEAST_ERROR = 5e-5
+#: Relative error of Z that meshes and bases leave at least: sweeps are not taken to be more exact than the model.
+LEAST_ERROR = 1e-5
 
 
 @dataclass(frozen=True)
 class Subject:
-    """One specimen to be diagnosed.
+    """One specimen.
 
     Attributes
     ----------
@@ -48,42 +48,50 @@ class Subject:
         """Whether the noise came with the data."""
         return self.measured.spectrum.noise is not None
 
-    def candidates(self) -> tuple[Effect, ...]:
-        """Every effect that the specimen may have beside those of its file."""
+    @cached_property
+    def library(self) -> tuple[Effect, ...]:
+        """Every effect that the specimen may have beside those of its file: tolerances and candidates."""
         taken = {(effect.name, effect.variant) for effect, _ in self.fixed}
         return tuple(e for e in library(self.context) if (e.name, e.variant) not in taken)
 
 
-def subjects(specimens: Sequence[Specimen]) -> tuple[Subject, ...]:
-    """Read and analyse the sweeps of specimens; InputError where two of several have one name."""
+def subjects(measured: Sequence[Measured]) -> tuple[Subject, ...]:
+    """What is known of each specimen; InputError where two of several have one name."""
+    specimens = [one.problem.specimen for one in measured]
     names = [specimen.name for specimen in specimens]
     double = next((name for index, name in enumerate(names) if name in names[:index]), None)
     if double is not None:
         raise InputError(
-            f"{specimens[names.index(double)].path}: two specimens are named {double!r}; a cause is told by the "
-            "name of its specimen, so give each its own"
+            f"{specimens[names.index(double)].path}: two specimens are named {double!r}; results say by name which "
+            "specimen they are about, so give each its own"
         )
-    return tuple(_subject(specimen, specimen.name if len(specimens) > 1 else "") for specimen in specimens)
+    return tuple(_subject(one, one.problem.specimen.name if len(measured) > 1 else "") for one in measured)
 
 
-def _subject(specimen: Specimen, name: str) -> Subject:
-    measured = measure(specimen)
+def read_subjects(specimens: Sequence[Specimen]) -> tuple[Subject, ...]:
+    """`subjects` of specimens whose sweeps are read and analysed first."""
+    return subjects([measure(specimen) for specimen in specimens])
+
+
+def _subject(measured: Measured, name: str) -> Subject:
+    frequency = measured.spectrum.frequency
     typical = float(np.median(np.abs(measured.spectrum.impedance)))
-    context = effect_context(measured.problem, measured.pair.pole.frequency_Hz, typical)
-    known = known_effects(measured.problem, context.fundamental_Hz, context.impedance)
+    band = (float(frequency[0]), float(frequency[-1]))
+    context = effect_context(measured.problem, measured.pair.pole.frequency_Hz, typical, band)
+    known = known_effects(measured.problem, context)
     fixed = tuple((belonging_to(effect, name), values) for effect, values in known) if name else known
     return Subject(name, measured, np.hypot(_relative_noise(measured), LEAST_ERROR), context, fixed)
 
 
-def candidates(several: Sequence[Subject]) -> tuple[Effect, ...]:
+def shared_library(several: Sequence[Subject]) -> tuple[Effect, ...]:
     """What is common to all (laws of the material, fixture), then what each specimen may have of its own.
 
     A free constant of the first is free for all, and so are the laws over frequency anchored at its fundamental.
     """
     if len(several) == 1:
-        return several[0].candidates()
-    shared = [e for e in several[0].candidates() if is_common(e) and all(_open(e, one) for one in several)]
-    own = [belonging_to(effect, one.name) for one in several for effect in one.candidates() if not is_common(effect)]
+        return several[0].library
+    shared = [e for e in several[0].library if is_common(e) and all(_open(e, one) for one in several)]
+    own = [belonging_to(effect, one.name) for one in several for effect in one.library if not is_common(effect)]
     return (*shared, *own)
 
 

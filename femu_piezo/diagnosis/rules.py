@@ -1,0 +1,45 @@
+"""Every threshold of a decision, each with the principle it follows from; written into diagnosis.json."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+
+from femu_piezo.inference.discrepancy import PRIOR
+
+
+def _rule(value: float, principle: str):
+    return field(default=value, metadata={"principle": principle})
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Prior probabilities, and what a cause must be to be named."""
+
+    expected_causes: float = _rule(
+        0.5, "prior mean number of causes in a sweep, shared alike by all candidates of the library"
+    )
+    discrepancy: float = _rule(
+        PRIOR, "prior probability that a sweep holds something that no candidate describes"
+    )
+    significant: float = _rule(
+        3.0, "a cause is named from this many of its own standard deviations (and of its tolerance) away from nothing"
+    )
+    alike: float = _rule(3.0, "causes are not told apart where the log odds of their sets differ by less: 20 to 1")
+    unexplained: float = _rule(
+        0.25, "above this share of the misfit (rms) that the named causes leave, the verdict is unknown"
+    )
+    most_causes: int = _rule(3, "most causes that may act together")
+    beam: int = _rule(2, "best sets of causes that are enlarged by one more cause")
+    promise: float = _rule(
+        -3.0, "a candidate is fitted where linearisation promises more log odds than this over the set without it"
+    )
+    contender: float = _rule(
+        30.0,
+        "a rough fit is finished where its log odds are within this of the best, times χ² per residual of that"
+    )
+
+    def to_json(self) -> dict:
+        """Name → value and principle."""
+        return {
+            one.name: {"value": getattr(self, one.name), "principle": one.metadata["principle"]} for one in fields(self)
+        }

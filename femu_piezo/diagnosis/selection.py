@@ -1,0 +1,371 @@
+"""Which causes the data demand: sets of causes compared by their evidence, the discrepancy competing with all of them.
+
+A hypothesis is a set of causes S, with or without a discrepancy δ. With N candidates of equal prior probability q/N and
+the prior probability π of δ, its posterior is proportional to
+
+    p(data | S, δ) (q/N)^|S| π^δ (1 − π)^(1−δ),
+
+p(data | S, δ) by Laplace's method with everything else marginalised (`femu_piezo.inference.fit`). The probability of a
+cause is the summed posterior of the sets that hold it. Sets are found by enlarging the best ones, and by exchanging
+each cause of the best one; candidates are screened by linearisation and fitted roughly before they are fitted closely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from scipy.special import logsumexp
+
+from femu_piezo.diagnosis.rules import Rules
+from femu_piezo.diagnosis.starts import Start, start_together, starts
+from femu_piezo.effects.effect import Effect
+from femu_piezo.errors import ConvergenceError
+from femu_piezo.inference.fit import Fit, fit, refitted
+from femu_piezo.inference.sweeps import SweepData
+from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.threads import in_parallel
+
+#: Pairs of causes that are fitted, of all that linearisation ranks.
+_PAIRS = 4
+#: A rough fit this near to what linearisation promised (in χ²) has found the minimum there is.
+_AS_PROMISED = 1.0
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of causes with its fit.
+
+    Attributes
+    ----------
+    log_prior : of the set
+    chance : prior probability of a discrepancy
+    """
+
+    fit: Fit
+    log_prior: float
+    chance: float
+
+    @property
+    def keys(self) -> frozenset[str]:
+        """Of the causes."""
+        return frozenset(self.fit.parameters.candidates)
+
+    @cached_property
+    def log_plain(self) -> float:
+        """log posterior (up to a constant) without a discrepancy."""
+        return self.fit.log_evidence + self.log_prior + float(np.log1p(-self.chance))
+
+    @cached_property
+    def log_with_discrepancy(self) -> float:
+        """log posterior (up to the same constant) with one."""
+        return self.fit.log_evidence + self.fit.learned.log_evidence + self.log_prior + float(np.log(self.chance))
+
+    @property
+    def discrepant(self) -> bool:
+        """Whether a discrepancy is more probable than none."""
+        return self.log_with_discrepancy > self.log_plain
+
+    @property
+    def log_posterior(self) -> float:
+        """log posterior of the set, with a discrepancy or without."""
+        return float(np.logaddexp(self.log_plain, self.log_with_discrepancy))
+
+
+@dataclass(frozen=True)
+class Found:
+    """One named cause and what else could stand in its place.
+
+    Attributes
+    ----------
+    effect : the cause
+    probability : summed posterior of the sets that hold it
+    fits : the final set with each candidate in its place, the others kept, best first; log odds over the final set
+    without : log odds of the final set over that without it
+    """
+
+    effect: Effect
+    probability: float
+    fits: tuple[tuple[Effect, Fit, float], ...]
+    without: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The base fit, each candidate alone, and the most probable set of causes.
+
+    Attributes
+    ----------
+    base : without causes, its discrepancy in the likelihood where one is probable
+    singles : each candidate alone (None where its fit did not settle), in the order of the library; log odds over none
+    final : the most probable set whose causes are all significant; the base where that is empty
+    found : its causes, first the one without which most is left
+    discrepant : whether a discrepancy beside the final set is more probable than none
+    doubtful : probability of a discrepancy that no set of causes explains away
+    """
+
+    base: Fit
+    singles: tuple[tuple[Effect, Fit | None, float], ...]
+    final: Fit
+    found: tuple[Found, ...]
+    discrepant: bool
+    rules: Rules = field(default_factory=Rules)
+
+    @property
+    def alike(self) -> dict[str, tuple[Effect, ...]]:
+        """Key of a cause → candidates that the data do not tell from it."""
+        return {
+            one.effect.key: tuple(
+                e for e, _, odds in one.fits if odds > -self.rules.alike and e.title != one.effect.title
+            )
+            for one in self.found
+        }
+
+
+def compare(
+    response,
+    data: SweepData,
+    parameters: Unknowns,
+    start: np.ndarray,
+    library: Sequence[Effect],
+    *,
+    rules: Rules | None = None,
+    loss: str = "linear",
+    progress: Tell = lambda step: None,
+) -> Comparison:
+    """Fit the base, then sets of candidates.
+
+    Parameters
+    ----------
+    response : Z of the sweeps at given unknowns
+    parameters : material, tolerances and known effects: the base
+    start : (n_x,) unknowns of the base
+    library : the candidates
+    """
+    progress("base fit")
+    base = fit(response, data, parameters, [start], loss=loss)
+    return compare_from(base, response, library, rules=rules, loss=loss, progress=progress)
+
+
+def compare_from(
+    base: Fit,
+    response,
+    library: Sequence[Effect],
+    *,
+    rules: Rules | None = None,
+    loss: str = "linear",
+    progress: Tell = lambda step: None,
+) -> Comparison:
+    """`compare` with the base fitted already."""
+    search = _Search(base, response, tuple(library), rules or Rules(), loss, progress)
+    search.run()
+    return search.comparison()
+
+
+class _Search:
+    """The sets of causes fitted so far."""
+
+    def __init__(self, base: Fit, response, library: tuple[Effect, ...], rules: Rules, loss: str, tell: Tell) -> None:
+        self._response, self._library, self._rules, self._loss, self._tell = response, library, rules, loss, tell
+        titles = len({effect.title for effect in library})
+        laws = {effect.key: sum(other.title == effect.title for other in library) for effect in library}
+        self._log_prior = {key: float(np.log(rules.expected_causes / titles / count)) for key, count in laws.items()}
+        self._base = self._hypothesis(base)
+        self._known: dict[frozenset[str], Hypothesis] = {frozenset(): self._base}
+        self._expanded: dict[frozenset[str], tuple[tuple[Effect, Fit | None], ...]] = {}
+
+    def _hypothesis(self, fit_: Fit) -> Hypothesis:
+        prior = sum(self._log_prior[key] for key in fit_.parameters.candidates)
+        return Hypothesis(fit_, prior, self._rules.discrepancy)
+
+    def _keep(self, fits: Iterable[Fit | None]) -> None:
+        for fit_ in fits:
+            if fit_ is not None:
+                one = self._hypothesis(fit_)
+                old = self._known.get(one.keys)
+                if old is None or one.log_posterior > old.log_posterior:
+                    self._known[one.keys] = one
+
+    def run(self) -> None:
+        """Enlarge the best sets by one cause after another, then exchange each cause of the best."""
+        beam = [self._base]
+        for size in range(1, self._rules.most_causes + 1):
+            before = self._best().log_posterior
+            for current in beam:
+                self._keep(f for _, f in self._expand(current.fit))
+            if size == min(2, self._rules.most_causes) and self._base.discrepant:
+                self._keep(self._pairs())
+            beam = sorted((h for h in self._known.values() if len(h.keys) == size), key=lambda h: -h.log_posterior)
+            beam = beam[: self._rules.beam]
+            if not beam or self._best().log_posterior <= before:
+                break
+        while self._exchange():
+            pass
+
+    def _best(self) -> Hypothesis:
+        return max(self._known.values(), key=lambda one: one.log_posterior)
+
+    def _exchange(self) -> bool:
+        """Try every candidate in each place of the best set; whether a better set was found."""
+        best = self._best()
+        if len(best.keys) < 2:
+            return False
+        for key in best.keys:
+            self._keep(f for _, f in self._expand(self._without(best.fit, key)))
+        return self._best().keys != best.keys
+
+    def _without(self, current: Fit, key: str) -> Fit:
+        keys = frozenset(current.parameters.candidates) - {key}
+        if keys not in self._known:
+            parameters = current.parameters.without_candidate(key)
+            x = parameters.carried(current.parameters, current.x)
+            self._keep([self._fitted(parameters, [x])])
+        return self._known[keys].fit if keys in self._known else self._base.fit
+
+    def _expand(self, current: Fit) -> tuple[tuple[Effect, Fit | None], ...]:
+        """Every candidate that is not in the current set, added to it."""
+        keys = frozenset(current.parameters.candidates)
+        if keys not in self._expanded:
+            titles = {effect.title for effect in current.parameters.causes}
+            others = [effect for effect in self._library if effect.title not in titles]
+            words = f"beside {' and '.join(sorted(keys))}" if keys else "candidate"
+            self._expanded[keys] = self._tried(current, others, words)
+        return self._expanded[keys]
+
+    def _tried(self, current: Fit, candidates: Sequence[Effect], words: str):
+        """The current fit with each candidate added; where next to nothing is promised, by linearisation."""
+        before = current.log_evidence
+        names = [f"{words}: {effect.key}" for effect in candidates]
+
+        def odds(one: Fit, effect: Effect) -> float:
+            return one.log_evidence - before + self._log_prior[effect.key]
+
+        def screened(effect: Effect) -> list[Start]:
+            return starts(self._response, current, effect)
+
+        found = list(self._told(in_parallel(screened, candidates), names))
+        worth = [
+            number
+            for number, effect in enumerate(candidates)
+            if max(odds(start.linear, effect) for start in found[number]) > self._rules.promise
+        ]
+
+        def roughly(number: int) -> Fit | None:
+            places = found[number]
+            begins = places if candidates[number].sites is not None else places[:1]
+            return self._fitted(places[0].linear.parameters, [place.x for place in begins], coarse=True)
+
+        rough = dict(zip(worth, in_parallel(roughly, worth), strict=True))
+        settled = {n: odds(one, candidates[n]) for n, one in rough.items() if one is not None}
+        reach = max(settled.values(), default=0.0) - self._reach(rough.values(), before)
+
+        def closely(number: int) -> Fit | None:
+            one = rough[number]
+            if one is not None and max(settled[number], odds(found[number][0].linear, candidates[number])) < reach:
+                return one
+            return self._closely(found[number], one)
+
+        close = dict(zip(worth, in_parallel(closely, worth), strict=True))
+        return tuple(
+            (effect, close[number] if number in close else found[number][0].linear)
+            for number, effect in enumerate(candidates)
+        )
+
+    def _reach(self, rough: Iterable[Fit | None], before: float) -> float:
+        """Log odds within which a rough fit may turn out to be the best: more where the misfit is large."""
+        best = min((one.chi_square / one.residual.size for one in rough if one is not None), default=1.0)
+        return self._rules.contender * max(1.0, best)
+
+    def _closely(self, places: list[Start], rough: Fit | None) -> Fit | None:
+        """A close fit from the rough one and, where more was promised than it holds, from further starts."""
+        reached = np.inf if rough is None else rough.chi_square
+        further = [] if rough is None else [rough.x]
+        if abs(reached - places[0].promised) > _AS_PROMISED:
+            further.append(places[0].alone())
+        further += [start.x for start in places[1:] if start.promised < reached - _AS_PROMISED]
+        return self._fitted(places[0].linear.parameters, further or [places[0].x])
+
+    def _pairs(self) -> list[Fit | None]:
+        """The two causes that linearisation finds best together, fitted: each may explain little by itself."""
+        current = self._base.fit
+        smooth = [effect for effect in self._library if effect.sites is None]
+        alone = [s for own in in_parallel(lambda e: starts(self._response, current, e), smooth) for s in own]
+        promised: dict[frozenset[str], Start] = {}
+        for first, second in combinations(alone, 2):
+            if first.cause.title != second.cause.title:
+                start = start_together(current, first, second)
+                keys = frozenset((first.cause.key, second.cause.key))
+                promised[keys] = min(promised.get(keys, start), start, key=lambda one: one.promised)
+        best = sorted(promised.values(), key=lambda one: one.promised)[:_PAIRS]
+        self._tell("pairs")
+        return list(in_parallel(lambda s: self._fitted(s.linear.parameters, [s.x, s.alone()]), best))
+
+    def _fitted(self, parameters: Unknowns, places, *, coarse: bool = False) -> Fit | None:
+        try:
+            return fit(self._response, self._base.fit.data, parameters, places, coarse=coarse, loss=self._loss)
+        except (ConvergenceError, np.linalg.LinAlgError):
+            return None
+
+    def _told(self, results: Iterable, names: Sequence[str]):
+        for name, result in zip(names, results, strict=True):
+            self._tell(name)
+            yield result
+
+    def comparison(self) -> Comparison:
+        """The most probable set whose causes are all significant, with probabilities over all sets."""
+        total = logsumexp([one.log_posterior for one in self._known.values()])
+        for one in sorted(self._known.values(), key=lambda one: -one.log_posterior):
+            final = self._settled(one)
+            if all(self._significant(final, effect) for effect in final.parameters.causes):
+                break
+        base = final if not one.keys else self._settled(self._base)
+        found = tuple(self._found(one, effect, total) for effect in final.parameters.causes)
+        none = self._base.log_posterior
+        return Comparison(
+            base=base,
+            singles=tuple(
+                (effect, fit_, -np.inf if fit_ is None else self._hypothesis(fit_).log_posterior - none)
+                for effect, fit_ in self._expand(self._base.fit)
+            ),
+            final=final,
+            found=tuple(sorted(found, key=lambda item: -item.without)),
+            discrepant=one.discrepant,
+            rules=self._rules,
+        )
+
+    def _settled(self, one: Hypothesis) -> Fit:
+        """The fit with its discrepancy in the likelihood where one is probable."""
+        return refitted(one.fit, self._response, one.fit.learned, self._loss) if one.discrepant else one.fit
+
+    def _significant(self, final: Fit, effect: Effect) -> bool:
+        number = final.parameters.index(effect.key)
+        away = np.abs(final.parameters.values(final.x)[number] - effect.rest)
+        std = np.maximum(final.std_of_effects[number], effect.tolerance)
+        sizes = [index for index, parameter in enumerate(effect.parameters) if not parameter.optional]
+        return bool(np.any(away[sizes] > self._rules.significant * std[sizes]))
+
+    def _found(self, one: Hypothesis, effect: Effect, total: float) -> Found:
+        rest = one.keys - {effect.key}
+        others = {h.keys - rest: h for h in self._known.values() if rest < h.keys and len(h.keys) == len(one.keys)}
+        by_key = {e.key: e for e in self._library}
+        fits = [
+            (by_key[next(iter(keys))], h.fit, h.log_posterior - one.log_posterior)
+            for keys, h in others.items()
+            if len(keys) == 1
+        ]
+        holding = [h.log_posterior for h in self._known.values() if self._holds(h, effect)]
+        without = self._known.get(rest)
+        return Found(
+            effect=effect,
+            probability=float(np.exp(logsumexp(holding) - total)),
+            fits=tuple(sorted(fits, key=lambda item: -item[2])),
+            without=np.inf if without is None else one.log_posterior - without.log_posterior,
+        )
+
+    def _holds(self, one: Hypothesis, effect: Effect) -> bool:
+        return any(cause.title == effect.title for cause in one.fit.parameters.causes)

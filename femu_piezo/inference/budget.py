@@ -1,0 +1,79 @@
+"""The uncertainty budget of a fit: how much of every variance comes from noise, dimensions, held constants and so on.
+
+About the solution the estimate is linear in the data and in the prior means,
+
+    x = H^-1 (Jᵗ C^-1 y + Σ^-1 m),    H = Jᵗ C^-1 J + Σ^-1,    C = noise + discrepancy.
+
+So its covariance H^-1 is the sum of what each source contributes (law of propagation, Guide to the Expression of
+Uncertainty in Measurement, 5.1): A N Aᵗ with A = H^-1 Jᵗ C^-1 from noise N, A K Aᵗ from the discrepancy, and
+H^-1 Σ_g^-1 H^-1 from the prior means of the unknowns of group g.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import cho_solve
+
+from femu_piezo.effects.effect import Effect
+from femu_piezo.inference.fit import Fit
+from femu_piezo.inference.unknowns import Estimate
+
+#: Sources of uncertainty in the order they are listed; "prior" is what is believed of free constants and causes.
+SOURCES = ("noise", "mesh", "discrepancy", "geometry", "density", "held", "instrument", "prior")
+
+
+def source_of(effect: Effect) -> str:
+    """Which source of the budget the tolerance of an effect belongs to."""
+    if effect.stretch is not None:
+        return "geometry"
+    if effect.density is not None:
+        return "density"
+    return "held" if effect.constants is not None else "instrument"
+
+
+def budget(fit: Fit) -> dict[str, np.ndarray]:
+    """Source → (n_x,) its part of the standard deviation of every unknown; the squares add up to the variances."""
+    rows, scale = fit.residual.size, fit.noise_scale
+    covariance = fit.covariance
+    factor = None if fit.discrepancy is None else fit.discrepancy.factor
+    gain = (fit.jacobian if factor is None else cho_solve((factor, True), fit.jacobian)) / scale
+    gain = covariance @ gain.T  # A for data in units of the noise reached
+    share = np.tile(fit.data.model_share, 2) if fit.data.model_share.size else np.zeros(rows)
+    parts = {"noise": (gain**2) @ (1 - share), "mesh": (gain**2) @ share}
+    if fit.discrepancy is not None:
+        parts["discrepancy"] = np.sum((gain @ fit.discrepancy.columns) ** 2, axis=1)
+    further = fit.further_jacobian
+    for source, columns in _groups(fit).items():
+        own = covariance[:, columns] / fit.parameters.prior_std[columns]
+        parts[source] = parts.get(source, 0.0) + np.sum(own**2, axis=1)
+    wall = covariance @ further[fit.x.size :].T
+    parts["prior"] = parts["prior"] + np.sum(wall**2, axis=1)
+    return {source: np.sqrt(parts[source]) for source in SOURCES if source in parts}
+
+
+def _groups(fit: Fit) -> dict[str, np.ndarray]:
+    """Source → the unknowns whose prior means it is about."""
+    parameters = fit.parameters
+    groups: dict[str, list[int]] = {"prior": list(range(parameters.of_material))}
+    for number, effect in enumerate(parameters.effects):
+        source = "prior" if effect.key in parameters.candidates else source_of(effect)
+        groups.setdefault(source, []).extend(range(*parameters.columns(number).indices(fit.x.size)))
+    return {source: np.array(columns) for source, columns in groups.items()}
+
+
+def constants_of(fit: Fit) -> dict[str, Estimate]:
+    """Free constant → value and loss tangent with standard deviations and budgets."""
+    material, parts, std = fit.parameters.material, budget(fit), fit.std
+    found = {}
+    for index, (name, scale) in enumerate(zip(material.free.names, material.scale, strict=True)):
+        real, tangent = 2 * index, 2 * index + 1
+        size = abs(scale)
+        found[name] = Estimate(
+            value=float(scale * fit.x[real]),
+            std=float(size * std[real]),
+            tan=float(fit.x[tangent]),
+            tan_std=float(std[tangent]),
+            budget={source: float(size * part[real]) for source, part in parts.items()},
+            tan_budget={source: float(part[tangent]) for source, part in parts.items()},
+        )
+    return found

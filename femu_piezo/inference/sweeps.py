@@ -1,0 +1,83 @@
+"""The measured sweeps that a fit may see, their noise, and how far log Z is from a model in units of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+#: Bands of the leave-band-out prediction.
+_BANDS = 10
+#: Standard deviation of the logarithm of a noise level that was given, and of one estimated from the roughness of the
+#: sweep (tests/measurement/test_noise.py).
+_GIVEN, _ESTIMATED = 0.02, 0.15
+
+
+@dataclass(frozen=True)
+class SweepData:
+    """Impedances of one or more sweeps, one after another.
+
+    Attributes
+    ----------
+    frequency : (k,) Hz
+    impedance : (k,) measured Z, ohm
+    relative_noise : (k,) sqrt(E|δZ/Z|²), the errors of mesh and basis among it
+    noise_known : whether it came with the data (else it was estimated from the sweep alone)
+    sizes : points of each sweep where there are several
+    model_share : (k,) share of the variance that is error of mesh and basis; none where empty
+    """
+
+    frequency: np.ndarray
+    impedance: np.ndarray
+    relative_noise: np.ndarray
+    noise_known: bool
+    sizes: tuple[int, ...] = ()
+    model_share: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def sweeps(self) -> list[np.ndarray]:
+        """Indices of the points of each sweep."""
+        return np.split(np.arange(self.impedance.size), np.cumsum(self.sizes)[:-1])
+
+    @property
+    def weight(self) -> np.ndarray:
+        """(k,) √2/σ of the relative noise: Re and Im of log Z have half of its variance each."""
+        return np.sqrt(2.0) / self.relative_noise
+
+    @property
+    def level_std(self) -> float:
+        """Prior standard deviation of the logarithm of the noise level."""
+        return _GIVEN if self.noise_known else _ESTIMATED
+
+    def bands(self, count: int = _BANDS) -> list[np.ndarray]:
+        """Indices of the points of contiguous bands, so many of each sweep."""
+        return [part for sweep in self.sweeps for part in np.array_split(sweep, count)]
+
+    def select(self, keep: np.ndarray) -> SweepData:
+        """The points where `keep` (bool, or indices in order) says so."""
+        kept = np.arange(self.impedance.size)[keep]
+        sizes = tuple(int(np.count_nonzero(np.isin(sweep, kept))) for sweep in self.sweeps) if self.sizes else ()
+        return replace(
+            self,
+            frequency=self.frequency[kept],
+            impedance=self.impedance[kept],
+            relative_noise=self.relative_noise[kept],
+            sizes=sizes,
+            model_share=self.model_share[kept] if self.model_share.size else self.model_share,
+        )
+
+    def whitened(self, impedance: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual (2k,) = (log Z_model − log Z)/σ as Re, Im, and its Jacobian (2k, n_x).
+
+        Parameters
+        ----------
+        impedance : (k,) of a model, ohm;  tangents : (k, n_x) its slopes
+        """
+        difference = np.log(impedance / self.impedance) * self.weight
+        slopes = tangents / impedance[:, None] * self.weight[:, None]
+        return stacked(difference), stacked(slopes)
+
+
+def stacked(values: np.ndarray) -> np.ndarray:
+    """(2k, …) Re of complex values (k, …), then Im."""
+    return np.concatenate([values.real, values.imag])

@@ -1,0 +1,120 @@
+"""Where the fit begins: constants near the solution, found on a coarse mesh that knows no effects and no tolerances."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from femu_piezo.effects.extended_model import ExtendedModel
+from femu_piezo.errors import ConvergenceError
+from femu_piezo.inference.fit import fit
+from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.starts.pole_zero import Step
+from femu_piezo.inference.sweeps import SweepData
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.study.effects import has_effects
+from femu_piezo.study.measured import Measured, start_constants
+from femu_piezo.study.model_cache import LEAVE, Bases
+from femu_piezo.study.pole_zero_update import pole_zero_update
+
+#: Errors of meshes and bases, and relative noise of the fits: their constants are only where to begin.
+_ACCURACY, _BASIS_ACCURACY, _NOISE = 1e-3, 1e-4, 1e-2
+#: rms |Δ log Z| of a fit above which another start is tried as well.
+_POOR = 0.05
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """Constants to begin with, and the pole-zero iterations that led there (one step where there were none)."""
+
+    constants: PiezoConstants
+    histories: tuple[tuple[Step, ...], ...]
+
+
+def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
+    """A fit of the curves from the pole-zero update, and from the file's constants where that is poor.
+
+    The pole-zero update starts from thin-body formulas, which fail where the modes of two dimensions meet; the file's
+    constants may be far away.
+
+    Raises ConvergenceError where neither settles.
+    """
+    measured = list(measured)
+    problem = measured[0].problem
+    full = [bases.model(one, _ACCURACY) for one in measured]
+    no_history = ((Step(problem.constants, np.full(2, np.nan + 0j)),),) * len(measured)
+    attempts = [] if has_effects(measured) else [lambda: _from_pole_zero(measured, full, bases)]
+    if not problem.constants.physical_faults():
+        attempts.append(lambda: (*_fitted(measured, full, bases, problem.constants), no_history))
+    found = []
+    for attempt in attempts:
+        try:
+            found.append(attempt())
+        except ConvergenceError as error:
+            reason = error
+            continue
+        if found[-1][0] <= _POOR:
+            break
+    if not found:
+        raise reason
+    _, constants, histories = min(found, key=lambda item: item[0])
+    return Beginning(constants, histories)
+
+
+def _from_pole_zero(measured: list[Measured], full, bases: Bases):
+    """rms |Δ log Z|, constants and histories of the pole-zero update and a fit from there."""
+    state = pole_zero_update(measured, full, bases, start_constants(measured), _BASIS_ACCURACY)
+    return (*_fitted(measured, full, bases, state.constants), state.histories)
+
+
+def _fitted(measured: list[Measured], full, bases: Bases, start: PiezoConstants) -> tuple[float, PiezoConstants]:
+    """rms |Δ log Z| and constants of a fit of the curves from given constants."""
+    problem, constants = measured[0].problem, start
+    for _ in range(6):
+        free = problem.free(constants)
+        around = bases.anchor(problem, free)
+        models = [bases.rough(model, around, one, _BASIS_ACCURACY) for model, one in zip(full, measured, strict=True)]
+        rms, theta = _fit_curves(measured, models, free)
+        constants = free.constants(theta)
+        if np.max(np.abs(theta.real / around.start.real - 1)) <= LEAVE:
+            return rms, constants
+    raise ConvergenceError(
+        "the constants kept leaving the range of the reduced model; start from a closer base material or free fewer"
+    )
+
+
+class _Sweeps:
+    """Z of all sweeps by the constants alone."""
+
+    def __init__(self, parts: Sequence[Evaluation]) -> None:
+        self._parts = parts
+
+    def at(self, factor: float) -> _Sweeps:
+        return _Sweeps([part.at(factor) for part in self._parts])
+
+    def with_jacobian(self, unknowns: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Z (k,), ohm, and its slopes (k, n_x)."""
+        found = [part.with_jacobian(unknowns, x) for part in self._parts]
+        return np.concatenate([z for z, _ in found]), np.concatenate([slopes for _, slopes in found])
+
+
+def _fit_curves(
+    measured: list[Measured], models: Sequence[ExtendedModel], free: FreeConstants
+) -> tuple[float, np.ndarray]:
+    """rms |Δ log Z| and free constants (n,) complex."""
+    sweeps = _Sweeps([Evaluation(m, one.fitted.omega) for m, one in zip(models, measured, strict=True)])
+    impedance = np.concatenate([one.fitted.impedance for one in measured])
+    data = SweepData(
+        frequency=np.concatenate([one.fitted.frequency for one in measured]),
+        impedance=impedance,
+        relative_noise=np.full(impedance.size, _NOISE),
+        noise_known=False,
+        sizes=tuple(len(one.fitted) for one in measured),
+    )
+    material = MaterialParameters.around(free, free.start)
+    unknowns = Unknowns(material, material_prior(free, {}, {}))
+    found = fit(sweeps, data, unknowns, [material.x_of(free.start)])
+    return float(np.sqrt(np.mean(np.abs(found.log_error) ** 2))), material.theta(found.x)

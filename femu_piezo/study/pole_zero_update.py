@@ -1,0 +1,117 @@
+"""The paper's update: pole-zero iteration on the fundamental of each specimen, on reduced bases that follow it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from femu_piezo.effects.extended_model import ExtendedModel
+from femu_piezo.errors import ConvergenceError
+from femu_piezo.forward.fundamental import reduced_source
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.inference.starts.pole_zero import (
+    PoleZeroUpdate,
+    Step,
+    propagate_covariance,
+    update_pair,
+    update_simplified,
+)
+from femu_piezo.inference.unknowns import FreeConstants
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.material.simplified import simplify
+from femu_piezo.study.measured import Measured
+from femu_piezo.study.model_cache import LEAVE, Bases
+from femu_piezo.study.starts import pair_names
+
+
+@dataclass(frozen=True)
+class PoleZeroState:
+    """Constants that give the measured poles and zeros.
+
+    Attributes
+    ----------
+    free : the free constants around them;  covariance : (2n, 2n) over (Re θ_1, Im θ_1, …), None where unknown
+    models : the rough basis of each specimen
+    histories : iterations on each specimen's fundamental
+    """
+
+    constants: PiezoConstants
+    free: FreeConstants
+    covariance: np.ndarray | None
+    models: tuple[ExtendedModel, ...]
+    histories: tuple[tuple[Step, ...], ...]
+
+
+def pole_zero_update(
+    measured: Sequence[Measured],
+    full: Sequence[ElectroelasticModel],
+    bases: Bases,
+    start: PiezoConstants,
+    accuracy: float,
+) -> PoleZeroState:
+    """Iterate from start constants on bases within `accuracy` of Z; ConvergenceError where it does not settle."""
+    problem, constants, histories = measured[0].problem, start, None
+    for _ in range(6):
+        free = problem.free(constants)
+        around = bases.anchor(problem, free)
+        models = tuple(bases.rough(model, around, one, accuracy) for model, one in zip(full, measured, strict=True))
+        state = _iterated(measured, models, free)
+        state = state if histories is None else replace(state, histories=histories)
+        constants, histories = state.constants, state.histories
+        if np.max(np.abs(state.free.start.real / around.start.real - 1)) <= LEAVE:
+            return state
+    raise ConvergenceError(
+        "the constants kept leaving the range of the reduced model; start from a closer base material or free fewer"
+    )
+
+
+def _iterated(measured: Sequence[Measured], models: Sequence[ExtendedModel], free: FreeConstants) -> PoleZeroState:
+    constants, histories = free.constants(free.start), []
+    covariance = np.zeros((2 * free.start.size, 2 * free.start.size))
+    for one, model in zip(measured, models, strict=True):
+        names = pair_names(one.problem.plate)
+        if not names or not set(names) <= set(free.names):
+            histories.append((Step(constants, np.full(2, np.nan + 0j)),))
+            continue
+        found, block = _of_one(one, model, constants, names)
+        constants = found.constants
+        histories.append(found.history)
+        carried = (*names, "eps33T") if block is not None and len(block) > 4 else names
+        where = [2 * free.names.index(name) + part for name in carried for part in (0, 1)]
+        covariance[np.ix_(where, where)] = np.nan if block is None else block
+    theta = np.array([getattr(constants, name) for name in free.names])
+    unknown = None if np.any(np.isnan(covariance)) else covariance
+    return PoleZeroState(constants, free.at(theta), unknown, tuple(models), tuple(histories))
+
+
+def _of_one(
+    one: Measured, model: ExtendedModel, constants: PiezoConstants, names: tuple[str, ...]
+) -> tuple[PoleZeroUpdate, np.ndarray | None]:
+    simplified, poling = one.problem.specimen.material.simplified, one.problem.plate.poling
+    target = np.array([one.pair.pole.eigenvalue, one.pair.zero.eigenvalue])
+    two = FreeConstants.of(constants, names, simplified=simplified, poling=poling)
+    if simplified:
+        start = simplify(constants, poling)
+        found = update_simplified(reduced_source(model), start, target, constants.eps33T)
+    else:
+        found = update_pair(reduced_source(model), two, target)
+    covariance = _pair_covariance(one)
+    if covariance is None:
+        return found, None
+    if one.permittivity is None or "eps33T" not in one.problem.specimen.material.free:
+        return found, propagate_covariance(found, two, covariance)
+    eps = FreeConstants.of(constants, ("eps33T",), simplified=simplified, poling=poling)
+    return found, propagate_covariance(found, two, covariance, eps, one.permittivity_covariance)
+
+
+def _pair_covariance(one: Measured) -> np.ndarray | None:
+    """(4, 4) joint covariance of (Re λ, Im λ) of the fundamental pole and zero out of the set's."""
+    resonances = one.extraction.resonances
+    if resonances.covariance is None:
+        return None
+    pole = resonances.poles.index(one.pair.pole)
+    zero = len(resonances.poles) + resonances.zeros.index(one.pair.zero)
+    where = [2 * pole, 2 * pole + 1, 2 * zero, 2 * zero + 1]
+    return resonances.covariance[np.ix_(where, where)]

@@ -1,0 +1,199 @@
+"""Meshes, bases and the one fit of a study; the bases are made anew where the fit leaves their range."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from femu_piezo.effects.effect import Effect
+from femu_piezo.effects.extended_model import ExtendedModel
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.inference.ensemble import Ensemble, own_parameters
+from femu_piezo.inference.fit import Fit, fit
+from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.sweeps import SweepData
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.specimen.file import Update
+from femu_piezo.study.model_cache import Bases
+from femu_piezo.study.progress import Clock
+from femu_piezo.study.subjects import LEAST_ERROR, Subject, shared_library
+
+#: Mesh error (relative, of eigenvalues at the end of the sweep) and error of the reduced model, as shares of the noise,
+#: and the ranges they are kept in.
+_MESH_SHARE, _MESH_RANGE = 1 / 60, (LEAST_ERROR / 5, 1e-4)
+_BASIS_SHARE, _BASIS_RANGE = 1 / 30, (5e-6, 5e-5)
+#: Relative range of the free and of the held constants that the basis is trained for, and how far a fit may leave the
+#: first before the basis is made anew.
+_FREE_SPREAD, _HELD_SPREAD, _LEAVE = 0.05, 0.1, 0.08
+
+
+class Posterior:
+    """Models of all specimens, and fits of their sweeps.
+
+    Parameters
+    ----------
+    several : the specimens; the first one's [material] and [update] rule
+    candidates : effects that the models must serve beside the tolerances
+
+    Attributes
+    ----------
+    models : the reduced model of each specimen;  full : the full ones
+    tolerances : effects that every fit has
+    """
+
+    def __init__(
+        self, several: Sequence[Subject], clock: Clock, bases: Bases, candidates: Sequence[Effect] = ()
+    ) -> None:
+        self.several = tuple(several)
+        self._clock, self._bases, self._candidates = clock, bases, tuple(candidates)
+        self.tolerances = tuple(effect for effect in shared_library(several) if effect.has_tolerance)
+        self.problem = several[0].measured.problem
+        self.models: tuple[ExtendedModel, ...] = ()
+        self.full: tuple[ElectroelasticModel, ...] = ()
+        self._around: PiezoConstants | None = None
+
+    @property
+    def unknowns(self) -> int:
+        """Unknowns of all full models."""
+        return sum(model.size for model in self.full)
+
+    @property
+    def loss(self) -> str:
+        """Loss of the fits, as the file asks."""
+        return (self.problem.specimen.update or Update()).loss
+
+    def base(self, start: PiezoConstants) -> Fit:
+        """The fit of constants and tolerances alone, from start constants."""
+        if not self.full:
+            self._clock.step("mesh and assemble")
+            self.full = tuple(self._bases.model(one.measured, _mesh_accuracy(one)) for one in self.several)
+        constants, x = start, None
+        for _ in range(4):
+            self._prepare(constants)
+            unknowns = self._unknowns(constants)
+            if x is None:
+                x = unknowns.prior_mean.copy()
+                x[: unknowns.of_material] = unknowns.material.x_of(unknowns.material.free.start)
+            else:
+                x = np.concatenate([unknowns.material.x_of(unknowns.material.free.start), x[unknowns.of_material :]])
+            self._clock.step("fit")
+            found = fit(self.evaluation, self.data, unknowns, [x], loss=self.loss)
+            x, own = found.x, found.x[: unknowns.of_material]
+            constants = unknowns.material.constants(own)
+            if self._serves(constants):
+                break
+        return found
+
+    def enlarged(self, candidates: Sequence[Effect], current: Fit) -> tuple[Posterior, Fit]:
+        """Models that serve further candidates, and a fit without causes by them."""
+        other = Posterior(self.several, self._clock, self._bases, candidates)
+        other.full, other._around = self.full, self._around
+        other._prepare(self._around)
+        self._clock.step("fit")
+        return other, fit(other.evaluation, current.data, current.parameters, [current.x], loss=self.loss)
+
+    def _prepare(self, constants: PiezoConstants) -> None:
+        """Reduced models around given constants."""
+        self._clock.step("reduce")
+        self._around = self._bases.around(self.problem, constants)
+        training = _training(self._around, self.problem.free(self._around))
+        self.models = tuple(
+            self._reduced(one, model, training) for one, model in zip(self.several, self.full, strict=True)
+        )
+
+    def _serves(self, constants: PiezoConstants) -> bool:
+        around, found = (self.problem.free(one).start.real for one in (self._around, constants))
+        return bool(np.all(np.abs(found - around) <= _LEAVE * np.abs(around)))
+
+    def _reduced(self, one: Subject, model: ElectroelasticModel, training: Sequence[PiezoConstants]) -> ExtendedModel:
+        wanted = dict.fromkeys(effect for effect in (*self.tolerances, *self._candidates))
+        effects = [effect for effect in wanted if effect.specimen in ("", one.name)]
+        effects += [effect for effect, _ in one.fixed]
+        accuracy = _share_of_noise(one, _BASIS_SHARE, _BASIS_RANGE)
+        return self._bases.extended(model, training, effects, one.measured, accuracy)
+
+    @property
+    def evaluation(self) -> Evaluation | Ensemble:
+        """Z of the points that fits see."""
+        parts = [
+            (one.name, Evaluation(model, one.measured.fitted.omega))
+            for one, model in zip(self.several, self.models, strict=True)
+        ]
+        return Ensemble(tuple(parts)) if len(parts) > 1 else parts[0][1]
+
+    @property
+    def data(self) -> SweepData:
+        """The points that fits see; the error of each basis counts as noise."""
+        several = self.several
+        noise = [
+            np.hypot(one.noise[one.fitted], model.estimated_error)
+            for one, model in zip(several, self.models, strict=True)
+        ]
+        return SweepData(
+            frequency=np.concatenate([one.measured.fitted.frequency for one in several]),
+            impedance=np.concatenate([one.measured.fitted.impedance for one in several]),
+            relative_noise=np.concatenate(noise),
+            noise_known=all(one.noise_known for one in several),
+            sizes=tuple(len(one.measured.fitted) for one in several),
+            model_share=np.concatenate(
+                [
+                    (model.estimated_error / own) ** 2
+                    for own, model in zip(noise, self.models, strict=True)
+                ]
+            ),
+        )
+
+    def _unknowns(self, constants: PiezoConstants) -> Unknowns:
+        """Constants and tolerances, the priors centred on the specimen file."""
+        free, of_file = self.problem.free(constants), self.problem.free(self.problem.constants)
+        material = self.problem.specimen.material
+        return Unknowns(
+            material=MaterialParameters.around(free, free.start),
+            prior=material_prior(of_file, material.priors, material.tangent_priors),
+            effects=self.tolerances,
+            fixed=tuple(item for one in self.several for item in one.fixed),
+        )
+
+    def curve(self, index: int, fit_: Fit) -> np.ndarray:
+        """Z (k,) of one specimen over its whole sweep, ohm."""
+        evaluation, own, columns = self.whole_sweep(index, fit_)
+        return evaluation.impedance(own, fit_.x[columns])
+
+    def log_slopes(self, index: int, fit_: Fit) -> np.ndarray:
+        """(k, n_x) slopes of log Z of one specimen over its whole sweep in all unknowns of a fit."""
+        evaluation, own, columns = self.whole_sweep(index, fit_)
+        z, tangents = evaluation.with_jacobian(own, fit_.x[columns])
+        slopes = np.zeros((z.size, fit_.x.size), dtype=complex)
+        slopes[:, columns] = tangents / z[:, None]
+        return slopes
+
+    def whole_sweep(self, index: int, fit_: Fit) -> tuple[Evaluation, Unknowns, np.ndarray]:
+        """Z of one specimen over its whole sweep, the unknowns it has, and where they stand in x (n_x,)."""
+        one = self.several[index]
+        return Evaluation(self.models[index], one.measured.spectrum.omega), *own_parameters(fit_.parameters, one.name)
+
+
+def _mesh_accuracy(one: Subject) -> float:
+    """Relative error of eigenvalues that the mesh may have: a share of the noise, no more than the file asks for."""
+    asked = (one.measured.problem.specimen.update or Update()).accuracy
+    return min(asked, _share_of_noise(one, _MESH_SHARE, _MESH_RANGE))
+
+
+def _share_of_noise(one: Subject, share: float, limits: tuple[float, float]) -> float:
+    return float(np.clip(np.median(one.noise) * share, *limits))
+
+
+def _training(constants: PiezoConstants, free: FreeConstants) -> list[PiezoConstants]:
+    """The start with its losses, corners of the free constants, and every held constant moved.
+
+    One way each: the reduction watches the point mirrored at the start by itself.
+    """
+    lossless = constants.lossless()
+    sets = [constants, *free.training_sets(free.start, _FREE_SPREAD, 4)[1:]]
+    for name, value in lossless.as_dict().items():
+        if name not in free.names and value != 0:
+            moved = (lossless.with_values(**{name: value * (1 + sign * _HELD_SPREAD)}) for sign in (1, -1))
+            sets += [item for item in moved if not item.physical_faults()][:1]
+    return sets
