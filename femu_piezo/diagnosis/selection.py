@@ -27,7 +27,7 @@ from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.fit import Fit, fit, refitted
 from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.threads import in_parallel
+from femu_piezo.threads import blas_limit, in_parallel
 
 #: Pairs of causes that are fitted, of all that linearisation ranks.
 _PAIRS = 4
@@ -78,6 +78,31 @@ class Hypothesis:
 
 
 @dataclass(frozen=True)
+class Trial:
+    """A candidate that was tried.
+
+    Attributes
+    ----------
+    fit : with it; None where it did not settle
+    log_odds : of the set with it over the set that it is compared with
+    """
+
+    effect: Effect
+    fit: Fit | None
+    log_odds: float
+
+    @property
+    def values(self) -> np.ndarray:
+        """(n,) its parameters, SI."""
+        return self.fit.parameters.values(self.fit.x)[self.fit.parameters.index(self.effect.key)]
+
+    @property
+    def std(self) -> np.ndarray:
+        """(n,) their standard deviations."""
+        return self.fit.std_of_effects[self.fit.parameters.index(self.effect.key)]
+
+
+@dataclass(frozen=True)
 class Found:
     """One named cause and what else could stand in its place.
 
@@ -85,13 +110,13 @@ class Found:
     ----------
     effect : the cause
     probability : summed posterior of the sets that hold it
-    fits : the final set with each candidate in its place, the others kept, best first; log odds over the final set
+    fits : the final set with each candidate in its place, the others kept, best first; odds over the final set
     without : log odds of the final set over that without it
     """
 
     effect: Effect
     probability: float
-    fits: tuple[tuple[Effect, Fit, float], ...]
+    fits: tuple[Trial, ...]
     without: float
 
 
@@ -102,15 +127,14 @@ class Comparison:
     Attributes
     ----------
     base : without causes, its discrepancy in the likelihood where one is probable
-    singles : each candidate alone (None where its fit did not settle), in the order of the library; log odds over none
+    singles : each candidate alone, in the order of the library; odds over none
     final : the most probable set whose causes are all significant; the base where that is empty
     found : its causes, first the one without which most is left
     discrepant : whether a discrepancy beside the final set is more probable than none
-    doubtful : probability of a discrepancy that no set of causes explains away
     """
 
     base: Fit
-    singles: tuple[tuple[Effect, Fit | None, float], ...]
+    singles: tuple[Trial, ...]
     final: Fit
     found: tuple[Found, ...]
     discrepant: bool
@@ -121,7 +145,9 @@ class Comparison:
         """Key of a cause → candidates that the data do not tell from it."""
         return {
             one.effect.key: tuple(
-                e for e, _, odds in one.fits if odds > -self.rules.alike and e.title != one.effect.title
+                trial.effect
+                for trial in one.fits
+                if trial.log_odds > -self.rules.alike and trial.effect.title != one.effect.title
             )
             for one in self.found
         }
@@ -162,9 +188,10 @@ def compare_from(
     progress: Tell = lambda step: None,
 ) -> Comparison:
     """`compare` with the base fitted already."""
-    search = _Search(base, response, tuple(library), rules or Rules(), loss, progress)
-    search.run()
-    return search.comparison()
+    with blas_limit():
+        search = _Search(base, response, tuple(library), rules or Rules(), loss, progress)
+        search.run()
+        return search.comparison()
 
 
 class _Search:
@@ -329,7 +356,7 @@ class _Search:
         return Comparison(
             base=base,
             singles=tuple(
-                (effect, fit_, -np.inf if fit_ is None else self._hypothesis(fit_).log_posterior - none)
+                Trial(effect, fit_, -np.inf if fit_ is None else self._hypothesis(fit_).log_posterior - none)
                 for effect, fit_ in self._expand(self._base.fit)
             ),
             final=final,
@@ -354,7 +381,7 @@ class _Search:
         others = {h.keys - rest: h for h in self._known.values() if rest < h.keys and len(h.keys) == len(one.keys)}
         by_key = {e.key: e for e in self._library}
         fits = [
-            (by_key[next(iter(keys))], h.fit, h.log_posterior - one.log_posterior)
+            Trial(by_key[next(iter(keys))], h.fit, h.log_posterior - one.log_posterior)
             for keys, h in others.items()
             if len(keys) == 1
         ]
@@ -363,7 +390,7 @@ class _Search:
         return Found(
             effect=effect,
             probability=float(np.exp(logsumexp(holding) - total)),
-            fits=tuple(sorted(fits, key=lambda item: -item[2])),
+            fits=tuple(sorted(fits, key=lambda trial: -trial.log_odds)),
             without=np.inf if without is None else one.log_posterior - without.log_posterior,
         )
 

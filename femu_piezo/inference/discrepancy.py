@@ -79,32 +79,32 @@ def _features(data: SweepData, log_slope: np.ndarray) -> Iterator[tuple[float, n
 
 
 def learn_discrepancy(
-    data: SweepData, log_slope: np.ndarray, residual: np.ndarray, span: np.ndarray, chi_square: float
+    data: SweepData, log_slope: np.ndarray, residual: np.ndarray, span: np.ndarray
 ) -> Discrepancy:
     """The discrepancy that the residual of a fit asks for, all unknowns of the fit marginalised (linear).
 
-    With P = I − Q Qᵗ, Q the span of the unknowns within their priors, the residual r = P r_0 of the fit and columns Φ,
-    G = Φᵗ P Φ = V diag(g) Vᵗ, the evidence over none at the noise level s, τ = (σ/s)², is
+    With P = I − Q Qᵗ, Q the span of the unknowns within their priors, the residual r = P r_0 of data and priors and
+    columns Φ, G = Φᵗ P Φ = V diag(g) Vᵗ, the evidence over none at the noise level s, τ = (σ/s)², is
 
         ½ Σ [ (vᵗΦᵗr/s)² τ/(1 + τ g) − log(1 + τ g) ].
 
     Parameters
     ----------
     log_slope : (k,) complex ∂log Z/∂log f of the model
-    residual : (2k,) whitened, of the data;  span : (2k, n) Q, the rows of the data
-    chi_square : of the data and the priors
+    residual : (2k + m,) r, whitened, the data first;  span : (2k, n) Q, the rows of the data
     """
-    found, plain = [], _profiled(chi_square, residual.size, data.level_std)
+    rows, chi_square = len(span), float(residual @ residual)
+    found, plain = [], _profiled(chi_square, rows, data.level_std)
     for length, columns in _features(data, log_slope):
         inside = span.T @ columns
         values, vectors = np.linalg.eigh(columns.T @ columns - inside.T @ inside)
         values = np.maximum(values, 0.0)
-        along = (vectors.T @ (columns.T @ residual)) ** 2
+        along = (vectors.T @ (columns.T @ residual[:rows])) ** 2
         for sigma in _SIGMAS:
             shrunk = sigma**2 / (1 + sigma**2 * values)
-            left = max(chi_square - float(along @ shrunk), 1e-12 * chi_square)
+            left = chi_square - float(along @ shrunk)
             price = 0.5 * float(np.sum(np.log1p(sigma**2 * values)))
-            found.append((_profiled(left, residual.size, data.level_std) - price - plain, sigma, length))
+            found.append((_profiled(left, rows, data.level_std) - price - plain, sigma, length))
         if found[-1][2] == max(found)[2]:
             best = columns
     gain = float(logsumexp([item[0] for item in found]) - np.log(len(found)))

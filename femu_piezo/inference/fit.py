@@ -140,8 +140,10 @@ class Fit:
 
     @cached_property
     def learned(self) -> Discrepancy:
-        """The discrepancy that the residual asks for."""
-        return learn_discrepancy(self.data, self.log_slope, self.residual, self.span, self.chi_square)
+        """The discrepancy that the residual asks for, noise alone in the likelihood so far."""
+        left = np.concatenate([self.residual, self.further_residual])
+        left = left - self._span @ (self._span.T @ left)
+        return learn_discrepancy(self.data, self.log_slope, left, self.span)
 
     @property
     def log_error(self) -> np.ndarray:
@@ -170,9 +172,12 @@ class Fit:
 
     @cached_property
     def span(self) -> np.ndarray:
-        """(2k, n) Q of the unknowns within their priors: r − Q Qᵗ r is what no change of theirs explains of r."""
-        rows = np.concatenate([self.jacobian, self.further_jacobian]) * self.parameters.prior_std
-        return np.linalg.qr(rows)[0][: self.residual.size]
+        """(2k, n) rows of the data of Q of the unknowns: r − Q Qᵗ r is what no change within their priors explains."""
+        return self._span[: self.residual.size]
+
+    @cached_property
+    def _span(self) -> np.ndarray:
+        return np.linalg.qr(np.concatenate([self.jacobian, self.further_jacobian]) * self.parameters.prior_std)[0]
 
     def predicted(self) -> np.ndarray:
         """(k,) complex whitened error of each point as predicted by a fit that did not see its band of its sweep.

@@ -7,8 +7,9 @@ from dataclasses import asdict
 import numpy as np
 from matplotlib.figure import Figure
 
+from femu_piezo.diagnosis.selection import Comparison
 from femu_piezo.diagnosis.verdict import Cause
-from femu_piezo.inference.fit import Fit
+from femu_piezo.effects.effect import Effect
 from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
 from femu_piezo.study.diagnose import DiagnosedSweep, Diagnosis
 
@@ -44,6 +45,9 @@ def diagnosis_record(result: Diagnosis) -> dict:
             "relative": float(np.median(result.relative_noise)),
             "origin": "file" if comparison.base.data.noise_known else "estimated from the sweep",
         },
+        "discrepancy": _discrepancy(comparison),
+        "tolerances": _tolerances(result),
+        "rules": comparison.rules.to_json(),
         "model": {"unknowns": result.unknowns, "reduced": result.reduced_size},
         "notes": list(result.notes),
         "seconds": result.seconds,
@@ -51,18 +55,33 @@ def diagnosis_record(result: Diagnosis) -> dict:
 
 
 def _cause_record(cause: Cause) -> dict:
-    parameters = zip(cause.effect.parameters, cause.values, cause.std, strict=True)
     return {
         "effect": cause.effect.name,
         "specimen": cause.effect.specimen or None,
-        "parameters": {
-            p.name: {"value": float(value), "std": float(std), "unit": p.unit} for p, value, std in parameters
-        },
+        "parameters": _sizes(cause.effect, cause.values, cause.std),
         "probability": cause.probability,
         "indistinguishable_from": list(cause.indistinguishable_from),
         "sentence": cause.effect.sentence,
         "law": cause.effect.law or None,
     }
+
+
+def _discrepancy(comparison: Comparison) -> dict | None:
+    """Size and correlation length of what no named cause describes; None where nothing is left."""
+    left = comparison.final.discrepancy
+    return None if left is None else {"sigma": left.sigma, "length": left.length, "log_evidence": left.log_evidence}
+
+
+def _tolerances(result: Diagnosis) -> list[dict]:
+    """Where the final fit left what has a tolerance."""
+    final = result.comparison.final
+    return [
+        {"effect": effect.title, "tolerance": effect.tolerance.tolist(), "parameters": _sizes(effect, values, std)}
+        for effect, values, std in zip(
+            final.parameters.effects, final.parameters.values(final.x), final.std_of_effects, strict=True
+        )
+        if effect.key not in final.parameters.candidates
+    ]
 
 
 def _pole_zero(sweep: DiagnosedSweep) -> dict:
@@ -89,32 +108,32 @@ def _remaining(left) -> dict:
 
 
 def _candidates(result: Diagnosis) -> list[dict]:
-    """Every candidate alone with the constants, best first; evidence as the gain in BIC over the base."""
-    base, verdict = result.comparison.base, result.verdict
-    hidden = {effect.key: constant for effect, constant in verdict.hidden}
+    """Every candidate alone with constants and tolerances, best first; evidence as its log odds over none."""
+    hidden = {effect.key: constant for effect, constant in result.verdict.hidden}
     records = []
-    for effect, fit in result.comparison.singles:
+    for trial in result.comparison.singles:
+        effect, found = trial.effect, trial.fit
         record = {
             "effect": effect.name,
+            "variant": effect.variant or None,
             "law": effect.law or None,
-            "converged": fit is not None,
+            "converged": found is not None,
             "indistinguishable_from": [hidden[effect.key]] if effect.key in hidden else [],
         }
-        if fit is not None:
+        if found is not None:
             record |= {
-                "parameters": _values(fit),
-                "evidence": base.bic - fit.bic,
-                "chi_square": fit.chi_square,
-                "left_out_sigma": fit.held_out_score,
-                "on_bound": list(fit.on_bound),
+                "parameters": _sizes(effect, trial.values, trial.std),
+                "evidence": trial.log_odds,
+                "chi_square": found.chi_square,
+                "left_out_sigma": found.held_out_score,
+                "on_bound": list(found.on_bound),
             }
         records.append(record)
     return sorted(records, key=lambda record: -record.get("evidence", -np.inf))
 
 
-def _values(fit: Fit) -> dict:
-    effect, columns = fit.parameters.effects[-1], fit.parameters.columns(len(fit.parameters.effects) - 1)
-    values, std = fit.parameters.values(fit.x)[-1], fit.std[columns] * effect.scale
+def _sizes(effect: Effect, values: np.ndarray, std: np.ndarray) -> dict:
+    """Parameters of an effect with deviation and unit; those that stayed exactly at rest are left out."""
     return {
         p.name: {"value": float(value), "std": float(sigma), "unit": p.unit}
         for p, value, sigma in zip(effect.parameters, values, std, strict=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from rich.console import Group, RenderableType
 from rich.table import Table
 
+from femu_piezo.diagnosis.selection import Trial
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.diagnosis_words import answer
 from femu_piezo.output.tables import number
@@ -40,25 +41,26 @@ def diagnosis_table(result: Diagnosis) -> RenderableType:
 def _candidate_table(result: Diagnosis) -> Table:
     table = Table(title="candidates, each alone with the constants", title_justify="left")
     table.add_column("effect")
-    for heading in ("evidence", "left-out error (σ)", "size"):
+    for heading in ("log odds", "left-out error (σ)", "size"):
         table.add_column(heading, justify="right")
     base = result.comparison.base
     table.add_row("none", "0", f"{base.held_out_score:.3g}", "")
-    for effect, fit in ranked(result)[:_CANDIDATES]:
-        table.add_row(effect.key, f"{base.bic - fit.bic:.1f}", f"{fit.held_out_score:.3g}", fitted_sizes(fit))
+    for trial in ranked(result)[:_CANDIDATES]:
+        row = (trial.effect.key, f"{trial.log_odds:+.1f}", f"{trial.fit.held_out_score:.3g}", fitted_sizes(trial))
+        table.add_row(*row)
     return table
 
 
-def ranked(result: Diagnosis) -> list[tuple]:
-    """(effect, fit) of every candidate that settled, the best first."""
-    return sorted((item for item in result.comparison.singles if item[1] is not None), key=lambda item: item[1].bic)
+def ranked(result: Diagnosis) -> list[Trial]:
+    """Every candidate that settled, the best first."""
+    settled = (trial for trial in result.comparison.singles if trial.fit is not None)
+    return sorted(settled, key=lambda trial: -trial.log_odds)
 
 
-def fitted_sizes(fit) -> str:
-    """The parameters of the last effect of a fit, without their names."""
-    effect, columns = fit.parameters.effects[-1], fit.parameters.columns(len(fit.parameters.effects) - 1)
-    values, std = fit.parameters.values(fit.x)[-1], fit.std[columns] * effect.scale
-    return ", ".join(quantity(p, float(v), float(s)) for p, v, s in zip(effect.parameters, values, std, strict=True))
+def fitted_sizes(trial: Trial) -> str:
+    """The parameters of a candidate, without their names."""
+    found = zip(trial.effect.parameters, trial.values, trial.std, strict=True)
+    return ", ".join(quantity(p, float(v), float(s)) for p, v, s in found)
 
 
 def _constant_table(result: Diagnosis) -> Table:

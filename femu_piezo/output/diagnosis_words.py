@@ -187,19 +187,20 @@ def _certainty(probability: float) -> str:
 
 
 def _best_candidate(result: Diagnosis) -> str:
-    """What the candidate of most evidence gains, and why it was not accepted."""
-    base = result.comparison.base
-    tried = [(base.bic - fit.bic, effect, fit) for effect, fit in result.comparison.singles if fit is not None]
-    gained, best, fit = max(tried, key=lambda item: item[0])
-    if gained <= 0:
-        reason = "costs more than it gains: its evidence is"
-    elif fit.held_out_score >= base.held_out_score:
-        old, new = (f"{score:.3g} σ" for score in (base.held_out_score, fit.held_out_score))
-        reason = f"fits better but predicts bands left out of the fit no better ({new} against {old}): its evidence is"
-    else:
-        reason = "gains less evidence than its price:"
-    count = len(result.comparison.singles)
-    return f"{count} candidate effects were tried; the best of them, {spoken(best)}, {reason} {gained:+.1f}."
+    """What the most probable candidate gains, and why it was not named."""
+    tried = [trial for trial in result.comparison.singles if trial.fit is not None]
+    if not tried:
+        return "No candidate effect could be tried."
+    best = max(tried, key=lambda trial: trial.log_odds)
+    reason = (
+        "explains more than it costs, but is within a few of its standard deviations (or its tolerance) of nothing"
+        if best.log_odds > 0
+        else "costs more than it explains"
+    )
+    return (
+        f"{len(result.comparison.singles)} candidate effects were tried; the best of them, {spoken(best.effect)}, "
+        f"{reason}: its log odds against none are {best.log_odds:+.1f}."
+    )
 
 
 def _bias(result: Diagnosis) -> tuple[str, ...]:

@@ -28,9 +28,9 @@ def update_record(result: UpdateResult) -> dict:
     }
     if result.fit is not None:
         record["fit"] = {
-            "reduced_chi_square": result.fit.reduced_chi_square,
+            "reduced_chi_square": result.fit.chi_square / result.fit.freedom,
             "noise_scale": result.fit.noise_scale,
-            "evaluations": result.fit.evaluations,
+            "discrepancy": None if result.fit.discrepancy is None else result.fit.discrepancy.sigma,
         }
     if result.provenance is not None:
         record["provenance"] = result.provenance

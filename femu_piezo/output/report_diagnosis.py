@@ -128,8 +128,8 @@ def _constants(result: Diagnosis) -> str:
             bias = f"{shift.percent:+.3g} % ({shift.sigma:.2g} σ)" if result.verdict.causes else ""
             rows.append((label, words, *cells, bias))
     words = (
-        "± is one standard deviation from noise and misfit of this sweep; errors of dimensions and density that are "
-        "not fitted come on top."
+        "± is one standard deviation, from the noise of this sweep and from the tolerances of dimensions, density, "
+        "held constants and instrument together."
     )
     headings = ("", "unit", "base model", "with what is named", "bias of the base model")
     if not result.verdict.causes:
@@ -140,25 +140,26 @@ def _constants(result: Diagnosis) -> str:
 def _candidates(result: Diagnosis) -> str:
     base = result.comparison.base
     rows = [("none", "0", f"{base.chi_square:.5g}", f"{base.held_out_score:.3g}", "", "")]
-    for effect, fit in ranked(result):
-        edge = "at the end of its range" if any(name.startswith(effect.key) for name in fit.on_bound) else ""
+    for trial in ranked(result):
+        on_bound = any(name.startswith(trial.effect.key) for name in trial.fit.on_bound)
         rows.append(
             (
-                spoken(effect),
-                f"{base.bic - fit.bic:+.1f}",
-                f"{fit.chi_square:.5g}",
-                f"{fit.held_out_score:.3g}",
-                fitted_sizes(fit),
-                edge,
+                spoken(trial.effect),
+                f"{trial.log_odds:+.1f}",
+                f"{trial.fit.chi_square:.5g}",
+                f"{trial.fit.held_out_score:.3g}",
+                fitted_sizes(trial),
+                "at the end of its range" if on_bound else "",
             )
         )
-    failed = [spoken(effect) for effect, fit in result.comparison.singles if fit is None]
+    failed = [spoken(trial.effect) for trial in result.comparison.singles if trial.fit is None]
     words = (
-        "Each candidate was fitted alone together with all free constants. Evidence: gain of the Bayesian information "
-        "criterion over no effect, which pays for the parameters; 10 is strong. χ²: misfit in units of the noise. "
-        "Left-out error: of bands predicted without them, in σ; 1 is the noise."
+        "Each candidate alone, with all free constants and all tolerances. Log odds: natural logarithm of how much "
+        "more probable it makes the sweep than none, its prior probability and its price for further parameters "
+        "counted; 3 is 20 to 1. χ²: misfit in units of the noise, priors included. Left-out error: of bands predicted "
+        "without them, in σ; 1 is the noise."
     )
-    headings = ("candidate", "evidence", "χ²", "left-out error (σ)", "fitted size", "")
+    headings = ("candidate", "log odds", "χ²", "left-out error (σ)", "fitted size", "")
     body = table(headings, rows, kind="candidates") + paragraph(words)
     return body + notes([f"The fit of {listed(failed)} did not settle."] if failed else [])
 
@@ -175,11 +176,11 @@ def _hidden(result: Diagnosis) -> str:
         body += table(("effect", "what it is", "looks like"), rows, caption, "words")
     else:
         body += paragraph("Every candidate of usual size would leave a trace in this sweep.")
-    named = {effect.title for effect in result.comparison.final.parameters.effects}
+    named = {effect.title for effect in result.comparison.final.parameters.causes}
     rows = [
-        (spoken(effect), fitted_sizes(fit))
-        for effect, fit in ranked(result)
-        if effect.key not in hidden and effect.title not in named
+        (spoken(trial.effect), fitted_sizes(trial))
+        for trial in ranked(result)
+        if trial.effect.key not in hidden and trial.effect.title not in named
     ]
     if rows and not named:
         body += table(("effect", "size found"), rows, "Visible, but zero within what their evidence pays for", "words")

@@ -122,10 +122,11 @@ def _named(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
     point = Point(final.parameters, final.x)
     for cause, found in zip(verdict.causes, comparison.found, strict=True):
         for title in cause.indistinguishable_from[:_ALTERNATIVES]:
-            others = [(effect, fit) for effect, fit, _ in found.fits if effect.title == title]
+            others = [trial for trial in found.fits if trial.effect.title == title]
             if others:
-                effect, fit = others[0]
-                pairs.append(_Pair(cause.effect, point, effect, Point(fit.parameters, fit.x), 0.0, ""))
+                other = others[0]
+                second = Point(other.fit.parameters, other.fit.x)
+                pairs.append(_Pair(cause.effect, point, other.effect, second, 0.0, ""))
             else:
                 pairs.append(_Pair(cause.effect, point, title, None, float(cause.values[0]), ""))
     return pairs
