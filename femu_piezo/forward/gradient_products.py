@@ -11,7 +11,8 @@ every unit-constant matrix, for any crystal orientation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -144,29 +145,23 @@ def assemble_gradient_products(basis: skfem.Basis, weight: np.ndarray | None = N
     basis : scalar scikit-fem basis (all elements, or those of a region)
     weight : (n_elements, n_quadrature) factor w under the integral, e.g. a position-dependent constant; 1 where None
     """
-    dx = basis.dx if weight is None else basis.dx * weight
-    gradient = np.stack([shape[0].grad for shape in basis.basis])  # (shapes, 3, elements, points)
-    value = np.stack([np.broadcast_to(np.asarray(shape[0]), dx.shape) for shape in basis.basis])
-    count, elements = len(value), dx.shape[0]
-    left = np.moveaxis(gradient, 2, 0).reshape(elements, count * 3, -1)
-    local = (left * dx[:, None, :]) @ left.transpose(0, 2, 1)
-    local = local.reshape(elements, count, 3, count, 3).transpose(2, 4, 0, 1, 3).reshape(9, -1)
-    shapes = value.transpose(1, 0, 2)
-    local_mass = ((shapes * dx[:, None, :]) @ shapes.transpose(0, 2, 1)).ravel()
+    dx = (basis.dx if weight is None else basis.dx * weight)[:, None, :]
+    value = np.stack([np.broadcast_to(shape[0], basis.dx.shape) for shape in basis.basis], axis=1)
+    slopes = [np.stack([shape[0].grad[axis] for shape in basis.basis], axis=1) for axis in range(3)]
+    summed, indices, indptr = _scatter(basis)
+    gradients = np.empty((3, 3, indices.size))
+    for a, b in itertools.product(range(3), repeat=2):
+        gradients[a, b] = summed((slopes[a] * dx) @ slopes[b].transpose(0, 2, 1))
+    return GradientProducts(indices, indptr, gradients, summed((value * dx) @ value.transpose(0, 2, 1)))
 
+
+def _scatter(basis: skfem.Basis) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray, np.ndarray]:
+    """How element matrices (elements, shapes, shapes) become the data of a CSR matrix, its indices and row starts."""
     dofs = np.asarray(basis.element_dofs, dtype=np.int64).T  # (elements, shapes)
-    rows = np.repeat(dofs, count, axis=1).ravel()
-    columns = np.tile(dofs, (1, count)).ravel()
-    key = rows * basis.N + columns
+    key = (dofs[:, :, None] * basis.N + dofs[:, None, :]).ravel()
     order = np.argsort(key, kind="stable")
-    sorted_key = key[order]
-    starts = np.flatnonzero(np.r_[True, sorted_key[1:] != sorted_key[:-1]])
-    unique = sorted_key[starts]
-    data = [np.add.reduceat(entries[order], starts) for entries in (*local, local_mass)]
-    indptr = np.searchsorted(unique, np.arange(basis.N + 1, dtype=np.int64) * basis.N)
-    return GradientProducts(
-        indices=(unique % basis.N).astype(np.int32),
-        indptr=indptr.astype(np.int32),
-        gradients=np.array(data[:9]).reshape(3, 3, -1),
-        mass=data[9],
-    )
+    key = key[order]
+    starts = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
+    unique = key[starts]
+    indptr = np.searchsorted(unique, np.arange(basis.N + 1, dtype=np.int64) * basis.N).astype(np.int32)
+    return lambda local: np.add.reduceat(local.ravel()[order], starts), (unique % basis.N).astype(np.int32), indptr

@@ -14,19 +14,13 @@ from femu_piezo.errors import InputError
 from femu_piezo.forward.electrodes import prolongation
 from femu_piezo.forward.free_pattern import FreePattern
 from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products, unit_tensors
+from femu_piezo.forward.hex_element import ElementHexP, node_places
 from femu_piezo.geometry.domain import Domain
 from femu_piezo.material.constants import E_FORM, ElasticForm
 from femu_piezo.material.voigt import axes_with_poling
 
-#: Scalar element of each mesh type and polynomial order.
-_ELEMENTS = {
-    ("MeshHex1", 1): skfem.ElementHex1,
-    ("MeshHex1", 2): skfem.ElementHex2,
-    ("MeshTet1", 1): skfem.ElementTetP1,
-    ("MeshTet1", 2): skfem.ElementTetP2,
-    ("MeshHex2", 2): skfem.ElementHex2,
-    ("MeshTet2", 2): skfem.ElementTetP2,
-}
+#: Elements of tetrahedral meshes by order; hexahedra are `ElementHexP` of any order.
+_TETRAHEDRA = {1: skfem.ElementTetP1, 2: skfem.ElementTetP2}
 
 #: Volts per unit of the scaled potential: about sqrt(c/ε) of a piezoceramic, which balances the blocks.
 POTENTIAL_SCALE = 1e9
@@ -39,13 +33,14 @@ class ElectroelasticModel:
     ----------
     domain : mesh, electrodes, symmetry
     density : kg/m³
-    order : polynomial order of the elements, 1 or 2 (default)
+    order : polynomial order of the elements, that of the domain where None; at most 2 for tetrahedra
     extra_terms : name → (4n, 4n) matrix of a further term, e.g. the mass of a solder dot
 
     Attributes
     ----------
     terms : names of the affine terms: the ten e-form constants, the tensor terms, the extra ones
     tensor_terms : name → extended tensor (4, 3, 4, 3) of a further term (`with_terms`)
+    order : polynomial order of the elements
     size : number of free unknowns m, the hot electrode's potential last
     """
 
@@ -53,16 +48,13 @@ class ElectroelasticModel:
         self,
         domain: Domain,
         density: float,
-        order: int = 2,
+        order: int | None = None,
         extra_terms: Mapping[str, sp.spmatrix] | None = None,
     ) -> None:
-        try:
-            element = _ELEMENTS[type(domain.mesh).__name__, order]()
-        except KeyError:
-            raise InputError(f"no element of order {order} for meshes of type {type(domain.mesh).__name__}") from None
         self.domain = domain
         self.density = density
-        self.basis = skfem.Basis(domain.mesh, element, intorder=2 * order)
+        self.order = domain.order if order is None else order
+        self.basis = scalar_basis(domain.mesh, self.order)
         self.products = assemble_gradient_products(self.basis)
         self.rotation = axes_with_poling(np.array(domain.poling))
         self.unit_tensors = unit_tensors(self.rotation)
@@ -136,3 +128,14 @@ class ElectroelasticModel:
 
     def _constrained(self, matrix: sp.spmatrix) -> sp.csr_matrix:
         return (self.prolongation.T @ matrix @ self.prolongation).tocsr()
+
+
+def scalar_basis(mesh: skfem.Mesh, order: int) -> skfem.CellBasis:
+    """Lagrange elements of an order on a mesh, integrated exactly where its cells are flat and parallel-sided."""
+    if mesh.elem.refdom is skfem.refdom.RefHex:
+        basis = skfem.Basis(mesh, ElementHexP(order), intorder=2 * order)
+        basis.doflocs = node_places(basis)
+        return basis
+    if order not in _TETRAHEDRA:
+        raise InputError(f"no element of order {order} for meshes of type {type(mesh).__name__}")
+    return skfem.Basis(mesh, _TETRAHEDRA[order](), intorder=2 * order)

@@ -27,7 +27,7 @@ def fingerprint(model: ElectroelasticModel) -> str:
         parts += [matrix.indptr, matrix.indices, matrix.data]
     for part in parts:
         digest.update(np.ascontiguousarray(part).tobytes())
-    words = (type(mesh).__name__, type(model.basis.elem).__name__, model.density, model.domain.admittance_factor)
+    words = (type(mesh).__name__, model.order, model.density, model.domain.admittance_factor)
     digest.update(repr((*words, model.terms, model.size)).encode())
     return digest.hexdigest()
 

@@ -24,6 +24,7 @@ class Domain:
     copies : how many copies of the part make the specimen
     voltage_factor : terminal voltage of the specimen / potential of `hot` in the part
     poling : (3,) direction of poling in specimen axes
+    order : polynomial order of the elements that the mesh is made for
     """
 
     mesh: skfem.Mesh
@@ -33,6 +34,7 @@ class Domain:
     copies: int = 1
     voltage_factor: float = 1.0
     poling: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    order: int = 2
 
     def __post_init__(self) -> None:
         known = self.mesh.boundaries or {}
