@@ -155,7 +155,7 @@ def test_effects_compose(setup):
 
 
 def test_a_trial_step_may_make_the_mass_indefinite(setup):
-    """A film of negative mass: the closed forms are those of a solve per frequency, which a dispersive effect asks for."""
+    """A film of negative mass: the closed forms against a solve per frequency, which a dispersive effect asks for."""
     film, law = setup.library["electrode_mass"], setup.library["dielectric_dispersion"]
     parameters = JointParameters(setup.material).with_effect(film)
     for size in (-0.3, -3.0, -30.0):
