@@ -2,7 +2,8 @@
 
 The basis starts from the Krylov vectors of the driven reference plate. Then the reduced model is made at training
 constants around the reference; the residuals r of its modes there give corrections K^-1 r with the one factor that
-is already at hand, and the change of Z that they bring is the a-posteriori estimate of its error. At the end a
+is already at hand, and the change of Z that they bring is the a-posteriori estimate of its error. Training constants
+at which it falls slowly get a factor and Krylov vectors of their own. At the end a
 principal component analysis of all training states leaves the fewest vectors that keep the accuracy.
 """
 
@@ -12,10 +13,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy.sparse as sp
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.krylov import LOSS, driven_krylov
-from femu_piezo.forward.linear_solver import factorize
+from femu_piezo.forward.linear_solver import Factorization, factorize
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
 from femu_piezo.forward.reduced_basis import ReducedBasis
@@ -33,6 +35,13 @@ _KEEP = 1e-3
 #: potential is nearly zero there (the potential somewhere inside is larger than so many times the electrode's).
 _SHIFTS, _LARGEST_LIFTING = (0.4, 0.33, 0.47), 30.0
 
+#: A training point whose last change is more than this share of the one before gets driven vectors of its own; so many
+#: points in one round. A series of changes is taken to fall by this ratio at the slowest.
+_SLOW, _OWN_IN_A_ROUND, _SLOWEST = 0.2, 2, 0.9
+
+#: Estimated error of Z above which a basis that misses its target is of no use.
+_USELESS = 1e-2
+
 
 @dataclass(frozen=True)
 class ReducedModel:
@@ -48,6 +57,7 @@ class ReducedModel:
     estimated_error : estimated relative error of Z at the training points, with 0.5 % loss
     band_Hz : highest frequency the basis was built for
     training : (n_points, n_terms) real coefficients of all affine terms at which the basis was trained
+    rounds, factors : enrichments made, and training points that were factorised, the reference among them
     """
 
     terms: tuple[str, ...]
@@ -58,6 +68,8 @@ class ReducedModel:
     estimated_error: float
     band_Hz: float
     training: np.ndarray = field(repr=False)
+    rounds: int = 0
+    factors: int = 0
 
     @property
     def size(self) -> int:
@@ -104,18 +116,35 @@ def reduce_model(
     ----------
     training : constants, each alone or with real coefficients of the model's extra terms. The basis is built
         around the first, whose loss tangents it follows too; of the others the real parts count.
-    accuracy : bound on the estimated relative error of Z at every training point, with 0.5 % loss throughout
+    accuracy : aim for the estimated relative error of Z at every training point, with 0.5 % loss throughout. What was
+        reached is the `estimated_error` of the result.
 
     Raises
     ------
-    ConvergenceError : the estimate stays above `accuracy` after `max_rounds` enrichments
+    ConvergenceError : the estimate stays above 1 % (and `accuracy`) after `max_rounds` enrichments
     """
     points = _distinct([_coefficients(model, point) for point in _with_neighbours(training)])
     both = _distinct([*points, *(_coefficients(model, point) for point in _reflections(training))])
     checks = both[len(points) :]
     with blas_limit(useful_threads(model.size)):
-        basis, sets, error = _enriched(model, points, checks, band_Hz, accuracy, max_rounds)
-        return _finished(model, basis, sets, band_Hz, accuracy, error)
+        enriched = _enriched(model, points, checks, band_Hz, accuracy, max_rounds)
+        if not enriched.error < max(_USELESS, accuracy):
+            raise ConvergenceError(
+                f"the reduced model reached a relative error of {enriched.error:.1e}, asked were {accuracy:.1e}: "
+                "narrow the band or the range of the constants"
+            )
+        return _finished(model, enriched, band_Hz, accuracy)
+
+
+@dataclass(frozen=True)
+class _Enriched:
+    """A basis that was enriched: the reduced models at all training points, the estimated error, and the effort."""
+
+    basis: ReducedBasis
+    sets: list[TrainingSet]
+    error: float
+    rounds: int
+    factors: int
 
 
 def _enriched(
@@ -125,27 +154,32 @@ def _enriched(
     band_Hz: float,
     accuracy: float,
     max_rounds: int,
-) -> tuple[ReducedBasis, list[TrainingSet], float]:
-    """Basis enriched until the estimate at points and checks is below half of `accuracy`; errors as `reduce_model`."""
-    top = (2 * np.pi * band_Hz) ** 2
-    basis, factor, scale = _reference_basis(model, points[0], top, accuracy)
-    sets = _train(basis, [*points, *checks], top)
-    change, active = np.full(len(sets), np.inf), np.arange(len(points))
-    for _ in range(max_rounds):
+) -> _Enriched:
+    """Basis enriched until the estimate at points and checks is below half of `accuracy`, or as far as it goes.
+
+    Residuals are corrected with the factor at the reference. Where that brings too little, the constants are far from
+    the reference or two modes lie close together: there the basis gets the driven vectors of the point itself.
+    """
+    top, everywhere = (2 * np.pi * band_Hz) ** 2, [*points, *checks]
+    driven = _DrivenVectors(model, points[0], top, 0.1 * accuracy)
+    basis = driven.basis
+    sets = _train(basis, everywhere, top)
+    change, error, factors, rounds = np.full(len(sets), np.inf), np.full(len(sets), np.inf), {0}, 0
+    active, slow = np.arange(len(points)), []
+    while error.max() > 0.5 * accuracy and rounds < max_rounds:
         residuals = np.hstack([state_residuals(basis, sets[index]) for index in active])
-        added = basis.add(factor.solve(compressed(residuals, scale)), _KEEP)
-        fresh = _train(basis, [*points, *checks], top)
+        added = basis.add(driven.factor.solve(compressed(residuals, driven.scale)), _KEEP)
+        added += sum(driven.add(everywhere[index]) for index in slow)
+        factors.update(slow)
+        fresh, rounds = _train(basis, everywhere, top), rounds + 1
         before, change = change, np.array([worst_change(old, new) for old, new in zip(sets, fresh, strict=True)])
         sets, error = fresh, _predicted(before, change)
-        active = np.flatnonzero(error > 0.1 * accuracy)
-        if error.max() < 0.5 * accuracy:
-            return basis, sets, float(error.max())
         if added == 0:
             break
-    raise ConvergenceError(
-        f"the reduced model reached a relative error of {error.max():.1e}, asked were {accuracy:.1e}: "
-        "narrow the band or the range of the constants, or ask for less accuracy"
-    )
+        active = np.flatnonzero(error > 0.1 * accuracy)
+        stagnant = (error > 0.5 * accuracy) & (change > _SLOW * before)
+        slow = [index for index in np.argsort(-error) if stagnant[index] and index not in factors][:_OWN_IN_A_ROUND]
+    return _Enriched(basis, sets, float(error.max()), rounds, len(factors))
 
 
 def _train(basis: ReducedBasis, points: list[np.ndarray], top: float) -> list[TrainingSet]:
@@ -154,12 +188,15 @@ def _train(basis: ReducedBasis, points: list[np.ndarray], top: float) -> list[Tr
 
 
 def _predicted(before: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """Error left at each training point: the last change, times the root of its ratio to the one before.
+    """Error left at each training point, from the last change and the ratio q of it to the one before.
 
-    Changes fall faster than by a constant ratio; the root was above the true error in every case measured.
+    Changes usually fall faster than by a constant ratio; √q of the last was above the true error in every case
+    measured. Where they fall slowly, by q > 0.38, what a series of that ratio would still bring is more: q/(1 − q).
     """
     known = np.isfinite(before) & (before > 0)
-    return change * np.sqrt(np.minimum(1.0, np.divide(change, before, out=np.ones_like(change), where=known)))
+    ratio = np.minimum(_SLOWEST, np.divide(change, before, out=np.full_like(change, _SLOWEST), where=known))
+    left = change * np.maximum(np.sqrt(ratio), ratio / (1 - ratio))
+    return np.where(known, left, change)
 
 
 def _with_neighbours(training: Sequence[TrainingPoint]) -> list[TrainingPoint]:
@@ -206,26 +243,52 @@ def _coefficients(model: ElectroelasticModel, point: TrainingPoint) -> np.ndarra
     return np.concatenate([e_form, [float(extra.get(name, 0.0)) for name in model.terms[len(E_FORM) :]]])
 
 
-def _reference_basis(model: ElectroelasticModel, coefficients: np.ndarray, top: float, accuracy: float):
-    """Krylov basis at the reference, the factor of K − σM inside the band, and the diagonal that scales residuals."""
-    constants = ElasticForm.from_vector(coefficients[: len(E_FORM)])
-    extra = dict(zip(model.terms[len(E_FORM) :], coefficients[len(E_FORM) :], strict=True))
-    stiffness = model.stiffness(constants, extra)
-    load = np.zeros(model.size)
-    load[-1] = -1.0
-    for share in _SHIFTS:
-        factor = factorize(stiffness - share * top * model.mass)
-        static = factor.solve(load)
-        basis = ReducedBasis(model, stiffness, static)
-        if np.abs(basis.p).max() * POTENTIAL_SCALE < _LARGEST_LIFTING:
-            break
-    vectors = driven_krylov(factor, basis.mass, static, share * top, top, 0.1 * accuracy)
-    basis.add(vectors / np.linalg.norm(vectors[: basis.split], axis=0), 1e-8)
-    return basis, factor, np.abs(stiffness.diagonal())
+class _DrivenVectors:
+    """A basis of driven Krylov vectors, of the reference and of further constants.
+
+    Attributes
+    ----------
+    basis : the basis so far
+    factor : of K − σM at the reference, σ inside the band
+    scale : (m,) diagonal of K at the reference, which scales residuals
+    """
+
+    def __init__(self, model: ElectroelasticModel, reference: np.ndarray, top: float, accuracy: float) -> None:
+        self._model, self._top, self._accuracy = model, top, accuracy
+        stiffness = self._stiffness(reference)
+        self.scale = np.abs(stiffness.diagonal())
+        for share in _SHIFTS:
+            self.factor, static = self._static(stiffness, share)
+            self.basis = ReducedBasis(model, stiffness, static)
+            if np.abs(self.basis.p).max() * POTENTIAL_SCALE < _LARGEST_LIFTING:
+                break
+        self._krylov(self.factor, static, share)
+
+    def add(self, coefficients: np.ndarray) -> int:
+        """Add the driven vectors at other coefficients of the affine terms; return the number of new columns."""
+        factor, static = self._static(self._stiffness(coefficients), _SHIFTS[0])
+        return self._krylov(factor, static, _SHIFTS[0])
+
+    def _stiffness(self, coefficients: np.ndarray) -> sp.csr_matrix:
+        constants = ElasticForm.from_vector(coefficients[: len(E_FORM)])
+        extra = dict(zip(self._model.terms[len(E_FORM) :], coefficients[len(E_FORM) :], strict=True))
+        return self._model.stiffness(constants, extra)
+
+    def _static(self, stiffness: sp.csr_matrix, share: float) -> tuple[Factorization, np.ndarray]:
+        """Factor of K − σM at a share of the band's highest ω², and its response to a charge."""
+        factor = factorize(stiffness - share * self._top * self._model.mass)
+        load = np.zeros(self._model.size)
+        load[-1] = -1.0
+        return factor, factor.solve(load)
+
+    def _krylov(self, factor: Factorization, static: np.ndarray, share: float) -> int:
+        vectors = driven_krylov(factor, self.basis.mass, static, share * self._top, self._top, self._accuracy)
+        return self.basis.add(vectors / np.linalg.norm(vectors[: self.basis.split], axis=0), 1e-8)
 
 
-def _finished(model, basis: ReducedBasis, sets, band_Hz: float, accuracy: float, error: float) -> ReducedModel:
+def _finished(model: ElectroelasticModel, enriched: _Enriched, band_Hz: float, accuracy: float) -> ReducedModel:
     """Compress to the leading principal components of the training states that keep the accuracy."""
+    basis, sets = enriched.basis, enriched.sets
     ku, matrices = basis.u.shape[1], basis.matrices()
     rotation, new_ku, loss = np.eye(matrices.shape[1]), ku, 0.0
     for tolerance in np.sqrt(accuracy * LOSS) * np.array([1.0, 0.5, 0.25, 0.1, 0.03, 0.01]):
@@ -242,7 +305,9 @@ def _finished(model, basis: ReducedBasis, sets, band_Hz: float, accuracy: float,
         displacements=new_ku,
         admittance_factor=model.domain.admittance_factor,
         basis=basis.matrix @ rotation,
-        estimated_error=error + loss,
+        estimated_error=enriched.error + loss,
         band_Hz=band_Hz,
         training=np.array([item.coefficients for item in sets]),
+        rounds=enriched.rounds,
+        factors=enriched.factors,
     )

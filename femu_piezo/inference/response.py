@@ -139,7 +139,11 @@ def _closed(model: ExtendedModel, omega: np.ndarray, c: Coefficients) -> tuple[n
 
 
 def _modal(model: ExtendedModel, c: Coefficients) -> ModalModel:
-    """Closed forms with the mass D = Σ m_j M_j: displacements u = L^-ᵗ w, D = L Lᵗ; coefficients (1, …)."""
+    """Closed forms with the mass D = Σ m_j M_j: displacements u = T w, TᵗDT = 1; coefficients (1, …).
+
+    A trial step may make D indefinite (each effect keeps to its bounds, their sum need not be a mass): T is complex
+    then, and the same forms hold.
+    """
     stiffness = np.tensordot(c.stiffness[0], c.terms, axes=1)
     u, factor = model.displacements, model.admittance_factor
     if len(c.masses) == 1:
@@ -148,8 +152,10 @@ def _modal(model: ExtendedModel, c: Coefficients) -> ModalModel:
         modal = diagonalise(stiffness * np.outer(transform, transform), c.terms, u, factor)
         return replace(modal, states=modal.states * transform[:, None])
     mass = sum(value.real * matrix for value, matrix in zip(c.inertia[0], c.masses, strict=True))
-    transform = np.eye(model.size)
-    transform[:u, :u] = np.linalg.inv(np.linalg.cholesky(mass)).T
+    values, vectors = np.linalg.eigh(mass)
+    root = np.sqrt(values if values[0] > 0 else values.astype(complex))
+    transform = np.eye(model.size, dtype=root.dtype)
+    transform[:u, :u] = vectors / root
     modal = diagonalise(transform.T @ stiffness @ transform, c.terms, u, factor)
     return replace(modal, states=transform @ modal.states)
 

@@ -154,6 +154,18 @@ def test_effects_compose(setup):
         assert np.max(np.abs((tangents[:, column] - numeric) / z)) < 1e-4 * np.max(np.abs(tangents[:, column] / z))
 
 
+def test_a_trial_step_may_make_the_mass_indefinite(setup):
+    """A film of negative mass: the closed forms against a solve per frequency, which a dispersive effect asks for."""
+    film, law = setup.library["electrode_mass"], setup.library["dielectric_dispersion"]
+    parameters = JointParameters(setup.material).with_effect(film)
+    for size in (-0.3, -3.0, -30.0):
+        x = np.append(setup.x, size / film.scale)
+        z, tangents = setup.evaluation.with_jacobian(parameters, x)
+        exact, slopes = setup.evaluation.with_jacobian(parameters.with_effect(law), np.append(x, 0.0))
+        np.testing.assert_allclose(z, exact, rtol=1e-7)
+        np.testing.assert_allclose(tangents, slopes[:, :-1], rtol=1e-6, atol=1e-7 * np.abs(slopes).max())
+
+
 def test_strata_sum_to_the_bulk_matrices(setup):
     for q in range(10):
         total = setup.model.strata[setup.model.owner == q].sum(axis=0)
