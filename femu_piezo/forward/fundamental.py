@@ -55,7 +55,8 @@ def full_source(model: ElectroelasticModel, count: int = 8) -> PairSource:
 class HasModal(Protocol):
     """A reduced model."""
 
-    def modal(self, constants: ElasticForm) -> ModalModel: ...
+    def modal(self, constants: ElasticForm) -> ModalModel:
+        """Closed forms at given e-form constants."""
 
 
 def reduced_source(reduced: HasModal) -> PairSource:

@@ -38,9 +38,11 @@ _STEP = 1e-5
 class Response(Protocol):
     """Z of the sweeps at given unknowns (`Evaluation`, `Ensemble`)."""
 
-    def with_jacobian(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]: ...
+    def with_jacobian(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Z (k,), ohm, and its slopes (k, n_x)."""
 
-    def at(self, factor: float) -> Response: ...
+    def at(self, factor: float) -> Response:
+        """The same at frequencies larger by a factor."""
 
 
 @dataclass(frozen=True)
@@ -352,7 +354,7 @@ def linear_fit(
 
 
 def stepped(at_x: Fit, moving: np.ndarray | None = None) -> Fit:
-    """A Gauss-Newton step of the linearised model of a fit, unknowns `moving` alone; all where None."""
+    """A Gauss-Newton step of the linearised model of a fit, unknowns `moving` (m,) alone; all where None."""
     moving = np.arange(at_x.x.size) if moving is None else moving
     rows = np.concatenate([at_x.jacobian, at_x.further_jacobian])
     residual = np.concatenate([at_x.residual, at_x.further_residual])

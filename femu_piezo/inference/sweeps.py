@@ -79,5 +79,5 @@ class SweepData:
 
 
 def stacked(values: np.ndarray) -> np.ndarray:
-    """(2k, …) Re of complex values (k, …), then Im."""
+    """(2k, n) or (2k,): Re of complex values (k, n) or (k,), then Im."""
     return np.concatenate([values.real, values.imag])
