@@ -39,6 +39,7 @@ def test_clean_noisy_sweeps_have_hardly_any_faults() -> None:
     assert alarms <= 2
 
 
+@pytest.mark.kernels
 @pytest.mark.parametrize("material", [SOFT, HARD])
 @pytest.mark.parametrize("points", [101, 401])
 def test_spikes_are_found_and_nothing_else(points: int, material: dict) -> None:
@@ -54,6 +55,7 @@ def test_spikes_are_found_and_nothing_else(points: int, material: dict) -> None:
     assert hits >= 19
 
 
+@pytest.mark.kernels
 @pytest.mark.parametrize("material", [SOFT, HARD])
 @pytest.mark.parametrize("points", [101, 401])
 def test_jumps_are_found_at_their_place(points: int, material: dict) -> None:
