@@ -27,6 +27,7 @@ def faults_of(frequency: np.ndarray, impedance: np.ndarray) -> dict[str, list[in
     return {fault.kind: fault.indices.tolist() for fault in local_faults(ImpedanceSpectrum(frequency, impedance))}
 
 
+@pytest.mark.kernels
 def test_clean_noisy_sweeps_have_hardly_any_faults() -> None:
     """200 sweeps of 61 … 1601 points, noise 1e-4 … 3e-3, linear and logarithmic, with and without resonances."""
     rng, alarms = np.random.default_rng(7), 0
