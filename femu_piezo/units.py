@@ -106,8 +106,8 @@ def parse_quantity(value: object, unit: str, where: str) -> float:
     ------
     InputError : not a number, not finite, an unknown unit, or a unit of another dimension
 
-    >>> parse_quantity("3400 eps0", "F/m", "geometry") == 3400 * EPS0
-    True
+    >>> parse_quantity("40 mm", "m", "plate.toml: geometry.length")
+    0.04
     """
     right = f"give a number in {unit}" if unit != "1" else "give a pure number"
     if unit in _EXAMPLES:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import ast
+import doctest
 import functools
+import importlib
 import re
 from pathlib import Path
 
 import femu_piezo
 
 ROOT = Path(femu_piezo.__file__).parent
-#: A shape such as (k, 2n), (3, 6) or (n,), a unit, or the formula whose symbols are the arguments.
-LAYOUT = re.compile(r"\(\w+,(?: \w+,?)*\)|\(\w*…?, ?\w+\)|\bHz\b|ohm|siemens|F/m|[YZ] = |[cdes]_[iI]\w* \(|A_q")
+#: A shape such as (k, 2n), (3, 6), (n,) or (…, 3).
+SHAPE = re.compile(r"\(\w+,(?: \w+,?)*\)|\(\w*…?, ?\w+\)")
 NOTATION = ROOT.parent / "tutorials" / "notation.md"
 
 
@@ -92,17 +94,28 @@ def test_methods_are_explained():
 
 
 def test_array_arguments_of_the_public_mathematics_have_shapes():
-    """A function of forward, inference or material that takes or gives an array says how it is laid out."""
+    """A function of the lower layers that takes or gives an array says of what shape it is."""
     missing = []
     for path, tree in _modules():
-        if path.parts[0] not in ("forward", "inference", "material"):
+        if path.parts[0] not in ("extraction", "forward", "inference", "material", "measurement"):
             continue
         for node in _public(tree.body, FUNCTIONS):
             text = ast.get_docstring(node) or ""
             arrays = ast.unparse(node.args) + (ast.unparse(node.returns) if node.returns else "")
-            if "np.ndarray" in arrays and not LAYOUT.search(text):
+            if "np.ndarray" in arrays and not SHAPE.search(text):
                 missing.append(f"{path}:{node.lineno} {node.name}")
     assert not missing, "\n".join(missing)
+
+
+def test_examples_in_docstrings_run():
+    names = [
+        "femu_piezo." + ".".join(path.with_suffix("").parts)
+        for path, _ in _modules()
+        if ">>> " in (ROOT / path).read_text(encoding="utf-8")
+    ]
+    results = [doctest.testmod(importlib.import_module(name)) for name in names]
+    assert sum(result.attempted for result in results) > 0
+    assert all(result.failed == 0 for result in results)
 
 
 def test_snippets_of_the_notation_page_run():

@@ -58,7 +58,7 @@ def electroelastic_form(constants: ElasticForm, rotation: np.ndarray | None = No
 
 
 def unit_form(name: str, rotation: np.ndarray | None = None) -> BilinearForm:
-    """A_q of one e-form constant by name ("c11", "e31", "eps33S", …)."""
+    """A_q of one e-form constant by name ("c11", "e31", "eps33S", …); rotation (3, 3) as `electroelastic_form`."""
     unit = [float(name == other) for other in ElasticForm.names()]
     return electroelastic_form(ElasticForm(*unit), rotation)
 

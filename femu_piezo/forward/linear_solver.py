@@ -30,14 +30,11 @@ class Factorization:
 
     Attributes
     ----------
-    inertia : (positive, negative, zero) eigenvalue counts of a real matrix, None where the backend has none
     backend : "rslab" or "scipy"
     """
 
     def __init__(self, matrix: sp.csc_matrix, factor, backend: str) -> None:
         self._matrix, self._factor, self.backend = matrix, factor, backend
-        real = not np.iscomplexobj(matrix.data)
-        self.inertia = tuple(factor.inertia) if backend == "rslab" and real else None
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """A^-1 right, shape (n,) or (n, k); ConvergenceError where the residual stays large."""

@@ -31,7 +31,12 @@ _CAUSES = {
 def order_points(
     frequency: np.ndarray, impedance: np.ndarray, noise: np.ndarray | None, lines: np.ndarray, source: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, tuple[str, ...]]:
-    """Points in order of frequency, repeated frequencies averaged; and notes on both.
+    """Frequency, impedance and noise (m,) of the points in order, repeated frequencies averaged; and notes on both.
+
+    Parameters
+    ----------
+    frequency, impedance, noise : (n,) Hz, complex ohm, ohm; noise None where it is not known
+    lines : (n,) line of the file that each point stands in
 
     Raises InputError for frequencies that are not positive, impedances that are zero or infinite, and frequencies
     that repeat at more than a tenth of the points.

@@ -152,7 +152,7 @@ def choose_columns(names: list[str], columns: list[Column | None], source: str) 
 
 
 def angle_scale(values: np.ndarray, column: Column, source: str) -> float:
-    """The factor to radian of a phase column, from its unit, or from its values where it names none.
+    """The factor to radian of a phase column, from its unit, or from its values (n,) where it names none.
 
     Raises InputError where the unit and the values contradict each other.
     """

@@ -19,7 +19,7 @@ _OFF, _DESCRIBED = 7.0, 1.6
 #: Windows: points and degrees of the rational function. A majority must agree (a function with a free pole can hide
 #: a spike in one of them); the short one serves lines of the mains.
 _SPIKE_WINDOWS = ((13, (3, 2)), (17, (4, 3)), (11, (2, 1)), (13, (2, 2)), (17, (3, 2)))
-_JUMP_WINDOWS = ((16, (3, 2)), (22, (4, 3)), (14, (2, 1)), (16, (2, 2)), (22, (3, 2)))
+_JUMP_WINDOWS = ((14, (2, 1)), (16, (3, 2)), (22, (4, 3)), (16, (2, 2)), (22, (3, 2)))
 _MAINS_WINDOW = ((9, (2, 1)),)
 _FEWEST = 24
 #: Kinds of faults whose points can be left out.
@@ -85,7 +85,8 @@ def _jumps(spectrum: ImpedanceSpectrum, sigma: np.ndarray) -> list[tuple[int, co
     votes, steps = np.zeros((len(_JUMP_WINDOWS), after.size)), np.zeros((len(_JUMP_WINDOWS), after.size), complex)
     for row, shape in enumerate(_JUMP_WINDOWS):
         hopeful = np.flatnonzero(np.sum(votes > _OFF, axis=0) >= row - 2)
-        steps[row, hopeful], off, rest = stepped(f, z, sigma, after[hopeful], shape)
+        guess = steps[0, hopeful] if row else None  # of the function of lowest degree, which has no way round a step
+        steps[row, hopeful], off, rest = stepped(f, z, sigma, after[hopeful], shape, guess)
         votes[row, hopeful] = np.where(rest < _DESCRIBED, off, 0.0)
     order = np.argsort(votes, axis=0)
     score = np.take_along_axis(votes, order[2:3], axis=0)[0]  # what three of five reach

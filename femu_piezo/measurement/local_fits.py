@@ -3,15 +3,17 @@
 In a short window an impedance is a rational function of low degree times noise. Fitted without the suspects, it
 predicts them; the prediction has a standard deviation, and what the other points leave over says whether the
 function can describe the window at all.
+
+Every system is solved by a QR factorisation of the weighted matrix itself. Its square would lose half of the digits,
+and rounding would then decide what is a fault.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-_PASSES, _STEPS, _REFINEMENTS = 3, 3, 4
-#: Ridge of the normal equations, relative: coefficients of p and q have a common factor that nothing fixes.
-_RIDGE = 1e-8
+#: Linear fits, each weighted by the one before, and changes tried from there on.
+_PASSES, _REFINEMENTS = 2, 5
 
 
 def windows(size: int, centers: np.ndarray, width: int) -> np.ndarray:
@@ -41,16 +43,16 @@ def _powers(frequency: np.ndarray, degrees: tuple[int, int]) -> tuple[np.ndarray
 
 def _linear_fit(top: np.ndarray, bottom: np.ndarray, values: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(k, n) coefficients of p, then q, that make p/values − q small, weighted by 1/q of the pass before."""
-    matrix = np.concatenate([top / values[..., None], -bottom], axis=-1)
+    unit = np.exp(np.mean(np.log(np.abs(values)), axis=1, keepdims=True))  # ohm; p and q are then alike in size
+    matrix = np.concatenate([top * (unit / values)[..., None], -bottom], axis=-1)
     scale = weight
     for _ in range(_PASSES):
-        scaled = matrix * scale[..., None]
-        # the Gram matrix is good to 1e-8 of the largest column, far below any noise, and much faster than an SVD
-        null = np.linalg.eigh(np.swapaxes(scaled.conj(), 1, 2) @ scaled)[1][:, :, 0]
+        triangle = np.linalg.qr(matrix * scale[..., None], mode="r")
+        null = np.linalg.svd(triangle)[2][:, -1].conj()
         q = _away_from_zero(np.einsum("kwi,ki->kw", bottom, null[:, top.shape[-1] :]))
         scale = weight / np.abs(q)
         scale = scale / scale.max(axis=1, keepdims=True)
-    return null
+    return np.concatenate([unit * null[:, : top.shape[-1]], null[:, top.shape[-1] :]], axis=1)
 
 
 def _quotient(top: np.ndarray, bottom: np.ndarray, coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -95,17 +97,28 @@ def left_out(
     out = (index >= first[:, None]) & (index < first[:, None] + count)
     weight = np.where(out, 0.0, 1 / trusted[index])
     fit, jacobian = rational(frequency[index], impedance[index], weight, degrees)
-    deviation = np.abs(impedance[index] / fit - 1)
-    spread = np.sum(np.abs(jacobian @ _pseudo_inverse(jacobian * weight[..., None])) ** 2, axis=-1)
+    residual = np.log(impedance[index] / fit)
+    change, root = _least_squares(jacobian, weight, residual)
+    deviation = np.abs(residual - np.einsum("kwn,kn->kw", jacobian, change))
+    spread = np.sum(np.abs(jacobian @ root) ** 2, axis=-1)  # variance of the fitted log Z
     rest = np.linalg.norm(deviation * weight, axis=1) / np.sqrt(width - count - (sum(degrees) + 1))
-    distance = deviation / np.sqrt(sigma[index] ** 2 + spread)  # spread: variance of the fitted log Z
+    distance = deviation / np.sqrt(sigma[index] ** 2 + spread)
     return distance[out].reshape(first.size, count), rest
 
 
 def stepped(
-    frequency: np.ndarray, impedance: np.ndarray, sigma: np.ndarray, after: np.ndarray, shape
+    frequency: np.ndarray,
+    impedance: np.ndarray,
+    sigma: np.ndarray,
+    after: np.ndarray,
+    shape: tuple[int, tuple[int, int]],
+    guess: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """How large a step of log Z behind the points `after` (k,) fits best.
+
+    Parameters
+    ----------
+    guess : (k,) complex step from which the search starts; by default that between straight lines through both sides
 
     Returns
     -------
@@ -118,46 +131,56 @@ def stepped(
     width, degrees = shape
     index = windows(impedance.size, after + 1, width)
     behind = (index > after[:, None]).astype(float)
-    z, w = impedance[index], 1 / sigma[index]
+    z, weight = impedance[index], 1 / sigma[index]
     powers = _powers(frequency[index], degrees)
-    step = _straight_step(z, behind)
-    for _ in range(_STEPS):
-        coefficients = _linear_fit(*powers, z * np.exp(-step[:, None] * behind), w)
-        fit, inverse = _with_step(*powers, coefficients, behind, w)
-        change = np.einsum("ki,ki->k", inverse[:, -1], np.log(z * np.exp(-step[:, None] * behind) / fit) * w)
-        step = step + _at_most_one(change)
-    residual = np.log(z * np.exp(-step[:, None] * behind) / fit) * w
-    for _ in range(_REFINEMENTS):  # the linear fit does not minimise the residual itself; Gauss and Newton do
-        change = np.einsum("knw,kw->kn", inverse, residual)
-        tried, moved = coefficients + change[:, :-1], step + _at_most_one(change[:, -1])
-        fit, other = _with_step(*powers, tried, behind, w)
-        left = np.log(z * np.exp(-moved[:, None] * behind) / fit) * w
-        better = np.linalg.norm(left, axis=1) < np.linalg.norm(residual, axis=1)
-        step = np.where(better, moved, step)
-        coefficients, residual = (np.where(better[:, None], a, b) for a, b in ((tried, coefficients), (left, residual)))
-        inverse = np.where(better[:, None, None], other, inverse)
-    std = np.linalg.norm(inverse[:, -1], axis=1)
-    freedom = width - (sum(degrees) + 2)
-    return step, np.abs(step) / std, np.linalg.norm(residual, axis=1) / np.sqrt(freedom)
+    start = _straight_step(z, behind) if guess is None else guess
+    linear = _linear_fit(*powers, z * np.exp(-start[:, None] * behind), weight)
+    unknowns, std, left = _refined(*powers, z, behind, weight, np.concatenate([linear, start[:, None]], axis=1))
+    step = np.log(np.exp(unknowns[:, -1]))  # a whole turn of the phase is no step
+    return step, np.abs(step) / std[:, 0], left[:, 0] / np.sqrt(width - (sum(degrees) + 2))
 
 
-def _with_step(top, bottom, coefficients, behind, weight) -> tuple[np.ndarray, np.ndarray]:
-    """p/q (k, w), and what turns weighted residuals into changes of its coefficients and of the step (k, n + 1, w)."""
-    fit, jacobian = _quotient(top, bottom, coefficients)
-    return fit, _pseudo_inverse(np.concatenate([jacobian, behind[..., None]], axis=-1) * weight[..., None])
+def _refined(top, bottom, values, behind, weight, unknowns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unknowns (coefficients, step) of least residual, standard deviation of the step (k, 1), residual (k, 1).
+
+    Gauss-Newton: the linear fit does not minimise the residual itself. Where a change does not help, a part of it is
+    tried.
+    """
+    best = (unknowns, *_linearised(top, bottom, values, behind, weight, unknowns))
+    share = np.ones((len(unknowns), 1))
+    for _ in range(_REFINEMENTS):
+        tried = best[0] + share * best[3]
+        found = (tried, *_linearised(top, bottom, values, behind, weight, tried))
+        better = found[2] < best[2]
+        best = tuple(np.where(better, new, old) for new, old in zip(found, best, strict=True))
+        share = np.where(better, 1.0, share / 4)
+    return best[:3]
 
 
-def _at_most_one(change: np.ndarray) -> np.ndarray:
-    return np.clip(np.abs(change), 0, 1) * np.exp(1j * np.angle(change))
+def _linearised(top, bottom, values, behind, weight, unknowns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Standard deviation of the step (k, 1), norm of the residual (k, 1) and the change (k, n + 1) that lowers it."""
+    fit, jacobian = _quotient(top, bottom, unknowns[:, :-1])
+    residual = np.log(values * np.exp(-unknowns[:, -1:] * behind) / fit)
+    change, root = _least_squares(np.concatenate([jacobian, behind[..., None]], axis=-1), weight, residual)
+    change[:, -1] /= np.maximum(1, np.abs(change[:, -1]))  # no step grows by more than e at once
+    std = np.linalg.norm(root[:, -1], axis=1, keepdims=True)
+    return std, np.linalg.norm(residual * weight, axis=1, keepdims=True), change
 
 
-def _pseudo_inverse(matrix: np.ndarray) -> np.ndarray:
-    """(k, n, w) of (k, w, n), by normal equations of columns scaled to one."""
-    size = np.linalg.norm(matrix, axis=1, keepdims=True)
-    scaled = matrix / np.where(size == 0, 1.0, size)
-    adjoint = np.swapaxes(scaled.conj(), 1, 2)
-    gram = adjoint @ scaled + _RIDGE * np.eye(matrix.shape[-1])
-    return np.linalg.solve(gram, adjoint) / np.swapaxes(np.where(size == 0, 1.0, size), 1, 2)
+def _least_squares(jacobian: np.ndarray, weight: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Change (k, n) of the unknowns that explains a residual (k, w), and a root (k, n, n) of its covariance C = R Rᴴ.
+
+    p and q may have a common factor, which no data fix. So it is taken as known beforehand, to one standard deviation,
+    that the part of each unknown in log Z changes by no more than 1 (rms over the window).
+    """
+    width, n = jacobian.shape[1:]
+    known = np.linalg.norm(jacobian, axis=1) / np.sqrt(width)
+    known = np.where(known == 0, 1.0, known)
+    data = np.concatenate([jacobian, residual[..., None]], axis=-1) * weight[..., None]
+    prior = np.concatenate([known[:, None] * np.eye(n), np.zeros((len(known), n, 1))], axis=-1)
+    triangle = np.linalg.qr(np.concatenate([data, prior], axis=1), mode="r")
+    root = np.linalg.inv(triangle[:, :n, :n])
+    return np.einsum("kij,kj->ki", root, triangle[:, :n, -1]), root
 
 
 def _straight_step(values: np.ndarray, behind: np.ndarray) -> np.ndarray:

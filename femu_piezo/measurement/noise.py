@@ -1,8 +1,7 @@
 """The noise of a sweep, estimated from the sweep itself.
 
 In a short window of neighbouring points an impedance is a rational function of frequency of low degree, resonance or
-not; what such a function leaves over is noise. The fit is linear (p(f) − Z q(f) = 0, the null vector of a small
-matrix), so hundreds of windows cost milliseconds. The median over the windows is blind to single bad ones.
+not; what such a function leaves over is noise. The median over the windows is blind to single bad ones.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.special import gammaincinv
 
 from femu_piezo.errors import InputError
+from femu_piezo.measurement.local_fits import rational
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 _WINDOW = 13
@@ -83,20 +83,9 @@ def _window_variances(
     step = _stride(frequency.size - window + 1)
     f = sliding_window_view(frequency, window)[::step]
     z = sliding_window_view(impedance, window)[::step]
-    x = f - f.mean(axis=1, keepdims=True)
-    x = x / np.abs(x).max(axis=1, keepdims=True)
-    powers = np.polynomial.chebyshev.chebvander(x, max(degrees))
-    numerator, denominator = powers[..., : degrees[0] + 1], powers[..., : degrees[1] + 1]
-    matrix = np.concatenate([numerator / z[..., None], -denominator], axis=-1)
-    weight = np.ones_like(x)
-    for _ in range(2):  # the second pass weighs the linear residual p/Z − q by 1/|q|
-        null = np.linalg.svd(matrix * weight[..., None], full_matrices=False)[2][:, -1, :].conj()
-        q = np.einsum("wij,wj->wi", denominator, null[:, degrees[0] + 1 :])
-        weight = 1 / np.abs(q)
-        weight = weight / weight.max(axis=1, keepdims=True)
-    p_over_z = np.einsum("wij,wj->wi", numerator / z[..., None], null[:, : degrees[0] + 1])
+    fit, _ = rational(f, z, np.ones(f.shape), degrees)
     freedom = window - (degrees[0] + degrees[1] + 1)
-    return np.sum(np.abs(p_over_z / q - 1) ** 2, axis=1) / freedom, freedom
+    return np.sum(np.abs(fit / z - 1) ** 2, axis=1) / freedom, freedom
 
 
 def _fit_model(variance: np.ndarray, magnitude: np.ndarray) -> NoiseModel:

@@ -20,7 +20,7 @@ _READINGS = {
 
 
 def misread_as(impedance: np.ndarray) -> str | None:
-    """The fault of signs or columns in the data, a key of `_READINGS`; None where they can be right as they are."""
+    """The fault of signs or columns in Z (n,), a key of `_READINGS`; None where they can be right as they are."""
     resistor = _resistive_share(impedance) > 0.8
     if not _is_active(impedance) and _turns(impedance) <= 0 and not resistor:
         return None
@@ -40,7 +40,7 @@ def misread_as(impedance: np.ndarray) -> str | None:
 
 
 def turning_sense(impedance: np.ndarray) -> float:
-    """½ ∫ |Γ|² dφ of the reflection Γ = (Z − Z0)/(Z + Z0), Z0 the geometric mean of |Z|; rad.
+    """½ ∫ |Γ|² dφ of the reflection Γ = (Z − Z0)/(Z + Z0) along a sweep Z (n,), Z0 the geometric mean of |Z|; rad.
 
     Negative (clockwise) for a passive one-port over rising frequency (Foster; for losses the positive-real
     functions). |Γ| is taken as 1 where Re Z < 0, and steps of more than a radian, which the sweep does not resolve,

@@ -20,7 +20,6 @@ import scipy.linalg
 import skfem
 from skfem.models.elasticity import linear_elasticity
 
-from femu_piezo.forward.dispersive import dispersive_response
 from femu_piezo.forward.eigen import solve_eigen
 from femu_piezo.forward.fundamental import reduced_source
 from femu_piezo.forward.gradient_products import assemble_gradient_products
@@ -110,15 +109,6 @@ def jacobian(repeats: int) -> None:
     row("basis for s11, d31, eps33T +-15 %, 1e-5", f"{1e3 * build:.0f} ms, {reduced.size} unknowns")
     row("  Z alone, 1601 frequencies", f"{1e3 * median_time(lambda: reduced.impedance(e_form, FREQUENCY), 9):.2f} ms")
     row("  Z with Jacobian in all ten constants", f"{1e3 * median_time(both, 9):.2f} ms", "<= 20 ms")
-    hardening = reduced.coefficients(e_form)
-
-    def dispersive():
-        response = dispersive_response(
-            reduced, lambda w: hardening * (1 + 0.01 * np.log(w / 1e6) * (1 + 0.3j))[:, None], omega
-        )
-        return response.impedance, response.admittance_jacobian()
-
-    row("  both with c(f), all constants dispersive", f"{1e3 * median_time(dispersive, 5):.0f} ms")
     row("  Z with Jacobian in three", f"{1e3 * median_time(lambda: both(slopes), 9):.2f} ms")
 
 

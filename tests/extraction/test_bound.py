@@ -66,6 +66,7 @@ def test_goals_on_other_grids(frequency):
         assert 0.92 <= s.cover95 <= 0.98
 
 
+@pytest.mark.kernels
 def test_two_modes_one_percent_and_forty_decibel_apart():
     truth, frequency = close_pair(BAR), np.linspace(28e3, 48e3, 401)
     omega = 2 * np.pi * frequency
@@ -76,6 +77,7 @@ def test_two_modes_one_percent_and_forty_decibel_apart():
         assert s.rms**2 < 1.15**2 * (1 + 4 / np.sqrt(10))
 
 
+@pytest.mark.kernels
 def test_no_mode_is_invented():
     """White noise on a bare capacitor, and on one mode: nothing else is reported."""
     frequency = np.linspace(50e3, 80e3, 301)

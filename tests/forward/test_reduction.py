@@ -87,6 +87,17 @@ def test_poles_and_zeros_are_those_of_the_full_model(trained):
             assert np.min(np.abs(found - value)) < 1e-7 * abs(value)
 
 
+def test_no_mode_of_the_eighth_is_missed():
+    """Every mode of the eighth is driven, so the reduced model must hold as many in its band as the full one."""
+    band, e_form = 300e3, PZT.to_e_form()
+    model = ElectroelasticModel(Plate(20e-3, 5e-3, 1e-3).domain((8, 2, 1)), 7500.0)
+    modal = reduce_model(model, [PZT], band).modal(e_form)
+    for circuit, reduced in (("short", modal.eigenvalues), ("open", modal.zeros[0])):
+        full = solve_eigen(model, e_form, circuit, 15).eigenvalues.real
+        assert full.max() > (2 * np.pi * band) ** 2
+        assert np.sum(reduced < (2 * np.pi * band) ** 2) == np.sum(full < (2 * np.pi * band) ** 2) > 3
+
+
 def test_jacobian_is_the_derivative(trained):
     """∂Y/∂c_q against Richardson-extrapolated differences, at resonances and off them; directions contract it."""
     _, free, band, reduced = trained

@@ -27,6 +27,7 @@ def faults_of(frequency: np.ndarray, impedance: np.ndarray) -> dict[str, list[in
     return {fault.kind: fault.indices.tolist() for fault in local_faults(ImpedanceSpectrum(frequency, impedance))}
 
 
+@pytest.mark.kernels
 def test_clean_noisy_sweeps_have_hardly_any_faults() -> None:
     """200 sweeps of 61 … 1601 points, noise 1e-4 … 3e-3, linear and logarithmic, with and without resonances."""
     rng, alarms = np.random.default_rng(7), 0
@@ -39,6 +40,7 @@ def test_clean_noisy_sweeps_have_hardly_any_faults() -> None:
     assert alarms <= 2
 
 
+@pytest.mark.kernels
 @pytest.mark.parametrize("material", [SOFT, HARD])
 @pytest.mark.parametrize("points", [101, 401])
 def test_spikes_are_found_and_nothing_else(points: int, material: dict) -> None:
@@ -54,6 +56,7 @@ def test_spikes_are_found_and_nothing_else(points: int, material: dict) -> None:
     assert hits >= 19
 
 
+@pytest.mark.kernels
 @pytest.mark.parametrize("material", [SOFT, HARD])
 @pytest.mark.parametrize("points", [101, 401])
 def test_jumps_are_found_at_their_place(points: int, material: dict) -> None:

@@ -64,7 +64,10 @@ def low_frequency_permittivity(frequency_Hz: float, impedance: complex, gap: flo
 
 
 def static_permittivity(frequency_Hz: np.ndarray, impedance: np.ndarray, gap: float, area: float) -> np.ndarray:
-    """Complex ε33T = d/(jω A Z) of a stress-free uniform plate, F/m; arguments as `low_frequency_permittivity`."""
+    """Complex ε33T (n,) = d/(jω A Z) of a stress-free uniform plate, F/m, from its Z (n,) at frequencies (n,).
+
+    gap, area : as `low_frequency_permittivity`
+    """
     return gap / (2j * np.pi * frequency_Hz * area * impedance)
 
 

@@ -110,14 +110,20 @@ def _disk_root_and_coupling(poisson: float, ratio: float) -> tuple[float, float]
 def k31_bar_admittance(
     omega: np.ndarray, length: float, width: float, thickness: float, density: float, s11, d31, eps33T
 ) -> np.ndarray:
-    """Y = jω (L w/t)[ε33T − d31²/s11 + (d31²/s11) tan X/X], X = (ωL/2) sqrt(ρ s11): exact for a thin narrow bar."""
+    """Y (n,) in siemens at ω (n,) in rad/s, exact for a thin narrow bar; dimensions and constants in SI.
+
+    Y = jω (L w/t)[ε33T − d31²/s11 + (d31²/s11) tan X/X], X = (ωL/2) sqrt(ρ s11).
+    """
     x = omega * length / 2 * np.sqrt(density * s11)
     motional = d31**2 / s11
     return 1j * omega * length * width / thickness * (eps33T - motional + motional * np.tan(x) / x)
 
 
 def k33_bar_impedance(omega: np.ndarray, length: float, area: float, density: float, s33, d33, eps33T) -> np.ndarray:
-    """Z = L/(jω A ε33T (1 − k²)) [1 − k² tan X/X], X = (ωL/2) sqrt(ρ s33(1 − k²)): exact for a slender bar."""
+    """Z (n,) in ohm at ω (n,) in rad/s, exact for a slender bar; dimensions and constants in SI.
+
+    Z = L/(jω A ε33T (1 − k²)) [1 − k² tan X/X], X = (ωL/2) sqrt(ρ s33(1 − k²)).
+    """
     k2 = d33**2 / (s33 * eps33T)
     x = omega * length / 2 * np.sqrt(density * s33 * (1 - k2))
     return length / (1j * omega * area * eps33T * (1 - k2)) * (1 - k2 * np.tan(x) / x)

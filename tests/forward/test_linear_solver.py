@@ -1,0 +1,35 @@
+"""One symbolic analysis serves all matrices of a pattern; where rslab is missing SuperLU solves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femu_piezo.forward import linear_solver
+from femu_piezo.forward.linear_solver import Analysis, factorize
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.material.library import library_material
+
+E_FORM = library_material("pzt-5h").constants.lossless().to_e_form()
+
+
+def test_one_analysis_serves_a_sweep():
+    model = ElectroelasticModel(Plate(12e-3, 5e-3, 1e-3).domain((4, 2, 1)), 7500.0)
+    stiffness, right = model.stiffness(E_FORM), np.arange(1.0, model.size + 1)
+    analysis = Analysis()
+    for omega in (1e5, 5e5, 1e6):
+        matrix = stiffness - omega**2 * model.mass
+        np.testing.assert_allclose(analysis.factorize(matrix).solve(right), factorize(matrix).solve(right), rtol=1e-9)
+    assert analysis.analyses == 1
+    analysis.factorize(model.mass[:50, :50])  # another pattern is analysed anew
+    assert analysis.analyses == 2
+
+
+def test_without_rslab_superlu_solves(monkeypatch):
+    model = ElectroelasticModel(Plate(12e-3, 5e-3, 1e-3).domain((2, 1, 1)), 7500.0)
+    matrix, right = model.stiffness(E_FORM) + model.mass, np.arange(1.0, model.size + 1)
+    expected = factorize(matrix).solve(right)
+    monkeypatch.setattr(linear_solver, "rslab", None)
+    found = factorize(matrix)
+    assert found.backend == "scipy"
+    np.testing.assert_allclose(found.solve(right), expected, rtol=1e-8, atol=1e-9 * np.abs(expected).max())
