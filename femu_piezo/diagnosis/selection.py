@@ -276,11 +276,10 @@ class _Search:
             return starts(self._response, current, effect)
 
         found = list(self._told(in_parallel(screened, candidates), names))
-        worth = [
-            number
-            for number, effect in enumerate(candidates)
-            if max(odds(start.linear, effect) for start in found[number]) > self._rules.promise
-        ]
+        promised = [max(odds(s.linear, e) for s in own) for own, e in zip(found, candidates, strict=True)]
+        best = int(np.argmax(promised))
+        least = promised[best] - self._reach([start.linear for start in found[best]])
+        worth = [n for n, promise in enumerate(promised) if promise > max(self._rules.promise, least)]
 
         def roughly(number: int) -> Fit | None:
             places = found[number]
@@ -289,11 +288,11 @@ class _Search:
 
         rough = dict(zip(worth, in_parallel(roughly, worth), strict=True))
         settled = {n: odds(one, candidates[n]) for n, one in rough.items() if one is not None}
-        reach = max(settled.values(), default=0.0) - self._reach(rough.values(), before)
+        reach = max(settled.values(), default=0.0) - self._reach(rough.values())
 
         def closely(number: int) -> Fit | None:
             one = rough[number]
-            if one is not None and max(settled[number], odds(found[number][0].linear, candidates[number])) < reach:
+            if one is not None and max(settled[number], promised[number]) < reach:
                 return one
             return self._closely(found[number], one)
 
@@ -303,8 +302,8 @@ class _Search:
             for number, effect in enumerate(candidates)
         )
 
-    def _reach(self, rough: Iterable[Fit | None], before: float) -> float:
-        """Log odds within which a rough fit may turn out to be the best: more where the misfit is large."""
+    def _reach(self, rough: Iterable[Fit | None]) -> float:
+        """Log odds within which a promise or a rough fit may yet be the best: more where the misfit is large."""
         best = min((one.chi_square / one.residual.size for one in rough if one is not None), default=1.0)
         return self._rules.contender * max(1.0, best)
 

@@ -20,6 +20,7 @@ import numpy as np
 import scipy.sparse as sp
 import skfem
 
+from femu_piezo.forward.tensor_grid import TensorGrid
 from femu_piezo.material.constants import ElasticForm
 from femu_piezo.material.voigt import piezoelectric_tensor, stiffness_tensor
 
@@ -54,12 +55,22 @@ class GradientProducts:
     indices, indptr : CSR pattern of the scalar basis, n × n
     gradients : (3, 3, nnz) data of ∫ w ∂_aφ_i ∂_bφ_j
     mass : (nnz,) data of ∫ w φ_i φ_j
+    grid : the same as Kronecker products, where the nodes are a grid and w = 1
     """
 
     indices: np.ndarray
     indptr: np.ndarray
     gradients: np.ndarray
     mass: np.ndarray
+    grid: TensorGrid | None = None
+
+    def times(self, a: int, b: int, vectors: np.ndarray) -> np.ndarray:
+        """G_ab times vectors (n, k), by the Kronecker structure where there is one."""
+        return self.gradient_matrices[a][b] @ vectors if self.grid is None else self.grid.product(a, b, vectors)
+
+    def mass_times(self, vectors: np.ndarray) -> np.ndarray:
+        """∫ w φ_i φ_j times vectors (n, k)."""
+        return self.scalar(self.mass) @ vectors if self.grid is None else self.grid.mass(vectors)
 
     @property
     def size(self) -> int:
@@ -108,16 +119,19 @@ class GradientProducts:
         rows : the only nodes where left is not zero; all where None
         """
         nodes = np.flatnonzero(np.diff(self.indptr))
-        rows = nodes if rows is None else rows
-        g = self.gradient_matrices
+        rows, times = nodes if rows is None else rows, self.times
         if rows.size < self.size or nodes.size < self.size:
-            g = [[product[rows][:, nodes] for product in line] for line in g]
+            part = [[product[rows][:, nodes] for product in line] for line in self.gradient_matrices]
             left, right = left[:, rows], right[:, nodes]
+
+            def times(a: int, b: int, vectors: np.ndarray) -> np.ndarray:
+                return part[a][b] @ vectors
+
         used = np.flatnonzero(np.any(left, axis=(1, 2)))
         tensors = np.asarray(tensors)[:, used]
         found = np.zeros((len(tensors), left.shape[2], right.shape[2]))
         for a, other, b in zip(*np.nonzero(np.any(tensors, axis=(0, 1))), strict=True):
-            image = g[a][b] @ right[other]
+            image = times(a, b, right[other])
             for f, row in enumerate(used):
                 shares = tensors[:, f, a, other, b]
                 if np.any(shares):

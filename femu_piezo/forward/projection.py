@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
+import scipy.sparse.linalg as spla
 
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.model import ElectroelasticModel
@@ -64,11 +65,10 @@ class TermImages:
         k, nodes = columns.shape[1], self._model.basis.N
         nodal = (self._prolong[kind] @ columns).reshape(len(fields), nodes, k)
         wide = np.ascontiguousarray(nodal.transpose(1, 0, 2).reshape(nodes, -1))
-        matrices = self._model.products.gradient_matrices
         moved = {}
         for a in range(3):
             for b in range(3):
-                product = (matrices[a][b] @ wide).reshape(nodes, len(fields), k)
+                product = self._model.products.times(a, b, wide).reshape(nodes, len(fields), k)
                 for position, g in enumerate(fields):
                     moved[a, g, b] = product[:, position]
         return [self._combine(tensor, moved, fields, (nodes, k)) for tensor in self._tensors]
@@ -85,6 +85,19 @@ class TermImages:
                 total[f] += part[f, a, g, b] * moved[a, fields[g], b]
             result[row] = self._restrict[row] @ total.reshape(-1, shape[1])
         return result
+
+    @property
+    def mass(self) -> spla.LinearOperator:
+        """M (n_u, n_u) of the free displacements, kg."""
+        times = self._mass_times
+        return spla.LinearOperator((self.displacements,) * 2, matvec=times, matmat=times, dtype=float)
+
+    def _mass_times(self, displacements: np.ndarray) -> np.ndarray:
+        displacements = displacements.reshape(self.displacements, -1)
+        k, nodes = displacements.shape[1], self._model.basis.N
+        nodal = (self._prolong["u"] @ displacements).reshape(3, nodes, k).transpose(1, 0, 2).reshape(nodes, -1)
+        found = self._model.density * self._model.products.mass_times(nodal).reshape(nodes, 3, k).transpose(1, 0, 2)
+        return self._restrict["u"] @ found.reshape(3 * nodes, k)
 
     def project(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
         """VᵗA_qV, (n_terms, r, r) real symmetric; columns u, then those of p after its first, then its first.

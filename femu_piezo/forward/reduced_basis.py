@@ -29,7 +29,7 @@ class ReducedBasis:
     def __init__(self, model: ElectroelasticModel, stiffness: sp.csr_matrix, static: np.ndarray) -> None:
         self.images = TermImages(model)
         self.split = self.images.displacements
-        self.mass = model.mass[: self.split, : self.split]
+        self.mass = self.images.mass
         self._dielectric = -stiffness[self.split : -1, self.split : -1]
         self.u = np.zeros((self.split, 0))
         self.p = (static[self.split :] / (static[-1] * POTENTIAL_SCALE))[:, None]

@@ -1,0 +1,95 @@
+"""Gradient products on a box as Kronecker products of one-dimensional matrices, applied without being formed.
+
+On a tensor-product grid of Lagrange nodes every product is separable,
+
+    ∫ ∂_aφ_i ∂_bφ_j dV = X_ab ⊗ Y_ab ⊗ Z_ab,
+
+each factor one of ∫φφ, ∫φ'φ', ∫φ'φ, ∫φφ' along one axis. With n nodes, n_x + n_y + n_z operations a node take the place
+of the (2p + 1)³ entries a row that the assembled matrix of order p has.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import skfem
+from numpy.polynomial import legendre
+from scipy.interpolate import BarycentricInterpolator
+
+from femu_piezo.forward.hex_element import ElementHexP, node_places
+
+#: Distance of two nodes along an axis, relative to the box, below which they are one.
+_SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class TensorGrid:
+    """Nodes of a box as a grid, and the one-dimensional matrices of every axis.
+
+    Attributes
+    ----------
+    order : (n,) number of the node at each place of the grid, the last axis fastest
+    axes : for x, y, z: (2, 2, n_i, n_i) ∫ ∂^s φ_i ∂^t φ_j by s and t
+    """
+
+    order: np.ndarray
+    axes: tuple[np.ndarray, np.ndarray, np.ndarray]
+
+    @classmethod
+    def of(cls, basis: skfem.Basis) -> TensorGrid | None:
+        """The grid of a scalar basis of Lagrange hexahedra on all of a box; None for every other basis."""
+        if not isinstance(basis.elem, ElementHexP) or basis.nelems != basis.mesh.nelements:
+            return None
+        places, numbers = zip(*(_places(axis) for axis in node_places(basis)), strict=True)
+        shape = tuple(place.size for place in places)
+        if np.prod(shape) != basis.N:
+            return None
+        flat = np.ravel_multi_index(numbers, shape)
+        if np.unique(flat).size != basis.N:
+            return None
+        lines = [_places(axis)[0] for axis in basis.mesh.p]
+        axes = tuple(_matrices(line, place) for line, place in zip(lines, places, strict=True))
+        return cls(np.argsort(flat), axes)
+
+    def product(self, a: int, b: int, vectors: np.ndarray) -> np.ndarray:
+        """∫ ∂_aφ_i ∂_bφ_j times vectors (n, k)."""
+        return self._applied([matrices[int(a == i), int(b == i)] for i, matrices in enumerate(self.axes)], vectors)
+
+    def mass(self, vectors: np.ndarray) -> np.ndarray:
+        """∫ φ_i φ_j times vectors (n, k)."""
+        return self._applied([matrices[0, 0] for matrices in self.axes], vectors)
+
+    def _applied(self, factors: list[np.ndarray], vectors: np.ndarray) -> np.ndarray:
+        x, y, z = factors
+        width = vectors.shape[1]
+        grid = vectors[self.order].reshape(len(x), -1)
+        grid = (x @ grid).reshape(len(x), len(y), -1)
+        grid = (y @ grid).reshape(len(x) * len(y), len(z), width)
+        found = np.empty_like(vectors, dtype=np.result_type(x, vectors))
+        found[self.order] = (z @ grid).reshape(-1, width)
+        return found
+
+
+def _places(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Different places along an axis, growing, and the number of the place of each value (n,)."""
+    order = np.argsort(values, kind="stable")
+    new = np.append(True, np.diff(values[order]) > _SAME * np.ptp(values))
+    number = np.empty(values.size, dtype=int)
+    number[order] = np.cumsum(new) - 1
+    return values[order][new], number
+
+
+def _matrices(line: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(2, 2, n, n) ∫ ∂^s φ_i ∂^t φ_j of Lagrange polynomials on the nodes of each element between places of `line`."""
+    count = (places.size - 1) // (line.size - 1)
+    points, weights = legendre.leggauss(count + 1)
+    found = np.zeros((2, 2, places.size, places.size))
+    for element, (left, right) in enumerate(zip(line[:-1], line[1:], strict=True)):
+        own = slice(element * count, element * count + count + 1)
+        lagrange = BarycentricInterpolator(places[own], np.eye(count + 1))
+        at = (left + right) / 2 + (right - left) / 2 * points
+        shapes = np.array([lagrange(at), lagrange.derivative(at)])
+        scaled = shapes * (weights * (right - left) / 2)[:, None]
+        found[:, :, own, own] += np.einsum("sqi,tqj->stij", scaled, shapes)
+    return found
