@@ -11,6 +11,7 @@ of the (2p + 1)³ entries a row that the assembled matrix of order p has.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import skfem
@@ -85,7 +86,7 @@ def _matrices(line: np.ndarray, places: np.ndarray) -> np.ndarray:
     count = (places.size - 1) // (line.size - 1)
     points, weights = legendre.leggauss(count + 1)
     found = np.zeros((2, 2, places.size, places.size))
-    for element, (left, right) in enumerate(zip(line[:-1], line[1:], strict=True)):
+    for element, (left, right) in enumerate(pairwise(line)):
         own = slice(element * count, element * count + count + 1)
         lagrange = BarycentricInterpolator(places[own], np.eye(count + 1))
         at = (left + right) / 2 + (right - left) / 2 * points

@@ -18,7 +18,6 @@ from typing import Protocol
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.optimize import least_squares
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.discrepancy import Discrepancy, learn_discrepancy, noise_level
@@ -29,8 +28,12 @@ from femu_piezo.threads import blas_limit
 
 #: Distance to a bound, relative to its range, that a start keeps.
 _MARGIN = 1e-6
-#: Relative gain of a step below which a coarse fit stops, and its most steps; the same of a close fit.
-_COARSE, _CLOSE = (1e-3, 12), (1e-9, 80)
+#: Gain in χ² below which a coarse fit stops, and its most evaluations; the same of a close fit.
+_COARSE, _CLOSE = (1.0, 12), (1e-6, 60)
+#: Gain in χ² that a close fit may still promise when it runs out of evaluations.
+_UNSETTLED = 1.0
+#: Damping of the first step, in the precision of the prior, and the factors by which it falls and rises.
+_DAMPING, _EASED, _RAISED = 1e-3, 0.2, 8.0
 #: Relative step of the frequency for ∂log Z/∂log f.
 _STEP = 1e-5
 
@@ -242,10 +245,12 @@ class _Posterior:
         return self._last
 
     def residual(self, x: np.ndarray) -> np.ndarray:
+        """(2k + m,) of the data, whitened by noise and discrepancy, and of priors and wall."""
         residual, _, further, _ = self.parts(x)
         return np.concatenate([self._whitened(residual), further])
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """(2k + m, n_x) of the same."""
         _, jacobian, _, further = self.parts(x)
         return np.concatenate([self._whitened(jacobian), further])
 
@@ -277,16 +282,16 @@ def fit(
     """
     posterior = _Posterior(response, data, parameters, discrepancy)
     with blas_limit():
-        found = [_least_squares(posterior, start, loss, *_COARSE) for start in starts]
-        best = min((one for one in found if one.status >= 0), key=lambda one: one.cost, default=None)
-        if best is not None and not coarse:
-            best = _least_squares(posterior, best.x, loss, *_CLOSE)
-    if best is None:
+        found = [_Descent(posterior, start, loss).run(*_COARSE) for start in starts]
+        best = min(found, key=lambda one: one.cost)
+        if not coarse:
+            best.run(*_CLOSE)
+    if not np.isfinite(best.cost) or (not coarse and best.promise > _UNSETTLED):
         raise ConvergenceError(
             f"no fit of {', '.join(parameters.names)} settled: check dimensions, density and poling, or free fewer "
             "constants"
         )
-    return _finished(posterior, best.x, loss, np.flatnonzero(best.active_mask), discrepancy)
+    return _finished(posterior, best.x, loss, best.on_bound, discrepancy)
 
 
 def _finished(posterior: _Posterior, x: np.ndarray, loss: str, active: np.ndarray, discrepancy) -> Fit:
@@ -309,7 +314,13 @@ def _finished(posterior: _Posterior, x: np.ndarray, loss: str, active: np.ndarra
     )
 
 
-#: Weight of a squared residual z at the solution, the slope of scipy's loss functions.
+#: Loss ρ of a squared residual z, and the weight ρ' that it gives it.
+_LOSS = {
+    "linear": lambda z: z,
+    "soft_l1": lambda z: 2 * (np.sqrt(1 + z) - 1),
+    "huber": lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1),
+    "cauchy": np.log1p,
+}
 _ROBUST = {
     "linear": np.ones_like,
     "soft_l1": lambda z: 1 / np.sqrt(1 + z),
@@ -318,22 +329,75 @@ _ROBUST = {
 }
 
 
-def _least_squares(posterior: _Posterior, start: np.ndarray, loss: str, tolerance: float, most: int):
-    """A fit from x (n_x,) until a step gains less than a share of χ², of at most so many steps."""
-    lower, upper = posterior.parameters.bounds.T
-    margin = _MARGIN * (upper - lower)
-    return least_squares(
-        posterior.residual,
-        np.clip(start, lower + margin, upper - margin),
-        posterior.jacobian,
-        bounds=(lower, upper),
-        x_scale="jac",
-        loss=loss,
-        xtol=tolerance,
-        ftol=tolerance,
-        gtol=1e-9,
-        max_nfev=most,
-    )
+class _Descent:
+    """Levenberg-Marquardt within bounds, unknowns in units of their prior standard deviations.
+
+    An unknown on its bound stays there while the gradient points outwards; steps are cut off at the bounds. χ² has a
+    natural unit, so the descent ends where the next step promises less than a given gain.
+
+    Attributes
+    ----------
+    x : (n_x,) where it stands;  cost : χ² there;  promise : gain that the next step promises
+    """
+
+    def __init__(self, posterior: _Posterior, start: np.ndarray, loss: str) -> None:
+        self._posterior, self._loss, self._rows = posterior, loss, 2 * posterior.data.impedance.size
+        self._low, self._high = posterior.parameters.bounds.T
+        margin = _MARGIN * (self._high - self._low)
+        self.x = np.clip(start, self._low + margin, self._high - margin)
+        self.cost, self.promise, self._damping = self._cost(self.x), np.inf, _DAMPING
+
+    def _cost(self, x: np.ndarray) -> float:
+        residual = self._posterior.residual(x)
+        data, further = residual[: self._rows], residual[self._rows :]
+        cost = float(np.sum(_LOSS[self._loss](data**2)) + further @ further)
+        return cost if np.isfinite(cost) else np.inf
+
+    @property
+    def on_bound(self) -> np.ndarray:
+        """Numbers of the unknowns on a bound."""
+        return np.flatnonzero((self.x <= self._low) | (self.x >= self._high))
+
+    def run(self, gain: float, most: int) -> _Descent:
+        """Descend until the next step promises less than `gain`, by at most so many evaluations."""
+        std, count = self._posterior.parameters.prior_std, 0
+        while count < most and np.isfinite(self.cost):
+            residual, jacobian = self._linear()
+            moving = self._moving(jacobian.T @ residual)
+            triangle = np.linalg.qr(np.column_stack([jacobian[:, moving], residual]), mode="r")
+            while count < most:
+                step = np.zeros(self.x.size)
+                step[moving], self.promise = _damped(triangle, self._damping)
+                if self.promise < gain:
+                    return self
+                other = np.clip(self.x + std * step, self._low, self._high)
+                cost, count = self._cost(other), count + 1
+                if cost < self.cost:
+                    self.x, self.cost, self._damping = other, cost, self._damping * _EASED
+                    break
+                self._damping = max(self._damping, _DAMPING) * _RAISED
+        return self
+
+    def _linear(self) -> tuple[np.ndarray, np.ndarray]:
+        """Residual and Jacobian at x in prior units, rows of the data weighed as their loss asks."""
+        residual, jacobian = self._posterior.residual(self.x), self._posterior.jacobian(self.x)
+        share = np.ones(residual.size)
+        share[: self._rows] = np.sqrt(_ROBUST[self._loss](residual[: self._rows] ** 2))
+        return residual * share, jacobian * share[:, None] * self._posterior.parameters.prior_std
+
+    def _moving(self, gradient: np.ndarray) -> np.ndarray:
+        held = ((self.x <= self._low) & (gradient > 0)) | ((self.x >= self._high) & (gradient < 0))
+        return np.flatnonzero(~held)
+
+
+def _damped(triangle: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
+    """The step that minimises |R d + q|² + damping |d|², and the gain in |R d + q|² that it promises."""
+    factor, right = triangle[:-1, :-1], triangle[:-1, -1]
+    count = right.size
+    rows = np.concatenate([factor, np.sqrt(damping) * np.eye(count)])
+    step = np.linalg.lstsq(rows, -np.concatenate([right, np.zeros(count)]), rcond=None)[0]
+    left = factor @ step + right
+    return step, float(right @ right - left @ left)
 
 
 def refitted(fit_: Fit, response: Response, discrepancy: Discrepancy | None, loss: str = "linear") -> Fit:
