@@ -107,7 +107,12 @@ class MeshFile:
         return along or float(np.linalg.norm(apart))
 
     def domain_for(
-        self, accuracy: float = 1e-4, frequency_Hz: float = 0.0, shear_speed: float = 1.0, symmetric: bool = True
+        self,
+        accuracy: float = 1e-4,
+        frequency_Hz: float = 0.0,
+        shear_speed: float = 1.0,
+        symmetric: bool = True,
+        order: int | None = None,
     ) -> Domain:
         """The mesh as it is: its elements are the user's, whatever the accuracy asked for."""
         direction = np.abs(np.array(self.poling_direction))
@@ -123,6 +128,7 @@ class MeshFile:
             ground=("ground",),
             symmetry={f"mirror_{'xyz'[axis]}": axis for axis in self.mirrors},
             copies=2 ** len(self.mirrors),
+            order=order or 2,
             poling=self.poling_direction,
         )
 

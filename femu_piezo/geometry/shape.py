@@ -10,8 +10,8 @@ import numpy as np
 from femu_piezo.errors import InputError
 from femu_piezo.geometry.domain import Domain
 
-#: Unknowns of the largest model that is attempted.
-MOST_UNKNOWNS = 250_000
+#: Unknowns of the largest model that is attempted, and entries of its operator.
+MOST_UNKNOWNS, MOST_ENTRIES = 250_000, 80_000_000
 
 
 class Shape(Protocol):
@@ -40,14 +40,22 @@ class Shape(Protocol):
     @property
     def electrode_gap(self) -> float: ...
 
-    def domain_for(self, accuracy: float, frequency_Hz: float, shear_speed: float, symmetric: bool = True) -> Domain:
-        """The computed part, its quadratic elements fine enough for a relative eigenvalue error `accuracy`.
+    def domain_for(
+        self,
+        accuracy: float,
+        frequency_Hz: float,
+        shear_speed: float,
+        symmetric: bool = True,
+        order: int | None = None,
+    ) -> Domain:
+        """The computed part, its elements fine enough for a relative eigenvalue error `accuracy`.
 
         Parameters
         ----------
         frequency_Hz : highest frequency of interest
         shear_speed : slowest shear wave, m/s
         symmetric : cut at the mirror planes of the driven field; False for the whole body
+        order : polynomial order of the elements; the shape's own choice where None
         """
         ...
 
@@ -62,13 +70,17 @@ def unit_direction(direction: Iterable[float]) -> tuple[float, float, float]:
 
 
 def check_size(elements: float, kind: str) -> None:
-    """InputError where a mesh would be too large for a factorisation in a few GB of memory."""
+    """InputError where a mesh of quadratic elements would be too large for a factorisation in a few GB of memory."""
     # cubes of one edge length hold one hexahedron of 32 unknowns or about eight tetrahedra of 6 unknowns each
-    unknowns = elements * (32 if kind == "hexahedron" else 48)
-    if unknowns > MOST_UNKNOWNS:
+    check_unknowns(elements * (32 if kind == "hexahedron" else 48))
+
+
+def check_unknowns(unknowns: float, entries: float = 0.0) -> None:
+    """InputError where a model, or the entries of its operator, would be too large for a few GB of memory."""
+    if unknowns > MOST_UNKNOWNS or entries > MOST_ENTRIES:
         raise InputError(
-            f"the mesh would have about {unknowns:.2g} unknowns, and at most {MOST_UNKNOWNS:g} can be solved; lower "
-            "the highest frequency (simulation.stop, --band of modes) or ask for less accuracy (update.accuracy = 1e-3)"
+            f"the mesh would have about {unknowns:.2g} unknowns, too many to be solved; lower the highest frequency "
+            "(simulation.stop, --band of modes) or ask for less accuracy (update.accuracy = 1e-3)"
         )
 
 

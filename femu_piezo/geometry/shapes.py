@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import factorial
 from typing import Literal
 
 import numpy as np
@@ -10,11 +11,10 @@ import numpy as np
 from femu_piezo.errors import InputError
 from femu_piezo.geometry.boxes import FACES, unit_box
 from femu_piezo.geometry.domain import Domain
-from femu_piezo.geometry.shape import check_size, driven_mirrors, unit_direction
+from femu_piezo.geometry.shape import check_unknowns, driven_mirrors, unit_direction
 
-#: Eigenvalue error of quadratic hexahedra of edge h at shear wavenumber k: about this times (k h)^4. Measured over
-#: plates and bars of several proportions (tests/verification/test_convergence.py holds it to be an upper bound).
-_ERROR_CONSTANT = 3e-3
+#: Orders of the elements to choose from.
+ORDERS = range(2, 9)
 
 #: All three mirror planes: one eighth of the plate. () is the full plate; (1, 2) leaves the length unsymmetric.
 EIGHTH = (0, 1, 2)
@@ -72,39 +72,56 @@ class Plate:
         """Distance between the electrodes, m."""
         return float(self.dimensions[self.poling_axis])
 
-    def divisions(
+    def part(self, symmetric_axes: tuple[int, ...]) -> np.ndarray:
+        """(3,) extents of the part that is left by cutting at the mid-planes of some axes, m."""
+        return self.dimensions / np.where(np.isin(np.arange(3), symmetric_axes), 2.0, 1.0)
+
+    def elements(
         self,
         accuracy: float,
         frequency_Hz: float,
         shear_speed: float,
         symmetric_axes: tuple[int, ...] = EIGHTH,
-    ) -> tuple[int, int, int]:
-        """Hexahedra along x, y, z for quadratic elements that keep eigenvalues within `accuracy` of converged.
+        order: int | None = None,
+    ) -> tuple[int, tuple[int, int, int]]:
+        """Order and number along x, y, z of the cheapest hexahedra that keep eigenvalues within `accuracy`.
 
         Parameters
         ----------
-        accuracy : relative error of λ at `frequency_Hz`; lower modes are more accurate by the fourth power
+        accuracy : relative error of λ at `frequency_Hz`; lower modes are more accurate by far
         frequency_Hz : highest frequency of interest
         shear_speed : slowest shear wave, m/s
+        order : of the elements where it is given, else the one of `ORDERS` that costs least
         """
-        edge = (accuracy / _ERROR_CONSTANT) ** 0.25 * shear_speed / (2 * np.pi * frequency_Hz)
-        halves = np.array([2.0 if axis in symmetric_axes else 1.0 for axis in range(3)])
-        return tuple(int(count) for count in np.ceil(self.dimensions / halves / edge))
+        size = 2 * np.pi * frequency_Hz / shear_speed * self.part(symmetric_axes)
+        choices = [(p, _divisions(p, size, accuracy)) for p in (ORDERS if order is None else (order,))]
+        found = min(choices, key=lambda choice: _cost(*choice))
+        check_unknowns(*_unknowns(*found))
+        return found
 
-    def domain_for(self, accuracy: float, frequency_Hz: float, shear_speed: float, symmetric: bool = True) -> Domain:
+    def domain_for(
+        self,
+        accuracy: float,
+        frequency_Hz: float,
+        shear_speed: float,
+        symmetric: bool = True,
+        order: int | None = None,
+    ) -> Domain:
         """The computed part with elements fine enough; see `femu_piezo.geometry.shape.Shape`."""
         axes = self.mirrors if symmetric else ()
-        divisions = self.divisions(accuracy, frequency_Hz, shear_speed, axes)
-        check_size(float(np.prod(divisions)), "hexahedron")
-        return self.domain(divisions, axes)
+        order, divisions = self.elements(accuracy, frequency_Hz, shear_speed, axes, order)
+        return self.domain(divisions, axes, order)
 
-    def domain(self, divisions: tuple[int, int, int], symmetric_axes: tuple[int, ...] = EIGHTH) -> Domain:
+    def domain(
+        self, divisions: tuple[int, int, int], symmetric_axes: tuple[int, ...] = EIGHTH, order: int = 2
+    ) -> Domain:
         """The computed part, cut at the mid-plane of every axis in `symmetric_axes`.
 
         Parameters
         ----------
         divisions : hexahedra along x, y, z of the computed part
         symmetric_axes : axes about whose mid-plane the driven field is symmetric; () gives the full plate
+        order : of the elements
         """
         if any(count < 1 for count in divisions):
             raise InputError(f"mesh divisions must be at least 1 along each axis, got {divisions}")
@@ -113,13 +130,10 @@ class Plate:
                 f"a plate with its field along axis {self.poling_axis} and poled along {self.poling_direction} has no "
                 f"mirror planes normal to the axes {symmetric_axes}; it has those of {self.mirrors}"
             )
-        size = np.array(
-            [extent / 2 if axis in symmetric_axes else extent for axis, extent in enumerate(self.dimensions)]
-        )
         origin = np.array(
             [0.0 if axis in symmetric_axes else -extent / 2 for axis, extent in enumerate(self.dimensions)]
         )
-        mesh = unit_box(divisions).scaled(size).translated(origin)
+        mesh = unit_box(divisions).scaled(self.part(symmetric_axes)).translated(origin)
         hot, ground = FACES[2 * self.poling_axis + 1], FACES[2 * self.poling_axis]
         return Domain(
             mesh=mesh,
@@ -129,4 +143,47 @@ class Plate:
             copies=2 ** len(symmetric_axes),
             voltage_factor=2.0 if self.poling_axis in symmetric_axes else 1.0,
             poling=self.poling_direction,
+            order=order,
         )
+
+
+def eigenvalue_error(order: int, divisions: tuple[int, int, int], size: np.ndarray) -> float:
+    """Bound of the relative error of λ of a box whose faces are free or electrodes.
+
+    What waves of wavenumber k in elements of edges h leave (Ainsworth, SIAM J. Numer. Anal. 42, 2004, 553), and what
+    edges and corners leave, whose fields no polynomial follows; it grows with inertia across the two shorter sides:
+
+        [p!/(2p)!]² Σ_a (k h_a)^(2p) / (2p + 1) + 1.2 min(1, g/2)^4 (k h)^4.7 / p^9.6
+
+    The numbers of the second term are measured over plates and bars of several proportions
+    (tests/verification/test_plate_elements.py).
+
+    Parameters
+    ----------
+    size : (3,) extents of the box times the wavenumber k of the slowest shear wave; g is the geometric mean of the
+        shorter two
+    """
+    edges = size / divisions
+    waves = (factorial(order) / factorial(2 * order)) ** 2 * np.sum(edges ** (2 * order)) / (2 * order + 1)
+    across = np.sqrt(np.prod(np.sort(size)[:2]))
+    return float(waves + 1.2 * min(1.0, across / 2) ** 4 * edges.max() ** 4.7 / order**9.6)
+
+
+def _divisions(order: int, size: np.ndarray, accuracy: float) -> tuple[int, int, int]:
+    """The fewest elements, as near to cubes as the longest edge allows, within an accuracy."""
+    count = 1
+    while True:
+        divisions = tuple(np.ceil(size / size.max() * count - 1e-9).astype(int).tolist())
+        if eigenvalue_error(order, divisions, size) <= accuracy:
+            return divisions
+        count += max(1, count // 20)
+
+
+def _unknowns(order: int, divisions: tuple[int, int, int]) -> tuple[int, int]:
+    """Number of unknowns, and of entries of the operator, about."""
+    return int(4 * np.prod(order * np.array(divisions) + 1)), int(16 * np.prod(divisions) * (order + 1) ** 6)
+
+
+def _cost(order: int, divisions: tuple[int, int, int]) -> float:
+    """Seconds, roughly: a factorisation, within elements and for each of them, and a reduction by the unknowns."""
+    return float(5e-8 * np.prod(divisions) * ((order + 1.0) ** 8 + 5e4) + 3e-4 * _unknowns(order, divisions)[0])

@@ -234,12 +234,19 @@ class Slab:
         constant = _ERROR_CONSTANT[self.element_shape]
         return (accuracy / constant) ** 0.25 * shear_speed / (2 * np.pi * frequency_Hz)
 
-    def domain_for(self, accuracy: float, frequency_Hz: float, shear_speed: float, symmetric: bool = True) -> Domain:
-        """The computed part with elements fine enough; see `femu_piezo.geometry.shape.Shape`."""
+    def domain_for(
+        self,
+        accuracy: float,
+        frequency_Hz: float,
+        shear_speed: float,
+        symmetric: bool = True,
+        order: int | None = None,
+    ) -> Domain:
+        """The computed part, fine enough for quadratic elements; see `femu_piezo.geometry.shape.Shape`."""
         edge = self.edge_length(accuracy, frequency_Hz, shear_speed)
         copies = 2 ** len(self.mirrors) if symmetric else 1
         check_size(self.volume / copies / edge**3, self.element_shape)
-        return self.domain(edge, symmetric)
+        return replace(self.domain(edge, symmetric), order=order or 2)
 
     def domain(self, edge: float, symmetric: bool = True) -> Domain:
         """The computed part with elements of a given edge (m), cut at its mirror planes where `symmetric`."""

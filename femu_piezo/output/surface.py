@@ -40,13 +40,13 @@ def surface_of(model: ElectroelasticModel, vectors: np.ndarray, subdivisions: in
 
     Parameters
     ----------
-    subdivisions : each facet is drawn as subdivisions² squares (twice as many triangles) or triangles, so that
-        quadratic shapes look curved
+    subdivisions : each facet of quadratic elements is drawn as subdivisions² squares (twice as many triangles) or
+        triangles, so that shapes look curved; of higher order by as much finer
     """
     mesh, domain = model.domain.mesh, model.domain
     cut = [mesh.boundaries[name] for name in domain.symmetry]
     outer = np.setdiff1d(mesh.boundary_facets(), np.concatenate(cut) if cut else [])
-    points, triangles = _facet_grid(mesh, subdivisions)
+    points, triangles = _facet_grid(mesh, subdivisions * max(2, model.order) // 2)
     basis = skfem.FacetBasis(
         mesh, model.basis.elem, facets=outer, quadrature=(points, np.full(points.shape[1], 1.0 / points.shape[1]))
     )

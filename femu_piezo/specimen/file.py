@@ -151,7 +151,10 @@ class Measurement(Table):
 
 
 class Simulation(Table):
-    """Sweep of a simulation. `start` and `stop` in Hz, chosen around the fundamental where absent."""
+    """Sweep of a simulation. `start` and `stop` in Hz, chosen around the fundamental where absent.
+
+    order: polynomial order of the finite elements, chosen for the accuracy where absent
+    """
 
     model_config = ConfigDict(title="simulation")
 
@@ -161,6 +164,7 @@ class Simulation(Table):
     spacing: Literal["linear", "log"] = "linear"
     noise: RelativeNoise = 0.0
     seed: int = 0
+    order: int | None = None
 
     def problem(self) -> str | None:
         if self.start is not None and self.stop is not None and not self.start < self.stop:
@@ -169,6 +173,8 @@ class Simulation(Table):
             return f"simulation.points = {self.points} is outside 2 … 1000000; 801 is usual"
         if not 0 <= self.seed < 2**63:
             return f"simulation.seed = {self.seed} is outside 0 … 2^63 - 1; give a whole number such as 1"
+        if self.order is not None and not 1 <= self.order <= 8:
+            return f"simulation.order = {self.order} is outside 1 … 8; leave it out to have it chosen"
         return None
 
 

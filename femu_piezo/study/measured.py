@@ -90,7 +90,7 @@ class Measured:
         """
         accuracy = (self.problem.specimen.update or Update()).accuracy
         exact_up_to = self.fitted.frequency[-1] if whole_curve else 1.05 * self.pair.zero.frequency_Hz
-        picture = self.band_Hz * (accuracy / max(accuracy, _PICTURE_ACCURACY)) ** 0.25
+        picture = self.band_Hz / self.problem.reach(accuracy, _PICTURE_ACCURACY)
         return self.problem.equivalent_frequency(float(max(exact_up_to, picture)), accuracy)
 
     def start_values(self, free: tuple[str, ...]) -> dict[str, complex]:

@@ -15,7 +15,7 @@ from femu_piezo.inference.unknowns import FreeConstants
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.material.simplified import simplify
-from femu_piezo.specimen.file import Specimen
+from femu_piezo.specimen.file import Simulation, Specimen
 from femu_piezo.study.shapes import first_mode_Hz, shape_of
 
 #: Eigenvalue error allowed at the end of a sweep of shapes other than rectangular plates.
@@ -56,32 +56,30 @@ class Problem:
         """The paper's simplification of the constants where the specimen asks for it, else themselves."""
         return simplify(constants, self.plate.poling).full() if self.specimen.material.simplified else constants
 
-    def model(
-        self, frequency_Hz: float, accuracy: float, symmetric_axes: tuple[int, ...] | None = None, order: int = 2
-    ) -> ElectroelasticModel:
-        """Model of the body whose eigenvalues are within `accuracy` of converged up to a frequency.
-
-        Parameters
-        ----------
-        symmetric_axes : mirror planes to cut at; all that the shape has where None, () for the whole body
-        """
-        if symmetric_axes and isinstance(self.plate, Plate):
-            divisions = self.plate.divisions(accuracy, frequency_Hz, self.shear_speed, symmetric_axes)
-            return ElectroelasticModel(self.plate.domain(divisions, symmetric_axes), self.density, order)
-        whole = symmetric_axes == ()
-        domain = self.plate.domain_for(accuracy, frequency_Hz, self.shear_speed, symmetric=not whole)
-        return ElectroelasticModel(domain, self.density, order)
+    def model(self, frequency_Hz: float, accuracy: float) -> ElectroelasticModel:
+        """Model of the body whose eigenvalues are within `accuracy` of converged up to a frequency."""
+        order = (self.specimen.simulation or Simulation()).order
+        domain = self.plate.domain_for(accuracy, frequency_Hz, self.shear_speed, order=order)
+        return ElectroelasticModel(domain, self.density)
 
     def equivalent_frequency(self, highest_Hz: float, accuracy: float) -> float:
         """Frequency up to which `accuracy` is asked of the mesh, for a sweep that ends at `highest_Hz`.
 
         The end itself for a plate. Other shapes cost more: `accuracy` up to 1.5 times the expected first pole, and
-        1e-3 at the end, where the error of an eigenvalue grows by the fourth power of frequency.
+        1e-3 at the end.
         """
         if isinstance(self.plate, Plate) and self.plate.direction is None:
             return highest_Hz
         first = min(1.5 * self.expected_pole_Hz, highest_Hz)
-        return max(first, highest_Hz * min(1.0, accuracy / _ERROR_AT_END) ** 0.25)
+        return max(first, highest_Hz / self.reach(accuracy, _ERROR_AT_END))
+
+    def reach(self, accuracy: float, allowed: float) -> float:
+        """How many times the frequency where λ is within `accuracy` it stays within `allowed`, at least once.
+
+        The error grows with the power 2p of frequency: p = 2 for meshes of gmsh, about 5 for plates.
+        """
+        order = 5 if isinstance(self.plate, Plate) else 2
+        return max(1.0, allowed / accuracy) ** (0.5 / order)
 
     @cached_property
     def expected_pole_Hz(self) -> float:

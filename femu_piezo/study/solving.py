@@ -193,7 +193,8 @@ def _mesh_words(model: ElectroelasticModel, reduced: ReducedModel) -> str:
     mesh, copies = model.domain.mesh, model.domain.copies
     part = "the whole body" if copies == 1 else f"1/{copies} of the body, cut at its mirror planes"
     kind = "hexahedra" if "Hex" in type(mesh).__name__ else "tetrahedra"
-    return f"{mesh.nelements} quadratic {kind} in {part}; {model.size} unknowns, reduced to {reduced.size}"
+    what = f"{mesh.nelements} {kind} of order {model.order} in {part}"
+    return f"{what}; {model.size} unknowns, reduced to {reduced.size}"
 
 
 def _provenance(

@@ -61,7 +61,7 @@ def noisy(sweep: ImpedanceSpectrum, level: float, seed: int) -> ImpedanceSpectru
 
 def _model(band: float, accuracy: float) -> ElectroelasticModel:
     shear = 1 / np.sqrt(DENSITY * max(TRUTH.s44.real, TRUTH.s66.real))
-    return ElectroelasticModel(PLATE.domain(PLATE.divisions(accuracy, band, shear)), DENSITY)
+    return ElectroelasticModel(PLATE.domain_for(accuracy, band, shear), DENSITY)
 
 
 def starts(sweep: ImpedanceSpectrum, count: int = 50) -> None:

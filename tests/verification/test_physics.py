@@ -142,32 +142,6 @@ def test_eigenvalues_converge_with_the_fourth_power():
     assert rate > 3.0
 
 
-@pytest.mark.parametrize(
-    ("plate", "material", "band"),
-    [
-        (Plate(40e-3, 5e-3, 1e-3), "tj52-hd", 120e3),
-        (Plate(12e-3, 3e-3, 1e-3), "pzt-5h", 140e3),
-        (Plate(23e-3, 2e-3, 2e-3, "length"), "pzt-5h", 120e3),
-        (Plate(10e-3, 9e-3, 1e-3), "pzt-4", 250e3),
-    ],
-)
-def test_default_mesh_is_within_1e4_of_converged(plate, material, band):
-    """Every driven pole and zero up to the band, against twice the divisions along each axis."""
-    library = library_material(material)
-    constants, density = library.constants, library.density
-    shear = 1 / np.sqrt(density * max(constants.s44.real, constants.s66.real))
-    divisions = plate.divisions(1e-4, band, shear)
-    finer = tuple(2 * count for count in divisions)
-    for circuit in ("short", "open"):
-        values = []
-        for n in (divisions, finer):
-            modes = solve_eigen(ElectroelasticModel(plate.domain(n), density), constants.to_e_form(), circuit, 6, 1e3)
-            frequency = np.sqrt(modes.eigenvalues.real) / (2 * np.pi)
-            values.append(modes.eigenvalues.real[frequency < band])
-        assert values[0].size == values[1].size > 0
-        np.testing.assert_allclose(values[0], values[1], rtol=1e-4)
-
-
 @pytest.mark.parametrize("circuit", ["short", "open"])
 def test_sensitivities_against_richardson_differences(small, circuit):
     """∂λ/∂θ in every e-form and every d-form constant, complex, to 1e-8 of |λ/θ|."""
