@@ -106,6 +106,11 @@ class MeshFile:
         along = abs(float(apart @ np.array(self.poling_direction)))
         return along or float(np.linalg.norm(apart))
 
+    @property
+    def element_order(self) -> int:
+        """Quadratic elements on the mesh of the user."""
+        return 2
+
     def domain_for(
         self,
         accuracy: float = 1e-4,

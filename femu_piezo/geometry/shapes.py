@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import factorial
 from typing import Literal
 
 import numpy as np
@@ -11,7 +10,13 @@ import numpy as np
 from femu_piezo.errors import InputError
 from femu_piezo.geometry.boxes import FACES, unit_box
 from femu_piezo.geometry.domain import Domain
-from femu_piezo.geometry.shape import check_unknowns, driven_mirrors, unit_direction
+from femu_piezo.geometry.shape import (
+    check_unknowns,
+    driven_mirrors,
+    solution_cost,
+    unit_direction,
+    wave_error,
+)
 
 #: Orders of the elements to choose from.
 ORDERS = range(2, 9)
@@ -41,6 +46,11 @@ class Plate:
         """(3,) unit vector of the poling."""
         along = np.eye(3)[self.poling_axis] if self.direction is None else self.direction
         return unit_direction(along)
+
+    @property
+    def element_order(self) -> int:
+        """About what `elements` chooses."""
+        return 5
 
     @property
     def volume(self) -> float:
@@ -150,10 +160,10 @@ class Plate:
 def eigenvalue_error(order: int, divisions: tuple[int, int, int], size: np.ndarray) -> float:
     """Bound of the relative error of λ of a box whose faces are free or electrodes.
 
-    What waves of wavenumber k in elements of edges h leave (Ainsworth, SIAM J. Numer. Anal. 42, 2004, 553), and what
-    edges and corners leave, whose fields no polynomial follows; it grows with inertia across the two shorter sides:
+    What waves of wavenumber k in elements of edges h leave (`wave_error`), and what edges and corners leave, whose
+    fields no polynomial follows; it grows with inertia across the two shorter sides:
 
-        [p!/(2p)!]² Σ_a (k h_a)^(2p) / (2p + 1) + 1.2 min(1, g/2)^4 (k h)^4.7 / p^9.6
+        Σ_a wave_error(p, k h_a) + 1.2 min(1, g/2)^4 (k h)^4.7 / p^9.6
 
     The numbers of the second term are measured over plates and bars of several proportions
     (tests/verification/test_plate_elements.py).
@@ -164,7 +174,7 @@ def eigenvalue_error(order: int, divisions: tuple[int, int, int], size: np.ndarr
         shorter two
     """
     edges = size / divisions
-    waves = (factorial(order) / factorial(2 * order)) ** 2 * np.sum(edges ** (2 * order)) / (2 * order + 1)
+    waves = np.sum(wave_error(order, edges))
     across = np.sqrt(np.prod(np.sort(size)[:2]))
     return float(waves + 1.2 * min(1.0, across / 2) ** 4 * edges.max() ** 4.7 / order**9.6)
 
@@ -185,5 +195,4 @@ def _unknowns(order: int, divisions: tuple[int, int, int]) -> tuple[int, int]:
 
 
 def _cost(order: int, divisions: tuple[int, int, int]) -> float:
-    """Seconds, roughly: a factorisation, within elements and for each of them, and a reduction by the unknowns."""
-    return float(5e-8 * np.prod(divisions) * ((order + 1.0) ** 8 + 5e4) + 3e-4 * _unknowns(order, divisions)[0])
+    return solution_cost(order, int(np.prod(divisions)), _unknowns(order, divisions)[0])

@@ -1,7 +1,8 @@
 """`Slab`: a plane outline of constant thickness with holes, chamfers and any electrodes on its two faces.
 
 Disks, rings, trapezoids, plates with rounded corners or holes are outlines; `femu_piezo.geometry.catalogue` makes
-them in one line each. Curved sides are followed by quadratic elements.
+them in one line each. Plain disks and rings are a few curved cells (`femu_piezo.geometry.round_body`), other slabs are
+meshed by gmsh, with quadratic elements that follow curved sides.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.gmsh_session import mesh_solid
 from femu_piezo.geometry.quality import check_electrodes, check_elements
 from femu_piezo.geometry.regions import Circle, Footprint, Region
+from femu_piezo.geometry.round_body import divisions_for, round_domain
 from femu_piezo.geometry.shape import check_size, driven_mirrors, unit_direction
 from femu_piezo.geometry.slab_cad import (
     divide_curves,
@@ -225,6 +227,21 @@ class Slab:
         return driven_mirrors(axes, self.poling_direction, field_axis=2)
 
     @property
+    def radii(self) -> tuple[float, float] | None:
+        """Inner (0 for a disk) and outer radius of a plain disk or ring with full electrodes, m; None for others."""
+        plain = self.electrodes == Electrodes() and not self.chamfer and self.elements != "tetrahedron"
+        if not (plain and isinstance(self.outline, Circle) and len(self.holes) <= 1):
+            return None
+        if any(circle.center != (0.0, 0.0) for circle in (self.outline, *self.holes)):
+            return None
+        return (self.holes[0].diameter / 2 if self.holes else 0.0), self.outline.diameter / 2
+
+    @property
+    def element_order(self) -> int:
+        """About what is chosen for a plain disk or ring; quadratic elements for other slabs."""
+        return 2 if self.radii is None else 5
+
+    @property
     def element_shape(self) -> Elements:
         """ "hexahedron" or "tetrahedron", as asked for or as the shape allows."""
         return self.elements or ("tetrahedron" if self.chamfer else "hexahedron")
@@ -242,10 +259,18 @@ class Slab:
         symmetric: bool = True,
         order: int | None = None,
     ) -> Domain:
-        """The computed part, fine enough for quadratic elements; see `femu_piezo.geometry.shape.Shape`."""
+        """The computed part with elements fine enough; see `femu_piezo.geometry.shape.Shape`.
+
+        Plain disks and rings take few curved elements of high order, other slabs meshes of gmsh for quadratic ones.
+        """
+        mirrors = self.mirrors if symmetric else ()
+        if self.radii is not None:
+            height = self.thickness / 2 if 2 in mirrors else self.thickness
+            wavenumber, along = 2 * np.pi * frequency_Hz / shear_speed, abs(self.poling_direction[2]) == 1.0
+            found = divisions_for(self.radii, self.thickness, height, wavenumber, accuracy, along, order)
+            return round_domain(self.radii, self.thickness, found, mirrors, self.poling_direction)
         edge = self.edge_length(accuracy, frequency_Hz, shear_speed)
-        copies = 2 ** len(self.mirrors) if symmetric else 1
-        check_size(self.volume / copies / edge**3, self.element_shape)
+        check_size(self.volume / 2 ** len(mirrors) / edge**3, self.element_shape)
         return replace(self.domain(edge, symmetric), order=order or 2)
 
     def domain(self, edge: float, symmetric: bool = True) -> Domain:

@@ -19,6 +19,8 @@ _EXAGGERATION, _IN_THICKNESS = 0.07, 0.3
 COLORS = {"displacement": "viridis", "potential": "RdBu_r"}
 ELECTRODE_COLORS = {BARE: "#e8dfc8", HOT: "#c0392b", GROUND: "#1f4e79"}
 WINDOW = (1500, 1000)
+#: Distance of points that are drawn as one, relative to the body: the pinhole of a disk is not shown.
+_MERGED = 3e-5
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ class Renderer:
         triangles = surface.triangles[surface.electrode == label]
         if not len(triangles):
             return None, None
-        _, merged = np.unique(np.round(surface.points / (1e-7 * surface.extent)), axis=0, return_inverse=True)
+        _, merged = np.unique(np.round(surface.points / (_MERGED * surface.extent)), axis=0, return_inverse=True)
         merged = merged.ravel()
         edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
         keys = np.sort(merged[edges], axis=1)
@@ -149,7 +151,7 @@ class Renderer:
 
 def _sharp_edges(pv, mesh):
     """The edges of the undeformed body."""
-    return mesh.clean(tolerance=1e-7).extract_feature_edges(
+    return mesh.clean(tolerance=_MERGED).extract_feature_edges(
         feature_angle=40, boundary_edges=False, non_manifold_edges=False, manifold_edges=False
     )
 

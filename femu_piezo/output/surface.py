@@ -8,6 +8,7 @@ import numpy as np
 import skfem
 
 from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry.curved_mesh import CurvedHexahedra
 
 #: Electrode of a surface triangle.
 BARE, HOT, GROUND = 0, 1, 2
@@ -41,12 +42,13 @@ def surface_of(model: ElectroelasticModel, vectors: np.ndarray, subdivisions: in
     Parameters
     ----------
     subdivisions : each facet of quadratic elements is drawn as subdivisions² squares (twice as many triangles) or
-        triangles, so that shapes look curved; of higher order by as much finer
+        triangles, so that shapes look curved; of higher order by as much finer, of curved cells twice so
     """
     mesh, domain = model.domain.mesh, model.domain
     cut = [mesh.boundaries[name] for name in domain.symmetry]
     outer = np.setdiff1d(mesh.boundary_facets(), np.concatenate(cut) if cut else [])
-    points, triangles = _facet_grid(mesh, subdivisions * max(2, model.order) // 2)
+    arcs = 2 if isinstance(mesh, CurvedHexahedra) else 1
+    points, triangles = _facet_grid(mesh, arcs * subdivisions * max(2, model.order) // 2)
     basis = skfem.FacetBasis(
         mesh, model.basis.elem, facets=outer, quadrature=(points, np.full(points.shape[1], 1.0 / points.shape[1]))
     )

@@ -10,7 +10,6 @@ import numpy as np
 from femu_piezo.errors import InputError
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shape import Shape
-from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.unknowns import FreeConstants
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
@@ -65,10 +64,10 @@ class Problem:
     def equivalent_frequency(self, highest_Hz: float, accuracy: float) -> float:
         """Frequency up to which `accuracy` is asked of the mesh, for a sweep that ends at `highest_Hz`.
 
-        The end itself for a plate. Other shapes cost more: `accuracy` up to 1.5 times the expected first pole, and
-        1e-3 at the end.
+        The end itself where elements of high order follow the body. Others cost more: `accuracy` up to 1.5 times the
+        expected first pole, and 1e-3 at the end.
         """
-        if isinstance(self.plate, Plate) and self.plate.direction is None:
+        if self.plate.element_order > 2 and self.plate.direction is None:
             return highest_Hz
         first = min(1.5 * self.expected_pole_Hz, highest_Hz)
         return max(first, highest_Hz / self.reach(accuracy, _ERROR_AT_END))
@@ -76,10 +75,9 @@ class Problem:
     def reach(self, accuracy: float, allowed: float) -> float:
         """How many times the frequency where λ is within `accuracy` it stays within `allowed`, at least once.
 
-        The error grows with the power 2p of frequency: p = 2 for meshes of gmsh, about 5 for plates.
+        The error grows with the power 2p of frequency.
         """
-        order = 5 if isinstance(self.plate, Plate) else 2
-        return max(1.0, allowed / accuracy) ** (0.5 / order)
+        return max(1.0, allowed / accuracy) ** (0.5 / self.plate.element_order)
 
     @cached_property
     def expected_pole_Hz(self) -> float:

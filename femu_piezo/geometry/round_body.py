@@ -1,0 +1,159 @@
+"""Plain disks and rings as a few curved cells of high order in polar coordinates, without a mesh generator.
+
+A driven field of a body poled along its axis is axisymmetric: u_x = u_r(r, z) cos θ. One cell of order four or more
+follows a quarter turn of that, so the cells are spent along the radius. A disk is a ring with a pinhole, which changes
+its eigenvalues by 1e-9 and keeps every cell a hexahedron.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import count
+
+import numpy as np
+
+from femu_piezo.geometry.curved_mesh import CurvedHexahedra, polar_cells
+from femu_piezo.geometry.domain import Domain
+from femu_piezo.geometry.shape import check_unknowns, solution_cost, wave_error
+
+#: Radius of the pinhole of a disk, relative to that of the disk.
+PINHOLE = 1e-5
+#: Orders that are tried.
+_ORDERS = range(4, 9)
+#: Wavenumber of the shortest radial wave over that of shear waves: in a thin body, where only extension propagates, and
+#: in a thick one; and shear wavenumber times half the thickness at which it is thin and thick.
+_RADIAL, _THIN, _THICK = (0.7, 1.0), 1.2, 2.5
+#: Error along the angle of an axisymmetric field, over `wave_error` of the angle of a cell.
+_ANGLE = 6.0
+#: Error from the 1/r in the field of a ring, over the geometric decay that the distance of a cell to r = 0 gives.
+_CURVATURE = 30.0
+#: Error from the edges of the rim, whose fields no polynomial follows: c min(1, k t/4)^4 (k h)^4.7 / p^9.6, as plates.
+_EDGES = 0.15
+#: Height of a cell over the width of the ring at most: fields at the edges of a tall ring decay over its width.
+_TALLEST = 0.5
+
+
+@dataclass(frozen=True)
+class Divisions:
+    """Elements of a disk or ring.
+
+    Attributes
+    ----------
+    order : of the elements
+    radial, around, layers : cells along the radius, in a quarter turn, and through the computed height
+    """
+
+    order: int
+    radial: int
+    around: int
+    layers: int
+
+    def unknowns(self, quarters: int = 1) -> int:
+        """Displacements and potentials of a part of so many quarter turns."""
+        p = self.order
+        return 4 * (p * self.radial + 1) * (p * self.around * quarters + 1) * (p * self.layers + 1)
+
+    def cost(self) -> float:
+        """Seconds, roughly."""
+        return solution_cost(self.order, self.radial * self.around * self.layers, self.unknowns())
+
+
+def divisions_for(
+    radii: tuple[float, float],
+    thickness: float,
+    height: float,
+    wavenumber: float,
+    accuracy: float,
+    axisymmetric: bool = True,
+    order: int | None = None,
+) -> Divisions:
+    """The cheapest elements whose predicted eigenvalue error is within `accuracy`.
+
+    The prediction was measured on random disks and rings; tests/verification/test_round_bodies.py holds some to it.
+
+    Parameters
+    ----------
+    radii : inner (0 for a disk) and outer one, m
+    height : the thickness, m, or half of it where the part is cut at mid-height
+    wavenumber : of the slowest shear wave at the highest frequency, 1/m
+    axisymmetric : whether the driven field is
+    order : of the elements where it is given
+    """
+    (inner, outer), width = radii, radii[1] - radii[0]
+    inertia = wavenumber * thickness / 2
+    thick = np.clip((inertia - _THIN) / (_THICK - _THIN), 0.0, 1.0)
+    radial_wave = wavenumber * (_RADIAL[0] + (_RADIAL[1] - _RADIAL[0]) * thick)
+    turn, weight = (np.pi / 2, _ANGLE) if axisymmetric else (wavenumber * outer * np.pi / 2, 1.0)
+
+    def edges(p: int, edge: float) -> float:
+        return _EDGES * min(1.0, inertia / 2) ** 4 * (wavenumber * edge) ** 4.7 / p**9.6
+
+    def along_radius(p: int, edge: float) -> float:
+        return wave_error(p, radial_wave * edge) + _curvature_error(p, inner, edge) + edges(p, edge)
+
+    def along_height(p: int, edge: float) -> float:
+        return wave_error(p, wavenumber * edge) + edges(p, edge)
+
+    lowest = int(np.ceil(height / (_TALLEST * width)))
+    found = []
+    for p in _ORDERS if order is None else (order,):
+        around = next(n for n in count(1) if weight * wave_error(p, turn / n) < 0.3 * accuracy)
+        left = accuracy - weight * wave_error(p, turn / around)
+        enough = next(n for n in count(lowest) if along_height(p, height / n) < 0.9 * left)
+        for layers in (enough, enough + 1):
+            rest = left - along_height(p, height / layers)
+            found.append(Divisions(p, next(n for n in count(1) if along_radius(p, width / n) < rest), around, layers))
+    return min(found, key=Divisions.cost)
+
+
+def _curvature_error(order: int, inner: float, edge: float) -> float:
+    """Error of the innermost cell of a ring, of an edge along the radius, m."""
+    if inner == 0:
+        return 0.0
+    distance = (2 * inner + edge) / edge
+    return _CURVATURE * (distance + np.sqrt(distance**2 - 1)) ** (-2 * order)
+
+
+def round_domain(
+    radii: tuple[float, float],
+    thickness: float,
+    divisions: Divisions,
+    mirrors: Iterable[int],
+    poling: tuple[float, float, float],
+) -> Domain:
+    """The computed part of a disk (inner radius 0) or ring with fully covered faces, cut at its mirror planes, m.
+
+    mirrors : axes whose mid-plane the part is cut at
+    """
+    mirrors = tuple(sorted(mirrors))
+    quarters = 4 // 2 ** len({0, 1} & set(mirrors))
+    cells = quarters * divisions.radial * divisions.around * divisions.layers
+    check_unknowns(divisions.unknowns(quarters), 16.0 * cells * (divisions.order + 1) ** 6)
+    (inner, outer), half = radii, thickness / 2
+    start = 0.0 if 1 in mirrors or 0 not in mirrors else -np.pi / 2
+    mesh = polar_cells(
+        np.linspace(inner or PINHOLE * outer, outer, divisions.radial + 1),
+        start + np.pi / 2 * np.linspace(0, quarters, quarters * divisions.around + 1),
+        np.linspace(0.0 if 2 in mirrors else -half, half, divisions.layers + 1),
+    )
+    ground = "mirror_z" if 2 in mirrors else "ground"
+    low = 0.0 if 2 in mirrors else -half
+    return Domain(
+        mesh=_labelled(mesh, {"hot": (2, half), ground: (2, low)} | {f"mirror_{'xyz'[a]}": (a, 0.0) for a in mirrors}),
+        hot=("hot",),
+        ground=(ground,),
+        symmetry={f"mirror_{'xyz'[axis]}": axis for axis in mirrors},
+        copies=2 ** len(mirrors),
+        voltage_factor=2.0 if 2 in mirrors else 1.0,
+        poling=poling,
+        order=divisions.order,
+    )
+
+
+def _labelled(mesh: CurvedHexahedra, planes: dict[str, tuple[int, float]]) -> CurvedHexahedra:
+    """Boundaries by name: those facets of the surface that lie in a plane, given by its axis and place."""
+    corners, surface = mesh.p[:, mesh.facets], mesh.boundary_facets()
+    near = 1e-9 * np.ptp(mesh.p)
+    inside = {name: np.all(np.abs(corners[axis] - place) < near, axis=0) for name, (axis, place) in planes.items()}
+    return mesh.with_boundaries({name: surface[found[surface]] for name, found in inside.items()})
