@@ -112,23 +112,40 @@ def learn_discrepancy(
     return Discrepancy(float(sigma), float(length), gain, sigma * best)
 
 
-def noise_level(chi_square: float, freedom: int, level_std: float) -> float:
+#: Standard deviations of its logarithm below which a noise level is not taken to be.
+_FLOOR = 3.0
+
+
+def noise_level(chi_square: float, freedom: float, level_std: float) -> float:
     """Factor s on the noise: the most probable one, its logarithm known beforehand to `level_std`.
 
-    Maximises −n log s − χ²/(2 s²) − (log s)²/(2 level_std²).
+    Maximises −n log s − χ²/(2 s²) + log p(log s). The prior p is Gaussian near 1. Its tail above is that of Cauchy's
+    distribution, since a stated noise may be a mere guess; below it ends at −3 level_std, since what was seen between
+    neighbours, and the error of the model, is there.
     """
-    level = 0.5 * np.log(max(chi_square, 1e-12) / freedom)
-    for _ in range(60):
-        pull = chi_square * np.exp(-2 * level)
-        slope = pull - freedom - level / level_std**2
-        step = slope / (2 * pull + 1 / level_std**2)
-        level += step
-        if abs(step) < 1e-12:
-            break
-    return float(np.exp(level))
+    floor = -_FLOOR * level_std
+    found = []
+    for level in (0.0, 0.5 * np.log(max(chi_square, 1e-12) / freedom)):
+        for _ in range(60):
+            pull, hold = chi_square * np.exp(-2 * level), 2 / (2 * level_std**2 + level**2)
+            step = (pull - freedom - hold * level) / (2 * pull + hold)
+            level = max(level + step, floor)
+            if abs(step) < 1e-12 or level == floor:
+                break
+        found.append((_log_likelihood(level, chi_square, freedom, level_std), level))
+    return float(np.exp(max(found)[1]))
 
 
-def _profiled(chi_square: float, freedom: int, level_std: float) -> float:
+def log_level_prior(level: float, level_std: float) -> float:
+    """log p of the logarithm of a noise level, up to a constant."""
+    return -float(np.log1p(0.5 * (level / level_std) ** 2))
+
+
+def _log_likelihood(level: float, chi_square: float, freedom: float, level_std: float) -> float:
+    return -freedom * level - 0.5 * chi_square * np.exp(-2 * level) + log_level_prior(level, level_std)
+
+
+def _profiled(chi_square: float, freedom: float, level_std: float) -> float:
     """log likelihood of a χ² at its most probable noise level, up to a constant."""
-    s = noise_level(chi_square, freedom, level_std)
-    return -freedom * np.log(s) - 0.5 * chi_square / s**2 - 0.5 * (np.log(s) / level_std) ** 2
+    level = np.log(noise_level(chi_square, freedom, level_std))
+    return float(_log_likelihood(level, chi_square, freedom, level_std))

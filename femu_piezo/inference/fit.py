@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from femu_piezo.errors import ConvergenceError
-from femu_piezo.inference.discrepancy import Discrepancy, learn_discrepancy, noise_level
+from femu_piezo.inference.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, noise_level
 from femu_piezo.inference.passivity import passivity_wall
 from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import Unknowns
@@ -111,7 +111,8 @@ class Fit:
     @property
     def noise_scale(self) -> float:
         """Most probable factor on the noise."""
-        return noise_level(self.chi_square, self.residual.size - self.determined, self.data.level_std)
+        own = self._rows[0][: self.residual.size]
+        return noise_level(float(own @ own), self.residual.size - self.determined, self.data.level_std)
 
     @cached_property
     def covariance(self) -> np.ndarray:
@@ -140,7 +141,7 @@ class Fit:
         stacked = np.concatenate([self.jacobian * (self.parameters.prior_std / scale), rows])
         determinant = np.sum(np.log(np.abs(np.diag(np.linalg.qr(stacked, mode="r")))))
         misfit = float(self.residual @ self.residual) / scale**2 + float(self.further_residual @ self.further_residual)
-        level = self.residual.size * np.log(scale) + 0.5 * (np.log(scale) / std) ** 2
+        level = self.residual.size * np.log(scale) - log_level_prior(np.log(scale), std)
         return float(-0.5 * misfit - determinant - level)
 
     @cached_property

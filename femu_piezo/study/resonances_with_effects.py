@@ -47,13 +47,18 @@ def matched_resonances(
 
 
 def _roots(function: Callable[[np.ndarray], np.ndarray], start: np.ndarray) -> np.ndarray:
-    """Roots (m,) of an analytic function near complex starts, by Newton; the start where it leads far away."""
-    omega = start.astype(complex)
+    """Roots (m,) of an analytic function near complex starts, by Newton; the start where it leads far away.
+
+    A step that lands on a resonance of the body to the last digit, where its admittance is infinite, is the last one.
+    """
+    omega = start * (1 + _DIFFERENCE)
     for _ in range(_STEPS):
-        value = function(omega)
-        slope = (function(omega * (1 + _DIFFERENCE)) - value) / (omega * _DIFFERENCE)
-        omega = omega - value / np.where(slope == 0, np.inf, slope)
-        omega = np.where(np.isfinite(omega) & (np.abs(omega / start - 1) < _FAR), omega, start)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            value = function(omega)
+            slope = (function(omega * (1 + _DIFFERENCE)) - value) / (omega * _DIFFERENCE)
+            moved = omega - value / np.where(slope == 0, np.inf, slope)
+        near = np.abs(moved / start - 1) < _FAR
+        omega = np.where(near, moved, np.where(np.isfinite(moved), start, omega))
     return omega
 
 

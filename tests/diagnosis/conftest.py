@@ -11,13 +11,15 @@ from femu_piezo.effects.library import library
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters
+from femu_piezo.inference.sweeps import SweepData
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
 
 SIZE, DENSITY = (12e-3, 6.5e-3, 1.5e-3), 7500.0
 TANGENTS = np.array([15, 13, 12, 16, 20, 13, 12, 14, 18, 17]) * 1e-3
 FUNDAMENTAL = 117e3
+AXES = {"length": (0,), "width": (1,), "thickness": (2,)}
 #: Up to the third resonance, with its pole and zero well sampled.
 FREQUENCY = np.concatenate([np.linspace(5e3, 110e3, 12), np.linspace(112e3, 126e3, 15), np.linspace(130e3, 225e3, 30)])
 
@@ -31,15 +33,28 @@ class Setup:
         free = FreeConstants.of(constants, ("s11", "d31", "eps33T"))
         self.material = MaterialParameters.around(free, free.start)
         self.x = self.material.x_of(free.start)
-        context = EffectContext(
-            FUNDAMENTAL, free.names, constants, {"length": 0, "width": 1, "thickness": 2}, DENSITY, SIZE[2], 2e3, SIZE
-        )
+        self.unknowns = Unknowns(self.material, material_prior(free, {}, {}))
+        context = EffectContext(FUNDAMENTAL, free.names, constants, AXES, DENSITY, SIZE[2], 2e3, SIZE)
         self.library = {effect.key: effect for effect in library(context)}
         model = self.model_of_part = ElectroelasticModel(Plate(*SIZE).domain((16, 9, 2)), DENSITY)
         training = [constants, *free.training_sets(free.start, 0.04, 3)[1:]]
         training += [constants.lossless().with_values(s12=1.08 * constants.s12.real)]
         self.model = extend_model(model, training, list(self.library.values()), FREQUENCY[-1], accuracy=1e-5)
         self.evaluation = Evaluation(self.model, 2 * np.pi * FREQUENCY)
+
+    def with_effects(self, values: dict[str, np.ndarray | float]) -> tuple[Unknowns, np.ndarray]:
+        """The unknowns with effects of the library as causes, and where they stand: key → parameters, SI; others rest."""
+        unknowns, x = self.unknowns, self.x
+        for key, own in values.items():
+            effect = self.library[key]
+            unknowns = unknowns.with_candidate(effect)
+            given = np.atleast_1d(own)
+            x = np.concatenate([x, np.append(given, effect.rest[given.size :]) / effect.scale])
+        return unknowns, x
+
+    def data(self, impedance: np.ndarray, noise: float, known: bool = True) -> SweepData:
+        """A sweep at all frequencies with a relative noise."""
+        return SweepData(FREQUENCY, impedance, np.full(impedance.size, noise), known)
 
 
 @pytest.fixture(scope="session")

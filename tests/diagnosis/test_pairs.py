@@ -7,13 +7,11 @@ import pytest
 
 from diagnosis.conftest import FREQUENCY
 from diagnosis.test_compare import data_with
-from femu_piezo.diagnosis.compare import compare
 from femu_piezo.diagnosis.confounding import tangents
-from femu_piezo.diagnosis.search import best_pair
+from femu_piezo.diagnosis.selection import compare
 from femu_piezo.diagnosis.starts import start_together, starts
 from femu_piezo.diagnosis.verdict import judge
-from femu_piezo.inference.fit import fit_joint, linear_fit
-from femu_piezo.inference.joint import JointParameters
+from femu_piezo.inference.fit import fit, linear_fit
 
 TRUTH = {"series_inductance": 4e-6, "electrode_mass": 0.08}
 
@@ -25,11 +23,10 @@ def smooth(setup):
 
 def test_slopes_of_two_effects_together_promise_what_both_in_one_fit_do(setup):
     data = data_with(setup, {"series_inductance": 3e-7, "electrode_mass": 0.002}, 2)
-    base = fit_joint(setup.evaluation, data, JointParameters(setup.material), [setup.x])
-    alone = [starts(setup.evaluation, data, base, setup.library[key])[0] for key in TRUTH]
-    together = start_together(data, base, *alone)
-    parameters = together.linear.parameters
-    direct = linear_fit(setup.evaluation, data, parameters, together.x, np.arange(together.x.size))
+    base = fit(setup.evaluation, data, setup.unknowns, [setup.x])
+    alone = [starts(setup.evaluation, base, setup.library[key])[0] for key in TRUTH]
+    together = start_together(base, *alone)
+    direct, _ = linear_fit(setup.evaluation, data, together.linear.parameters, together.x)
     assert together.promised == pytest.approx(direct.chi_square, rel=1e-3)
     assert together.promised < min(start.promised for start in alone)
     assert np.allclose(together.alone()[: base.x.size], base.x)
@@ -37,26 +34,35 @@ def test_slopes_of_two_effects_together_promise_what_both_in_one_fit_do(setup):
 
 def test_pair_of_which_neither_is_the_best_single_effect(setup, smooth):
     data = data_with(setup, TRUTH, 1)
-    result = compare(setup.evaluation, data, JointParameters(setup.material), setup.x, smooth)
+    result = compare(setup.evaluation, data, setup.unknowns, setup.x, smooth)
     verdict = judge(result, tangents(setup.evaluation, result.base, smooth), FREQUENCY)
-    best = min((fit.bic, effect.key) for effect, fit in result.singles if fit is not None)[1]
-    assert best not in TRUTH
+    fitted = [trial for trial in result.singles if trial.fit is not None]
+    assert max(fitted, key=lambda trial: trial.fit.log_evidence).effect.key not in TRUTH
     assert {cause.effect.key for cause in verdict.causes} == set(TRUTH) and verdict.word == "effect"
     for cause in verdict.causes:
         assert abs(cause.values[0] - TRUTH[cause.effect.key]) < 4 * cause.std[0]
         assert cause.probability > 0.9
 
 
+def test_pair_for_which_a_third_effect_stands_even_beside_a_discrepancy(setup, smooth):
+    truth = {"wrong_thickness": -0.02, "electrode_mass": 0.08}
+    result = compare(setup.evaluation, data_with(setup, truth, 1), setup.unknowns, setup.x, smooth)
+    assert max(result.singles, key=lambda trial: trial.log_odds).effect.key not in truth
+    assert {found.effect.key for found in result.found} == set(truth)
+    for found in result.found:
+        (own,) = [trial for trial in found.fits if trial.effect.key == found.effect.key]
+        assert own.log_odds == 0 and abs(own.values[0] - truth[found.effect.key]) < 4 * own.std[0]
+
+
 def test_pair_with_an_effect_whose_slope_vanishes_at_rest(setup, smooth):
     """A bare strip acts with the square of its width."""
     data = data_with(setup, {"electrode_margin": 0.2e-3, "wrong_width": 0.004}, 1)
-    base = fit_joint(setup.evaluation, data, JointParameters(setup.material), [setup.x])
-    pair = best_pair(setup.evaluation, data, base, smooth)
-    assert {effect.key for effect in pair.parameters.effects} == {"electrode_margin", "wrong_width"}
+    result = compare(setup.evaluation, data, setup.unknowns, setup.x, smooth)
+    assert {found.effect.key for found in result.found} == {"electrode_margin", "wrong_width"}
 
 
 def test_no_pair_where_nothing_is_left(setup, smooth):
-    data = data_with(setup, {}, 3)
-    base = fit_joint(setup.evaluation, data, JointParameters(setup.material), [setup.x])
-    pair = best_pair(setup.evaluation, data, base, smooth)
-    assert pair is None or base.bic - pair.bic < 6
+    """Not even one that is only less probable than nothing: every candidate alone was tried and is less probable."""
+    result = compare(setup.evaluation, data_with(setup, {}, 3), setup.unknowns, setup.x, smooth)
+    assert len(result.singles) == len(smooth) and result.found == () and not result.discrepant
+    assert max(trial.log_odds for trial in result.singles) < 0

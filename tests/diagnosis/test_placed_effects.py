@@ -9,15 +9,10 @@ from hidden_effects.build import Build
 
 from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
 from femu_piezo.effects.local.symmetry_sectors import flipped_axes
-from femu_piezo.inference.joint import JointParameters
 
 
 def impedance(setup, key: str = "", values=()):
-    parameters, x = JointParameters(setup.material), setup.x
-    if key:
-        effect = setup.library[key]
-        parameters, x = parameters.with_effect(effect), np.append(x, np.array(values) / effect.scale)
-    return setup.evaluation.impedance(parameters, x)
+    return setup.evaluation.impedance(*setup.with_effects({key: values} if key else {}))
 
 
 def build(setup) -> Build:
@@ -120,7 +115,7 @@ def test_sites_promise_what_a_small_mass_does(setup):
     """∂Z/∂m at a site against a difference quotient with a small patch; a mass that vanishes follows the face."""
     effect = setup.library["point_mass"]
     index = 17
-    slopes = setup.evaluation.slopes_at_sites(JointParameters(setup.material), setup.x, effect)[:, index]
+    slopes = setup.evaluation.slopes_at_sites(setup.unknowns, setup.x, effect)[:, index]
     site = effect.sites[index].copy()
     site[-1] = effect.bounds[-1, 0]
     found = []

@@ -11,13 +11,11 @@ from diagnosis.conftest import FREQUENCY, SIZE
 from femu_piezo.diagnosis.next_measurement import Plan, Point, Separation, between, strength, summary
 from femu_piezo.diagnosis.readings import readings
 from femu_piezo.effects.effect import EffectContext
-from femu_piezo.inference.blocks import Prior
-from femu_piezo.inference.fit import SweepData, fit_joint
-from femu_piezo.inference.joint import JointParameters
+from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.sweeps import SweepData
 
 NOISE = 1e-3
-NO_PRIOR = Prior({})
 
 
 @pytest.fixture(scope="module")
@@ -29,46 +27,66 @@ def low(setup):
 
 def unbiased(effect):
     """The effect without a prior on its size."""
-    return replace(effect, parameters=(replace(effect.parameters[0], spread=1e6),))
+    size, *others = effect.parameters
+    return replace(effect, parameters=(replace(size, spread=1e6), *others))
 
 
-def fitted(evaluation, impedance, parameters, start):
-    data = SweepData(impedance, np.full(impedance.size, NOISE), True, NO_PRIOR)
-    return fit_joint(evaluation, data, parameters, [start])
+def fitted(evaluation, frequency, impedance, parameters, start):
+    data = SweepData(frequency, impedance, np.full(impedance.size, NOISE), True)
+    return fit(evaluation, data, parameters, [start])
 
 
 def test_wider_band_separates_as_a_fit_to_it_does(setup, low):
     """Noise-free data of one cause up to 126 kHz; what the other cause misses in the band up to 225 kHz."""
     kept, evaluation = low
-    width, wrong = setup.library["wrong_width"], unbiased(setup.library["wrong_insensitive_parameter:s13"])
-    first = JointParameters(setup.material).with_effect(width)
-    truth = np.append(setup.x, 0.004 / width.scale)
+    wrong = unbiased(setup.library["wrong_insensitive_parameter:s13"])
+    first, truth = setup.with_effects({"wrong_width": 0.004})
     z = setup.evaluation.impedance(first, truth)
-    second = JointParameters(setup.material).with_effect(wrong)
-    start = np.append(setup.x, 0.1)
-    narrow = fitted(evaluation, z[kept], second, start)
+    second = setup.unknowns.with_candidate(wrong)
+    narrow = fitted(evaluation, FREQUENCY[kept], z[kept], second, np.concatenate([setup.x, [0.1, 0.0]]))
     plan = Plan("wider band", setup.evaluation, np.full(z.size, NOISE))
     present = replace(plan, evaluation=evaluation, relative_noise=plan.relative_noise[kept])
     points = Point(first, truth), Point(second, narrow.x)
-    expected = between(plan, *points, NO_PRIOR)
-    reached = np.linalg.norm(fitted(setup.evaluation, z, second, narrow.x).residual)
+    expected = between(plan, *points)
+    reached = np.linalg.norm(fitted(setup.evaluation, FREQUENCY, z, second, narrow.x).residual)
     assert expected == pytest.approx(reached, rel=0.1)
-    assert between(present, *points, NO_PRIOR) == pytest.approx(np.linalg.norm(narrow.residual), rel=0.05)
-    assert expected > 5 * between(present, *points, NO_PRIOR)
+    assert between(present, *points) == pytest.approx(np.linalg.norm(narrow.residual), rel=0.05)
+    assert expected > 5 * between(present, *points)
     quiet = replace(plan, relative_noise=plan.relative_noise / 3)
-    assert between(quiet, *points, NO_PRIOR) == pytest.approx(3 * expected, rel=1e-6)
+    assert between(quiet, *points) == pytest.approx(3 * expected, rel=1e-5)
 
 
 def test_strength_is_size_over_its_standard_deviation(setup, low):
-    _, evaluation = low
-    width = setup.library["wrong_width"]
-    parameters = JointParameters(setup.material).with_effect(width)
-    x = np.append(setup.x, 0.0)
+    kept, evaluation = low
+    parameters, x = setup.with_effects({"wrong_width": 0.0})
     z = evaluation.impedance(parameters, x)
     plan = Plan("as it is", evaluation, np.full(z.size, NOISE))
-    fit = fitted(evaluation, z, JointParameters(setup.material).with_effect(unbiased(width)), x)
-    expected = 0.01 / (fit.std[-1] * width.scale[0])
-    assert strength(plan, Point(parameters, x), 0, 0.01, NO_PRIOR) == pytest.approx(expected, rel=1e-3)
+    width = unbiased(setup.library["wrong_width"])
+    found = fitted(evaluation, FREQUENCY[kept], z, setup.unknowns.with_candidate(width), x)
+    # a fit without misfit takes the noise for a little less than it is, within what is known of it
+    expected = 0.01 / (found.std[-1] / found.noise_scale * width.scale[0])
+    assert found.noise_scale == pytest.approx(1.0, abs=0.05)
+    assert strength(plan, Point(parameters, x), 0, 0.01) == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_tolerance_takes_from_what_a_sweep_can_tell(setup):
+    """s12 beside a width known exactly, and to 0.2 %: the plan foresees what a fit then gives."""
+    width = setup.library["wrong_width"]
+    loose = replace(width, parameters=(replace(width.parameters[0], tolerance=2e-3),))
+    found = []
+    for effect in (width, loose):
+        parameters = replace(setup.unknowns, effects=(effect,))
+        parameters = parameters.with_candidate(setup.library["wrong_insensitive_parameter:s12"])
+        x = parameters.carried(setup.unknowns, setup.x)
+        plan = Plan("as it is", setup.evaluation, np.full(FREQUENCY.size, NOISE))
+        found.append(strength(plan, Point(parameters, x), 1, 0.01))
+        one = fitted(setup.evaluation, FREQUENCY, setup.evaluation.impedance(parameters, x), parameters, x)
+        cause = parameters.effects[1]
+        std = one.std[-2] / one.noise_scale * cause.scale[0]
+        # the fit knows how large such errors usually are beside the data, the plan does not
+        alone = 1 / np.sqrt(1 / std**2 - 1 / cause.spread[0] ** 2)
+        assert found[-1] == pytest.approx(0.01 / alone, rel=2e-2)
+    assert found[0] > 1.5 * found[1]
 
 
 def test_readings_add_what_they_measure(setup, low):
@@ -77,22 +95,20 @@ def test_readings_add_what_they_measure(setup, low):
     names = ("wrong_width", "electrode_mass", "stray_capacitance")
     effects = [setup.library[name] for name in names]
     constants = setup.material.constants(setup.x)
-    context = EffectContext(117e3, ("s11",), constants, {"width": 1}, 7500.0, SIZE[2])
+    context = EffectContext(117e3, ("s11",), constants, {"width": (1,)}, 7500.0, SIZE[2])
     found = dict(readings(effects, {"": context}))
     assert len(found) == 3
     weighed = found["weigh the specimen, to 0.1 %"]
     assert weighed["wrong_width", ""] == pytest.approx(1000.0)
     assert weighed["electrode_mass", ""] == pytest.approx(1000 * 2 / (7500 * SIZE[2]))
     dull = Plan("", evaluation, np.full(int(kept.sum()), 1e3))  # a sweep that tells nothing
-    parameters = JointParameters(setup.material).with_effect(effects[0])
-    x = np.append(setup.x, 0.0)
+    wide = setup.with_effects({"wrong_width": 0.004})
     plan = replace(dull, readings=found["measure the width with a micrometer, to 0.1 %"])
-    assert strength(plan, Point(parameters, x), 0, 0.004, NO_PRIOR) == pytest.approx(4.0, rel=1e-3)
-    film = JointParameters(setup.material).with_effect(effects[1])
-    both = Point(parameters, np.append(setup.x, 0.004 / 0.005)), Point(film, np.append(setup.x, 0.0))
-    assert between(plan, *both, NO_PRIOR) == pytest.approx(4.0, rel=1e-3)
+    assert strength(plan, Point(*wide), 0, 0.004) == pytest.approx(4.0, rel=1e-3)
+    both = Point(*wide), Point(*setup.with_effects({"electrode_mass": 0.0}))
+    assert between(plan, *both) == pytest.approx(4.0, rel=1e-3)
     # the balance cannot tell them: a film may weigh as much
-    assert between(replace(dull, readings=weighed), *both, NO_PRIOR) < 0.1
+    assert between(replace(dull, readings=weighed), *both) < 0.1
 
 
 def test_recommendation_carries_the_figures():

@@ -11,20 +11,20 @@ from hidden_effects.ritz import RitzPlate
 
 from diagnosis.conftest import DENSITY, TANGENTS
 from femu_piezo.cli import main
-from femu_piezo.diagnosis.compare import compare
 from femu_piezo.diagnosis.confounding import tangents
+from femu_piezo.diagnosis.rules import Rules
+from femu_piezo.diagnosis.selection import compare
 from femu_piezo.diagnosis.verdict import judge
 from femu_piezo.effects.effect import EffectContext
 from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.effects.library import library
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
-from femu_piezo.inference.blocks import weak_prior
 from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common, own_parameters
-from femu_piezo.inference.fit import SweepData, fit_joint, whitened
-from femu_piezo.inference.joint import JointParameters
+from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters
+from femu_piezo.inference.sweeps import SweepData
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.library import library_material
 
@@ -46,10 +46,11 @@ class Bars:
         constants = PiezoConstants.from_vector(self.theta)
         free = FreeConstants.of(constants, ("s11", "d31", "eps33T"))
         self.material = MaterialParameters.around(free, free.start)
+        self.unknowns = Unknowns(self.material, material_prior(free, {}, {}))
         training = [constants, *free.training_sets(free.start, 0.04, 3)[1:]]
         self.parts, self.library, self.frequency = {}, {}, {}
         for name, (size, fundamental, band) in BARS.items():
-            axes = {"length": 0, "width": 1, "thickness": 2}
+            axes = {"length": (0,), "width": (1,), "thickness": (2,)}
             context = EffectContext(fundamental, free.names, constants, axes, DENSITY, size[2], 2e3)
             effects = [effect for effect in library(context) if effect.name in (*OWN, *COMMON)]
             self.frequency[name] = np.linspace(*band, 70)
@@ -71,17 +72,16 @@ class Bars:
         """The verdict on one bar or on both."""
         names = list(sweeps)
         impedance = np.concatenate(list(sweeps.values()))
-        prior = weak_prior(self.material, self.material.free.start)
+        frequency = np.concatenate([self.frequency[name] for name in names])
         sizes = tuple(z.size for z in sweeps.values())
-        data = SweepData(impedance, np.full(impedance.size, NOISE), True, prior, sizes)
+        data = SweepData(frequency, impedance, np.full(impedance.size, NOISE), True, sizes)
         evaluation, effects = self.parts[names[0]], self.library[names[0]]
         if len(names) > 1:
             evaluation = Ensemble(tuple((name, self.parts[name]) for name in names))
             effects = [effect for effect in effects if is_common(effect)]
             effects += [belonging_to(e, name) for name in names for e in self.library[name] if not is_common(e)]
         start = self.material.x_of(self.material.free.start) * 1.01
-        result = compare(evaluation, data, JointParameters(self.material), start, effects, most=2)
-        frequency = np.concatenate([self.frequency[name] for name in names])
+        result = compare(evaluation, data, self.unknowns, start, effects, rules=Rules(most_causes=2))
         return result, judge(result, tangents(evaluation, result.base, effects), frequency)
 
 
@@ -116,7 +116,7 @@ def test_wrong_length_is_told_from_the_compliance_by_two_bars(bars):
     (cause,) = both.causes
     names = {cause.effect.key, *cause.indistinguishable_from}
     assert names == {"wrong_length (long)", "wrong_length (short)"}
-    sizes = {e.key: fit.parameters.values(fit.x)[0][0] for e, fit in result.found[0].fits}
+    sizes = {trial.effect.key: trial.values[0] for trial in result.found[0].fits}
     assert sizes["wrong_length (long)"] == pytest.approx(stretch, rel=0.1)
     assert sizes["wrong_length (short)"] == pytest.approx(-stretch, rel=0.1)
 
@@ -130,7 +130,7 @@ def test_jacobian_of_several_sweeps(bars):
     names = ("wrong_length", "stray_capacitance")
     length, stray = (next(e for e in bars.library["long"] if e.name == name) for name in names)
     ensemble = Ensemble(tuple(bars.parts.items()))
-    parameters = JointParameters(bars.material).with_effect(belonging_to(length, "short")).with_effect(stray)
+    parameters = bars.unknowns.with_candidate(belonging_to(length, "short")).with_candidate(stray)
     x = np.concatenate([bars.material.x_of(bars.material.free.start), [0.7, 0.4]])
     z, slopes = ensemble.with_jacobian(parameters, x)
     points = bars.frequency["long"].size
@@ -148,18 +148,18 @@ def test_jacobian_of_several_sweeps(bars):
 def test_left_out_bands_are_those_of_each_sweep(bars):
     """A band of the short bar as predicted by a fit to the rest of its sweep and the whole of the other."""
     z = np.concatenate([bars.sweep(name) for name in BARS])
+    frequency = np.concatenate(list(bars.frequency.values()))
     points = bars.frequency["long"].size
-    prior = weak_prior(bars.material, bars.material.free.start)
-    data = SweepData(z, np.full(z.size, NOISE), True, prior, (points, z.size - points))
-    parameters, start = JointParameters(bars.material), bars.material.x_of(bars.material.free.start)
+    data = SweepData(frequency, z, np.full(z.size, NOISE), True, (points, z.size - points))
+    start = bars.material.x_of(bars.material.free.start)
     ensemble = Ensemble(tuple(bars.parts.items()))
-    predicted = fit_joint(ensemble, data, parameters, [start]).predicted(5)
-    band = np.array_split(np.arange(points, z.size), 5)[1]
+    predicted = fit(ensemble, data, bars.unknowns, [start]).predicted()
+    band = np.array_split(np.arange(points, z.size), 10)[3]
     kept = np.setdiff1d(np.arange(z.size), band)
     rest = np.delete(bars.parts["short"].omega, band - points)
     seen = Ensemble((("long", bars.parts["long"]), ("short", Evaluation(bars.parts["short"].model, rest))))
-    other = fit_joint(seen, data.select(kept), parameters, [start])
-    residual = whitened(ensemble, data, parameters, other.x)[0]
+    other = fit(seen, data.select(kept), bars.unknowns, [start])
+    residual = data.whitened(*ensemble.with_jacobian(bars.unknowns, other.x))[0]
     unseen = residual[band] + 1j * residual[band + z.size]
     assert np.max(np.abs(unseen - predicted[band])) < 0.1
 
@@ -176,7 +176,7 @@ def write_study(bars, folder, **hidden: float):
         lines += [f"{key} = {value}" for key, value in zip(("length", "width", "thickness"), size, strict=True)]
         lines += ["[material]", 'free = ["s11", "d31", "eps33T"]']
         lines += [f"{key} = {v.real!r}\ntan_{key} = {-v.imag / v.real!r}" for key, v in values.items()]
-        lines += ["[measurement]", f'file = "{name}.csv"', f"noise = {NOISE}"]
+        lines += ["[measurement]", f'file = "{name}.csv"', f"noise = {NOISE}", "[update]", "noise_only = true"]
         (folder / f"{name}.toml").write_text("\n".join(lines).replace("[material]", 'poling = "thickness"\n[material]'))
     (folder / "study.toml").write_text('specimens = ["long.toml", "short.toml"]\n')
     return folder / "study.toml"
