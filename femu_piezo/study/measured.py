@@ -191,7 +191,8 @@ def start_constants(measured: list[Measured]) -> PiezoConstants:
 def baseline_constants(measured: list[Measured], start: PiezoConstants) -> tuple[PiezoConstants, tuple[str, ...]]:
     """The constants of the file as the baseline; the start values, with a note, where those are no stable material."""
     constants = measured[0].problem.constants
-    faults = [fault for fault in constants.physical_faults() if "create energy" not in fault]
+    faults = constants.physical_faults(passive=False)
     if not faults:
         return constants, ()
-    return start, (f"the baseline is that of the start values, since in the specimen file {'; '.join(faults)}",)
+    told = "; ".join(map(str, faults))
+    return start, (f"the baseline is that of the start values, since in the specimen file {told}",)
