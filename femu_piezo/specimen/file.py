@@ -158,7 +158,9 @@ class Residue(Table):
 
 
 class Measurement(Table):
-    """A measured sweep: `file` (absolute once read); `held_out`: a band (low, high), Hz, that no fit sees.
+    """A measured sweep: `file` (absolute once read), None where the sweep is given otherwise.
+
+    held_out: a band (low, high), Hz, that no fit sees.
 
     correct_phase: turn the phase by 180°; mask_faults: leave out spikes, mains lines and the shorter side of jumps.
     accuracy, phase_accuracy: of |Z| (relative) and phase (rad), standard deviations smooth over frequency.
@@ -166,9 +168,7 @@ class Measurement(Table):
 
     model_config = ConfigDict(title="measurement")
 
-    missing: ClassVar[dict[str, str]] = {"file": 'give the path of the sweep, such as file = "impedance.csv"'}
-
-    file: Annotated[Path, PATH]
+    file: Annotated[Path | None, PATH] = None
     held_out: Annotated[tuple[Frequency, Frequency] | None, PAIR] = None
     correct_phase: bool = False
     mask_faults: bool = False

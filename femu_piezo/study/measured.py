@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +14,9 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.starts.pole_zero import static_permittivity
 from femu_piezo.inference.starts.thin_body import bar_coupling
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.measurement.readers import read_spectrum
+from femu_piezo.measurement.readers import accept_spectrum, read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.specimen.file import Specimen
+from femu_piezo.specimen.file import Measurement, Specimen
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.starts import has_uniform_field, start_permittivity, start_values
 
@@ -96,17 +97,35 @@ class Measured:
         return start_permittivity(self.problem, self.pair, self.fitted.frequency[0], self.fitted.admittance[0])
 
 
-def measure(specimen: Specimen) -> Measured:
-    """Read and analyse the sweep of a specimen; InputError where file, key or sweep cannot serve."""
-    if specimen.measurement is None:
+def measure_each(
+    specimens: Sequence[Specimen], spectra: Sequence[ImpedanceSpectrum] | None = None
+) -> list[Measured]:
+    """`measure` of several specimens, with their sweeps in the same order where these are in memory."""
+    if spectra is None:
+        return [measure(specimen) for specimen in specimens]
+    if len(spectra) != len(specimens):
+        raise InputError(f"there are {len(specimens)} specimens and {len(spectra)} sweeps; give one sweep for each")
+    return [measure(specimen, spectrum) for specimen, spectrum in zip(specimens, spectra, strict=True)]
+
+
+def measure(specimen: Specimen, spectrum: ImpedanceSpectrum | None = None) -> Measured:
+    """Analyse the sweep of a specimen, which is read from its file where `spectrum` is None.
+
+    Of the [measurement] table everything but the file counts for a sweep in memory as well. Raises InputError where
+    file, key or sweep cannot serve.
+    """
+    wish = specimen.measurement or Measurement()
+    if spectrum is None and wish.file is None:
         raise InputError(
-            f'{specimen.path or specimen.name}: there is no [measurement] table with file = "…" to update from'
+            f"{specimen.path or specimen.name}: measurement.file is missing; give the path of the sweep in the "
+            '[measurement] table, such as file = "impedance.csv"'
         )
-    problem = prepare(specimen, check=False)
-    wish = specimen.measurement
-    spectrum = read_spectrum(
-        wish.file, correct_phase=wish.correct_phase, mask_faults=wish.mask_faults, noise=wish.noise
-    )
+    options = {"correct_phase": wish.correct_phase, "mask_faults": wish.mask_faults, "noise": wish.noise}
+    if spectrum is None:
+        spectrum = read_spectrum(wish.file, **options)
+    else:
+        wish, spectrum = wish.model_copy(update={"file": None}), accept_spectrum(spectrum, **options)
+    problem = prepare(specimen.model_copy(update={"measurement": wish}), check=False)
     fitted = spectrum
     if wish.held_out is not None:
         fitted = spectrum.select((spectrum.frequency < wish.held_out[0]) | (spectrum.frequency > wish.held_out[1]))

@@ -182,8 +182,8 @@ def _check_step(constants: PiezoConstants, history: list[Step]) -> None:
     faults = constants.physical_faults(passive=False)
     if faults:
         raise ConvergenceError(
-            f"pole-zero update: after {len(history)} iterations {'; '.join(map(str, faults))}; the measured pole and zero do not "
-            "belong to one mode of this plate: check dimensions, density and the known constants"
+            f"pole-zero update: after {len(history)} iterations {'; '.join(map(str, faults))}; the measured pole and "
+            "zero do not belong to one mode of this plate: check dimensions, density and the known constants"
         )
 
 
