@@ -259,6 +259,10 @@ class Specimen(Table):
             object.__setattr__(self, "material", material)
         return self
 
+    def write(self, path: Path | str) -> None:
+        """Write the specimen file; see `write_specimen`."""
+        write_specimen(self, path)
+
 
 def read_specimens(paths: Sequence[Path | str], data_file: Path | str | None = None) -> list[Specimen]:
     """The specimens of several files; a study file, which has only `specimens = ["a.toml", …]`, stands for those."""
@@ -306,12 +310,10 @@ def read_specimen(path: Path | str, data_file: Path | str | None = None) -> Spec
 def with_measurement(specimens: Sequence[Specimen], **wishes: bool) -> list[Specimen]:
     """The specimens with those keys of [measurement] set that are True here, whatever their files say."""
     asked = {key: True for key, wish in wishes.items() if wish}
-    return [
-        one
-        if one.measurement is None or not asked
-        else one.model_copy(update={"measurement": one.measurement.model_copy(update=asked)})
-        for one in specimens
-    ]
+    if not asked:
+        return list(specimens)
+    tables = [(one.measurement or Measurement()).model_copy(update=asked) for one in specimens]
+    return [one.model_copy(update={"measurement": table}) for one, table in zip(specimens, tables, strict=True)]
 
 
 def _parse_toml(path: Path) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.beginning import begin
-from femu_piezo.study.measured import measure_each
+from femu_piezo.study.measured import Sweep, measure_each
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.planning import recommended, separations
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals, pole_zero_residuals
@@ -184,7 +184,7 @@ def diagnose(
     bases: Bases | None = None,
     *,
     rules: Rules | None = None,
-    spectra: Sequence[ImpedanceSpectrum] | None = None,
+    spectra: Sequence[Sweep] | None = None,
     effects: Iterable[Maker] | None = None,
 ) -> Diagnosis:
     """Compare sets of candidate effects with the sweep of a specimen, or with those of several of one material.
@@ -196,7 +196,7 @@ def diagnose(
     progress : called with the name of each step
     bases : where models and bases come from; made for these specimens alone where None
     rules : prior probabilities and thresholds
-    spectra : the sweeps of the specimens where they are in memory; read from their files where None
+    spectra : the sweeps of the specimens, in memory or in other files than theirs; those of their files where None
     effects : the candidates, effects or functions of an `EffectContext`; those of the library where None
 
     Raises

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -97,10 +98,12 @@ class Measured:
         return start_permittivity(self.problem, self.pair, self.fitted.frequency[0], self.fitted.admittance[0])
 
 
-def measure_each(
-    specimens: Sequence[Specimen], spectra: Sequence[ImpedanceSpectrum] | None = None
-) -> list[Measured]:
-    """`measure` of several specimens, with their sweeps in the same order where these are in memory."""
+#: A sweep in memory, or another file than that of the specimen.
+Sweep = ImpedanceSpectrum | Path
+
+
+def measure_each(specimens: Sequence[Specimen], spectra: Sequence[Sweep] | None = None) -> list[Measured]:
+    """`measure` of several specimens, their sweeps in the same order."""
     if spectra is None:
         return [measure(specimen) for specimen in specimens]
     if len(spectra) != len(specimens):
@@ -108,13 +111,15 @@ def measure_each(
     return [measure(specimen, spectrum) for specimen, spectrum in zip(specimens, spectra, strict=True)]
 
 
-def measure(specimen: Specimen, spectrum: ImpedanceSpectrum | None = None) -> Measured:
-    """Analyse the sweep of a specimen, which is read from its file where `spectrum` is None.
+def measure(specimen: Specimen, spectrum: Sweep | None = None) -> Measured:
+    """Analyse the sweep of a specimen: the one that is given, else that of its file.
 
-    Of the [measurement] table everything but the file counts for a sweep in memory as well. Raises InputError where
-    file, key or sweep cannot serve.
+    Of the [measurement] table everything but the file counts for any sweep. Raises InputError where file, key or sweep
+    cannot serve.
     """
     wish = specimen.measurement or Measurement()
+    if isinstance(spectrum, Path):
+        wish, spectrum = wish.model_copy(update={"file": spectrum.absolute()}), None
     if spectrum is None and wish.file is None:
         raise InputError(
             f"{specimen.path or specimen.name}: measurement.file is missing; give the path of the sweep in the "

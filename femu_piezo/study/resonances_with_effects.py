@@ -47,14 +47,18 @@ def matched_resonances(
 
 
 def _roots(function: Callable[[np.ndarray], np.ndarray], start: np.ndarray) -> np.ndarray:
-    """Roots (m,) of an analytic function near complex starts, by Newton; the start where it leads far away."""
-    omega = start.astype(complex)
+    """Roots (m,) of an analytic function near complex starts, by Newton; the start where it leads far away.
+
+    Of a body without circuits the starts are the roots, where Z or Y is infinite: the first point lies beside them, and
+    a step that ends on a root to the last bit is the last.
+    """
+    omega = start.astype(complex) * (1 + _DIFFERENCE)
     for _ in range(_STEPS):
-        value = function(omega)
-        slope = (function(omega * (1 + _DIFFERENCE)) - value) / (omega * _DIFFERENCE)
-        omega = omega - value / np.where(slope == 0, np.inf, slope)
-        omega = np.where(np.isfinite(omega) & (np.abs(omega / start - 1) < _FAR), omega, start)
-    return omega
+        with np.errstate(divide="ignore", invalid="ignore"):
+            value = function(omega)
+            step = value * omega * _DIFFERENCE / (function(omega * (1 + _DIFFERENCE)) - value)
+        omega = omega - np.where(np.isfinite(step), step, 0.0)
+    return np.where(np.abs(omega / start - 1) < _FAR, omega, start)
 
 
 def sensitivity_with_effects(title: str, evaluation: Evaluation, unknowns: Unknowns, x: np.ndarray) -> Sensitivity:

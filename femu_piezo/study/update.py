@@ -22,11 +22,10 @@ from femu_piezo.inference.identifiability import Identifiability, identifiabilit
 from femu_piezo.inference.starts.pole_zero import Step
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, estimates, material_prior
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Specimen, Update
 from femu_piezo.study.beginning import begin
 from femu_piezo.study.effects import has_effects
-from femu_piezo.study.measured import Measured, baseline_constants, measure_each, start_constants
+from femu_piezo.study.measured import Measured, Sweep, baseline_constants, measure_each, start_constants
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.pole_zero_update import PoleZeroState, pole_zero_update
 from femu_piezo.study.posterior import Posterior
@@ -50,7 +49,7 @@ def update(
     progress: Progress | None = None,
     bases: Bases | None = None,
     *,
-    spectra: Sequence[ImpedanceSpectrum] | None = None,
+    spectra: Sequence[Sweep] | None = None,
     effects: Iterable[Maker] | None = None,
 ) -> UpdateResult:
     """Update the free constants of a material from the measured sweeps of one or more specimens of it.
@@ -61,7 +60,7 @@ def update(
     ----------
     progress : called with the name of each step
     bases : where models and reduced bases come from; made for these specimens alone where None
-    spectra : the sweeps of the specimens where they are in memory; read from their files where None
+    spectra : the sweeps of the specimens, in memory or in other files than theirs; those of their files where None
     effects : that the [effects] of the files may name beside those of the library
 
     Raises

@@ -17,6 +17,8 @@ import time
 from pathlib import Path
 
 import numpy as np
+from femu_piezo.inference.blocks import CurveData, Passivity, weak_prior
+from femu_piezo.inference.least_squares import fit
 from rich.console import Console
 from rich.table import Table
 
@@ -26,8 +28,6 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.forward.response import full_impedance
 from femu_piezo.geometry.shapes import Plate
-from femu_piezo.inference.blocks import CurveData, Passivity, weak_prior
-from femu_piezo.inference.least_squares import fit
 from femu_piezo.inference.starts.pole_zero import update_pair
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters
 from femu_piezo.material.constants import PiezoConstants

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from femu_piezo.diagnosis.compare import compare
+from femu_piezo.inference.blocks import weak_prior
+from femu_piezo.inference.joint import JointParameters
 
 from diagnosis.conftest import FREQUENCY
-from femu_piezo.diagnosis.compare import compare
 from femu_piezo.diagnosis.confounding import parallel, tangents
 from femu_piezo.diagnosis.verdict import judge
-from femu_piezo.inference.blocks import weak_prior
 from femu_piezo.inference.fit import JointFit, SweepData, fit_joint, whitened
-from femu_piezo.inference.joint import JointParameters
 
 NOISE = 1e-3
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from femu_piezo.inference.joint import JointParameters
 from hidden_effects.ritz import RitzPlate
 
 from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
 from femu_piezo.effects.library import from_table
 from femu_piezo.effects.library.losses import partner
 from femu_piezo.errors import InputError
-from femu_piezo.inference.joint import JointParameters
 from femu_piezo.inference.response import Evaluation
 
 OMEGA = 2 * np.pi * FREQUENCY

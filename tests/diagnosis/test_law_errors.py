@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from femu_piezo.inference.blocks import weak_prior
+from femu_piezo.inference.joint import JointParameters
 from hidden_effects.build import Build
 
 from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
 from femu_piezo.effects.local.operators import lateral_tensor
-from femu_piezo.inference.blocks import weak_prior
 from femu_piezo.inference.fit import SweepData, fit_joint, with_law_misses
-from femu_piezo.inference.joint import JointParameters
 
 NOISE = 2e-4
 

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from femu_piezo.inference.joint import JointParameters
+from femu_piezo.study.diagnosis_start import first_constants
 from hidden_effects.build import Build
 
 from diagnosis.conftest import DENSITY, TANGENTS
 from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.effects.library import library
 from femu_piezo.forward.response import full_impedance
-from femu_piezo.inference.joint import JointParameters
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import MaterialParameters
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import diagnose
-from femu_piezo.study.diagnosis_start import first_constants
 from femu_piezo.study.effects import effect_context
 from femu_piezo.study.measured import measure
 from femu_piezo.study.problem import prepare

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from femu_piezo.diagnosis.compare import compare
+from femu_piezo.diagnosis.search import best_pair
+from femu_piezo.inference.joint import JointParameters
 
 from diagnosis.conftest import FREQUENCY
 from diagnosis.test_compare import data_with
-from femu_piezo.diagnosis.compare import compare
 from femu_piezo.diagnosis.confounding import tangents
-from femu_piezo.diagnosis.search import best_pair
 from femu_piezo.diagnosis.starts import start_together, starts
 from femu_piezo.diagnosis.verdict import judge
 from femu_piezo.inference.fit import fit_joint, linear_fit
-from femu_piezo.inference.joint import JointParameters
 
 TRUTH = {"series_inductance": 4e-6, "electrode_mass": 0.08}
 

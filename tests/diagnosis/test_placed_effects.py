@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from femu_piezo.inference.joint import JointParameters
 from hidden_effects.body import Surface
 from hidden_effects.build import Build
 
 from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
 from femu_piezo.effects.local.symmetry_sectors import flipped_axes
-from femu_piezo.inference.joint import JointParameters
 
 
 def impedance(setup, key: str = "", values=()):

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from femu_piezo.inference.blocks import Prior
+from femu_piezo.inference.joint import JointParameters
 
 from diagnosis.conftest import FREQUENCY, SIZE
 from femu_piezo.diagnosis.next_measurement import Plan, Point, Separation, between, strength, summary
 from femu_piezo.diagnosis.readings import readings
 from femu_piezo.effects.effect import EffectContext
-from femu_piezo.inference.blocks import Prior
 from femu_piezo.inference.fit import SweepData, fit_joint
-from femu_piezo.inference.joint import JointParameters
 from femu_piezo.inference.response import Evaluation
 
 NOISE = 1e-3

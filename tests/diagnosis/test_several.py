@@ -7,11 +7,13 @@ import json
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from femu_piezo.diagnosis.compare import compare
+from femu_piezo.inference.blocks import weak_prior
+from femu_piezo.inference.joint import JointParameters
 from hidden_effects.ritz import RitzPlate
 
 from diagnosis.conftest import DENSITY, TANGENTS
 from femu_piezo.cli import main
-from femu_piezo.diagnosis.compare import compare
 from femu_piezo.diagnosis.confounding import tangents
 from femu_piezo.diagnosis.verdict import judge
 from femu_piezo.effects.effect import EffectContext
@@ -19,10 +21,8 @@ from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.effects.library import library
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
-from femu_piezo.inference.blocks import weak_prior
 from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common, own_parameters
 from femu_piezo.inference.fit import SweepData, fit_joint, whitened
-from femu_piezo.inference.joint import JointParameters
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters
 from femu_piezo.material.constants import D_FORM, PiezoConstants

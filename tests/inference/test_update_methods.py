@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from femu_piezo.inference.blocks import CurveData, Passivity, PoleZeroData, Prior, weak_prior
+from femu_piezo.inference.least_squares import fit
 
 from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.forward.fundamental import full_source, reduced_source
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.geometry.shapes import Plate
-from femu_piezo.inference.blocks import CurveData, Passivity, PoleZeroData, Prior, weak_prior
 from femu_piezo.inference.identifiability import identifiability
-from femu_piezo.inference.least_squares import fit
 from femu_piezo.inference.matching import match
 from femu_piezo.inference.starts.pole_zero import propagate_covariance, update_pair
 from femu_piezo.inference.starts.thin_body import k31_bar_admittance
