@@ -5,11 +5,17 @@ from __future__ import annotations
 import os
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from femu_piezo.errors import FemuPiezoError, InputError
+
+if TYPE_CHECKING:
+    from femu_piezo.output.results.result import Result
 
 _STARTED = time.perf_counter()
 # Dense algebra here is on small matrices, where more BLAS threads only wait for each other; read when numpy loads.
@@ -89,15 +95,33 @@ _report = click.option(
 )
 
 
-def _report_steps(step: str) -> None:
+def _prepare(out: Path) -> None:
+    """Make the result folder before the work, so that a wrong place is told at once."""
+    from femu_piezo.output.folder import prepare_folder
+
+    prepare_folder(out)
+
+
+def _show(result: Result) -> None:
+    from femu_piezo.output.tables import console
+
+    console().print(result.table())
+
+
+@contextmanager
+def _steps_shown() -> Iterator[Callable[[str], None]]:
     """Progress on a terminal: the current step on one line of stderr."""
-    if sys.stdout.isatty() and sys.stderr.isatty():
-        click.echo(f"\r\033[K{step} …", nl=False, err=True)
+    shown = sys.stdout.isatty() and sys.stderr.isatty()
 
+    def tell(step: str) -> None:
+        if shown:
+            click.echo(f"\r\033[K{step} …", nl=False, err=True)
 
-def _end_of_steps() -> None:
-    if sys.stdout.isatty() and sys.stderr.isatty():
-        click.echo("\r\033[K", nl=False, err=True)
+    try:
+        yield tell
+    finally:
+        if shown:
+            click.echo("\r\033[K", nl=False, err=True)
 
 
 @main.command()
@@ -111,26 +135,14 @@ def simulate(specimen: Path, out: Path, full_order: bool) -> None:
     (start, stop, points, spacing, noise, seed), by default 100 Hz to 3.5 times the fundamental. With an [effects]
     table all of it is that of the specimen with its effects.
     """
-    from femu_piezo.measurement.readers import write_spectrum
-    from femu_piezo.output.curves import simulation_figure
-    from femu_piezo.output.folder import prepare_folder, write_figure, write_json
+    from femu_piezo.api import simulate as run
     from femu_piezo.specimen.file import read_specimen
-    from femu_piezo.study.simulate import simulate as run
 
     wanted = read_specimen(specimen)
-    prepare_folder(out)
+    _prepare(out)
     result = run(wanted, full_order=full_order)
-    write_spectrum(result.spectrum, out / "impedance.csv")
-    write_figure(out / "impedance.png", simulation_figure(result))
-    write_json(out / "simulation.json", result.to_json())
-    for pole in result.poles:
-        click.echo(f"pole {pole.frequency_Hz:14.3f} Hz   loss {pole.loss:.6f}")
-    for zero in result.zeros:
-        click.echo(f"zero {zero.frequency_Hz:14.3f} Hz   loss {zero.loss:.6f}")
-    if result.effects:
-        click.echo(f"poles, zeros and sweep are those of the specimen with its effects ({', '.join(result.effects)})")
-    for note in result.notes:
-        click.echo(f"note: {note}")
+    result.save(out)
+    _show(result)
     click.echo(f"{len(result.spectrum)} points, {result.unknowns} unknowns → {out / 'impedance.csv'}")
 
 
@@ -145,25 +157,14 @@ def extract(file: Path, out: Path, correct_phase: bool, mask_faults: bool) -> No
     Reads CSV and delimited text whose header names the columns (|Z| and phase, R and X, G and B), HP 4294A and
     Keysight E4990A exports. Writes extraction.json and extraction.png.
     """
-    from femu_piezo.extraction import extract as run
+    from femu_piezo.api import extract as run
     from femu_piezo.measurement.readers import read_spectrum
-    from femu_piezo.output.extraction_plots import extraction_figure
-    from femu_piezo.output.folder import prepare_folder, write_figure, write_json
 
     spectrum = read_spectrum(file, correct_phase=correct_phase, mask_faults=mask_faults)
-    prepare_folder(out)
+    _prepare(out)
     result = run(spectrum)
-    write_figure(out / "extraction.png", extraction_figure(result))
-    write_json(out / "extraction.json", result.to_json())
-    for resonance in (*result.resonances.poles, *result.resonances.zeros):
-        std = "" if resonance.std_Hz is None else f" ± {resonance.std_Hz:.3g}"
-        std_loss = "" if resonance.std_loss is None else f" ± {resonance.std_loss:.2g}"
-        click.echo(
-            f"{resonance.kind} {resonance.frequency_Hz:14.3f}{std} Hz   loss {resonance.loss:.6f}{std_loss}"
-            f"   Q {resonance.quality_factor:.4g}"
-        )
-    for note in (*spectrum.notes, *result.notes):
-        click.echo(f"note: {note}")
+    result.save(out)
+    _show(result)
 
 
 @main.command()
@@ -190,38 +191,17 @@ def update(
     baseline and updated), iterations.png, sensitivity.png and updated.csv (the updated model at the measured
     frequencies); numbered where there are several specimens. With --report also report.html, which holds all of it.
     """
-    from femu_piezo.measurement.readers import write_spectrum
-    from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-    from femu_piezo.output.curves import impedance_figure, iteration_figure
-    from femu_piezo.output.folder import prepare_folder, write_figure, write_json
-    from femu_piezo.output.records import update_record
-    from femu_piezo.output.sensitivity import sensitivity_figure
-    from femu_piezo.output.tables import console, update_table
-    from femu_piezo.specimen.file import read_specimens, with_measurement
-    from femu_piezo.study.update import update as run
+    from femu_piezo.api import update as run
+    from femu_piezo.specimen.file import read_specimens
 
-    imported = time.perf_counter() - _STARTED
-    wanted = with_measurement(read_specimens(specimens, data), correct_phase=correct_phase, mask_faults=mask_faults)
-    prepare_folder(out)
-    try:
-        result = run(wanted, _report_steps)
-    finally:
-        _end_of_steps()
+    wanted = read_specimens(specimens, data)
+    _prepare(out)
+    with _steps_shown() as progress:
+        result = run(wanted, correct_phase=correct_phase, mask_faults=mask_faults, progress=progress)
     drawing = time.perf_counter()
-    for index, outcome in enumerate(result.outcomes):
-        suffix = f"_{index + 1}" if len(result.outcomes) > 1 else ""
-        write_figure(out / f"impedance{suffix}.png", impedance_figure(outcome))
-        if len(outcome.history) > 1:
-            write_figure(out / f"iterations{suffix}.png", iteration_figure(outcome, tuple(result.parameters)))
-        updated = ImpedanceSpectrum(outcome.measured.spectrum.frequency, outcome.updated_curve)
-        write_spectrum(updated, out / f"updated{suffix}.csv")
-        write_figure(out / f"sensitivity{suffix}.png", sensitivity_figure(outcome.sensitivity))
-    write_json(out / "update.json", update_record(result))
-    if report:
-        from femu_piezo.output.report_update import write_update_report
-
-        write_update_report(out / "report.html", result)
-    console().print(update_table(result))
+    imported = drawing - _STARTED - sum(result.seconds.values())
+    result.save(out, report=report)
+    _show(result)
     if timings:
         seconds = {"imports": imported, **result.seconds, "pictures and files": time.perf_counter() - drawing}
         for step, value in seconds.items():
@@ -291,25 +271,17 @@ def identify(specimens: tuple[Path, ...], out: Path, noise: float) -> None:
     material taken together. Says which further measurement would determine the rest. Writes identifiability.json and
     sensitivity.png.
     """
-    from femu_piezo.output.folder import prepare_folder, write_figure, write_json
-    from femu_piezo.output.sensitivity import sensitivity_figure
-    from femu_piezo.output.tables import console, identifiability_table
+    from femu_piezo.api import identify as run
     from femu_piezo.specimen.file import read_specimens
-    from femu_piezo.study.identify import identify as run
 
     wanted = read_specimens(specimens)
     if not 0 < noise < 1:
         raise InputError(f"--noise {noise:g} is not a relative standard deviation; give one such as 0.001")
-    prepare_folder(out)
-    try:
-        result = run(wanted, noise, _report_steps)
-    finally:
-        _end_of_steps()
-    for index, sensitivity in enumerate(result.sensitivities):
-        suffix = f"_{index + 1}" if len(result.sensitivities) > 1 else ""
-        write_figure(out / f"sensitivity{suffix}.png", sensitivity_figure(sensitivity))
-    write_json(out / "identifiability.json", result.to_json())
-    console().print(identifiability_table(result))
+    _prepare(out)
+    with _steps_shown() as progress:
+        result = run(wanted, noise, progress=progress)
+    result.save(out)
+    _show(result)
 
 
 @main.command()
@@ -317,7 +289,11 @@ def identify(specimens: tuple[Path, ...], out: Path, noise: float) -> None:
 @_out
 @_data
 @_report
-def diagnose(specimens: tuple[Path, ...], out: Path, data: Path | None, report: bool) -> None:
+@_correct_phase
+@_mask_faults
+def diagnose(
+    specimens: tuple[Path, ...], out: Path, data: Path | None, report: bool, correct_phase: bool, mask_faults: bool
+) -> None:
     """Say what the simulation of SPEC gets wrong, and name the cause.
 
     Fits the free constants, then every candidate effect together with them (leads, losses, held constants, dimensions,
@@ -328,32 +304,15 @@ def diagnose(specimens: tuple[Path, ...], out: Path, data: Path | None, report: 
     and fixture are common, a wrong dimension or a flaw is that of one specimen. Pictures, reports and extended specimen
     files are then numbered, and extended.toml is the study file of these.
     """
-    from femu_piezo.output.diagnosis import diagnosis_figure, diagnosis_record
-    from femu_piezo.output.diagnosis_tables import diagnosis_table
-    from femu_piezo.output.folder import prepare_folder, write_figure, write_json
-    from femu_piezo.output.report_diagnosis import write_diagnosis_report
-    from femu_piezo.output.tables import console
-    from femu_piezo.specimen.file import read_specimens, write_specimen, write_study
-    from femu_piezo.study.diagnose import diagnose as run
-    from femu_piezo.study.diagnose import extended_specimen
+    from femu_piezo.api import diagnose as run
+    from femu_piezo.specimen.file import read_specimens
 
     wanted = read_specimens(specimens, data)
-    prepare_folder(out)
-    try:
-        result = run(wanted, _report_steps)
-    finally:
-        _end_of_steps()
-    suffixes = [f"_{index + 1}" for index in range(len(wanted))] if len(wanted) > 1 else [""]
-    for index, suffix in enumerate(suffixes):
-        shown = result.of(index)
-        write_figure(out / f"diagnosis{suffix}.png", diagnosis_figure(shown))
-        write_specimen(extended_specimen(shown), out / f"extended{suffix}.toml")
-        if report:
-            write_diagnosis_report(out / f"report{suffix}.html", shown)
-    if len(wanted) > 1:
-        write_study([f"extended{suffix}.toml" for suffix in suffixes], out / "extended.toml")
-    write_json(out / "diagnosis.json", diagnosis_record(result))
-    console().print(diagnosis_table(result))
+    _prepare(out)
+    with _steps_shown() as progress:
+        result = run(wanted, correct_phase=correct_phase, mask_faults=mask_faults, progress=progress)
+    result.save(out, report=report)
+    _show(result)
 
 
 @main.command()
@@ -371,28 +330,14 @@ def modes(
     Writes modes.json, mode_01.png, mode_02.png … and the sheet modes.png; with --animate mode_01.gif …, with
     --html modes.html. The band ends by default at 3.5 times the expected fundamental.
     """
-    from femu_piezo.output.folder import prepare_folder, write_binary, write_figure, write_json
-    from femu_piezo.output.modes import animation, mode_figure, overview_figure
+    from femu_piezo.api import modes as run
     from femu_piezo.specimen.file import read_specimen
-    from femu_piezo.study.modes import find_modes
 
     wanted = read_specimen(specimen)
-    prepare_folder(out)
-    result = find_modes(wanted, band=band, count=count)
-    for number, mode in enumerate(result.modes):
-        write_figure(out / f"mode_{number + 1:02d}.png", mode_figure(result, number), 200)
-        if animate:
-            write_binary(out / f"mode_{number + 1:02d}.gif", animation(result, number))
-        zero = "" if mode.zero is None else f"   zero {mode.zero.frequency_Hz:14.3f} Hz   k_eff {mode.k_eff:.4f}"
-        click.echo(f"pole {mode.pole.frequency_Hz:14.3f} Hz{zero}   {mode.pole_family}")
-    write_figure(out / "modes.png", overview_figure(result), 200)
-    if scene:
-        from femu_piezo.output.scene import scene_html
-
-        write_binary(out / "modes.html", scene_html(result).encode("utf-8"))
-    write_json(out / "modes.json", result.to_json())
-    for note in result.notes:
-        click.echo(f"note: {note}")
+    _prepare(out)
+    result = run(wanted, band=band, count=count)
+    result.save(out, animate=animate, scene=scene)
+    _show(result)
     click.echo(f"{len(result.modes)} modes, {result.model.size} unknowns → {out / 'modes.png'}")
 
 

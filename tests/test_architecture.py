@@ -21,6 +21,7 @@ LAYERS = (
     {"diagnosis"},
     {"study"},
     {"output"},
+    {"api"},
     {"batch"},
     {"cli"},
 )

@@ -15,8 +15,17 @@ from femu_piezo.inference.fit import Fit
 
 
 @dataclass(frozen=True)
+class Size:
+    """A fitted parameter of a cause: value and standard deviation in a unit of SI."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
 class Cause:
-    """A named cause.
+    """A named cause; its name where it is printed.
 
     Attributes
     ----------
@@ -32,10 +41,19 @@ class Cause:
     probability: float
     indistinguishable_from: tuple[str, ...]
 
+    @property
+    def parameters(self) -> dict[str, Size]:
+        """Name of a parameter → its size."""
+        found = zip(self.effect.parameters, self.values, self.std, strict=True)
+        return {one.name: Size(float(value), float(std), one.unit) for one, value, std in found}
 
-@dataclass(frozen=True)
+    def __str__(self) -> str:
+        return self.effect.title
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Verdict:
-    """The answer.
+    """The answer: prints as its word, and equals it as a string.
 
     Attributes
     ----------
@@ -52,6 +70,18 @@ class Verdict:
     unexplained: float
     hidden: tuple[tuple[Effect, str], ...]
     measurements: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return self.word
+
+    def __repr__(self) -> str:
+        return f"Verdict({self.word!r}: {', '.join(map(str, self.causes)) or 'no cause'})"
+
+    def __eq__(self, other: object) -> bool:
+        return self.word == other if isinstance(other, str) else self is other
+
+    def __hash__(self) -> int:
+        return hash(self.word)
 
 
 def judge(comparison: Comparison, tangents: list[Tangent], frequency: np.ndarray) -> Verdict:

@@ -10,13 +10,13 @@ An effect changes the affine model A = Σ c_q A_q − ω² M at one or more of t
     circuit     a two-port around the terminals                         Z → Z'(ω, p)
 
 Effects compose: a list of them is applied in order, circuits last. Each file of `femu_piezo.effects.library` holds
-one; it needs no change anywhere else.
+one cause; it needs no change anywhere else.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -121,7 +121,7 @@ class ExtraTerm:
     training: tuple[float, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Effect:
     """A candidate cause of a misfit.
 
@@ -160,6 +160,14 @@ class Effect:
     sectors: tuple[str, ...] = ()
     sites: np.ndarray | None = None
     onset: LocalHook | None = None
+
+    def __repr__(self) -> str:
+        return f"Effect({self.key!r}: {', '.join(parameter.name for parameter in self.parameters)})"
+
+    @property
+    def within_tolerance(self) -> Effect:
+        """The same as no candidate: no larger than its tolerance."""
+        return replace(self, parameters=tuple(replace(one, spread=0.0) for one in self.parameters))
 
     @property
     def key(self) -> str:

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -115,6 +116,23 @@ class ElasticForm(_Constants):
 
 
 @dataclass(frozen=True)
+class MaterialFault:
+    """One reason why constants are those of no passive, stable material.
+
+    Attributes
+    ----------
+    kind : "sign" of a constant that must be positive, "unstable", or "active": the losses would create energy
+    message : one sentence with names and numbers
+    """
+
+    kind: Literal["sign", "unstable", "active"]
+    message: str
+
+    def __str__(self) -> str:
+        return self.message
+
+
+@dataclass(frozen=True)
 class PiezoConstants(_Constants):
     """d-form constants: compliance s^E (1/Pa), piezoelectric d (C/N), free permittivity ε^T (F/m), all complex.
 
@@ -207,40 +225,40 @@ class PiezoConstants(_Constants):
             "kp": np.sqrt(2 * self.d31**2 / ((self.s11 + self.s12) * self.eps33T)),
         }
 
-    def physical_faults(self, tolerance: float = 1e-9) -> list[str]:
-        """Sentences on what cannot be a passive, stable material; empty where all is well.
+    def physical_faults(self, tolerance: float = 1e-9, *, passive: bool = True) -> list[MaterialFault]:
+        """What cannot be a passive, stable material; empty where all is well.
 
         Stable: the real part of the d-form matrix [[s, dᵗ], [d, ε^T]] is positive semidefinite (ε11T = 0 of the
         paper's simplification is allowed). Passive (Holland 1967): its negative imaginary part is positive
         semidefinite, e.g. Im s11 ≤ 0 and Im s11 · Im ε33T ≥ (Im d31)². `tolerance` is relative to the scaled
-        matrix, whose diagonal is one.
+        matrix, whose diagonal is one; `passive` is False where losses do not matter.
         """
         faults = [
-            f"{name} = {getattr(self, name).real:.6g} must be positive"
+            MaterialFault("sign", f"{name} = {getattr(self, name).real:.6g} must be positive")
             for name in ("s11", "s33", "s44", "eps33T")
             if not getattr(self, name).real > 0
         ]
         if self.eps11T.real < 0:
-            faults.append(f"eps11T = {self.eps11T.real:.6g} must not be negative")
+            faults.append(MaterialFault("sign", f"eps11T = {self.eps11T.real:.6g} must not be negative"))
         if faults:
             return faults
         for index, (_, names) in enumerate(_BLOCKS):
             if np.linalg.eigvalsh(self._scaled(index, self.vector()).real)[0] < -tolerance:
-                faults.append(f"{', '.join(names)} together are not positive definite: no stable material has them")
-            if np.linalg.eigvalsh(self.loss_block(index))[0] < -tolerance:
-                faults.append(
+                message = f"{', '.join(names)} together are not positive definite: no stable material has them"
+                faults.append(MaterialFault("unstable", message))
+            if passive and np.linalg.eigvalsh(self.loss_block(index))[0] < -tolerance:
+                message = (
                     f"the imaginary parts of {', '.join(names)} would create energy (Holland 1967): "
                     "a loss tangent is negative or that of d is too large for those of s and eps"
                 )
+                faults.append(MaterialFault("active", message))
         return faults
 
     def check(self, where: str = "material", *, passive: bool = True) -> PiezoConstants:
-        """Return self, or raise InputError naming the constants that are unphysical."""
-        faults = self.physical_faults()
-        if not passive:
-            faults = [fault for fault in faults if "create energy" not in fault]
+        """Return self, or raise InputError naming the constants that are unphysical; `passive` as above."""
+        faults = self.physical_faults(passive=passive)
         if faults:
-            raise InputError(f"{where}: {'; '.join(faults)}")
+            raise InputError(f"{where}: {'; '.join(map(str, faults))}")
         return self
 
     @property

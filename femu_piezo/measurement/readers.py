@@ -56,11 +56,42 @@ def read_spectrum(
         table = read_table(lines, source)
     del lines
     spectrum, hertz_stated = _spectrum(table, source, notes)
-    if noise is not None:
-        if not (np.isfinite(noise) and 0 < noise < 1):
-            raise InputError(f"{source}: noise = {noise} is not a relative standard deviation; give one such as 0.001")
-        spectrum = replace(spectrum, noise=noise * np.abs(spectrum.impedance))
-    return _checked(spectrum, correct_phase, mask_faults, hertz_stated)
+    return _checked(_with_noise(spectrum, noise), correct_phase, mask_faults, hertz_stated)
+
+
+def accept_spectrum(
+    spectrum: ImpedanceSpectrum,
+    *,
+    correct_phase: bool = False,
+    mask_faults: bool = False,
+    noise: float | None = None,
+) -> ImpedanceSpectrum:
+    """A sweep in memory as `read_spectrum` gives that of a file: checked, and corrected where asked.
+
+    The phase of a sweep that has been checked is right, and stays. Parameters and errors as of `read_spectrum`.
+    """
+    spectrum = _with_noise(spectrum, noise)
+    if not spectrum.checked:
+        wrong = ~np.isfinite(spectrum.impedance) | (spectrum.impedance == 0)
+        if np.any(wrong):
+            raise InputError(
+                f"{spectrum.source}: the impedance at {spectrum.frequency[np.argmax(wrong)]:g} Hz is "
+                f"{spectrum.impedance[np.argmax(wrong)]:g} ohm, and zero, infinite or not a number at "
+                f"{int(wrong.sum())} points; remove these points"
+            )
+        return _checked(spectrum, correct_phase, mask_faults, hertz_stated=True)
+    return _masked(spectrum, check_spectrum(spectrum))[0] if mask_faults else spectrum
+
+
+def _with_noise(spectrum: ImpedanceSpectrum, noise: float | None) -> ImpedanceSpectrum:
+    """The spectrum with its noise relative to |Z|, where that is given."""
+    if noise is None:
+        return spectrum
+    if not (np.isfinite(noise) and 0 < noise < 1):
+        raise InputError(
+            f"{spectrum.source}: noise = {noise} is not a relative standard deviation; give one such as 0.001"
+        )
+    return replace(spectrum, noise=noise * np.abs(spectrum.impedance))
 
 
 def _spectrum(table: Table, source: str, notes: tuple[str, ...]) -> tuple[ImpedanceSpectrum, bool]:
@@ -121,7 +152,7 @@ def _checked(
             raise InputError(f"{spectrum.source}: {fault.message}")
     if mask_faults:
         spectrum, faults = _masked(spectrum, faults)
-    return replace(spectrum, notes=spectrum.notes + tuple(fault.message for fault in faults))
+    return replace(spectrum, notes=spectrum.notes + tuple(fault.message for fault in faults), checked=True)
 
 
 def _masked(spectrum: ImpedanceSpectrum, faults: list[DataFault]) -> tuple[ImpedanceSpectrum, list[DataFault]]:
@@ -136,7 +167,9 @@ def _masked(spectrum: ImpedanceSpectrum, faults: list[DataFault]) -> tuple[Imped
         for fault in faults
         if fault.kind in MASKABLE
     )
-    return replace(spectrum.select(keep), notes=spectrum.notes + notes), [f for f in faults if f.kind not in MASKABLE]
+    told = {fault.message for fault in faults if fault.kind in MASKABLE}  # by an earlier check that masked nothing
+    notes = tuple(note for note in spectrum.notes if note not in told) + notes
+    return replace(spectrum.select(keep), notes=notes), [fault for fault in faults if fault.kind not in MASKABLE]
 
 
 def write_spectrum(spectrum: ImpedanceSpectrum, path: Path | str) -> None:

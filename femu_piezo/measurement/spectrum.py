@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from femu_piezo.errors import InputError
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ImpedanceSpectrum:
     """Complex impedance of a one-port over frequency.
 
@@ -21,6 +22,10 @@ class ImpedanceSpectrum:
         None where the file gives none
     source : where the data came from, for messages and reports
     notes : sentences about what was corrected or is doubtful in the data
+    checked : whether the data have passed `accept_spectrum`, as those of every file have
+
+    Sweeps in memory: `from_impedance`, `from_resistance_reactance`, `from_magnitude_phase` and
+    `from_conductance_susceptance` take lists or arrays in the order they were measured.
     """
 
     frequency: np.ndarray
@@ -28,6 +33,70 @@ class ImpedanceSpectrum:
     noise: np.ndarray | None = None
     source: str = "spectrum"
     notes: tuple[str, ...] = ()
+    checked: bool = False
+
+    @classmethod
+    def from_impedance(
+        cls,
+        frequency_Hz: ArrayLike,
+        impedance_ohm: ArrayLike,
+        *,
+        relative_noise: ArrayLike | None = None,
+        source: str = "sweep",
+    ) -> ImpedanceSpectrum:
+        """A sweep of complex impedance (n,) over frequency (n,), sorted by frequency.
+
+        Parameters
+        ----------
+        relative_noise : standard deviation of the complex impedance over |Z|, one number or (n,); None where unknown
+        source : what to call it in messages and reports
+
+        Raises
+        ------
+        InputError : the columns are not of one length, or a frequency repeats or is not positive
+        """
+        frequency = np.asarray(frequency_Hz, dtype=float)
+        impedance = np.asarray(impedance_ohm, dtype=complex)
+        noise = None if relative_noise is None else np.asarray(relative_noise, dtype=float) * np.abs(impedance)
+        notes: tuple[str, ...] = ()
+        if frequency.ndim == 1 and frequency.shape == impedance.shape and np.any(np.diff(frequency) < 0):
+            order = np.argsort(frequency, kind="stable")
+            frequency, impedance = frequency[order], impedance[order]
+            noise = None if noise is None else noise[order]
+            notes = ("the frequencies were not ascending and have been sorted",)
+        return cls(frequency, impedance, noise, source, notes)
+
+    @classmethod
+    def from_resistance_reactance(
+        cls, frequency_Hz: ArrayLike, resistance_ohm: ArrayLike, reactance_ohm: ArrayLike, **options
+    ) -> ImpedanceSpectrum:
+        """A sweep of R and X, (n,) each; `options` as of `from_impedance`."""
+        impedance = np.asarray(resistance_ohm, dtype=float) + 1j * np.asarray(reactance_ohm, dtype=float)
+        return cls.from_impedance(frequency_Hz, impedance, **options)
+
+    @classmethod
+    def from_magnitude_phase(
+        cls, frequency_Hz: ArrayLike, magnitude_ohm: ArrayLike, phase: ArrayLike, *, degrees: bool = True, **options
+    ) -> ImpedanceSpectrum:
+        """A sweep of |Z| and phase, (n,) each, the phase in degrees or rad; `options` as of `from_impedance`."""
+        angle = np.asarray(phase, dtype=float) * (np.pi / 180 if degrees else 1.0)
+        return cls.from_impedance(frequency_Hz, np.asarray(magnitude_ohm, dtype=float) * np.exp(1j * angle), **options)
+
+    @classmethod
+    def from_conductance_susceptance(
+        cls, frequency_Hz: ArrayLike, conductance_S: ArrayLike, susceptance_S: ArrayLike, **options
+    ) -> ImpedanceSpectrum:
+        """A sweep of G and B, (n,) each, siemens; `options` as of `from_impedance`."""
+        admittance = np.asarray(conductance_S, dtype=float) + 1j * np.asarray(susceptance_S, dtype=float)
+        if np.any(admittance == 0):
+            raise InputError(f"{int(np.sum(admittance == 0))} admittances are zero; remove these points")
+        return cls.from_impedance(frequency_Hz, 1 / admittance, **options)
+
+    def __repr__(self) -> str:
+        if not len(self):
+            return f"ImpedanceSpectrum({self.source!r}, no points)"
+        low, high = self.frequency[[0, -1]]
+        return f"ImpedanceSpectrum({self.source!r}, {len(self)} points from {low:.6g} to {high:.6g} Hz)"
 
     def __post_init__(self) -> None:
         frequency = np.asarray(self.frequency, dtype=float)
@@ -38,7 +107,10 @@ class ImpedanceSpectrum:
                 f"got shapes {frequency.shape} and {impedance.shape}"
             )
         if frequency.size and not (np.all(np.diff(frequency) > 0) and frequency[0] > 0):
-            raise InputError(f"{self.source}: frequencies must be positive and strictly increasing")
+            raise InputError(
+                f"{self.source}: frequencies must be positive and strictly increasing; sort them, and average those "
+                "that repeat"
+            )
         object.__setattr__(self, "frequency", frequency)
         object.__setattr__(self, "impedance", impedance)
         if self.noise is not None:

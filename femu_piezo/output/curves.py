@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from femu_piezo.material.constants import EPS0
+from femu_piezo.output.picture import Picture
 
 if TYPE_CHECKING:
     from femu_piezo.study.results import Outcome
@@ -35,7 +36,7 @@ def frequency_axis(frequency: np.ndarray) -> tuple[float, str, str]:
 
 def impedance_figure(outcome: Outcome) -> Figure:
     """Measured, baseline and updated |Z| and phase, and the relative misfit of both models."""
-    figure = Figure(figsize=(8.0, 8.0), layout="constrained")
+    figure = Picture(figsize=(8.0, 8.0), layout="constrained")
     magnitude, phase, misfit = figure.subplots(3, 1, sharex=True, height_ratios=[3, 2, 2])
     spectrum, specimen = outcome.measured.spectrum, outcome.measured.problem.specimen
     factor, label, scale = frequency_axis(spectrum.frequency)
@@ -65,7 +66,7 @@ def impedance_figure(outcome: Outcome) -> Figure:
 
 def iteration_figure(outcome: Outcome, names: tuple[str, ...]) -> Figure:
     """Distance of the model's pole and zero from the measured ones, and the constants, over the iterations."""
-    figure = Figure(figsize=(8.0, 6.0), layout="constrained")
+    figure = Picture(figsize=(8.0, 6.0), layout="constrained")
     distance, values = figure.subplots(2, 1, sharex=True)
     steps = np.arange(len(outcome.history))
     pair = outcome.measured.pair
@@ -90,7 +91,7 @@ def iteration_figure(outcome: Outcome, names: tuple[str, ...]) -> Figure:
 
 def simulation_figure(result: SimulationResult) -> Figure:
     """Simulated |Z| and phase with poles and zeros marked."""
-    figure = Figure(figsize=(8.0, 5.5), layout="constrained")
+    figure = Picture(figsize=(8.0, 5.5), layout="constrained")
     magnitude, phase = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
     spectrum = result.spectrum
     factor, label, scale = frequency_axis(spectrum.frequency)

@@ -11,6 +11,7 @@ from femu_piezo.diagnosis.selection import Comparison
 from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.effects.effect import Effect
 from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
+from femu_piezo.output.picture import Picture
 from femu_piezo.study.diagnose import DiagnosedSweep, Diagnosis
 
 
@@ -142,7 +143,7 @@ def _sizes(effect: Effect, values: np.ndarray, std: np.ndarray) -> dict:
 
 def diagnosis_figure(result: Diagnosis) -> Figure:
     """|Z| measured and modelled, and what base and extended model leave over, in σ."""
-    figure = Figure(figsize=(8.0, 8.5), layout="constrained")
+    figure = Picture(figsize=(8.0, 8.5), layout="constrained")
     magnitude, before, after = figure.subplots(3, 1, sharex=True, height_ratios=[3, 2, 2])
     spectrum, sigma = result.spectrum, result.relative_noise / np.sqrt(2)
     factor, label, scale = frequency_axis(spectrum.frequency)

@@ -8,7 +8,7 @@ from rich.table import Table
 from femu_piezo.diagnosis.selection import Trial
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.diagnosis_words import answer
-from femu_piezo.output.tables import number
+from femu_piezo.output.tables import number, text_of, told
 from femu_piezo.output.wording import listed, percent, quantity, sizes, spoken
 from femu_piezo.study.diagnose import Diagnosis
 from femu_piezo.study.pole_zero_residuals import Difference
@@ -34,8 +34,8 @@ def diagnosis_table(result: Diagnosis) -> RenderableType:
         bands = ", ".join(f"{low / 1e3:.4g}-{high / 1e3:.4g} kHz" for low, high in verdict.after.worst_Hz[:3])
         lines.append(f"left over: {percent(verdict.unexplained)} of the misfit, most of it at {bands or 'all over'}")
     tables = (_candidate_table(result), _constant_table(result), _resonance_table(result))
-    tail = [f"measure: {words}" for words in verdict.measurements] + [f"note: {note}" for note in result.notes]
-    return Group("\n".join(lines), *tables, "\n".join(tail))
+    tail = [*(f"measure: {words}" for words in verdict.measurements), *told(result.notes)]
+    return Group(text_of(lines), *tables, text_of(tail))
 
 
 def _candidate_table(result: Diagnosis) -> Table:

@@ -9,6 +9,7 @@ import numpy as np
 
 from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.extraction.stabilization import StabilizationDiagram, rational_stabilization
+from femu_piezo.output.picture import Picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,9 +29,7 @@ def extraction_figure(extraction: Extraction) -> Figure:
     Where nothing could be fitted: the sweep and why. Blue marks poles, green zeros. The diagrams are those of the
     method used: Prony-SS, or rational least-squares fits of growing order for the maximum-likelihood method.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.5, 9.0), layout="constrained")
+    figure = Picture(figsize=(11.5, 9.0), layout="constrained")
     axes = figure.subplot_mosaic(
         [["magnitude", "poles"], ["phase", "zeros"], ["residual", "text"]],
         gridspec_kw={"height_ratios": [3, 3, 2.4], "width_ratios": [1, 1]},

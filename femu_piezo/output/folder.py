@@ -24,9 +24,9 @@ def prepare_folder(out: Path) -> Path:
             _made.append(out)
         out.mkdir(exist_ok=True)
     except OSError as error:
-        raise InputError(f"{out}: cannot be used as result folder ({error.strerror}); choose another --out") from None
+        raise InputError(f"{out}: cannot be used as result folder ({error.strerror}); choose another folder") from None
     if not os.access(out, os.W_OK):
-        raise InputError(f"{out}: the folder cannot be written to; choose another --out")
+        raise InputError(f"{out}: the folder cannot be written to; choose another folder")
     return out
 
 

@@ -11,6 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from femu_piezo.output.picture import Picture
 from femu_piezo.output.render import (
     COLORS,
     ELECTRODE_COLORS,
@@ -34,7 +35,7 @@ def mode_figure(result: ModesResult, number: int) -> Figure:
     shapes = shapes_of(result, mode)
     images = [_image(shape, WINDOW) for shape in shapes]
     height = max(image.shape[0] / image.shape[1] for image in images) * 6.0 + 2.1
-    figure = Figure(figsize=(6.2 * len(shapes), height), layout="constrained")
+    figure = Picture(figsize=(6.2 * len(shapes), height), layout="constrained")
     axes = np.atleast_1d(figure.subplots(1, len(shapes)))
     for axis, shape, image, (resonance, words) in zip(axes, shapes, images, _described(mode), strict=True):
         axis.imshow(image)
@@ -91,7 +92,7 @@ def overview_figure(result: ModesResult) -> Figure:
     columns = min(3, len(images))
     rows = -(-len(images) // columns)
     tallest = max(image.shape[0] / image.shape[1] for image in images[1:])
-    figure = Figure(figsize=(4.6 * columns, (4.4 * max(tallest, 0.5) + 0.75) * rows + 0.9), layout="constrained")
+    figure = Picture(figsize=(4.6 * columns, (4.4 * max(tallest, 0.5) + 0.75) * rows + 0.9), layout="constrained")
     axes = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     for axis in axes:
         axis.set_axis_off()

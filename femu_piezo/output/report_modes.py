@@ -6,7 +6,7 @@ from femu_piezo.errors import FemuPiezoError
 from femu_piezo.output.modes import mode_figure
 from femu_piezo.output.report import Section, paragraph, picture
 from femu_piezo.specimen.file import CONSTANTS, Specimen
-from femu_piezo.study.modes import find_modes
+from femu_piezo.study.modes import modes
 from femu_piezo.study.results import Outcome, UpdateResult
 
 
@@ -30,7 +30,7 @@ def fundamental_picture(specimen: Specimen, near_Hz: float, highest_Hz: float) -
     highest_Hz : end of the band that is searched
     """
     try:
-        found = find_modes(specimen, band=(0.0, highest_Hz))
+        found = modes(specimen, band=(0.0, highest_Hz))
         distance = [abs(mode.pole.frequency_Hz - near_Hz) for mode in found.modes]
         number = distance.index(min(distance))
         mode = found.modes[number]

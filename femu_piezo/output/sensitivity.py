@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from femu_piezo.inference.sensitivity import Sensitivity
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.output.curves import MEASURED, frequency_axis
+from femu_piezo.output.picture import Picture
 
 #: Colour of each constant, the same in every picture.
 COLOURS = dict(
@@ -21,7 +22,7 @@ COLOURS = dict(
 
 def sensitivity_figure(result: Sensitivity) -> Figure:
     """|Z| above; below, |∂log Z/∂log θ| of every constant that matters by more than 1e-4 of the strongest."""
-    figure = Figure(figsize=(8.0, 6.0), layout="constrained")
+    figure = Picture(figsize=(8.0, 6.0), layout="constrained")
     magnitude, slopes = figure.subplots(2, 1, sharex=True, height_ratios=[1, 2])
     factor, label, scale = frequency_axis(result.frequency)
     x = result.frequency * factor

@@ -1,13 +1,28 @@
-"""Tables for the terminal (rich)."""
+"""Tables for the terminal (rich), and the same as plain text and as HTML."""
 
 from __future__ import annotations
 
+import io
+import sys
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
+from rich.text import Text
 
 from femu_piezo.output.curves import PRINTED
-from femu_piezo.study.identify import IdentifyResult
-from femu_piezo.study.results import Outcome, UpdateResult
+
+if TYPE_CHECKING:
+    from femu_piezo.extraction import Extraction
+    from femu_piezo.study.identify import IdentifyResult
+    from femu_piezo.study.modes import ModesResult
+    from femu_piezo.study.results import Outcome, UpdateResult
+    from femu_piezo.study.simulate import SimulationResult
+
+#: Width of text that goes to no terminal, characters.
+_WIDTH = 110
+_HTML = '<pre style="font-family: monospace; line-height: 1.2; white-space: pre">{code}</pre>'
 
 
 def number(value: float, std: float | None) -> str:
@@ -43,7 +58,7 @@ def update_table(result: UpdateResult) -> RenderableType:
     ]
     if result.provenance is not None and len(result.outcomes) > 1:
         lines += [f"{name} from {_shares(shares)}" for name, shares in result.provenance.items()]
-    return Group(*parts, "\n".join(lines + [f"note: {note}" for note in result.notes]))
+    return Group(*parts, text_of([*lines, *told(result.notes)]))
 
 
 def _shares(shares: dict[str, float]) -> str:
@@ -72,9 +87,63 @@ def _percent(std: float) -> str:
 
 def console() -> Console:
     """Terminal output; plain and 110 wide where standard output is no terminal."""
-    import sys
+    return Console() if sys.stdout.isatty() else Console(width=_WIDTH, no_color=True, highlight=False)
 
-    return Console() if sys.stdout.isatty() else Console(width=110, no_color=True, highlight=False)
+
+def as_text(table: RenderableType) -> str:
+    """A table as plain text, as the terminal shows it."""
+    buffer = io.StringIO()
+    Console(file=buffer, width=_WIDTH, no_color=True, highlight=False).print(table)
+    return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines())
+
+
+def as_html(table: RenderableType) -> str:
+    """A table as a piece of HTML, as the terminal shows it."""
+    recorder = Console(file=io.StringIO(), width=_WIDTH, record=True, highlight=False)
+    recorder.print(table)
+    return recorder.export_html(inline_styles=True, code_format=_HTML)
+
+
+def text_of(lines: Iterable[str]) -> Text:
+    """Lines as they stand: a bracket in them is no style."""
+    return Text("\n".join(lines))
+
+
+def told(notes: Iterable[str]) -> list[str]:
+    """Notes as lines."""
+    return [f"note: {note}" for note in notes]
+
+
+def simulation_table(result: SimulationResult) -> RenderableType:
+    """Poles and zeros, and what to know about them."""
+    lines = [
+        f"{one.kind} {one.frequency_Hz:14.3f} Hz   loss {one.loss:.6f}" for one in (*result.poles, *result.zeros)
+    ]
+    if result.effects:
+        names = ", ".join(result.effects)
+        lines.append(f"poles, zeros and sweep are those of the specimen with its effects ({names})")
+    return text_of([*lines, *told(result.notes)])
+
+
+def extraction_table(result: Extraction) -> RenderableType:
+    """Poles and zeros with standard deviations, and what to know about them."""
+    lines = []
+    for one in (*result.resonances.poles, *result.resonances.zeros):
+        std = "" if one.std_Hz is None else f" ± {one.std_Hz:.3g}"
+        std_loss = "" if one.std_loss is None else f" ± {one.std_loss:.2g}"
+        lines.append(
+            f"{one.kind} {one.frequency_Hz:14.3f}{std} Hz   loss {one.loss:.6f}{std_loss}   Q {one.quality_factor:.4g}"
+        )
+    return text_of([*lines, *told((*result.spectrum.notes, *result.notes))])
+
+
+def modes_table(result: ModesResult) -> RenderableType:
+    """Each mode's pole, zero and coupling, and what the body does."""
+    lines = []
+    for mode in result.modes:
+        zero = "" if mode.zero is None else f"   zero {mode.zero.frequency_Hz:14.3f} Hz   k_eff {mode.k_eff:.4f}"
+        lines.append(f"pole {mode.pole.frequency_Hz:14.3f} Hz{zero}   {mode.pole_family}")
+    return text_of([*lines, *told(result.notes)])
 
 
 def identifiability_table(result: IdentifyResult) -> RenderableType:
@@ -102,4 +171,4 @@ def identifiability_table(result: IdentifyResult) -> RenderableType:
         gained = ", ".join(item.gained) or "no further constant"
         lines.append(f"measure {item.measurement}: determines {gained}")
     lines += result.advice
-    return Group(table, "\n".join(lines))
+    return Group(table, text_of(lines))

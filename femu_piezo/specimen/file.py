@@ -158,7 +158,9 @@ class Residue(Table):
 
 
 class Measurement(Table):
-    """A measured sweep: `file` (absolute once read); `held_out`: a band (low, high), Hz, that no fit sees.
+    """A measured sweep: `file` (absolute once read), None where the sweep is given otherwise.
+
+    held_out: a band (low, high), Hz, that no fit sees.
 
     correct_phase: turn the phase by 180°; mask_faults: leave out spikes, mains lines and the shorter side of jumps.
     accuracy, phase_accuracy: of |Z| (relative) and phase (rad), standard deviations smooth over frequency.
@@ -166,9 +168,7 @@ class Measurement(Table):
 
     model_config = ConfigDict(title="measurement")
 
-    missing: ClassVar[dict[str, str]] = {"file": 'give the path of the sweep, such as file = "impedance.csv"'}
-
-    file: Annotated[Path, PATH]
+    file: Annotated[Path | None, PATH] = None
     held_out: Annotated[tuple[Frequency, Frequency] | None, PAIR] = None
     correct_phase: bool = False
     mask_faults: bool = False
@@ -265,6 +265,10 @@ class Specimen(Table):
             object.__setattr__(self, "material", material)
         return self
 
+    def write(self, path: Path | str) -> None:
+        """Write the specimen file; see `write_specimen`."""
+        write_specimen(self, path)
+
 
 def read_specimens(paths: Sequence[Path | str], data_file: Path | str | None = None) -> list[Specimen]:
     """The specimens of several files; a study file, which has only `specimens = ["a.toml", …]`, stands for those."""
@@ -312,12 +316,10 @@ def read_specimen(path: Path | str, data_file: Path | str | None = None) -> Spec
 def with_measurement(specimens: Sequence[Specimen], **wishes: bool) -> list[Specimen]:
     """The specimens with those keys of [measurement] set that are True here, whatever their files say."""
     asked = {key: True for key, wish in wishes.items() if wish}
-    return [
-        one
-        if one.measurement is None or not asked
-        else one.model_copy(update={"measurement": one.measurement.model_copy(update=asked)})
-        for one in specimens
-    ]
+    if not asked:
+        return list(specimens)
+    tables = [(one.measurement or Measurement()).model_copy(update=asked) for one in specimens]
+    return [one.model_copy(update={"measurement": table}) for one, table in zip(specimens, tables, strict=True)]
 
 
 def _parse_toml(path: Path) -> dict[str, Any]:

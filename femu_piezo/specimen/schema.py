@@ -38,6 +38,10 @@ class Table(BaseModel):
             raise InputError(f"{file}: {problem}" if file else problem)
         return table
 
+    def __repr_args__(self):
+        """What is given, without the keys that are absent."""
+        return [(key, value) for key, value in super().__repr_args__() if value is not None]
+
     def problem(self) -> str | None:
         """What is wrong between several keys: key, value and what would be right. None if nothing."""
         return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,7 +15,7 @@ from femu_piezo.diagnosis.selection import Comparison, compare_from
 from femu_piezo.diagnosis.verdict import Verdict, judge
 from femu_piezo.diagnosis.whiteness import remaining
 from femu_piezo.effects.effect import Effect
-from femu_piezo.effects.library import REFERENCE
+from femu_piezo.effects.library import REFERENCE, Maker
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.linear_body import linear_body_misfit
 from femu_piezo.inference.budget import constants_of
@@ -25,13 +25,14 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.beginning import begin
+from femu_piezo.study.measured import Sweep, measure_each
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.planning import recommended, separations
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals, pole_zero_residuals
 from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.shapes import electrode_notes
-from femu_piezo.study.subjects import LEAST_ERROR, Subject, read_subjects, shared_library
+from femu_piezo.study.subjects import LEAST_ERROR, Subject, shared_library, subjects
 
 #: Most resonances of a linear body that is fitted for comparison.
 _FEW = 4
@@ -183,7 +184,8 @@ def diagnose(
     bases: Bases | None = None,
     *,
     rules: Rules | None = None,
-    effects: Sequence[Effect] | None = None,
+    spectra: Sequence[Sweep] | None = None,
+    effects: Iterable[Maker] | None = None,
 ) -> Diagnosis:
     """Compare sets of candidate effects with the sweep of a specimen, or with those of several of one material.
 
@@ -194,7 +196,8 @@ def diagnose(
     progress : called with the name of each step
     bases : where models and bases come from; made for these specimens alone where None
     rules : prior probabilities and thresholds
-    effects : the candidates; those of the library where None
+    spectra : the sweeps of the specimens, in memory or in other files than theirs; those of their files where None
+    effects : the candidates, effects or functions of an `EffectContext`; those of the library where None
 
     Raises
     ------
@@ -204,9 +207,8 @@ def diagnose(
     specimens = [specimens] if isinstance(specimens, Specimen) else list(specimens)
     clock, bases, rules = Clock(progress), bases or Bases(), rules or Rules()
     clock.step("read and extract")
-    several = read_subjects(specimens)
-    offered = shared_library(several) if effects is None else tuple(effects)
-    library = tuple(effect for effect in offered if effect.is_candidate)
+    several = subjects(measure_each(specimens, spectra), effects)
+    library = tuple(effect for effect in shared_library(several) if effect.is_candidate)
     clock.step("start")
     start = begin([one.measured for one in several], bases).constants
     posterior, comparison = _compared(several, library, start, clock, bases, rules)
@@ -216,7 +218,7 @@ def diagnose(
     verdict = judge(comparison, tangents(posterior.evaluation, comparison.base, served), frequency)
     sweeps = tuple(
         DiagnosedSweep(
-            specimen=specimen,
+            specimen=one.measured.problem.specimen,
             name=one.name,
             spectrum=one.measured.spectrum,
             fitted=one.fitted,
@@ -224,7 +226,7 @@ def diagnose(
             curves=(posterior.curve(index, comparison.base), posterior.curve(index, comparison.final)),
             reference_Hz=one.context.fundamental_Hz,
         )
-        for index, (specimen, one) in enumerate(zip(specimens, several, strict=True))
+        for index, one in enumerate(several)
     )
     clock.step("plan")
     planned = separations(several, posterior, comparison, verdict)
@@ -237,7 +239,7 @@ def diagnose(
         reduced_size=sum(model.size for model in posterior.models),
         notes=(
             *(note for one in several for note in one.measured.spectrum.notes),
-            *(note for specimen in specimens for note in electrode_notes(specimen)),
+            *(note for one in several for note in electrode_notes(one.measured.problem.specimen)),
             *_accuracy_notes(several),
         ),
         seconds={step: round(value, 3) for step, value in clock.seconds.items()},

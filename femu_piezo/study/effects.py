@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext
 from femu_piezo.effects.extended_model import extend_model
-from femu_piezo.effects.library import from_table
+from femu_piezo.effects.library import Maker, from_table, with_library
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import EIGHTH, Plate
 from femu_piezo.inference.response import Evaluation
@@ -56,15 +56,16 @@ def effect_context(
 
 
 def known_effects(
-    problem: Problem, context: EffectContext, *, fitted: bool = False
+    problem: Problem, context: EffectContext, effects: Iterable[Maker] | None = None, *, fitted: bool = False
 ) -> tuple[tuple[Effect, np.ndarray], ...]:
     """The effects of the specimen file with their values; InputError with file and key where one cannot serve.
 
-    fitted : also where a fit left what has a tolerance
+    effects : that its names may be of beside the library;  fitted : also where a fit left what has a tolerance
     """
     where, specimen = str(problem.specimen.path or problem.specimen.name), problem.specimen
     tables = [specimen.effects or {}, (specimen.fitted or {}) if fitted else {}]
-    return tuple(item for table in tables for item in from_table(table, context, where))
+    offered = with_library(effects)
+    return tuple(item for table in tables for item in from_table(table, context, where, offered))
 
 
 def has_effects(measured: Sequence[Measured]) -> bool:
@@ -72,14 +73,17 @@ def has_effects(measured: Sequence[Measured]) -> bool:
     return any(one.problem.specimen.effects for one in measured)
 
 
-def simulated_with_effects(problem: Problem, model: ElectroelasticModel, frequency: np.ndarray) -> np.ndarray:
-    """Z (k,) of a specimen with the effects of its file, ohm."""
+def simulated_with_effects(
+    problem: Problem, model: ElectroelasticModel, frequency: np.ndarray, effects: Iterable[Maker] | None = None
+) -> np.ndarray:
+    """Z (k,) of a specimen with the effects of its file, ohm; `effects` as of `known_effects`."""
     capacitance = abs(problem.constants.eps33T) * problem.plate.electrode_area / problem.plate.electrode_gap
     typical = 1 / (2 * np.pi * problem.expected_pole_Hz * capacitance)
     band = (float(frequency[0]), float(frequency[-1]))
-    effects = known_effects(problem, effect_context(problem, problem.expected_pole_Hz, typical, band), fitted=True)
+    context = effect_context(problem, problem.expected_pole_Hz, typical, band)
+    known = known_effects(problem, context, effects, fitted=True)
     free = problem.free(problem.constants)
-    extended = extend_model(model, [problem.constants], [effect for effect, _ in effects], float(frequency[-1]))
+    extended = extend_model(model, [problem.constants], [effect for effect, _ in known], float(frequency[-1]))
     material = MaterialParameters.around(free, free.start)
-    unknowns = Unknowns(material, material_prior(free, {}, {}), fixed=effects)
+    unknowns = Unknowns(material, material_prior(free, {}, {}), fixed=known)
     return Evaluation(extended, 2 * np.pi * frequency).impedance(unknowns, material.x_of(free.start))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from femu_piezo.effects.extended_model import extend_model
+from femu_piezo.errors import InputError
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.identifiability import Identifiability, identifiability
 from femu_piezo.inference.response import Evaluation
@@ -17,6 +18,7 @@ from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unk
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.problem import Problem, prepare
+from femu_piezo.study.progress import Progress
 from femu_piezo.study.resonances_with_effects import sensitivity_with_effects
 from femu_piezo.study.simulate import sweep_frequencies
 
@@ -96,13 +98,13 @@ class IdentifyResult:
 
 
 def identify(
-    specimens: list[Specimen],
-    noise: float,
-    progress: Callable[[str], None] = lambda step: None,
+    specimens: Specimen | Sequence[Specimen],
+    noise: float = 1e-3,
+    progress: Progress | None = None,
     *,
     recommend: bool = True,
 ) -> IdentifyResult:
-    """Predict the joint standard deviations of all ten constants from sweeps with relative noise.
+    """Predict the joint standard deviations of all ten constants from sweeps of one or more specimens of a material.
 
     The constants are those of the first specimen's file; constants that are zero there cannot be free. Beside the
     sweeps stands only the weak prior of
@@ -113,7 +115,15 @@ def identify(
     noise : relative standard deviation of every point
     progress : called with the name of each step
     recommend : compute what further measurements would add, which takes longer than the rest
+
+    Raises
+    ------
+    InputError : a specimen cannot be computed, or the noise is no relative standard deviation
     """
+    if not 0 < noise < 1:
+        raise InputError(f"noise {noise:g} is not a relative standard deviation; give one such as 0.001")
+    progress = progress or (lambda step: None)
+    specimens = [specimens] if isinstance(specimens, Specimen) else list(specimens)
     problems = [prepare(specimen) for specimen in specimens]
     first = problems[0]
     blocks, pictures = [], []

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -13,9 +15,9 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.starts.pole_zero import static_permittivity
 from femu_piezo.inference.starts.thin_body import bar_coupling
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.measurement.readers import read_spectrum
+from femu_piezo.measurement.readers import accept_spectrum, read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.specimen.file import Specimen
+from femu_piezo.specimen.file import Measurement, Specimen
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.starts import has_uniform_field, start_permittivity, start_values
 
@@ -96,17 +98,39 @@ class Measured:
         return start_permittivity(self.problem, self.pair, self.fitted.frequency[0], self.fitted.admittance[0])
 
 
-def measure(specimen: Specimen) -> Measured:
-    """Read and analyse the sweep of a specimen; InputError where file, key or sweep cannot serve."""
-    if specimen.measurement is None:
+#: A sweep in memory, or another file than that of the specimen.
+Sweep = ImpedanceSpectrum | Path
+
+
+def measure_each(specimens: Sequence[Specimen], spectra: Sequence[Sweep] | None = None) -> list[Measured]:
+    """`measure` of several specimens, their sweeps in the same order."""
+    if spectra is None:
+        return [measure(specimen) for specimen in specimens]
+    if len(spectra) != len(specimens):
+        raise InputError(f"there are {len(specimens)} specimens and {len(spectra)} sweeps; give one sweep for each")
+    return [measure(specimen, spectrum) for specimen, spectrum in zip(specimens, spectra, strict=True)]
+
+
+def measure(specimen: Specimen, spectrum: Sweep | None = None) -> Measured:
+    """Analyse the sweep of a specimen: the one that is given, else that of its file.
+
+    Of the [measurement] table everything but the file counts for any sweep. Raises InputError where file, key or sweep
+    cannot serve.
+    """
+    wish = specimen.measurement or Measurement()
+    if isinstance(spectrum, Path):
+        wish, spectrum = wish.model_copy(update={"file": spectrum.absolute()}), None
+    if spectrum is None and wish.file is None:
         raise InputError(
-            f'{specimen.path or specimen.name}: there is no [measurement] table with file = "…" to update from'
+            f"{specimen.path or specimen.name}: measurement.file is missing; give the path of the sweep in the "
+            '[measurement] table, such as file = "impedance.csv"'
         )
-    problem = prepare(specimen, check=False)
-    wish = specimen.measurement
-    spectrum = read_spectrum(
-        wish.file, correct_phase=wish.correct_phase, mask_faults=wish.mask_faults, noise=wish.noise
-    )
+    options = {"correct_phase": wish.correct_phase, "mask_faults": wish.mask_faults, "noise": wish.noise}
+    if spectrum is None:
+        spectrum = read_spectrum(wish.file, **options)
+    else:
+        wish, spectrum = wish.model_copy(update={"file": None}), accept_spectrum(spectrum, **options)
+    problem = prepare(specimen.model_copy(update={"measurement": wish}), check=False)
     fitted = spectrum
     if wish.held_out is not None:
         fitted = spectrum.select((spectrum.frequency < wish.held_out[0]) | (spectrum.frequency > wish.held_out[1]))
@@ -191,7 +215,8 @@ def start_constants(measured: list[Measured]) -> PiezoConstants:
 def baseline_constants(measured: list[Measured], start: PiezoConstants) -> tuple[PiezoConstants, tuple[str, ...]]:
     """The constants of the file as the baseline; the start values, with a note, where those are no stable material."""
     constants = measured[0].problem.constants
-    faults = [fault for fault in constants.physical_faults() if "create energy" not in fault]
+    faults = constants.physical_faults(passive=False)
     if not faults:
         return constants, ()
-    return start, (f"the baseline is that of the start values, since in the specimen file {'; '.join(faults)}",)
+    told = "; ".join(map(str, faults))
+    return start, (f"the baseline is that of the start values, since in the specimen file {told}",)

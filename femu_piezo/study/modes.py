@@ -86,7 +86,7 @@ class ModesResult:
         }
 
 
-def find_modes(specimen: Specimen, *, band: tuple[float, float] | None = None, count: int | None = None) -> ModesResult:
+def modes(specimen: Specimen, *, band: tuple[float, float] | None = None, count: int | None = None) -> ModesResult:
     """The driven modes of a specimen.
 
     Parameters
@@ -100,7 +100,7 @@ def find_modes(specimen: Specimen, *, band: tuple[float, float] | None = None, c
     """
     problem = prepare(specimen)
     if band is not None and not 0 <= band[0] < band[1]:
-        raise InputError(f"--band {band[0]:g} {band[1]:g} is no band; give the lower frequency first, in Hz")
+        raise InputError(f"{band[0]:g} … {band[1]:g} Hz is no band; give the lower frequency first")
     low, high = band or (0.0, 3.5 * problem.expected_pole_Hz)
     model = _model(problem, max(high, problem.expected_pole_Hz))
     reduced_to = max(1.3 * high, 1.5 * problem.expected_pole_Hz)
@@ -114,11 +114,11 @@ def find_modes(specimen: Specimen, *, band: tuple[float, float] | None = None, c
     if not pairs:
         raise InputError(
             f"{specimen.path or specimen.name}: no driven mode lies between {low:.6g} and {high:.6g} Hz; the first is "
-            f"expected near {problem.expected_pole_Hz:.4g} Hz, so give another --band"
+            f"expected near {problem.expected_pole_Hz:.4g} Hz, so give another band"
         )
     total = sum(pole[2] for pole, _ in pairs)
-    modes = tuple(_mode(model, pole, zero, total) for pole, zero in pairs)
-    return ModesResult(specimen, model, modes, (low, high))
+    found = tuple(_mode(model, pole, zero, total) for pole, zero in pairs)
+    return ModesResult(specimen, model, found, (low, high))
 
 
 def _model(problem: Problem, high: float) -> ElectroelasticModel:

@@ -49,17 +49,16 @@ def matched_resonances(
 def _roots(function: Callable[[np.ndarray], np.ndarray], start: np.ndarray) -> np.ndarray:
     """Roots (m,) of an analytic function near complex starts, by Newton; the start where it leads far away.
 
-    A step that lands on a resonance of the body to the last digit, where its admittance is infinite, is the last one.
+    Of a body without circuits the starts are the roots, where Z or Y is infinite: the first point lies beside them, and
+    a step that ends on a root to the last bit is the last.
     """
-    omega = start * (1 + _DIFFERENCE)
+    omega = start.astype(complex) * (1 + _DIFFERENCE)
     for _ in range(_STEPS):
         with np.errstate(divide="ignore", invalid="ignore"):
             value = function(omega)
-            slope = (function(omega * (1 + _DIFFERENCE)) - value) / (omega * _DIFFERENCE)
-            moved = omega - value / np.where(slope == 0, np.inf, slope)
-        near = np.abs(moved / start - 1) < _FAR
-        omega = np.where(near, moved, np.where(np.isfinite(moved), start, omega))
-    return omega
+            step = value * omega * _DIFFERENCE / (function(omega * (1 + _DIFFERENCE)) - value)
+        omega = omega - np.where(np.isfinite(step), step, 0.0)
+    return np.where(np.abs(omega / start - 1) < _FAR, omega, start)
 
 
 def sensitivity_with_effects(title: str, evaluation: Evaluation, unknowns: Unknowns, x: np.ndarray) -> Sensitivity:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import AAA
 
+from femu_piezo.effects.library import Maker
 from femu_piezo.errors import InputError
 from femu_piezo.forward.modal import ModalModel
 from femu_piezo.forward.model import ElectroelasticModel
@@ -104,12 +106,15 @@ def _listed(kind: Kind, values: np.ndarray, strengths: np.ndarray, band_Hz: floa
     return tuple(Resonance(kind, complex(value)) for value in sorted(values[strong], key=lambda value: value.real))
 
 
-def simulate(specimen: Specimen, *, full_order: bool = False) -> SimulationResult:
+def simulate(
+    specimen: Specimen, *, full_order: bool = False, effects: Iterable[Maker] | None = None
+) -> SimulationResult:
     """Simulate the specimen of a file.
 
     Parameters
     ----------
     full_order : solve the full model at every frequency instead of the reduced one
+    effects : that its [effects] may name beside those of the library
 
     Sweep, poles and zeros are those of the specimen with the effects of its [effects] table.
     """
@@ -120,7 +125,7 @@ def simulate(specimen: Specimen, *, full_order: bool = False) -> SimulationResul
     accuracy = specimen.update.accuracy if specimen.update else 1e-4
     model = problem.model(problem.equivalent_frequency(frequency[-1], accuracy), accuracy)
     if specimen.effects:
-        impedance, (poles, zeros) = _with_effects(problem, model, frequency)
+        impedance, (poles, zeros) = _with_effects(problem, model, frequency, effects)
     else:
         reduced = reduce_model(model, [problem.constants], frequency[-1], accuracy=min(1e-6, accuracy / 10))
         e_form = problem.constants.to_e_form()
@@ -131,12 +136,12 @@ def simulate(specimen: Specimen, *, full_order: bool = False) -> SimulationResul
     return SimulationResult(specimen, spectrum, poles, zeros, model.size, tuple(specimen.effects or ()))
 
 
-def _with_effects(problem: Problem, model: ElectroelasticModel, frequency: np.ndarray):
+def _with_effects(problem: Problem, model: ElectroelasticModel, frequency: np.ndarray, effects):
     """Z (k,) of the sweep, and (poles, zeros) up to its end."""
     low, high = min(frequency[0], 0.2 * problem.expected_pole_Hz), frequency[-1]
     even = np.linspace(low, _BEYOND * high, int(np.clip(2 * frequency.size, *_POINTS)))
     every = np.unique(np.concatenate([frequency, even]))
-    impedance = simulated_with_effects(problem, model, every)
+    impedance = simulated_with_effects(problem, model, every, effects)
     own, spread = np.isin(every, frequency), np.isin(every, even)
     return impedance[own], curve_resonances(every[spread], impedance[spread], high)
 

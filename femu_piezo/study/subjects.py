@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext
-from femu_piezo.effects.library import library
+from femu_piezo.effects.library import Maker, effects_of, library
 from femu_piezo.errors import InputError
 from femu_piezo.inference.ensemble import belonging_to, is_common
 from femu_piezo.measurement.noise import estimate_noise
-from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.effects import effect_context, known_effects
-from femu_piezo.study.measured import Measured, measure
+from femu_piezo.study.measured import Measured
 
 #: Relative error of Z that meshes and bases leave at least: sweeps are not taken to be more exact than the model.
 LEAST_ERROR = 1e-5
@@ -30,6 +29,7 @@ class Subject:
     name : of the specimen where there are several, "" for the only one
     noise : (k,) relative noise of the whole sweep, no less than the error of the model
     fixed : the effects of its file with their values
+    effects : what it may have beside those; the library where None
     """
 
     name: str
@@ -37,6 +37,7 @@ class Subject:
     noise: np.ndarray
     context: EffectContext
     fixed: tuple[tuple[Effect, np.ndarray], ...]
+    effects: tuple[Maker, ...] | None = None
 
     @cached_property
     def fitted(self) -> np.ndarray:
@@ -50,13 +51,25 @@ class Subject:
 
     @cached_property
     def library(self) -> tuple[Effect, ...]:
-        """Every effect that the specimen may have beside those of its file: tolerances and candidates."""
+        """Every effect that the specimen may have beside those of its file: tolerances and candidates.
+
+        The tolerances are those of the library also where `effects` lacks them.
+        """
+        known = library(self.context)
+        offered = known if self.effects is None else effects_of(self.context, self.effects)
+        given = {effect.key for effect in offered}
+        held = (effect for effect in known if effect.has_tolerance and effect.key not in given)
         taken = {(effect.name, effect.variant) for effect, _ in self.fixed}
-        return tuple(e for e in library(self.context) if (e.name, e.variant) not in taken)
+        every = (*offered, *(effect.within_tolerance for effect in held))
+        return tuple(effect for effect in every if (effect.name, effect.variant) not in taken)
 
 
-def subjects(measured: Sequence[Measured]) -> tuple[Subject, ...]:
-    """What is known of each specimen; InputError where two of several have one name."""
+def subjects(measured: Sequence[Measured], effects: Iterable[Maker] | None = None) -> tuple[Subject, ...]:
+    """What is known of each specimen; InputError where two of several have one name.
+
+    effects : what they may have beside the effects of their files; the library where None
+    """
+    effects = None if effects is None else tuple(effects)
     specimens = [one.problem.specimen for one in measured]
     names = [specimen.name for specimen in specimens]
     double = next((name for index, name in enumerate(names) if name in names[:index]), None)
@@ -65,22 +78,18 @@ def subjects(measured: Sequence[Measured]) -> tuple[Subject, ...]:
             f"{specimens[names.index(double)].path}: two specimens are named {double!r}; results say by name which "
             "specimen they are about, so give each its own"
         )
-    return tuple(_subject(one, one.problem.specimen.name if len(measured) > 1 else "") for one in measured)
+    many = len(measured) > 1
+    return tuple(_subject(one, one.problem.specimen.name if many else "", effects) for one in measured)
 
 
-def read_subjects(specimens: Sequence[Specimen]) -> tuple[Subject, ...]:
-    """`subjects` of specimens whose sweeps are read and analysed first."""
-    return subjects([measure(specimen) for specimen in specimens])
-
-
-def _subject(measured: Measured, name: str) -> Subject:
+def _subject(measured: Measured, name: str, effects: tuple[Maker, ...] | None) -> Subject:
     frequency = measured.spectrum.frequency
     typical = float(np.median(np.abs(measured.spectrum.impedance)))
     band = (float(frequency[0]), float(frequency[-1]))
     context = effect_context(measured.problem, measured.pair.pole.frequency_Hz, typical, band)
-    known = known_effects(measured.problem, context)
+    known = known_effects(measured.problem, context, effects)
     fixed = tuple((belonging_to(effect, name), values) for effect, values in known) if name else known
-    return Subject(name, measured, np.hypot(_relative_noise(measured), LEAST_ERROR), context, fixed)
+    return Subject(name, measured, np.hypot(_relative_noise(measured), LEAST_ERROR), context, fixed, effects)
 
 
 def shared_library(several: Sequence[Subject]) -> tuple[Effect, ...]:

@@ -10,10 +10,11 @@ With method = "pole_zero" step 3 is the answer, as in the paper.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from femu_piezo.effects.library import Maker
 from femu_piezo.errors import InputError
 from femu_piezo.inference.budget import constants_of
 from femu_piezo.inference.fit import Fit, refitted
@@ -24,7 +25,7 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import Specimen, Update
 from femu_piezo.study.beginning import begin
 from femu_piezo.study.effects import has_effects
-from femu_piezo.study.measured import Measured, baseline_constants, measure, start_constants
+from femu_piezo.study.measured import Measured, Sweep, baseline_constants, measure_each, start_constants
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.pole_zero_update import PoleZeroState, pole_zero_update
 from femu_piezo.study.posterior import Posterior
@@ -44,7 +45,12 @@ _LOUD = 1.2
 
 
 def update(
-    specimens: Specimen | Sequence[Specimen], progress: Progress | None = None, bases: Bases | None = None
+    specimens: Specimen | Sequence[Specimen],
+    progress: Progress | None = None,
+    bases: Bases | None = None,
+    *,
+    spectra: Sequence[Sweep] | None = None,
+    effects: Iterable[Maker] | None = None,
 ) -> UpdateResult:
     """Update the free constants of a material from the measured sweeps of one or more specimens of it.
 
@@ -54,6 +60,8 @@ def update(
     ----------
     progress : called with the name of each step
     bases : where models and reduced bases come from; made for these specimens alone where None
+    spectra : the sweeps of the specimens, in memory or in other files than theirs; those of their files where None
+    effects : that the [effects] of the files may name beside those of the library
 
     Raises
     ------
@@ -63,13 +71,15 @@ def update(
     specimens = [specimens] if isinstance(specimens, Specimen) else list(specimens)
     clock = Clock(progress)
     clock.step("read and extract")
-    return update_measured([measure(specimen) for specimen in specimens], clock, bases)
+    return update_measured(measure_each(specimens, spectra), clock, bases, effects)
 
 
-def update_measured(measured: Sequence[Measured], clock: Clock, bases: Bases | None = None) -> UpdateResult:
+def update_measured(
+    measured: Sequence[Measured], clock: Clock, bases: Bases | None = None, effects: Iterable[Maker] | None = None
+) -> UpdateResult:
     """`update` of specimens whose sweeps have been read and analysed."""
     measured, bases = list(measured), bases or Bases()
-    several = subjects(measured)
+    several = subjects(measured, effects)
     method, origin = _method(measured)
     if method == "pole_zero":
         return _by_pole_zero(several, clock, bases, origin)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-
-from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.blocks import Prior
 from femu_piezo.inference.least_squares import fit
+
+from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.sampling import sample_posterior
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters
 from femu_piezo.material.library import library_material

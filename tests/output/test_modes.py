@@ -18,7 +18,7 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.library import library_material
 from femu_piezo.output.surface import GROUND, HOT, surface_of
 from femu_piezo.specimen.file import read_specimen
-from femu_piezo.study.modes import find_modes
+from femu_piezo.study.modes import modes
 
 PIC255 = library_material("pic255")
 K31 = """
@@ -110,7 +110,7 @@ def test_mirrored_part_shows_the_mode_of_the_whole(circuit: str) -> None:
 
 
 def test_modes_of_a_bar_are_those_of_the_thin_bar(tmp_path: Path) -> None:
-    result = find_modes(specimen(tmp_path))
+    result = modes(specimen(tmp_path))
     first = result.modes[0]
     s11 = PIC255.constants.s11.real
     assert first.pole.frequency_Hz == pytest.approx(1 / (2 * 20e-3 * np.sqrt(PIC255.density * s11)), rel=0.01)
@@ -123,9 +123,9 @@ def test_modes_of_a_bar_are_those_of_the_thin_bar(tmp_path: Path) -> None:
 
 def test_band_without_modes_and_wrong_band_are_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no driven mode lies between 1000 and 2000 Hz"):
-        find_modes(specimen(tmp_path), band=(1e3, 2e3))
+        modes(specimen(tmp_path), band=(1e3, 2e3))
     with pytest.raises(InputError, match="is no band"):
-        find_modes(specimen(tmp_path), band=(2e3, 1e3))
+        modes(specimen(tmp_path), band=(2e3, 1e3))
 
 
 def test_command_writes_pictures_animation_scene_and_json_in_silence(tmp_path: Path) -> None:

@@ -110,7 +110,6 @@ def test_variables_and_absolute_paths(tmp_path: Path, monkeypatch: pytest.Monkey
         ('"90 kHz", ', "", "measurement.held_out"),
         ('"90 kHz", ', '"190 kHz", ', "lower frequency first"),
         ('file = "impedance.csv"', "file = 7", "measurement.file"),
-        ('file = "impedance.csv"', "", "measurement.file is missing"),
         ("[measurement]", "[measurement]\nnoise = 0", "measurement.noise"),
         ("[measurement]", "[simulation]\npoints = 1\n[measurement]", "simulation.points"),
         ("[measurement]", "[simulation]\nstart = 2\nstop = 1\n[measurement]", "simulation.start"),

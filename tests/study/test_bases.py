@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from femu_piezo.study.diagnosis_subject import subjects
 
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import read_specimen
-from femu_piezo.study.diagnosis_subject import subjects
 from femu_piezo.study.model_cache import SharedBases
 
 TRIO = ("s11", "d31", "eps33T")

@@ -1,11 +1,18 @@
-"""The library of effects: every module here has `candidates(context)`; a new effect is a new file."""
+"""The library of effects: a list of functions of an `EffectContext`, the `candidates` of every module here.
+
+    for make in library: ...        diagnose(specimen, effects=[*library, mine])
+
+A new effect is a new file, or from outside one more function in such a list.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from importlib import import_module
 from pkgutil import iter_modules
+from types import ModuleType
 
 import numpy as np
 
@@ -13,12 +20,55 @@ from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 from femu_piezo.errors import InputError
 from femu_piezo.units import parse_quantity
 
+#: What a list of effects holds: an effect as it is, or what makes those that a specimen may have (one, several, none).
+Maker = Effect | Callable[[EffectContext], Effect | Iterable[Effect] | None]
+
+#: `candidates` of every module of this package, in the order of their names.
+makers: tuple[Maker, ...] = tuple(
+    import_module(f"{__name__}.{name}").candidates for name in sorted(module.name for module in iter_modules(__path__))
+)
+
+
+class _Library(ModuleType):
+    """This package, which is the list of its makers."""
+
+    def __iter__(self) -> Iterator[Maker]:
+        return iter(makers)
+
+    def __len__(self) -> int:
+        return len(makers)
+
+    def __getitem__(self, index: int) -> Maker:
+        return makers[index]
+
+
+sys.modules[__name__].__class__ = _Library
+
 
 def library(context: EffectContext) -> tuple[Effect, ...]:
-    """Every candidate effect that makes sense for a specimen."""
-    names = sorted(module.name for module in iter_modules(__path__))
-    modules = [import_module(f"{__name__}.{name}") for name in names]
-    return tuple(effect for module in modules for effect in module.candidates(context))
+    """Every effect of the library that makes sense for a specimen."""
+    return effects_of(context, makers)
+
+
+def effects_of(context: EffectContext, offered: Iterable[Maker]) -> tuple[Effect, ...]:
+    """The effects of a list that make sense for a specimen.
+
+    Raises InputError where an entry is neither an `Effect` nor a function of an `EffectContext`.
+    """
+    found: list[Effect] = []
+    for maker in offered:
+        if not (isinstance(maker, Effect) or callable(maker)):
+            raise InputError(
+                f"effects: {maker!r} is no effect; give an Effect, or a function of an EffectContext that returns some"
+            )
+        made = maker if isinstance(maker, Effect) else maker(context)
+        found += [made] if isinstance(made, Effect) else made or ()
+    return tuple(found)
+
+
+def with_library(offered: Iterable[Maker] | None) -> tuple[Maker, ...]:
+    """A list of effects, then those of the library that it lacks; the library where it is None."""
+    return makers if offered is None else tuple(dict.fromkeys((*offered, *makers)))
 
 
 #: Frequencies of any sweep, Hz.
@@ -28,9 +78,14 @@ REFERENCE = "reference_frequency"
 
 
 def from_table(
-    table: Mapping[str, Mapping[str, float | str]], context: EffectContext, where: str
+    table: Mapping[str, Mapping[str, float | str]],
+    context: EffectContext,
+    where: str,
+    offered: Iterable[Maker] = makers,
 ) -> tuple[tuple[Effect, np.ndarray], ...]:
     """The effects of an [effects] table with their values: effect name → parameter name → SI number or "1 ohm".
+
+    offered : the effects that are known by name
 
     Raises InputError for an unknown effect or parameter, and for a missing one.
     """
@@ -40,7 +95,7 @@ def from_table(
         anchor = left.pop(REFERENCE, context.fundamental_Hz)
         at = replace(context, fundamental_Hz=parse_quantity(anchor, "Hz", f"{where}: effects.{name}.{REFERENCE}"))
         # a constant that is free now may have had an error before, and another sweep another band
-        known = library(replace(at, free=(), band_Hz=_ANY_BAND))
+        known = effects_of(replace(at, free=(), band_Hz=_ANY_BAND), offered)
         variants = [effect for effect in known if effect.name == name]
         if not variants:
             names = ", ".join(sorted({effect.name for effect in known}))

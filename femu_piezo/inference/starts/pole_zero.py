@@ -182,11 +182,11 @@ def update_pair(
 
 
 def _check_step(constants: PiezoConstants, history: list[Step]) -> None:
-    faults = [fault for fault in constants.physical_faults() if "create energy" not in fault]
+    faults = constants.physical_faults(passive=False)
     if faults:
         raise ConvergenceError(
-            f"pole-zero update: after {len(history)} iterations {'; '.join(faults)}; the measured pole and zero do not "
-            "belong to one mode of this plate: check dimensions, density and the known constants"
+            f"pole-zero update: after {len(history)} iterations {'; '.join(map(str, faults))}; the measured pole and "
+            "zero do not belong to one mode of this plate: check dimensions, density and the known constants"
         )
 
 

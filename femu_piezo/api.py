@@ -1,0 +1,209 @@
+"""What `import femu_piezo` offers: the six commands as functions of specimens and sweeps, in files or in memory.
+
+    import femu_piezo as fp
+
+    specimen = fp.read_specimen("plate.toml")
+    sweep = fp.ImpedanceSpectrum.from_magnitude_phase(frequency_Hz, magnitude_ohm, phase_deg)
+    result = fp.update(specimen, sweep)
+    result.parameters["s11"].value
+
+A specimen is a `Specimen` or the path of its file, a sweep an `ImpedanceSpectrum` or the path of its file. Results
+print as the terminal's table and have `plot`, `to_dataframe` and `save` (`femu_piezo.output.results.result.Result`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from femu_piezo.errors import InputError
+from femu_piezo.measurement.readers import accept_spectrum, read_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.specimen.file import Specimen, read_specimens, with_measurement
+
+if TYPE_CHECKING:
+    from femu_piezo.diagnosis.rules import Rules
+    from femu_piezo.effects.library import Maker
+    from femu_piezo.output.results.diagnosed import Diagnosed
+    from femu_piezo.output.results.extracted import Extracted
+    from femu_piezo.output.results.identified import Identified
+    from femu_piezo.output.results.modes import Modes
+    from femu_piezo.output.results.simulated import Simulated
+    from femu_piezo.output.results.updated import Updated
+    from femu_piezo.study.model_cache import Bases
+    from femu_piezo.study.progress import Progress
+
+AnySpecimen = Specimen | Path | str
+AnySweep = ImpedanceSpectrum | Path | str
+_Item = TypeVar("_Item")
+
+
+def simulate(specimen: AnySpecimen, *, full_order: bool = False, effects: Iterable[Maker] | None = None) -> Simulated:
+    """Poles, zeros and a sweep of the specimen as described.
+
+    Parameters
+    ----------
+    full_order : solve the full model at every frequency instead of the reduced one (slow, for checking)
+    effects : that its [effects] may name beside those of the library
+    """
+    from femu_piezo.output.results.simulated import Simulated
+    from femu_piezo.study import simulate as study
+
+    return Simulated.of_study(study.simulate(_one(specimen), full_order=full_order, effects=effects))
+
+
+def extract(spectrum: AnySweep, *, correct_phase: bool = False, mask_faults: bool = False) -> Extracted:
+    """Poles and zeros of a measured sweep with uncertainties, without any model.
+
+    Parameters
+    ----------
+    correct_phase : turn the phase of the sweep by 180°
+    mask_faults : leave out spikes, mains lines and the shorter side of jumps
+    """
+    from femu_piezo.extraction import extract as find
+    from femu_piezo.output.results.extracted import Extracted
+
+    given = _sweep(spectrum)
+    accept = read_spectrum if isinstance(given, Path) else accept_spectrum
+    return Extracted.of_study(find(accept(given, correct_phase=correct_phase, mask_faults=mask_faults)))
+
+
+def update(
+    specimens: AnySpecimen | Sequence[AnySpecimen],
+    spectra: AnySweep | Sequence[AnySweep] | None = None,
+    *,
+    correct_phase: bool = False,
+    mask_faults: bool = False,
+    effects: Iterable[Maker] | None = None,
+    progress: Progress | None = None,
+    bases: Bases | None = None,
+) -> Updated:
+    """The constants that explain the measured sweeps; several specimens of one material join.
+
+    Parameters
+    ----------
+    specimens : one or several; the [material] and [update] tables of the first rule
+    spectra : their sweeps in the same order; those that the specimens name where None. Of a sweep given here everything
+        of [measurement] but the file counts: held_out, noise, accuracy, residue, correct_phase, mask_faults
+    correct_phase, mask_faults : as in [measurement], for all sweeps
+    effects : that the [effects] of the files may name beside those of the library
+    progress : called with the name of each step
+    bases : where models and reduced bases come from; made for these specimens alone where None
+
+    Raises
+    ------
+    InputError : a file, a key or a sweep cannot serve
+    ConvergenceError : the computation does not converge; the message says what to try
+    """
+    from femu_piezo.output.results.updated import Updated
+    from femu_piezo.study import update as study
+
+    wanted, sweeps = _measured(specimens, spectra, correct_phase, mask_faults)
+    return Updated.of_study(study.update(wanted, progress, bases, spectra=sweeps, effects=effects))
+
+
+def diagnose(
+    specimens: AnySpecimen | Sequence[AnySpecimen],
+    spectra: AnySweep | Sequence[AnySweep] | None = None,
+    *,
+    correct_phase: bool = False,
+    mask_faults: bool = False,
+    effects: Iterable[Maker] | None = None,
+    rules: Rules | None = None,
+    progress: Progress | None = None,
+    bases: Bases | None = None,
+) -> Diagnosed:
+    """What the simulation of the specimens gets wrong, the named cause, and the gain.
+
+    Parameters
+    ----------
+    effects : the candidates, effects or functions of an `EffectContext` that return some; `femu_piezo.effects.library`
+        where None, `[*femu_piezo.effects.library, mine]` for one more
+    rules : prior probabilities and thresholds
+
+    The other parameters and the errors are those of `update`.
+    """
+    from femu_piezo.output.results.diagnosed import Diagnosed
+    from femu_piezo.study import diagnose as study
+
+    wanted, sweeps = _measured(specimens, spectra, correct_phase, mask_faults)
+    found = study.diagnose(wanted, progress, bases, rules=rules, spectra=sweeps, effects=effects)
+    return Diagnosed.of_study(found)
+
+
+def identify(
+    specimens: AnySpecimen | Sequence[AnySpecimen],
+    noise: float = 1e-3,
+    *,
+    recommend: bool = True,
+    progress: Progress | None = None,
+) -> Identified:
+    """Which constants sweeps of the specimens can determine, before or without measuring.
+
+    Parameters
+    ----------
+    noise : relative standard deviation of every point
+    recommend : compute what further measurements would add, which takes longer than the rest
+    """
+    from femu_piezo.output.results.identified import Identified
+    from femu_piezo.study import identify as study
+
+    return Identified.of_study(study.identify(_many(specimens), noise, progress, recommend=recommend))
+
+
+def modes(specimen: AnySpecimen, *, band: tuple[float, float] | None = None, count: int | None = None) -> Modes:
+    """The driven modes of the specimen.
+
+    Parameters
+    ----------
+    band : (low, high) Hz; from zero to 3.5 times the expected fundamental where None
+    count : only so many, the lowest ones
+    """
+    from femu_piezo.output.results.modes import Modes
+    from femu_piezo.study import modes as study
+
+    return Modes.of_study(study.modes(_one(specimen), band=band, count=count))
+
+
+def _one(specimen: AnySpecimen) -> Specimen:
+    found = _many(specimen)
+    if len(found) != 1:
+        raise InputError(f"{len(found)} specimens are given where one is needed; give them one after another")
+    return found[0]
+
+
+def _many(specimens: AnySpecimen | Sequence[AnySpecimen]) -> list[Specimen]:
+    """The specimens, those of files read; a study file stands for several."""
+    found: list[Specimen] = []
+    for one in _listed(specimens, (Specimen, str, Path)):
+        if isinstance(one, Specimen):
+            found.append(one)
+        elif isinstance(one, (str, Path)):
+            found += read_specimens([one])
+        else:
+            raise InputError(f"a specimen is a Specimen or the path of its file, not a {type(one).__name__}")
+    return found
+
+
+def _measured(specimens, spectra, correct_phase: bool, mask_faults: bool):
+    """Specimens, and their sweeps or the files of these."""
+    wanted = with_measurement(_many(specimens), correct_phase=correct_phase, mask_faults=mask_faults)
+    if spectra is None:
+        return wanted, None
+    return wanted, [_sweep(one) for one in _listed(spectra, (ImpedanceSpectrum, str, Path))]
+
+
+def _sweep(spectrum: object) -> ImpedanceSpectrum | Path:
+    if isinstance(spectrum, (str, Path)):
+        return Path(spectrum)
+    if not isinstance(spectrum, ImpedanceSpectrum):
+        raise InputError(
+            f"a sweep is an ImpedanceSpectrum or the path of its file, not a {type(spectrum).__name__}; "
+            "ImpedanceSpectrum.from_impedance(frequency_Hz, impedance_ohm) makes one of arrays"
+        )
+    return spectrum
+
+
+def _listed(items: _Item | Sequence[_Item], single: tuple[type, ...]) -> list[_Item]:
+    return list(items) if isinstance(items, Sequence) and not isinstance(items, single) else [items]

@@ -1,0 +1,40 @@
+"""`Extracted`: poles and zeros of a measured sweep."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from femu_piezo.extraction import Extraction
+from femu_piezo.output.folder import prepare_folder, write_figure, write_json
+from femu_piezo.output.results.result import Result, resonance_rows
+from femu_piezo.output.tables import extraction_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+
+class Extracted(Result, Extraction):
+    """What `extract` returns: `resonances` and `pairs` of a sweep, found without any model."""
+
+    def table(self) -> RenderableType:
+        """Poles and zeros with standard deviations."""
+        return extraction_table(self)
+
+    def plot(self, number: int | None = None) -> Figure:
+        """Curve and fit, residual, stabilization diagrams."""
+        from femu_piezo.output.extraction_plots import extraction_figure
+
+        return extraction_figure(self)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row for each pole and zero."""
+        return resonance_rows((*self.resonances.poles, *self.resonances.zeros))
+
+    def save(self, folder: Path | str) -> Path:
+        """Write extraction.json and extraction.png; the folder."""
+        out = prepare_folder(Path(folder))
+        write_figure(out / "extraction.png", self.plot())
+        write_json(out / "extraction.json", self.to_json())
+        return out

@@ -1,0 +1,54 @@
+"""`Identified`: which constants sweeps can determine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from femu_piezo.output.folder import prepare_folder, write_figure, write_json
+from femu_piezo.output.results.result import Result, suffixes
+from femu_piezo.output.tables import identifiability_table
+from femu_piezo.study.identify import IdentifyResult
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+
+class Identified(Result, IdentifyResult):
+    """What `identify` returns: how well sweeps determine each of the ten constants, and `recommendations`."""
+
+    _index = "constant"
+
+    def table(self) -> RenderableType:
+        """Predicted standard deviations, and what to measure next."""
+        return identifiability_table(self)
+
+    def plot(self, number: int | None = None) -> Figure:
+        """Sensitivity of one sweep to every constant."""
+        from femu_piezo.output.sensitivity import sensitivity_figure
+
+        return sensitivity_figure(self.sensitivities[number or 0])
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row for each constant; infinite where nothing is known."""
+        known = self.known
+        return [
+            {
+                "constant": name,
+                "determined": known.verdict(name),
+                "relative_std": float(known.std[index]),
+                "relative_std_if_all_else_known": float(known.std_alone[index]),
+                "tan_std": float(known.std[known.names.index(f"tan_{name}")]),
+            }
+            for index, name in enumerate(known.names)
+            if f"tan_{name}" in known.names
+        ]
+
+    def save(self, folder: Path | str) -> Path:
+        """Write identifiability.json and of every sweep sensitivity.png; the folder."""
+        out = prepare_folder(Path(folder))
+        for number, suffix in enumerate(suffixes(len(self.sensitivities))):
+            write_figure(out / f"sensitivity{suffix}.png", self.plot(number))
+        write_json(out / "identifiability.json", self.to_json())
+        return out

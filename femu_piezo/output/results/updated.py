@@ -1,0 +1,73 @@
+"""`Updated`: the constants that explain the measured sweeps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.output.folder import prepare_folder, write_figure, write_json
+from femu_piezo.output.results.result import Result, suffixes
+from femu_piezo.output.tables import update_table
+from femu_piezo.study.results import UpdateResult
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+
+class Updated(Result, UpdateResult):
+    """What `update` returns: `parameters["s11"].value`, `.std`, `.tan`, `.tan_std`, `.budget`; `outcomes`."""
+
+    _index = "constant"
+
+    def table(self) -> RenderableType:
+        """Parameters against the baseline, poles and zeros."""
+        return update_table(self)
+
+    def plot(self, number: int | None = None) -> Figure:
+        """Measured, baseline and updated curve of one specimen, and what is left over."""
+        from femu_piezo.output.curves import impedance_figure
+
+        return impedance_figure(self.outcomes[number or 0])
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row for each free constant; columns budget_… hold the parts of its standard deviation."""
+        return [
+            {
+                "constant": name,
+                "baseline": getattr(self.baseline, name).real,
+                "value": one.value,
+                "std": one.std,
+                "tan": one.tan,
+                "tan_std": one.tan_std,
+                **{f"budget_{source}": part for source, part in one.budget.items()},
+                **{f"tan_budget_{source}": part for source, part in one.tan_budget.items()},
+            }
+            for name, one in self.parameters.items()
+        ]
+
+    def save(self, folder: Path | str, *, report: bool = False) -> Path:
+        """Write update.json and of every specimen impedance.png, iterations.png, sensitivity.png and updated.csv.
+
+        report : report.html as well, which holds all of it
+        """
+        from femu_piezo.output.curves import iteration_figure
+        from femu_piezo.output.records import update_record
+        from femu_piezo.output.sensitivity import sensitivity_figure
+
+        out = prepare_folder(Path(folder))
+        for number, (suffix, one) in enumerate(zip(suffixes(len(self.outcomes)), self.outcomes, strict=True)):
+            write_figure(out / f"impedance{suffix}.png", self.plot(number))
+            if len(one.history) > 1:
+                write_figure(out / f"iterations{suffix}.png", iteration_figure(one, tuple(self.parameters)))
+            updated = ImpedanceSpectrum(one.measured.spectrum.frequency, one.updated_curve)
+            write_spectrum(updated, out / f"updated{suffix}.csv")
+            write_figure(out / f"sensitivity{suffix}.png", sensitivity_figure(one.sensitivity))
+        write_json(out / "update.json", update_record(self))
+        if report:
+            from femu_piezo.output.report_update import write_update_report
+
+            write_update_report(out / "report.html", self)
+        return out
