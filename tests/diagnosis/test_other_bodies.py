@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from femu_piezo.inference.joint import JointParameters
-from femu_piezo.study.diagnosis_start import first_constants
 from hidden_effects.build import Build
 
 from diagnosis.conftest import DENSITY, TANGENTS

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from femu_piezo.inference.joint import JointParameters
 from hidden_effects.body import Surface
 from hidden_effects.build import Build
 
