@@ -19,7 +19,8 @@ Value = float | int | str | None
 Step = Callable[[list[Specimen], Bases], tuple[dict[str, Value], dict]]
 
 #: Columns that `update` fills, in the order of the table; of the constants those that some job frees.
-CONSTANT_COLUMNS = tuple(f"{name}{part}" for name in CONSTANTS for part in ("", "_std", "_tan", "_tan_std"))
+_PARTS = ("", "_std", "_tan", "_tan_std", "_std_from")
+CONSTANT_COLUMNS = tuple(f"{name}{part}" for name in CONSTANTS for part in _PARTS)
 UPDATE_COLUMNS = (
     *CONSTANT_COLUMNS,
     "pole_Hz",
@@ -58,6 +59,7 @@ def _update(specimens: list[Specimen], bases: Bases) -> tuple[dict[str, Value], 
     for name, estimate in result.parameters.items():
         columns |= {name: estimate.value, f"{name}_std": estimate.std}
         columns |= {f"{name}_tan": estimate.tan, f"{name}_tan_std": estimate.tan_std}
+        columns |= {f"{name}_std_from": estimate.largest_part}
     pair = first.measured.pair
     columns |= {"pole_Hz": pair.pole.frequency_Hz, "pole_loss": pair.pole.loss}
     columns |= {"zero_Hz": pair.zero.frequency_Hz, "zero_loss": pair.zero.loss, "k_eff": pair.k_eff}

@@ -28,10 +28,11 @@ from femu_piezo.threads import blas_limit
 
 #: Distance to a bound, relative to its range, that a start keeps.
 _MARGIN = 1e-6
-#: Gain in χ² below which a coarse fit stops, and its most evaluations; the same of a close fit.
+#: Gain in χ² (over χ² per residual where that is more than 1) below which a coarse fit stops, and its most
+#: evaluations; the same of a close fit.
 _COARSE, _CLOSE = (1.0, 12), (1e-6, 60)
-#: Gain in χ² that a close fit may still promise when it runs out of evaluations.
-_UNSETTLED = 1.0
+#: Gain in χ², over χ² per residual, that a close fit may still promise when it runs out of evaluations.
+_UNSETTLED = 10.0
 #: Damping of the first step, in the precision of the prior, and the factors by which it falls and rises.
 _DAMPING, _EASED, _RAISED = 1e-3, 0.2, 8.0
 #: Relative step of the frequency for ∂log Z/∂log f.
@@ -287,10 +288,10 @@ def fit(
         best = min(found, key=lambda one: one.cost)
         if not coarse:
             best.run(*_CLOSE)
-    if not np.isfinite(best.cost) or (not coarse and best.promise > _UNSETTLED):
+    if not np.isfinite(best.cost) or (not coarse and best.promise > _UNSETTLED * best.unit):
         raise ConvergenceError(
-            f"no fit of {', '.join(parameters.names)} settled: check dimensions, density and poling, or free fewer "
-            "constants"
+            f"no fit of {', '.join(parameters.material.free.names)} settled: check dimensions, density and poling, or "
+            "free fewer constants"
         )
     return _finished(posterior, best.x, loss, best.on_bound, discrepancy)
 
@@ -355,6 +356,11 @@ class _Descent:
         return cost if np.isfinite(cost) else np.inf
 
     @property
+    def unit(self) -> float:
+        """χ² per residual, no less than 1: what a gain is measured by."""
+        return max(1.0, self.cost / self._rows)
+
+    @property
     def on_bound(self) -> np.ndarray:
         """Numbers of the unknowns on a bound."""
         return np.flatnonzero((self.x <= self._low) | (self.x >= self._high))
@@ -369,7 +375,7 @@ class _Descent:
             while count < most:
                 step = np.zeros(self.x.size)
                 step[moving], self.promise = _damped(triangle, self._damping)
-                if self.promise < gain:
+                if self.promise < gain * self.unit:
                     return self
                 other = np.clip(self.x + std * step, self._low, self._high)
                 cost, count = self._cost(other), count + 1

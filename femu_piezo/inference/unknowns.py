@@ -44,6 +44,11 @@ class Estimate:
     budget: Mapping[str, float] = field(default_factory=dict)
     tan_budget: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def largest_part(self) -> str:
+        """The source that contributes most to the standard deviation of the value; "" where that is unknown."""
+        return max(self.budget, key=self.budget.__getitem__) if self.budget else ""
+
     def to_json(self) -> dict:
         """value, std, tan, tan_std and the budgets as in update.json."""
         record: dict = {"value": self.value, "std": self.std, "tan": self.tan, "tan_std": self.tan_std}

@@ -143,15 +143,36 @@ def _parameters(result: UpdateResult) -> str:
         )
     words = (
         "A complex constant is value·(1 − j tan), time factor exp(jωt). ± is one standard deviation; the interval is "
-        "1.96 of them to either side, under the noise of the sweep alone: an error of the dimensions, of the density "
-        "or of a constant held fixed comes on top."
+        "1.96 of them to either side. "
+    ) + (
+        "They count the noise of the sweep and the tolerances of the specimen file; the budget below says which."
+        if any(estimate.budget for estimate in result.parameters.values())
+        else "They count the noise of the sweep alone: errors of dimensions, density or held constants come on top."
     )
     interval = "95 % interval"
     return (
         table(("", "meaning", "unit", "baseline", "updated", interval, "change"), values, "Real parts", "parameters")
         + table(("", "baseline", "updated", interval), tangents, "Loss tangents")
         + paragraph(words)
+        + _budget(result)
     )
+
+
+def _budget(result: UpdateResult) -> str:
+    """Where the uncertainty of each constant comes from: shares of its variance, each with a bar as long."""
+    rows = []
+    for name, estimate in result.parameters.items():
+        for label, parts, std in (
+            (name, estimate.budget, estimate.std),
+            (f"tan {name}", estimate.tan_budget, estimate.tan_std),
+        ):
+            shares = {source: 100 * (part / std) ** 2 for source, part in parts.items()} if parts else {}
+            named = sorted((item for item in shares.items() if item[1] >= 1), key=lambda item: -item[1])
+            if named:
+                bars = "   ".join(f"{source} {share:.0f} % {'█' * round(share / 4)}" for source, share in named)
+                rows.append((label, bars))
+    caption = "Uncertainty budget: shares of the variance by source"
+    return table(("", "from"), rows, caption, "words") if rows else ""
 
 
 def _interval(value: float, std: float | None, factor: float) -> str:

@@ -11,6 +11,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.output.curves import PRINTED
 
 if TYPE_CHECKING:
@@ -42,13 +43,13 @@ def update_table(result: UpdateResult) -> RenderableType:
         constants.add_column(heading)
     for heading in ("baseline", "updated", "loss tangent"):
         constants.add_column(heading, justify="right")
+    constants.add_column("± mostly from")
     for name, estimate in result.parameters.items():
         factor, unit = PRINTED[name]
         before = getattr(result.baseline, name).real * factor
         std = None if estimate.std is None else estimate.std * factor
-        constants.add_row(
-            name, unit, f"{before:.6g}", number(estimate.value * factor, std), number(estimate.tan, estimate.tan_std)
-        )
+        cells = (f"{before:.6g}", number(estimate.value * factor, std), number(estimate.tan, estimate.tan_std))
+        constants.add_row(name, unit, *cells, _share_words(estimate))
     parts = [constants, *(_resonance_table(outcome) for outcome in result.outcomes)]
     lines = [f"method: {result.method}, {result.iterations} pole-zero iterations; eps33T: {result.permittivity_source}"]
     lines += [
@@ -59,6 +60,12 @@ def update_table(result: UpdateResult) -> RenderableType:
     if result.provenance is not None and len(result.outcomes) > 1:
         lines += [f"{name} from {_shares(shares)}" for name, shares in result.provenance.items()]
     return Group(*parts, text_of([*lines, *told(result.notes)]))
+
+
+def _share_words(estimate: Estimate) -> str:
+    """The largest part of the variance, with its share."""
+    source = estimate.largest_part
+    return f"{source} {100 * (estimate.budget[source] / estimate.std) ** 2:.0f} %" if source else ""
 
 
 def _shares(shares: dict[str, float]) -> str:

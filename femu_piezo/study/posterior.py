@@ -27,6 +27,8 @@ _BASIS_SHARE, _BASIS_RANGE = 1 / 30, (5e-6, 5e-5)
 #: Relative range of the free and of the held constants that the basis is trained for, and how far a fit may leave the
 #: first before the basis is made anew.
 _FREE_SPREAD, _HELD_SPREAD, _LEAVE = 0.05, 0.1, 0.08
+#: Bases made at most: a fit that still leaves the second one follows a misfit, and its constants are not the piece's.
+_REDUCTIONS = 2
 
 
 class Posterior:
@@ -70,7 +72,7 @@ class Posterior:
             self._clock.step("mesh and assemble")
             self.full = tuple(self._bases.model(one.measured, _mesh_accuracy(one)) for one in self.several)
         constants, x = start, None
-        for _ in range(4):
+        for _ in range(_REDUCTIONS):
             self._prepare(constants)
             unknowns = self._unknowns(constants)
             if x is None:
