@@ -22,7 +22,7 @@ from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.subjects import Subject
 
 #: Bands beyond the present end of the sweep, and how much lower a noise, that are planned for.
-_WIDER, _QUIETER = (1.5, 2.0), 3.0
+_WIDER, _QUIETER = (1.5,), 3.0
 #: Error of mesh and basis that a plan may have, and points per sweep.
 _ACCURACY, _POINTS = 3e-3, 250
 #: σ from which a plan is recommended, and how much more than the present data it must tell.
