@@ -11,6 +11,7 @@ With method = "pole_zero" step 3 is the answer, as in the paper.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -215,10 +216,13 @@ def _pole_zero_outcome(subject: Subject, full, state: PoleZeroState, base: Piezo
 
 
 def _known(found: Fit) -> Identifiability:
-    """What the data tell of each constant, tolerances marginalised; beside them the weak prior."""
+    """What the data tell of each constant, tolerances marginalised; beside them the weak prior, not that of the file."""
     parameters = found.parameters
-    count = parameters.of_material
-    rows = np.concatenate([found.jacobian / found.noise_scale, found.further_jacobian])
+    count, free = parameters.of_material, parameters.material.free
+    weak = replace(parameters, prior=material_prior(free, {}, {})).prior_std
+    further = found.further_jacobian.copy()
+    further[:count, :count] = np.diag(1 / weak[:count])
+    rows = np.concatenate([found.jacobian / found.noise_scale, further])
     others = rows[:, count:] * parameters.prior_std[count:]
     own = rows[:, :count]
     if others.shape[1]:

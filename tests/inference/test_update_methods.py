@@ -1,27 +1,27 @@
-"""Pole-zero iteration, curve fit and identifiability on data made by exact formulas or another discretisation."""
+"""Pole-zero iteration, curve fit and identifiability on data made by exact formulas."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from femu_piezo.inference.blocks import CurveData, Passivity, PoleZeroData, Prior, weak_prior
-from femu_piezo.inference.least_squares import fit
-from numpy.polynomial import chebyshev
 
+from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.forward.fundamental import full_source, reduced_source
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.geometry.shapes import Plate
+from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.identifiability import identifiability
 from femu_piezo.inference.matching import match
+from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.pole_zero import propagate_covariance, update_pair
 from femu_piezo.inference.starts.thin_body import k31_bar_admittance
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters
+from femu_piezo.inference.sweeps import SweepData
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.resonances import Resonance, ResonanceSet
+from femu_piezo.resonances import Resonance
 
 PZT = library_material("pzt-5h").constants
 LOSSY = PiezoConstants.from_vector(PZT.vector() * (1 - 1j * np.array([14, 12, 13, 15, 20, 16, 17, 18, 19, 20]) * 1e-3))
@@ -39,7 +39,7 @@ def bar():
         s11=LOSSY.s11.real * 1.15 + 0j, d31=LOSSY.d31.real * 0.85 + 0j, eps33T=LOSSY.eps33T.real * 1.1 + 0j
     )
     free = FreeConstants.of(away, FREE)
-    reduced = reduce_model(model, free.training_sets(free.start, 0.25), 60e3, accuracy=1e-7)
+    reduced = extend_model(model, free.training_sets(free.start, 0.25), (), 60e3, accuracy=1e-7)
     frequency = np.linspace(20e3, 60e3, 401)
     y = k31_bar_admittance(2 * np.pi * frequency, 40e-3, 0.2e-3, 0.2e-3, DENSITY, LOSSY.s11, LOSSY.d31, LOSSY.eps33T)
     return model, reduced, free, ImpedanceSpectrum(frequency, 1 / y)
@@ -51,12 +51,18 @@ def _noisy(spectrum: ImpedanceSpectrum, level: float, seed: int) -> ImpedanceSpe
     return ImpedanceSpectrum(spectrum.frequency, spectrum.impedance * (1 + error))
 
 
+def _fitted(bar, spectrum: ImpedanceSpectrum, start: np.ndarray) -> Fit:
+    """The most probable constants of a sweep with 0.1 % of noise, from complex θ."""
+    _, reduced, free, _ = bar
+    data = SweepData(spectrum.frequency, spectrum.impedance, np.full(len(spectrum), 1e-3), True)
+    unknowns = Unknowns(MaterialParameters.around(free, free.start), material_prior(free, {}, {}))
+    return fit(Evaluation(reduced, spectrum.omega), data, unknowns, [unknowns.material.x_of(start)])
+
+
 def test_curve_fit_recovers_the_exact_bar(bar):
-    _, reduced, free, spectrum = bar
-    parameters = MaterialParameters.around(free, free.start)
-    curve = CurveData("bar", reduced, spectrum, np.full(401, 1e-3))
-    found = fit([curve, weak_prior(parameters, free.start)], parameters, free.start)
-    for name, value in zip(FREE, found.theta, strict=True):
+    _, _, free, spectrum = bar
+    found = _fitted(bar, spectrum, free.start)
+    for name, value in zip(FREE, found.parameters.material.theta(found.x), strict=True):
         exact = getattr(LOSSY, name)
         assert value.real == pytest.approx(exact.real, rel=1e-4), name
         assert -value.imag / value.real == pytest.approx(LOSSY.tangent(name), rel=5e-3), name
@@ -64,14 +70,12 @@ def test_curve_fit_recovers_the_exact_bar(bar):
 
 def test_intervals_of_the_curve_fit_cover(bar):
     """40 draws of 0.1 % noise: the scatter of every estimate is what the covariance says, and its mean unbiased."""
-    _, reduced, free, spectrum = bar
-    parameters = MaterialParameters.around(free, free.start)
-    truth = fit([CurveData("bar", reduced, spectrum, np.full(401, 1e-3))], parameters, free.start).x
-    pulls = []
+    _, _, free, spectrum = bar
+    exact = _fitted(bar, spectrum, free.start)
+    truth, pulls = exact.parameters.material.theta(exact.x), []
     for seed in range(40):
-        curve = CurveData("bar", reduced, _noisy(spectrum, 1e-3, seed), np.full(401, 1e-3))
-        found = fit([curve], parameters, parameters.theta(truth))
-        pulls.append((found.x - truth) / np.sqrt(np.diag(found.covariance)))
+        found = _fitted(bar, _noisy(spectrum, 1e-3, seed), truth)
+        pulls.append((found.x - exact.x) / found.std)
     pulls = np.array(pulls)
     assert np.all(np.abs(pulls.mean(axis=0)) < 3.3 / np.sqrt(40))
     assert np.mean(np.abs(pulls) < 1) == pytest.approx(0.683, abs=0.09)
@@ -114,53 +118,6 @@ def test_contradictory_pole_and_zero_are_refused(bar):
     two = FreeConstants.of(free.constants(free.start), ("s11", "d31"))
     with pytest.raises(ConvergenceError, match="pole"):
         update_pair(reduced_source(reduced), two, np.array([pole, 9 * pole]))
-
-
-def _check_jacobian(block, parameters, x, reach=4e-3):
-    """Against the slope of the polynomial through the residuals at 17 Chebyshev nodes within ±`reach` of x.
-
-    The highest mode of the model lies 1.6 million times above the lowest, so rounding is 1e-10 of the lowest λ and 1e-6
-    of its residual: differences over 1e-4 have 0.02 of it in their slopes. These reach 40 times as far, and the
-    polynomial follows a resonance of tangent 0.011 to 1e-9.
-    """
-    exact, middle = block.jacobian(parameters, x), block.residual(parameters, x)
-    nodes = chebyshev.chebpts1(17)
-    for column, unit in enumerate(np.eye(x.size)):
-        values = np.array([block.residual(parameters, x + reach * node * unit) - middle for node in nodes])
-        series = chebyshev.chebfit(nodes, values, nodes.size - 1)
-        slope = chebyshev.chebval(0.0, chebyshev.chebder(series)) / reach
-        np.testing.assert_allclose(exact[:, column], slope, rtol=2e-5, atol=2e-5 * np.abs(exact[:, column]).max())
-
-
-@pytest.mark.kernels
-def test_every_block_has_an_exact_jacobian(bar):
-    _, reduced, free, spectrum = bar
-    theta = free.start * (1 - 1j * np.array([0.011, 0.013, 0.017]))
-    parameters = MaterialParameters.around(free, theta)
-    x = parameters.x_of(theta)
-    modal = reduced.modal(free.constants(theta).to_e_form())
-    measured = ResonanceSet(
-        (Resonance("pole", complex(modal.eigenvalues[0])),), (Resonance("zero", complex(modal.zeros[0][0])),)
-    )
-    for block in (
-        CurveData("curve", reduced, spectrum, np.full(401, 1e-3)),
-        PoleZeroData("poles and zeros", reduced, measured),
-        Prior({"d31": (-2e-10, 1e-11), "tan_s11": (0.01, 0.005)}),
-    ):
-        _check_jacobian(block, parameters, x)
-
-
-def test_passivity_holds_the_fit_inside(bar):
-    """Data that ask for a negative tangent of d31's partner are answered at the wall, not beyond it."""
-    _, _, free, _ = bar
-    parameters = MaterialParameters.around(free, free.start)
-    wish = Prior({"tan_s11": (0.002, 1e-4), "tan_d31": (0.15, 1e-4), "tan_eps33T": (0.002, 1e-4)})
-    sizes = Prior({name: (float(v.real), 1e-6 * abs(v.real)) for name, v in zip(FREE, free.start, strict=True)})
-    theta = free.start * (1 - 0.01j)
-    loose = fit([wish, sizes], parameters, theta)
-    assert free.constants(loose.theta).physical_faults() != []
-    held = fit([wish, sizes, Passivity(1e-7)], parameters, theta)
-    assert free.constants(held.theta).physical_faults(tolerance=1e-3) == []
 
 
 def test_identifiability_names_what_is_confounded():

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from femu_piezo.study.diagnosis_subject import subjects
 
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.model_cache import SharedBases
+from femu_piezo.study.subjects import read_subjects
 
 TRIO = ("s11", "d31", "eps33T")
 
 
 @pytest.fixture
 def subject(sweeps, write_specimen_of):
-    (found,) = subjects([read_specimen(write_specimen_of("k31", sweeps["k31"], TRIO))])
+    (found,) = read_subjects([read_specimen(write_specimen_of("k31", sweeps["k31"], TRIO))])
     return found
 
 
@@ -27,10 +27,10 @@ def moved(constants: PiezoConstants, share: float) -> PiezoConstants:
 def test_basis_with_effects_is_made_once(subject):
     """Specimens whose noise and start differ by little get one model and one basis; others their own."""
     bases, one = SharedBases(), subject.measured
-    effects = [effect for effect in subject.candidates() if effect.name in ("wrong_width", "leakage")]
+    effects = [effect for effect in subject.library if effect.name in ("wrong_width", "leakage")]
     own = one.problem.constants
-    model = bases.fine_model(one, 1e-4)
-    assert bases.fine_model(one, 1.05e-4) is model and bases.fine_model(one, 5e-5) is not model
+    model = bases.model(one, 1e-4)
+    assert bases.model(one, 1.05e-4) is model and bases.model(one, 5e-5) is not model
     training = [bases.around(one.problem, moved(own, share)) for share in (0.03, -0.02)]
     assert training[0] == training[1]
     first = bases.extended(model, training[:1], effects, one, 4e-5)

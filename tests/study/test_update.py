@@ -14,6 +14,8 @@ from femu_piezo.specimen.file import read_specimen, read_specimens
 from femu_piezo.study.update import update
 
 TRIO = ("s11", "d31", "eps33T")
+#: Dimensions, density, held constants and instrument are exactly as the file says.
+IDEAL = "[update]\nnoise_only = true\n"
 
 
 def noisy(sweep: ImpedanceSpectrum, level: float, seed: int) -> ImpedanceSpectrum:
@@ -30,7 +32,7 @@ def test_noise_free_recovery(sweeps, write_specimen_of, truth, method):
         sweeps["k31"],
         TRIO,
         {"s11": 0.8, "d31": 1.25, "eps33T": 0.7},
-        more=f'[update]\nmethod = "{method}"\naccuracy = 1e-6',
+        more=f'[update]\nmethod = "{method}"\naccuracy = 1e-6\nnoise_only = true',
     )
     result = update(read_specimen(spec))
     assert result.method == method
@@ -46,8 +48,8 @@ def test_pole_zero_intervals_carry_the_error_of_the_permittivity(sweeps, write_s
     """d31 ∝ sqrt(ε33T): the noise of the low point is most of its error, and the pulls over draws show it counted."""
     pulls = []
     for seed in range(12):
-        spec = write_specimen_of("k31", noisy(sweeps["k31"], 1e-3, seed), TRIO, more="noise = 0.001")
-        result = update(read_specimen(spec))
+        more = 'noise = 0.001\n[update]\nmethod = "pole_zero"'
+        result = update(read_specimen(write_specimen_of("k31", noisy(sweeps["k31"], 1e-3, seed), TRIO, more=more)))
         assert result.method == "pole_zero"
         for name in TRIO:
             estimate = result.parameters[name]
@@ -64,7 +66,7 @@ def test_joint_k31_and_k33_determine_more_constants(sweeps, write_specimen_of, t
     """Two specimens of one material: both pairs, the permittivity and s13, with the intervals covering the truth."""
     free = ("s11", "s12", "s13", "s33", "d31", "d33", "eps33T")
     factors = {"s11": 0.9, "s12": 1.1, "s13": 0.93, "s33": 1.1, "d31": 0.9, "d33": 1.1, "eps33T": 0.9}
-    noise = "noise = 0.0005"
+    noise = f"noise = 0.0005\n{IDEAL}"
     paths = [
         write_specimen_of(name, noisy(sweeps[name], 5e-4, 3), free, factors, more=noise) for name in ("k31", "k33")
     ]
@@ -84,8 +86,8 @@ def test_joint_k31_and_k33_determine_more_constants(sweeps, write_specimen_of, t
 
 def test_prior_of_the_specimen_file_is_kept_where_the_data_say_nothing(sweeps, write_specimen_of):
     free = (*TRIO, "s44")
-    spec = write_specimen_of("k31", sweeps["k31"], free, {"s44": 1.02}, extra='std_s44 = "1 %"', more="noise = 0.001")
-    result = update(read_specimen(spec))
+    extra, more = 'std_s44 = "1 %"', f"noise = 0.001\n{IDEAL}"
+    result = update(read_specimen(write_specimen_of("k31", sweeps["k31"], free, {"s44": 1.02}, extra=extra, more=more)))
     estimate = result.parameters["s44"]
     assert result.known.verdict("s44") == "not"
     assert estimate.std / estimate.value == pytest.approx(0.01, rel=0.3)
@@ -100,8 +102,11 @@ def test_command_line_writes_the_contract(sweeps, write_specimen_of, tmp_path):
     record = json.loads((out / "update.json").read_text(encoding="utf-8"))
     assert set(record["parameters"]) == set(TRIO)
     for estimate in record["parameters"].values():
-        assert set(estimate) == {"value", "std", "tan", "tan_std"}
-        assert estimate["std"] > 0 and estimate["tan_std"] > 0
+        assert set(estimate) == {"value", "std", "tan", "tan_std", "budget", "tan_budget"}
+        for std, budget in (("std", "budget"), ("tan_std", "tan_budget")):
+            parts = np.array(list(estimate[budget].values()))
+            assert estimate[std] == pytest.approx(np.sqrt(np.sum(parts**2)), rel=1e-9) and np.all(parts >= 0)
+            assert {"noise", "geometry", "density", "held", "instrument"} <= set(estimate[budget])
     for kind in ("poles", "zeros"):
         assert set(record[kind][0]) == {"measured", "model"}
         assert record[kind][0]["model"]["frequency_Hz"] == pytest.approx(
@@ -187,21 +192,19 @@ def test_the_fundamental_is_the_lowest_strong_pair():
 
 def test_a_misfit_beyond_the_stated_noise_widens_the_intervals(sweeps, write_specimen_of):
     """The sweep has 0.5 % of noise where its file claims 0.01 %: the intervals are those of the misfit; it is said."""
-    sweep, method = noisy(sweeps["k31"], 5e-3, 4), '[update]\nmethod = "curve"'
-    claimed = write_specimen_of("k31", sweep, TRIO, more=f"noise = 1e-4\n{method}")
-    result = update(read_specimen(claimed))
-    honest = write_specimen_of("k31", sweep, TRIO, more=f"noise = 5e-3\n{method}")
-    right = update(read_specimen(honest))
-    assert right.fit.noise_scale == 1.0
+    sweep = noisy(sweeps["k31"], 5e-3, 4)
+    result = update(read_specimen(write_specimen_of("k31", sweep, TRIO, more=f"noise = 1e-4\n{IDEAL}")))
+    right = update(read_specimen(write_specimen_of("k31", sweep, TRIO, more=f"noise = 5e-3\n{IDEAL}")))
+    assert right.fit.noise_scale == pytest.approx(1.0, abs=0.02)
     assert result.fit.noise_scale == pytest.approx(50, rel=0.2)
     for name in TRIO:
         assert result.parameters[name].std == pytest.approx(right.parameters[name].std, rel=0.3)
-    assert any("times its stated noise" in note for note in result.notes)
+    assert any("times as noisy as stated" in note for note in result.notes)
 
 
 def test_a_prior_keeps_its_weight_where_the_noise_is_learned(sweeps, write_specimen_of):
     spec = write_specimen_of(
-        "k31", noisy(sweeps["k31"], 2e-3, 5), (*TRIO, "s44"), {"s44": 1.02}, extra='std_s44 = "1 %"'
+        "k31", noisy(sweeps["k31"], 2e-3, 5), (*TRIO, "s44"), {"s44": 1.02}, extra='std_s44 = "1 %"', more=IDEAL
     )
     estimate = update(read_specimen(spec)).parameters["s44"]
     assert estimate.std / estimate.value <= 0.0101
@@ -215,11 +218,13 @@ def test_a_bad_low_reading_is_left_out_or_told(sweeps, write_specimen_of, truth)
     capacitive[2] *= 0.8
     frequency = np.concatenate([low, sweep.frequency[1:]])
     spoiled = ImpedanceSpectrum(frequency, np.concatenate([capacitive, sweep.impedance[1:]]))
-    result = update(read_specimen(write_specimen_of("k31", spoiled, TRIO)))
+    paper = '[update]\nmethod = "pole_zero"'
+    result = update(read_specimen(write_specimen_of("k31", spoiled, TRIO, more=paper)))
     assert result.constants.eps33T.real == pytest.approx(truth.eps33T.real, rel=1e-3)
     alone = sweep.impedance.copy()
     alone[0] *= 0.8
-    result = update(read_specimen(write_specimen_of("k31", ImpedanceSpectrum(sweep.frequency, alone), TRIO)))
+    single = write_specimen_of("k31", ImpedanceSpectrum(sweep.frequency, alone), TRIO, more=paper)
+    result = update(read_specimen(single))
     assert any("still misses the sweep" in note for note in result.notes)
 
 
