@@ -7,15 +7,16 @@ import pytest
 
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import read_specimen
+from femu_piezo.study.measured import measure
 from femu_piezo.study.model_cache import SharedBases
-from femu_piezo.study.subjects import read_subjects
+from femu_piezo.study.subjects import subjects
 
 TRIO = ("s11", "d31", "eps33T")
 
 
 @pytest.fixture
 def subject(sweeps, write_specimen_of):
-    (found,) = read_subjects([read_specimen(write_specimen_of("k31", sweeps["k31"], TRIO))])
+    (found,) = subjects([measure(read_specimen(write_specimen_of("k31", sweeps["k31"], TRIO)))])
     return found
 
 
