@@ -212,4 +212,5 @@ def _specification(setup: Setup, noise: float | None, held_out: tuple[float, flo
         lines.append(f"noise = {noise!r}")
     if held_out is not None:
         lines.append(f"held_out = [{held_out[0]!r}, {held_out[1]!r}]")
+    lines += ["[update]", "noise_only = true"]  # everything but the effects is as the file says
     return "\n".join(lines) + "\n"

@@ -8,18 +8,18 @@ library's candidate of the effect fits.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from femu_piezo.errors import FemuPiezoError
-from femu_piezo.inference.fit import JointFit
+from femu_piezo.inference.fit import Fit, stepped
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import Diagnosis, diagnose
 from femu_piezo.study.model_cache import Bases
 from hidden_effects.catalogue import NAMES
-from hidden_effects.draws import FREE, Draw
+from hidden_effects.draws import Draw
 
 #: Misfit in σ above which an effect counts as detectable.
 DETECTABLE = 8.0
@@ -141,18 +141,16 @@ def _kind(draw: Draw) -> str:
 def _misfits(draw: Draw, result: Diagnosis) -> tuple[float, ...]:
     seen = result.fitted
     if len(draw.key) < 2:
-        error = np.log(result.curves[0] / draw.clean)[seen]
-        whole = _root(error, draw.noise, 2 * len(FREE[draw.build.poling]))
+        base = replace(result.comparison.base, discrepancy=None)
+        whole = min(_left(draw, one, seen) for one in (base, stepped(base)))  # of a fit that knows of noise alone
         return (whole,) if draw.key or draw.undescribed else ()
-    fits = {effect.title: fit for effect, fit in result.comparison.singles if fit is not None}
+    fits = {trial.effect.title: trial.fit for trial in result.comparison.singles if trial.fit is not None}
     others = [fits.get(other.title) for other in reversed(draw.key)]
     return tuple(-1.0 if fit is None else _left(draw, fit, seen) for fit in others)
 
 
-def _left(draw: Draw, fit: JointFit, seen: np.ndarray) -> float:
-    k = fit.residual.size // 2
-    error = (fit.residual[:k] + 1j * fit.residual[k:]) / fit.data.weight
-    return _root(error + np.log(draw.impedance / draw.clean)[seen], draw.noise, fit.x.size)
+def _left(draw: Draw, fit: Fit, seen: np.ndarray) -> float:
+    return _root(fit.log_error + np.log(draw.impedance / draw.clean)[seen], draw.noise, fit.x.size)
 
 
 def _root(error: np.ndarray, noise: float, unknowns: int) -> float:
