@@ -166,7 +166,8 @@ def assemble_gradient_products(basis: skfem.Basis, weight: np.ndarray | None = N
     gradients = np.empty((3, 3, indices.size))
     for a, b in itertools.product(range(3), repeat=2):
         gradients[a, b] = summed((slopes[a] * dx) @ slopes[b].transpose(0, 2, 1))
-    return GradientProducts(indices, indptr, gradients, summed((value * dx) @ value.transpose(0, 2, 1)))
+    mass = summed((value * dx) @ value.transpose(0, 2, 1))
+    return GradientProducts(indices, indptr, gradients, mass, TensorGrid.of(basis) if weight is None else None)
 
 
 def _scatter(basis: skfem.Basis) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray, np.ndarray]:

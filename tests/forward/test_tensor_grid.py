@@ -1,0 +1,40 @@
+"""Gradient products by their Kronecker structure against the assembled ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.tensor_grid import TensorGrid
+from femu_piezo.geometry.shapes import Plate
+
+
+@pytest.mark.parametrize("order", [2, 3, 6])
+def test_products_are_those_of_the_assembled_matrices(order):
+    """The docstring's ∫ ∂_aφ_i ∂_bφ_j dV = X ⊗ Y ⊗ Z, and the mass, on random vectors."""
+    plate = Plate(11e-3, 6e-3, 1.3e-3)
+    products = ElectroelasticModel(plate.domain((3, 2, 1), order=order), 7500.0).products
+    plain = replace(products, grid=None)
+    vectors = np.random.default_rng(order).standard_normal((products.size, 4))
+    assert products.grid is not None
+    for a in range(3):
+        for b in range(3):
+            exact = plain.times(a, b, vectors)
+            np.testing.assert_allclose(products.times(a, b, vectors), exact, rtol=0, atol=1e-12 * np.abs(exact).max())
+    exact = plain.mass_times(vectors)
+    np.testing.assert_allclose(products.mass_times(vectors), exact, rtol=0, atol=1e-12 * np.abs(exact).max())
+
+
+def test_other_bases_have_no_grid():
+    """A part of the cells, and cells that are moved, are no box."""
+    model = ElectroelasticModel(Plate(10e-3, 5e-3, 1e-3).domain((2, 2, 1), order=3), 7500.0)
+    part = model.basis.__class__(model.basis.mesh, model.basis.elem, elements=np.array([0]))
+    assert TensorGrid.of(part) is None
+    bent = model.basis.mesh.translated((0, 0, 0))
+    points = bent.p.copy()
+    points[0] += 0.1 * points[1]
+    sheared = model.basis.__class__(replace(bent, doflocs=points), model.basis.elem)
+    assert TensorGrid.of(sheared) is None
