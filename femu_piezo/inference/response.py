@@ -155,7 +155,7 @@ def _driven_span(modal: ModalModel, omega: np.ndarray) -> tuple[np.ndarray, np.n
         [
             np.ones((omega.size, 1)),
             -modal.charges[near] / (modal.eigenvalues[near] - squares[:, None]),
-            -BarycentricInterpolator(at, np.eye(_SMOOTH))(squares),
+            -BarycentricInterpolator(at, np.eye(_SMOOTH), rng=0)(squares),
         ]
     )
     return basis, weights
@@ -271,4 +271,4 @@ def _nodes(omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies of the nodes, and the weights (k, nodes) that interpolate from them in log ω."""
     low, high = np.log([omega.min(), omega.max()])
     at = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)
-    return np.exp(at), BarycentricInterpolator(at, np.eye(_NODES))(np.log(omega))
+    return np.exp(at), BarycentricInterpolator(at, np.eye(_NODES), rng=0)(np.log(omega))

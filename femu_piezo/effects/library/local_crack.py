@@ -33,7 +33,7 @@ def _shares(places: Places, position: float) -> list[tuple[int, float, float]]:
     centres = places.slices.centres
     count = min(_SHARED, centres.size)
     first = int(np.clip(np.searchsorted(centres, position) - count // 2, 0, centres.size - count))
-    lagrange = BarycentricInterpolator(centres[first : first + count], np.eye(count))
+    lagrange = BarycentricInterpolator(centres[first : first + count], np.eye(count), rng=0)
     shares, slopes = lagrange(position), lagrange.derivative(position)
     return list(zip(range(first, first + count), shares.tolist(), slopes.tolist(), strict=True))
 
