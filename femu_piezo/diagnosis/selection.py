@@ -225,7 +225,7 @@ class _Search:
             before = self._best().log_posterior
             for current in beam:
                 self._keep(f for _, f in self._expand(current.fit))
-            if size == min(2, self._rules.most_causes) and self._base.discrepant and self._best().discrepant:
+            if size == 1 and self._rules.most_causes > 1 and self._base.discrepant and self._best().discrepant:
                 self._keep(self._pairs())
             best = self._best().log_posterior
             beam = sorted((h for h in self._known.values() if len(h.keys) == size), key=lambda h: -h.log_posterior)

@@ -19,19 +19,15 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 
-from femu_piezo.effects import library
+import femu_piezo as fp
+from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.forward.eigen import solve_eigen
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.library import library_material
-from femu_piezo.output.diagnosis import diagnosis_figure
-from femu_piezo.output.diagnosis_words import answer
-from femu_piezo.output.folder import prepare_folder, write_figure
-from femu_piezo.specimen.file import read_specimen
-from femu_piezo.study.diagnose import diagnose
 
 HERE = Path(__file__).parent if "__file__" in globals() else Path()
-OUT = prepare_folder(Path(os.environ.get("FEMU_PIEZO_OUT", "out")) / "own_effect")
+OUT = Path(os.environ.get("FEMU_PIEZO_OUT", "out")) / "own_effect"
 sys.path.insert(0, str(HERE / "effects"))
 
 import end_mass  # noqa: E402
@@ -99,11 +95,9 @@ assert np.allclose(first, thin_first, rtol=4e-3) and np.allclose(second, thin_se
 # or one of an absurd size such as a negative inductance, ask for a look at the specimen.)
 
 # %%
-specimen = read_specimen(HERE / "bar.toml")
-before = diagnose(specimen, most=1)
-print(f"\nwithout the new effect: {before.verdict.word}: {answer(before).headline}")
-for sentence in answer(before).wrong:
-    print(f"  {sentence}")
+specimen = fp.read_specimen(HERE / "bar.toml")
+before = fp.diagnose(specimen, rules=Rules(most_causes=1))
+print(f"\nwithout the new effect: {before.verdict}, {', '.join(map(str, before.causes))}")
 left = np.sqrt(before.verdict.after.size)
 print(f"  left over: {left:.2f} times the noise")
 assert left > 1.2 and before.verdict.after.structured  # beyond noise, and it says so
@@ -111,30 +105,37 @@ assert left > 1.2 and before.verdict.after.structured  # beyond noise, and it sa
 # %% [markdown]
 # ## The effect joins the library
 #
-# Every module in a folder of `femu_piezo.effects.library` that has `candidates(context)` takes part in `simulate`,
-# `update` and `diagnose`; nothing else needs to be touched. In a checkout the file goes into that folder. From outside,
-# one line of Python adds a folder of one's own. (Specimen files cannot do this: they never run code.)
+# The library is a list of functions that look at a specimen (an `EffectContext`) and make the effects it may have. One
+# more function in the list takes part like all others; so does an `Effect` itself. (In a checkout the file goes into
+# the folder `femu_piezo/effects/library`. Specimen files cannot do this: they never run code.)
 
 # %%
-library.__path__.append(str(HERE / "effects"))
-after = diagnose(specimen)
-print(f"\nwith it: {after.verdict.word}: {answer(after).headline}")
-for sentence in (*answer(after).wrong, *answer(after).sure):
-    print(f"  {sentence}")
+after = fp.diagnose(specimen, effects=[*fp.effects.library, end_mass.candidates])
+print(f"\nwith it:\n{after}")
 
-(cause,) = after.verdict.causes
-assert after.verdict.word == "effect" and cause.effect.name == "end_mass"
+(cause,) = after.causes
+assert after.verdict == "effect" and str(cause) == "end_mass"
 # 22.5 mg went into the data; the deviation is the one that the diagnosis states.
-assert abs(cause.values[0] - 22.5e-6) < 3 * cause.std[0] < 2e-6
+mass = cause.parameters["mass"]
+assert abs(mass.value - 22.5e-6) < 3 * mass.std < 2e-6
+
+# %% [markdown]
+# `extended.toml` among the saved files has `[effects.end_mass]`; whatever reads it must know the effect.
+
+# %%
+after.save(OUT)
+again = fp.update(OUT / "extended.toml", effects=[end_mass.candidates])
+print(f"updated with the mass as known: rms |Δ log Z| {100 * again.outcomes[0].rms_after:.3f} % (noise 0.2 %)")
+assert again.outcomes[0].rms_after < 2.2e-3
 
 # %% [markdown]
 # ## What it had done to s11
 #
-# The mass had hidden in s11, 8 % too large at a standard deviation of 0.002 %: a precise and wrong result.
+# The mass had hidden in s11, 8 % too large at a standard deviation of 0.03 %: a precise and wrong result.
 
 # %%
 gain = after.gain
-old, new = (after.constants(fit)["s11"] for fit in (after.comparison.base, after.comparison.final))
+old, new = after.parameters_before["s11"], after.parameters["s11"]
 print(f"\ns11: {old.value * 1e12:.3f} without, {new.value * 1e12:.3f} ± {new.std * 1e12:.3f} with the mass; true 16.8")
 print(f"error on unseen data: {100 * gain['held_out_before']:.2f} % before, {100 * gain['held_out_after']:.2f} % after")
 assert old.value / 16.8e-12 > 1.05 and abs(new.value - 16.8e-12) < 3 * new.std
@@ -153,10 +154,7 @@ for curve, color, words in zip(
     )
 axes.axhspan(-2, 2, color="#dfe8df", zorder=0)
 axes.set(xlabel="frequency (kHz)", ylabel="residual of log |Z| (σ)")
-axes.set_title(
-    f"an effect of one's own: {1e6 * cause.values[0]:.1f} ± {1e6 * cause.std[0]:.1f} mg on each end of a bar"
-)
+axes.set_title(f"an effect of one's own: {1e6 * mass.value:.1f} ± {1e6 * mass.std:.1f} mg on each end of a bar")
 axes.legend(frameon=False)
-write_figure(OUT / "end_mass.png", figure)
-write_figure(OUT / "diagnosis.png", diagnosis_figure(after))
+figure.savefig(OUT / "end_mass.png", dpi=150)
 print(f"pictures are in {OUT}")
