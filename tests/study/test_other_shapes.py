@@ -62,7 +62,8 @@ def _specimen(folder, truth, body, domain, geometry, free, factors, band, points
         lines.append(f"{name} = {value.real * factors.get(name, 1.0)!r}")
         lines.append(f"tan_{name} = {0.0 if name in free else truth.tangent(name)!r}")
     path = folder / "body.toml"
-    path.write_text("\n".join([*lines, "[measurement]", 'file = "z.csv"', "[update]", "noise_only = true"]), encoding="utf-8")
+    lines += ["[measurement]", 'file = "z.csv"', "[update]", "noise_only = true"]
+    path.write_text("\n".join(lines), encoding="utf-8")
     return read_specimen(path)
 
 
