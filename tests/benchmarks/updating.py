@@ -187,7 +187,7 @@ def speed(sweep: ImpedanceSpectrum) -> None:
         _fitted(reduced, free, theta, drawn)
         times.append(time.perf_counter() - begin)
     CONSOLE.print(
-        f"curve fit, six real unknowns, 1601 points, {reduced.size} reduced unknowns: median of 5 {np.median(times):.3f} s"
+        f"curve fit, six unknowns, 1601 points, {reduced.size} reduced unknowns: median of 5 {np.median(times):.3f} s"
     )
 
 

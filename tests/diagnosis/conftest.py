@@ -43,7 +43,7 @@ class Setup:
         self.evaluation = Evaluation(self.model, 2 * np.pi * FREQUENCY)
 
     def with_effects(self, values: dict[str, np.ndarray | float]) -> tuple[Unknowns, np.ndarray]:
-        """The unknowns with effects of the library as causes, and where they stand: key → parameters (SI), or the first."""
+        """The unknowns with effects of the library as causes, and where they stand: key → parameters, SI."""
         unknowns, x = self.unknowns, self.x
         for key, own in values.items():
             effect = self.library[key]
