@@ -227,10 +227,10 @@ class _Search:
                 self._keep(f for _, f in self._expand(current.fit))
             if size == 1 and self._rules.most_causes > 1 and self._base.discrepant and self._best().discrepant:
                 self._keep(self._pairs())
-            best = self._best().log_posterior
+            best, tried = self._best().log_posterior, bool(beam)
             beam = sorted((h for h in self._known.values() if len(h.keys) == size), key=lambda h: -h.log_posterior)
             beam = [one for one in beam[: self._rules.beam] if one.log_posterior > best - self._rules.contender]
-            if not beam or best <= before:
+            if tried and best <= before:
                 break
         while self._exchange():
             pass

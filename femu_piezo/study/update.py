@@ -216,7 +216,7 @@ def _pole_zero_outcome(subject: Subject, full, state: PoleZeroState, base: Piezo
 
 
 def _known(found: Fit) -> Identifiability:
-    """What the data tell of each constant, tolerances marginalised; beside them the weak prior, not the file's."""
+    """What the data tell of each constant beside the weak prior, not that of the file; tolerances marginalised."""
     parameters = found.parameters
     count, free = parameters.of_material, parameters.material.free
     weak = replace(parameters, prior=material_prior(free, {}, {})).prior_std

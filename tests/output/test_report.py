@@ -112,7 +112,9 @@ def test_numbers_are_those_of_update_json(folder, page):
         if key.endswith((".value", ".tan")):
             name = key.split(".")[1]
             factor = {"s": 1e12, "d": 1e12, "e": 1 / 8.8541878128e-12}[name[0]] if key.endswith(".value") else 1.0
-            assert float(text.split(" ± ")[0]) == pytest.approx(value * factor, rel=1e-5), key
+            std = record["parameters"][name]["std" if key.endswith(".value") else "tan_std"] * factor
+            told = [float(part) for part in text.split(" ± ")]
+            assert told == [pytest.approx(value * factor, abs=0.0501 * std), pytest.approx(std, rel=0.0501)], key
     assert sum(key.endswith(".model.loss") for key in page.cells) == len(record["poles"]) + len(record["zeros"])
 
 

@@ -16,6 +16,7 @@ from click.testing import CliRunner
 from test_report import Page
 
 from femu_piezo.cli import main
+from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.effects.effect import EffectParameter
 from femu_piezo.output.diagnosis import diagnosis_record
 from femu_piezo.output.folder import prepare_folder, write_json
@@ -62,13 +63,13 @@ def _diagnosed(folder: Path, verdict: str) -> Case:
     (folder / "sweep.csv").write_text("frequency_Hz,resistance_ohm,reactance_ohm\n" + rows, encoding="utf-8")
     text = (TUTORIAL / "plate.toml").read_text(encoding="utf-8").replace("noise = 0.001", f"noise = {NOISE}")
     text = "\n".join(line for line in text.splitlines() if not line.startswith("held_out"))
-    (folder / "plate.toml").write_text(text, encoding="utf-8")
+    (folder / "plate.toml").write_text(f"{text}\n[update]\nnoise_only = true\n", encoding="utf-8")
     if verdict == "effect":
         command = ["diagnose", str(folder / "plate.toml"), "--out", str(folder / "out"), "--report"]
         answer = CliRunner().invoke(main, command)
         assert answer.exit_code == 0, answer.output
     else:  # one effect at most, which is enough for the words and much faster
-        result = diagnose(read_specimen(folder / "plate.toml"), most=1)
+        result = diagnose(read_specimen(folder / "plate.toml"), rules=Rules(most_causes=1))
         prepare_folder(folder / "out")
         write_json(folder / "out/diagnosis.json", diagnosis_record(result))
         write_diagnosis_report(folder / "out/report.html", result)
