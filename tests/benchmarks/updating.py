@@ -17,7 +17,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-from femu_piezo.inference.least_squares import fit
 from rich.console import Console
 from rich.table import Table
 
