@@ -14,6 +14,9 @@ from femu_piezo.forward.gradient_products import GradientProducts, assemble_grad
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.boxes import elements_of, grid_lines
 
+#: Slices across the part along its length, at least.
+_SLICES = 16
+
 
 class WeightedProducts:
     """Of a box of hexahedra, one part of a plate that is cut at x = 0.
@@ -28,16 +31,38 @@ class WeightedProducts:
 
     @cached_property
     def slices(self) -> list[GradientProducts]:
-        """Of every slice of elements across the part alone, by growing x."""
-        mesh, whole = self.model.domain.mesh, self.model.basis
-        slabs = (np.sort(slab.ravel()) for slab in elements_of(mesh))
-        parts = (skfem.Basis(mesh, whole.elem, elements=slab, quadrature=whole.quadrature) for slab in slabs)
-        return [assemble_gradient_products(part) for part in parts]
+        """Of every slice across the part alone, by growing x; a long element holds several."""
+        mesh, whole, found = self.model.domain.mesh, self.model.basis, []
+        points, weights = whole.quadrature
+        axis, grows = self._along_length
+        for slab in (np.sort(slab.ravel()) for slab in elements_of(mesh)):
+            for number in range(self._per_element):
+                place = number if grows else self._per_element - 1 - number
+                own = points.copy()
+                own[axis] = (place + own[axis]) / self._per_element
+                quadrature = (own, weights / self._per_element)
+                part = skfem.Basis(mesh, whole.elem, elements=slab, quadrature=quadrature)
+                found.append(assemble_gradient_products(part))
+        return found
 
     @property
     def slice_ends(self) -> np.ndarray:
         """(slices + 1,) places along x where the slices meet, m."""
-        return grid_lines(self.model.domain.mesh)[0]
+        line = grid_lines(self.model.domain.mesh)[0]
+        return np.interp(np.arange(0, line.size - 1 + 1e-9, 1 / self._per_element), np.arange(line.size), line)
+
+    @property
+    def _per_element(self) -> int:
+        """Slices in each element along x."""
+        return -(-_SLICES // (grid_lines(self.model.domain.mesh)[0].size - 1))
+
+    @property
+    def _along_length(self) -> tuple[int, bool]:
+        """Axis of the reference cell that lies along x, alike in every cell of a box, and whether it points to +x."""
+        middle = np.full((3, 1), 0.5)
+        jacobian = self.model.basis.mapping.DF(middle, tind=np.arange(1))[0, :, 0, 0]
+        axis = int(np.argmax(np.abs(jacobian)))
+        return axis, bool(jacobian[axis] > 0)
 
     @cached_property
     def odd(self) -> GradientProducts:
