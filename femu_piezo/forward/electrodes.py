@@ -60,5 +60,11 @@ def electrode_film(model: ElectroelasticModel) -> sp.csr_matrix:
     basis, domain = model.basis, model.domain
     faces = [name for name in (*domain.hot, *domain.ground) if name not in domain.symmetry]
     facets = np.concatenate([basis.mesh.boundaries[face] for face in faces])
-    block = skfem.BilinearForm(lambda u, v, w: u * v).assemble(skfem.FacetBasis(basis.mesh, basis.elem, facets=facets))
+    on = skfem.FacetBasis(basis.mesh, basis.elem, facets=facets, intorder=2 * model.order + 2)
+    value = np.stack([np.broadcast_to(shape[0], on.dx.shape) for shape in on.basis], axis=1)
+    local = (value * on.dx[:, None]) @ value.transpose(0, 2, 1)  # (facets, shapes, shapes)
+    dofs = np.asarray(on.element_dofs).T
+    rows, columns = np.broadcast_to(dofs[:, :, None], local.shape), np.broadcast_to(dofs[:, None], local.shape)
+    some = local != 0
+    block = sp.csr_matrix((local[some], (rows[some], columns[some])), shape=(basis.N, basis.N))
     return sp.block_diag([block, block, block, sp.csr_matrix(block.shape)], format="csr")

@@ -2,7 +2,7 @@
 
 Disks, rings, trapezoids, plates with rounded corners or holes are outlines; `femu_piezo.geometry.catalogue` makes
 them in one line each. Plain disks and rings are a few curved cells (`femu_piezo.geometry.round_body`), other slabs are
-meshed by gmsh, with quadratic elements that follow curved sides.
+meshed by gmsh, with quadratic elements that follow curved sides; a plain trapezoid is a tapered box.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from femu_piezo.errors import InputError
 from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.gmsh_session import mesh_solid
 from femu_piezo.geometry.quality import check_electrodes, check_elements
-from femu_piezo.geometry.regions import Circle, Footprint, Region
+from femu_piezo.geometry.regions import Circle, Footprint, Region, Trapezoid
 from femu_piezo.geometry.round_body import divisions_for, round_domain
 from femu_piezo.geometry.shape import check_size, driven_mirrors, unit_direction
+from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab_cad import (
     divide_curves,
     draw_chamfered,
@@ -227,10 +228,14 @@ class Slab:
         return driven_mirrors(axes, self.poling_direction, field_axis=2)
 
     @property
+    def is_plain(self) -> bool:
+        """Whether electrodes cover the faces to straight edges, and no other elements are asked for."""
+        return self.electrodes == Electrodes() and not self.chamfer and self.elements != "tetrahedron"
+
+    @property
     def radii(self) -> tuple[float, float] | None:
         """Inner (0 for a disk) and outer radius of a plain disk or ring with full electrodes, m; None for others."""
-        plain = self.electrodes == Electrodes() and not self.chamfer and self.elements != "tetrahedron"
-        if not (plain and isinstance(self.outline, Circle) and len(self.holes) <= 1):
+        if not (self.is_plain and isinstance(self.outline, Circle) and len(self.holes) <= 1):
             return None
         if any(circle.center != (0.0, 0.0) for circle in (self.outline, *self.holes)):
             return None
@@ -238,8 +243,9 @@ class Slab:
 
     @property
     def element_order(self) -> int:
-        """About what is chosen for a plain disk or ring; quadratic elements for other slabs."""
-        return 2 if self.radii is None else 5
+        """About what is chosen for a plain disk, ring or trapezoid; quadratic elements for other slabs."""
+        high = self.radii is not None or (self.is_plain and not self.holes and isinstance(self.outline, Trapezoid))
+        return 5 if high else 2
 
     @property
     def element_shape(self) -> Elements:
@@ -261,7 +267,7 @@ class Slab:
     ) -> Domain:
         """The computed part with elements fine enough; see `femu_piezo.geometry.shape.Shape`.
 
-        Plain disks and rings take few curved elements of high order, other slabs meshes of gmsh for quadratic ones.
+        Plain disks, rings and trapezoids take few elements of high order, others meshes of gmsh for quadratic ones.
         """
         mirrors = self.mirrors if symmetric else ()
         if self.radii is not None:
@@ -269,9 +275,25 @@ class Slab:
             wavenumber, along = 2 * np.pi * frequency_Hz / shear_speed, abs(self.poling_direction[2]) == 1.0
             found = divisions_for(self.radii, self.thickness, height, wavenumber, accuracy, along, order)
             return round_domain(self.radii, self.thickness, found, mirrors, self.poling_direction)
+        if self.element_order > 2:
+            return self._tapered_box(accuracy, frequency_Hz, shear_speed, mirrors, order)
         edge = self.edge_length(accuracy, frequency_Hz, shear_speed)
         check_size(self.volume / 2 ** len(mirrors) / edge**3, self.element_shape)
         return replace(self.domain(edge, symmetric), order=order or 2)
+
+    def _tapered_box(
+        self, accuracy: float, frequency_Hz: float, shear_speed: float, mirrors: tuple[int, ...], order: int | None
+    ) -> Domain:
+        """The part of a plain trapezoid: that of the plate as wide as its wider end, its elements tapered."""
+        outline = self.outline
+        widest = max(outline.width, outline.width_end)
+        box = Plate(outline.length, widest, self.thickness, "thickness", self.direction)
+        order, divisions = box.elements(accuracy, frequency_Hz, shear_speed, mirrors, order)
+        domain = box.domain(divisions, mirrors, order)
+        x, y, z = domain.mesh.p
+        along = x / outline.length + 0.5
+        width = outline.width + (outline.width_end - outline.width) * along
+        return replace(domain, mesh=replace(domain.mesh, doflocs=np.array([x, y * width / widest, z])))
 
     def domain(self, edge: float, symmetric: bool = True) -> Domain:
         """The computed part with elements of a given edge (m), cut at its mirror planes where `symmetric`."""

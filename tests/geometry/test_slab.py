@@ -130,6 +130,18 @@ def test_symmetric_part_has_the_driven_modes_of_the_whole(name: str, mirrors: tu
     assert modes.participation[nearest] > 0.01
 
 
+def test_plain_trapezoid_is_a_tapered_box() -> None:
+    """A few elements of high order with the modes of a gmsh mesh, and none of it where the electrode is partial."""
+    shape = SHAPES["trapezoid"]
+    few, many = shape.domain_for(1e-5, 250e3, 1947.0), shape.domain(0.5 * MM)
+    assert few.order > 2 and few.mesh.nelements < 20 < many.mesh.nelements
+    assert few.copies == many.copies == 4 and few.volume == pytest.approx(shape.volume, rel=1e-12)
+    models = [ElectroelasticModel(part, PIC181.density) for part in (few, many)]
+    found = [frequencies(model, PIC181.constants, "open", 5) for model in models]
+    assert found[0] == pytest.approx(found[1], rel=1e-4)
+    assert shape.element_order > 2 == SHAPES["partial"].element_order == SHAPES["trapezoid margin"].element_order
+
+
 def test_direction_of_poling_decides_the_mirrors() -> None:
     body = Rectangle(8 * MM, 5 * MM)
     assert Slab(body, 1 * MM).mirrors == (0, 1, 2)
