@@ -1,0 +1,105 @@
+"""A plate as a laboratory has it: nothing exactly known, everything within its tolerance. A small model, quick to fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from femu_piezo.effects.effect import EffectContext
+from femu_piezo.effects.extended_model import extend_model
+from femu_piezo.effects.library import library
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.sweeps import SweepData
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
+from femu_piezo.material.constants import D_FORM, PiezoConstants
+from femu_piezo.material.library import library_material
+
+SIZE, DENSITY, FUNDAMENTAL = (12e-3, 3e-3, 1e-3), 7500.0, 118e3
+AXES = {"length": (0,), "width": (1,), "thickness": (2,)}
+FREE = ("s11", "d31", "eps33T")
+#: From below to above the fundamental, and a low end.
+FREQUENCY = np.concatenate([np.geomspace(2e3, 90e3, 12), np.linspace(100e3, 140e3, 48)])
+NOISE = 5e-4
+TANGENTS = np.array([15, 13, 12, 16, 20, 13, 12, 14, 18, 17]) * 1e-3
+CONSTANTS = PiezoConstants.from_vector(library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS))
+#: Calliper, balance, held constants and their tangents, fixture, instrument.
+TOLERANCES = {
+    "length": 0.02e-3 / SIZE[0],
+    "width": 0.02e-3 / SIZE[1],
+    "thickness": 0.005e-3 / SIZE[2],
+    "density": 0.003,
+    "resistance": 0.02,
+    "inductance": 10e-9,
+    "capacitance": 0.1e-12,
+    "accuracy": 8e-4,
+    "phase_accuracy": 8e-4,
+} | {key: std for name in D_FORM if name not in FREE for key, std in ((name, 0.03), (f"tan_{name}", 0.003))}
+
+
+class Laboratory:
+    """The model and its unknowns: free constants with a weak prior, tolerances."""
+
+    def __init__(self) -> None:
+        self.free = FreeConstants.of(CONSTANTS, FREE)
+        self.material = MaterialParameters.around(self.free, self.free.start)
+        context = EffectContext(
+            FUNDAMENTAL,
+            FREE,
+            CONSTANTS,
+            AXES,
+            DENSITY,
+            SIZE[2],
+            2e3,
+            tolerances=TOLERANCES,
+            band_Hz=(FREQUENCY[0], FREQUENCY[-1]),
+        )
+        self.library = {effect.key: effect for effect in library(context)}
+        self.tolerances = tuple(effect for effect in self.library.values() if effect.has_tolerance)
+        self.unknowns = Unknowns(self.material, material_prior(self.free, {}, {}), self.tolerances)
+        lossless = CONSTANTS.lossless()
+        training = [CONSTANTS, *self.free.training_sets(self.free.start, 0.05, 3)[1:]]
+        training += [
+            lossless.with_values(**{name: getattr(lossless, name) * (1 + step)})
+            for name, step in (("s12", 0.08), ("s13", 0.08), ("s33", 0.1), ("d33", -0.1))
+        ]
+        model = ElectroelasticModel(Plate(*SIZE).domain((8, 3, 1)), DENSITY)
+        self.model = extend_model(model, training, list(self.library.values()), FREQUENCY[-1], accuracy=1e-6)
+        self.evaluation = Evaluation(self.model, 2 * np.pi * FREQUENCY)
+        self.ideal = Unknowns(self.material, self.unknowns.prior)
+
+    def truth(self, seed: int) -> np.ndarray:
+        """(n_x,) what a specimen is: constants 3 % about the file's, all else off by its tolerance."""
+        rng = np.random.default_rng([1905, seed])
+        x = self.unknowns.prior_mean + self.unknowns.prior_std * rng.standard_normal(self.unknowns.count)
+        own = self.material.x_of(self.free.start)
+        own[0::2] *= 1 + 0.03 * rng.standard_normal(len(FREE))
+        own[1::2] *= rng.uniform(0.85, 1.15, len(FREE))
+        x[: own.size] = own
+        return x
+
+    def measured(self, impedance: np.ndarray, seed: int, noise: float = NOISE, known: bool = True) -> SweepData:
+        """The sweep of a specimen with noise."""
+        normal = np.random.default_rng([1906, seed]).standard_normal((2, impedance.size))
+        z = impedance * (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2))
+        return SweepData(FREQUENCY, z, np.full(z.size, noise), known)
+
+
+def shifted(unknowns: Unknowns, column: int, by: float) -> Unknowns:
+    """The unknowns with one prior mean moved by so many of its standard deviations."""
+    if column < unknowns.of_material:
+        name = unknowns.names[column]
+        mean, std = unknowns.prior[name]
+        return replace(unknowns, prior={**unknowns.prior, name: (mean + by * abs(std), std)})
+    effects = list(unknowns.effects)
+    for number, effect in enumerate(effects):
+        own = unknowns.columns(number)
+        if own.start <= column < own.stop:
+            parameters = list(effect.parameters)
+            one = parameters[column - own.start]
+            step = by * unknowns.prior_std[column] * one.scale
+            parameters[column - own.start] = replace(one, rest=one.rest + step)
+            effects[number] = replace(effect, parameters=tuple(parameters))
+    return replace(unknowns, effects=tuple(effects))

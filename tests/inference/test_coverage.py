@@ -1,0 +1,54 @@
+"""Intervals hold the truth as often as they say, in a laboratory where nothing is exactly as the file has it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from femu_piezo.inference.fit import fit
+
+#: The shares of one draw scatter by about 0.23 (its six constants err together), so the mean of 100 by 0.023.
+DRAWS = 100
+
+
+@pytest.fixture(scope="module")
+def pulls(lab):
+    """(draws, 6) errors of constants and tangents over their deviations; (draws, others) of the tolerances.
+
+    Dimensions, density, held constants and their tangents, gain, phase and residue are off by their tolerances.
+    """
+    found = []
+    for seed in range(DRAWS):
+        truth = lab.truth(seed)
+        data = lab.measured(lab.evaluation.impedance(lab.unknowns, truth), seed)
+        one = fit(lab.evaluation, data, lab.unknowns, [lab.unknowns.prior_mean])
+        found.append((one.x - truth) / one.std)
+    return np.split(np.array(found), [lab.unknowns.of_material], axis=1)
+
+
+def test_constants_and_tangents_lie_in_their_intervals(pulls):
+    own = np.abs(pulls[0])
+    assert 0.62 < np.mean(own < 1) < 0.74
+    assert 0.92 < np.mean(own < 2) < 0.98
+
+
+def test_no_constant_is_biased_or_has_an_interval_of_another_size(pulls):
+    """Each of the six by itself: means within 3.3, variances within 3.3 of their own errors."""
+    assert np.all(np.abs(pulls[0].mean(axis=0)) < 3.3 / np.sqrt(DRAWS))
+    assert np.all(np.abs(np.mean(pulls[0] ** 2, axis=0) - 1) < 3.3 * np.sqrt(2 / DRAWS))
+
+
+def test_what_has_a_tolerance_lies_in_its_interval(pulls):
+    assert np.mean(np.abs(pulls[1]) < 1) == pytest.approx(0.683, abs=0.03)
+    assert np.mean(np.abs(pulls[1]) < 2) == pytest.approx(0.954, abs=0.015)
+
+
+def test_noise_alone_promises_far_too_much(lab):
+    """The same sweeps by a fit that takes all but the noise as known: what the tolerances are for."""
+    for seed in range(3):
+        truth = lab.truth(seed)
+        data = lab.measured(lab.evaluation.impedance(lab.unknowns, truth), seed)
+        whole = fit(lab.evaluation, data, lab.unknowns, [lab.unknowns.prior_mean])
+        ideal = fit(lab.evaluation, data, lab.ideal, [lab.ideal.prior_mean])
+        assert np.all(ideal.std[[0, 2, 4]] < 0.2 * whole.std[[0, 2, 4]])
+        assert np.max(np.abs(ideal.x - truth[:6]) / ideal.std) > 5
