@@ -13,20 +13,14 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+import femu_piezo as fp
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.response import full_impedance
-from femu_piezo.measurement.readers import write_spectrum
-from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.output.folder import prepare_folder, write_figure
-from femu_piezo.output.report_update import write_update_report
-from femu_piezo.output.sensitivity import sensitivity_figure
-from femu_piezo.specimen.file import CONSTANTS, Measurement, read_specimens
-from femu_piezo.study.identify import identify
+from femu_piezo.specimen.file import CONSTANTS, Update
 from femu_piezo.study.problem import prepare
-from femu_piezo.study.update import update
 
 HERE = Path(__file__).parent if "__file__" in globals() else Path()
-OUT = prepare_folder(Path(os.environ.get("FEMU_PIEZO_OUT", "out")) / "full_set")
+OUT = Path(os.environ.get("FEMU_PIEZO_OUT", "out")) / "full_set"
 NOISE = 1e-3
 
 # %% [markdown]
@@ -43,8 +37,7 @@ LOTS = {
     "all three": ["study.toml", "k15.toml"],
 }
 predicted = {
-    words: identify(read_specimens([HERE / file for file in files]), NOISE, recommend=False)
-    for words, files in LOTS.items()
+    words: fp.identify([HERE / file for file in files], NOISE, recommend=False) for words, files in LOTS.items()
 }
 
 
@@ -88,9 +81,9 @@ FREE = ("s11", "s12", "s13", "s33", "d31", "d33", "eps33T")
 MESHES = {"k31 plate": (22, 4, 1), "k33 bar": (11, 2, 2)}
 BANDS = {"k31 plate": (30e3, 46e3, 300e3), "k33 bar": (55e3, 110e3, 300e3)}
 truth = None
-specimens = []
+specimens, sweeps = [], []
 rng = np.random.default_rng(7)
-for specimen in read_specimens([HERE / "study.toml"]):
+for specimen in fp.read_specimens([HERE / "study.toml"]):
     problem = prepare(specimen)
     truth = problem.constants
     low, middle, high = BANDS[specimen.name]
@@ -98,17 +91,17 @@ for specimen in read_specimens([HERE / "study.toml"]):
     model = ElectroelasticModel(problem.plate.domain(MESHES[specimen.name]), problem.density)
     impedance = full_impedance(model, truth.to_e_form(), frequency)
     error = rng.standard_normal((2, frequency.size)) * NOISE / np.sqrt(2)
-    file = OUT / f"{specimen.name.replace(' ', '_')}.csv"
-    write_spectrum(ImpedanceSpectrum(frequency, impedance * (1 + error[0] + 1j * error[1])), file)
+    noisy = impedance * (1 + error[0] + 1j * error[1])
+    sweeps.append(fp.ImpedanceSpectrum.from_impedance(frequency, noisy, relative_noise=NOISE, source=specimen.name))
     wrong = {
         name: getattr(truth, name).real * factor
         for name, factor in zip(FREE, (1.08, 0.95, 1.06, 0.93, 1.07, 0.92, 1.1), strict=True)
     }
     material = specimen.material.model_copy(update=wrong | {"free": FREE})
-    measurement = Measurement(file=file.absolute(), noise=NOISE)
-    specimens.append(specimen.model_copy(update={"material": material, "measurement": measurement}))
+    # The specimens are ideal, and the prediction is about noise alone: so is this fit.
+    specimens.append(specimen.model_copy(update={"material": material, "update": Update(noise_only=True)}))
 
-result = update(specimens)
+result = fp.update(specimens, sweeps)
 print(f"\n{'':8s}{'true':>12s}{'found':>12s}{'error':>10s}{'std':>10s}{'tan true':>10s}{'tan found':>11s}")
 for name in FREE:
     exact, estimate = getattr(truth, name), result.parameters[name]
@@ -135,8 +128,8 @@ axes.axhline(1, color="#1e7d45", linestyle=":", linewidth=1)
 axes.axhline(5, color="#b03024", linestyle=":", linewidth=1)
 axes.set_title("which sweep determines which constant (0.1 % noise; below 1 %: well, above 5 %: not)")
 axes.legend(frameon=False, ncols=5, loc="upper center", bbox_to_anchor=(0.5, -0.08))
-write_figure(OUT / "determined.png", figure)
+result.save(OUT, report=True)
+figure.savefig(OUT / "determined.png", dpi=150)
 for words in ("k31", "k33", "k15"):
-    write_figure(OUT / f"sensitivity_{words}.png", sensitivity_figure(predicted[words].sensitivities[0]))
-write_update_report(OUT / "report.html", result, "tutorials/full_set/full_set.py")
+    predicted[words].plot().savefig(OUT / f"sensitivity_{words}.png", dpi=150)
 print(f"pictures and report.html are in {OUT}")

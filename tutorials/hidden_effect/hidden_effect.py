@@ -13,17 +13,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from femu_piezo.material.constants import EPS0
-from femu_piezo.output.diagnosis import diagnosis_figure
-from femu_piezo.output.diagnosis_words import answer
-from femu_piezo.output.folder import prepare_folder, write_figure
-from femu_piezo.output.report_diagnosis import write_diagnosis_report
-from femu_piezo.specimen.file import read_specimen, write_specimen
-from femu_piezo.study.diagnose import diagnose, extended_specimen
-from femu_piezo.study.update import update
+import femu_piezo as fp
 
 HERE = Path(__file__).parent if "__file__" in globals() else Path()
-OUT = prepare_folder(Path(os.environ.get("FEMU_PIEZO_OUT", "out")) / "hidden_effect")
+OUT = Path(os.environ.get("FEMU_PIEZO_OUT", "out")) / "hidden_effect"
+EPS0 = 8.8541878128e-12
 
 #: What only a simulated measurement can offer: the truth. (value in the unit, loss tangent)
 TRUTH = {"s11": (17.0, 0.0140), "d31": (-265.0, 0.0120), "eps33T": (3500.0, 0.0180)}
@@ -36,8 +30,8 @@ UNIT = {"s11": 1e-12, "d31": 1e-12, "eps33T": EPS0}
 # intervals, but it cannot say why, and the loss tangents are wrong.
 
 # %%
-specimen = read_specimen(HERE / "plate.toml")
-plain = update(specimen)
+specimen = fp.read_specimen(HERE / "plate.toml")
+plain = fp.update(specimen)
 print("\n".join(plain.notes))
 print(f"rms |Δ log Z| {100 * plain.outcomes[0].rms_after:.2f} % (noise 0.10 %)")
 for name, (_, tangent) in TRUTH.items():
@@ -52,21 +46,13 @@ assert plain.parameters["d31"].tan > 1.2 * TRUTH["d31"][1]
 # all. An effect is accepted where it predicts what its fit did not see, and where its evidence pays for its parameters.
 
 # %%
-result = diagnose(specimen)
-said = answer(result)
-print(f"\n{said.headline}")
-for title, sentences in (
-    ("wrong", said.wrong),
-    ("sure", said.sure),
-    ("constants", said.constants),
-    ("to do", said.measures),
-):
-    for sentence in sentences:
-        print(f"  {title}: {sentence}")
-(cause,) = result.verdict.causes
-assert result.verdict.word == "effect" and cause.effect.name == "series_resistance"
+result = fp.diagnose(specimen)
+print(f"\n{result}")
+(cause,) = result.causes
+assert result.verdict == "effect" and str(cause) == "series_resistance"
 # 1.5 Ω went into the data; the deviation is the one that the diagnosis states.
-assert abs(cause.values[0] - 1.5) < 3 * cause.std[0] < 0.15
+resistance = cause.parameters["resistance"]
+assert abs(resistance.value - 1.5) < 3 * resistance.std < 0.15
 
 # %% [markdown]
 # ## Pole by pole
@@ -76,10 +62,10 @@ assert abs(cause.values[0] - 1.5) < 3 * cause.std[0] < 0.15
 
 # %%
 base, final = result.pole_zero
-print(f"\n{'':6s}{'measured':>12s}{'ΔQ before':>18s}{'ΔQ after':>18s}")
+print(f"\n{'':6s}{'measured':>12s}{'ΔQ before':>20s}{'ΔQ after':>20s}")
 for before, after in zip(base.poles, final.poles, strict=True):
     words = [f"{share:+.2f} % ({sigma:+.1f} σ)" for share, sigma in (before.quality, after.quality)]
-    print(f"pole  {before.measured.frequency_Hz / 1e3:8.3f} kHz{words[0]:>18s}{words[1]:>18s}")
+    print(f"pole  {before.measured.frequency_Hz / 1e3:8.3f} kHz{words[0]:>20s}{words[1]:>20s}")
 assert max(abs(one.quality[1]) for one in base.poles) > 10
 assert max(abs(one.quality[1]) for one in final.poles) < 4
 
@@ -94,10 +80,10 @@ print(
     f"\nerror in the held-out band: {100 * gain['held_out_before']:.3f} % before, {100 * gain['held_out_after']:.3f} % "
     f"after, noise {100 * gain['noise_floor']:.3f} %"
 )
-assert gain["held_out_after"] < 1.3 * gain["noise_floor"] < 0.3 * gain["held_out_before"]
+assert gain["held_out_after"] < 1.3 * gain["noise_floor"] < 0.35 * gain["held_out_before"]
 bias = {}
 print(f"{'':10s}{'before':>10s}{'after':>20s}{'true':>8s}")
-constants = [result.constants(fit) for fit in (result.comparison.base, result.comparison.final)]
+constants = [result.parameters_before, result.parameters]
 for name, (_, tangent) in TRUTH.items():
     old, new = (one[name] for one in constants)
     bias[f"tan {name}"] = [(one.tan - tangent) / new.tan_std for one in (old, new)]
@@ -112,15 +98,16 @@ assert max(abs(after) for _, after in bias.values()) < 3.5
 # %% [markdown]
 # ## The extended specimen
 #
-# `extended.toml` is the specimen file with the effect as known and the corrected constants. It simulates, updates and
-# diagnoses like any other. `femu-piezo diagnose out/hidden_effect/extended.toml --out out` says *none*; here the update
-# is made again, and now follows the sweep to its noise.
+# `save` writes what `femu-piezo diagnose plate.toml --out out --report` writes. Of that `extended.toml` is the specimen
+# file with the effect as known and the corrected constants. It simulates, updates and diagnoses like any other.
+# `femu-piezo diagnose out/hidden_effect/extended.toml --out out` says *none*; here the update is made again, and now
+# follows the sweep to its noise.
 
 # %%
-write_specimen(extended_specimen(result), OUT / "extended.toml")
+result.save(OUT, report=True)
 text = (OUT / "extended.toml").read_text(encoding="utf-8")
 print("\n" + text[text.index("[effects") :].strip())
-again = update(read_specimen(OUT / "extended.toml"))
+again = fp.update(OUT / "extended.toml")
 print(f"updated again: rms |Δ log Z| {100 * again.outcomes[0].rms_after:.3f} % (noise 0.100 %)")
 assert again.outcomes[0].rms_after < 1.1e-3 < 3e-3 < plain.outcomes[0].rms_after
 for name, (_, tangent) in TRUTH.items():
@@ -150,7 +137,5 @@ axes.plot(places, [after for _, after in bias.values()], "o", color="#c0392b", l
 axes.set(xticks=places, xticklabels=list(bias), ylabel="distance from the truth (σ)", yscale="symlog", ylim=(-200, 200))
 axes.set_title("what 1.5 Ω in the leads does to the constants", fontsize=11)
 axes.legend(frameon=False, fontsize=9)
-write_figure(OUT / "bias.png", figure)
-write_figure(OUT / "diagnosis.png", diagnosis_figure(result))
-write_diagnosis_report(OUT / "report.html", result, "tutorials/hidden_effect/hidden_effect.py")
+figure.savefig(OUT / "bias.png", dpi=150)
 print(f"\npictures and report.html are in {OUT}")

@@ -12,26 +12,16 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from femu_piezo.extraction import extract
+import femu_piezo as fp
 from femu_piezo.extraction.linear_body import linear_body_misfit
 from femu_piezo.forward.thin_limits import thin_disk_eigenvalues
 from femu_piezo.material.constants import EPS0
-from femu_piezo.measurement.readers import read_spectrum
-from femu_piezo.output.curves import impedance_figure
-from femu_piezo.output.diagnosis import diagnosis_figure
-from femu_piezo.output.diagnosis_words import answer
-from femu_piezo.output.folder import prepare_folder, write_figure
-from femu_piezo.output.report_diagnosis import write_diagnosis_report
-from femu_piezo.output.report_update import write_update_report
-from femu_piezo.specimen.file import read_specimen
-from femu_piezo.study.diagnose import diagnose
-from femu_piezo.study.update import update
 
 HERE = Path(__file__).parent if "__file__" in globals() else Path()
-OUT = prepare_folder(Path(os.environ.get("FEMU_PIEZO_OUT", "out")) / "measured_disk")
+OUT = Path(os.environ.get("FEMU_PIEZO_OUT", "out")) / "measured_disk"
 RADIUS, THICKNESS, MASS = 17.5e-3, 2e-3, 14.8993e-3
 
-specimen = read_specimen(HERE / "disk.toml")
+specimen = fp.read_specimen(HERE / "disk.toml")
 density = MASS / (np.pi * RADIUS**2 * THICKNESS)
 print(f"density from the mass: {density:.1f} kg/m³")
 assert abs(density - specimen.geometry.density) < 0.1  # as written in disk.toml
@@ -42,7 +32,7 @@ assert abs(density - specimen.geometry.density) < 0.1  # as written in disk.toml
 # The pole and the zero of one mode have very different losses.
 
 # %%
-extraction = extract(read_spectrum(specimen.measurement.file))
+extraction = fp.extract(specimen.measurement.file)
 pair = extraction.pairs[0]
 for one in (pair.pole, pair.zero):
     print(f"{one.kind}: {one.frequency_Hz:.0f} ± {one.std_Hz:.0f} Hz, Q = {one.quality_factor:.1f}")
@@ -55,7 +45,7 @@ assert abs(pair.pole.quality_factor - 80) < 2 and abs(pair.zero.quality_factor -
 # A radial mode stretches the disk in both directions at once, so that s11 and s12 enter together.
 
 # %%
-result = update(specimen)
+result = fp.update(specimen)
 for name, estimate in result.parameters.items():
     unit = EPS0 if name == "eps33T" else 1e-12
     print(
@@ -82,7 +72,7 @@ def with_poisson(ratio):
     s11, tangent = 16e-12, 0.012
     for _ in range(3):
         held = {"s12": -ratio * s11, "tan_s12": tangent, "free": ("s11", "d31", "eps33T")}
-        found = update(specimen.model_copy(update={"material": specimen.material.model_copy(update=held)}))
+        found = fp.update(specimen.model_copy(update={"material": specimen.material.model_copy(update=held)}))
         s11, tangent = found.parameters["s11"].value, found.parameters["s11"].tan
     return found
 
@@ -167,9 +157,8 @@ right.plot([-0.4, 0.4], [pair.pole.quality_factor] * 2, "k:", label="measured")
 right.plot([0.6, 1.4], [pair.zero.quality_factor] * 2, "k:")
 right.set(xticks=[0, 1], xticklabels=["pole", "zero"], ylabel="Q", title="piezoelectric loss and the two Q")
 right.legend(frameon=False, fontsize=9)
-write_figure(OUT / "poisson_and_q.png", figure)
-write_figure(OUT / "impedance.png", impedance_figure(result.outcomes[0]))
-write_update_report(OUT / "report.html", result, "tutorials/measured_disk/measured_disk.py")
+result.save(OUT, report=True)
+figure.savefig(OUT / "poisson_and_q.png", dpi=150)
 print(f"pictures and report.html are in {OUT}")
 
 # %% [markdown]
@@ -183,23 +172,21 @@ print(f"pictures and report.html are in {OUT}")
 
 # %%
 wish = specimen.measurement.model_copy(update={"held_out": (60e3, 63e3)})
-diagnosis = diagnose(specimen.model_copy(update={"measurement": wish}))
+diagnosis = fp.diagnose(specimen.model_copy(update={"measurement": wish}))
 sweep = diagnosis.spectrum
 before, after = (np.abs(np.log(curve / sweep.impedance)) for curve in diagnosis.curves)
 for words, points in (("fitted points", diagnosis.fitted), ("held-out band", ~diagnosis.fitted)):
     rms_before, rms_after = (float(np.sqrt(np.mean(error[points] ** 2))) for error in (before, after))
     print(f"{words}: rms |Δ log Z| {100 * rms_before:.2f} % before, {100 * rms_after:.2f} % after")
-print(answer(diagnosis).headline)
-for sentence in (*answer(diagnosis).wrong, *answer(diagnosis).sure):
-    print(f"  {sentence}")
+print(diagnosis)
 for one in (*diagnosis.pole_zero[0].poles, *diagnosis.pole_zero[0].zeros):
     shift, quality_shift = one.frequency, one.quality
     print(
         f"  {one.measured.kind} {one.measured.frequency_Hz / 1e3:.3f} kHz: Δf {1e4 * shift[0]:+.0f} ppm "
         f"({shift[1]:+.1f} σ), ΔQ {quality_shift[0]:+.1f} % ({quality_shift[1]:+.1f} σ)"
     )
-assert diagnosis.verdict.word == "unknown"
-assert max((cause.probability for cause in diagnosis.verdict.causes), default=0.0) < 0.9
+assert diagnosis.verdict == "unknown"
+assert max((cause.probability for cause in diagnosis.causes), default=0.0) < 0.9
 
 # %% [markdown]
 # ## Is it the simulation at all?
@@ -218,5 +205,4 @@ assert bound < found_rms < 1.2 * bound
 linear = diagnosis.linear_body
 print(f"in multiples of the scatter: {linear.least:.1f} and {linear.model:.1f}")
 assert linear.to_blame and linear.resonances == 1
-write_figure(OUT / "diagnosis.png", diagnosis_figure(diagnosis))
-write_diagnosis_report(OUT / "diagnosis.html", diagnosis, "tutorials/measured_disk/measured_disk.py")
+diagnosis.save(OUT / "diagnosis", report=True)

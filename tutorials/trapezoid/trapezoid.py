@@ -11,17 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
+import femu_piezo as fp
 from femu_piezo.cli import main
 from femu_piezo.forward.eigen import solve_eigen
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.catalogue import trapezoid
 from femu_piezo.geometry.slab import Electrodes
 from femu_piezo.material.library import library_material
-from femu_piezo.output.folder import prepare_folder
-from femu_piezo.specimen.file import read_specimen
-from femu_piezo.study.modes import find_modes
 
-OUT = prepare_folder(Path(os.environ.get("FEMU_PIEZO_OUT", "out")) / "trapezoid")
+OUT = Path(os.environ.get("FEMU_PIEZO_OUT", "out")) / "trapezoid"
+OUT.mkdir(parents=True, exist_ok=True)
 
 # %% [markdown]
 # ## The specimen file
@@ -70,7 +69,7 @@ assert record["modes"][0]["pole"]["family"] == "first length extension"
 covered = OUT / "covered.toml"
 lines = [line for line in SPECIMEN.splitlines() if not line.startswith("electrode")]
 covered.write_text("\n".join(lines), encoding="utf-8")
-full = {mode.pole_family: mode.k_eff for mode in find_modes(read_specimen(covered), band=(0.0, 260e3)).modes}
+full = {mode.pole_family: mode.k_eff for mode in fp.modes(covered, band=(0.0, 260e3)).modes}
 print(f"\n{'k_eff':44s}{'half':>8s}{'full':>8s}")
 for family in dict.fromkeys([*half, *full]):
     values = [f"{found[family]:8.3f}" if found.get(family) else "       –" for found in (half, full)]
