@@ -1,4 +1,4 @@
-"""A plate as a laboratory has it: nothing exactly known, everything within its tolerance. A small model, quick to fit."""
+"""A plate as a laboratory has it: nothing exactly known, everything within its tolerance. A small, quick model."""
 
 from __future__ import annotations
 
