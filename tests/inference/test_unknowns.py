@@ -17,7 +17,7 @@ def column(unknowns: Unknowns, name: str) -> int:
 
 
 def test_priors_are_those_of_the_file_wherever_the_fit_starts(lab):
-    """The scale of an unknown is its start; its prior is about the file's value, a tangent's about 0.02 if not known."""
+    """The scale of an unknown is its start; its prior is about the file's value, a tangent's 0.02 if not known."""
     file = FreeConstants.of(CONSTANTS, FREE)
     away = file.at(file.start * np.array([1.2, 0.8, 1.1]))
     prior = material_prior(file, {"s11": 0.02}, {"d31": 0.004})
