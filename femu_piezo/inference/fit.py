@@ -31,6 +31,8 @@ from femu_piezo.threads import blas_limit
 _MARGIN = 1e-6
 #: Relative gain of a step below which a coarse fit stops, and its most steps; the same of a close fit.
 _COARSE, _CLOSE = (1e-3, 12), (1e-9, 80)
+#: Change of the logarithm of the noise level below which a fit counts as made at it, and how often it is made anew.
+_LEVEL, _TIMES = 0.03, 4
 #: Relative step of the frequency for ∂log Z/∂log f.
 _STEP = 1e-5
 
@@ -225,6 +227,7 @@ class _Posterior:
         self, response: Response, data: SweepData, parameters: Unknowns, discrepancy: Discrepancy | None
     ) -> None:
         self.response, self.data, self.parameters = response, data, parameters
+        self.level = 1.0  # factor on the noise
         self._factor = None if discrepancy is None else discrepancy.factor
         self._x: np.ndarray | None = None
 
@@ -251,7 +254,7 @@ class _Posterior:
         return np.concatenate([self._whitened(jacobian), further])
 
     def _whitened(self, rows: np.ndarray) -> np.ndarray:
-        return rows if self._factor is None else solve_triangular(self._factor, rows, lower=True)
+        return (rows if self._factor is None else solve_triangular(self._factor, rows, lower=True)) / self.level
 
 
 def fit(
@@ -264,7 +267,7 @@ def fit(
     loss: str = "linear",
     discrepancy: Discrepancy | None = None,
 ) -> Fit:
-    """The best of coarse fits from several starts (n_x,), brought to its end.
+    """The best of coarse fits from several starts (n_x,), brought to its end at the noise level that it finds.
 
     Parameters
     ----------
@@ -280,22 +283,28 @@ def fit(
     with blas_limit():
         found = [_least_squares(posterior, start, loss, *_COARSE) for start in starts]
         best = min((one for one in found if one.status >= 0), key=lambda one: one.cost, default=None)
-        if best is not None and not coarse:
+        if best is None:
+            raise ConvergenceError(
+                f"no fit of {', '.join(parameters.names)} settled: check dimensions, density and poling, or free fewer "
+                "constants"
+            )
+        for _ in range(0 if coarse else _TIMES):
             best = _least_squares(posterior, best.x, loss, *_CLOSE)
-    if best is None:
-        raise ConvergenceError(
-            f"no fit of {', '.join(parameters.names)} settled: check dimensions, density and poling, or free fewer "
-            "constants"
+            level = _at(posterior, best, loss, discrepancy).noise_scale
+            if abs(np.log(level / posterior.level)) < _LEVEL:
+                break
+            posterior.level = level
+        ahead, behind = (
+            response.at(1 + sign * _STEP).with_jacobian(parameters, best.x)[0] for sign in (1, -1)
         )
-    return _finished(posterior, best.x, loss, np.flatnonzero(best.active_mask), discrepancy)
+    return replace(_at(posterior, best, loss, discrepancy), log_slope=np.log(ahead / behind) / (2 * _STEP))
 
 
-def _finished(posterior: _Posterior, x: np.ndarray, loss: str, active: np.ndarray, discrepancy) -> Fit:
+def _at(posterior: _Posterior, found, loss: str, discrepancy: Discrepancy | None) -> Fit:
+    """The fit where the optimiser ended, without its slope in frequency."""
+    x = found.x
     residual, jacobian, further_residual, further_jacobian = posterior.parts(x)
     share = np.sqrt(_ROBUST[loss](residual**2))
-    ahead, behind = (
-        posterior.response.at(1 + sign * _STEP).with_jacobian(posterior.parameters, x)[0] for sign in (1, -1)
-    )
     return Fit(
         parameters=posterior.parameters,
         x=x,
@@ -304,8 +313,8 @@ def _finished(posterior: _Posterior, x: np.ndarray, loss: str, active: np.ndarra
         jacobian=jacobian * share[:, None],
         further_residual=further_residual,
         further_jacobian=further_jacobian,
-        log_slope=np.log(ahead / behind) / (2 * _STEP),
-        on_bound=tuple(posterior.parameters.names[i] for i in active),
+        log_slope=np.zeros(residual.size // 2),
+        on_bound=tuple(posterior.parameters.names[i] for i in np.flatnonzero(found.active_mask)),
         discrepancy=discrepancy,
     )
 
