@@ -304,7 +304,7 @@ def _at(posterior: _Posterior, found, loss: str, discrepancy: Discrepancy | None
     """The fit where the optimiser ended, without its slope in frequency."""
     x = found.x
     residual, jacobian, further_residual, further_jacobian = posterior.parts(x)
-    share = np.sqrt(_ROBUST[loss](residual**2))
+    share = np.sqrt(_ROBUST[loss][1]((residual / posterior.level) ** 2))
     return Fit(
         parameters=posterior.parameters,
         x=x,
@@ -319,13 +319,30 @@ def _at(posterior: _Posterior, found, loss: str, discrepancy: Discrepancy | None
     )
 
 
-#: Weight of a squared residual z at the solution, the slope of scipy's loss functions.
+#: Losses ρ of a squared residual z as scipy names them: ρ, its slope (the weight at the solution), its second slope.
 _ROBUST = {
-    "linear": np.ones_like,
-    "soft_l1": lambda z: 1 / np.sqrt(1 + z),
-    "huber": lambda z: 1 / np.sqrt(np.maximum(z, 1.0)),
-    "cauchy": lambda z: 1 / (1 + z),
+    "linear": (lambda z: z, np.ones_like, np.zeros_like),
+    "soft_l1": (lambda z: 2 * (np.sqrt(1 + z) - 1), lambda z: (1 + z) ** -0.5, lambda z: -0.5 * (1 + z) ** -1.5),
+    "huber": (
+        lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1),
+        lambda z: np.maximum(z, 1.0) ** -0.5,
+        lambda z: np.where(z <= 1, 0.0, -0.5 * np.maximum(z, 1.0) ** -1.5),
+    ),
+    "cauchy": (np.log1p, lambda z: 1 / (1 + z), lambda z: -((1 + z) ** -2.0)),
 }
+
+
+def _of_readings(loss: str, rows: int) -> Callable[[np.ndarray], np.ndarray] | str:
+    """A loss for the first rows, the readings; priors and wall are never outliers."""
+    if loss == "linear":
+        return loss
+
+    def rho(z: np.ndarray) -> np.ndarray:
+        found = np.stack([z, np.ones_like(z), np.zeros_like(z)])
+        found[:, :rows] = [part(z[:rows]) for part in _ROBUST[loss]]
+        return found
+
+    return rho
 
 
 def _least_squares(posterior: _Posterior, start: np.ndarray, loss: str, tolerance: float, most: int):
@@ -338,7 +355,7 @@ def _least_squares(posterior: _Posterior, start: np.ndarray, loss: str, toleranc
         posterior.jacobian,
         bounds=(lower, upper),
         x_scale="jac",
-        loss=loss,
+        loss=_of_readings(loss, 2 * posterior.data.impedance.size),
         xtol=tolerance,
         ftol=tolerance,
         gtol=1e-9,
