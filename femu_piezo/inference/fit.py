@@ -35,6 +35,8 @@ _COARSE, _CLOSE = (1.0, 12), (1e-6, 60)
 _UNSETTLED = 10.0
 #: Damping of the first step, in the precision of the prior, and the factors by which it falls and rises.
 _DAMPING, _EASED, _RAISED = 1e-3, 0.2, 8.0
+#: Change of the logarithm of the noise level below which a fit counts as made at it, and how often it is made anew.
+_LEVEL, _TIMES = 0.03, 4
 #: Relative step of the frequency for ∂log Z/∂log f.
 _STEP = 1e-5
 
@@ -229,6 +231,7 @@ class _Posterior:
         self, response: Response, data: SweepData, parameters: Unknowns, discrepancy: Discrepancy | None
     ) -> None:
         self.response, self.data, self.parameters = response, data, parameters
+        self.level = 1.0  # factor on the noise
         self._factor = None if discrepancy is None else discrepancy.factor
         self._x: np.ndarray | None = None
 
@@ -257,7 +260,7 @@ class _Posterior:
         return np.concatenate([self._whitened(jacobian), further])
 
     def _whitened(self, rows: np.ndarray) -> np.ndarray:
-        return rows if self._factor is None else solve_triangular(self._factor, rows, lower=True)
+        return (rows if self._factor is None else solve_triangular(self._factor, rows, lower=True)) / self.level
 
 
 def fit(
@@ -270,7 +273,7 @@ def fit(
     loss: str = "linear",
     discrepancy: Discrepancy | None = None,
 ) -> Fit:
-    """The best of coarse fits from several starts (n_x,), brought to its end.
+    """The best of coarse fits from several starts (n_x,), brought to its end at the noise level that it finds.
 
     Parameters
     ----------
@@ -286,22 +289,26 @@ def fit(
     with blas_limit():
         found = [_Descent(posterior, start, loss).run(*_COARSE) for start in starts]
         best = min(found, key=lambda one: one.cost)
-        if not coarse:
-            best.run(*_CLOSE)
-    if not np.isfinite(best.cost) or (not coarse and best.promise > _UNSETTLED * best.unit):
-        raise ConvergenceError(
-            f"no fit of {', '.join(parameters.material.free.names)} settled: check dimensions, density and poling, or "
-            "free fewer constants"
-        )
-    return _finished(posterior, best.x, loss, best.on_bound, discrepancy)
+        for _ in range(0 if coarse else _TIMES):
+            best = _Descent(posterior, best.x, loss).run(*_CLOSE)
+            level = _at(posterior, best, loss, discrepancy).noise_scale
+            if abs(np.log(level / posterior.level)) < _LEVEL:
+                break
+            posterior.level = level
+        if not np.isfinite(best.cost) or (not coarse and best.promise > _UNSETTLED * best.unit):
+            raise ConvergenceError(
+                f"no fit of {', '.join(parameters.material.free.names)} settled: check dimensions, density and "
+                "poling, or free fewer constants"
+            )
+        ahead, behind = (response.at(1 + sign * _STEP).with_jacobian(parameters, best.x)[0] for sign in (1, -1))
+    return replace(_at(posterior, best, loss, discrepancy), log_slope=np.log(ahead / behind) / (2 * _STEP))
 
 
-def _finished(posterior: _Posterior, x: np.ndarray, loss: str, active: np.ndarray, discrepancy) -> Fit:
+def _at(posterior: _Posterior, found: _Descent, loss: str, discrepancy: Discrepancy | None) -> Fit:
+    """The fit where the optimiser ended, without its slope in frequency."""
+    x = found.x
     residual, jacobian, further_residual, further_jacobian = posterior.parts(x)
-    share = np.sqrt(_ROBUST[loss](residual**2))
-    ahead, behind = (
-        posterior.response.at(1 + sign * _STEP).with_jacobian(posterior.parameters, x)[0] for sign in (1, -1)
-    )
+    share = np.sqrt(_LOSS[loss][1]((residual / posterior.level) ** 2))
     return Fit(
         parameters=posterior.parameters,
         x=x,
@@ -310,24 +317,18 @@ def _finished(posterior: _Posterior, x: np.ndarray, loss: str, active: np.ndarra
         jacobian=jacobian * share[:, None],
         further_residual=further_residual,
         further_jacobian=further_jacobian,
-        log_slope=np.log(ahead / behind) / (2 * _STEP),
-        on_bound=tuple(posterior.parameters.names[i] for i in active),
+        log_slope=np.zeros(residual.size // 2),
+        on_bound=tuple(posterior.parameters.names[i] for i in found.on_bound),
         discrepancy=discrepancy,
     )
 
 
 #: Loss ρ of a squared residual z, and the weight ρ' that it gives it.
 _LOSS = {
-    "linear": lambda z: z,
-    "soft_l1": lambda z: 2 * (np.sqrt(1 + z) - 1),
-    "huber": lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1),
-    "cauchy": np.log1p,
-}
-_ROBUST = {
-    "linear": np.ones_like,
-    "soft_l1": lambda z: 1 / np.sqrt(1 + z),
-    "huber": lambda z: 1 / np.sqrt(np.maximum(z, 1.0)),
-    "cauchy": lambda z: 1 / (1 + z),
+    "linear": (lambda z: z, np.ones_like),
+    "soft_l1": (lambda z: 2 * (np.sqrt(1 + z) - 1), lambda z: (1 + z) ** -0.5),
+    "huber": (lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1), lambda z: np.maximum(z, 1.0) ** -0.5),
+    "cauchy": (np.log1p, lambda z: 1 / (1 + z)),
 }
 
 
@@ -352,7 +353,7 @@ class _Descent:
     def _cost(self, x: np.ndarray) -> float:
         residual = self._posterior.residual(x)
         data, further = residual[: self._rows], residual[self._rows :]
-        cost = float(np.sum(_LOSS[self._loss](data**2)) + further @ further)
+        cost = float(np.sum(_LOSS[self._loss][0](data**2)) + further @ further)
         return cost if np.isfinite(cost) else np.inf
 
     @property
@@ -389,7 +390,7 @@ class _Descent:
         """Residual and Jacobian at x in prior units, rows of the data weighed as their loss asks."""
         residual, jacobian = self._posterior.residual(self.x), self._posterior.jacobian(self.x)
         share = np.ones(residual.size)
-        share[: self._rows] = np.sqrt(_ROBUST[self._loss](residual[: self._rows] ** 2))
+        share[: self._rows] = np.sqrt(_LOSS[self._loss][1](residual[: self._rows] ** 2))
         return residual * share, jacobian * share[:, None] * self._posterior.parameters.prior_std
 
     def _moving(self, gradient: np.ndarray) -> np.ndarray:

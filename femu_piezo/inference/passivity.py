@@ -12,7 +12,7 @@ from femu_piezo.inference.coefficients import active_effects, d_form_constants
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.material.constants import PiezoConstants
 
-TOLERANCE = 1e-4
+TOLERANCE = 1e-5
 #: Share of the tolerance below which a violation is rounding: a lossless constant stands at the wall.
 _NOTICED = 1e-3
 

@@ -1,0 +1,256 @@
+"""The one fit: exact slopes of everything, evidence by Laplace against integrals, passivity, robust losses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from laboratory import FREQUENCY, NOISE
+
+from femu_piezo.inference.discrepancy import log_level_prior
+from femu_piezo.inference.fit import fit, linear_fit
+from femu_piezo.inference.passivity import TOLERANCE, passivity_wall
+from femu_piezo.inference.sweeps import SweepData
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
+from femu_piezo.material.library import library_material
+
+#: Weights of the central difference of eighth order at ±1, ±2, ±3, ±4 steps.
+WEIGHTS = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])
+
+
+def difference(function, x: np.ndarray, column: int, step: float) -> np.ndarray:
+    """∂f/∂x of one column by eighth order: its error falls as (step)⁸, so steps may be large and rounding small."""
+    unit = np.eye(x.size)[column]
+    ends = [function(x + k * step * unit) - function(x - k * step * unit) for k in (1, 2, 3, 4)]
+    return np.tensordot(WEIGHTS, ends, axes=1) / step
+
+
+def test_jacobian_of_every_unknown_of_a_laboratory(lab):
+    """Constants, dimensions, density, held constants, fixture, instrument; and leakage and both laws over frequency."""
+    unknowns = lab.unknowns
+    for key in ("leakage", "dielectric_dispersion", "frequency_dependent_elastic_loss/causal", "electrode_mass"):
+        unknowns = unknowns.with_candidate(lab.library[key])
+    x = unknowns.carried(lab.unknowns, lab.truth(4))
+    x[lab.unknowns.count :] = (0.5, 0.3, 0.4, 0.2)
+    z, tangents = lab.evaluation.with_jacobian(unknowns, x)
+    exact = tangents / z[:, None]
+    for column, name in enumerate(unknowns.names):
+        step = 0.05 / np.max(np.abs(exact[:, column]))  # log Z changes by some per cent
+        step = min(step, 0.02 * np.ptp(unknowns.bounds[column]))
+        found = difference(lambda y: np.log(lab.evaluation.impedance(unknowns, y) / z), x, column, step)
+        assert np.max(np.abs(found - exact[:, column])) < 1e-6 * np.max(np.abs(exact[:, column])) + 1e-12, name
+
+
+def test_jacobian_of_a_weighed_body(lab):
+    """Where the mass is known the density goes with the dimensions."""
+    from laboratory import AXES, CONSTANTS, DENSITY, FREE, FUNDAMENTAL, SIZE, TOLERANCES
+
+    from femu_piezo.effects.effect import EffectContext
+    from femu_piezo.effects.library import library
+
+    context = EffectContext(FUNDAMENTAL, FREE, CONSTANTS, AXES, DENSITY, SIZE[2], tolerances=TOLERANCES, weighed=True)
+    effects = {effect.name: effect for effect in library(context)}
+    length, density = effects["wrong_length"], effects["wrong_density"]
+    own = replace(lab.unknowns, effects=(length,))
+    x = np.append(lab.material.x_of(lab.free.start), 0.8)
+    z, tangents = lab.evaluation.with_jacobian(own, x)
+    found = difference(lambda y: np.log(lab.evaluation.impedance(own, y) / z), x, 6, 0.05)
+    assert np.max(np.abs(found - tangents[:, 6] / z)) < 1e-6 * np.max(np.abs(tangents[:, 6] / z))
+    # at the same mass a longer body is lighter by as much
+    plain = replace(lab.unknowns, effects=(lab.library["wrong_length"], density))
+    stretch = 0.8 * length.scale[0]
+    lighter = np.append(x, (1 / (1 + stretch) - 1) / density.scale[0])
+    np.testing.assert_allclose(lab.evaluation.impedance(plain, lighter), z, rtol=1e-12)
+
+
+def test_slopes_of_the_wall(lab):
+    """Behind the wall, of free and held constants: tangents exactly, real parts but for the norm of the loss matrix."""
+    x = lab.truth(2)
+    x[3] = 0.3  # tan d31
+    wall, slopes = passivity_wall(lab.unknowns, x)
+    assert np.count_nonzero(wall < -1) == 1
+    (block,) = np.flatnonzero(wall)
+    moving = [i for i, name in enumerate(lab.unknowns.names) if np.any(slopes[:, i] != 0)]
+    tangents = [i for i in moving if "tan_" in lab.unknowns.names[i]]
+    assert {"tan_s11", "tan_d31", "tan_eps33T"} <= {lab.unknowns.names[i] for i in tangents}
+    for column in moving:
+        found = difference(lambda y: passivity_wall(lab.unknowns, y)[0], x, column, 1e-4)[block]
+        exact = slopes[block, column]
+        if column in tangents:
+            assert exact == pytest.approx(found, rel=1e-6, abs=1e-6 * np.abs(slopes).max())
+        assert exact * found >= 0 or abs(found) < 1e-2 * np.abs(slopes).max()
+    circuits = lab.unknowns.columns(lab.unknowns.index("instrument"))
+    assert not np.any(slopes[:, circuits])
+
+
+def test_residual_of_the_wall_is_the_violation_over_the_tolerance(lab):
+    """Lowest eigenvalue of the loss matrix, by `physical_faults` of the material."""
+    x = lab.ideal.prior_mean.copy()
+    x[0::2], x[1::2] = 1.0, (0.015, 0.013, 0.017)
+    assert not np.any(passivity_wall(lab.ideal, x)[0])
+    for tangent, passive in ((0.02, True), (0.1, False), (0.3, False)):
+        x[3] = tangent
+        constants = lab.material.constants(x)
+        wall, _ = passivity_wall(lab.ideal, x)
+        assert (wall.min() == 0) == passive == (constants.physical_faults() == [])
+        lowest = min(np.linalg.eigvalsh(constants.loss_block(block))[0] for block in range(constants.block_count))
+        assert wall.min() * TOLERANCE == pytest.approx(min(lowest, 0.0), rel=1e-9)
+
+
+@pytest.mark.parametrize("tangents", [(0.012, 0.025, 0.014), (0.012, 0.03, 0.014), (0.004, 0.05, 0.005)])
+@pytest.mark.parametrize("loss", ["linear", "soft_l1", "huber", "cauchy"])
+def test_no_fit_creates_energy(lab, loss, tangents):
+    """Data of a body that does: the fit stays within 1e-3 of the loss matrix, whatever the loss and the tolerances."""
+    x = lab.unknowns.prior_mean.copy()
+    x[:6] = lab.material.x_of(lab.free.start)
+    x[[1, 3, 5]] = tangents
+    assert lab.material.constants(x[:6]).physical_faults(tolerance=1e-3) != []
+    z = lab.evaluation.impedance(lab.unknowns, x)
+    for unknowns in (lab.unknowns, lab.ideal):
+        data = lab.measured(z, 7)
+        start = unknowns.prior_mean.copy()
+        start[:6] = lab.material.x_of(lab.free.start)
+        found = fit(lab.evaluation, data, unknowns, [start], loss=loss)
+        # of free constants with held ones as the fit leaves them
+        assert np.max(-passivity_wall(unknowns, found.x)[0]) * TOLERANCE < 1e-3
+
+
+class Curved:
+    """log Z = A (x − x0) + (x − x0)ᵗ B (x − x0): nearly linear, and any number of unknowns."""
+
+    def __init__(self, size: int, seed: int, strength: float, curvature: float) -> None:
+        rng = np.random.default_rng(seed)
+        self.slopes = strength * (rng.standard_normal((30, size)) + 0.5j * rng.standard_normal((30, size)))
+        self.curvature = curvature * rng.standard_normal((30, size))
+        self.x0 = np.tile([1.0, 0.02], size)[:size]
+
+    def at(self, factor):
+        return self
+
+    def logarithm(self, x: np.ndarray) -> np.ndarray:
+        """(30, …) of x (size, …)."""
+        away = x - self.x0.reshape(-1, *[1] * (x.ndim - 1))
+        return np.tensordot(self.slopes, away, axes=1) + np.tensordot(self.curvature, away**2, axes=1)
+
+    def with_jacobian(self, parameters, x):
+        z = np.exp(self.logarithm(x))
+        return z, z[:, None] * (self.slopes + 2 * self.curvature * (x - self.x0))
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("curvature", [0.0, 0.02])
+def test_evidence_is_the_integral_over_prior_and_likelihood(known, curvature):
+    """Two unknowns on a grid over prior times likelihood, at the noise level of the fit."""
+    free = FreeConstants.of(library_material("pzt-5h").constants, ("s11",))
+    prior = {"s11": (1.05 * free.start[0].real, 0.1 * free.start[0].real), "tan_s11": (0.03, 0.04)}
+    unknowns = Unknowns(MaterialParameters.around(free, free.start), prior)
+    response = Curved(2, 5, 0.05, curvature)
+    rng = np.random.default_rng(6)
+    noise = 3e-3
+    z = np.exp(response.logarithm(np.array([1.01, 0.04])) + noise * rng.standard_normal(30) * (1 + 1j) / np.sqrt(2))
+    data = SweepData(np.linspace(1e3, 2e3, 30), z, np.full(30, noise), known)
+    found = fit(response, data, unknowns, [unknowns.prior_mean])
+    scale = found.noise_scale
+    axes = [np.linspace(m - 9 * s, m + 9 * s, 401) for m, s in zip(found.x, found.std, strict=True)]
+    grid = np.array(np.meshgrid(*axes, indexing="ij"))
+    error = (response.logarithm(grid) - np.log(z)[:, None, None]) * np.sqrt(2) / noise
+    mean, std = unknowns.prior_mean[:, None, None], unknowns.prior_std[:, None, None]
+    log_density = -0.5 * np.sum(np.abs(error) ** 2, axis=0) / scale**2 - 60 * np.log(scale)
+    log_density += np.sum(-0.5 * ((grid - mean) / std) ** 2 - np.log(np.sqrt(2 * np.pi) * std), axis=0)
+    cell = np.prod([axis[1] - axis[0] for axis in axes])
+    top = log_density.max()
+    integral = top + np.log(np.sum(np.exp(log_density - top)) * cell)
+    expected = integral + log_level_prior(np.log(scale), data.level_std)
+    assert found.log_evidence == pytest.approx(expected, abs=1e-4 if curvature == 0 else 0.02)
+    # and its covariance is that of the same density
+    share = np.exp(log_density - top)
+    share /= share.sum()
+    middle = np.sum(share * grid, axis=(1, 2))
+    spread = np.sum(share * (grid - middle[:, None, None]) ** 2, axis=(1, 2))
+    np.testing.assert_allclose(np.sqrt(spread), found.std, rtol=1e-5 if curvature == 0 else 0.02)
+
+
+def test_evidence_of_one_more_unknown_is_paid_by_its_prior(lab):
+    """A leak that is not there costs log(prior/posterior deviation); one that is there brings Δχ²/2 more."""
+    leak = lab.library["leakage"]
+    truth = lab.truth(3)
+    bare = lab.evaluation.impedance(lab.unknowns, truth)
+    size = 80e-9
+    for impedance, there in ((bare, False), (1 / (1 / bare + size), True)):
+        data = lab.measured(impedance, 3)
+        base = fit(lab.evaluation, data, lab.unknowns, [lab.unknowns.prior_mean])
+        more = lab.unknowns.with_candidate(leak)
+        one = fit(lab.evaluation, data, more, [more.carried(lab.unknowns, base.x)])
+        price = np.log(more.prior_std[-1] / one.std[-1])
+        assert price > 2
+        gain = one.log_evidence - base.log_evidence
+        assert gain == pytest.approx(0.5 * (base.chi_square - one.chi_square) - price, abs=0.1)
+        assert (gain > 10) == there
+
+
+def test_chi_square_counts_what_the_data_determine(lab):
+    """The number of unknowns that the data determine lies between 6 and all; freedom is the rest, and χ² goes with it."""
+    squares, freedom = [], []
+    for seed in range(12):
+        data = lab.measured(lab.evaluation.impedance(lab.unknowns, lab.truth(seed)), seed)
+        found = fit(lab.evaluation, data, lab.unknowns, [lab.unknowns.prior_mean])
+        squares.append(found.residual @ found.residual)
+        freedom.append(found.freedom)
+        assert 6 < found.determined < 20
+    assert np.mean(squares) == pytest.approx(np.mean(freedom), abs=3.3 * np.sqrt(2 * np.mean(freedom) / 12))
+
+
+def test_a_linear_step_is_the_step_of_the_linearised_model(lab):
+    """Against normal equations with priors; unknowns that are held do not move."""
+    data = lab.measured(lab.evaluation.impedance(lab.unknowns, lab.truth(8)), 8)
+    x = lab.unknowns.prior_mean
+    promised, _ = linear_fit(lab.evaluation, data, lab.unknowns, x)
+    residual, jacobian = data.whitened(*lab.evaluation.with_jacobian(lab.unknowns, x))
+    precision = jacobian.T @ jacobian + np.diag(1 / lab.unknowns.prior_std**2)
+    step = np.linalg.solve(precision, -jacobian.T @ residual)
+    assert np.max(np.abs(promised.x - x - step) / lab.unknowns.prior_std) < 1e-6
+    some = np.arange(3)
+    held, _ = linear_fit(lab.evaluation, data, lab.unknowns, x, some)
+    assert np.array_equal(held.x[3:], x[3:]) and np.all(held.x[:3] != x[:3])
+
+
+def test_a_robust_loss_sets_bad_readings_aside(lab):
+    """Six readings 5 to 30 % off: the linear fit is carried away by many deviations, robust ones hardly."""
+    truth = lab.truth(9)
+    truth[6:] = 0
+    z = lab.evaluation.impedance(lab.unknowns, truth)
+    rng = np.random.default_rng(2)
+    bad = rng.choice(FREQUENCY.size, 6, replace=False)
+    z[bad] *= np.exp(rng.uniform(0.05, 0.3, 6))
+    data = lab.measured(z, 9)
+    start = lab.ideal.prior_mean.copy()
+    start[:] = truth[:6]
+    away = {
+        loss: np.abs(fit(lab.evaluation, data, lab.ideal, [start], loss=loss).x - truth[:6])
+        for loss in ("linear", "soft_l1", "cauchy")
+    }
+    clean = fit(lab.evaluation, lab.measured(lab.evaluation.impedance(lab.unknowns, truth), 9), lab.ideal, [start])
+    assert np.max(away["linear"] / clean.std) > 30
+    assert np.max(away["soft_l1"] / clean.std) < 0.1 * np.max(away["linear"] / clean.std)
+    assert np.max(away["cauchy"] / clean.std) < 4
+
+
+def test_a_robust_loss_leaves_the_priors_as_they_are(lab):
+    """A prior is no reading: one that contradicts the data by many deviations keeps its weight."""
+    truth = lab.truth(10)
+    truth[6:] = 0
+    data = lab.measured(lab.evaluation.impedance(lab.unknowns, truth), 10)
+    plain = fit(lab.evaluation, data, lab.ideal, [truth[:6]])
+    mean, std = (plain.x[0] + 40 * plain.std[0]) * lab.material.scale[0], 0.5 * plain.std[0] * lab.material.scale[0]
+    known = replace(lab.ideal, prior={**lab.ideal.prior, "s11": (mean, std)})
+    for loss in ("soft_l1", "cauchy"):
+        found = fit(lab.evaluation, data, known, [plain.x], loss=loss)
+        assert found.x[0] - plain.x[0] > 25 * plain.std[0], loss
+
+
+def test_noise_of_the_tests_is_what_it_is_called(lab):
+    """rms of |δZ/Z| of the drawn sweeps."""
+    z = lab.evaluation.impedance(lab.unknowns, lab.unknowns.prior_mean)
+    drawn = [np.mean(np.abs(lab.measured(z, seed).impedance / z - 1) ** 2) for seed in range(50)]
+    assert np.sqrt(np.mean(drawn)) == pytest.approx(NOISE, rel=0.05)
