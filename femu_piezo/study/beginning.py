@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femu_piezo.effects.extended_model import ExtendedModel
-from femu_piezo.errors import ConvergenceError
+from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.pole_zero import Step
@@ -40,15 +40,20 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     The pole-zero update starts from thin-body formulas, which fail where the modes of two dimensions meet; the file's
     constants may be far away.
 
-    Raises ConvergenceError where neither settles.
+    Raises ConvergenceError where neither settles, and InputError where the specimen has effects, which the pole-zero
+    update does not know, and the file's constants are no stable material.
     """
     measured = list(measured)
     problem = measured[0].problem
     full = [bases.model(one, _ACCURACY) for one in measured]
     no_history = ((Step(problem.constants, np.full(2, np.nan + 0j)),),) * len(measured)
     attempts = [] if has_effects(measured) else [lambda: _from_pole_zero(measured, full, bases)]
-    if not problem.constants.physical_faults():
+    faults = problem.constants.physical_faults(passive=False)
+    if not faults:
         attempts.append(lambda: (*_fitted(measured, full, bases, problem.constants), no_history))
+    elif not attempts:
+        where, told = problem.specimen.path or problem.specimen.name, "; ".join(map(str, faults))
+        raise InputError(f"{where}: material: {told}; with [effects] the fit starts from these constants")
     found = []
     for attempt in attempts:
         try:

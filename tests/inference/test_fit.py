@@ -190,7 +190,7 @@ def test_evidence_of_one_more_unknown_is_paid_by_its_prior(lab):
 
 
 def test_chi_square_counts_what_the_data_determine(lab):
-    """The number of unknowns that the data determine lies between 6 and all; freedom is the rest, and χ² goes with it."""
+    """The number of unknowns that the data determine lies between 6 and all; freedom is the rest, and χ² follows."""
     squares, freedom = [], []
     for seed in range(12):
         data = lab.measured(lab.evaluation.impedance(lab.unknowns, lab.truth(seed)), seed)

@@ -119,9 +119,9 @@ lower.plot(kilohertz, residual.imag, ".", color="#b07d2b", markersize=3, label="
 lower.axhspan(-1.96, 1.96, color="#e8e8e8", zorder=0)
 lower.set(ylabel="residual (σ)", xlabel="frequency (kHz)")
 lower.legend(frameon=False)
-result.save(OUT, report=True)
+result.save(OUT)
 figure.savefig(OUT / "critique.png", dpi=150)
-print(f"pictures and report.html are in {OUT}")
+print(f"pictures are in {OUT}")
 
 # %% [markdown]
 # ## What the diagnosis makes of it
@@ -161,4 +161,5 @@ print("so the misfit is in the points, not in the simulation: read off a figure,
 # The diagnosis makes the same test, and the reader of the file has noticed the lines.
 assert diagnosis.linear_body.to_blame and diagnosis.linear_body.resonances == 1
 assert any("straight lines" in note for note in diagnosis.notes)
-diagnosis.save(OUT / "diagnosis", report=True)
+diagnosis.save(OUT, report=True)
+print(f"report.html is in {OUT}")

@@ -157,9 +157,9 @@ right.plot([-0.4, 0.4], [pair.pole.quality_factor] * 2, "k:", label="measured")
 right.plot([0.6, 1.4], [pair.zero.quality_factor] * 2, "k:")
 right.set(xticks=[0, 1], xticklabels=["pole", "zero"], ylabel="Q", title="piezoelectric loss and the two Q")
 right.legend(frameon=False, fontsize=9)
-result.save(OUT, report=True)
+result.save(OUT)
 figure.savefig(OUT / "poisson_and_q.png", dpi=150)
-print(f"pictures and report.html are in {OUT}")
+print(f"pictures are in {OUT}")
 
 # %% [markdown]
 # ## What the simulation gets wrong
@@ -205,4 +205,5 @@ assert bound < found_rms < 1.2 * bound
 linear = diagnosis.linear_body
 print(f"in multiples of the scatter: {linear.least:.1f} and {linear.model:.1f}")
 assert linear.to_blame and linear.resonances == 1
-diagnosis.save(OUT / "diagnosis", report=True)
+diagnosis.save(OUT, report=True)
+print(f"report.html is in {OUT}")

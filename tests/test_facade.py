@@ -1,0 +1,393 @@
+"""`import femu_piezo as fp`: light to import, sweeps in memory wherever a file serves, results that show and save."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from matplotlib.figure import Figure
+
+import femu_piezo as fp
+from femu_piezo.cli import main
+from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
+from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.specimen.file import CONSTANTS, write_specimen
+
+README = Path(__file__).resolve().parents[1] / "README.md"
+RESISTANCE = 3.0
+PLATE = """\
+name = "plate 07"
+
+[geometry]
+shape = "plate"
+length = "20 mm"
+width = "4 mm"
+thickness = "1 mm"
+density = "7500 kg/m^3"
+poling = "thickness"
+
+[material]
+base = "pzt-5h"
+""" + "".join(f"tan_{name} = 0.015\n" for name in CONSTANTS)
+
+
+@pytest.fixture(scope="module")
+def specimen(tmp_path_factory) -> fp.Specimen:
+    """A plate whose file says nothing of a measurement."""
+    path = tmp_path_factory.mktemp("plate") / "plate.toml"
+    path.write_text(PLATE, encoding="utf-8")
+    return fp.read_specimen(path)
+
+
+@pytest.fixture(scope="module")
+def sweep(specimen) -> fp.ImpedanceSpectrum:
+    """Its sweep over two length modes, leads of 3 Ω, 0.1 % of noise that nobody states."""
+    tangents = {"tan_s11": 0.018, "tan_d31": 0.014, "tan_eps33T": 0.02, "s11": 16.9e-12}
+    true = specimen.model_copy(
+        update={
+            "material": specimen.material.model_copy(update=tangents),
+            "effects": {"series_resistance": {"resistance": RESISTANCE}},
+        }
+    ).model_dump(exclude_none=True, exclude={"path"})
+    true["simulation"] = {"start": "30 kHz", "stop": "240 kHz", "points": 211, "noise": 1e-3, "seed": 5}
+    true["geometry"]["poling"] = "thickness"
+    found = fp.simulate(fp.Specimen.model_validate(true)).spectrum
+    return fp.ImpedanceSpectrum.from_impedance(found.frequency, found.impedance)
+
+
+@pytest.fixture(scope="module")
+def updated(specimen, sweep):
+    return fp.update(specimen, sweep)
+
+
+def my_leads(context: EffectContext) -> Effect:
+    """Z + R under a name of its own, as a stranger would write it."""
+    return Effect(
+        name="my_leads",
+        sentence="the leads are mine",
+        parameters=(EffectParameter("resistance", "ohm", -1e4, 1e4, 1.0, 0.02 * context.impedance),),
+        circuit=lambda omega, z, p: (z + p[0], np.ones_like(z), np.ones((z.size, 1), complex)),
+    )
+
+
+@pytest.fixture(scope="module")
+def diagnosed(specimen, sweep):
+    return fp.diagnose(specimen, sweep, effects=[my_leads])
+
+
+def with_file(specimen: fp.Specimen, sweep: fp.ImpedanceSpectrum, folder: Path, name: str = "plate") -> Path:
+    """The specimen file with its sweep in a file beside it."""
+    write_spectrum(sweep, folder / f"{name}.csv")
+    write_specimen(specimen, folder / f"{name}.toml")
+    text = (folder / f"{name}.toml").read_text(encoding="utf-8")
+    table = f'[measurement]\nfile = "{name}.csv"\n'
+    text = text.replace("[measurement]\n", table) if "[measurement]" in text else text + "\n" + table
+    (folder / f"{name}.toml").write_text(text, encoding="utf-8")
+    return folder / f"{name}.toml"
+
+
+# import
+
+
+def test_import_loads_nothing_and_takes_no_time():
+    code = (
+        "import sys, time; t = time.perf_counter(); import femu_piezo as fp; names = dir(fp); "
+        "print(time.perf_counter() - t, 'numpy' in sys.modules, 'click' in sys.modules, *names)"
+    )
+    answers = [
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+        for _ in range(3)
+    ]
+    assert min(float(answer[0]) for answer in answers) < 0.15
+    assert answers[0][1:3] == ["False", "False"]
+    assert set(answers[0][3:]) == {*fp.__all__, "__version__"}
+
+
+def test_names_are_those_of_the_commands():
+    assert set(main.commands) - {"batch"} <= set(dir(fp))
+    assert all(getattr(fp, name) is not None for name in fp.__all__)
+    with pytest.raises(AttributeError, match="find_modes"):
+        _ = fp.find_modes
+
+
+# sweeps in memory
+
+
+def test_sweep_of_any_pair_of_columns():
+    frequency = np.array([1e3, 2e3, 3e3])
+    z = np.array([3 - 4j, 1 - 2j, 2 + 1j])
+    y = 1 / z
+    spectra = (
+        fp.ImpedanceSpectrum.from_impedance(frequency, z),
+        fp.ImpedanceSpectrum.from_resistance_reactance(frequency.tolist(), z.real.tolist(), z.imag.tolist()),
+        fp.ImpedanceSpectrum.from_magnitude_phase(frequency, np.abs(z), np.degrees(np.angle(z))),
+        fp.ImpedanceSpectrum.from_magnitude_phase(frequency, np.abs(z), np.angle(z), degrees=False),
+        fp.ImpedanceSpectrum.from_conductance_susceptance(frequency, y.real, y.imag),
+    )
+    for one in spectra:
+        assert np.allclose(one.impedance, z, rtol=1e-14) and np.array_equal(one.frequency, frequency)
+    assert repr(spectra[0]) == "ImpedanceSpectrum('sweep', 3 points from 1000 to 3000 Hz)"
+
+
+def test_sweep_downwards_is_sorted_and_says_so():
+    found = fp.ImpedanceSpectrum.from_impedance([3e3, 2e3, 1e3], [3, 2, 1], relative_noise=[0.3, 0.2, 0.1])
+    assert found.frequency.tolist() == [1e3, 2e3, 3e3]
+    assert found.impedance.tolist() == [1, 2, 3] and np.allclose(found.noise, [0.1, 0.4, 0.9])
+    assert any("sorted" in note for note in found.notes)
+
+
+def test_arrays_are_checked_as_files_are(specimen, sweep):
+    with pytest.raises(fp.InputError, match=r"180°.*correct_phase"):
+        fp.update(specimen, replace(sweep, impedance=-sweep.impedance))
+    broken = sweep.impedance.copy()
+    broken[5] = np.nan
+    with pytest.raises(fp.InputError, match="not a number at 1 points"):
+        fp.extract(replace(sweep, impedance=broken))
+    with pytest.raises(fp.InputError, match="zero"):
+        fp.ImpedanceSpectrum.from_conductance_susceptance([1.0, 2.0], [1.0, 0.0], [1.0, 0.0])
+    with pytest.raises(fp.InputError, match="shapes"):
+        fp.ImpedanceSpectrum.from_impedance([1.0, 2.0], [1.0])
+
+
+def test_update_of_a_sweep_in_memory_is_that_of_the_file(specimen, sweep, updated, tmp_path):
+    """To the last digit, whether the sweep comes as arrays, as what was read, as a path, or with the specimen."""
+    path = with_file(specimen, sweep, tmp_path)
+    read = fp.read_spectrum(tmp_path / "plate.csv")
+    for result in (fp.update(path), fp.update(specimen, read), fp.update([specimen], [str(tmp_path / "plate.csv")])):
+        assert result.parameters == updated.parameters
+        assert np.array_equal(result.outcomes[0].updated_curve, updated.outcomes[0].updated_curve)
+        assert result.notes == updated.notes
+
+
+def test_diagnosis_of_a_sweep_in_memory_is_that_of_the_file(specimen, sweep, diagnosed, tmp_path):
+    again = fp.diagnose(with_file(specimen, sweep, tmp_path), effects=[my_leads])
+    assert again.rows() == diagnosed.rows() and again.gain == diagnosed.gain
+    assert again.parameters == diagnosed.parameters
+
+
+def test_several_specimens_with_their_sweeps(specimen, sweep, updated):
+    other = specimen.model_copy(update={"name": "plate 08"})
+    result = fp.update([specimen, other], [sweep, sweep])
+    assert len(result.outcomes) == 2 and result.name == "plate 07 + plate 08"
+    assert result.parameters["s11"].value == pytest.approx(updated.parameters["s11"].value, rel=1e-3)
+    with pytest.raises(fp.InputError, match="2 specimens and 1 sweeps"):
+        fp.update([specimen, other], sweep)
+
+
+def test_the_keys_of_measurement_count_for_a_sweep_in_memory(specimen, sweep):
+    """Held-out band, noise, accuracy and corrections are of the specimen, whatever brings the sweep."""
+    table = {"held_out": (150e3, 170e3), "noise": 1e-3, "accuracy": 0.02, "correct_phase": True}
+    wish = fp.Specimen.model_validate(
+        {**specimen.model_dump(exclude_none=True), "measurement": {**table, "held_out": [150e3, 170e3]}}
+    )
+    turned = replace(sweep, impedance=-sweep.impedance)
+    result = fp.update(wish, turned)
+    measured = result.outcomes[0].measured
+    assert len(measured.fitted) == len(sweep) - np.sum((sweep.frequency >= 150e3) & (sweep.frequency <= 170e3))
+    assert np.allclose(measured.spectrum.noise, 1e-3 * np.abs(sweep.impedance))
+    assert np.array_equal(measured.spectrum.impedance, sweep.impedance)
+    plain = fp.update(specimen, turned, correct_phase=True)
+    assert result.parameters["eps33T"].budget["instrument"] > 5 * plain.parameters["eps33T"].budget["instrument"]
+
+
+def test_faults_are_masked_in_a_sweep_that_was_read_without(specimen, sweep, tmp_path):
+    spiked = sweep.impedance.copy()
+    spiked[100] *= 1.5
+    path = with_file(specimen, replace(sweep, impedance=spiked), tmp_path)
+    read = fp.read_spectrum(tmp_path / "plate.csv")
+    assert len(read) == len(sweep) and len(read.notes) == 1
+    of_file, in_memory = fp.update(path, mask_faults=True), fp.update(specimen, read, mask_faults=True)
+    assert len(in_memory.outcomes[0].measured.spectrum) == len(sweep) - 1
+    assert in_memory.parameters == of_file.parameters and in_memory.notes == of_file.notes
+
+
+def test_what_is_no_specimen_or_sweep_is_told(specimen, sweep, tmp_path):
+    for wrong, words in (
+        (lambda: fp.update(specimen), "measurement.file is missing"),
+        (lambda: fp.update(specimen, sweep.impedance), "from_impedance"),
+        (lambda: fp.extract(None), "not a NoneType"),
+        (lambda: fp.update(7, sweep), "a specimen is a Specimen or the path of its file, not a int"),
+        (lambda: fp.simulate([specimen, specimen]), "2 specimens are given where one is needed"),
+        (lambda: fp.identify(specimen, 2.0), "noise 2 is not"),
+        (lambda: fp.diagnose(specimen, sweep, effects=["leakage"]), "'leakage' is no effect"),
+        (lambda: fp.update(tmp_path / "none.toml", sweep), "no such file"),
+    ):
+        with pytest.raises(fp.InputError, match=words):
+            wrong()
+
+
+# results
+
+
+def test_a_result_prints_as_the_table_of_the_terminal(specimen, sweep, updated, tmp_path):
+    run = CliRunner().invoke(main, ["update", str(with_file(specimen, sweep, tmp_path)), "--out", str(tmp_path / "o")])
+    assert run.exit_code == 0, run.output
+    assert [line.rstrip() for line in run.output.splitlines()] == repr(updated).splitlines()
+    assert len(repr(updated)) < 3000 and "array(" not in repr(updated)
+    assert "s11" in updated._repr_html_() and updated._repr_html_().startswith("<pre")
+
+
+def test_every_result_is_short_drawn_and_tabulated(specimen, sweep, updated, diagnosed):
+    results = [fp.extract(sweep), updated, diagnosed, fp.simulate(specimen), fp.identify(specimen, recommend=False)]
+    for result in results:
+        assert 50 < len(repr(result)) < 8000
+        assert "array(" not in repr(result) and "<femu" not in repr(result)
+        figure = result.plot()
+        assert isinstance(figure, Figure) and figure._repr_png_().startswith(b"\x89PNG")
+        assert len(result.to_dataframe()) == len(result.rows()) > 0
+
+
+def test_numbers_of_an_update(updated):
+    s11 = updated.parameters["s11"]
+    assert abs(s11.value - 16.9e-12) < 4 * s11.std and s11.tan_std > 0
+    assert np.isclose(np.sqrt(sum(part**2 for part in s11.budget.values())), s11.std, rtol=0.05)
+    table = updated.to_dataframe()
+    assert list(table.index) == ["s11", "d31", "eps33T"]
+    assert table.loc["s11", "value"] == s11.value and table.loc["d31", "tan"] == updated.parameters["d31"].tan
+    assert table.loc["s11", "budget_density"] == s11.budget["density"]
+
+
+def test_without_pandas_one_sentence_says_what_to_install(updated, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ImportError, match=r"needs pandas.*femu-piezo\[notebook\].*rows\(\)"):
+        updated.to_dataframe()
+
+
+def test_verdict_and_causes(diagnosed):
+    assert diagnosed.verdict == "effect" and str(diagnosed.verdict) == diagnosed.verdict.word == "effect"
+    assert diagnosed.verdict != "none" and repr(diagnosed.verdict) == "Verdict('effect': my_leads)"
+    (cause,) = diagnosed.causes
+    found = cause.parameters["resistance"]
+    assert str(cause) == "my_leads" and found.unit == "ohm"
+    assert abs(found.value - RESISTANCE) < 4 * found.std < 1.0
+    for name, truth in (("s11", 0.018), ("d31", 0.014), ("eps33T", 0.02)):
+        after = diagnosed.parameters[name]
+        assert abs(after.tan - truth) < 4 * after.tan_std
+    assert diagnosed.parameters_before["s11"].tan != diagnosed.parameters["s11"].tan
+
+
+def test_extended_specimen_is_written_and_read(diagnosed, sweep, tmp_path):
+    """`extended` alone has no sweep; among saved files it has that of the memory, and leaves nothing to find."""
+    diagnosed.extended.write(tmp_path / "extended.toml")
+    alone = fp.read_specimen(tmp_path / "extended.toml")
+    assert alone.effects["my_leads"]["resistance"] == diagnosed.causes[0].parameters["resistance"].value
+    assert alone.measurement.file is None
+    assert fp.update(alone, sweep, effects=[my_leads]).outcomes[0].rms_after < 1.2e-3
+    saved = diagnosed.save(tmp_path / "saved")
+    assert {path.name for path in saved.iterdir()} == {
+        "diagnosis.json",
+        "diagnosis.png",
+        "extended.toml",
+        "measured.csv",
+    }
+    assert fp.update(saved / "extended.toml", effects=[my_leads]).outcomes[0].rms_after < 1.2e-3
+    simulated = fp.simulate(saved / "extended.toml", effects=[my_leads])
+    assert simulated.effects == ("my_leads",)
+    with pytest.raises(fp.InputError, match=r"effects\.my_leads is no effect"):
+        fp.simulate(saved / "extended.toml")
+
+
+def records(folder: Path) -> dict[str, bytes | dict]:
+    """The files of a folder; of JSON the content without times."""
+    found: dict[str, bytes | dict] = {}
+    for path in sorted(folder.iterdir()):
+        found[path.name] = path.read_bytes()
+        if path.suffix == ".json":
+            found[path.name] = {k: v for k, v in json.loads(path.read_bytes()).items() if k != "seconds"}
+    return found
+
+
+@pytest.mark.parametrize("command", ["simulate", "extract", "update", "identify"])
+def test_save_writes_what_the_command_writes(command, specimen, sweep, tmp_path):
+    path = with_file(specimen, sweep, tmp_path)
+    given = tmp_path / "plate.csv" if command == "extract" else path
+    run = CliRunner().invoke(main, [command, str(given), "--out", str(tmp_path / "command")])
+    assert run.exit_code == 0, run.output
+    folder = getattr(fp, command)(given).save(tmp_path / "new" / "saved")
+    assert records(folder) == records(tmp_path / "command") and len(records(folder)) >= 2
+
+
+def test_save_of_a_diagnosis_writes_what_the_command_writes(specimen, sweep, tmp_path, monkeypatch):
+    """With few candidates, which the command line has no option for."""
+    monkeypatch.setattr("femu_piezo.study.subjects.library", _few)
+    path = with_file(specimen, sweep, tmp_path)
+    run = CliRunner().invoke(main, ["diagnose", str(path), "--out", str(tmp_path / "command"), "--report"])
+    assert run.exit_code == 0, run.output
+    folder = fp.diagnose(path).save(tmp_path / "saved", report=True)
+    one, other = records(folder), records(tmp_path / "command")
+    assert set(one) == {"diagnosis.json", "diagnosis.png", "extended.toml", "report.html"}
+    assert one.pop("report.html") and other.pop("report.html")  # which holds the time
+    assert one == other
+
+
+def _few(context: EffectContext) -> tuple[Effect, ...]:
+    return tuple(e for make in fp.effects.library for e in make(context) if e.circuit is not None or e.has_tolerance)
+
+
+def test_modes_are_saved_and_drawn(specimen, tmp_path):
+    result = fp.modes(specimen, count=1)
+    assert result.rows()[0]["family"] == "first length extension" and repr(result).startswith("pole")
+    assert {path.name for path in result.save(tmp_path / "m").iterdir()} == {"modes.json", "modes.png", "mode_01.png"}
+
+
+# effects of one's own
+
+
+def test_library_is_a_list_of_makers():
+    library = fp.effects.library
+    assert len(library) == len([*library]) > 10
+    assert library[0] is next(iter(library)) and all(callable(make) for make in library)
+
+
+def test_an_effect_of_ones_own_takes_part_beside_the_tolerances(specimen, sweep, diagnosed):
+    """As a function or as an effect; dimensions, held constants and instrument stay unknown within their tolerances."""
+    keys = [effect.key for effect in diagnosed.comparison.final.parameters.effects]
+    assert {"my_leads", "wrong_length", "wrong_density", "series_resistance", "wrong_insensitive_parameter:s12"} <= {
+        *keys
+    }
+    assert [trial.effect.key for trial in diagnosed.comparison.singles] == ["my_leads"]
+    made = my_leads(EffectContext(80e3, (), None, {}, 7500.0, 1e-3, impedance=1e3))
+    again = fp.diagnose(specimen, sweep, effects=[made, lambda context: None, lambda context: ()])
+    assert str(again.causes[0]) == "my_leads"
+
+
+def test_corrections_of_a_sweep_reach_the_diagnosis_from_the_command_line(specimen, sweep, tmp_path, monkeypatch):
+    asked = {}
+
+    def stop(specimens, *_, **options):
+        asked.update(specimens[0].measurement.model_dump())
+        raise fp.InputError("seen")
+
+    monkeypatch.setattr("femu_piezo.study.diagnose.diagnose", stop)
+    path = with_file(specimen, sweep, tmp_path)
+    run = CliRunner().invoke(
+        main, ["diagnose", str(path), "--out", str(tmp_path / "o"), "--correct-phase", "--mask-faults"]
+    )
+    assert run.exit_code == 2 and "seen" in run.output
+    assert asked["correct_phase"] and asked["mask_faults"] and not (tmp_path / "o").exists()
+
+
+# the session of README.md
+
+
+def test_the_notebook_session_of_the_readme_runs(sweep, tmp_path, monkeypatch):
+    code = re.search(r"## In Python\n.*?```python\n(.*?)```", README.read_text(encoding="utf-8"), flags=re.S)[1]
+    lines = [line for line in code.splitlines() if line and not line.startswith("import")]
+    assert len(lines) <= 10
+    columns = np.array([sweep.frequency, np.abs(sweep.impedance), np.degrees(np.angle(sweep.impedance))]).T
+    np.savetxt(tmp_path / "analyser.txt", columns)
+    (tmp_path / "plate.toml").write_text(PLATE, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    exec(compile(code, str(README), "exec"), names)
+    assert abs(names["s11"].value - 16.9e-12) < 4 * names["s11"].std
+    diagnosis = names["diagnosis"]
+    assert diagnosis.verdict == "effect" and "series_resistance" in map(str, diagnosis.causes)
+    assert (tmp_path / "out/diagnosis/extended.toml").is_file() and (tmp_path / "out/diagnosis/report.html").is_file()
