@@ -267,6 +267,8 @@ class _Search:
 
     def _tried(self, current: Fit, candidates: Sequence[Effect], words: str):
         """The current fit with each candidate added; where next to nothing is promised, by linearisation."""
+        if not candidates:
+            return ()
         before = current.log_evidence
         names = [f"{words}: {effect.key}" for effect in candidates]
 

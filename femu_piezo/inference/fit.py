@@ -30,11 +30,11 @@ from femu_piezo.threads import blas_limit
 _MARGIN = 1e-6
 #: Gain in χ² (over χ² per residual where that is more than 1) below which a coarse fit stops, and its most
 #: evaluations; the same of a close fit.
-_COARSE, _CLOSE = (1.0, 12), (1e-6, 60)
+_COARSE, _CLOSE = (1.0, 12), (1e-6, 200)
 #: Gain in χ², over χ² per residual, that a close fit may still promise when it runs out of evaluations.
 _UNSETTLED = 10.0
 #: Damping of the first step, in the precision of the prior, and the factors by which it falls and rises.
-_DAMPING, _EASED, _RAISED = 1e-3, 0.2, 8.0
+_DAMPING, _EASED, _RAISED = 1e-3, 0.1, 10.0
 #: Change of the logarithm of the noise level below which a fit counts as made at it, and how often it is made anew.
 _LEVEL, _TIMES = 0.03, 4
 #: Relative step of the frequency for ∂log Z/∂log f.

@@ -63,7 +63,7 @@ def _diagnosed(folder: Path, verdict: str) -> Case:
     (folder / "sweep.csv").write_text("frequency_Hz,resistance_ohm,reactance_ohm\n" + rows, encoding="utf-8")
     text = (TUTORIAL / "plate.toml").read_text(encoding="utf-8").replace("noise = 0.001", f"noise = {NOISE}")
     text = "\n".join(line for line in text.splitlines() if not line.startswith("held_out"))
-    (folder / "plate.toml").write_text(f"{text}\n[update]\nnoise_only = true\n", encoding="utf-8")
+    (folder / "plate.toml").write_text(f"{text}\n", encoding="utf-8")
     if verdict == "effect":
         command = ["diagnose", str(folder / "plate.toml"), "--out", str(folder / "out"), "--report"]
         answer = CliRunner().invoke(main, command)
