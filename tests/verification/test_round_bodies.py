@@ -78,7 +78,16 @@ def test_the_accuracy_asked_for_is_kept(body):
 
 
 def test_convergence_with_the_order():
-    """Two cells along the radius: the errors of all poles and zeros fall by a factor of ten and more per order."""
+    """Two cells along the radius: the errors of all poles and zeros fall by a factor of ten and more per order.
+
+    Largest relative error of λ below 300 kHz, 1 mm thick, against three cells of order 8:
+
+        order   unknowns   disk of 20 mm   ring of 20 and 8 mm
+          3          309          1.5e-3                3.4e-4
+          4          676          3.8e-5                2.3e-6
+          5         1255          1.0e-6                1.3e-7
+          6         2094          1.8e-8                1.2e-8
+    """
     for radii in ((0.0, 10 * MM), (4 * MM, 10 * MM)):
         exact = driven(radii, 1 * MM, Divisions(8, 3, 1, 1), "tj52-hd", 300e3)
         table = [
