@@ -275,8 +275,6 @@ def identify(specimens: tuple[Path, ...], out: Path, noise: float) -> None:
     from femu_piezo.specimen.file import read_specimens
 
     wanted = read_specimens(specimens)
-    if not 0 < noise < 1:
-        raise InputError(f"--noise {noise:g} is not a relative standard deviation; give one such as 0.001")
     _prepare(out)
     with _steps_shown() as progress:
         result = run(wanted, noise, progress=progress)

@@ -110,6 +110,21 @@ def test_unphysical_constants_are_named(change, words):
         PZT.with_values(**change).check()
 
 
+@pytest.mark.parametrize(
+    ("change", "kind"),
+    [
+        ({"s11": -16e-12}, "sign"),
+        ({"d33": 900e-12}, "unstable"),
+        ({"s33": 20.7e-12 * (1 + 0.01j)}, "active"),
+    ],
+)
+def test_faults_have_a_kind(change, kind):
+    """What is only active is no fault where losses do not matter."""
+    constants = PZT.with_values(**change)
+    assert {fault.kind for fault in constants.physical_faults()} == {kind}
+    assert bool(constants.physical_faults(passive=False)) == (kind != "active")
+
+
 def test_passivity_is_hollands_condition():
     """Im s11 Im ε33T ≥ (Im d31)² with all other constants lossless fails just beyond the equality."""
     tan = 0.02
