@@ -24,7 +24,7 @@ from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.starts import Start, start_together, starts
 from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import ConvergenceError
-from femu_piezo.inference.fit import Fit, fit, refitted
+from femu_piezo.inference.fit import Fit, fit, with_discrepancy
 from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.threads import blas_limit, in_parallel
@@ -368,8 +368,8 @@ class _Search:
         )
 
     def _settled(self, one: Hypothesis) -> Fit:
-        """The fit with its discrepancy in the likelihood where one is probable."""
-        return refitted(one.fit, self._response, one.fit.learned, self._loss) if one.discrepant else one.fit
+        """The fit, its discrepancy in the intervals where one is probable."""
+        return with_discrepancy(one.fit, one.fit.learned) if one.discrepant else one.fit
 
     def _significant(self, final: Fit, effect: Effect) -> bool:
         number = final.parameters.index(effect.key)

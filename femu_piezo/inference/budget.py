@@ -2,17 +2,16 @@
 
 About the solution the estimate is linear in the data and in the prior means,
 
-    x = H^-1 (Jᵗ C^-1 y + Σ^-1 m),    H = Jᵗ C^-1 J + Σ^-1,    C = noise + discrepancy.
+    x = H^-1 (Jᵗ y/s² + Σ^-1 m),    H = Jᵗ J/s² + Σ^-1.
 
-So its covariance H^-1 is the sum of what each source contributes (law of propagation, Guide to the Expression of
-Uncertainty in Measurement, 5.1): A N Aᵗ with A = H^-1 Jᵗ C^-1 from noise N, A K Aᵗ from the discrepancy, and
+So its covariance is the sum of what each source contributes (law of propagation, Guide to the Expression of
+Uncertainty in Measurement, 5.1): A N Aᵗ with A = H^-1 Jᵗ/s² from noise N, A K Aᵗ from the discrepancy, and
 H^-1 Σ_g^-1 H^-1 from the prior means of the unknowns of group g.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import cho_solve
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.fit import Fit
@@ -33,20 +32,16 @@ def source_of(effect: Effect) -> str:
 
 def budget(fit: Fit) -> dict[str, np.ndarray]:
     """Source → (n_x,) its part of the standard deviation of every unknown; the squares add up to the variances."""
-    rows, scale = fit.residual.size, fit.noise_scale
-    covariance = fit.covariance
-    factor = None if fit.discrepancy is None else fit.discrepancy.factor
-    gain = (fit.jacobian if factor is None else cho_solve((factor, True), fit.jacobian)) / scale
-    gain = covariance @ gain.T  # A for data in units of the noise reached
-    share = np.tile(fit.data.model_share, 2) if fit.data.model_share.size else np.zeros(rows)
-    parts = {"noise": (gain**2) @ (1 - share), "mesh": (gain**2) @ share}
+    inverse, squares = fit.precision_inverse, fit.gain**2
+    share = np.tile(fit.data.model_share, 2) if fit.data.model_share.size else np.zeros(fit.residual.size)
+    noise = fit.noise_scale**2
+    parts = {"noise": noise * (squares @ (1 - share)), "mesh": noise * (squares @ share)}
     if fit.discrepancy is not None:
-        parts["discrepancy"] = np.sum((gain @ fit.discrepancy.columns) ** 2, axis=1)
-    further = fit.further_jacobian
+        parts["discrepancy"] = np.sum((fit.gain @ fit.discrepancy.columns) ** 2, axis=1)
     for source, columns in _groups(fit).items():
-        own = covariance[:, columns] / fit.parameters.prior_std[columns]
+        own = inverse[:, columns] / fit.parameters.prior_std[columns]
         parts[source] = parts.get(source, 0.0) + np.sum(own**2, axis=1)
-    wall = covariance @ further[fit.x.size :].T
+    wall = inverse @ fit.further_jacobian[fit.x.size :].T
     parts["prior"] = parts["prior"] + np.sum(wall**2, axis=1)
     return {source: np.sqrt(parts[source]) for source in SOURCES if source in parts}
 

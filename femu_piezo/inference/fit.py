@@ -63,7 +63,8 @@ class Fit:
     further_residual, further_jacobian : (m,), (m, n_x) rows of the priors and of the passivity wall
     log_slope : (k,) ∂log Z/∂log f of the model
     on_bound : names of the unknowns that ended on a bound
-    discrepancy : that of the likelihood of this fit; None where it knows of noise alone
+    level : factor on the noise that the fit was made with
+    discrepancy : what the intervals count beside noise and priors; None where nothing is left
     """
 
     parameters: Unknowns
@@ -75,6 +76,7 @@ class Fit:
     further_jacobian: np.ndarray = field(repr=False)
     log_slope: np.ndarray = field(repr=False)
     on_bound: tuple[str, ...] = ()
+    level: float = 1.0
     discrepancy: Discrepancy | None = field(default=None, repr=False)
 
     @cached_property
@@ -118,18 +120,32 @@ class Fit:
         return noise_level(float(own @ own), self.residual.size - self.determined, self.data.level_std)
 
     @cached_property
-    def covariance(self) -> np.ndarray:
-        """(n_x, n_x) of the unknowns, noise, priors and discrepancy together.
-
-        H^-1 at the most probable noise level. Where misfit is smooth in frequency the discrepancy of the likelihood
-        widens it; no factor for misfit is applied beyond that, as white misfit is noise and is in the level. The
-        coverage of these intervals is tested in tests/inference/test_coverage.py.
-        """
-        scale = self.noise_scale
-        rows = self._rows[1] * self.parameters.prior_std
-        rows[: self.residual.size] /= scale
+    def precision_inverse(self) -> np.ndarray:
+        """H^-1 (n_x, n_x) of data, priors and wall at the noise level of the fit."""
+        rows = np.concatenate([self.jacobian / self.level, self.further_jacobian]) * self.parameters.prior_std
         inverse = np.linalg.inv(np.linalg.qr(rows, mode="r"))
         return (inverse @ inverse.T) * np.outer(self.parameters.prior_std, self.parameters.prior_std)
+
+    @cached_property
+    def gain(self) -> np.ndarray:
+        """A (n_x, 2k): how the estimate moves with the whitened data, H^-1 Jᵗ over the square of the noise level."""
+        return self.precision_inverse @ self.jacobian.T / self.level**2
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """(n_x, n_x) of the estimate: s² A Aᵗ + A K Aᵗ + H^-1 Fᵗ F H^-1.
+
+        From the noise at its most probable level s, from a discrepancy of covariance K where one is probable, and from
+        the priors F. Without discrepancy this is H^-1. The estimate itself is that of noise and priors, so that its
+        curve is the closest there is; what is smooth in frequency and no noise widens the intervals by A K Aᵗ. No
+        factor for misfit is applied beyond that. The coverage is tested in tests/inference/test_coverage.py.
+        """
+        found = self.noise_scale**2 * self.gain @ self.gain.T
+        if self.discrepancy is not None:
+            moved = self.gain @ self.discrepancy.columns
+            found = found + moved @ moved.T
+        pulled = self.precision_inverse @ self.further_jacobian.T
+        return found + pulled @ pulled.T
 
     @property
     def std(self) -> np.ndarray:
@@ -319,6 +335,7 @@ def _at(posterior: _Posterior, found: _Descent, loss: str, discrepancy: Discrepa
         further_jacobian=further_jacobian,
         log_slope=np.zeros(residual.size // 2),
         on_bound=tuple(posterior.parameters.names[i] for i in found.on_bound),
+        level=posterior.level,
         discrepancy=discrepancy,
     )
 
@@ -408,9 +425,9 @@ def _damped(triangle: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
     return step, float(right @ right - left @ left)
 
 
-def refitted(fit_: Fit, response: Response, discrepancy: Discrepancy | None, loss: str = "linear") -> Fit:
-    """The same unknowns fitted with another discrepancy in the likelihood."""
-    return fit(response, fit_.data, fit_.parameters, [fit_.x], loss=loss, discrepancy=discrepancy)
+def with_discrepancy(plain: Fit, discrepancy: Discrepancy | None) -> Fit:
+    """The same estimate with intervals that count a discrepancy."""
+    return replace(plain, discrepancy=discrepancy)
 
 
 def linear_fit(

@@ -18,7 +18,7 @@ import numpy as np
 from femu_piezo.effects.library import Maker
 from femu_piezo.errors import InputError
 from femu_piezo.inference.budget import constants_of
-from femu_piezo.inference.fit import Fit, refitted
+from femu_piezo.inference.fit import Fit, with_discrepancy
 from femu_piezo.inference.identifiability import Identifiability, identifiability
 from femu_piezo.inference.starts.pole_zero import Step
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, estimates, material_prior
@@ -88,7 +88,7 @@ def update_measured(
     beginning = begin(measured, bases)
     posterior = Posterior(several, clock, bases)
     found = posterior.base(beginning.constants)
-    found = settled(posterior, found)
+    found = settled(found)
     clock.step("curves")
     known = _known(found)
     constants = found.parameters.material.constants(found.x[: found.parameters.of_material])
@@ -113,10 +113,10 @@ def update_measured(
     )
 
 
-def settled(posterior: Posterior, found: Fit) -> Fit:
-    """The fit with a discrepancy in its likelihood where the data ask for one."""
+def settled(found: Fit) -> Fit:
+    """The fit, its intervals counting a discrepancy where the data ask for one."""
     learned = found.learned
-    return refitted(found, posterior.evaluation, learned, posterior.loss) if learned.probable else found
+    return with_discrepancy(found, learned) if learned.probable else found
 
 
 def _by_pole_zero(several: Sequence[Subject], clock: Clock, bases: Bases, origin: str) -> UpdateResult:

@@ -7,7 +7,7 @@ from hidden_effects.build import Build
 
 from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
 from femu_piezo.effects.local.operators import lateral_tensor
-from femu_piezo.inference.fit import Fit, fit, refitted
+from femu_piezo.inference.fit import Fit, fit, with_discrepancy
 
 NOISE = 2e-4
 
@@ -16,7 +16,7 @@ def fitted(setup, key: str, z: np.ndarray, values) -> tuple[Fit, Fit]:
     """The fit that knows of noise alone, and the one with the discrepancy that it asks for."""
     parameters, start = setup.with_effects({key: values})
     plain = fit(setup.evaluation, setup.data(z, NOISE), parameters, [start])
-    return plain, refitted(plain, setup.evaluation, plain.learned)
+    return plain, with_discrepancy(plain, plain.learned)
 
 
 def noisy(z: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import pytest
 from laboratory import TOLERANCES, shifted
 
 from femu_piezo.inference.budget import SOURCES, budget, constants_of
-from femu_piezo.inference.fit import fit, refitted
+from femu_piezo.inference.fit import fit, with_discrepancy
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def test_squares_add_up_with_discrepancy_mesh_error_and_causes(lab, found):
     )
     unknowns = lab.unknowns.with_candidate(lab.library["wrong_length"]).with_candidate(lab.library["leakage"])
     plain = fit(lab.evaluation, data, unknowns, [unknowns.carried(found.parameters, found.x)])
-    one = refitted(plain, lab.evaluation, plain.learned)
+    one = with_discrepancy(plain, plain.learned)
     assert plain.learned.probable
     parts = budget(one)
     assert {"mesh", "discrepancy"} <= set(parts)
