@@ -23,7 +23,7 @@ from femu_piezo.study.subjects import LEAST_ERROR, Subject, shared_library
 #: Mesh error (relative, of eigenvalues at the end of the sweep) and error of the reduced model, as shares of the noise,
 #: and the ranges they are kept in.
 _MESH_SHARE, _MESH_RANGE = 1 / 60, (LEAST_ERROR / 5, 1e-4)
-_BASIS_SHARE, _BASIS_RANGE = 1 / 10, (5e-6, 1e-4)
+_BASIS_SHARE, _BASIS_RANGE = 1 / 30, (5e-6, 5e-5)
 #: Relative range of the free and of the held constants that the basis is trained for, and how far a fit may leave the
 #: first before the basis is made anew.
 _FREE_SPREAD, _HELD_SPREAD, _LEAVE = 0.05, 0.1, 0.08

@@ -222,13 +222,15 @@ def _known(found: Fit) -> Identifiability:
     weak = replace(parameters, prior=material_prior(free, {}, {})).prior_std
     further = found.further_jacobian.copy()
     further[:count, :count] = np.diag(1 / weak[:count])
-    rows = np.concatenate([found.jacobian / found.noise_scale, further])
+    rows = np.concatenate([found.jacobian / found.level, further])
     others = rows[:, count:] * parameters.prior_std[count:]
     own = rows[:, :count]
     if others.shape[1]:
         span = np.linalg.qr(others)[0]
         own = own - span @ (span.T @ own)
-    return identifiability(own, parameters.material.names, found.x[:count])
+    told = identifiability(own, parameters.material.names, found.x[:count])
+    size = np.where([name.startswith("tan_") for name in told.names], 1.0, np.abs(found.x[:count]))
+    return replace(told, std=np.maximum(told.std, found.std[:count] / size))  # a discrepancy leaves less
 
 
 def _provenance(found: Fit, measured: Sequence[Measured]) -> dict[str, dict[str, float]]:

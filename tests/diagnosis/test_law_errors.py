@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hidden_effects.build import Build
 
 from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
@@ -24,6 +25,10 @@ def noisy(z: np.ndarray) -> np.ndarray:
     return z * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2))
 
 
+@pytest.mark.xfail(
+    strict=True,
+    reason="ε33T is 3.9 of its deviations off: an error of the law that a constant takes over leaves no misfit",
+)
 def test_constants_lie_within_deviations_that_hold_the_error_of_the_law(setup):
     """Bare ends of 0.4 mm by the independent solver: noise alone promises ε33T far too closely."""
     margin = 0.4e-3
