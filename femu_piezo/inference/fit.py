@@ -28,15 +28,16 @@ from femu_piezo.threads import blas_limit
 
 #: Distance to a bound, relative to its range, that a start keeps.
 _MARGIN = 1e-6
-#: Gain in χ² (over χ² per residual where that is more than 1) below which a coarse fit stops, and its most
-#: evaluations; the same of a close fit.
-_COARSE, _CLOSE = (1.0, 12), (1e-6, 200)
-#: Gain in χ², over χ² per residual, that a close fit may still promise when it runs out of evaluations.
+#: Gain in −2 log p below which a coarse fit stops, and its most evaluations; the same of a close fit. A gain of 1e-6
+#: is left where an unknown is a thousandth of its standard deviation away.
+_COARSE, _CLOSE = (1.0, 12), (1e-6, 100)
+#: Gain in −2 log p that a close fit may still promise when it runs out of evaluations.
 _UNSETTLED = 10.0
-#: Damping of the first step, in the precision of the prior, and the factors by which it falls and rises.
-_DAMPING, _EASED, _RAISED = 1e-3, 0.1, 10.0
-#: Change of the logarithm of the noise level below which a fit counts as made at it, and how often it is made anew.
-_LEVEL, _TIMES = 0.03, 4
+#: Damping of the first step, in the precision of the prior, and the factors by which it falls and rises; shares of what
+#: a step promised, above which it falls and below which it rises.
+_DAMPING, _EASED, _RAISED, _KEPT, _BROKEN = 1e-3, 0.1, 10.0, 0.75, 0.25
+#: Most steps towards the wall within one step of the fit, and the share of −2 log p below which they have settled.
+_WALL_STEPS, _WALL_GAIN = 20, 1e-9
 #: Relative step of the frequency for ∂log Z/∂log f.
 _STEP = 1e-5
 
@@ -63,7 +64,7 @@ class Fit:
     further_residual, further_jacobian : (m,), (m, n_x) rows of the priors and of the passivity wall
     log_slope : (k,) ∂log Z/∂log f of the model
     on_bound : names of the unknowns that ended on a bound
-    level : factor on the noise that the fit was made with
+    level : factor on the noise that the fit was made with;  robust : whether a loss against outliers was
     discrepancy : what the intervals count beside noise and priors; None where nothing is left
     """
 
@@ -77,6 +78,7 @@ class Fit:
     log_slope: np.ndarray = field(repr=False)
     on_bound: tuple[str, ...] = ()
     level: float = 1.0
+    robust: bool = False
     discrepancy: Discrepancy | None = field(default=None, repr=False)
 
     @cached_property
@@ -116,6 +118,8 @@ class Fit:
     @property
     def noise_scale(self) -> float:
         """Most probable factor on the noise."""
+        if self.robust:
+            return self.level
         own = self._rows[0][: self.residual.size]
         return noise_level(float(own @ own), self.residual.size - self.determined, self.data.level_std)
 
@@ -243,12 +247,8 @@ class Fit:
 class _Posterior:
     """Residual and Jacobian of data, priors and wall, the last evaluation kept."""
 
-    def __init__(
-        self, response: Response, data: SweepData, parameters: Unknowns, discrepancy: Discrepancy | None
-    ) -> None:
+    def __init__(self, response: Response, data: SweepData, parameters: Unknowns) -> None:
         self.response, self.data, self.parameters = response, data, parameters
-        self.level = 1.0  # factor on the noise
-        self._factor = None if discrepancy is None else discrepancy.factor
         self._x: np.ndarray | None = None
 
     def parts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -265,19 +265,6 @@ class _Posterior:
             self._x = x.copy()
         return self._last
 
-    def residual(self, x: np.ndarray) -> np.ndarray:
-        """(2k + m,) of the data, whitened by noise and discrepancy, and of priors and wall."""
-        residual, _, further, _ = self.parts(x)
-        return np.concatenate([self._whitened(residual), further])
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """(2k + m, n_x) of the same."""
-        _, jacobian, _, further = self.parts(x)
-        return np.concatenate([self._whitened(jacobian), further])
-
-    def _whitened(self, rows: np.ndarray) -> np.ndarray:
-        return (rows if self._factor is None else solve_triangular(self._factor, rows, lower=True)) / self.level
-
 
 def fit(
     response: Response,
@@ -287,56 +274,43 @@ def fit(
     *,
     coarse: bool = False,
     loss: str = "linear",
-    discrepancy: Discrepancy | None = None,
 ) -> Fit:
-    """The best of coarse fits from several starts (n_x,), brought to its end at the noise level that it finds.
+    """The best of coarse fits from several starts (n_x,), brought to its end.
 
     Parameters
     ----------
     coarse : leave it there, for lists of causes that are only to be ranked
     loss : "linear", or a robust loss of scipy ("soft_l1", "huber", "cauchy") against outliers
-    discrepancy : a smooth misfit that the likelihood allows for beside the noise
 
     Raises
     ------
     ConvergenceError : no start settles
     """
-    posterior = _Posterior(response, data, parameters, discrepancy)
+    posterior = _Posterior(response, data, parameters)
     with blas_limit():
-        found = [_Descent(posterior, start, loss).run(*_COARSE) for start in starts]
-        best = min(found, key=lambda one: one.cost)
-        for _ in range(0 if coarse else _TIMES):
-            best = _Descent(posterior, best.x, loss).run(*_CLOSE)
-            level = _at(posterior, best, loss, discrepancy).noise_scale
-            if abs(np.log(level / posterior.level)) < _LEVEL:
-                break
-            posterior.level = level
-        if not np.isfinite(best.cost) or (not coarse and best.promise > _UNSETTLED * best.unit):
+        best = min((_Descent(posterior, start, loss).run(*_COARSE) for start in starts), key=lambda one: one.objective)
+        if not coarse:
+            best.run(*_CLOSE)
+        if not np.isfinite(best.objective) or (not coarse and best.promise > _UNSETTLED):
             raise ConvergenceError(
                 f"no fit of {', '.join(parameters.material.free.names)} settled: check dimensions, density and "
                 "poling, or free fewer constants"
             )
         ahead, behind = (response.at(1 + sign * _STEP).with_jacobian(parameters, best.x)[0] for sign in (1, -1))
-    return replace(_at(posterior, best, loss, discrepancy), log_slope=np.log(ahead / behind) / (2 * _STEP))
-
-
-def _at(posterior: _Posterior, found: _Descent, loss: str, discrepancy: Discrepancy | None) -> Fit:
-    """The fit where the optimiser ended, without its slope in frequency."""
-    x = found.x
-    residual, jacobian, further_residual, further_jacobian = posterior.parts(x)
-    share = np.sqrt(_LOSS[loss][1]((residual / posterior.level) ** 2))
+    residual, jacobian, further_residual, further_jacobian = posterior.parts(best.x)
+    share = np.sqrt(best.shares(residual))
     return Fit(
-        parameters=posterior.parameters,
-        x=x,
-        data=posterior.data,
+        parameters=parameters,
+        x=best.x,
+        data=data,
         residual=residual * share,
         jacobian=jacobian * share[:, None],
         further_residual=further_residual,
         further_jacobian=further_jacobian,
-        log_slope=np.zeros(residual.size // 2),
-        on_bound=tuple(posterior.parameters.names[i] for i in found.on_bound),
-        level=posterior.level,
-        discrepancy=discrepancy,
+        log_slope=np.log(ahead / behind) / (2 * _STEP),
+        on_bound=tuple(parameters.names[i] for i in best.on_bound),
+        level=best.level,
+        robust=loss != "linear",
     )
 
 
@@ -347,36 +321,55 @@ _LOSS = {
     "huber": (lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1), lambda z: np.maximum(z, 1.0) ** -0.5),
     "cauchy": (np.log1p, lambda z: 1 / (1 + z)),
 }
+#: Median of |t| of a standard normal t.
+_MEDIAN = 0.6745
 
 
 class _Descent:
-    """Levenberg-Marquardt within bounds, unknowns in units of their prior standard deviations.
+    """Levenberg-Marquardt within bounds at the most probable noise level, unknowns in prior standard deviations.
 
-    An unknown on its bound stays there while the gradient points outwards; steps are cut off at the bounds. χ² has a
-    natural unit, so the descent ends where the next step promises less than a given gain.
+    The noise level is found anew at every step: far from the solution the misfit counts as noise and the priors hold
+    what they should; as the misfit falls the level falls to that of the noise. In these units every gain in −2 log p
+    has a natural scale, and the descent ends where the next step promises less than a given one. An unknown on its
+    bound stays there while the gradient points outwards; steps are cut off at the bounds.
 
     Attributes
     ----------
-    x : (n_x,) where it stands;  cost : χ² there;  promise : gain that the next step promises
+    x : (n_x,) where it stands;  level : factor on the noise there;  promise : gain in −2 log p of the next step
     """
 
     def __init__(self, posterior: _Posterior, start: np.ndarray, loss: str) -> None:
-        self._posterior, self._loss, self._rows = posterior, loss, 2 * posterior.data.impedance.size
+        self._posterior, self._loss = posterior, _LOSS[loss]
         self._low, self._high = posterior.parameters.bounds.T
         margin = _MARGIN * (self._high - self._low)
         self.x = np.clip(start, self._low + margin, self._high - margin)
-        self.cost, self.promise, self._damping = self._cost(self.x), np.inf, _DAMPING
+        self.level, self.promise, self._damping = np.inf, np.inf, _DAMPING
+        self._settle()
+
+    def _settle(self) -> None:
+        """Find the noise level where it stands; with a robust loss from the median residual, which outliers leave."""
+        residual = self._posterior.parts(self.x)[0]
+        freedom, std = residual.size - self._posterior.parameters.of_material, self._posterior.data.level_std
+        square = float(residual @ residual)
+        if self._loss is not _LOSS["linear"]:
+            square = residual.size * (float(np.median(np.abs(residual))) / _MEDIAN) ** 2
+        self.level = noise_level(square, freedom, std)
+
+    def shares(self, residual: np.ndarray) -> np.ndarray:
+        """(2k,) weights that the loss gives to residuals."""
+        return self._loss[1]((residual / self.level) ** 2)
 
     def _cost(self, x: np.ndarray) -> float:
-        residual = self._posterior.residual(x)
-        data, further = residual[: self._rows], residual[self._rows :]
-        cost = float(np.sum(_LOSS[self._loss][0](data**2)) + further @ further)
+        """−2 log p at the present level, up to a constant."""
+        residual, _, further, _ = self._posterior.parts(x)
+        cost = float(np.sum(self._loss[0]((residual / self.level) ** 2)) + further @ further)
         return cost if np.isfinite(cost) else np.inf
 
     @property
-    def unit(self) -> float:
-        """χ² per residual, no less than 1: what a gain is measured by."""
-        return max(1.0, self.cost / self._rows)
+    def objective(self) -> float:
+        """−2 log p with the noise level, up to a constant."""
+        rows, std = 2 * self._posterior.data.impedance.size, self._posterior.data.level_std
+        return self._cost(self.x) + 2 * (rows * np.log(self.level) - log_level_prior(np.log(self.level), std))
 
     @property
     def on_bound(self) -> np.ndarray:
@@ -386,43 +379,74 @@ class _Descent:
     def run(self, gain: float, most: int) -> _Descent:
         """Descend until the next step promises less than `gain`, by at most so many evaluations."""
         std, count = self._posterior.parameters.prior_std, 0
-        while count < most and np.isfinite(self.cost):
-            residual, jacobian = self._linear()
-            moving = self._moving(jacobian.T @ residual)
-            triangle = np.linalg.qr(np.column_stack([jacobian[:, moving], residual]), mode="r")
+        while count < most and np.isfinite(self.objective):
+            cost, triangle, moving = self._cost(self.x), *self._linear()
             while count < most:
-                step = np.zeros(self.x.size)
-                step[moving], self.promise = _damped(triangle, self._damping)
-                if self.promise < gain * self.unit:
+                step, self.promise = self._step(triangle, moving)
+                if self.promise < gain:
                     return self
                 other = np.clip(self.x + std * step, self._low, self._high)
-                cost, count = self._cost(other), count + 1
-                if cost < self.cost:
-                    self.x, self.cost, self._damping = other, cost, self._damping * _EASED
+                kept, count = (cost - self._cost(other)) / self.promise, count + 1
+                if kept > _KEPT:
+                    self._damping *= _EASED
+                elif kept < _BROKEN:
+                    self._damping = max(self._damping, _DAMPING) * _RAISED
+                if kept > 0:
+                    self.x = other
+                    self._settle()
                     break
-                self._damping = max(self._damping, _DAMPING) * _RAISED
         return self
 
     def _linear(self) -> tuple[np.ndarray, np.ndarray]:
-        """Residual and Jacobian at x in prior units, rows of the data weighed as their loss asks."""
-        residual, jacobian = self._posterior.residual(self.x), self._posterior.jacobian(self.x)
-        share = np.ones(residual.size)
-        share[: self._rows] = np.sqrt(_LOSS[self._loss][1](residual[: self._rows] ** 2))
-        return residual * share, jacobian * share[:, None] * self._posterior.parameters.prior_std
-
-    def _moving(self, gradient: np.ndarray) -> np.ndarray:
+        """R of the Jacobian of data and priors with the residual as its last column, and the unknowns that may move."""
+        residual, jacobian, further, slopes = self._posterior.parts(self.x)
+        share, count = np.sqrt(self.shares(residual)) / self.level, self.x.size
+        residual = np.concatenate([residual * share, further])
+        jacobian = np.concatenate([jacobian * share[:, None], slopes]) * self._posterior.parameters.prior_std
+        gradient, wall = jacobian.T @ residual, further.size - count
         held = ((self.x <= self._low) & (gradient > 0)) | ((self.x >= self._high) & (gradient < 0))
-        return np.flatnonzero(~held)
+        moving, rows = np.flatnonzero(~held), slice(0, residual.size - wall)
+        return np.linalg.qr(np.column_stack([jacobian[rows, moving], residual[rows]]), mode="r"), moving
 
+    def _step(self, triangle: np.ndarray, moving: np.ndarray) -> tuple[np.ndarray, float]:
+        """The damped step (n_x,) that minimises data and priors, taken as linear, and the wall, taken as it is.
 
-def _damped(triangle: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
-    """The step that minimises |R d + q|² + damping |d|², and the gain in |R d + q|² that it promises."""
-    factor, right = triangle[:-1, :-1], triangle[:-1, -1]
-    count = right.size
-    rows = np.concatenate([factor, np.sqrt(damping) * np.eye(count)])
-    step = np.linalg.lstsq(rows, -np.concatenate([right, np.zeros(count)]), rcond=None)[0]
-    left = factor @ step + right
-    return step, float(right @ right - left @ left)
+        The wall costs nothing to evaluate, and it is there from one side only. Also the gain that the step promises.
+        """
+        parameters, std = self._posterior.parameters, self._posterior.parameters.prior_std[moving]
+        factor, right = triangle[: moving.size, :-1], triangle[: moving.size, -1]
+        damping = np.sqrt(self._damping) * np.eye(moving.size)
+
+        def wall(step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            x = self.x.copy()
+            x[moving] = np.clip(x[moving] + std * step, self._low[moving], self._high[moving])
+            rows, slopes = passivity_wall(parameters, x)
+            return rows, slopes[:, moving] * std
+
+        def residual(step: np.ndarray, rows: np.ndarray) -> np.ndarray:
+            return np.concatenate([factor @ step + right, rows, damping @ step])
+
+        step = np.zeros(moving.size)
+        rows, slopes = wall(step)
+        first = left = residual(step, rows)
+        for _ in range(_WALL_STEPS):
+            move = np.linalg.lstsq(np.concatenate([factor, slopes, damping]), -left, rcond=None)[0]
+            free = not np.any(rows)
+            for _ in range(_WALL_STEPS):
+                rows, slopes = wall(step + move)
+                other = residual(step + move, rows)
+                if other @ other < left @ left:
+                    break
+                move = move / 2
+            else:
+                break
+            step, gain, left = step + move, left @ left - other @ other, other
+            if gain < _WALL_GAIN * (first @ first) or (free and not np.any(rows)):
+                break
+        whole = np.zeros(self.x.size)
+        whole[moving] = step
+        rest = left[: -moving.size]
+        return whole, float(first @ first - rest @ rest)
 
 
 def with_discrepancy(plain: Fit, discrepancy: Discrepancy | None) -> Fit:
@@ -437,7 +461,7 @@ def linear_fit(
 
     moving : indices of the unknowns that may move; all where None
     """
-    residual, jacobian, further, slopes = _Posterior(response, data, parameters, None).parts(x)
+    residual, jacobian, further, slopes = _Posterior(response, data, parameters).parts(x)
     at_x = Fit(parameters, x, data, residual, jacobian, further, slopes, np.zeros(data.impedance.size))
     return stepped(at_x, moving), residual
 
@@ -460,12 +484,12 @@ def stepped(at_x: Fit, moving: np.ndarray | None = None) -> Fit:
 
 def log_posterior(response: Response, solution: Fit) -> Callable[[np.ndarray], float]:
     """log p(x | data) up to a constant for unknowns x (n_x,), noise level and discrepancy those of a fit."""
-    posterior = _Posterior(response, solution.data, solution.parameters, solution.discrepancy)
-    rows, scale = solution.residual.size, solution.noise_scale
+    posterior, scale = _Posterior(response, solution.data, solution.parameters), solution.noise_scale
+    factor = None if solution.discrepancy is None else solution.discrepancy.factor
 
     def density(x: np.ndarray) -> float:
-        residual = posterior.residual(x)
-        own, further = residual[:rows] / scale, residual[rows:]
+        residual, _, further, _ = posterior.parts(x)
+        own = (residual if factor is None else solve_triangular(factor, residual, lower=True)) / scale
         return float(-0.5 * (own @ own + further @ further))
 
     return density

@@ -18,20 +18,27 @@ _NOTICED = 1e-3
 
 
 def passivity_wall(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals (b,) = min(0, lowest eigenvalue)/TOLERANCE of every block of the loss matrix, and slopes (b, n_x).
+    """Rows (m,) and slopes (m, n_x) of the wall: ½ |rows|² = ½ Σ min(0, λ)²/TOLERANCE² over all eigenvalues λ.
 
-    Of free and held constants at x (n_x,) without laws over frequency. The Jacobian takes the normalisation of the loss
-    matrix as constant, which is enough for a wall.
+    Of free and held constants at x (n_x,) without laws over frequency. With h_ij = v_iᵗ (∂L/∂x) v_j of the eigenvectors
+    of every block L of the loss matrix, the Hessian is Σ γ_ij h_ij²/TOLERANCE², γ_ij = (λ_i⁻ − λ_j⁻)/(λ_i − λ_j), which
+    counts that the boundary is curved. So a pair i ≠ j has a slope √(2γ_ij) h_ij beside a row that is zero.
     """
     plain = [item for item in active_effects(parameters, x) if not item.effect.dispersive]
     theta, tangents = (part[0] for part in d_form_constants(parameters, x, plain, np.ones(1)))
     constants = PiezoConstants.from_vector(theta)
-    residual, slopes = np.zeros(constants.block_count), np.zeros((constants.block_count, x.size))
+    moving, rows, slopes = np.flatnonzero(np.any(tangents != 0, axis=0)), [], []
     for block in range(constants.block_count):
         values, vectors = np.linalg.eigh(constants.loss_block(block))
-        if values[0] < -_NOTICED * TOLERANCE:
-            residual[block], vector = values[0] / TOLERANCE, vectors[:, 0]
-            for column in np.flatnonzero(np.any(tangents != 0, axis=0)):
-                slope = constants.loss_block(block, tangents[:, column])
-                slopes[block, column] = vector @ slope @ vector / TOLERANCE
-    return residual, slopes
+        low = np.where(values < -_NOTICED * TOLERANCE, values, 0.0)
+        first, second = np.triu_indices(values.size)
+        apart = values[first] - values[second]
+        share = np.where(apart == 0, low[first] < 0, (low[first] - low[second]) / np.where(apart == 0, 1.0, apart))
+        count = np.where(first == second, share, 2 * share)
+        own = np.zeros((first.size, x.size))
+        if np.any(low):
+            turned = vectors.T @ constants.loss_block_slopes(block, tangents[:, moving].T) @ vectors
+            own[:, moving] = (np.sqrt(count) * turned[:, first, second] / TOLERANCE).T
+        rows.append(np.where(first == second, low[first], 0.0) / TOLERANCE)
+        slopes.append(own)
+    return np.concatenate(rows), np.concatenate(slopes)

@@ -242,8 +242,8 @@ class PiezoConstants(_Constants):
             faults.append(MaterialFault("sign", f"eps11T = {self.eps11T.real:.6g} must not be negative"))
         if faults:
             return faults
-        for index, (_, names) in enumerate(_BLOCKS):
-            if np.linalg.eigvalsh(self._scaled(index, self.vector()).real)[0] < -tolerance:
+        for index, (_, names, _) in enumerate(_BLOCKS):
+            if np.linalg.eigvalsh(self._scaled(index).real)[0] < -tolerance:
                 message = f"{', '.join(names)} together are not positive definite: no stable material has them"
                 faults.append(MaterialFault("unstable", message))
             if passive and np.linalg.eigvalsh(self.loss_block(index))[0] < -tolerance:
@@ -266,25 +266,39 @@ class PiezoConstants(_Constants):
         """Number of independent blocks of the d-form matrix."""
         return len(_BLOCKS)
 
-    def loss_block(self, index: int, direction: np.ndarray | None = None) -> np.ndarray:
-        """−Im of one block of the d-form matrix, scaled by the diagonal of its real part; must not be negative.
+    def loss_block(self, index: int) -> np.ndarray:
+        """−Im of one block of the d-form matrix, scaled as its real part; must not be negative."""
+        return -self._scaled(index).imag
 
-        direction : (10,) complex change of the constants whose block is wanted instead of the constants themselves
-        """
-        return -self._scaled(index, self.vector() if direction is None else direction).imag
+    def loss_block_slopes(self, index: int, directions: np.ndarray) -> np.ndarray:
+        """(m, n, n) derivatives of `loss_block` along complex changes (m, 10) of the constants, its scale included."""
+        own, size = _BLOCK_SCALES[index], self.vector().real[_BLOCK_SCALES[index]]
+        share = directions[:, own].real / size / 2
+        moved = np.tensordot(directions, _UNIT_BLOCKS[index], axes=1).imag / np.sqrt(np.outer(size, size))
+        return -moved - self.loss_block(index) * (share[:, :, None] + share[:, None, :])
 
-    def _scaled(self, index: int, values: np.ndarray) -> np.ndarray:
-        """One block of the d-form matrix of `values`, scaled by this material's own compliances and ε33T."""
-        block = np.array(_BLOCKS[index][0])
-        other = PiezoConstants.from_vector(values)
-        full = np.block([[other.compliance(), other.piezoelectric().T], [other.piezoelectric(), other.permittivity()]])
-        largest = np.array([self.s11, self.s11, self.s33, self.s44, self.s44, self.s44] + [self.eps33T] * 3).real
-        root = np.sqrt(largest[block])
-        return full[np.ix_(block, block)] / np.outer(root, root)
+    def _scaled(self, index: int) -> np.ndarray:
+        """One block of the d-form matrix, scaled by this material's own s11, s33, s44 and ε33T."""
+        size = self.vector().real[_BLOCK_SCALES[index]]
+        return np.tensordot(self.vector(), _UNIT_BLOCKS[index], axes=1) / np.sqrt(np.outer(size, size))
 
 
-#: Independent blocks of the d-form matrix and the constants that each couples.
+#: Independent blocks of the d-form matrix, the constants that each couples, and those that scale its rows.
 _BLOCKS = (
-    ((0, 1, 2, 8), ("s11", "s12", "s13", "s33", "d31", "d33", "eps33T")),
-    ((4, 6), ("s44", "d15", "eps11T")),
+    ((0, 1, 2, 8), ("s11", "s12", "s13", "s33", "d31", "d33", "eps33T"), ("s11", "s11", "s33", "eps33T")),
+    ((4, 6), ("s44", "d15", "eps11T"), ("s44", "eps33T")),
 )
+_BLOCK_SCALES = tuple([D_FORM.index(name) for name in scales] for _, _, scales in _BLOCKS)
+
+
+def _unit_block(rows: tuple[int, ...]) -> np.ndarray:
+    """(10, n, n) one block of the d-form matrix per unit of every constant."""
+    found = []
+    for unit in np.eye(len(D_FORM)):
+        one = PiezoConstants.from_vector(unit)
+        full = np.block([[one.compliance(), one.piezoelectric().T], [one.piezoelectric(), one.permittivity()]])
+        found.append(full[np.ix_(rows, rows)].real)
+    return np.array(found)
+
+
+_UNIT_BLOCKS = tuple(_unit_block(rows) for rows, _, _ in _BLOCKS)

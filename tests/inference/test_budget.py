@@ -57,7 +57,8 @@ def test_squares_add_up_with_discrepancy_mesh_error_and_causes(lab, found):
 
 def test_squares_add_up_at_the_wall(lab):
     """Tangents that would create energy: the wall holds them, and its rows are in covariance and budget alike."""
-    unknowns = replace(lab.ideal, prior=lab.ideal.prior | {"tan_d31": (0.5, 1e-3)})
+    active = {"tan_s11": (0.02, 1e-3), "tan_d31": (0.2, 1e-2), "tan_eps33T": (0.02, 1e-3)}
+    unknowns = replace(lab.ideal, prior=lab.ideal.prior | active)
     data = lab.measured(lab.evaluation.impedance(lab.ideal, lab.ideal.prior_mean), 3, 0.3)
     one = fit(lab.evaluation, data, unknowns, [lab.material.x_of(lab.free.start)])
     assert np.any(one.further_residual[one.x.size :] < 0)

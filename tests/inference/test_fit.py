@@ -64,24 +64,32 @@ def test_jacobian_of_a_weighed_body(lab):
     np.testing.assert_allclose(lab.evaluation.impedance(plain, lighter), z, rtol=1e-12)
 
 
-def test_slopes_of_the_wall(lab):
-    """Behind the wall, of free and held constants: tangents exactly, real parts but for the norm of the loss matrix."""
+def test_wall_and_its_hessian(lab):
+    """Behind the wall, of free and held constants: ½ |rows|² by its slopes, and their slopes, against differences."""
     x = lab.truth(2)
     x[3] = 0.3  # tan d31
     wall, slopes = passivity_wall(lab.unknowns, x)
-    assert np.count_nonzero(wall < -1) == 1
-    (block,) = np.flatnonzero(wall)
-    moving = [i for i, name in enumerate(lab.unknowns.names) if np.any(slopes[:, i] != 0)]
+    assert np.count_nonzero(wall < -1) == 1 and np.all(wall <= 0)
+    moving = np.flatnonzero(np.any(slopes != 0, axis=0))
     tangents = [i for i in moving if "tan_" in lab.unknowns.names[i]]
     assert {"tan_s11", "tan_d31", "tan_eps33T"} <= {lab.unknowns.names[i] for i in tangents}
-    for column in moving:
-        found = difference(lambda y: passivity_wall(lab.unknowns, y)[0], x, column, 1e-4)[block]
-        exact = slopes[block, column]
-        if column in tangents:
-            assert exact == pytest.approx(found, rel=1e-6, abs=1e-6 * np.abs(slopes).max())
-        assert exact * found >= 0 or abs(found) < 1e-2 * np.abs(slopes).max()
     circuits = lab.unknowns.columns(lab.unknowns.index("instrument"))
     assert not np.any(slopes[:, circuits])
+
+    def gradient(y: np.ndarray) -> np.ndarray:
+        rows, along = passivity_wall(lab.unknowns, y)
+        return along.T @ rows
+
+    def half_square(y: np.ndarray) -> float:
+        rows, _ = passivity_wall(lab.unknowns, y)
+        return 0.5 * float(rows @ rows)
+
+    exact, hessian = gradient(x), slopes.T @ slopes
+    for column in moving:
+        assert difference(half_square, x, column, 1e-5) == pytest.approx(exact[column], rel=1e-5, abs=1e-6 * max(exact))
+    # tangents move the loss matrix along a straight line, so the Hessian is exact there
+    found = np.array([difference(gradient, x, column, 1e-6)[tangents] for column in tangents])
+    np.testing.assert_allclose(hessian[np.ix_(tangents, tangents)], found, rtol=1e-4, atol=1e-6 * np.abs(found).max())
 
 
 def test_residual_of_the_wall_is_the_violation_over_the_tolerance(lab):
