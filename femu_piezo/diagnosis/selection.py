@@ -31,7 +31,7 @@ from femu_piezo.threads import blas_limit, in_parallel
 
 #: Pairs of causes that are fitted, of all that linearisation ranks.
 _PAIRS = 4
-#: A rough fit this near to what linearisation promised (in χ²) has found the minimum there is.
+#: A rough fit this near to what linearisation promised (in χ², over χ² per residual) has found the minimum there is.
 _AS_PROMISED = 1.0
 
 Tell = Callable[[str], None]
@@ -225,7 +225,7 @@ class _Search:
             before = self._best().log_posterior
             for current in beam:
                 self._keep(f for _, f in self._expand(current.fit))
-            if size == 1 and self._rules.most_causes > 1 and self._base.discrepant and self._best().discrepant:
+            if size == 2 and self._best().discrepant:
                 self._keep(self._pairs())
             best, tried = self._best().log_posterior, bool(beam)
             beam = sorted((h for h in self._known.values() if len(h.keys) == size), key=lambda h: -h.log_posterior)
@@ -275,6 +275,10 @@ class _Search:
         def odds(one: Fit, effect: Effect) -> float:
             return one.log_evidence - before + self._log_prior[effect.key]
 
+        def known(effect: Effect) -> Fit | None:
+            one = self._known.get(frozenset((*current.parameters.candidates, effect.key)))
+            return None if one is None else one.fit
+
         def screened(effect: Effect) -> list[Start]:
             return starts(self._response, current, effect)
 
@@ -285,6 +289,8 @@ class _Search:
         worth = [n for n, promise in enumerate(promised) if promise > max(self._rules.promise, least)]
 
         def roughly(number: int) -> Fit | None:
+            if known(candidates[number]) is not None:
+                return known(candidates[number])
             places = found[number]
             begins = places if candidates[number].sites is not None else places[:1]
             return self._fitted(places[0].linear.parameters, [place.x for place in begins], coarse=True)
@@ -297,7 +303,7 @@ class _Search:
             one = rough[number]
             if one is not None and max(settled[number], promised[number]) < reach:
                 return one
-            return self._closely(found[number], one)
+            return self._closely(found[number], one, known(candidates[number]) is not None)
 
         close = dict(zip(worth, in_parallel(closely, worth), strict=True))
         return tuple(
@@ -310,14 +316,19 @@ class _Search:
         best = min((one.chi_square / one.residual.size for one in rough if one is not None), default=1.0)
         return self._rules.contender * max(1.0, best)
 
-    def _closely(self, places: list[Start], rough: Fit | None) -> Fit | None:
-        """A close fit from the rough one and, where more was promised than it holds, from further starts."""
-        reached = np.inf if rough is None else rough.chi_square
-        further = [] if rough is None else [rough.x]
-        if abs(reached - places[0].promised) > _AS_PROMISED:
-            further.append(places[0].alone())
-        further += [start.x for start in places[1:] if start.promised < reached - _AS_PROMISED]
-        return self._fitted(places[0].linear.parameters, further or [places[0].x])
+    def _closely(self, places: list[Start], rough: Fit | None, settled: bool) -> Fit | None:
+        """A close fit from the rough one and, where more was promised than it holds, from further starts.
+
+        settled : the rough one is close already
+        """
+        reached, unit = np.inf, _AS_PROMISED
+        if rough is not None:
+            reached, unit = rough.chi_square, _AS_PROMISED * max(1.0, rough.chi_square / rough.residual.size)
+        further = [places[0].alone()] if reached > places[0].promised + unit else []
+        further += [start.x for start in places[1:] if start.promised < reached - unit]
+        if settled and not further:
+            return rough
+        return self._fitted(places[0].linear.parameters, further if rough is None else [rough.x, *further])
 
     def _pairs(self) -> list[Fit | None]:
         """The two causes that linearisation finds best together, fitted: each may explain little by itself."""

@@ -15,12 +15,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from femu_piezo.effects.effect import Effect, ExtraTerm
-from femu_piezo.effects.local.operators import Places, measure_places
+from femu_piezo.effects.local.operators import Places
 from femu_piezo.effects.local.symmetry_sectors import DRIVEN, SPOT, Sectors, build_sectors, prepare_classes
 from femu_piezo.effects.local.weighted_forms import WeightedProducts
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.forward.reduction import reduce_model
+from femu_piezo.forward.reduction import ReducedModel, reduce_model
 from femu_piezo.material.constants import E_FORM, ElasticForm, PiezoConstants
 from femu_piezo.threads import blas_limit, in_parallel
 
@@ -43,6 +43,7 @@ class ExtendedModel:
     sectors : names of the groups of unknowns (`femu_piezo.effects.local.symmetry_sectors`)
     member : (r,) index of each unknown's sector
     places : what effects at a place need; None where no such effect is among those of the model
+    driven : the reduced model of the driven class that it is built on, and the terms it was trained for
     """
 
     bulk: np.ndarray = field(repr=False)
@@ -57,6 +58,7 @@ class ExtendedModel:
     sectors: tuple[str, ...] = (DRIVEN,)
     member: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int), repr=False)
     places: Places | None = field(default=None, repr=False)
+    driven: tuple[ReducedModel, Needs] | None = field(default=None, repr=False)
     _restricted: dict[tuple[str, ...], ExtendedModel] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -99,7 +101,7 @@ class ExtendedModel:
             displacements=int(np.count_nonzero(keep < self.displacements)),
             sectors=names,
             member=np.searchsorted(chosen, self.member[keep]),
-            places=None if self.places is None else self.places.select(keep, self.displacements),
+            places=None if self.places is None else self.places.select(names, keep),
             _restricted={},
         )
 
@@ -134,6 +136,10 @@ class Needs:
             placed=any(effect.local is not None for effect in effects),
         )
 
+    def driven_alike(self, other: Needs) -> bool:
+        """Whether the driven class needs the same."""
+        return (self.trained, self.stretching) == (other.trained, other.stretching)
+
 
 def extend_model(
     model: ElectroelasticModel,
@@ -142,6 +148,7 @@ def extend_model(
     band_Hz: float,
     *,
     accuracy: float = 1e-5,
+    smaller: ExtendedModel | None = None,
 ) -> ExtendedModel:
     """Reduce a model so that it serves all effects of a list within their training ranges.
 
@@ -149,34 +156,23 @@ def extend_model(
     ----------
     training : constants the basis is trained at, the reference first
     accuracy : of Z, as `reduce_model`
+    smaller : the same for fewer effects; its driven basis is kept where the further ones need no other
     """
     needs = Needs.of(effects)
     matrices = {term.name: term.matrix(model) for term in needs.terms}
     lossless = training[0].lossless()
     reference = lossless.to_e_form()
-    parts = _stretch_parts(model, reference.vector().real) if needs.stretching else {}
-    trained = model.with_terms(parts, matrices)
-    top = (2 * np.pi * band_Hz) ** 2
-    points: list = [*training]
-    for term in needs.terms:
-        for value in term.training:
-            # a mass leads along the same states as a spring, which makes no mode of negative stiffness
-            points.append((lossless, {term.name: 0.3 * top * value if term.kind == "inertia" else value}))
-    for axis in range(3) if needs.stretching else ():
-        s = 1 + _STRETCH
-        points.append((lossless, {f"stretch_{axis}_0": s - 1, f"stretch_{axis}_2": 1 / s - 1}))
     weighted = WeightedProducts(model)
-    pieces = (
-        lambda: reduce_model(trained, points, band_Hz, accuracy=accuracy),
-        lambda: prepare_classes(weighted, needs.sectors, reference, band_Hz),
-    )
+
+    def driven() -> ReducedModel:
+        if smaller is not None and smaller.driven is not None and needs.driven_alike(smaller.driven[1]):
+            return smaller.driven[0]
+        return _driven(model, training, needs, matrices, band_Hz, accuracy)
+
+    pieces = (driven, lambda: prepare_classes(weighted, needs.sectors, training, band_Hz))
     reduced, classes = in_parallel(operator.call, pieces)
     sectors = build_sectors(weighted, reduced, needs.sectors, reference, classes)
-    pieces = (
-        lambda: measure_places(weighted, sectors, reference) if needs.placed else None,
-        lambda: _strata(model, sectors),
-    )
-    places, (strata, owner, exponents) = in_parallel(operator.call, pieces)
+    strata, owner, exponents = _strata(model, sectors)
     bulk = np.array([strata[owner == q].sum(axis=0) for q in range(len(E_FORM))])
     extra = {term.name: _by_class(sectors, lambda f, t=term: _product(matrices[t.name], f)) for term in needs.terms}
     return ExtendedModel(
@@ -191,8 +187,33 @@ def extend_model(
         estimated_error=reduced.estimated_error,
         sectors=sectors.names,
         member=sectors.member,
-        places=places,
+        places=Places(weighted, sectors, reference) if needs.placed else None,
+        driven=(reduced, needs),
     )
+
+
+def _driven(
+    model: ElectroelasticModel,
+    training: Sequence[PiezoConstants],
+    needs: Needs,
+    matrices: dict[str, sp.spmatrix],
+    band_Hz: float,
+    accuracy: float,
+) -> ReducedModel:
+    """The driven class, trained at the constants, with every term and stretched along every axis."""
+    lossless = training[0].lossless()
+    parts = _stretch_parts(model, lossless.to_e_form().vector().real) if needs.stretching else {}
+    trained = model.with_terms(parts, matrices)
+    top = (2 * np.pi * band_Hz) ** 2
+    points: list = [*training]
+    for term in needs.terms:
+        for value in term.training:
+            # a mass leads along the same states as a spring, which makes no mode of negative stiffness
+            points.append((lossless, {term.name: 0.3 * top * value if term.kind == "inertia" else value}))
+    for axis in range(3) if needs.stretching else ():
+        s = 1 + _STRETCH
+        points.append((lossless, {f"stretch_{axis}_0": s - 1, f"stretch_{axis}_2": 1 / s - 1}))
+    return reduce_model(trained, points, band_Hz, accuracy=accuracy)
 
 
 def _product(matrix: sp.spmatrix, fields: np.ndarray) -> np.ndarray:

@@ -38,6 +38,8 @@ _UNSETTLED = 10.0
 _DAMPING, _EASED, _RAISED, _KEPT, _BROKEN = 1e-3, 0.1, 10.0, 0.75, 0.25
 #: Most steps towards the wall within one step of the fit, and the share of −2 log p below which they have settled.
 _WALL_STEPS, _WALL_GAIN = 20, 1e-9
+#: Most turns of a linearised fit and its noise level, and change of the logarithm of that at which they have settled.
+_TURNS, _SETTLED = 5, 0.03
 #: Relative step of the frequency for ∂log Z/∂log f.
 _STEP = 1e-5
 
@@ -93,11 +95,6 @@ class Fit:
             np.concatenate([jacobian, self.further_jacobian]),
         )
 
-    @cached_property
-    def _triangle(self) -> tuple[np.ndarray, np.ndarray]:
-        """Q and R of the Jacobian with its columns in prior standard deviations."""
-        return np.linalg.qr(self._rows[1] * self.parameters.prior_std)
-
     @property
     def chi_square(self) -> float:
         """Σ residual² of data and priors."""
@@ -109,11 +106,12 @@ class Fit:
         """Residuals of the data minus unknowns that the data determine."""
         return round(self.residual.size - self.determined)
 
-    @property
+    @cached_property
     def determined(self) -> float:
         """Number of unknowns that the data determine, Σ over all of 1 − posterior/prior variance in their span."""
-        rows = self.residual.size
-        return float(np.sum(self._triangle[0][:rows] ** 2))
+        rows = np.concatenate([self._rows[1][: self.residual.size] / self.level, self.further_jacobian])
+        basis = np.linalg.qr(rows * self.parameters.prior_std)[0]
+        return float(np.sum(basis[: self.residual.size] ** 2))
 
     @property
     def noise_scale(self) -> float:
@@ -467,19 +465,28 @@ def linear_fit(
 
 
 def stepped(at_x: Fit, moving: np.ndarray | None = None) -> Fit:
-    """A Gauss-Newton step of the linearised model of a fit, unknowns `moving` (m,) alone; all where None."""
+    """The linearised model of a fit at its least −2 log p, unknowns `moving` (m,) alone; all where None."""
     moving = np.arange(at_x.x.size) if moving is None else moving
-    rows = np.concatenate([at_x.jacobian, at_x.further_jacobian])
-    residual = np.concatenate([at_x.residual, at_x.further_residual])
     std = at_x.parameters.prior_std[moving]
-    step = np.zeros(at_x.x.size)
-    step[moving] = np.linalg.lstsq(rows[:, moving] * std, -residual, rcond=1e-12)[0] * std
-    return replace(
-        at_x,
-        x=at_x.x + step,
-        residual=at_x.residual + at_x.jacobian @ step,
-        further_residual=at_x.further_residual + at_x.further_jacobian @ step,
-    )
+    right, found = np.concatenate([at_x.residual, at_x.further_residual]), at_x
+    rows = np.concatenate([at_x.jacobian, at_x.further_jacobian])[:, moving] * std
+    for _ in range(_TURNS):
+        weight = np.ones(right.size)
+        weight[: at_x.residual.size] = 1 / found.level
+        step = np.zeros(at_x.x.size)
+        step[moving] = np.linalg.lstsq(rows * weight[:, None], -right * weight, rcond=1e-12)[0] * std
+        found = replace(
+            at_x,
+            x=at_x.x + step,
+            residual=at_x.residual + at_x.jacobian @ step,
+            further_residual=at_x.further_residual + at_x.further_jacobian @ step,
+            level=found.level,
+        )
+        level = found.noise_scale
+        if abs(np.log(level / found.level)) < _SETTLED:
+            break
+        found = replace(found, level=level)
+    return found
 
 
 def log_posterior(response: Response, solution: Fit) -> Callable[[np.ndarray], float]:

@@ -10,13 +10,11 @@ from femu_piezo.effects.local.operators import Places
 
 
 def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-    shares, slopes = places.bare_ends.shares(p[0])
-    one = np.ones(omega.shape, dtype=complex)
-    return [
-        LocalTerm("stiffness", matrix, share * one, slope * one[:, None], constant)
-        for matrices, share, slope in zip(places.bare_ends.matrices, shares, slopes, strict=True)
-        for constant, matrix in enumerate(matrices)
-    ]
+    one, found = np.ones(omega.shape, dtype=complex), []
+    for constant, (matrix, slope) in enumerate(zip(*places.bare_ends.at(p[0]), strict=True)):
+        found.append(LocalTerm("stiffness", matrix, one, 0 * one[:, None], constant))
+        found.append(LocalTerm("stiffness", slope, 0 * one, one[:, None], constant))
+    return found
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:

@@ -21,7 +21,7 @@ def _mass(omega: np.ndarray, p: np.ndarray):
 
 def _difference(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
     one = np.ones(omega.shape, dtype=complex)
-    return [LocalTerm("inertia", places.films, p[0] / 2 * one, one[:, None] / 2)]
+    return [LocalTerm("inertia", places.of_displacements(places.films[...]), p[0] / 2 * one, one[:, None] / 2)]
 
 
 

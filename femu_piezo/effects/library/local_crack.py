@@ -50,9 +50,9 @@ def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
     for number, share, slope in _shares(places, position):
         yielding = share * added
         loss, rate = yielding / (h + yielding), h / (h + yielding) ** 2
-        for constant in ELASTIC:
-            slopes = [-rate * share, -rate * slope * added, 0.0]
-            found.append(term(places.slices.matrices[number, constant], -loss, slopes, constant))
+        slopes = [-rate * share, -rate * slope * added, 0.0]
+        for constant, matrix in zip(ELASTIC, places.slices.matrices[number], strict=True):
+            found.append(term(matrix, -loss, slopes, constant))
         slopes = [
             share * (rate - lateral_slopes[0] / h),
             slope * (rate * added - lateral / h),

@@ -34,7 +34,7 @@ def _mean(face: Face, x: float) -> tuple[np.ndarray, np.ndarray]:
 def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
     x = p[2] / np.sqrt(12.0)
     strip, slope = _mean(places.face, x)
-    u, size = strip.shape[0], places.ramp.shape[-1]
+    u, size = strip.shape[0], places.size
     value = p[0] + 1j * omega * p[1]
     zero, one = np.zeros(omega.shape, dtype=complex), np.ones(omega.shape, dtype=complex)
     full = [np.zeros((size, size)) for _ in range(2)]

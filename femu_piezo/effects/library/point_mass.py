@@ -68,7 +68,7 @@ def _hook(springs: np.ndarray, own: float):
     def terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
         mass, x, y, radius = p
         patch = _Patch(places.face, x, y, radius)
-        size, copies, u = places.ramp.shape[-1], places.face.copies, patch.mean.shape[1]
+        size, copies, u = places.size, places.face.copies, patch.mean.shape[1]
 
         def term(kind, matrix: np.ndarray, value: float, **slopes: float) -> LocalTerm:
             one = np.ones(omega.size, dtype=complex)

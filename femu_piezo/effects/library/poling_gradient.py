@@ -16,7 +16,7 @@ def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
     one = np.ones(omega.shape, dtype=complex)
     return [
         LocalTerm("stiffness", matrix, value * one, unit * one[:, None], constant)
-        for value, unit, profile in zip(p, np.eye(2), places.ramp, strict=True)
+        for value, unit, profile in zip(p, np.eye(2), places.ramp[...], strict=True)
         for constant, matrix in zip(PIEZOELECTRIC, profile, strict=True)
     ]
 

@@ -14,9 +14,9 @@ from femu_piezo.effects.local.operators import Places
 def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
     one, taper = np.ones(omega.shape, dtype=complex), places.taper
     orders = ((taper.first, p[0], 1.0), (taper.second, p[0] ** 2, 2 * p[0]))
-    found = [LocalTerm("inertia", taper.inertia, p[0] * one, one[:, None])]
+    found = [LocalTerm("inertia", places.of_displacements(taper.inertia[...]), p[0] * one, one[:, None])]
     for matrices, value, slope in orders:
-        for constant, matrix in enumerate(matrices):
+        for constant, matrix in enumerate(matrices[...]):
             found.append(LocalTerm("stiffness", matrix, value * one, slope * one[:, None], constant))
     return found
 

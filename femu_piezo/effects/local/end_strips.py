@@ -13,18 +13,20 @@ inertia plays no part over such lengths. S starts as m² and is interpolated bet
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import skfem
 from scipy.interpolate import BarycentricInterpolator
 
+from femu_piezo.effects.local.blocks import Blocks
 from femu_piezo.effects.local.symmetry_sectors import DRIVEN, Sectors
 from femu_piezo.forward.box_interpolation import interpolation
 from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products
 from femu_piezo.forward.linear_solver import factorize
 from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
-from femu_piezo.material.constants import E_FORM, ElasticForm
+from femu_piezo.material.constants import ElasticForm
+from femu_piezo.threads import in_parallel
 
 #: Widest strip as a share of the plate's length, and where S is computed, as shares of that.
 WIDEST = 0.1
@@ -42,41 +44,38 @@ class BareEnds:
     Attributes
     ----------
     widths : (n,) m
-    matrices : (n, 10, r, r) ∂S/∂c of every e-form constant at the reference
+    matrices : [n, 10] (r, r) ∂S/∂c of every e-form constant at the reference
     """
 
     widths: np.ndarray
-    matrices: np.ndarray = field(repr=False)
+    matrices: Blocks
 
-    def shares(self, width: float) -> tuple[np.ndarray, np.ndarray]:
-        """(n,) weights of the matrices at a width, (m/m_k)² times Lagrange polynomials, and their slopes by width."""
+    def at(self, width: float) -> tuple[np.ndarray, np.ndarray]:
+        """∂S/∂c (10, r, r) at a width, (m/m_k)² times Lagrange polynomials, and its slope by the width."""
         lagrange = BarycentricInterpolator(self.widths, np.eye(self.widths.size))
         value, slope = lagrange(width), lagrange.derivative(width)
         square = self.widths**2
-        return value * width**2 / square, (slope * width**2 + 2 * width * value) / square
+        shares = value * width**2 / square, (slope * width**2 + 2 * width * value) / square
+        value, slope = (self.matrices.combined(weights) for weights in shares)
+        return value, slope
 
-    def select(self, square) -> BareEnds:
-        """The same with some of the unknowns, given by `numpy.ix_`."""
-        return BareEnds(self.widths, self.matrices[:, :, square[0], square[1]])
+    def select(self, keep: np.ndarray) -> BareEnds:
+        """The same for some of the unknowns (indices)."""
+        return BareEnds(self.widths, self.matrices.select(keep))
 
 
-def measure_bare_ends(model: ElectroelasticModel, sectors: Sectors, constants: ElasticForm) -> BareEnds | None:
-    """S of strips up to a tenth of the length; None where the electrodes are not on the large faces.
+def measure_bare_ends(model: ElectroelasticModel, sectors: Sectors, constants: ElasticForm) -> BareEnds:
+    """S of strips up to a tenth of the length of a plate whose electrodes are on the large faces.
 
     constants : lossless reference
     """
-    if model.domain.hot != ("z_max",) or model.domain.mesh.p[0].min() < -1e-12:
-        return None
     own = np.flatnonzero(sectors.member == sectors.names.index(DRIVEN))
     fields, kept = _condensed(
         model, sectors.fields[:, :, own], np.count_nonzero(own < sectors.displacements), constants
     )
-    own = own[kept]
     widths = _NODES * WIDEST * 2 * model.domain.mesh.p[0].max()
-    matrices = np.zeros((widths.size, len(E_FORM), sectors.member.size, sectors.member.size))
-    for matrix, width in zip(matrices, widths, strict=True):
-        matrix[(slice(None), *np.ix_(own, own))] = _freed(model, fields, constants, float(width))
-    return BareEnds(widths, matrices)
+    inner = np.array(list(in_parallel(lambda width: _freed(model, fields, constants, float(width)), widths)))
+    return BareEnds(widths, Blocks(inner, own[kept], sectors.member.size))
 
 
 def _condensed(

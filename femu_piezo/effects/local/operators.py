@@ -8,19 +8,23 @@ has the product of their parities; on the part, with its share 1/copies of the w
 
 from __future__ import annotations
 
-import operator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.polynomial import legendre
 
+from femu_piezo.effects.local.blocks import Blocks
 from femu_piezo.effects.local.end_strips import BareEnds, measure_bare_ends
-from femu_piezo.effects.local.symmetry_sectors import FILM, SLICES, SPOT, TAPER, Sectors, flipped_axes
+from femu_piezo.effects.local.symmetry_sectors import SLICES, SPOT, Sectors, flipped_axes
 from femu_piezo.effects.local.weighted_forms import WeightedProducts
 from femu_piezo.forward.box_interpolation import interpolation
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.material.constants import ElasticForm
-from femu_piezo.threads import in_parallel
+
+Made = TypeVar("Made")
 
 #: Points along length and width at which the fields of a face are sampled for interpolation by polynomials.
 _SAMPLES = (18, 14)
@@ -65,10 +69,6 @@ class Face:
         ]
         return n, np.array(slopes)
 
-    def select(self, u: np.ndarray) -> Face:
-        """The same with some of the displacement unknowns."""
-        return Face(self.half, self.coefficients[..., u], self.group[u], self.copies)
-
 
 def _line(value: float, half: float, count: int) -> tuple[np.ndarray, np.ndarray]:
     """(count,) Legendre polynomials at 2·value/half − 1, and their slopes by value."""
@@ -84,20 +84,19 @@ class Slices:
     Attributes
     ----------
     centres : (n,) m from the middle of the plate;  width : m
-    matrices : (n, 5, r, r) per unit of c11 c12 c13 c33 c44
-    lateral : (n, r, r) of what of c^E is left where a slice is free of stress along x, per unit of c11 and with the
+    matrices : [n, 5] (r, r) per unit of c11 c12 c13 c33 c44
+    lateral : [n] (r, r) of what of c^E is left where a slice is free of stress along x, per unit of c11 and with the
         ratios of the reference constants
     """
 
     centres: np.ndarray
     width: float
-    matrices: np.ndarray = field(repr=False)
-    lateral: np.ndarray = field(repr=False)
+    matrices: Blocks
+    lateral: Blocks
 
-    def select(self, square) -> Slices:
-        """The same with some of the unknowns, given by `numpy.ix_`."""
-        rows, columns = square
-        return replace(self, matrices=self.matrices[:, :, rows, columns], lateral=self.lateral[:, rows, columns])
+    def select(self, keep: np.ndarray) -> Slices:
+        """The same for some of the unknowns (indices)."""
+        return replace(self, matrices=self.matrices.select(keep), lateral=self.lateral.select(keep))
 
 
 @dataclass(frozen=True)
@@ -106,69 +105,92 @@ class Taper:
 
     Attributes
     ----------
-    first, second : (10, r, r) per unit of every e-form constant, of t and of t²
-    inertia : (u, u) of t
+    first, second : [10] (r, r) per unit of every e-form constant, of t and of t²
+    inertia : [...] (r, r) of t
     """
 
-    first: np.ndarray = field(repr=False)
-    second: np.ndarray = field(repr=False)
-    inertia: np.ndarray = field(repr=False)
+    first: Blocks
+    second: Blocks
+    inertia: Blocks
 
-    def select(self, square, displacements) -> Taper:
-        """The same with some of the unknowns, and with those of them that are displacements, given by `numpy.ix_`."""
-        rows, columns = square
-        return Taper(self.first[:, rows, columns], self.second[:, rows, columns], self.inertia[displacements])
+    def select(self, keep: np.ndarray) -> Taper:
+        """The same for some of the unknowns (indices)."""
+        return Taper(*(blocks.select(keep) for blocks in (self.first, self.second, self.inertia)))
 
 
 @dataclass(frozen=True)
 class Places:
-    """Everything at once.
+    """Everything, each made once when it is first asked for.
 
-    Attributes
+    Parameters
     ----------
-    ramp : (2, 3, r, r) per unit of e31 e33 e15, weighted by 2x/L and by (2x/L)² − 1/3 over the whole plate
-    spot : (3,) unknowns that are the displacement of an attached body; empty where the sector is not there
-    bare_ends : None where the electrodes are not on the large faces
-    taper : None where no effect asks for its sector
-    films : (u, u) ∫ v·u over one electrode, between the driven class and that whose parity differs about the plane
-        between the electrodes, m² per unit of displacement²; None where no effect asks for its sector
+    weighted : of a part of a plate with all three mirror planes
+    sectors : the unknowns
+    constants : lossless reference
+    whole, keep : where these are some of the unknowns of others, those and the indices there
     """
 
-    face: Face
-    slices: Slices
-    ramp: np.ndarray = field(repr=False)
-    spot: np.ndarray
-    bare_ends: BareEnds | None
-    taper: Taper | None
-    films: np.ndarray | None
+    weighted: WeightedProducts = field(repr=False)
+    sectors: Sectors = field(repr=False)
+    constants: ElasticForm
+    whole: Places | None = None
+    keep: np.ndarray | None = field(default=None, repr=False)
 
-    def select(self, keep: np.ndarray, displacements: int) -> Places:
-        """The same with the unknowns `keep` (indices), of which so many were displacements before."""
-        square = np.ix_(keep, keep)
-        moving = keep[keep < displacements]
-        face = self.face.select(moving)
-        spot = np.flatnonzero(np.isin(keep, self.spot))
-        ends = None if self.bare_ends is None else self.bare_ends.select(square)
-        taper = None if self.taper is None else self.taper.select(square, np.ix_(moving, moving))
-        films = None if self.films is None else self.films[np.ix_(moving, moving)]
-        return Places(face, self.slices.select(square), self.ramp[:, :, square[0], square[1]], spot, ends, taper, films)
+    @property
+    def size(self) -> int:
+        """Number of unknowns r, u of them displacements."""
+        return self.sectors.member.size
 
+    def select(self, names: Sequence[str], keep: np.ndarray) -> Places:
+        """The same on some of the sectors, whose unknowns are number `keep` of these."""
+        whole, keep = (self, keep) if self.whole is None else (self.whole, self.keep[keep])
+        return Places(self.weighted, self.sectors.select(names), self.constants, whole, keep)
 
-def measure_places(weighted: WeightedProducts, sectors: Sectors, constants: ElasticForm) -> Places:
-    """Sample and project on a part of a plate with all three mirror planes; constants: lossless reference."""
-    names = np.array(sectors.names)
-    spot = np.flatnonzero(names[sectors.member] == SPOT)
-    asked = {ending for ending in (TAPER, FILM) if any(name.endswith(ending) for name in names)}
-    pieces = (
-        lambda: _slices(weighted, sectors, constants),
-        lambda: measure_bare_ends(weighted.model, sectors, constants),
-        lambda: _taper(weighted, sectors) if TAPER in asked else None,
-        lambda: _ramp(weighted, sectors),
-        lambda: _films(weighted, sectors) if FILM in asked else None,
-        lambda: _face(weighted.model, sectors),
-    )
-    slices, ends, taper, ramp, films, face = in_parallel(operator.call, pieces)
-    return Places(face, slices, ramp, spot, ends, taper, films)
+    def of_displacements(self, matrix: np.ndarray) -> np.ndarray:
+        """(u, u) of a matrix (r, r)."""
+        u = self.sectors.displacements
+        return matrix[:u, :u]
+
+    @cached_property
+    def face(self) -> Face:
+        """Displacements on one face."""
+        return _face(self.weighted.model, self.sectors)
+
+    @cached_property
+    def spot(self) -> np.ndarray:
+        """(3,) unknowns that are the displacement of an attached body; empty where the sector is not there."""
+        return np.flatnonzero(np.array(self.sectors.names)[self.sectors.member] == SPOT)
+
+    @cached_property
+    def slices(self) -> Slices:
+        """Slices across the plate."""
+        return self._made("slices", lambda: _slices(self.weighted, self.sectors, self.constants))
+
+    @cached_property
+    def ramp(self) -> Blocks:
+        """[2, 3] (r, r) per unit of e31 e33 e15, weighted by 2x/L and by (2x/L)² − 1/3 over the whole plate."""
+        return self._made("ramp", lambda: _ramp(self.weighted, self.sectors))
+
+    @cached_property
+    def bare_ends(self) -> BareEnds:
+        """Bare strips at both ends of a thickness-poled plate."""
+        return self._made("bare_ends", lambda: measure_bare_ends(self.weighted.model, self.sectors, self.constants))
+
+    @cached_property
+    def taper(self) -> Taper:
+        """A width that varies along the plate."""
+        return self._made("taper", lambda: _taper(self.weighted, self.sectors))
+
+    @cached_property
+    def films(self) -> Blocks:
+        """[...] (r, r) ∫ v·u over one electrode, m² per unit of displacement².
+
+        Between the driven class and that whose parity differs about the plane between the electrodes.
+        """
+        return self._made("films", lambda: _films(self.weighted, self.sectors))
+
+    def _made(self, name: str, make: Callable[[], Made]) -> Made:
+        return make() if self.whole is None else getattr(self.whole, name).select(self.keep)
 
 
 def _face(model: ElectroelasticModel, sectors: Sectors) -> Face:
@@ -196,13 +218,11 @@ def _slices(weighted: WeightedProducts, sectors: Sectors, constants: ElasticForm
     units = weighted.model.unit_tensors
     whole = np.tensordot(constants.vector().real, units, axes=1)
     tensors = [*units[ELASTIC.start : ELASTIC.stop], lateral_tensor(whole)]
-    matrices = np.zeros((len(weighted.slices), len(tensors), size, size))
-    for matrix, products in zip(matrices, weighted.slices, strict=True):
-        # the slice at x > 0 alone is half an even and half an odd weight
-        matrix[(slice(None), *np.ix_(own, own))] = 0.5 * products.within(fields, tensors)
+    # the slice at x > 0 alone is half an even and half an odd weight
+    inner = np.array([0.5 * products.within(fields, tensors) for products in weighted.slices])
     ends = weighted.slice_ends
-    lateral = matrices[:, -1] / constants.c11.real
-    return Slices((ends[1:] + ends[:-1]) / 2, float(ends[-1] / len(matrices)), matrices[:, :-1], lateral)
+    matrices, lateral = Blocks(inner[:, :-1], own, size), Blocks(inner[:, -1] / constants.c11.real, own, size)
+    return Slices((ends[1:] + ends[:-1]) / 2, float(ends[-1] / len(inner)), matrices, lateral)
 
 
 def lateral_tensor(whole: np.ndarray) -> np.ndarray:
@@ -220,7 +240,7 @@ def _smooth_classes(sectors: Sectors) -> dict[tuple[int, ...], np.ndarray]:
     return {group: own[~np.isin(sectors.member[own], rough)] for group, own in sectors.classes.items()}
 
 
-def _ramp(weighted: WeightedProducts, sectors: Sectors) -> np.ndarray:
+def _ramp(weighted: WeightedProducts, sectors: Sectors) -> Blocks:
     """The odd weight couples classes whose parities differ about x alone, the even one each class with itself."""
     size = sectors.member.size
     found = np.zeros((2, len(PIEZOELECTRIC), size, size))
@@ -232,7 +252,7 @@ def _ramp(weighted: WeightedProducts, sectors: Sectors) -> np.ndarray:
             if 0 not in flipped:
                 left, right = (sectors.fields[:, :, one] for one in (own, groups[partner]))
                 _put(found[0], weighted.odd.between(left, right, units), own, groups[partner])
-    return found
+    return Blocks.of(found, np.flatnonzero(np.any(found, axis=(0, 1, 2))))
 
 
 def _put(found: np.ndarray, block: np.ndarray, rows: np.ndarray, columns: np.ndarray | None = None) -> None:
@@ -242,17 +262,17 @@ def _put(found: np.ndarray, block: np.ndarray, rows: np.ndarray, columns: np.nda
         found[(..., *np.ix_(columns, rows))] = np.swapaxes(block, -1, -2)
 
 
-def _films(weighted: WeightedProducts, sectors: Sectors) -> np.ndarray:
+def _films(weighted: WeightedProducts, sectors: Sectors) -> Blocks:
     groups = _smooth_classes(sectors)
     left, right = (sectors.fields[:, :, own].reshape(-1, own.size) for own in (groups[()], groups[2,]))
     found = np.zeros((sectors.member.size, sectors.member.size))
     _put(found, left.T @ (weighted.film @ right), groups[()], groups[2,])
-    return found[: sectors.displacements, : sectors.displacements]
+    return Blocks.of(found, np.sort(np.concatenate([groups[()], groups[2,]])))
 
 
 def _taper(weighted: WeightedProducts, sectors: Sectors) -> Taper:
     """The first order couples the driven class to that whose parity differs about x, the second each with itself."""
-    groups, size, u = _smooth_classes(sectors), sectors.member.size, sectors.displacements
+    groups, size = _smooth_classes(sectors), sectors.member.size
     units, (first, second) = weighted.model.unit_tensors, weighted.tapered
     rows, columns = groups[()], groups[0,]
     found, inertia = np.zeros((2, len(units), size, size)), np.zeros((size, size))
@@ -262,4 +282,5 @@ def _taper(weighted: WeightedProducts, sectors: Sectors) -> Taper:
     _put(found[1], second.within(right, units), columns)
     left, right = (fields.reshape(-1, fields.shape[2]) for fields in (left, right))
     _put(inertia, left.T @ (first.mass_matrix(weighted.model.density) @ right), rows, columns)
-    return Taper(*found, inertia[:u, :u])
+    both = np.sort(np.concatenate([rows, columns]))
+    return Taper(*(Blocks.of(matrices, both) for matrices in (*found, inertia)))

@@ -25,7 +25,7 @@ from femu_piezo.forward.parity import ParityClass, full_operators
 from femu_piezo.forward.reduced_basis import new_directions
 from femu_piezo.forward.reduction import ReducedModel
 from femu_piezo.geometry.boxes import grid_lines, tensor_box
-from femu_piezo.material.constants import ElasticForm
+from femu_piezo.material.constants import ElasticForm, PiezoConstants
 from femu_piezo.threads import in_parallel
 
 DRIVEN, SLICES, RAMP, TAPER, FILM, SPOT = "driven", "slices", "ramp", "taper", "film", "spot"
@@ -35,6 +35,8 @@ _LOCAL = (RAMP, TAPER, FILM, SLICES)
 _BEYOND = 2.5
 #: Local responses smaller than this share of the largest, outside what is known, are dropped.
 _KEEP = 1e-3
+#: Part of a mode at other constants below which a correction is dropped: its eigenvalue errs by the square.
+_FOLLOWED = 1e-3
 #: Frequency of the local responses, as a share of the band's ω².
 _SHIFT = 0.3
 
@@ -75,6 +77,18 @@ class Sectors:
         }
 
 
+    def select(self, names: Sequence[str]) -> Sectors:
+        """Those of some sectors alone, and the electric unknowns; names in the order of these."""
+        chosen = np.array([self.names.index(name) for name in names])
+        keep = np.flatnonzero(np.isin(self.member, chosen))
+        return Sectors(
+            tuple(names),
+            np.searchsorted(chosen, self.member[keep]),
+            self.fields[:, :, keep],
+            int(np.count_nonzero(keep < self.displacements)),
+        )
+
+
 @dataclass(frozen=True)
 class ClassBasis:
     """What of one parity class depends on no driven state.
@@ -94,25 +108,53 @@ Classes = dict[tuple[int, ...], ClassBasis]
 
 
 def prepare_classes(
-    weighted: WeightedProducts, wanted: Sequence[str], constants: ElasticForm, band_Hz: float
+    weighted: WeightedProducts, wanted: Sequence[str], training: Sequence[PiezoConstants], band_Hz: float
 ) -> Classes:
-    """Modes and factors of all classes that the wanted sectors name, at lossless constants."""
+    """Modes and factors of all classes that the wanted sectors name, at the first of the training constants, lossless.
+
+    Modes of a class with local responses, which effects at a place drive in first order, follow the other training
+    constants too.
+    """
     model, top = weighted.model, (2 * np.pi * band_Hz) ** 2
+    constants, *others_trained = (one.lossless().to_e_form() for one in training)
     flips = list(dict.fromkeys(flipped_axes(name) for name in wanted if name != SPOT))
     local = {flipped_axes(name) for name in wanted if name.endswith(_LOCAL)}
     others = _OtherClasses(weighted, constants, _BEYOND * top) if any(flips) else None
     operators = full_operators(model, constants) if local else ()
 
-    def respond(flipped: tuple[int, ...]) -> Callable[[list[np.ndarray]], list[np.ndarray]]:
+    def one(flipped: tuple[int, ...]) -> ClassBasis:
+        modes = others.modes(flipped) if flipped else np.zeros((FIELDS, model.basis.N, 0))
+        if flipped not in local:
+            return ClassBasis(modes, None)
         own = ParityClass(model, *operators, flipped)
         factor = own.factor(_SHIFT * top)
-        return lambda loads: [own.prolongation @ factor.solve(own.prolongation.T @ load) for load in loads]
 
-    none = np.zeros((FIELDS, model.basis.N, 0))
-    return {
-        flipped: ClassBasis(others.modes(flipped) if flipped else none, respond(flipped) if flipped in local else None)
-        for flipped in flips
-    }
+        def respond(loads: list[np.ndarray]) -> list[np.ndarray]:
+            return [own.prolongation @ factor.solve(own.prolongation.T @ load) for load in loads]
+
+        if flipped and others_trained:
+            (moved,) = respond([_moved_mode_loads(weighted, modes, others_trained, top)])
+            modes = np.concatenate([modes, _outside(weighted, moved, modes, least=_FOLLOWED)], axis=2)
+        return ClassBasis(modes, respond)
+
+    return dict(zip(flips, in_parallel(one, flips), strict=True))
+
+
+def _moved_mode_loads(
+    weighted: WeightedProducts, modes: np.ndarray, training: Sequence[ElasticForm], top: float
+) -> np.ndarray:
+    """(4n, k) what modes (4, n, j) of a class leave unbalanced at other constants, those in the band.
+
+    K^-1 times it is the first correction of a mode: with it the eigenvalues err in fourth order of the change.
+    """
+    model, flat = weighted.model, modes.reshape(-1, modes.shape[2])
+    mass, found = model.products.mass_matrix(model.density), []
+    for constants in training:
+        image = model.products.stiffness(np.tensordot(constants.vector().real, model.unit_tensors, axes=1)) @ flat
+        values, vectors = np.linalg.eigh(flat.T @ image)
+        vectors, values = vectors[:, values < top], values[values < top]
+        found.append(image @ vectors - mass @ (flat @ vectors) * values)
+    return np.hstack(found)
 
 
 def build_sectors(
@@ -238,14 +280,20 @@ def _film_loads(weighted: WeightedProducts, states: np.ndarray) -> np.ndarray:
     return loads[:, norm > 0] / norm[norm > 0]
 
 
-def _outside(weighted: WeightedProducts, responses: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Combinations (4, n, k) of responses (4n, j), their displacements orthonormal and new beside `known` (4, n, i)."""
+def _outside(
+    weighted: WeightedProducts, responses: np.ndarray, known: np.ndarray, least: float | None = None
+) -> np.ndarray:
+    """Combinations (4, n, k) of responses (4n, j), their displacements orthonormal and new beside `known` (4, n, i).
+
+    least : size below which a direction is dropped; a share of the largest response where None
+    """
     weight = weighted.mass
     n = weight.shape[0]
     known = known.reshape(-1, known.shape[2])
     old = known[:n]
     outside = responses - known @ (old.T @ (weight @ responses[:n]))
-    fresh = new_directions(old, outside[:n], _KEEP, weight)
+    largest = np.sqrt(np.max(np.sum(outside[:n] * (weight @ outside[:n]), axis=0)))
+    fresh = new_directions(old, outside[:n], _KEEP if least is None else least / largest, weight)
     # the potentials follow the same combinations
     mix = np.linalg.lstsq(fresh.T @ (weight @ outside[:n]), np.eye(fresh.shape[1]), rcond=1e-10)[0]
     return np.concatenate([fresh, outside[n:] @ mix]).reshape(FIELDS, -1, fresh.shape[1])
