@@ -228,12 +228,16 @@ class Update(Table):
     noise_only: bool = False
 
 
+Effects = dict[str, dict[str, float | str | Annotated[tuple[str, ...], LIST]]]
+
+
 class Specimen(Table):
     """One piece: geometry, material and, where given, its measured sweep and what to do with them.
 
-    effects : what the specimen has beyond the base model, effect → parameter → value, by the names of `diagnose`
-    fitted : where a fit left what has a tolerance (dimensions, held constants, instrument), in the same form;
-        simulations take it, fits keep to the values and tolerances of the other tables
+    effects : what the specimen has beyond the base model, effect → parameter → value, by the names of `diagnose`;
+        of the parameters that its key `free` names, simulations take the value, and fits find it anew
+    fitted : where a fit left the free constants ("material") and what has a tolerance (dimensions, held constants,
+        instrument) in the same form; simulations take it, fits keep to the values and tolerances of the other tables
     """
 
     model_config = ConfigDict(title="")
@@ -249,14 +253,24 @@ class Specimen(Table):
     measurement: Measurement | None = None
     simulation: Simulation | None = None
     update: Update | None = None
-    effects: dict[str, dict[str, float | str]] | None = None
-    fitted: dict[str, dict[str, float | str]] | None = None
+    effects: Effects | None = None
+    fitted: Effects | None = None
     path: Path | None = None
 
     def problem(self) -> str | None:
         if not 0 < len(self.name) <= 200 or not self.name.isprintable():
             return f"name = {shown(self.name)} is not a line of 1 to 200 characters; give a short name"
+        for key, value in self.fitted_constants.items():
+            if key.removeprefix("tan_") not in CONSTANTS:
+                return f"fitted.material.{key} is no constant; known are {', '.join(CONSTANTS)}, each also with tan_"
+            if not isinstance(value, float):
+                return f"fitted.material.{key} = {shown(value)} is not a number; give it in SI units, without the unit"
         return None
+
+    @property
+    def fitted_constants(self) -> dict[str, float]:
+        """Where a fit left the free constants and their tangents, SI: "s11", "tan_s11", …; empty where none did."""
+        return (self.fitted or {}).get("material", {})
 
     @model_validator(mode="after")
     def _default_free(self) -> Specimen:

@@ -14,7 +14,7 @@ from femu_piezo.inference.unknowns import FreeConstants
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.material.simplified import simplify
-from femu_piezo.specimen.file import Simulation, Specimen
+from femu_piezo.specimen.file import Material, Simulation, Specimen
 from femu_piezo.study.shapes import first_mode_Hz, shape_of
 
 #: Eigenvalue error allowed at the end of a sweep of shapes other than rectangular plates.
@@ -30,12 +30,15 @@ class Problem:
     plate : the body with its electrodes; a `Plate`, or any other `Shape`
     constants : the ten constants of the specimen file, the paper's simplification applied where asked for
     density : kg/m³
+    fitted : the constants where a fit left them, which simulations take and fits start from; those of the file where
+        none did
     """
 
     specimen: Specimen
     plate: Shape
     constants: PiezoConstants
     density: float
+    fitted: PiezoConstants
 
     @property
     def shear_speed(self) -> float:
@@ -101,24 +104,28 @@ def prepare(specimen: Specimen, *, check: bool = True) -> Problem:
         density = specimen.geometry.mass / plate.volume
     if density is None:
         raise InputError(f'{where}: geometry.density is missing and there is no base material; write "7800 kg/m^3"')
-    constants = _constants(specimen, base.constants if base else None)
+    constants = fitted = _constants(specimen.material, base.constants if base else None)
+    if specimen.fitted_constants:
+        fitted = _constants(specimen.material.model_copy(update=specimen.fitted_constants), constants)
     if specimen.material.simplified:
-        constants = simplify(constants, plate.poling).full()
+        constants, fitted = (simplify(one, plate.poling).full() for one in (constants, fitted))
     charge = _driving_constant(plate)
     if getattr(constants, charge) == 0:
         raise InputError(
             f"{where}: material.{charge} is zero, so a body poled along {_named(plate)} has no electrical "
             f"response; give material.{charge}"
         )
-    if check:
+    if specimen.fitted_constants:  # a fit is passive within its tolerance, with the held constants where it left them
+        fitted.check(f"{where}: fitted.material", passive=False)
+    elif check:
         constants.check(f"{where}: material")
-    return Problem(specimen, plate, constants, float(density))
+    return Problem(specimen, plate, constants, float(density), fitted)
 
 
-def _constants(specimen: Specimen, base: PiezoConstants | None) -> PiezoConstants:
+def _constants(material: Material, base: PiezoConstants | None) -> PiezoConstants:
     values = base.as_dict() if base else {}
-    values |= {name: complex(value) for name, value in specimen.material.values.items()}
-    for name, tangent in specimen.material.tangents.items():
+    values |= {name: complex(value) for name, value in material.values.items()}
+    for name, tangent in material.tangents.items():
         values[name] = values[name].real * (1 - 1j * tangent)
     return PiezoConstants(**values)
 

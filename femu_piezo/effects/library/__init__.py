@@ -18,7 +18,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 from femu_piezo.errors import InputError
-from femu_piezo.units import parse_quantity
+from femu_piezo.units import parse_quantity, shown
 
 #: What a list of effects holds: an effect as it is, or what makes those that a specimen may have (one, several, none).
 Maker = Effect | Callable[[EffectContext], Effect | Iterable[Effect] | None]
@@ -73,8 +73,8 @@ def with_library(offered: Iterable[Maker] | None) -> tuple[Maker, ...]:
 
 #: Frequencies of any sweep, Hz.
 _ANY_BAND = (1.0, 1e9)
-#: Key of an [effects.NAME] table: where a law over frequency is anchored.
-REFERENCE = "reference_frequency"
+#: Keys of an [effects.NAME] table: where a law over frequency is anchored, and the parameters that fits find anew.
+REFERENCE, FREE = "reference_frequency", "free"
 
 
 def from_table(
@@ -85,6 +85,8 @@ def from_table(
 ) -> tuple[tuple[Effect, np.ndarray], ...]:
     """The effects of an [effects] table with their values: effect name → parameter name → SI number or "1 ohm".
 
+    Those with a parameter that `free` names are unknowns of every fit (`Effect.within_spread`).
+
     offered : the effects that are known by name
 
     Raises InputError for an unknown effect or parameter, and for a missing one.
@@ -92,6 +94,7 @@ def from_table(
     found: list[tuple[Effect, np.ndarray]] = []
     for name, values in table.items():
         left = dict(values)
+        free = left.pop(FREE, ())
         anchor = left.pop(REFERENCE, context.fundamental_Hz)
         at = replace(context, fundamental_Hz=parse_quantity(anchor, "Hz", f"{where}: effects.{name}.{REFERENCE}"))
         # a constant that is free now may have had an error before, and another sweep another band
@@ -103,7 +106,13 @@ def from_table(
         for effect in variants:
             if {parameter.name for parameter in effect.parameters if not parameter.optional} <= set(left):
                 given = [_value(p, left.pop(p.name, p.rest), where, name) for p in effect.parameters]
-                found.append((effect, np.array(given)))
+                asked = any(parameter.name in free for parameter in effect.parameters)
+                found.append((effect.within_spread if asked else effect, np.array(given)))
+        if not isinstance(free, tuple) or not set(free) <= set(values):
+            raise InputError(
+                f"{where}: effects.{name}.{FREE} = {shown(free)} is no list of parameters of its table, such as "
+                f"{shown([key for key in values if key not in (FREE, REFERENCE)])}"
+            )
         if left or not values:
             words = "; or ".join(", ".join(f"{p.name} ({p.unit})" for p in effect.parameters) for effect in variants)
             raise InputError(f"{where}: effects.{name} has {sorted(left) or 'nothing'}; give {words}")
