@@ -113,7 +113,7 @@ def body_as_simulated(problem: Problem, known: Sequence[tuple[Effect, np.ndarray
     Also the names of the effects that no body shows: circuits, and terms on the mesh.
     """
     constants, stretch, density = problem.fitted.vector()[None], np.ones(3), problem.density
-    omega, none = 2 * np.pi * np.array([problem.expected_pole_Hz]), np.zeros((1, constants.size, 0))
+    omega, none = 2 * np.pi * np.array([problem.expected_pole_Hz]), np.zeros((1, constants.size, 0), dtype=complex)
     for effect, values in sorted(known, key=lambda item: item[0].place):
         if effect.constants is not None:
             constants = effect.constants(constants, none, omega, values)[0]
