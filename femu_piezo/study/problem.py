@@ -19,6 +19,8 @@ from femu_piezo.study.shapes import first_mode_Hz, shape_of
 
 #: Eigenvalue error allowed at the end of a sweep of shapes other than rectangular plates.
 _ERROR_AT_END = 1e-3
+#: kg/m³ that a weighed piece may have: composites with polymers lie above, no solid of lead oxides reaches the end.
+_DENSITIES = (1000.0, 20000.0)
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,12 @@ def prepare(specimen: Specimen, *, check: bool = True) -> Problem:
     density = specimen.geometry.density or (base.density if base else None)
     if specimen.geometry.mass is not None:
         density = specimen.geometry.mass / plate.volume
+        if not _DENSITIES[0] <= density <= _DENSITIES[1]:
+            raise InputError(
+                f"{where}: geometry.mass = {specimen.geometry.mass:g} kg in the {1e9 * plate.volume:.4g} mm^3 of these "
+                f"dimensions is a density of {density:.3g} kg/m^3, outside {_DENSITIES[0]:g} … {_DENSITIES[1]:g}; is "
+                "the unit of the mass or of a dimension wrong?"
+            )
     if density is None:
         raise InputError(f'{where}: geometry.density is missing and there is no base material; write "7800 kg/m^3"')
     constants = fitted = _constants(specimen.material, base.constants if base else None)
