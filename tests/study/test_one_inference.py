@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import femu_piezo as fp
+from femu_piezo.effects.library import circuits
+from femu_piezo.inference.passivity import passivity_wall
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.output.tables import number
 from femu_piezo.specimen.file import Specimen, read_specimen
@@ -115,3 +117,30 @@ def test_the_loss_of_the_file_counts(sweeps, write_specimen_of, truth, how):
         found = constants_by(how, read_specimen(write_specimen_of("k31", spoiled, TRIO, {}, more=more)))
         away[loss] = abs(found["eps33T"].value / truth.eps33T.real - 1)
     assert away["cauchy"] < 1.5e-3 < away["linear"]
+
+
+LEAD = "[effects.series_resistance]\nresistance = 60.0\n"
+#: Loss tangents of the body and what its leads have; what the file says of these.
+ACTIVE = {
+    "tangents of s11, d31, eps33T that no body has": ((0.012, 0.03, 0.014), 0.0, ""),
+    "the same behind a known lead": ((0.012, 0.03, 0.014), 60.0, LEAD),
+    "the same behind a lead of unknown size": ((0.012, 0.03, 0.014), 60.0, LEAD + 'free = ["resistance"]\n'),
+    "a compensation that takes 40 ohm too much": ((0.015, 0.013, 0.017), 20.0, LEAD),
+}
+
+
+@pytest.mark.parametrize("loss", ["linear", "cauchy"])
+@pytest.mark.parametrize("case", ACTIVE)
+def test_no_path_creates_energy(sweep_of, write_specimen_of, truth, case, loss):
+    """A sweep that asks for it: every fit ends within the tolerance of the wall, its held constants as it left them."""
+    tangents, lead, tables = ACTIVE[case]
+    values = {n: getattr(truth, n).real * (1 - 1j * tan) for n, tan in zip(TRIO, tangents, strict=True)}
+    bare = sweep_of("k31", truth.with_values(**values))
+    sweep = noisy(ImpedanceSpectrum(bare.frequency, bare.impedance + lead))
+    more = f'noise = {NOISE}\n[update]\nloss = "{loss}"\n{tables}'
+    path = write_specimen_of("k31", sweep, TRIO, {}, more=more, lossy=True)
+    specimen = read_specimen(path)
+    diagnosed = fp.diagnose(specimen, effects=[circuits.candidates]).comparison
+    walls = [passivity_wall(fit.parameters, fit.x)[0] for fit in (fp.update(specimen).fit, diagnosed.base)]
+    assert all(0 < -wall.min() < 1 for wall in walls)  # they lean on the wall, by less than its tolerance
+    assert -passivity_wall(diagnosed.final.parameters, diagnosed.final.x)[0].min() < 1
