@@ -44,6 +44,9 @@ PriorStd = Annotated[
     float, quantity("1", 1e-6, 10, 'prior knowledge is a relative standard deviation, such as 0.05 or "5 %"')
 ]
 TangentStd = Annotated[float, quantity("1", 0, 1, "the standard deviation of a loss tangent, such as 0.005")]
+MagnitudeStd = Annotated[
+    float, quantity("1", 0, 1, 'the accuracy of |Z| is a relative standard deviation, such as 0.0008 or "0.08 %"')
+]
 PhaseStd = Annotated[float, quantity("rad", 0, 0.5, 'the accuracy of a phase is an angle such as "0.8 mrad"')]
 Resistance = Annotated[float, quantity("ohm", 0, 1e6, 'a residue is a resistance such as "20 mohm"')]
 Inductance = Annotated[float, quantity("H", 0, 1.0, 'a residue is an inductance such as "10 nH"')]
@@ -148,7 +151,10 @@ class Material(Table):
 
 
 class Residue(Table):
-    """What a fixture leaves after its compensation, standard deviations: ohm, H, F."""
+    """What a fixture leaves after its compensation, standard deviations.
+
+    resistance and inductance in series, ohm and H; capacitance in parallel, F
+    """
 
     model_config = ConfigDict(title="measurement.residue")
 
@@ -164,6 +170,7 @@ class Measurement(Table):
 
     correct_phase: turn the phase by 180°; mask_faults: leave out spikes, mains lines and the shorter side of jumps.
     accuracy, phase_accuracy: of |Z| (relative) and phase (rad), standard deviations smooth over frequency.
+    residue: of the fixture after its compensation.
     """
 
     model_config = ConfigDict(title="measurement")
@@ -173,7 +180,7 @@ class Measurement(Table):
     correct_phase: bool = False
     mask_faults: bool = False
     noise: RelativeNoise | None = None
-    accuracy: RelativeNoise | None = None
+    accuracy: MagnitudeStd | None = None
     phase_accuracy: PhaseStd | None = None
     residue: Residue | None = None
 
