@@ -9,6 +9,7 @@ import pytest
 
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.effects.library import circuits
+from femu_piezo.inference.fit import fit
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Simulation, Specimen, read_specimen, write_specimen
 from femu_piezo.study.diagnose import diagnose, extended_specimen
@@ -108,3 +109,22 @@ def test_a_further_diagnosis_finds_nothing_more(diagnosed):
         assert [table[key] for key in table["free"]] == pytest.approx(
             [other.effects[name][key] for key in table["free"]], rel=1e-5
         )
+
+
+def test_a_fit_starts_where_the_file_says_that_a_free_effect_is(sweeps, write_specimen_of, monkeypatch):
+    """Its prior is about nothing all the same; of an effect at a place the start decides which place is found."""
+    tail = 'noise = 5e-4\n[effects.series_resistance]\nresistance = 50.0\nfree = ["resistance"]\n'
+    path = write_specimen_of("k31", sweeps["k31"], TRIO, more=tail, lossy=True)
+    seen = []
+
+    def watched(response, data, unknowns, places, **more):
+        seen.append((unknowns, places[0]))
+        return fit(response, data, unknowns, places, **more)
+
+    monkeypatch.setattr("femu_piezo.study.posterior.fit", watched)
+    found = update(read_specimen(path)).fit
+    unknowns, start = seen[0]
+    lead = unknowns.index("series_resistance")
+    assert unknowns.values(start)[lead] == pytest.approx([50.0])
+    assert unknowns.values(unknowns.prior_mean)[lead] == [0.0]
+    assert abs(found.parameters.values(found.x)[lead][0]) < 4 * found.std_of_effects[lead][0]
