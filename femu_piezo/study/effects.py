@@ -67,9 +67,9 @@ def known_effects(
     """
     where, specimen = str(problem.specimen.path or problem.specimen.name), problem.specimen
     left = {name: table for name, table in (specimen.fitted or {}).items() if name != "material"}
-    tables = [specimen.effects or {}, left if fitted else {}]
+    tables = {"effects": specimen.effects or {}, "fitted": left if fitted else {}}
     offered = with_library(effects)
-    return tuple(item for table in tables for item in from_table(table, context, where, offered))
+    return tuple(item for kind, table in tables.items() for item in from_table(table, context, where, offered, kind))
 
 
 def has_effects(measured: Sequence[Measured]) -> bool:

@@ -122,9 +122,11 @@ def test_a_fit_starts_where_the_file_says_that_a_free_effect_is(sweeps, write_sp
         return fit(response, data, unknowns, places, **more)
 
     monkeypatch.setattr("femu_piezo.study.posterior.fit", watched)
-    found = update(read_specimen(path)).fit
+    result = update(read_specimen(path))
+    found = result.fit
     unknowns, start = seen[0]
     lead = unknowns.index("series_resistance")
     assert unknowns.values(start)[lead] == pytest.approx([50.0])
     assert unknowns.values(unknowns.prior_mean)[lead] == [0.0]
     assert abs(found.parameters.values(found.x)[lead][0]) < 4 * found.std_of_effects[lead][0]
+    assert any(note.startswith("series_resistance, which the file leaves free, is found") for note in result.notes)

@@ -171,10 +171,13 @@ def test_a_larger_disk_of_a_given_mass_is_lighter(tmp_path):
         ("[fitted.material]\ns66 = 1e-12\n", "fitted.material.s66 is no constant; known are s11"),
         ('[fitted.material]\ns11 = "17e-12"\n', 'fitted.material.s11 = "17e-12" is not a number'),
         ("[fitted.material]\ns11 = -17e-12\n", "fitted.material: s11 = -1.7e-11 must be positive"),
-        ("[fitted.ghost]\nsize = 1\n", "ghost is no effect"),
-        ("[fitted.wrong_length]\nrelative_error = 0.2\n", "relative_error = 0.2 is outside"),
+        ("[fitted.ghost]\nsize = 1\n", "fitted.ghost is no effect"),
+        ("[fitted.wrong_length]\nrelative_error = 0.2\n", "fitted.wrong_length.relative_error = 0.2 is outside"),
         ("[effects.leakage]\nconductance = 1e-6\nfree = ['resistance']\n", "is no list of parameters of its table"),
         ("[effects.leakage]\nconductance = 1e-6\nfree = 'conductance'\n", "is no list of parameters of its table"),
+        ("[effects.leakage]\nconductance = 1e-6\nfree = 1.0\n", "is no list of parameters of its table"),
+        ("[effects.leakage]\nconductance = 1e-6\nfree = true\n", "effects.leakage.free = True cannot be used"),
+        ("[effects.leakage]\nfree = ['conductance']\n", "is no list of parameters of its table"),
     ],
 )
 def test_wrong_tables_of_a_fit_are_told_in_one_sentence(tmp_path, tail, told):

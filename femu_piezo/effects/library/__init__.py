@@ -82,12 +82,13 @@ def from_table(
     context: EffectContext,
     where: str,
     offered: Iterable[Maker] = makers,
+    kind: str = "effects",
 ) -> tuple[tuple[Effect, np.ndarray], ...]:
     """The effects of an [effects] table with their values: effect name → parameter name → SI number or "1 ohm".
 
     Those with a parameter that `free` names are unknowns of every fit (`Effect.within_spread`).
 
-    offered : the effects that are known by name
+    offered : the effects that are known by name;  kind : name of the table in messages
 
     Raises InputError for an unknown effect or parameter, and for a missing one.
     """
@@ -96,31 +97,31 @@ def from_table(
         left = dict(values)
         free = left.pop(FREE, ())
         anchor = left.pop(REFERENCE, context.fundamental_Hz)
-        at = replace(context, fundamental_Hz=parse_quantity(anchor, "Hz", f"{where}: effects.{name}.{REFERENCE}"))
+        at = replace(context, fundamental_Hz=parse_quantity(anchor, "Hz", f"{where}: {kind}.{name}.{REFERENCE}"))
         # a constant that is free now may have had an error before, and another sweep another band
         known = effects_of(replace(at, free=(), band_Hz=_ANY_BAND), offered)
         variants = [effect for effect in known if effect.name == name]
         if not variants:
             names = ", ".join(sorted({effect.name for effect in known}))
-            raise InputError(f"{where}: effects.{name} is no effect that this specimen can have; known are {names}")
-        for effect in variants:
-            if {parameter.name for parameter in effect.parameters if not parameter.optional} <= set(left):
-                given = [_value(p, left.pop(p.name, p.rest), where, name) for p in effect.parameters]
-                asked = any(parameter.name in free for parameter in effect.parameters)
-                found.append((effect.within_spread if asked else effect, np.array(given)))
+            raise InputError(f"{where}: {kind}.{name} is no effect that this specimen can have; known are {names}")
         if not isinstance(free, tuple) or not set(free) <= set(values):
             raise InputError(
-                f"{where}: effects.{name}.{FREE} = {shown(free)} is no list of parameters of its table, such as "
+                f"{where}: {kind}.{name}.{FREE} = {shown(free)} is no list of parameters of its table, such as "
                 f"{shown([key for key in values if key not in (FREE, REFERENCE)])}"
             )
+        for effect in variants:
+            if {parameter.name for parameter in effect.parameters if not parameter.optional} <= set(left):
+                key = f"{where}: {kind}.{name}"
+                given = [_value(p, left.pop(p.name, p.rest), f"{key}.{p.name}") for p in effect.parameters]
+                asked = any(parameter.name in free for parameter in effect.parameters)
+                found.append((effect.within_spread if asked else effect, np.array(given)))
         if left or not values:
             words = "; or ".join(", ".join(f"{p.name} ({p.unit})" for p in effect.parameters) for effect in variants)
-            raise InputError(f"{where}: effects.{name} has {sorted(left) or 'nothing'}; give {words}")
+            raise InputError(f"{where}: {kind}.{name} has {sorted(left) or 'nothing'}; give {words}")
     return tuple(found)
 
 
-def _value(parameter: EffectParameter, value: float | str, where: str, name: str) -> float:
-    key = f"{where}: effects.{name}.{parameter.name}"
+def _value(parameter: EffectParameter, value: float | str, key: str) -> float:
     number = parse_quantity(value, parameter.unit, key)
     if not parameter.low <= number <= parameter.high:
         reach = f"{parameter.low:g} … {parameter.high:g}{parameter.after_number}"
