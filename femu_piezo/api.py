@@ -152,18 +152,25 @@ def identify(
     return Identified.of_study(study.identify(_many(specimens), noise, progress, recommend=recommend))
 
 
-def modes(specimen: AnySpecimen, *, band: tuple[float, float] | None = None, count: int | None = None) -> Modes:
+def modes(
+    specimen: AnySpecimen,
+    *,
+    band: tuple[float, float] | None = None,
+    count: int | None = None,
+    effects: Iterable[Maker] | None = None,
+) -> Modes:
     """The driven modes of the specimen.
 
     Parameters
     ----------
     band : (low, high) Hz; from zero to 3.5 times the expected fundamental where None
     count : only so many, the lowest ones
+    effects : that its [effects] may name beside those of the library
     """
     from femu_piezo.output.results.modes import Modes
     from femu_piezo.study import modes as study
 
-    return Modes.of_study(study.modes(_one(specimen), band=band, count=count))
+    return Modes.of_study(study.modes(_one(specimen), band=band, count=count, effects=effects))
 
 
 def _one(specimen: AnySpecimen) -> Specimen:

@@ -132,8 +132,8 @@ def simulate(specimen: Path, out: Path, full_order: bool) -> None:
     """Simulate the specimen SPEC: poles, zeros and an impedance sweep.
 
     Writes simulation.json, impedance.csv and impedance.png. The sweep is that of the [simulation] table of SPEC
-    (start, stop, points, spacing, noise, seed), by default 100 Hz to 3.5 times the fundamental. With an [effects]
-    table all of it is that of the specimen with its effects.
+    (start, stop, points, spacing, noise, seed), by default 100 Hz to 3.5 times the fundamental. With [effects] and
+    [fitted] tables all of it is that of the specimen with its effects, where a fit left it.
     """
     from femu_piezo.api import simulate as run
     from femu_piezo.specimen.file import read_specimen
@@ -296,7 +296,8 @@ def diagnose(
 
     Fits the free constants, then every candidate effect together with them (leads, losses, held constants, dimensions,
     electrodes). Writes diagnosis.json, diagnosis.png (residuals before and after) and extended.toml, a specimen file
-    with the named effects as known. With --report also report.html, whose first page answers in plain words.
+    with the named effects that simulates to the fitted curve. With --report also report.html, whose first page answers
+    in plain words.
 
     Several SPEC files, or a study file with specimens = ["a.toml", "b.toml"], are specimens of one material: constants
     and fixture are common, a wrong dimension or a flaw is that of one specimen. Pictures, reports and extended specimen
@@ -326,7 +327,8 @@ def modes(
     """Draw the driven modes of the specimen SPEC: poles and zeros, what the body does, k_eff.
 
     Writes modes.json, mode_01.png, mode_02.png … and the sheet modes.png; with --animate mode_01.gif …, with
-    --html modes.html. The band ends by default at 3.5 times the expected fundamental.
+    --html modes.html. The band ends by default at 3.5 times the expected fundamental. Constants, dimensions and density
+    are those of the specimen with its [effects], where a fit left it ([fitted]).
     """
     from femu_piezo.api import modes as run
     from femu_piezo.specimen.file import read_specimen

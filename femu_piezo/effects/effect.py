@@ -9,8 +9,8 @@ An effect changes the affine model A = Σ c_q A_q − ω² M at one or more of t
     local       terms at a place that is itself a parameter             + c(ω, p) A(p), on the reduced plate
     circuit     a two-port around the terminals                         Z → Z'(ω, p)
 
-Effects compose: a list of them is applied in order, circuits last. Each file of `femu_piezo.effects.library` holds
-one cause; it needs no change anywhere else.
+Effects compose in an order of their own (`Effect.place`), whatever list they stand in. Each file of
+`femu_piezo.effects.library` holds one cause; it needs no change anywhere else.
 """
 
 from __future__ import annotations
@@ -140,6 +140,8 @@ class Effect:
     sites : (m, n) parameters to start a fit from: the size, then where it sits. How Z moves with a small size tells
         how promising each is and what size it asks for
     onset : terms whose slopes in the size hold at size zero, where those of `local` do not
+    outward : place of the circuit on the way from the body to the instrument, the lowest first
+    freed : whether every fit has it with the prior of a cause, as the specimen file asks
     """
 
     name: str
@@ -160,6 +162,8 @@ class Effect:
     sectors: tuple[str, ...] = ()
     sites: np.ndarray | None = None
     onset: LocalHook | None = None
+    outward: float = 0.0
+    freed: bool = False
 
     def __repr__(self) -> str:
         return f"Effect({self.key!r}: {', '.join(parameter.name for parameter in self.parameters)})"
@@ -168,6 +172,22 @@ class Effect:
     def within_tolerance(self) -> Effect:
         """The same as no candidate: no larger than its tolerance."""
         return replace(self, parameters=tuple(replace(one, spread=0.0) for one in self.parameters))
+
+    @property
+    def within_spread(self) -> Effect:
+        """The same as an unknown of every fit, with the prior of a cause."""
+        wide = zip(self.parameters, self.spread, strict=True)
+        return replace(
+            self,
+            parameters=tuple(replace(one, spread=0.0, tolerance=float(spread)) for one, spread in wide),
+            freed=True,
+        )
+
+    @property
+    def place(self) -> tuple[float, bool]:
+        """Where it stands among the effects of a body: laws over frequency act on the constants as they are, circuits
+        follow outward, the instrument is last."""
+        return self.outward, self.dispersive
 
     @property
     def key(self) -> str:

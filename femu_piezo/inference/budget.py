@@ -23,6 +23,8 @@ SOURCES = ("noise", "mesh", "discrepancy", "geometry", "density", "held", "instr
 
 def source_of(effect: Effect) -> str:
     """Which source of the budget the tolerance of an effect belongs to."""
+    if effect.freed:
+        return "prior"
     if effect.stretch is not None:
         return "geometry"
     if effect.density is not None:

@@ -28,10 +28,11 @@ class Active:
 
 
 def active_effects(parameters: Unknowns, x: np.ndarray) -> list[Active]:
-    """The fixed effects, then the fitted ones at x (n_x,)."""
-    fixed = [Active(effect, values, None) for effect, values in parameters.fixed]
+    """The fixed effects and the fitted ones at x (n_x,), in the order in which they act."""
+    found = [Active(effect, values, None) for effect, values in parameters.fixed]
     fitted = zip(parameters.effects, parameters.values(x), strict=True)
-    return fixed + [Active(effect, values, parameters.columns(i)) for i, (effect, values) in enumerate(fitted)]
+    found += [Active(effect, values, parameters.columns(i)) for i, (effect, values) in enumerate(fitted)]
+    return sorted(found, key=lambda item: item.effect.place)
 
 
 @dataclass(frozen=True)

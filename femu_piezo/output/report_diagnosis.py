@@ -208,7 +208,8 @@ def _measurements(result: Diagnosis) -> str:
 
 
 def _mode(result: Diagnosis) -> str:
-    return fundamental_picture(extended_specimen(result), result.reference_Hz, 1.2 * result.reference_Hz)
+    causes = [cause.effect for cause in result.verdict.causes]  # which the library may not know
+    return fundamental_picture(extended_specimen(result), result.reference_Hz, 1.2 * result.reference_Hz, causes)
 
 
 def _provenance(result: Diagnosis, command: str) -> Section:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import FemuPiezoError
 from femu_piezo.output.modes import mode_figure
 from femu_piezo.output.report import Section, paragraph, picture
@@ -21,16 +24,19 @@ def _fundamental(result: UpdateResult, outcome: Outcome) -> str:
     return fundamental_picture(specimen, pair.pole.frequency_Hz, 1.2 * pair.zero.frequency_Hz)
 
 
-def fundamental_picture(specimen: Specimen, near_Hz: float, highest_Hz: float) -> str:
+def fundamental_picture(
+    specimen: Specimen, near_Hz: float, highest_Hz: float, effects: Sequence[Effect] | None = None
+) -> str:
     """The mode with the pole next to a frequency; a sentence where it cannot be drawn here.
 
     Parameters
     ----------
     specimen : with the updated constants
     highest_Hz : end of the band that is searched
+    effects : that its [effects] may name beside those of the library
     """
     try:
-        found = modes(specimen, band=(0.0, highest_Hz))
+        found = modes(specimen, band=(0.0, highest_Hz), effects=effects)
         distance = [abs(mode.pole.frequency_Hz - near_Hz) for mode in found.modes]
         number = distance.index(min(distance))
         mode = found.modes[number]

@@ -44,6 +44,9 @@ PriorStd = Annotated[
     float, quantity("1", 1e-6, 10, 'prior knowledge is a relative standard deviation, such as 0.05 or "5 %"')
 ]
 TangentStd = Annotated[float, quantity("1", 0, 1, "the standard deviation of a loss tangent, such as 0.005")]
+MagnitudeStd = Annotated[
+    float, quantity("1", 0, 1, 'the accuracy of |Z| is a relative standard deviation, such as 0.0008 or "0.08 %"')
+]
 PhaseStd = Annotated[float, quantity("rad", 0, 0.5, 'the accuracy of a phase is an angle such as "0.8 mrad"')]
 Resistance = Annotated[float, quantity("ohm", 0, 1e6, 'a residue is a resistance such as "20 mohm"')]
 Inductance = Annotated[float, quantity("H", 0, 1.0, 'a residue is an inductance such as "10 nH"')]
@@ -148,7 +151,10 @@ class Material(Table):
 
 
 class Residue(Table):
-    """What a fixture leaves after its compensation, standard deviations: ohm, H, F."""
+    """What a fixture leaves after its compensation, standard deviations.
+
+    resistance and inductance in series, ohm and H; capacitance in parallel, F
+    """
 
     model_config = ConfigDict(title="measurement.residue")
 
@@ -164,6 +170,7 @@ class Measurement(Table):
 
     correct_phase: turn the phase by 180°; mask_faults: leave out spikes, mains lines and the shorter side of jumps.
     accuracy, phase_accuracy: of |Z| (relative) and phase (rad), standard deviations smooth over frequency.
+    residue: of the fixture after its compensation.
     """
 
     model_config = ConfigDict(title="measurement")
@@ -173,7 +180,7 @@ class Measurement(Table):
     correct_phase: bool = False
     mask_faults: bool = False
     noise: RelativeNoise | None = None
-    accuracy: RelativeNoise | None = None
+    accuracy: MagnitudeStd | None = None
     phase_accuracy: PhaseStd | None = None
     residue: Residue | None = None
 
@@ -228,12 +235,16 @@ class Update(Table):
     noise_only: bool = False
 
 
+Effects = dict[str, dict[str, float | str | Annotated[tuple[str, ...], LIST]]]
+
+
 class Specimen(Table):
     """One piece: geometry, material and, where given, its measured sweep and what to do with them.
 
-    effects : what the specimen has beyond the base model, effect → parameter → value, by the names of `diagnose`
-    fitted : where a fit left what has a tolerance (dimensions, held constants, instrument), in the same form;
-        simulations take it, fits keep to the values and tolerances of the other tables
+    effects : what the specimen has beyond the base model, effect → parameter → value, by the names of `diagnose`;
+        of the parameters that its key `free` names, simulations take the value, and fits find it anew
+    fitted : where a fit left the free constants ("material") and what has a tolerance (dimensions, held constants,
+        instrument) in the same form; simulations take it, fits keep to the values and tolerances of the other tables
     """
 
     model_config = ConfigDict(title="")
@@ -249,14 +260,24 @@ class Specimen(Table):
     measurement: Measurement | None = None
     simulation: Simulation | None = None
     update: Update | None = None
-    effects: dict[str, dict[str, float | str]] | None = None
-    fitted: dict[str, dict[str, float | str]] | None = None
+    effects: Effects | None = None
+    fitted: Effects | None = None
     path: Path | None = None
 
     def problem(self) -> str | None:
         if not 0 < len(self.name) <= 200 or not self.name.isprintable():
             return f"name = {shown(self.name)} is not a line of 1 to 200 characters; give a short name"
+        for key, value in self.fitted_constants.items():
+            if key.removeprefix("tan_") not in CONSTANTS:
+                return f"fitted.material.{key} is no constant; known are {', '.join(CONSTANTS)}, each also with tan_"
+            if not isinstance(value, float):
+                return f"fitted.material.{key} = {shown(value)} is not a number; give it in SI units, without the unit"
         return None
+
+    @property
+    def fitted_constants(self) -> dict[str, float]:
+        """Where a fit left the free constants and their tangents, SI: "s11", "tan_s11", …; empty where none did."""
+        return (self.fitted or {}).get("material", {})
 
     @model_validator(mode="after")
     def _default_free(self) -> Specimen:

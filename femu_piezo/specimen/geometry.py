@@ -22,6 +22,8 @@ Unit = Annotated[float, quantity("m", 1e-7, 1.0, 'give the length of one unit of
 
 #: Ratio of the largest to the smallest dimension above which one of them has a wrong unit.
 _SLENDEREST = 1000.0
+#: Share of a dimension or mass above which its deviation has a wrong unit; no fit moves it farther.
+_LOOSEST = 0.1
 #: Dimensions that each shape must have.
 DIMENSIONS = {
     "plate": ("length", "width", "thickness"),
@@ -82,7 +84,8 @@ class Geometry(Table):
     elements : "hexahedron" or "tetrahedron"
     unit : length of one unit of the coordinates in a mesh file, m
     mass, std_mass : in place of the density, kg
-    std_length, … : standard deviations of the dimensions, m, and of the density, relative; defaults in README.md
+    std_length, … : standard deviations of the dimensions, m; std_density : of the density, relative; defaults in
+        README.md
     """
 
     model_config = ConfigDict(title="geometry")
@@ -132,6 +135,14 @@ class Geometry(Table):
         for name in ("length", "width", "thickness", "diameter"):
             if getattr(self, f"std_{name}") is not None and getattr(self, name) is None:
                 return f"geometry.std_{name} is given, but a {self.shape} has no {name}; take it out"
+        for name in ("length", "width", "thickness", "diameter", "mass"):
+            size, std = getattr(self, name), getattr(self, f"std_{name}")
+            if size is not None and std is not None and std > _LOOSEST * size:
+                unit = "kg" if name == "mass" else "m"
+                return (
+                    f"geometry.std_{name} = {std:g} {unit} is {100 * std / size:.3g} % of {name} = {size:g} {unit}; is "
+                    f"the unit right (of a deviation, at most {100 * _LOOSEST:g} %)?"
+                )
         if self.mass is not None and self.density is not None:
             return "geometry.mass and geometry.density are both given; the mass stands in place of the density"
         if self.mass is not None and self.std_density is not None:

@@ -49,7 +49,8 @@ class Table(BaseModel):
 
 def _sentence(error: Any, table: type[Table]) -> str:
     """A pydantic error as one sentence: key, value, what would be right."""
-    names = [table.model_config["title"], *(str(part) for part in error["loc"])]
+    alternatives = ("float", "str")  # of a value that may be either, which pydantic names as if they were keys
+    names = [table.model_config["title"], *(str(part) for part in error["loc"] if part not in alternatives)]
     key = ".".join(name for name in names if name)
     if error["type"] == "value_error":
         return f"{key}: {error['ctx']['error']}"

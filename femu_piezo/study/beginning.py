@@ -48,9 +48,9 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     full = [bases.model(one, _ACCURACY) for one in measured]
     no_history = ((Step(problem.constants, np.full(2, np.nan + 0j)),),) * len(measured)
     attempts = [] if has_effects(measured) else [lambda: _from_pole_zero(measured, full, bases)]
-    faults = problem.constants.physical_faults(passive=False)
+    faults = problem.fitted.physical_faults(passive=False)
     if not faults:
-        attempts.append(lambda: (*_fitted(measured, full, bases, problem.constants), no_history))
+        attempts.append(lambda: (*_fitted(measured, full, bases, problem.fitted), no_history))
     elif not attempts:
         where, told = problem.specimen.path or problem.specimen.name, "; ".join(map(str, faults))
         raise InputError(f"{where}: material: {told}; with [effects] the fit starts from these constants")

@@ -15,7 +15,7 @@ from femu_piezo.diagnosis.selection import Comparison, compare_from
 from femu_piezo.diagnosis.verdict import Verdict, judge
 from femu_piezo.diagnosis.whiteness import remaining
 from femu_piezo.effects.effect import Effect
-from femu_piezo.effects.library import REFERENCE, Maker
+from femu_piezo.effects.library import FREE, REFERENCE, Maker
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.linear_body import linear_body_misfit
 from femu_piezo.inference.budget import constants_of
@@ -328,10 +328,11 @@ def _gain(posterior: Posterior, comparison: Comparison, sweeps: Sequence[Diagnos
 
 
 def extended_specimen(diagnosis: Diagnosis) -> Specimen:
-    """The specimen file of the specimen shown, with the updated constants and the named effects as known.
+    """The specimen file of the specimen shown with the named effects; simulations give the fitted curve.
 
-    Where the fit left what has a tolerance stands in [fitted]: simulations take it, so that they give the fitted curve,
-    and fits keep to the nominal values and their tolerances, so that no data count twice.
+    Where the fit left the constants and what has a tolerance stands in [fitted], and the parameters of the named
+    effects are free: a further fit starts there, keeps to the values and priors that it had before, and finds all of it
+    anew, so that no data count twice.
     """
     final, specimen = diagnosis.comparison.final, diagnosis.specimen
     material = final.parameters.material
@@ -342,19 +343,17 @@ def extended_specimen(diagnosis: Diagnosis) -> Specimen:
         values[f"tan_{name}"] = constants.tangent(name)
     tables: dict[str, dict] = {
         "effects": {key: dict(table) for key, table in (specimen.effects or {}).items()},
-        "fitted": {},
+        "fitted": {"material": values},
     }
     for effect, own in zip(final.parameters.effects, final.parameters.values(final.x), strict=True):
         if effect.specimen not in ("", diagnosis.sweeps[diagnosis.shown].name):
             continue
-        kind = "effects" if effect.key in final.parameters.candidates else "fitted"
-        table = tables[kind].setdefault(effect.name, {})
-        table.update({parameter.name: float(value) for parameter, value in zip(effect.parameters, own, strict=True)})
+        named = effect.freed or effect.key in final.parameters.candidates
+        table = tables["effects" if named else "fitted"].setdefault(effect.name, {})
+        found = {parameter.name: float(value) for parameter, value in zip(effect.parameters, own, strict=True)}
+        table.update(found)
+        if named:
+            table[FREE] = tuple(dict.fromkeys((*table.get(FREE, ()), *found)))
         if effect.dispersive:
             table.setdefault(REFERENCE, diagnosis.sweeps[0].reference_Hz)
-    return specimen.model_copy(
-        update={
-            "material": specimen.material.model_copy(update=values),
-            **{kind: table or None for kind, table in tables.items()},
-        }
-    )
+    return specimen.model_copy(update={kind: table or None for kind, table in tables.items()})

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext
-from femu_piezo.effects.extended_model import extend_model
+from femu_piezo.effects.extended_model import ExtendedModel, extend_model
 from femu_piezo.effects.library import Maker, from_table, with_library
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import EIGHTH, Plate
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
+from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.study.measured import Measured
 from femu_piezo.study.problem import Problem
+from femu_piezo.study.shapes import shape_of
 from femu_piezo.study.tolerances import tolerances
 
 #: Dimensions by name as axes; all radii of a disk or a ring go with its diameter.
@@ -63,9 +66,10 @@ def known_effects(
     effects : that its names may be of beside the library;  fitted : also where a fit left what has a tolerance
     """
     where, specimen = str(problem.specimen.path or problem.specimen.name), problem.specimen
-    tables = [specimen.effects or {}, (specimen.fitted or {}) if fitted else {}]
+    left = {name: table for name, table in (specimen.fitted or {}).items() if name != "material"}
+    tables = {"effects": specimen.effects or {}, "fitted": left if fitted else {}}
     offered = with_library(effects)
-    return tuple(item for table in tables for item in from_table(table, context, where, offered))
+    return tuple(item for kind, table in tables.items() for item in from_table(table, context, where, offered, kind))
 
 
 def has_effects(measured: Sequence[Measured]) -> bool:
@@ -73,17 +77,56 @@ def has_effects(measured: Sequence[Measured]) -> bool:
     return any(one.problem.specimen.effects for one in measured)
 
 
-def simulated_with_effects(
-    problem: Problem, model: ElectroelasticModel, frequency: np.ndarray, effects: Iterable[Maker] | None = None
-) -> np.ndarray:
-    """Z (k,) of a specimen with the effects of its file, ohm; `effects` as of `known_effects`."""
+def effects_as_simulated(
+    problem: Problem, band_Hz: tuple[float, float], effects: Iterable[Maker] | None = None
+) -> tuple[tuple[Effect, np.ndarray], ...]:
+    """Everything that a simulation of the specimen over a band has beside its constants: [effects] and [fitted]."""
+    if not problem.specimen.effects and not set(problem.specimen.fitted or {}) - {"material"}:
+        return ()
     capacitance = abs(problem.constants.eps33T) * problem.plate.electrode_area / problem.plate.electrode_gap
     typical = 1 / (2 * np.pi * problem.expected_pole_Hz * capacitance)
-    band = (float(frequency[0]), float(frequency[-1]))
-    context = effect_context(problem, problem.expected_pole_Hz, typical, band)
-    known = known_effects(problem, context, effects, fitted=True)
-    free = problem.free(problem.constants)
-    extended = extend_model(model, [problem.constants], [effect for effect, _ in known], float(frequency[-1]))
+    context = effect_context(problem, problem.expected_pole_Hz, typical, band_Hz)
+    return known_effects(problem, context, effects, fitted=True)
+
+
+def simulated_with_effects(
+    problem: Problem,
+    model: ElectroelasticModel | ExtendedModel,
+    frequency: np.ndarray,
+    known: Sequence[tuple[Effect, np.ndarray]],
+) -> np.ndarray:
+    """Z (k,) of a specimen with effects, ohm, its constants where a fit left them.
+
+    known : effects with their values (`effects_as_simulated`);  model : full, or reduced so that it serves them
+    """
+    if isinstance(model, ElectroelasticModel):
+        model = extend_model(model, [problem.fitted], [effect for effect, _ in known], float(frequency[-1]))
+    free = problem.free(problem.fitted)
     material = MaterialParameters.around(free, free.start)
-    unknowns = Unknowns(material, material_prior(free, {}, {}), fixed=known)
-    return Evaluation(extended, 2 * np.pi * frequency).impedance(unknowns, material.x_of(free.start))
+    unknowns = Unknowns(material, material_prior(free, {}, {}), fixed=tuple(known))
+    return Evaluation(model, 2 * np.pi * frequency).impedance(unknowns, material.x_of(free.start))
+
+
+def body_as_simulated(problem: Problem, known: Sequence[tuple[Effect, np.ndarray]]) -> tuple[Problem, tuple[str, ...]]:
+    """The body that effects and a fit leave: its constants at the fundamental, dimensions and density.
+
+    Also the names of the effects that no body shows: circuits, and terms on the mesh.
+    """
+    constants, stretch, density = problem.fitted.vector()[None], np.ones(3), problem.density
+    omega, none = 2 * np.pi * np.array([problem.expected_pole_Hz]), np.zeros((1, constants.size, 0), dtype=complex)
+    for effect, values in sorted(known, key=lambda item: item[0].place):
+        if effect.constants is not None:
+            constants = effect.constants(constants, none, omega, values)[0]
+        if effect.stretch is not None:
+            stretch = stretch * effect.stretch(values)[0]
+        if effect.density is not None:
+            density = density * effect.density(values)[0]
+    geometry = problem.specimen.geometry
+    axes = dict(_AXES.get(geometry.shape, {}))
+    if geometry.inner_diameter is not None:
+        axes["inner_diameter"] = axes["diameter"]
+    sizes = {name: getattr(geometry, name) * stretch[along[0]] for name, along in axes.items()}
+    plate = shape_of(problem.specimen.model_copy(update={"geometry": geometry.model_copy(update=sizes)}))
+    body = replace(problem, plate=plate, constants=PiezoConstants.from_vector(constants[0]), density=float(density))
+    hooks = ("constants", "stretch", "density")
+    return body, tuple(effect.name for effect, _ in known if all(getattr(effect, hook) is None for hook in hooks))

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from femu_piezo.effects.library import Maker
 from femu_piezo.errors import InputError
 from femu_piezo.forward.mode_family import family, real_phase
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.resonances import Resonance, effective_coupling
 from femu_piezo.specimen.file import Specimen
+from femu_piezo.study.effects import body_as_simulated, effects_as_simulated
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.shapes import electrode_notes
 
@@ -63,17 +66,22 @@ def _record(resonance: Resonance, words: str) -> dict:
 
 @dataclass(frozen=True)
 class ModesResult:
-    """The modes of a specimen in a band (Hz), the model their vectors belong to."""
+    """The modes of a specimen in a band (Hz), the model their vectors belong to.
+
+    left_out : names of those of its [effects] that are not in the constants, dimensions and density of the body
+    """
 
     specimen: Specimen
     model: ElectroelasticModel = field(repr=False)
     modes: tuple[DrivenMode, ...]
     band: tuple[float, float]
+    left_out: tuple[str, ...] = ()
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What to know of the accuracy, as sentences."""
-        return electrode_notes(self.specimen)
+        words = (f"{self.specimen.name}: the modes are those of the body without {', '.join(self.left_out)}",)
+        return electrode_notes(self.specimen) + (words if self.left_out else ())
 
     def to_json(self) -> dict:
         """Contents of modes.json."""
@@ -86,13 +94,20 @@ class ModesResult:
         }
 
 
-def modes(specimen: Specimen, *, band: tuple[float, float] | None = None, count: int | None = None) -> ModesResult:
-    """The driven modes of a specimen.
+def modes(
+    specimen: Specimen,
+    *,
+    band: tuple[float, float] | None = None,
+    count: int | None = None,
+    effects: Iterable[Maker] | None = None,
+) -> ModesResult:
+    """The driven modes of a specimen, its constants, dimensions and density as [effects] and [fitted] leave them.
 
     Parameters
     ----------
     band : (low, high) Hz; from zero to 3.5 times the expected fundamental where None
     count : only so many, the lowest ones
+    effects : that its [effects] may name beside those of the library
 
     Raises
     ------
@@ -102,6 +117,7 @@ def modes(specimen: Specimen, *, band: tuple[float, float] | None = None, count:
     if band is not None and not 0 <= band[0] < band[1]:
         raise InputError(f"{band[0]:g} … {band[1]:g} Hz is no band; give the lower frequency first")
     low, high = band or (0.0, 3.5 * problem.expected_pole_Hz)
+    problem, hidden = body_as_simulated(problem, effects_as_simulated(problem, (low, high), effects))
     model = _model(problem, max(high, problem.expected_pole_Hz))
     reduced_to = max(1.3 * high, 1.5 * problem.expected_pole_Hz)
     reduced = reduce_model(model, [problem.constants], reduced_to, accuracy=_REDUCTION_ERROR)
@@ -118,7 +134,8 @@ def modes(specimen: Specimen, *, band: tuple[float, float] | None = None, count:
         )
     total = sum(pole[2] for pole, _ in pairs)
     found = tuple(_mode(model, pole, zero, total) for pole, zero in pairs)
-    return ModesResult(specimen, model, found, (low, high))
+    left_out = tuple(name for name in specimen.effects or () if name in hidden)
+    return ModesResult(specimen, model, found, (low, high), left_out)
 
 
 def _model(problem: Problem, high: float) -> ElectroelasticModel:

@@ -17,8 +17,10 @@ from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.problem import Problem, prepare
+from femu_piezo.study.shapes import shape_of
 from femu_piezo.study.subjects import Subject
 
 #: Bands beyond the present end of the sweep, and how much lower a noise, that are planned for.
@@ -186,10 +188,8 @@ def _second_specimen(now: Plan, one: Subject, model: ExtendedModel, effects: Seq
     dimension = next((name for name in ("length", "diameter") if getattr(geometry, name, None)), None)
     if dimension is None:
         return []
-    half = {dimension: getattr(geometry, dimension) / 2}
-    specimen = one.measured.problem.specimen
     try:
-        problem = prepare(specimen.model_copy(update={"geometry": geometry.model_copy(update=half)}), check=False)
+        problem = prepare(_halved(one.measured.problem, dimension), check=False)
         common = [effect for effect in effects if is_common(effect)]
         other = _coarse(problem, one, common, constants, 2 * one.measured.band_Hz)
     except (InputError, ConvergenceError):
@@ -201,6 +201,16 @@ def _second_specimen(now: Plan, one: Subject, model: ExtendedModel, effects: Seq
     )
     words = f"measure a second specimen of the same material, half the {dimension}"
     return [Plan(words, Ensemble(parts), np.tile(_noise(one, frequency.size), 2), now.owner, new_sweeps=True)]
+
+
+def _halved(problem: Problem, dimension: str) -> Specimen:
+    """The specimen with half the length or diameter; one that was weighed is lighter by its volume."""
+    specimen, geometry = problem.specimen, problem.specimen.geometry
+    half = geometry.model_copy(update={dimension: getattr(geometry, dimension) / 2})
+    if geometry.mass is not None:
+        volume = shape_of(specimen.model_copy(update={"geometry": half})).volume
+        half = half.model_copy(update={"mass": geometry.mass * volume / problem.plate.volume})
+    return specimen.model_copy(update={"geometry": half})
 
 
 def _coarse(problem: Problem, one: Subject, effects: Sequence[Effect], constants: PiezoConstants, band_Hz: float):

@@ -9,7 +9,7 @@ import numpy as np
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.inference.ensemble import Ensemble, own_parameters
+from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common, own_parameters
 from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.sweeps import SweepData
@@ -78,6 +78,9 @@ class Posterior:
             if x is None:
                 x = unknowns.prior_mean.copy()
                 x[: unknowns.of_material] = unknowns.material.x_of(unknowns.material.free.start)
+                for effect, values in self._freed():
+                    if unknowns.has(effect):
+                        x[unknowns.columns(unknowns.index(effect.key))] = values / effect.scale
             else:
                 x = np.concatenate([unknowns.material.x_of(unknowns.material.free.start), x[unknowns.of_material :]])
             self._clock.step("fit")
@@ -87,6 +90,14 @@ class Posterior:
             if self._serves(constants):
                 break
         return found
+
+    def _freed(self) -> list[tuple[Effect, np.ndarray]]:
+        """Where the specimen files say that effects whose size is free are."""
+        return [
+            (belonging_to(effect, one.name) if one.name and not is_common(effect) else effect, values)
+            for one in self.several
+            for effect, values in one.freed
+        ]
 
     def enlarged(self, candidates: Sequence[Effect], current: Fit) -> tuple[Posterior, Fit]:
         """Models that serve further candidates, and a fit without causes by them."""

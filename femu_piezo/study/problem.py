@@ -14,11 +14,13 @@ from femu_piezo.inference.unknowns import FreeConstants
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.material.simplified import simplify
-from femu_piezo.specimen.file import Simulation, Specimen
+from femu_piezo.specimen.file import Material, Simulation, Specimen
 from femu_piezo.study.shapes import first_mode_Hz, shape_of
 
 #: Eigenvalue error allowed at the end of a sweep of shapes other than rectangular plates.
 _ERROR_AT_END = 1e-3
+#: kg/m³ that a weighed piece may have: composites with polymers lie above, no solid of lead oxides reaches the end.
+_DENSITIES = (1000.0, 20000.0)
 
 
 @dataclass(frozen=True)
@@ -30,12 +32,15 @@ class Problem:
     plate : the body with its electrodes; a `Plate`, or any other `Shape`
     constants : the ten constants of the specimen file, the paper's simplification applied where asked for
     density : kg/m³
+    fitted : the constants where a fit left them, which simulations take and fits start from; those of the file where
+        none did
     """
 
     specimen: Specimen
     plate: Shape
     constants: PiezoConstants
     density: float
+    fitted: PiezoConstants
 
     @property
     def shear_speed(self) -> float:
@@ -99,26 +104,36 @@ def prepare(specimen: Specimen, *, check: bool = True) -> Problem:
     density = specimen.geometry.density or (base.density if base else None)
     if specimen.geometry.mass is not None:
         density = specimen.geometry.mass / plate.volume
+        if not _DENSITIES[0] <= density <= _DENSITIES[1]:
+            raise InputError(
+                f"{where}: geometry.mass = {specimen.geometry.mass:g} kg in the {1e9 * plate.volume:.4g} mm^3 of these "
+                f"dimensions is a density of {density:.3g} kg/m^3, outside {_DENSITIES[0]:g} … {_DENSITIES[1]:g}; is "
+                "the unit of the mass or of a dimension wrong?"
+            )
     if density is None:
         raise InputError(f'{where}: geometry.density is missing and there is no base material; write "7800 kg/m^3"')
-    constants = _constants(specimen, base.constants if base else None)
+    constants = fitted = _constants(specimen.material, base.constants if base else None)
+    if specimen.fitted_constants:
+        fitted = _constants(specimen.material.model_copy(update=specimen.fitted_constants), constants)
     if specimen.material.simplified:
-        constants = simplify(constants, plate.poling).full()
+        constants, fitted = (simplify(one, plate.poling).full() for one in (constants, fitted))
     charge = _driving_constant(plate)
     if getattr(constants, charge) == 0:
         raise InputError(
             f"{where}: material.{charge} is zero, so a body poled along {_named(plate)} has no electrical "
             f"response; give material.{charge}"
         )
-    if check:
+    if specimen.fitted_constants:  # a fit is passive within its tolerance, with the held constants where it left them
+        fitted.check(f"{where}: fitted.material", passive=False)
+    elif check:
         constants.check(f"{where}: material")
-    return Problem(specimen, plate, constants, float(density))
+    return Problem(specimen, plate, constants, float(density), fitted)
 
 
-def _constants(specimen: Specimen, base: PiezoConstants | None) -> PiezoConstants:
+def _constants(material: Material, base: PiezoConstants | None) -> PiezoConstants:
     values = base.as_dict() if base else {}
-    values |= {name: complex(value) for name, value in specimen.material.values.items()}
-    for name, tangent in specimen.material.tangents.items():
+    values |= {name: complex(value) for name, value in material.values.items()}
+    for name, tangent in material.tangents.items():
         values[name] = values[name].real * (1 - 1j * tangent)
     return PiezoConstants(**values)
 

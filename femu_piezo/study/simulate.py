@@ -17,7 +17,7 @@ from femu_piezo.forward.response import full_impedance
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.resonances import Kind, Resonance
 from femu_piezo.specimen.file import Simulation, Specimen
-from femu_piezo.study.effects import simulated_with_effects
+from femu_piezo.study.effects import effects_as_simulated, simulated_with_effects
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.threads import blas_limit
@@ -116,19 +116,24 @@ def simulate(
     full_order : solve the full model at every frequency instead of the reduced one
     effects : that its [effects] may name beside those of the library
 
-    Sweep, poles and zeros are those of the specimen with the effects of its [effects] table.
+    Sweep, poles and zeros are those of the specimen with the effects of its [effects] table, and where a fit left it
+    ([fitted]).
     """
     problem = prepare(specimen)
-    if specimen.effects and full_order:
-        raise InputError(f"{specimen.path or specimen.name}: a full-order simulation knows no [effects]; leave one out")
     frequency = sweep_frequencies(problem)
+    known = effects_as_simulated(problem, (float(frequency[0]), float(frequency[-1])), effects)
+    if known and full_order:
+        raise InputError(
+            f"{specimen.path or specimen.name}: a full-order simulation knows no [effects] and no [fitted]; leave one "
+            "out"
+        )
     accuracy = specimen.update.accuracy if specimen.update else 1e-4
     model = problem.model(problem.equivalent_frequency(frequency[-1], accuracy), accuracy)
-    if specimen.effects:
-        impedance, (poles, zeros) = _with_effects(problem, model, frequency, effects)
+    if known:
+        impedance, (poles, zeros) = _with_effects(problem, model, frequency, known)
     else:
-        reduced = reduce_model(model, [problem.constants], frequency[-1], accuracy=min(1e-6, accuracy / 10))
-        e_form = problem.constants.to_e_form()
+        reduced = reduce_model(model, [problem.fitted], frequency[-1], accuracy=min(1e-6, accuracy / 10))
+        e_form = problem.fitted.to_e_form()
         modal = reduced.modal(e_form)
         impedance = full_impedance(model, e_form, frequency) if full_order else modal.impedance(2 * np.pi * frequency)
         poles, zeros = visible_resonances(modal, frequency[-1])
@@ -136,12 +141,12 @@ def simulate(
     return SimulationResult(specimen, spectrum, poles, zeros, model.size, tuple(specimen.effects or ()))
 
 
-def _with_effects(problem: Problem, model: ElectroelasticModel, frequency: np.ndarray, effects):
+def _with_effects(problem: Problem, model: ElectroelasticModel, frequency: np.ndarray, known):
     """Z (k,) of the sweep, and (poles, zeros) up to its end."""
     low, high = min(frequency[0], 0.2 * problem.expected_pole_Hz), frequency[-1]
     even = np.linspace(low, _BEYOND * high, int(np.clip(2 * frequency.size, *_POINTS)))
     every = np.unique(np.concatenate([frequency, even]))
-    impedance = simulated_with_effects(problem, model, every, effects)
+    impedance = simulated_with_effects(problem, model, every, known)
     own, spread = np.isin(every, frequency), np.isin(every, even)
     return impedance[own], curve_resonances(every[spread], impedance[spread], high)
 

@@ -28,7 +28,7 @@ class Subject:
     ----------
     name : of the specimen where there are several, "" for the only one
     noise : (k,) relative noise of the whole sweep, no less than the error of the model
-    fixed : the effects of its file with their values
+    fixed : the effects of its file with their values;  freed : those whose values are where a fit starts
     effects : what it may have beside those; the library where None
     """
 
@@ -38,6 +38,7 @@ class Subject:
     context: EffectContext
     fixed: tuple[tuple[Effect, np.ndarray], ...]
     effects: tuple[Maker, ...] | None = None
+    freed: tuple[tuple[Effect, np.ndarray], ...] = ()
 
     @cached_property
     def fitted(self) -> np.ndarray:
@@ -51,7 +52,7 @@ class Subject:
 
     @cached_property
     def library(self) -> tuple[Effect, ...]:
-        """Every effect that the specimen may have beside those of its file: tolerances and candidates.
+        """Every effect whose size is not known: tolerances, candidates and those that the file frees.
 
         The tolerances are those of the library also where `effects` lacks them.
         """
@@ -59,9 +60,10 @@ class Subject:
         offered = known if self.effects is None else effects_of(self.context, self.effects)
         given = {effect.key for effect in offered}
         held = (effect for effect in known if effect.has_tolerance and effect.key not in given)
-        taken = {(effect.name, effect.variant) for effect, _ in self.fixed}
+        taken = {(effect.name, effect.variant) for effect, _ in (*self.fixed, *self.freed)}
         every = (*offered, *(effect.within_tolerance for effect in held))
-        return tuple(effect for effect in every if (effect.name, effect.variant) not in taken)
+        own = tuple(effect for effect in every if (effect.name, effect.variant) not in taken)
+        return (*own, *(effect for effect, _ in self.freed))
 
 
 def subjects(measured: Sequence[Measured], effects: Iterable[Maker] | None = None) -> tuple[Subject, ...]:
@@ -88,8 +90,9 @@ def _subject(measured: Measured, name: str, effects: tuple[Maker, ...] | None) -
     band = (float(frequency[0]), float(frequency[-1]))
     context = effect_context(measured.problem, measured.pair.pole.frequency_Hz, typical, band)
     known = known_effects(measured.problem, context, effects)
-    fixed = tuple((belonging_to(effect, name), values) for effect, values in known) if name else known
-    return Subject(name, measured, np.hypot(_relative_noise(measured), LEAST_ERROR), context, fixed, effects)
+    fixed = tuple((belonging_to(effect, name), values) for effect, values in known if not effect.freed)
+    freed = tuple(item for item in known if item[0].freed)
+    return Subject(name, measured, np.hypot(_relative_noise(measured), LEAST_ERROR), context, fixed, effects, freed)
 
 
 def shared_library(several: Sequence[Subject]) -> tuple[Effect, ...]:

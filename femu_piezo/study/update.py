@@ -284,6 +284,12 @@ def _fit_notes(found: Fit) -> list[str]:
     notes = []
     if found.on_bound:
         notes.append(f"{', '.join(found.on_bound)} ended on the border of the range that a fit may use")
+    sizes = zip(found.parameters.effects, found.parameters.values(found.x), found.std_of_effects, strict=True)
+    for effect, values, std in sizes:
+        if effect.freed:
+            words = zip(effect.parameters, values, std, strict=True)
+            told = ", ".join(f"{p.name} = {value:.4g} ± {sigma:.2g}{p.after_number}" for p, value, sigma in words)
+            notes.append(f"{effect.title}, which the file leaves free, is found with the constants: {told}")
     if found.discrepancy is not None:
         notes.append(
             f"the model misses the sweep by a smooth function of frequency of about {found.discrepancy.sigma:.1g} "

@@ -201,6 +201,9 @@ def test_command_on_a_study_file(bars, tmp_path):
     assert answer.exit_code == 0, answer.output
     updated = json.loads((tmp_path / "b/update.json").read_text(encoding="utf-8"))["parameters"]
     assert updated["eps33T"]["value"] == pytest.approx(bars.theta[9].real, rel=2e-3)
+    for name, after in record["parameters"]["after"].items():  # the capacitance is one unknown of both, as it was
+        assert updated[name]["std"] == pytest.approx(after["std"], rel=1e-3), name
+        assert updated[name]["tan_std"] == pytest.approx(after["tan_std"], rel=1e-3), name
 
 
 def test_specimens_of_one_name_are_refused(bars, tmp_path):

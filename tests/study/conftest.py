@@ -33,15 +33,24 @@ def truth() -> PiezoConstants:
     return constants
 
 
+def solved(name: str, constants: PiezoConstants) -> ImpedanceSpectrum:
+    """Noise-free sweep of a body: 500 Hz and 60 points about the fundamental."""
+    plate, divisions, band = BODIES[name]
+    frequency = np.concatenate([[500.0], np.linspace(*band, 60)])
+    model = ElectroelasticModel(plate.domain(divisions), DENSITY)
+    return ImpedanceSpectrum(frequency, full_impedance(model, constants.to_e_form(), frequency))
+
+
+@pytest.fixture(scope="session")
+def sweep_of():
+    """Function (name of a body, constants) → noise-free sweep."""
+    return solved
+
+
 @pytest.fixture(scope="session")
 def sweeps(truth) -> dict[str, ImpedanceSpectrum]:
-    """Noise-free sweeps of the bodies: 500 Hz and 60 points about the fundamental."""
-    found = {}
-    for name, (plate, divisions, band) in BODIES.items():
-        model = ElectroelasticModel(plate.domain(divisions), DENSITY)
-        frequency = np.concatenate([[500.0], np.linspace(*band, 60)])
-        found[name] = ImpedanceSpectrum(frequency, full_impedance(model, truth.to_e_form(), frequency))
-    return found
+    """Noise-free sweeps of the bodies."""
+    return {name: solved(name, truth) for name in BODIES}
 
 
 @pytest.fixture

@@ -10,8 +10,11 @@ import pytest
 from click.testing import CliRunner
 
 from femu_piezo.cli import main
+from femu_piezo.errors import InputError
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.specimen.file import read_specimen
+from femu_piezo.study.effects import body_as_simulated, effects_as_simulated
+from femu_piezo.study.modes import modes
 from femu_piezo.study.problem import prepare
 from femu_piezo.study.simulate import curve_resonances, simulate
 
@@ -109,3 +112,82 @@ def test_the_command_says_whose_poles_it_prints(tmp_path):
     assert "with its effects (series_resistance)" in answer.output
     record = json.loads((tmp_path / "out/simulation.json").read_text(encoding="utf-8"))
     assert record["effects"] == ["series_resistance"] and len(record["poles"]) == 2
+
+
+def test_where_a_fit_left_the_body_is_simulated(tmp_path):
+    """[fitted] without [effects]: a length 2 % off and another s11, against the file that says so itself."""
+    tables = "[fitted.wrong_length]\nrelative_error = 0.02\n[fitted.material]\ns11 = 17e-12\n"
+    left = simulate(specimen(tmp_path, tables))
+    meshed = simulate(said(specimen(tmp_path)))
+    assert eigenvalues(left.poles) == pytest.approx(eigenvalues(meshed.poles), rel=1e-4)
+    assert eigenvalues(left.zeros) == pytest.approx(eigenvalues(meshed.zeros), rel=1e-4)
+    assert left.effects == ()
+
+
+def said(one):
+    """The specimen whose length and s11 are 40.8 mm and 17e-12."""
+    geometry = one.geometry.model_copy(update={"length": 40.8e-3})
+    return one.model_copy(update={"geometry": geometry, "material": one.material.model_copy(update={"s11": 17e-12})})
+
+
+@pytest.mark.parametrize("kind", ["effects", "fitted"])
+def test_modes_are_those_of_the_body_as_it_is(tmp_path, kind):
+    """Length, density, a held and a free constant move the modes; a lead does not, and that is told."""
+    tail = f"[{kind}.wrong_length]\nrelative_error = 0.02\n[{kind}.wrong_density]\nrelative_error = 0.01\n"
+    tail += f"[{kind}.wrong_insensitive_parameter]\ns12 = 0.05\n[fitted.material]\ns11 = 17e-12\n"
+    one = specimen(tmp_path, tail + '[effects.series_resistance]\nresistance = "100 ohm"\n')
+    found, other = modes(one, band=(0, 120e3)), said(one)
+    geometry = other.geometry.model_copy(update={"density": 7979.0})
+    s12 = 1.05 * prepare(one).constants.s12.real
+    material = other.material.model_copy(update={"s12": s12})
+    bare = {"geometry": geometry, "material": material, "effects": None, "fitted": None}
+    wanted = modes(other.model_copy(update=bare), band=(0, 120e3))
+    assert len(found.modes) == len(wanted.modes) == 2
+    for a, b in zip(found.modes, wanted.modes, strict=True):
+        assert a.pole.eigenvalue == pytest.approx(b.pole.eigenvalue, rel=1e-9)
+        assert a.zero.eigenvalue == pytest.approx(b.zero.eigenvalue, rel=1e-9)
+    assert found.notes == ("plate: the modes are those of the body without series_resistance",)
+    assert wanted.notes == ()
+
+
+def test_a_larger_disk_of_a_given_mass_is_lighter(tmp_path):
+    """All radii of a ring go with its diameter, and the density of one that was weighed with them."""
+    (tmp_path / "ring.toml").write_text(
+        '[geometry]\nshape = "ring"\ndiameter = "20 mm"\ninner_diameter = "8 mm"\nthickness = "1 mm"\nmass = "2 g"\n'
+        '[material]\nbase = "pzt-5h"\n[fitted.wrong_diameter]\nrelative_error = 0.02\n'
+    )
+    one = read_specimen(tmp_path / "ring.toml")
+    problem = prepare(one)
+    body, _ = body_as_simulated(problem, effects_as_simulated(problem, (1e3, 1e5)))
+    sizes = {"diameter": 20.4e-3, "inner_diameter": 8.16e-3}
+    larger = prepare(one.model_copy(update={"geometry": one.geometry.model_copy(update=sizes)}))
+    assert body.plate.volume == pytest.approx(larger.plate.volume, rel=1e-12)
+    assert body.density == pytest.approx(larger.density, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("tail", "told"),
+    [
+        ("[fitted.material]\ns66 = 1e-12\n", "fitted.material.s66 is no constant; known are s11"),
+        ('[fitted.material]\ns11 = "17e-12"\n', 'fitted.material.s11 = "17e-12" is not a number'),
+        ("[fitted.material]\ns11 = -17e-12\n", "fitted.material: s11 = -1.7e-11 must be positive"),
+        ("[fitted.ghost]\nsize = 1\n", "fitted.ghost is no effect"),
+        ("[fitted.wrong_length]\nrelative_error = 0.2\n", "fitted.wrong_length.relative_error = 0.2 is outside"),
+        ("[effects.leakage]\nconductance = 1e-6\nfree = ['resistance']\n", "is no list of parameters of its table"),
+        ("[effects.leakage]\nconductance = 1e-6\nfree = 'conductance'\n", "is no list of parameters of its table"),
+        ("[effects.leakage]\nconductance = 1e-6\nfree = 1.0\n", "is no list of parameters of its table"),
+        ("[effects.leakage]\nconductance = 1e-6\nfree = true\n", "effects.leakage.free = True cannot be used"),
+        ("[effects.leakage]\nfree = ['conductance']\n", "is no list of parameters of its table"),
+    ],
+)
+def test_wrong_tables_of_a_fit_are_told_in_one_sentence(tmp_path, tail, told):
+    (tmp_path / "plate.toml").write_text(PLATE.format(stop="120 kHz") + tail, encoding="utf-8")
+    for command in ("simulate", "modes"):
+        answer = CliRunner().invoke(main, [command, str(tmp_path / "plate.toml"), "--out", str(tmp_path / "out")])
+        assert answer.exit_code == 2 and told in answer.output, answer.output
+        assert answer.output.strip().count("\n") == 0
+
+
+def test_full_order_knows_no_fit(tmp_path):
+    with pytest.raises(InputError, match=r"knows no \[effects\] and no \[fitted\]"):
+        simulate(specimen(tmp_path, "[fitted.wrong_length]\nrelative_error = 0.02\n"), full_order=True)

@@ -99,7 +99,7 @@ assert max(abs(after) for _, after in bias.values()) < 3.5
 # ## The extended specimen
 #
 # `save` writes what `femu-piezo diagnose plate.toml --out out --report` writes. Of that `extended.toml` is the specimen
-# file with the effect as known and the corrected constants. It simulates, updates and diagnoses like any other.
+# file with the effect, and the corrected constants in `[fitted]`. It simulates, updates and diagnoses like any other.
 # `femu-piezo diagnose out/hidden_effect/extended.toml --out out` says *none*; here the update is made again, and now
 # follows the sweep to its noise.
 

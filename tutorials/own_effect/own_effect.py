@@ -125,7 +125,7 @@ assert abs(mass.value - 22.5e-6) < 3 * mass.std < 2e-6
 # %%
 after.save(OUT)
 again = fp.update(OUT / "extended.toml", effects=[end_mass.candidates])
-print(f"updated with the mass as known: rms |Δ log Z| {100 * again.outcomes[0].rms_after:.3f} % (noise 0.2 %)")
+print(f"updated with the mass: rms |Δ log Z| {100 * again.outcomes[0].rms_after:.3f} % (noise 0.2 %)")
 assert again.outcomes[0].rms_after < 2.2e-3
 
 # %% [markdown]

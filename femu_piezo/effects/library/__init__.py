@@ -18,7 +18,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 from femu_piezo.errors import InputError
-from femu_piezo.units import parse_quantity
+from femu_piezo.units import parse_quantity, shown
 
 #: What a list of effects holds: an effect as it is, or what makes those that a specimen may have (one, several, none).
 Maker = Effect | Callable[[EffectContext], Effect | Iterable[Effect] | None]
@@ -73,8 +73,8 @@ def with_library(offered: Iterable[Maker] | None) -> tuple[Maker, ...]:
 
 #: Frequencies of any sweep, Hz.
 _ANY_BAND = (1.0, 1e9)
-#: Key of an [effects.NAME] table: where a law over frequency is anchored.
-REFERENCE = "reference_frequency"
+#: Keys of an [effects.NAME] table: where a law over frequency is anchored, and the parameters that fits find anew.
+REFERENCE, FREE = "reference_frequency", "free"
 
 
 def from_table(
@@ -82,36 +82,46 @@ def from_table(
     context: EffectContext,
     where: str,
     offered: Iterable[Maker] = makers,
+    kind: str = "effects",
 ) -> tuple[tuple[Effect, np.ndarray], ...]:
     """The effects of an [effects] table with their values: effect name → parameter name → SI number or "1 ohm".
 
-    offered : the effects that are known by name
+    Those with a parameter that `free` names are unknowns of every fit (`Effect.within_spread`).
+
+    offered : the effects that are known by name;  kind : name of the table in messages
 
     Raises InputError for an unknown effect or parameter, and for a missing one.
     """
     found: list[tuple[Effect, np.ndarray]] = []
     for name, values in table.items():
         left = dict(values)
+        free = left.pop(FREE, ())
         anchor = left.pop(REFERENCE, context.fundamental_Hz)
-        at = replace(context, fundamental_Hz=parse_quantity(anchor, "Hz", f"{where}: effects.{name}.{REFERENCE}"))
+        at = replace(context, fundamental_Hz=parse_quantity(anchor, "Hz", f"{where}: {kind}.{name}.{REFERENCE}"))
         # a constant that is free now may have had an error before, and another sweep another band
         known = effects_of(replace(at, free=(), band_Hz=_ANY_BAND), offered)
         variants = [effect for effect in known if effect.name == name]
         if not variants:
             names = ", ".join(sorted({effect.name for effect in known}))
-            raise InputError(f"{where}: effects.{name} is no effect that this specimen can have; known are {names}")
+            raise InputError(f"{where}: {kind}.{name} is no effect that this specimen can have; known are {names}")
+        if not isinstance(free, tuple) or not set(free) <= set(values):
+            raise InputError(
+                f"{where}: {kind}.{name}.{FREE} = {shown(free)} is no list of parameters of its table, such as "
+                f"{shown([key for key in values if key not in (FREE, REFERENCE)])}"
+            )
         for effect in variants:
             if {parameter.name for parameter in effect.parameters if not parameter.optional} <= set(left):
-                given = [_value(p, left.pop(p.name, p.rest), where, name) for p in effect.parameters]
-                found.append((effect, np.array(given)))
+                key = f"{where}: {kind}.{name}"
+                given = [_value(p, left.pop(p.name, p.rest), f"{key}.{p.name}") for p in effect.parameters]
+                asked = any(parameter.name in free for parameter in effect.parameters)
+                found.append((effect.within_spread if asked else effect, np.array(given)))
         if left or not values:
             words = "; or ".join(", ".join(f"{p.name} ({p.unit})" for p in effect.parameters) for effect in variants)
-            raise InputError(f"{where}: effects.{name} has {sorted(left) or 'nothing'}; give {words}")
+            raise InputError(f"{where}: {kind}.{name} has {sorted(left) or 'nothing'}; give {words}")
     return tuple(found)
 
 
-def _value(parameter: EffectParameter, value: float | str, where: str, name: str) -> float:
-    key = f"{where}: effects.{name}.{parameter.name}"
+def _value(parameter: EffectParameter, value: float | str, key: str) -> float:
     number = parse_quantity(value, parameter.unit, key)
     if not parameter.low <= number <= parameter.high:
         reach = f"{parameter.low:g} … {parameter.high:g}{parameter.after_number}"

@@ -3,7 +3,8 @@
     series_resistance   Z' = Z + R            stray_capacitance   Y' = Y + jωC
     series_inductance   Z' = Z + jωL          leakage             Y' = Y + G
 
-What a fixture leaves after its compensation (`residue` of the specimen file) is the tolerance of the first three.
+What a fixture leaves after its compensation (`residue` of the specimen file) is the tolerance of all but the leakage,
+which is nearest to the body; then come the leads, and the cable.
 """
 
 from __future__ import annotations
@@ -68,6 +69,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             confusable_with=("tan_s11", "tan_eps33T"),
             advice=("measure with a four-wire fixture after a short-circuit compensation",),
             circuit=_in_series(_constant),
+            outward=2.0,
         ),
         Effect(
             name="series_inductance",
@@ -86,6 +88,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             confusable_with=("series_resistance", "dielectric_dispersion"),
             advice=("measure with a four-wire fixture after a short-circuit compensation",),
             circuit=_in_series(_derivative),
+            outward=3.0,
         ),
         Effect(
             name="stray_capacitance",
@@ -108,6 +111,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 "capacitance does not",
             ),
             circuit=_in_parallel(_derivative),
+            outward=4.0,
         ),
         Effect(
             name="leakage",
@@ -123,5 +127,6 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 "clean and dry the rim",
             ),
             circuit=_in_parallel(_constant),
+            outward=1.0,
         ),
     )

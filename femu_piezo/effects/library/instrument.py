@@ -40,5 +40,6 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 EffectParameter(name, "1", -20.0, 20.0, 1.0, 1.0, optional=True, tolerance=1.0) for name in names
             ),
             circuit=circuit,
+            outward=np.inf,
         ),
     )

@@ -44,7 +44,7 @@ class Diagnosed(Result, Diagnosis):
 
     @property
     def extended(self) -> Specimen:
-        """The specimen shown with the named effects as known; `result.extended.write("extended.toml")`."""
+        """The specimen shown with the named effects, as it was fitted; `result.extended.write("extended.toml")`."""
         return extended_specimen(self)
 
     def table(self) -> RenderableType:

@@ -1,0 +1,132 @@
+"""extended.toml: simulates to the fitted curve, and a further fit of it knows no more than the first one did."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from femu_piezo.effects.extended_model import ExtendedModel
+from femu_piezo.effects.library import circuits
+from femu_piezo.inference.fit import fit
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.specimen.file import Simulation, Specimen, read_specimen, write_specimen
+from femu_piezo.study.diagnose import diagnose, extended_specimen
+from femu_piezo.study.effects import effects_as_simulated, simulated_with_effects
+from femu_piezo.study.model_cache import Bases
+from femu_piezo.study.problem import prepare
+from femu_piezo.study.simulate import simulate
+from femu_piezo.study.update import update
+
+TRIO = ("s11", "d31", "eps33T")
+NOISE = 5e-4
+
+
+class Keeping(Bases):
+    """Bases that remember the last one with effects."""
+
+    last: ExtendedModel
+
+    def extended(self, *arguments, **more):
+        self.last = super().extended(*arguments, **more)
+        return self.last
+
+
+@pytest.fixture(params=["no cause", "series_resistance", "leakage"])
+def diagnosed(request, sweeps, write_specimen_of, tmp_path):
+    """A plate 0.1 % wider and stiffer than its file says, by an instrument 0.1 % off; s11 of the file 1 % off."""
+    frequency, z = sweeps["k31"].frequency, sweeps["k31"].impedance
+    if request.param == "series_resistance":
+        z = z + 60.0
+    if request.param == "leakage":
+        z = 1 / (1 / z + 2e-7)
+    normal = np.random.default_rng(1).standard_normal((2, z.size))
+    z = 1.001 * z * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2))
+    factors = {"s11": 1.01, "s12": 1.02, "d31": 0.97}
+    extra = 'std_s11 = "0.2 %"\nstd_tan_d31 = 0.002\nstd_s12 = "2 %"'
+    path = write_specimen_of("k31", ImpedanceSpectrum(frequency, z), TRIO, factors, extra, f"noise = {NOISE}", True)
+    path.write_text(path.read_text().replace("width = 0.003", "width = 0.002997"))
+    bases = Keeping()
+    result = diagnose(read_specimen(path), bases=bases, effects=[circuits.candidates])
+    assert [cause.effect.name for cause in result.verdict.causes] == [request.param] * (request.param != "no cause")
+    write_specimen(extended_specimen(result), tmp_path / "extended.toml")
+    return SimpleNamespace(result=result, file=read_specimen(tmp_path / "extended.toml"), model=bases.last)
+
+
+def curve(one: SimpleNamespace, file: Specimen) -> np.ndarray:
+    """Z (k,) of a file as simulations take it, by the reduced model of the diagnosis."""
+    problem, frequency = prepare(file), one.result.spectrum.frequency
+    known = effects_as_simulated(problem, (frequency[0], frequency[-1]))
+    return simulated_with_effects(problem, one.model, frequency, known)
+
+
+def test_the_file_gives_the_fitted_curve(diagnosed):
+    """By the same model to 1e-6; every table counts for it."""
+    fitted, file = diagnosed.result.curves[1], diagnosed.file
+    assert np.max(np.abs(curve(diagnosed, file) / fitted - 1)) < 1e-6
+    for left_out in ("material", "wrong_width", "wrong_insensitive_parameter", "instrument"):
+        without = {name: table for name, table in file.fitted.items() if name != left_out}
+        changed = curve(diagnosed, file.model_copy(update={"fitted": without}))
+        assert np.max(np.abs(changed / fitted - 1)) > 2e-6, left_out
+
+
+def test_simulate_gives_the_fitted_curve_within_the_error_of_its_mesh(diagnosed):
+    """The mesh of `simulate` has eigenvalues within the file's accuracy of 1e-4, that of a fit within its noise."""
+    frequency, fitted = diagnosed.result.spectrum.frequency[1:], diagnosed.result.curves[1][1:]
+    sweep = Simulation(start=frequency[0], stop=frequency[-1], points=frequency.size)
+    found = simulate(diagnosed.file.model_copy(update={"simulation": sweep})).spectrum
+    np.testing.assert_allclose(found.frequency, frequency, rtol=1e-12)
+    assert np.max(np.abs(found.impedance / fitted - 1)) < 1e-4
+
+
+def test_what_was_known_beforehand_stays(diagnosed):
+    given, file = diagnosed.result.specimen, diagnosed.file
+    assert (file.geometry, file.material, file.measurement) == (given.geometry, given.material, given.measurement)
+    assert file.fitted_constants["s11"] != given.material.s11
+
+
+def test_a_further_update_knows_no_more(diagnosed):
+    """Values and intervals are those of the diagnosis: priors, tolerances and the size of the cause as before."""
+    first = diagnosed.result.constants(diagnosed.result.comparison.final)
+    again = update(diagnosed.file).parameters
+    for name in TRIO:
+        assert again[name].value == pytest.approx(first[name].value, abs=1e-3 * first[name].std)
+        assert again[name].tan == pytest.approx(first[name].tan, abs=1e-3 * first[name].tan_std)
+        assert again[name].std == pytest.approx(first[name].std, rel=1e-4)
+        assert again[name].tan_std == pytest.approx(first[name].tan_std, rel=1e-4)
+        assert again[name].budget == pytest.approx(first[name].budget, rel=1e-2, abs=1e-2 * first[name].std)
+
+
+def test_a_further_diagnosis_finds_nothing_more(diagnosed):
+    """Its own extended file has the same causes, still free."""
+    again = diagnose(diagnosed.file, effects=[circuits.candidates])
+    assert again.verdict.word == "none"
+    one, other = extended_specimen(again), diagnosed.file
+    assert (one.effects is None) == (other.effects is None)
+    for name, table in (one.effects or {}).items():
+        assert table["free"] == other.effects[name]["free"] and set(table) == set(other.effects[name])
+        assert [table[key] for key in table["free"]] == pytest.approx(
+            [other.effects[name][key] for key in table["free"]], rel=1e-5
+        )
+
+
+def test_a_fit_starts_where_the_file_says_that_a_free_effect_is(sweeps, write_specimen_of, monkeypatch):
+    """Its prior is about nothing all the same; of an effect at a place the start decides which place is found."""
+    tail = 'noise = 5e-4\n[effects.series_resistance]\nresistance = 50.0\nfree = ["resistance"]\n'
+    path = write_specimen_of("k31", sweeps["k31"], TRIO, more=tail, lossy=True)
+    seen = []
+
+    def watched(response, data, unknowns, places, **more):
+        seen.append((unknowns, places[0]))
+        return fit(response, data, unknowns, places, **more)
+
+    monkeypatch.setattr("femu_piezo.study.posterior.fit", watched)
+    result = update(read_specimen(path))
+    found = result.fit
+    unknowns, start = seen[0]
+    lead = unknowns.index("series_resistance")
+    assert unknowns.values(start)[lead] == pytest.approx([50.0])
+    assert unknowns.values(unknowns.prior_mean)[lead] == [0.0]
+    assert abs(found.parameters.values(found.x)[lead][0]) < 4 * found.std_of_effects[lead][0]
+    assert any(note.startswith("series_resistance, which the file leaves free, is found") for note in result.notes)

@@ -1,0 +1,146 @@
+"""`update` and `diagnose` are one inference: the same numbers, priors and loss; no path creates energy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import femu_piezo as fp
+from femu_piezo.effects.library import circuits
+from femu_piezo.inference.passivity import passivity_wall
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.output.tables import number
+from femu_piezo.specimen.file import Specimen, read_specimen
+
+TRIO = ("s11", "d31", "eps33T")
+NOISE = 5e-4
+
+
+def noisy(sweep: ImpedanceSpectrum, seed: int = 1, level: float = NOISE) -> ImpedanceSpectrum:
+    normal = np.random.default_rng(seed).standard_normal((2, len(sweep)))
+    error = level * (normal[0] + 1j * normal[1]) / np.sqrt(2)
+    return ImpedanceSpectrum(sweep.frequency, sweep.impedance * (1 + error))
+
+
+def constants_by(how: str, specimen: Specimen):
+    """The free constants by `update`, or by `diagnose` where there is nothing to name."""
+    return fp.update(specimen).parameters if how == "update" else fp.diagnose(specimen, effects=[]).parameters
+
+
+#: What the files of the comparison have: factors of the start, [material], [measurement] and on, a lead of so many ohm.
+CASES = {
+    "a laboratory": ({}, "", f"noise = {NOISE}", 0.0),
+    "noise estimated": ({}, "", "", 0.0),
+    "an ideal world": ({}, "", f"noise = {NOISE}\n[update]\nnoise_only = true", 0.0),
+    "something else in the sweep": ({}, "", f"noise = {NOISE}", 60.0),
+    "a known lead": ({}, "", f"noise = {NOISE}\n[effects.series_resistance]\nresistance = 60.0", 60.0),
+    "a lead of unknown size": (
+        {},
+        "",
+        f'noise = {NOISE}\n[effects.series_resistance]\nresistance = 50.0\nfree = ["resistance"]',
+        60.0,
+    ),
+    "known constants and a robust loss": (
+        {"s11": 1.004},
+        'std_s11 = "0.2 %"\nstd_tan_s11 = 0.001\nstd_s12 = "1 %"',
+        f'noise = {NOISE}\n[update]\nloss = "soft_l1"',
+        0.0,
+    ),
+    "a held-out band": ({}, "", f'noise = {NOISE}\nheld_out = ["125 kHz", "130 kHz"]', 0.0),
+    "a start far away": ({"s11": 0.85, "d31": 1.2, "eps33T": 0.8}, "", f"noise = {NOISE}", 0.0),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_diagnose_without_candidates_is_update(sweeps, write_specimen_of, case):
+    """Values, deviations, budgets: to the last printed digit, and beyond."""
+    factors, extra, more, lead = CASES[case]
+    sweep = noisy(ImpedanceSpectrum(sweeps["k31"].frequency, sweeps["k31"].impedance + lead))
+    specimen = read_specimen(write_specimen_of("k31", sweep, TRIO, factors, extra=extra, more=more))
+    updated, result = fp.update(specimen), fp.diagnose(specimen, effects=[])
+    assert result.comparison.singles == () and result.causes == ()
+    assert list(result.parameters_before) == list(result.parameters) == list(updated.parameters) == list(TRIO)
+    for name, other in updated.parameters.items():
+        for one in (result.parameters_before[name], result.parameters[name]):
+            for scale in (1e12, 1.0):  # in pm²/N and pC/N as on the terminal
+                assert number(scale * one.value, scale * one.std) == number(scale * other.value, scale * other.std)
+            assert number(one.tan, one.tan_std) == number(other.tan, other.tan_std)
+            assert one.budget == pytest.approx(other.budget, rel=1e-6)
+            assert one.tan_budget == pytest.approx(other.tan_budget, rel=1e-6)
+    np.testing.assert_allclose(result.curves[0], updated.outcomes[0].updated_curve, rtol=1e-9)
+
+
+@pytest.mark.parametrize("how", ["update", "diagnose"])
+def test_priors_of_the_file_count_and_are_about_the_file(sweeps, write_specimen_of, how):
+    """s11 and its tangent in the file off and said to be well known: answers are the means weighted by the priors."""
+    path = write_specimen_of("k31", noisy(sweeps["k31"]), TRIO, {"s11": 1.01}, more=f"noise = {NOISE}", lossy=True)
+    text = path.read_text(encoding="utf-8")
+
+    def found(tan: float, known: str):
+        path.write_text(text.replace("tan_s11 = 0.015", f"tan_s11 = {tan!r}\n{known}"), encoding="utf-8")
+        specimen = read_specimen(path)
+        return constants_by(how, specimen)["s11"], specimen.material
+
+    free, file = found(0.015, "")
+    known, _ = found(0.015, 'std_s11 = "0.1 %"')
+    weight = (free.std / (1e-3 * file.s11)) ** 2  # of the prior against everything else
+    assert weight > 2
+    assert known.value == pytest.approx((free.value + weight * file.s11) / (1 + weight), abs=0.1 * free.std)
+    assert known.std == pytest.approx(free.std / np.sqrt(1 + weight), rel=0.1)
+    off = free.tan + 2 * free.tan_std  # farther away the two contradict each other, which widens the interval
+    known, _ = found(off, f"std_tan_s11 = {0.5 * free.tan_std!r}")
+    assert known.tan == pytest.approx((free.tan + 4 * off) / 5, abs=0.3 * free.tan_std)
+    assert known.tan_std == pytest.approx(free.tan_std / np.sqrt(5), rel=0.1)
+
+
+@pytest.mark.parametrize("how", ["update", "diagnose"])
+def test_held_constants_are_as_uncertain_as_the_file_says(sweeps, write_specimen_of, how):
+    """std_s12 of 0.1 %, of its default 3 %, and of 10 %, which is more than the sweep leaves open."""
+    parts = []
+    for extra in ('std_s12 = "0.1 %"', "", 'std_s12 = "10 %"'):
+        rest = "\n".join(f'std_{name} = "0.01 %"' for name in ("s13", "s33", "s44", "d33", "d15", "eps11T"))
+        path = write_specimen_of("k31", noisy(sweeps["k31"]), TRIO, {}, f"{extra}\n{rest}", f"noise = {NOISE}")
+        found = constants_by(how, read_specimen(path))
+        parts.append([found[name].budget["held"] / abs(found[name].value) for name in TRIO])
+    exact, usual, loose = np.array(parts)
+    assert np.all(usual[1:] > 3 * exact[1:]) and np.all(loose[1:] > 1.1 * usual[1:])
+
+
+@pytest.mark.parametrize("how", ["update", "diagnose"])
+def test_the_loss_of_the_file_counts(sweeps, write_specimen_of, truth, how):
+    """Five readings 5 % off: a robust loss sets them aside."""
+    spoiled = noisy(sweeps["k31"])
+    spoiled.impedance[[5, 17, 30, 41, 55]] *= 1.05
+    away = {}
+    for loss in ("linear", "cauchy"):
+        more = f'noise = {NOISE}\n[update]\nloss = "{loss}"\nnoise_only = true'
+        found = constants_by(how, read_specimen(write_specimen_of("k31", spoiled, TRIO, {}, more=more)))
+        away[loss] = abs(found["eps33T"].value / truth.eps33T.real - 1)
+    assert away["cauchy"] < 1.5e-3 < away["linear"]
+
+
+LEAD = "[effects.series_resistance]\nresistance = 60.0\n"
+#: Loss tangents of the body and what its leads have; what the file says of these.
+ACTIVE = {
+    "tangents of s11, d31, eps33T that no body has": ((0.012, 0.03, 0.014), 0.0, ""),
+    "the same behind a known lead": ((0.012, 0.03, 0.014), 60.0, LEAD),
+    "the same behind a lead of unknown size": ((0.012, 0.03, 0.014), 60.0, LEAD + 'free = ["resistance"]\n'),
+    "a compensation that takes 40 ohm too much": ((0.015, 0.013, 0.017), 20.0, LEAD),
+}
+
+
+@pytest.mark.parametrize("loss", ["linear", "cauchy"])
+@pytest.mark.parametrize("case", ACTIVE)
+def test_no_path_creates_energy(sweep_of, write_specimen_of, truth, case, loss):
+    """A sweep that asks for it: every fit ends within the tolerance of the wall, its held constants as it left them."""
+    tangents, lead, tables = ACTIVE[case]
+    values = {n: getattr(truth, n).real * (1 - 1j * tan) for n, tan in zip(TRIO, tangents, strict=True)}
+    bare = sweep_of("k31", truth.with_values(**values))
+    sweep = noisy(ImpedanceSpectrum(bare.frequency, bare.impedance + lead))
+    more = f'noise = {NOISE}\n[update]\nloss = "{loss}"\n{tables}'
+    path = write_specimen_of("k31", sweep, TRIO, {}, more=more, lossy=True)
+    specimen = read_specimen(path)
+    diagnosed = fp.diagnose(specimen, effects=[circuits.candidates]).comparison
+    walls = [passivity_wall(fit.parameters, fit.x)[0] for fit in (fp.update(specimen).fit, diagnosed.base)]
+    assert all(0 < -wall.min() < 1 for wall in walls)  # they lean on the wall, by less than its tolerance
+    assert -passivity_wall(diagnosed.final.parameters, diagnosed.final.x)[0].min() < 1
