@@ -21,6 +21,7 @@ from scipy.linalg import solve_triangular
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, noise_level
+from femu_piezo.inference.laws import law_misses
 from femu_piezo.inference.passivity import passivity_wall
 from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import Unknowns
@@ -65,6 +66,7 @@ class Fit:
     on_bound : names of the unknowns that ended on a bound
     level : factor on the noise that the fit was made with
     discrepancy : what the intervals count beside noise and priors; None where nothing is left
+    law : (2k, m) what the laws of causes may miss, whitened, each column one standard deviation; the intervals count it
     """
 
     parameters: Unknowns
@@ -78,6 +80,7 @@ class Fit:
     on_bound: tuple[str, ...] = ()
     level: float = 1.0
     discrepancy: Discrepancy | None = field(default=None, repr=False)
+    law: np.ndarray | None = field(default=None, repr=False)
 
     @cached_property
     def _rows(self) -> tuple[np.ndarray, np.ndarray]:
@@ -133,16 +136,20 @@ class Fit:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """(n_x, n_x) of the estimate: s² A Aᵗ + A K Aᵗ + H^-1 Fᵗ F H^-1.
+        """(n_x, n_x) of the estimate: s² A Aᵗ + A K Aᵗ + A L Lᵗ Aᵗ + H^-1 Fᵗ F H^-1.
 
-        From the noise at its most probable level s, from a discrepancy of covariance K where one is probable, and from
-        the priors F. Without discrepancy this is H^-1. The estimate itself is that of noise and priors, so that its
-        curve is the closest there is; what is smooth in frequency and no noise widens the intervals by A K Aᵗ. No
-        factor for misfit is applied beyond that. The coverage is tested in tests/inference/test_coverage.py.
+        From the noise at its most probable level s, from a discrepancy of covariance K where one is probable, from what
+        the laws of causes miss (`femu_piezo.inference.laws`), and from the priors F. Without those two this is H^-1.
+        The estimate itself is that of noise and priors, so that its curve is the closest there is; what is smooth in
+        frequency and no noise widens the intervals by A K Aᵗ. No factor for misfit is applied beyond that. The coverage
+        is tested in tests/inference/test_coverage.py.
         """
         found = self.noise_scale**2 * self.gain @ self.gain.T
         if self.discrepancy is not None:
             moved = self.gain @ self.discrepancy.columns
+            found = found + moved @ moved.T
+        if self.law is not None:
+            moved = self.gain @ self.law
             found = found + moved @ moved.T
         pulled = self.precision_inverse @ self.further_jacobian.T
         return found + pulled @ pulled.T
@@ -317,11 +324,13 @@ def fit(
                 "poling, or free fewer constants"
             )
         ahead, behind = (response.at(1 + sign * _STEP).with_jacobian(parameters, best.x)[0] for sign in (1, -1))
-    return replace(_at(posterior, best, loss, discrepancy), log_slope=np.log(ahead / behind) / (2 * _STEP))
+        law = law_misses(response, data, parameters, best.x)
+    found = _at(posterior, best, loss, discrepancy)
+    return replace(found, log_slope=np.log(ahead / behind) / (2 * _STEP), law=law)
 
 
 def _at(posterior: _Posterior, found: _Descent, loss: str, discrepancy: Discrepancy | None) -> Fit:
-    """The fit where the optimiser ended, without its slope in frequency."""
+    """The fit where the optimiser ended, without its slope in frequency and what laws miss."""
     x = found.x
     residual, jacobian, further_residual, further_jacobian = posterior.parts(x)
     share = np.sqrt(_LOSS[loss][1]((residual / posterior.level) ** 2))
