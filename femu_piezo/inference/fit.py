@@ -118,8 +118,11 @@ class Fit:
 
     @property
     def noise_scale(self) -> float:
-        """Most probable factor on the noise."""
-        own = self._rows[0][: self.residual.size]
+        """Most probable factor on the noise; beside a discrepancy, of the estimate that its likelihood would have."""
+        own = self._rows[0]
+        if self.discrepancy is not None:
+            own = own - self._triangle[0] @ (self._triangle[0].T @ own)
+        own = own[: self.residual.size]
         return noise_level(float(own @ own), self.residual.size - self.determined, self.data.level_std)
 
     @cached_property
@@ -136,17 +139,17 @@ class Fit:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """(n_x, n_x) of the estimate: s² A Aᵗ + A K Aᵗ + A L Lᵗ Aᵗ + H^-1 Fᵗ F H^-1.
+        """(n_x, n_x) of the estimate: s² A (I + K) Aᵗ + A L Lᵗ Aᵗ + H^-1 Fᵗ F H^-1.
 
-        From the noise at its most probable level s, from a discrepancy of covariance K where one is probable, from what
-        the laws of causes miss (`femu_piezo.inference.laws`), and from the priors F. Without those two this is H^-1.
-        The estimate itself is that of noise and priors, so that its curve is the closest there is; what is smooth in
-        frequency and no noise widens the intervals by A K Aᵗ. No factor for misfit is applied beyond that. The coverage
-        is tested in tests/inference/test_coverage.py.
+        From the noise at its most probable level s, from a discrepancy of covariance s² K where one is probable, from
+        what the laws of causes miss (`femu_piezo.inference.laws`), and from the priors F. Without those two this is
+        H^-1. The estimate itself is that of noise and priors, so that its curve is the closest there is; what is smooth
+        in frequency and no noise widens the intervals by s² A K Aᵗ. No factor for misfit is applied beyond that. The
+        coverage is tested in tests/inference/test_coverage.py.
         """
         found = self.noise_scale**2 * self.gain @ self.gain.T
         if self.discrepancy is not None:
-            moved = self.gain @ self.discrepancy.columns
+            moved = self.noise_scale * self.gain @ self.discrepancy.columns
             found = found + moved @ moved.T
         if self.law is not None:
             moved = self.gain @ self.law
