@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Protocol
 
 import numpy as np
@@ -29,15 +29,14 @@ from femu_piezo.threads import blas_limit
 
 #: Distance to a bound, relative to its range, that a start keeps.
 _MARGIN = 1e-6
-#: Gain in χ² (over χ² per residual where that is more than 1) below which a coarse fit stops, and its most
-#: evaluations; the same of a close fit.
+#: Gain in χ² at the noise level below which a coarse fit stops, and its most evaluations; the same of a close fit.
 _COARSE, _CLOSE = (1.0, 12), (1e-6, 200)
-#: Gain in χ², over χ² per residual, that a close fit may still promise when it runs out of evaluations.
+#: Gain in χ² at the noise level that a close fit may still promise when it runs out of evaluations.
 _UNSETTLED = 10.0
 #: Damping of the first step, in the precision of the prior, and the factors by which it falls and rises.
 _DAMPING, _EASED, _RAISED = 1e-3, 0.1, 10.0
-#: Change of the logarithm of the noise level below which a fit counts as made at it, and how often it is made anew.
-_LEVEL, _TIMES = 0.03, 4
+#: Change of the logarithm of the noise level below which a fit counts as made at it.
+_LEVEL = 0.03
 #: Relative step of the frequency for ∂log Z/∂log f.
 _STEP = 1e-5
 
@@ -65,6 +64,8 @@ class Fit:
     log_slope : (k,) ∂log Z/∂log f of the model
     on_bound : names of the unknowns that ended on a bound
     level : factor on the noise that the fit was made with
+    loss : of the readings
+    weight : (2k,) that the loss gives them, in squares of residual and jacobian
     discrepancy : what the intervals count beside noise and priors; None where nothing is left
     law : (2k, m) what the laws of causes may miss, whitened, each column one standard deviation; the intervals count it
     """
@@ -79,6 +80,8 @@ class Fit:
     log_slope: np.ndarray = field(repr=False)
     on_bound: tuple[str, ...] = ()
     level: float = 1.0
+    loss: str = "linear"
+    weight: np.ndarray | float = field(default=1.0, repr=False)
     discrepancy: Discrepancy | None = field(default=None, repr=False)
     law: np.ndarray | None = field(default=None, repr=False)
 
@@ -96,8 +99,13 @@ class Fit:
 
     @cached_property
     def _triangle(self) -> tuple[np.ndarray, np.ndarray]:
-        """Q and R of the Jacobian with its columns in prior standard deviations."""
-        return np.linalg.qr(self._rows[1] * self.parameters.prior_std)
+        """Q and R of the Jacobian at the noise level of the fit, its columns in prior standard deviations."""
+        return np.linalg.qr(self._levelled(self._rows[1]) * self.parameters.prior_std)
+
+    def _levelled(self, rows: np.ndarray) -> np.ndarray:
+        """Rows of data, priors and wall with those of the data over the noise level of the fit."""
+        count = self.residual.size
+        return np.concatenate([rows[:count] / self.level, rows[count:]])
 
     @property
     def chi_square(self) -> float:
@@ -119,11 +127,11 @@ class Fit:
     @property
     def noise_scale(self) -> float:
         """Most probable factor on the noise; beside a discrepancy, of the estimate that its likelihood would have."""
-        own = self._rows[0]
+        own = self._levelled(self._rows[0])
         if self.discrepancy is not None:
             own = own - self._triangle[0] @ (self._triangle[0].T @ own)
-        own = own[: self.residual.size]
-        return noise_level(float(own @ own), self.residual.size - self.determined, self.data.level_std)
+        squares = (own[: self.residual.size] * self.level) ** 2
+        return _level_of(squares, self.weight, self.loss, self.residual.size - self.determined, self.data.level_std)
 
     @cached_property
     def precision_inverse(self) -> np.ndarray:
@@ -253,12 +261,8 @@ class Fit:
 class _Posterior:
     """Residual and Jacobian of data, priors and wall, the last evaluation kept."""
 
-    def __init__(
-        self, response: Response, data: SweepData, parameters: Unknowns, discrepancy: Discrepancy | None
-    ) -> None:
+    def __init__(self, response: Response, data: SweepData, parameters: Unknowns) -> None:
         self.response, self.data, self.parameters = response, data, parameters
-        self.level = 1.0  # factor on the noise
-        self._factor = None if discrepancy is None else discrepancy.factor
         self._x: np.ndarray | None = None
 
     def parts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -275,19 +279,6 @@ class _Posterior:
             self._x = x.copy()
         return self._last
 
-    def residual(self, x: np.ndarray) -> np.ndarray:
-        """(2k + m,) of the data, whitened by noise and discrepancy, and of priors and wall."""
-        residual, _, further, _ = self.parts(x)
-        return np.concatenate([self._whitened(residual), further])
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """(2k + m, n_x) of the same."""
-        _, jacobian, _, further = self.parts(x)
-        return np.concatenate([self._whitened(jacobian), further])
-
-    def _whitened(self, rows: np.ndarray) -> np.ndarray:
-        return (rows if self._factor is None else solve_triangular(self._factor, rows, lower=True)) / self.level
-
 
 def fit(
     response: Response,
@@ -297,49 +288,44 @@ def fit(
     *,
     coarse: bool = False,
     loss: str = "linear",
-    discrepancy: Discrepancy | None = None,
 ) -> Fit:
-    """The best of coarse fits from several starts (n_x,), brought to its end at the noise level that it finds.
+    """The best of coarse fits from several starts (n_x,), brought to its end.
 
     Parameters
     ----------
     coarse : leave it there, for lists of causes that are only to be ranked
     loss : "linear", or a robust loss of scipy ("soft_l1", "huber", "cauchy") against outliers
-    discrepancy : a smooth misfit that the likelihood allows for beside the noise
 
     Raises
     ------
     ConvergenceError : no start settles
     """
-    posterior = _Posterior(response, data, parameters, discrepancy)
+    posterior = _Posterior(response, data, parameters)
     with blas_limit():
         found = [_Descent(posterior, start, loss).run(*_COARSE) for start in starts]
-        best = min(found, key=lambda one: one.cost)
-        for _ in range(0 if coarse else _TIMES):
-            best = _Descent(posterior, best.x, loss).run(*_CLOSE)
-            level = _at(posterior, best, loss, discrepancy).noise_scale
-            if abs(np.log(level / posterior.level)) < _LEVEL:
-                break
-            posterior.level = level
-        if not np.isfinite(best.cost) or (not coarse and best.promise > _UNSETTLED * best.unit):
+        level = min(one.level for one in found)
+        best = min(found, key=lambda one: one.cost(one.x, level))
+        if not coarse:
+            best.run(*_CLOSE)
+        if not np.isfinite(best.cost(best.x, best.level)) or (not coarse and best.promise > _UNSETTLED):
             raise ConvergenceError(
                 f"no fit of {', '.join(parameters.material.free.names)} settled: check dimensions, density and "
                 "poling, or free fewer constants"
             )
         ahead, behind = (response.at(1 + sign * _STEP).with_jacobian(parameters, best.x)[0] for sign in (1, -1))
         law = law_misses(response, data, parameters, best.x)
-    found = _at(posterior, best, loss, discrepancy)
-    return replace(found, log_slope=np.log(ahead / behind) / (2 * _STEP), law=law)
+    return replace(_at(best), log_slope=np.log(ahead / behind) / (2 * _STEP), law=law)
 
 
-def _at(posterior: _Posterior, found: _Descent, loss: str, discrepancy: Discrepancy | None) -> Fit:
-    """The fit where the optimiser ended, without its slope in frequency and what laws miss."""
-    x = found.x
-    residual, jacobian, further_residual, further_jacobian = posterior.parts(x)
-    share = np.sqrt(_LOSS[loss][1]((residual / posterior.level) ** 2))
+def _at(found: _Descent) -> Fit:
+    """The fit where a descent ended, without its slope in frequency and what laws miss."""
+    posterior = found.posterior
+    residual, jacobian, further_residual, further_jacobian = posterior.parts(found.x)
+    weight = _weight(found.loss, residual / found.level)
+    share = np.sqrt(weight)
     return Fit(
         parameters=posterior.parameters,
-        x=x,
+        x=found.x,
         data=posterior.data,
         residual=residual * share,
         jacobian=jacobian * share[:, None],
@@ -347,48 +333,69 @@ def _at(posterior: _Posterior, found: _Descent, loss: str, discrepancy: Discrepa
         further_jacobian=further_jacobian,
         log_slope=np.zeros(residual.size // 2),
         on_bound=tuple(posterior.parameters.names[i] for i in found.on_bound),
-        level=posterior.level,
-        discrepancy=discrepancy,
+        level=found.level,
+        loss=found.loss,
+        weight=weight,
     )
 
 
-#: Loss ρ of a squared residual z, and the weight ρ' that it gives it.
+#: Loss ρ of a squared residual z, the weight ρ' that it gives it, and a power n such that no ρ'ⁿ z is much above 1.
 _LOSS = {
-    "linear": (lambda z: z, np.ones_like),
-    "soft_l1": (lambda z: 2 * (np.sqrt(1 + z) - 1), lambda z: (1 + z) ** -0.5),
-    "huber": (lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1), lambda z: np.maximum(z, 1.0) ** -0.5),
-    "cauchy": (np.log1p, lambda z: 1 / (1 + z)),
+    "linear": (lambda z: z, np.ones_like, 1),
+    "soft_l1": (lambda z: 2 * (np.sqrt(1 + z) - 1), lambda z: (1 + z) ** -0.5, 2),
+    "huber": (lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1), lambda z: np.maximum(z, 1.0) ** -0.5, 2),
+    "cauchy": (np.log1p, lambda z: 1 / (1 + z), 1),
 }
+
+
+def _weight(loss: str, residual: np.ndarray) -> np.ndarray:
+    """ρ' of residuals in units of the noise."""
+    return _LOSS[loss][1](residual**2)
+
+
+def _level_of(squares: np.ndarray, weight: np.ndarray | float, loss: str, freedom: float, level_std: float) -> float:
+    """Noise level of squared residuals with the weights ρ' of a loss in them.
+
+    Where noise is normal the mean of ρ'ⁿ z has a known value: so the level of a robust fit is that of the noise,
+    whatever lies far outside (Huber's second proposal, Ann. Math. Statist. 35 (1964) 73).
+    """
+    power = _LOSS[loss][2]
+    return noise_level(float(np.sum(squares * weight ** (power - 1))) / _normal(loss), freedom, level_std)
+
+
+@cache
+def _normal(loss: str) -> float:
+    """E[ρ'ⁿ z] of squares z of normal residuals of deviation 1."""
+    at = np.linspace(-8, 8, 2001)
+    return float(np.average(_weight(loss, at) ** _LOSS[loss][2] * at**2, weights=np.exp(-0.5 * at**2)))
 
 
 class _Descent:
     """Levenberg-Marquardt within bounds, unknowns in units of their prior standard deviations.
 
-    An unknown on its bound stays there while the gradient points outwards; steps are cut off at the bounds. χ² has a
-    natural unit, so the descent ends where the next step promises less than a given gain.
+    The noise level is an unknown among the others: every step is made at the one that is most probable with what the
+    steps before have left. So far from the solution, where the misfit is large, data count for less against priors and
+    a robust loss sets hardly anything aside; both come into force as the misfit falls to the noise. An unknown on its
+    bound stays there while the gradient points outwards; steps are cut off at the bounds. χ² has a natural unit, so the
+    descent ends where the next step promises less than a given gain.
 
     Attributes
     ----------
-    x : (n_x,) where it stands;  cost : χ² there;  promise : gain that the next step promises
+    x : (n_x,) where it stands;  level : factor on the noise;  promise : gain in χ² that the next step promises
     """
 
     def __init__(self, posterior: _Posterior, start: np.ndarray, loss: str) -> None:
-        self._posterior, self._loss, self._rows = posterior, loss, 2 * posterior.data.impedance.size
+        self.posterior, self.loss = posterior, loss
         self._low, self._high = posterior.parameters.bounds.T
         margin = _MARGIN * (self._high - self._low)
         self.x = np.clip(start, self._low + margin, self._high - margin)
-        self.cost, self.promise, self._damping = self._cost(self.x), np.inf, _DAMPING
+        self.level, self.promise, self._damping, self._determined = np.inf, np.inf, _DAMPING, 0.0
 
-    def _cost(self, x: np.ndarray) -> float:
-        residual = self._posterior.residual(x)
-        data, further = residual[: self._rows], residual[self._rows :]
-        cost = float(np.sum(_LOSS[self._loss][0](data**2)) + further @ further)
+    def cost(self, x: np.ndarray, level: float) -> float:
+        """χ² of data and priors at a noise level, as the loss counts it."""
+        residual, _, further, _ = self.posterior.parts(x)
+        cost = float(np.sum(_LOSS[self.loss][0]((residual / level) ** 2)) + further @ further)
         return cost if np.isfinite(cost) else np.inf
-
-    @property
-    def unit(self) -> float:
-        """χ² per residual, no less than 1: what a gain is measured by."""
-        return max(1.0, self.cost / self._rows)
 
     @property
     def on_bound(self) -> np.ndarray:
@@ -397,34 +404,44 @@ class _Descent:
 
     def run(self, gain: float, most: int) -> _Descent:
         """Descend until the next step promises less than `gain`, by at most so many evaluations."""
-        std, count = self._posterior.parameters.prior_std, 0
-        while count < most and np.isfinite(self.cost):
-            residual, jacobian = self._linear()
-            moving = self._moving(jacobian.T @ residual)
-            triangle = np.linalg.qr(np.column_stack([jacobian[:, moving], residual]), mode="r")
+        std, count = self.posterior.parameters.prior_std, 0
+        while count < most and np.isfinite(self.cost(self.x, self.level)):
+            before = self.level
+            moving, triangle = self._linear()
+            settled = abs(np.log(before / self.level)) < _LEVEL
+            here = self.cost(self.x, self.level)
             while count < most:
                 step = np.zeros(self.x.size)
                 step[moving], self.promise = _damped(triangle, self._damping)
-                if self.promise < gain * self.unit:
+                if self.promise < gain and settled:
                     return self
+                count += 1
+                if self.promise < gain:  # the level alone moves yet
+                    break
                 other = np.clip(self.x + std * step, self._low, self._high)
-                cost, count = self._cost(other), count + 1
-                if cost < self.cost:
-                    self.x, self.cost, self._damping = other, cost, self._damping * _EASED
+                cost = self.cost(other, self.level)
+                if cost < here:
+                    self.x, self._damping = other, self._damping * _EASED
                     break
                 self._damping = max(self._damping, _DAMPING) * _RAISED
         return self
 
     def _linear(self) -> tuple[np.ndarray, np.ndarray]:
-        """Residual and Jacobian at x in prior units, rows of the data weighed as their loss asks."""
-        residual, jacobian = self._posterior.residual(self.x), self._posterior.jacobian(self.x)
-        share = np.ones(residual.size)
-        share[: self._rows] = np.sqrt(_LOSS[self._loss][1](residual[: self._rows] ** 2))
-        return residual * share, jacobian * share[:, None] * self._posterior.parameters.prior_std
-
-    def _moving(self, gradient: np.ndarray) -> np.ndarray:
+        """Unknowns that may move, and R of Jacobian and residual at x in prior units, at the noise level there."""
+        residual, jacobian, further, slopes = self.posterior.parts(self.x)
+        weight, free = _weight(self.loss, residual / self.level), residual.size - self._determined
+        self.level = _level_of(weight * residual**2, weight, self.loss, free, self.posterior.data.level_std)
+        share = np.sqrt(_weight(self.loss, residual / self.level)) / self.level
+        std = self.posterior.parameters.prior_std
+        own = np.column_stack([jacobian * std, residual]) * share[:, None]
+        rows = np.concatenate([own, np.column_stack([slopes * std, further])])
+        gradient = rows[:, :-1].T @ rows[:, -1]
         held = ((self.x <= self._low) & (gradient > 0)) | ((self.x >= self._high) & (gradient < 0))
-        return np.flatnonzero(~held)
+        moving = np.flatnonzero(~held)
+        triangle = np.linalg.qr(rows[:, [*moving, -1]], mode="r")
+        of_data = solve_triangular(triangle[:-1, :-1], own[:, moving].T, trans="T")
+        self._determined = float(np.sum(of_data**2))
+        return moving, triangle
 
 
 def _damped(triangle: np.ndarray, damping: float) -> tuple[np.ndarray, float]:
@@ -449,7 +466,7 @@ def linear_fit(
 
     moving : indices of the unknowns that may move; all where None
     """
-    residual, jacobian, further, slopes = _Posterior(response, data, parameters, None).parts(x)
+    residual, jacobian, further, slopes = _Posterior(response, data, parameters).parts(x)
     at_x = Fit(parameters, x, data, residual, jacobian, further, slopes, np.zeros(data.impedance.size))
     return stepped(at_x, moving), residual
 
@@ -472,12 +489,12 @@ def stepped(at_x: Fit, moving: np.ndarray | None = None) -> Fit:
 
 def log_posterior(response: Response, solution: Fit) -> Callable[[np.ndarray], float]:
     """log p(x | data) up to a constant for unknowns x (n_x,), noise level and discrepancy those of a fit."""
-    posterior = _Posterior(response, solution.data, solution.parameters, solution.discrepancy)
-    rows, scale = solution.residual.size, solution.noise_scale
+    posterior, scale = _Posterior(response, solution.data, solution.parameters), solution.noise_scale
+    factor = None if solution.discrepancy is None else solution.discrepancy.factor
 
     def density(x: np.ndarray) -> float:
-        residual = posterior.residual(x)
-        own, further = residual[:rows] / scale, residual[rows:]
+        own, _, further, _ = posterior.parts(x)
+        own = (own if factor is None else solve_triangular(factor, own, lower=True)) / scale
         return float(-0.5 * (own @ own + further @ further))
 
     return density
