@@ -91,7 +91,13 @@ def _features(data: SweepData, log_slope: np.ndarray) -> Iterator[tuple[float, f
         yield length, share, np.hstack(blocks)
 
 
-def learn_discrepancy(data: SweepData, log_slope: np.ndarray, residual: np.ndarray, span: np.ndarray) -> Discrepancy:
+def learn_discrepancy(
+    data: SweepData,
+    log_slope: np.ndarray,
+    residual: np.ndarray,
+    span: np.ndarray,
+    weight: np.ndarray | float = 1.0,
+) -> Discrepancy:
     """The discrepancy that the residual of a fit asks for, all unknowns of the fit marginalised (linear).
 
     With P = I − Q Qᵗ, Q the span of the unknowns within their priors, the residual r = P r_0 of data and priors and
@@ -103,11 +109,13 @@ def learn_discrepancy(data: SweepData, log_slope: np.ndarray, residual: np.ndarr
     ----------
     log_slope : (k,) complex ∂log Z/∂log f of the model
     residual : (2k + m,) r, whitened, the data first;  span : (2k, n) Q, the rows of the data
+    weight : (2k,) that a robust loss gives the readings, in squares of residual and span
     """
     rows, chi_square = len(span), float(residual @ residual)
     found, plain = [], _profiled(chi_square, rows, data.level_std)
     best = (-np.inf,)
     for length, share, columns in _features(data, log_slope):
+        columns = columns * np.reshape(np.sqrt(weight), (-1, 1))
         inside = span.T @ columns
         values, vectors = np.linalg.eigh(columns.T @ columns - inside.T @ inside)
         values = np.maximum(values, 0.0)

@@ -2,6 +2,7 @@
 
     −2 log p(x | data) = Σ |log Z_model(x) − log Z|²/σ² + Σ ((x − mean)/std)² + passivity wall
 
+The level of the noise σ is found with x: the descent begins at that of the misfit, which falls to that of the noise.
 Free constants, tolerances and effects are all in x (`femu_piezo.inference.unknowns`). `update` is this fit; `diagnose`
 is this fit for several lists of causes. About the solution the model is taken as linear (Laplace): with J the Jacobian
 of data and priors, H = JᵗJ, the covariance is H^-1 and the evidence
@@ -186,7 +187,7 @@ class Fit:
         """The discrepancy that the residual asks for, noise alone in the likelihood so far."""
         left = np.concatenate([self.residual, self.further_residual])
         left = left - self._span @ (self._span.T @ left)
-        return learn_discrepancy(self.data, self.log_slope, left, self.span)
+        return learn_discrepancy(self.data, self.log_slope, left, self.span, self.weight)
 
     @property
     def log_error(self) -> np.ndarray:
@@ -258,26 +259,27 @@ class Fit:
         return float(np.sqrt(error @ np.linalg.solve(spread, error) / error.size))
 
 
+#: Whitened residual and Jacobian of the data, then those of priors and wall.
+_Parts = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
 class _Posterior:
-    """Residual and Jacobian of data, priors and wall, the last evaluation kept."""
+    """What a fit minimises."""
 
-    def __init__(self, response: Response, data: SweepData, parameters: Unknowns) -> None:
-        self.response, self.data, self.parameters = response, data, parameters
-        self._x: np.ndarray | None = None
+    response: Response
+    data: SweepData
+    parameters: Unknowns
 
-    def parts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Whitened residual and Jacobian of the data, and those of priors and wall."""
-        if self._x is None or not np.array_equal(x, self._x):
-            z, tangents = self.response.with_jacobian(self.parameters, x)
-            std = self.parameters.prior_std
-            wall, slopes = passivity_wall(self.parameters, x)
-            self._last = (
-                *self.data.whitened(z, tangents),
-                np.concatenate([(x - self.parameters.prior_mean) / std, wall]),
-                np.concatenate([np.diag(1 / std), slopes]),
-            )
-            self._x = x.copy()
-        return self._last
+    def parts(self, x: np.ndarray) -> _Parts:
+        """Residuals and Jacobians at x (n_x,)."""
+        std = self.parameters.prior_std
+        wall, slopes = passivity_wall(self.parameters, x)
+        return (
+            *self.data.whitened(*self.response.with_jacobian(self.parameters, x)),
+            np.concatenate([(x - self.parameters.prior_mean) / std, wall]),
+            np.concatenate([np.diag(1 / std), slopes]),
+        )
 
 
 def fit(
@@ -302,25 +304,27 @@ def fit(
     """
     posterior = _Posterior(response, data, parameters)
     with blas_limit():
-        found = [_Descent(posterior, start, loss).run(*_COARSE) for start in starts]
-        level = min(one.level for one in found)
-        best = min(found, key=lambda one: one.cost(one.x, level))
+        ends = [_Descent(posterior, start, loss).run(*_COARSE) for start in starts]
+        level = min(one.level for one in ends)
+        best = min(ends, key=lambda one: one.cost(one.parts, level))
         if not coarse:
             best.run(*_CLOSE)
-        if not np.isfinite(best.cost(best.x, best.level)) or (not coarse and best.promise > _UNSETTLED):
+        if not np.isfinite(best.cost(best.parts, best.level)) or (not coarse and best.promise > _UNSETTLED):
             raise ConvergenceError(
                 f"no fit of {', '.join(parameters.material.free.names)} settled: check dimensions, density and "
                 "poling, or free fewer constants"
             )
         ahead, behind = (response.at(1 + sign * _STEP).with_jacobian(parameters, best.x)[0] for sign in (1, -1))
-        law = law_misses(response, data, parameters, best.x)
-    return replace(_at(best), log_slope=np.log(ahead / behind) / (2 * _STEP), law=law)
+        misses = law_misses(response, data, parameters, best.x)
+    found = _at(best)
+    law = misses * np.sqrt(found.weight)[:, None]
+    return replace(found, log_slope=np.log(ahead / behind) / (2 * _STEP), law=law)
 
 
 def _at(found: _Descent) -> Fit:
     """The fit where a descent ended, without its slope in frequency and what laws miss."""
     posterior = found.posterior
-    residual, jacobian, further_residual, further_jacobian = posterior.parts(found.x)
+    residual, jacobian, further_residual, further_jacobian = found.parts
     weight = _weight(found.loss, residual / found.level)
     share = np.sqrt(weight)
     return Fit(
@@ -381,7 +385,8 @@ class _Descent:
 
     Attributes
     ----------
-    x : (n_x,) where it stands;  level : factor on the noise;  promise : gain in χ² that the next step promises
+    x : (n_x,) where it stands;  parts : residuals and Jacobians there;  level : factor on the noise
+    promise : gain in χ² that the next step promises
     """
 
     def __init__(self, posterior: _Posterior, start: np.ndarray, loss: str) -> None:
@@ -389,11 +394,12 @@ class _Descent:
         self._low, self._high = posterior.parameters.bounds.T
         margin = _MARGIN * (self._high - self._low)
         self.x = np.clip(start, self._low + margin, self._high - margin)
+        self.parts = posterior.parts(self.x)
         self.level, self.promise, self._damping, self._determined = np.inf, np.inf, _DAMPING, 0.0
 
-    def cost(self, x: np.ndarray, level: float) -> float:
+    def cost(self, parts: _Parts, level: float) -> float:
         """χ² of data and priors at a noise level, as the loss counts it."""
-        residual, _, further, _ = self.posterior.parts(x)
+        residual, _, further, _ = parts
         cost = float(np.sum(_LOSS[self.loss][0]((residual / level) ** 2)) + further @ further)
         return cost if np.isfinite(cost) else np.inf
 
@@ -405,11 +411,11 @@ class _Descent:
     def run(self, gain: float, most: int) -> _Descent:
         """Descend until the next step promises less than `gain`, by at most so many evaluations."""
         std, count = self.posterior.parameters.prior_std, 0
-        while count < most and np.isfinite(self.cost(self.x, self.level)):
+        while count < most and np.isfinite(self.cost(self.parts, self.level)):
             before = self.level
             moving, triangle = self._linear()
             settled = abs(np.log(before / self.level)) < _LEVEL
-            here = self.cost(self.x, self.level)
+            here = self.cost(self.parts, self.level)
             while count < most:
                 step = np.zeros(self.x.size)
                 step[moving], self.promise = _damped(triangle, self._damping)
@@ -419,16 +425,16 @@ class _Descent:
                 if self.promise < gain:  # the level alone moves yet
                     break
                 other = np.clip(self.x + std * step, self._low, self._high)
-                cost = self.cost(other, self.level)
-                if cost < here:
-                    self.x, self._damping = other, self._damping * _EASED
+                parts = self.posterior.parts(other)
+                if self.cost(parts, self.level) < here:
+                    self.x, self.parts, self._damping = other, parts, self._damping * _EASED
                     break
                 self._damping = max(self._damping, _DAMPING) * _RAISED
         return self
 
     def _linear(self) -> tuple[np.ndarray, np.ndarray]:
         """Unknowns that may move, and R of Jacobian and residual at x in prior units, at the noise level there."""
-        residual, jacobian, further, slopes = self.posterior.parts(self.x)
+        residual, jacobian, further, slopes = self.parts
         weight, free = _weight(self.loss, residual / self.level), residual.size - self._determined
         self.level = _level_of(weight * residual**2, weight, self.loss, free, self.posterior.data.level_std)
         share = np.sqrt(_weight(self.loss, residual / self.level)) / self.level
