@@ -128,6 +128,7 @@ def _widened(
         further_residual=np.concatenate([(x - new.prior_mean) / new.prior_std, current.further_residual[old.count :]]),
         further_jacobian=further,
         discrepancy=None,
+        law=None,
     )
 
 

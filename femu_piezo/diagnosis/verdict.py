@@ -108,7 +108,6 @@ def _cause(found: Found, comparison: Comparison, tangents: list[Tangent], explai
     effect, final = found.effect, comparison.final
     place = final.parameters.index(effect.key)
     values = final.parameters.values(final.x)[place]
-    law_error = np.array([parameter.law_error for parameter in effect.parameters])
     own = next(t for t in tangents if t.effect.key == effect.key)
     size = float(np.max(np.abs(values / effect.scale)))
     alike = [other.title for other in comparison.alike[effect.key]]
@@ -118,7 +117,7 @@ def _cause(found: Found, comparison: Comparison, tangents: list[Tangent], explai
     return Cause(
         effect=effect,
         values=values,
-        std=np.hypot(final.std_of_effects[place], law_error * values),
+        std=final.std_of_effects[place],
         probability=found.probability * explained,
         indistinguishable_from=tuple(other for other in dict.fromkeys(alike) if other != effect.title),
     )

@@ -81,7 +81,7 @@ class EffectParameter:
     rest : the value at which the effect vanishes
     optional : whether a specimen file may leave it out; it is at `rest` then
     law_error : standard deviation, relative to the value, by which the law's own approximations miss the parameter; of
-        the first one, the size, also the share of the effect's change of log Z that they miss
+        the first one, the size, also the share of the effect's change of log Z that they miss in each band by itself
     """
 
     name: str

@@ -5,8 +5,8 @@ About the solution the estimate is linear in the data and in the prior means,
     x = H^-1 (Jᵗ y/s² + Σ^-1 m),    H = Jᵗ J/s² + Σ^-1.
 
 So its covariance is the sum of what each source contributes (law of propagation, Guide to the Expression of
-Uncertainty in Measurement, 5.1): A N Aᵗ with A = H^-1 Jᵗ/s² from noise N, A K Aᵗ from the discrepancy, and
-H^-1 Σ_g^-1 H^-1 from the prior means of the unknowns of group g.
+Uncertainty in Measurement, 5.1): A N Aᵗ with A = H^-1 Jᵗ/s² from noise N, s² A K Aᵗ from the discrepancy,
+A L Lᵗ Aᵗ from what the laws of causes miss, and H^-1 Σ_g^-1 H^-1 from the prior means of the unknowns of group g.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.fit import Fit
 from femu_piezo.inference.unknowns import Estimate
 
-#: Sources of uncertainty in the order they are listed; "prior" is what is believed of free constants and causes.
-SOURCES = ("noise", "mesh", "discrepancy", "geometry", "density", "held", "instrument", "prior")
+#: Sources of uncertainty in the order they are listed; "law" is what the approximate laws of causes miss,
+#: "prior" what is believed of free constants and causes.
+SOURCES = ("noise", "mesh", "discrepancy", "law", "geometry", "density", "held", "instrument", "prior")
 
 
 def source_of(effect: Effect) -> str:
@@ -39,7 +40,9 @@ def budget(fit: Fit) -> dict[str, np.ndarray]:
     noise = fit.noise_scale**2
     parts = {"noise": noise * (squares @ (1 - share)), "mesh": noise * (squares @ share)}
     if fit.discrepancy is not None:
-        parts["discrepancy"] = np.sum((fit.gain @ fit.discrepancy.columns) ** 2, axis=1)
+        parts["discrepancy"] = noise * np.sum((fit.gain @ fit.discrepancy.columns) ** 2, axis=1)
+    if fit.law is not None and fit.law.size:
+        parts["law"] = np.sum((fit.gain @ fit.law) ** 2, axis=1)
     for source, columns in _groups(fit).items():
         own = inverse[:, columns] / fit.parameters.prior_std[columns]
         parts[source] = parts.get(source, 0.0) + np.sum(own**2, axis=1)

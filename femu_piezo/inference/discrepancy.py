@@ -2,16 +2,22 @@
 
     log Z_data = log Z_model + a(f) + b(f) ∂log Z/∂log f + noise
 
-a and b are complex Gaussian processes over log f of one standard deviation σ and one correlation length ℓ: an error of
-the impedance, and an error of the frequency (Im: of the loss) of whatever resonates there. Kennedy and O'Hagan (J. R.
-Statist. Soc. B 63 (2001) 425) put such a function beside a model so that its errors widen the intervals by themselves.
-Each process is the sum of its principal components (Karhunen-Loève); ℓ and σ are learned from the evidence.
+a and b are complex Gaussian processes over log f of one correlation length ℓ: an error of the impedance, and one of the
+frequency (Im: of the loss) of whatever resonates there. Kennedy and O'Hagan (J. R. Statist. Soc. B 63 (2001) 425) put
+such a function beside a model so that its errors widen the intervals by themselves. Each process is the sum of its
+principal components (Karhunen-Loève).
+
+A sweep knows both by the change of log Z that they make, so σ is the rms of that change over a sweep, and a share w of
+σ² is due to b: a has the standard deviation σ √(1 − w), b has σ √w / g with g the rms of |∂log Z/∂log f| (up to Q at a
+resonance, about 1 far from it). ℓ, σ and w are learned from the evidence; w may be 0, 1 or, as neither is known to be
+the larger, ½.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.special import logsumexp
@@ -20,6 +26,8 @@ from femu_piezo.inference.sweeps import SweepData, stacked
 
 #: Correlation lengths, as shares of the sweep in log f, and standard deviations that compete (equal prior weight each).
 _LENGTHS, _SIGMAS = (1 / 4, 1 / 12, 1 / 40), np.geomspace(1e-6, 0.3, 23)
+#: Shares of the variance that errors of frequency have, which compete likewise.
+_SHARES = (0.0, 0.5, 1.0)
 #: Prior probability that a sweep holds something that the model does not describe.
 PRIOR = 0.1
 #: Share of the largest variance below which a component is left out.
@@ -32,14 +40,17 @@ class Discrepancy:
 
     Attributes
     ----------
-    sigma : standard deviation of a and of b, relative
+    sigma : rms over a sweep of the change of log Z that it makes, at the noise level found with it
     length : correlation length as a share of the sweep in log f
-    log_evidence : gain over none, averaged over sizes and lengths
-    columns : (2k, m) whitened change of the residual by every coefficient at its standard deviation
+    share : of its variance that is an error of the frequency
+    log_evidence : gain over none, averaged over sizes, lengths and shares
+    columns : (2k, m) change by every coefficient at its standard deviation, whitened and over the noise level: a fit
+        whose noise has the level s has the discrepancy s² Σ columns columnsᵗ
     """
 
     sigma: float
     length: float
+    share: float
     log_evidence: float
     columns: np.ndarray
 
@@ -50,7 +61,7 @@ class Discrepancy:
 
     @property
     def factor(self) -> np.ndarray:
-        """(2k, 2k) lower Cholesky factor of the covariance of a whitened residual, noise and discrepancy."""
+        """(2k, 2k) lower Cholesky factor of the covariance of noise and discrepancy, whitened, over s²."""
         return np.linalg.cholesky(np.eye(len(self.columns)) + self.columns @ self.columns.T)
 
 
@@ -65,21 +76,27 @@ def components(log_frequency: np.ndarray, length: float) -> np.ndarray:
     return cross @ vectors[:, kept] / np.sqrt(values[kept])
 
 
-def _features(data: SweepData, log_slope: np.ndarray) -> Iterator[tuple[float, np.ndarray]]:
-    """Length, and whitened columns (2k, m) of all processes at σ = 1, for every length; each sweep has its own."""
-    for length in _LENGTHS:
+def _features(data: SweepData, log_slope: np.ndarray) -> Iterator[tuple[float, float, np.ndarray]]:
+    """ℓ, w and whitened columns (2k, m) of both processes at σ = 1, for every ℓ and w; each sweep has its own."""
+    for length, share in product(_LENGTHS, _SHARES):
         blocks = []
         for sweep in data.sweeps:
-            own = components(np.log(data.frequency[sweep]), length)
-            block = np.zeros((data.impedance.size, 4 * own.shape[1]), dtype=complex)
-            moved = own * log_slope[sweep, None]
-            block[sweep] = np.hstack([own, 1j * own, moved, 1j * moved]) * data.weight[sweep, None]
+            own, slope = components(np.log(data.frequency[sweep]), length), log_slope[sweep, None]
+            steep = np.sqrt(np.mean(np.abs(slope) ** 2)) or 1.0
+            parts = [np.sqrt(1 - share) * own] if share < 1 else []
+            parts += [np.sqrt(share) / steep * own * slope] if share > 0 else []
+            block = np.zeros((data.impedance.size, 2 * sum(part.shape[1] for part in parts)), dtype=complex)
+            block[sweep] = np.hstack([turn * part for part in parts for turn in (1, 1j)]) * data.weight[sweep, None]
             blocks.append(stacked(block))
-        yield length, np.hstack(blocks)
+        yield length, share, np.hstack(blocks)
 
 
 def learn_discrepancy(
-    data: SweepData, log_slope: np.ndarray, residual: np.ndarray, span: np.ndarray
+    data: SweepData,
+    log_slope: np.ndarray,
+    residual: np.ndarray,
+    span: np.ndarray,
+    weight: np.ndarray | float = 1.0,
 ) -> Discrepancy:
     """The discrepancy that the residual of a fit asks for, all unknowns of the fit marginalised (linear).
 
@@ -92,24 +109,28 @@ def learn_discrepancy(
     ----------
     log_slope : (k,) complex ∂log Z/∂log f of the model
     residual : (2k + m,) r, whitened, the data first;  span : (2k, n) Q, the rows of the data
+    weight : (2k,) that a robust loss gives the readings, in squares of residual and span
     """
     rows, chi_square = len(span), float(residual @ residual)
     found, plain = [], _profiled(chi_square, rows, data.level_std)
-    for length, columns in _features(data, log_slope):
+    best = (-np.inf,)
+    for length, share, columns in _features(data, log_slope):
+        columns = columns * np.reshape(np.sqrt(weight), (-1, 1))
         inside = span.T @ columns
         values, vectors = np.linalg.eigh(columns.T @ columns - inside.T @ inside)
         values = np.maximum(values, 0.0)
         along = (vectors.T @ (columns.T @ residual[:rows])) ** 2
-        for sigma in _SIGMAS:
-            shrunk = sigma**2 / (1 + sigma**2 * values)
+        for size in _SIGMAS:
+            shrunk = size**2 / (1 + size**2 * values)
             left = chi_square - float(along @ shrunk)
-            price = 0.5 * float(np.sum(np.log1p(sigma**2 * values)))
-            found.append((_profiled(left, rows, data.level_std) - price - plain, sigma, length))
-        if found[-1][2] == max(found)[2]:
-            best = columns
-    gain = float(logsumexp([item[0] for item in found]) - np.log(len(found)))
-    _, sigma, length = max(found)
-    return Discrepancy(float(sigma), float(length), gain, sigma * best)
+            price = 0.5 * float(np.sum(np.log1p(size**2 * values)))
+            found.append(_profiled(left, rows, data.level_std) - price - plain)
+            if found[-1] > best[0]:
+                best = found[-1], left, size, length, share, columns
+    gain = float(logsumexp(found) - np.log(len(found)))
+    _, left, size, length, share, columns = best
+    sigma = float(size * noise_level(left, rows, data.level_std))
+    return Discrepancy(sigma, length, share, gain, size * columns)
 
 
 #: Standard deviations of its logarithm below which a noise level is not taken to be.

@@ -2,6 +2,7 @@
 
     −2 log p(x | data) = Σ |log Z_model(x) − log Z|²/σ² + Σ ((x − mean)/std)² + passivity wall
 
+The level of the noise σ is found with x: the descent begins at that of the misfit, which falls to that of the noise.
 Free constants, tolerances and effects are all in x (`femu_piezo.inference.unknowns`). `update` is this fit; `diagnose`
 is this fit for several lists of causes. About the solution the model is taken as linear (Laplace): with J the Jacobian
 of data and priors, H = JᵗJ, the covariance is H^-1 and the evidence
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +22,7 @@ from scipy.linalg import solve_triangular
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, noise_level
+from femu_piezo.inference.laws import law_misses
 from femu_piezo.inference.passivity import passivity_wall
 from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import Unknowns
@@ -28,18 +30,19 @@ from femu_piezo.threads import blas_limit
 
 #: Distance to a bound, relative to its range, that a start keeps.
 _MARGIN = 1e-6
-#: Gain in −2 log p below which a coarse fit stops, and its most evaluations; the same of a close fit. A gain of 1e-6
-#: is left where an unknown is a thousandth of its standard deviation away.
+#: Gain in χ² at the noise level below which a coarse fit stops, and its most evaluations; the same of a close fit.
 _COARSE, _CLOSE = (1.0, 12), (1e-6, 100)
-#: Gain in −2 log p that a close fit may still promise when it runs out of evaluations.
+#: Gain in χ² at the noise level that a close fit may still promise when it runs out of evaluations.
 _UNSETTLED = 10.0
 #: Damping of the first step, in the precision of the prior, and the factors by which it falls and rises; shares of what
 #: a step promised, above which it falls and below which it rises.
 _DAMPING, _EASED, _RAISED, _KEPT, _BROKEN = 1e-3, 0.1, 10.0, 0.75, 0.25
-#: Most steps towards the wall within one step of the fit, and the share of −2 log p below which they have settled.
+#: Most steps towards the wall within one step of the fit, and the share of χ² below which they have settled.
 _WALL_STEPS, _WALL_GAIN = 20, 1e-9
-#: Most turns of a linearised fit and its noise level, and change of the logarithm of that at which they have settled.
-_TURNS, _SETTLED = 5, 0.03
+#: Most turns of a linearised fit and its noise level.
+_TURNS = 5
+#: Change of the logarithm of the noise level below which a fit counts as made at it.
+_LEVEL = 0.03
 #: Relative step of the frequency for ∂log Z/∂log f.
 _STEP = 1e-5
 
@@ -66,8 +69,11 @@ class Fit:
     further_residual, further_jacobian : (m,), (m, n_x) rows of the priors and of the passivity wall
     log_slope : (k,) ∂log Z/∂log f of the model
     on_bound : names of the unknowns that ended on a bound
-    level : factor on the noise that the fit was made with;  robust : whether a loss against outliers was
+    level : factor on the noise that the fit was made with
+    loss : of the readings
+    weight : (2k,) that the loss gives them, in squares of residual and jacobian
     discrepancy : what the intervals count beside noise and priors; None where nothing is left
+    law : (2k, m) what the laws of causes may miss, whitened, each column one standard deviation; the intervals count it
     """
 
     parameters: Unknowns
@@ -80,8 +86,10 @@ class Fit:
     log_slope: np.ndarray = field(repr=False)
     on_bound: tuple[str, ...] = ()
     level: float = 1.0
-    robust: bool = False
+    loss: str = "linear"
+    weight: np.ndarray | float = field(default=1.0, repr=False)
     discrepancy: Discrepancy | None = field(default=None, repr=False)
+    law: np.ndarray | None = field(default=None, repr=False)
 
     @cached_property
     def _rows(self) -> tuple[np.ndarray, np.ndarray]:
@@ -95,6 +103,16 @@ class Fit:
             np.concatenate([jacobian, self.further_jacobian]),
         )
 
+    @cached_property
+    def _triangle(self) -> tuple[np.ndarray, np.ndarray]:
+        """Q and R of the Jacobian at the noise level of the fit, its columns in prior standard deviations."""
+        return np.linalg.qr(self._levelled(self._rows[1]) * self.parameters.prior_std)
+
+    def _levelled(self, rows: np.ndarray) -> np.ndarray:
+        """Rows of data, priors and wall with those of the data over the noise level of the fit."""
+        count = self.residual.size
+        return np.concatenate([rows[:count] / self.level, rows[count:]])
+
     @property
     def chi_square(self) -> float:
         """Σ residual² of data and priors."""
@@ -106,20 +124,20 @@ class Fit:
         """Residuals of the data minus unknowns that the data determine."""
         return round(self.residual.size - self.determined)
 
-    @cached_property
+    @property
     def determined(self) -> float:
         """Number of unknowns that the data determine, Σ over all of 1 − posterior/prior variance in their span."""
-        rows = np.concatenate([self._rows[1][: self.residual.size] / self.level, self.further_jacobian])
-        basis = np.linalg.qr(rows * self.parameters.prior_std)[0]
-        return float(np.sum(basis[: self.residual.size] ** 2))
+        rows = self.residual.size
+        return float(np.sum(self._triangle[0][:rows] ** 2))
 
     @property
     def noise_scale(self) -> float:
-        """Most probable factor on the noise."""
-        if self.robust:
-            return self.level
-        own = self._rows[0][: self.residual.size]
-        return noise_level(float(own @ own), self.residual.size - self.determined, self.data.level_std)
+        """Most probable factor on the noise; beside a discrepancy, of the estimate that its likelihood would have."""
+        own = self._levelled(self._rows[0])
+        if self.discrepancy is not None:
+            own = own - self._triangle[0] @ (self._triangle[0].T @ own)
+        squares = (own[: self.residual.size] * self.level) ** 2
+        return _level_of(squares, self.weight, self.loss, self.residual.size - self.determined, self.data.level_std)
 
     @cached_property
     def precision_inverse(self) -> np.ndarray:
@@ -135,16 +153,20 @@ class Fit:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """(n_x, n_x) of the estimate: s² A Aᵗ + A K Aᵗ + H^-1 Fᵗ F H^-1.
+        """(n_x, n_x) of the estimate: s² A (I + K) Aᵗ + A L Lᵗ Aᵗ + H^-1 Fᵗ F H^-1.
 
-        From the noise at its most probable level s, from a discrepancy of covariance K where one is probable, and from
-        the priors F. Without discrepancy this is H^-1. The estimate itself is that of noise and priors, so that its
-        curve is the closest there is; what is smooth in frequency and no noise widens the intervals by A K Aᵗ. No
-        factor for misfit is applied beyond that. The coverage is tested in tests/inference/test_coverage.py.
+        From the noise at its most probable level s, from a discrepancy of covariance s² K where one is probable, from
+        what the laws of causes miss (`femu_piezo.inference.laws`), and from the priors F. Without those two this is
+        H^-1. The estimate itself is that of noise and priors, so that its curve is the closest there is; what is smooth
+        in frequency and no noise widens the intervals by s² A K Aᵗ. No factor for misfit is applied beyond that. The
+        coverage is tested in tests/inference/test_coverage.py.
         """
         found = self.noise_scale**2 * self.gain @ self.gain.T
         if self.discrepancy is not None:
-            moved = self.gain @ self.discrepancy.columns
+            moved = self.noise_scale * self.gain @ self.discrepancy.columns
+            found = found + moved @ moved.T
+        if self.law is not None:
+            moved = self.gain @ self.law
             found = found + moved @ moved.T
         pulled = self.precision_inverse @ self.further_jacobian.T
         return found + pulled @ pulled.T
@@ -168,9 +190,9 @@ class Fit:
     @cached_property
     def learned(self) -> Discrepancy:
         """The discrepancy that the residual asks for, noise alone in the likelihood so far."""
-        left = np.concatenate([self.residual, self.further_residual])
+        left = self._levelled(np.concatenate([self.residual, self.further_residual])) * self.level
         left = left - self._span @ (self._span.T @ left)
-        return learn_discrepancy(self.data, self.log_slope, left, self.span)
+        return learn_discrepancy(self.data, self.log_slope, left, self.span, self.weight)
 
     @property
     def log_error(self) -> np.ndarray:
@@ -204,7 +226,8 @@ class Fit:
 
     @cached_property
     def _span(self) -> np.ndarray:
-        return np.linalg.qr(np.concatenate([self.jacobian, self.further_jacobian]) * self.parameters.prior_std)[0]
+        rows = np.concatenate([self.jacobian, self.further_jacobian])
+        return np.linalg.qr(self._levelled(rows) * self.parameters.prior_std)[0]
 
     def predicted(self) -> np.ndarray:
         """(k,) complex whitened error of each point as predicted by a fit that did not see its band of its sweep.
@@ -242,26 +265,27 @@ class Fit:
         return float(np.sqrt(error @ np.linalg.solve(spread, error) / error.size))
 
 
+#: Whitened residual and Jacobian of the data, then those of priors and wall.
+_Parts = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
 class _Posterior:
-    """Residual and Jacobian of data, priors and wall, the last evaluation kept."""
+    """What a fit minimises."""
 
-    def __init__(self, response: Response, data: SweepData, parameters: Unknowns) -> None:
-        self.response, self.data, self.parameters = response, data, parameters
-        self._x: np.ndarray | None = None
+    response: Response
+    data: SweepData
+    parameters: Unknowns
 
-    def parts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Whitened residual and Jacobian of the data, and those of priors and wall."""
-        if self._x is None or not np.array_equal(x, self._x):
-            z, tangents = self.response.with_jacobian(self.parameters, x)
-            std = self.parameters.prior_std
-            wall, slopes = passivity_wall(self.parameters, x)
-            self._last = (
-                *self.data.whitened(z, tangents),
-                np.concatenate([(x - self.parameters.prior_mean) / std, wall]),
-                np.concatenate([np.diag(1 / std), slopes]),
-            )
-            self._x = x.copy()
-        return self._last
+    def parts(self, x: np.ndarray) -> _Parts:
+        """Residuals and Jacobians at x (n_x,)."""
+        std = self.parameters.prior_std
+        wall, slopes = passivity_wall(self.parameters, x)
+        return (
+            *self.data.whitened(*self.response.with_jacobian(self.parameters, x)),
+            np.concatenate([(x - self.parameters.prior_mean) / std, wall]),
+            np.concatenate([np.diag(1 / std), slopes]),
+        )
 
 
 def fit(
@@ -286,88 +310,105 @@ def fit(
     """
     posterior = _Posterior(response, data, parameters)
     with blas_limit():
-        best = min((_Descent(posterior, start, loss).run(*_COARSE) for start in starts), key=lambda one: one.objective)
+        ends = [_Descent(posterior, start, loss).run(*_COARSE) for start in starts]
+        level = min(one.level for one in ends)
+        best = min(ends, key=lambda one: one.cost(one.parts, level))
         if not coarse:
             best.run(*_CLOSE)
-        if not np.isfinite(best.objective) or (not coarse and best.promise > _UNSETTLED):
+        if not np.isfinite(best.cost(best.parts, best.level)) or (not coarse and best.promise > _UNSETTLED):
             raise ConvergenceError(
                 f"no fit of {', '.join(parameters.material.free.names)} settled: check dimensions, density and "
                 "poling, or free fewer constants"
             )
         ahead, behind = (response.at(1 + sign * _STEP).with_jacobian(parameters, best.x)[0] for sign in (1, -1))
-    residual, jacobian, further_residual, further_jacobian = posterior.parts(best.x)
-    share = np.sqrt(best.shares(residual))
+        found = replace(_at(best), log_slope=np.log(ahead / behind) / (2 * _STEP))
+        if coarse:
+            return found
+        law = law_misses(response, data, parameters, best.x) * np.sqrt(found.weight)[:, None]
+    return replace(found, law=law)
+
+
+def _at(found: _Descent) -> Fit:
+    """The fit where a descent ended, without its slope in frequency and what laws miss."""
+    posterior = found.posterior
+    residual, jacobian, further_residual, further_jacobian = found.parts
+    weight = _weight(found.loss, residual / found.level)
+    share = np.sqrt(weight)
     return Fit(
-        parameters=parameters,
-        x=best.x,
-        data=data,
+        parameters=posterior.parameters,
+        x=found.x,
+        data=posterior.data,
         residual=residual * share,
         jacobian=jacobian * share[:, None],
         further_residual=further_residual,
         further_jacobian=further_jacobian,
-        log_slope=np.log(ahead / behind) / (2 * _STEP),
-        on_bound=tuple(parameters.names[i] for i in best.on_bound),
-        level=best.level,
-        robust=loss != "linear",
+        log_slope=np.zeros(residual.size // 2),
+        on_bound=tuple(posterior.parameters.names[i] for i in found.on_bound),
+        level=found.level,
+        loss=found.loss,
+        weight=weight,
     )
 
 
-#: Loss ρ of a squared residual z, and the weight ρ' that it gives it.
+#: Loss ρ of a squared residual z, the weight ρ' that it gives it, and a power n such that no ρ'ⁿ z is much above 1.
 _LOSS = {
-    "linear": (lambda z: z, np.ones_like),
-    "soft_l1": (lambda z: 2 * (np.sqrt(1 + z) - 1), lambda z: (1 + z) ** -0.5),
-    "huber": (lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1), lambda z: np.maximum(z, 1.0) ** -0.5),
-    "cauchy": (np.log1p, lambda z: 1 / (1 + z)),
+    "linear": (lambda z: z, np.ones_like, 1),
+    "soft_l1": (lambda z: 2 * (np.sqrt(1 + z) - 1), lambda z: (1 + z) ** -0.5, 2),
+    "huber": (lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1), lambda z: np.maximum(z, 1.0) ** -0.5, 2),
+    "cauchy": (np.log1p, lambda z: 1 / (1 + z), 1),
 }
-#: Median of |t| of a standard normal t.
-_MEDIAN = 0.6745
+
+
+def _weight(loss: str, residual: np.ndarray) -> np.ndarray:
+    """ρ' of residuals in units of the noise."""
+    return _LOSS[loss][1](residual**2)
+
+
+def _level_of(squares: np.ndarray, weight: np.ndarray | float, loss: str, freedom: float, level_std: float) -> float:
+    """Noise level of squared residuals with the weights ρ' of a loss in them.
+
+    Where noise is normal the mean of ρ'ⁿ z has a known value: so the level of a robust fit is that of the noise,
+    whatever lies far outside (Huber's second proposal, Ann. Math. Statist. 35 (1964) 73).
+    """
+    power = _LOSS[loss][2]
+    return noise_level(float(np.sum(squares * weight ** (power - 1))) / _normal(loss), freedom, level_std)
+
+
+@cache
+def _normal(loss: str) -> float:
+    """E[ρ'ⁿ z] of squares z of normal residuals of deviation 1."""
+    at = np.linspace(-8, 8, 2001)
+    return float(np.average(_weight(loss, at) ** _LOSS[loss][2] * at**2, weights=np.exp(-0.5 * at**2)))
 
 
 class _Descent:
-    """Levenberg-Marquardt within bounds at the most probable noise level, unknowns in prior standard deviations.
+    """Levenberg-Marquardt within bounds, unknowns in units of their prior standard deviations.
 
-    The noise level is found anew at every step: far from the solution the misfit counts as noise and the priors hold
-    what they should; as the misfit falls the level falls to that of the noise. In these units every gain in −2 log p
-    has a natural scale, and the descent ends where the next step promises less than a given one. An unknown on its
-    bound stays there while the gradient points outwards; steps are cut off at the bounds.
+    The noise level is an unknown among the others: every step is made at the one that is most probable with what the
+    steps before have left. So far from the solution, where the misfit is large, data count for less against priors and
+    a robust loss sets hardly anything aside; both come into force as the misfit falls to the noise. An unknown on its
+    bound stays there while the gradient points outwards; steps are cut off at the bounds. χ² has a natural unit, so the
+    descent ends where the next step promises less than a given gain.
 
     Attributes
     ----------
-    x : (n_x,) where it stands;  level : factor on the noise there;  promise : gain in −2 log p of the next step
+    x : (n_x,) where it stands;  parts : residuals and Jacobians there;  level : factor on the noise
+    promise : gain in χ² that the next step promises
     """
 
     def __init__(self, posterior: _Posterior, start: np.ndarray, loss: str) -> None:
-        self._posterior, self._loss = posterior, _LOSS[loss]
+        self.posterior, self.loss = posterior, loss
         self._low, self._high = posterior.parameters.bounds.T
         margin = _MARGIN * (self._high - self._low)
         self.x = np.clip(start, self._low + margin, self._high - margin)
-        self.level, self.promise, self._damping = np.inf, np.inf, _DAMPING
-        self._settle()
+        self.parts = posterior.parts(self.x)
+        self.level, self.promise, self._damping, self._determined = np.inf, np.inf, _DAMPING, 0.0
 
-    def _settle(self) -> None:
-        """Find the noise level where it stands; with a robust loss from the median residual, which outliers leave."""
-        residual = self._posterior.parts(self.x)[0]
-        freedom, std = residual.size - self._posterior.parameters.of_material, self._posterior.data.level_std
-        square = float(residual @ residual)
-        if self._loss is not _LOSS["linear"]:
-            square = residual.size * (float(np.median(np.abs(residual))) / _MEDIAN) ** 2
-        self.level = noise_level(square, freedom, std)
-
-    def shares(self, residual: np.ndarray) -> np.ndarray:
-        """(2k,) weights that the loss gives to residuals."""
-        return self._loss[1]((residual / self.level) ** 2)
-
-    def _cost(self, x: np.ndarray) -> float:
-        """−2 log p at the present level, up to a constant."""
-        residual, _, further, _ = self._posterior.parts(x)
-        cost = float(np.sum(self._loss[0]((residual / self.level) ** 2)) + further @ further)
+    def cost(self, parts: _Parts, level: float) -> float:
+        """χ² of data and priors at a noise level, as the loss counts it."""
+        residual, _, further, _ = parts
+        cost = float(np.sum(_LOSS[self.loss][0]((residual / level) ** 2)) + further @ further)
         return cost if np.isfinite(cost) else np.inf
-
-    @property
-    def objective(self) -> float:
-        """−2 log p with the noise level, up to a constant."""
-        rows, std = 2 * self._posterior.data.impedance.size, self._posterior.data.level_std
-        return self._cost(self.x) + 2 * (rows * np.log(self.level) - log_level_prior(np.log(self.level), std))
 
     @property
     def on_bound(self) -> np.ndarray:
@@ -376,42 +417,55 @@ class _Descent:
 
     def run(self, gain: float, most: int) -> _Descent:
         """Descend until the next step promises less than `gain`, by at most so many evaluations."""
-        std, count = self._posterior.parameters.prior_std, 0
-        while count < most and np.isfinite(self.objective):
-            cost, triangle, moving = self._cost(self.x), *self._linear()
+        std, count = self.posterior.parameters.prior_std, 0
+        while count < most and np.isfinite(self.cost(self.parts, self.level)):
+            before = self.level
+            moving, triangle = self._linear()
+            settled = abs(np.log(before / self.level)) < _LEVEL
+            here = self.cost(self.parts, self.level)
             while count < most:
                 step, self.promise = self._step(triangle, moving)
-                if self.promise < gain:
+                if self.promise < gain and settled:
                     return self
+                count += 1
+                if self.promise < gain:  # the level alone moves yet
+                    break
                 other = np.clip(self.x + std * step, self._low, self._high)
-                kept, count = (cost - self._cost(other)) / self.promise, count + 1
+                parts = self.posterior.parts(other)
+                kept = (here - self.cost(parts, self.level)) / self.promise
                 if kept > _KEPT:
                     self._damping *= _EASED
                 elif kept < _BROKEN:
                     self._damping = max(self._damping, _DAMPING) * _RAISED
                 if kept > 0:
-                    self.x = other
-                    self._settle()
+                    self.x, self.parts = other, parts
                     break
         return self
 
     def _linear(self) -> tuple[np.ndarray, np.ndarray]:
-        """R of the Jacobian of data and priors with the residual as its last column, and the unknowns that may move."""
-        residual, jacobian, further, slopes = self._posterior.parts(self.x)
-        share, count = np.sqrt(self.shares(residual)) / self.level, self.x.size
-        residual = np.concatenate([residual * share, further])
-        jacobian = np.concatenate([jacobian * share[:, None], slopes]) * self._posterior.parameters.prior_std
-        gradient, wall = jacobian.T @ residual, further.size - count
+        """Unknowns that may move, and R of Jacobian and residual of data and priors at x, at the noise level there."""
+        residual, jacobian, further, slopes = self.parts
+        weight, free = _weight(self.loss, residual / self.level), residual.size - self._determined
+        self.level = _level_of(weight * residual**2, weight, self.loss, free, self.posterior.data.level_std)
+        share = np.sqrt(_weight(self.loss, residual / self.level)) / self.level
+        std = self.posterior.parameters.prior_std
+        own = np.column_stack([jacobian * std, residual]) * share[:, None]
+        beside = np.column_stack([slopes * std, further])
+        gradient = own[:, :-1].T @ own[:, -1] + beside[:, :-1].T @ beside[:, -1]
         held = ((self.x <= self._low) & (gradient > 0)) | ((self.x >= self._high) & (gradient < 0))
-        moving, rows = np.flatnonzero(~held), slice(0, residual.size - wall)
-        return np.linalg.qr(np.column_stack([jacobian[rows, moving], residual[rows]]), mode="r"), moving
+        moving = np.flatnonzero(~held)
+        rows = np.concatenate([own, beside[: self.x.size]])
+        triangle = np.linalg.qr(rows[:, [*moving, -1]], mode="r")
+        of_data = solve_triangular(triangle[:-1, :-1], own[:, moving].T, trans="T")
+        self._determined = float(np.sum(of_data**2))
+        return moving, triangle
 
     def _step(self, triangle: np.ndarray, moving: np.ndarray) -> tuple[np.ndarray, float]:
         """The damped step (n_x,) that minimises data and priors, taken as linear, and the wall, taken as it is.
 
         The wall costs nothing to evaluate, and it is there from one side only. Also the gain that the step promises.
         """
-        parameters, std = self._posterior.parameters, self._posterior.parameters.prior_std[moving]
+        parameters, std = self.posterior.parameters, self.posterior.parameters.prior_std[moving]
         factor, right = triangle[: moving.size, :-1], triangle[: moving.size, -1]
         damping = np.sqrt(self._damping) * np.eye(moving.size)
 
@@ -465,7 +519,7 @@ def linear_fit(
 
 
 def stepped(at_x: Fit, moving: np.ndarray | None = None) -> Fit:
-    """The linearised model of a fit at its least −2 log p, unknowns `moving` (m,) alone; all where None."""
+    """The linearised model of a fit at its least χ² and noise level, unknowns `moving` (m,) alone; all where None."""
     moving = np.arange(at_x.x.size) if moving is None else moving
     std = at_x.parameters.prior_std[moving]
     right, found = np.concatenate([at_x.residual, at_x.further_residual]), at_x
@@ -483,7 +537,7 @@ def stepped(at_x: Fit, moving: np.ndarray | None = None) -> Fit:
             level=found.level,
         )
         level = found.noise_scale
-        if abs(np.log(level / found.level)) < _SETTLED:
+        if abs(np.log(level / found.level)) < _LEVEL:
             break
         found = replace(found, level=level)
     return found
@@ -495,8 +549,8 @@ def log_posterior(response: Response, solution: Fit) -> Callable[[np.ndarray], f
     factor = None if solution.discrepancy is None else solution.discrepancy.factor
 
     def density(x: np.ndarray) -> float:
-        residual, _, further, _ = posterior.parts(x)
-        own = (residual if factor is None else solve_triangular(factor, residual, lower=True)) / scale
+        own, _, further, _ = posterior.parts(x)
+        own = (own if factor is None else solve_triangular(factor, own, lower=True)) / scale
         return float(-0.5 * (own @ own + further @ further))
 
     return density

@@ -21,7 +21,7 @@ def pulls(lab):
     for seed in range(DRAWS):
         truth = lab.truth(seed)
         data = lab.measured(lab.evaluation.impedance(lab.unknowns, truth), seed)
-        one = fit(lab.evaluation, data, lab.unknowns, [lab.near(truth)])
+        one = fit(lab.evaluation, data, lab.unknowns, [lab.unknowns.prior_mean])
         found.append((one.x - truth) / one.std)
     return np.split(np.array(found), [lab.unknowns.of_material], axis=1)
 
@@ -48,7 +48,7 @@ def test_noise_alone_promises_far_too_much(lab):
     for seed in range(3):
         truth = lab.truth(seed)
         data = lab.measured(lab.evaluation.impedance(lab.unknowns, truth), seed)
-        whole = fit(lab.evaluation, data, lab.unknowns, [lab.near(truth)])
+        whole = fit(lab.evaluation, data, lab.unknowns, [lab.unknowns.prior_mean])
         ideal = fit(lab.evaluation, data, lab.ideal, [truth[: lab.ideal.count]])
         assert np.all(ideal.std[[0, 2, 4]] < 0.2 * whole.std[[0, 2, 4]])
         assert np.max(np.abs(ideal.x - truth[:6]) / ideal.std) > 5

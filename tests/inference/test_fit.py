@@ -215,8 +215,10 @@ def test_a_linear_step_is_the_step_of_the_linearised_model(lab):
     x = lab.unknowns.prior_mean
     promised, _ = linear_fit(lab.evaluation, data, lab.unknowns, x)
     residual, jacobian = data.whitened(*lab.evaluation.with_jacobian(lab.unknowns, x))
-    precision = jacobian.T @ jacobian + np.diag(1 / lab.unknowns.prior_std**2)
-    step = np.linalg.solve(precision, -jacobian.T @ residual)
+    level = promised.level
+    precision = jacobian.T @ jacobian / level**2 + np.diag(1 / lab.unknowns.prior_std**2)
+    step = np.linalg.solve(precision, -jacobian.T @ residual / level**2)
+    assert level == pytest.approx(promised.noise_scale, rel=0.03)
     assert np.max(np.abs(promised.x - x - step) / lab.unknowns.prior_std) < 1e-6
     some = np.arange(3)
     held, _ = linear_fit(lab.evaluation, data, lab.unknowns, x, some)
@@ -242,6 +244,55 @@ def test_a_robust_loss_sets_bad_readings_aside(lab):
     assert np.max(away["linear"] / clean.std) > 30
     assert np.max(away["soft_l1"] / clean.std) < 0.1 * np.max(away["linear"] / clean.std)
     assert np.max(away["cauchy"] / clean.std) < 4
+
+
+def away(lab, unknowns, data, clean, truth, start, loss="linear") -> float:
+    """Largest error of the constants, in deviations of a linear fit of clean data that starts at the truth."""
+    found = fit(lab.evaluation, data, unknowns, [start], loss=loss)
+    std = fit(lab.evaluation, clean, unknowns, [lab.near(truth)[: unknowns.count]]).std
+    return float(np.max((np.abs(found.x - truth[: unknowns.count]) / std)[:6]))
+
+
+@pytest.mark.parametrize("noise", [1e-3, 1e-4])
+def test_no_fit_ends_in_a_wrong_minimum(lab, noise):
+    """100 specimens 3 % from the file's constants, from there: the largest of their 600 errors is one of the noise."""
+    found = []
+    for seed in range(100):
+        truth = lab.truth(seed)
+        data = lab.measured(lab.evaluation.impedance(lab.unknowns, truth), seed, noise)
+        found.append(away(lab, lab.unknowns, data, data, truth, lab.unknowns.prior_mean))
+    assert max(found) < 4  # of 600 normal numbers one in 25 times
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("bad", [0, 3])
+@pytest.mark.parametrize("loss", ["soft_l1", "huber", "cauchy"])
+def test_a_robust_loss_finds_the_solution_from_afar(lab, loss, bad, known):
+    """Next to no noise, none or one in twenty readings 5 to 30 % off, from the constants of the file."""
+    for seed in range(15):
+        truth = lab.truth(seed)
+        clean = lab.measured(lab.evaluation.impedance(lab.unknowns, truth), seed, 1e-5, known)
+        rng = np.random.default_rng([5, seed])
+        spoiled = clean.impedance.copy()
+        spoiled[rng.choice(FREQUENCY.size, bad, replace=False)] *= np.exp(rng.uniform(0.05, 0.3, bad))
+        data = replace(clean, impedance=spoiled)
+        assert away(lab, lab.unknowns, data, clean, truth, lab.unknowns.prior_mean, loss) < 3, seed
+
+
+@pytest.mark.parametrize("loss", ["linear", "soft_l1", "huber", "cauchy"])
+def test_every_loss_finds_the_noise_and_intervals_of_it(lab, loss):
+    """Sweeps twice as noisy as guessed: the level is 2, and errors are as large as the deviations."""
+    truth = lab.truth(0)[:6]
+    z, levels, pulls = lab.evaluation.impedance(lab.ideal, truth), [], []
+    for seed in range(60):
+        data = lab.measured(z, seed, known=False)
+        data = replace(data, relative_noise=data.relative_noise / 2)
+        found = fit(lab.evaluation, data, lab.ideal, [truth], loss=loss)
+        assert found.noise_scale == pytest.approx(found.level, rel=0.03)
+        levels.append(found.noise_scale)
+        pulls.append((found.x - truth) / found.std)
+    assert np.median(levels) == pytest.approx(2.0, rel=0.08)
+    assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1.0, abs=0.2)
 
 
 def test_a_robust_loss_leaves_the_priors_as_they_are(lab):

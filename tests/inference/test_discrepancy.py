@@ -1,0 +1,252 @@
+"""What no unknown describes: its evidence, what it does to intervals, and that it stays out of what is right."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from laboratory import FREQUENCY
+
+from femu_piezo.inference.discrepancy import (
+    PRIOR,
+    Discrepancy,
+    components,
+    learn_discrepancy,
+    log_level_prior,
+    noise_level,
+)
+from femu_piezo.inference.fit import Fit, fit, with_discrepancy
+from femu_piezo.inference.sweeps import SweepData
+
+LENGTHS, SHARES, SIZES = (1 / 4, 1 / 12, 1 / 40), (0.0, 0.5, 1.0), np.geomspace(1e-6, 0.3, 23)
+#: Ratio of neighbouring sizes that the discrepancy may have.
+STEP = SIZES[1] / SIZES[0]
+
+
+def kernel(length: float) -> np.ndarray:
+    """Squared exponential over log f."""
+    log = np.log(FREQUENCY)
+    return np.exp(-0.5 * ((log[:, None] - log) / (length * np.ptp(log))) ** 2)
+
+
+@pytest.mark.parametrize("length", LENGTHS)
+def test_components_are_those_of_the_process(length):
+    own = components(np.log(FREQUENCY), length)
+    assert np.max(np.abs(own @ own.T - kernel(length))) < 2e-3
+
+
+@pytest.mark.parametrize(("chi_square", "freedom"), [(99.0, 99), (130.0, 100), (3000.0, 100), (20.0, 100), (1.0, 100)])
+@pytest.mark.parametrize("std", [0.02, 0.15])
+def test_noise_level_is_the_most_probable_one(chi_square, freedom, std):
+    """Against a fine grid above the floor; far beyond what is stated the misfit decides, below it the statement."""
+    grid = np.linspace(-3 * std, 5.0, 200_001)
+    density = -freedom * grid - 0.5 * chi_square * np.exp(-2 * grid)
+    density += [log_level_prior(level, std) for level in grid]
+    found = np.log(noise_level(chi_square, freedom, std))
+    assert found == pytest.approx(grid[np.argmax(density)], abs=1e-4)
+    if chi_square == 3000:
+        assert found == pytest.approx(0.5 * np.log(30), rel=0.02)
+    if chi_square <= 20:
+        assert found == pytest.approx(-3 * std)
+
+
+def linear(seed: int, wave: float) -> tuple[SweepData, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Data, slope in log f, target (2k,), Jacobian (2k, 4) and prior deviations of a linear problem."""
+    rng = np.random.default_rng(seed)
+    k = FREQUENCY.size
+    data = SweepData(FREQUENCY, np.ones(k, complex), np.full(k, 2e-3), True)
+    log_slope = -1 + 3 * rng.standard_normal(k) + 1j * rng.standard_normal(k)
+    jacobian = 30 * rng.standard_normal((2 * k, 4))
+    std = np.array([1.0, 0.05, 0.02, 1e-3])
+    smooth = wave * np.exp(1j * np.log(FREQUENCY)) * data.weight
+    target = jacobian @ (std * rng.standard_normal(4)) + rng.standard_normal(2 * k)
+    return data, log_slope, target + np.concatenate([smooth.real, smooth.imag]), jacobian, std
+
+
+def columns_of(data: SweepData, log_slope: np.ndarray, length: float, share: float) -> np.ndarray:
+    """(2k, m) whitened columns at rms 1 of the change of log Z."""
+    own = components(np.log(FREQUENCY), length)
+    moved = own * log_slope[:, None] / np.sqrt(np.mean(np.abs(log_slope) ** 2))
+    parts = [np.sqrt(1 - share) * own, np.sqrt(share) * moved]
+    whole = np.hstack([turn * part for part in parts for turn in (1, 1j)]) * data.weight[:, None]
+    return np.concatenate([whole.real, whole.imag])
+
+
+@pytest.mark.parametrize("wave", [0.0, 2e-3, 1e-2])
+@pytest.mark.parametrize("known", [True, False])
+def test_evidence_is_that_of_a_dense_gaussian(wave, known):
+    """Mean over sizes, lengths and shares of p(target), covariance I + J Σ Jᵗ + σ² Φ Φᵗ at the best noise level."""
+    data, log_slope, target, jacobian, std = linear(4, wave)
+    data = replace(data, noise_known=known)
+    k, rows = data.impedance.size, np.concatenate([jacobian, np.diag(1 / std)])
+    q = np.linalg.qr(rows * std)[0]
+    whole = np.concatenate([target, np.zeros(4)])
+    residual = whole - q @ (q.T @ whole)
+    learned = learn_discrepancy(data, log_slope, residual, q[: 2 * k])
+
+    def log_density(covariance: np.ndarray) -> tuple[float, float]:
+        """And the noise level."""
+        factor = np.linalg.cholesky(covariance)
+        white = np.linalg.solve(factor, target)
+        chi_square = float(white @ white)
+        level = np.log(noise_level(chi_square, 2 * k, data.level_std))
+        own = -2 * k * level - 0.5 * chi_square * np.exp(-2 * level) + log_level_prior(level, data.level_std)
+        return own - np.sum(np.log(np.diag(factor))), np.exp(level)
+
+    base = np.eye(2 * k) + (jacobian * std**2) @ jacobian.T
+    none, found, levels = log_density(base)[0], {}, {}
+    for length, share in product(LENGTHS, SHARES):
+        columns = columns_of(data, log_slope, length, share)
+        for size in SIZES:
+            place = (length, size, share)
+            density, levels[place] = log_density(base + size**2 * columns @ columns.T)
+            found[place] = density - none
+    values = np.array(list(found.values()))
+    expected = values.max() + np.log(np.mean(np.exp(values - values.max())))
+    assert learned.log_evidence == pytest.approx(expected, abs=1e-5 * max(1.0, abs(expected)))
+    best = max(found, key=found.get)
+    assert (learned.length, learned.sigma / levels[best], learned.share) == pytest.approx(best)
+    assert learned.probable == (expected > np.log(1 / PRIOR - 1)) == (wave > 0)
+    change = np.sum(learned.columns**2, axis=1).reshape(2, -1).sum(axis=0) / data.weight**2
+    assert np.sqrt(np.mean(change / 2)) * levels[best] == pytest.approx(learned.sigma, rel=2e-2)
+
+
+def smooth_error(seed: int, sigma: float, length: float = 1 / 6) -> np.ndarray:
+    """(k,) a complex error of log Z, smooth over a sixth of the sweep."""
+    root = np.linalg.cholesky(kernel(length) + 1e-9 * np.eye(FREQUENCY.size))
+    return sigma * root @ (np.random.default_rng([77, seed]).standard_normal((FREQUENCY.size, 2)) @ [1, 1j])
+
+
+@pytest.fixture(scope="module")
+def truth(lab):
+    return lab.material.x_of(lab.free.start)
+
+
+@pytest.mark.parametrize(("sigma", "length", "stated"), [(3e-3, 1 / 6, 1.0), (1e-2, 1 / 12, 1.0), (3e-3, 1 / 6, 0.2)])
+def test_intervals_stay_honest_where_something_smooth_is_added(lab, sigma, length, stated):
+    """40 draws of a laboratory with an error of Z of 0.3 or 1 % that no unknown describes.
+
+    Noise and tolerances alone promise tangents several times too well. With the discrepancy constants and tangents lie
+    in their intervals, and each of the six has an interval of about the right size, also where the noise is five times
+    what is stated. Length and size of the error are not among those that the discrepancy may have.
+    """
+    pulls, plain_pulls = [], []
+    for seed in range(40):
+        x = lab.truth(seed)
+        z = lab.evaluation.impedance(lab.unknowns, x) * np.exp(smooth_error(seed, sigma, length))
+        data = lab.measured(z, seed)
+        data = replace(data, relative_noise=data.relative_noise * stated)
+        plain = fit(lab.evaluation, data, lab.unknowns, [lab.near(x)])
+        assert plain.learned.probable
+        honest = with_discrepancy(plain, plain.learned)
+        pulls.append((honest.x - x)[:6] / honest.std[:6])
+        plain_pulls.append((plain.x - x)[:6] / plain.std[:6])
+    pulls, plain_pulls = np.array(pulls), np.array(plain_pulls)
+    assert np.sqrt(np.mean(plain_pulls[:, [3, 5]] ** 2)) > 2.5
+    # the six of one draw err together: the mean scatters by about 0.04
+    assert 0.60 < np.mean(np.abs(pulls) < 1) < 0.85
+    assert np.mean(np.abs(pulls) < 2) > 0.91
+    assert np.all(np.abs(np.log(np.sqrt(np.mean(pulls**2, axis=0)))) < np.log(2))
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_nulls_have_no_discrepancy(lab, truth, known):
+    """25 sweeps of a right model in an ideal world, and 25 in a laboratory: one alarm at most."""
+    alarms, z = 0, lab.evaluation.impedance(lab.ideal, truth)
+    for seed in range(25):
+        ideal = fit(lab.evaluation, lab.measured(z, seed, known=known), lab.ideal, [truth])
+        x = lab.truth(seed)
+        data = lab.measured(lab.evaluation.impedance(lab.unknowns, x), seed, known=known)
+        whole = fit(lab.evaluation, data, lab.unknowns, [lab.near(x)])
+        alarms += ideal.learned.probable + whole.learned.probable
+    assert alarms <= 1
+
+
+def test_a_tolerance_is_no_discrepancy(lab):
+    """Sweeps of a laboratory: most ask for one where only noise is known, none where the tolerances are."""
+    asked = []
+    for seed in range(21, 29):
+        x = lab.truth(seed)
+        data = lab.measured(lab.evaluation.impedance(lab.unknowns, x), seed)
+        asked.append(fit(lab.evaluation, data, lab.ideal, [x[:6]]).learned.probable)
+        assert not fit(lab.evaluation, data, lab.unknowns, [lab.near(x)]).learned.probable
+    assert sum(asked) >= 5
+
+
+def test_white_misfit_is_noise(lab, truth):
+    """A sweep five times noisier than stated has no discrepancy; the intervals grow by five."""
+    z = lab.evaluation.impedance(lab.ideal, truth)
+    for seed in range(5):
+        data = lab.measured(z, seed)
+        right = fit(lab.evaluation, data, lab.ideal, [truth])
+        claimed = fit(lab.evaluation, replace(data, relative_noise=data.relative_noise / 5), lab.ideal, [truth])
+        assert not claimed.learned.probable
+        np.testing.assert_allclose(claimed.std, right.std, rtol=0.2)
+
+
+def test_its_size_is_not_that_of_the_stated_noise():
+    """The same readings, said to be 1, 5 and 25 times as exact: size and columns in ohm stay, to a step of the grid."""
+    data, log_slope, target, _, _ = linear(5, 1e-2)
+    size, spread = [], []
+    for factor in (1.0, 5.0, 25.0):
+        own = replace(data, relative_noise=data.relative_noise / factor)
+        learned = learn_discrepancy(own, log_slope, factor * target, np.zeros((target.size, 1)))
+        size.append(learned.sigma)
+        level = learned.sigma / np.sqrt(np.mean(np.sum(learned.columns**2, axis=1)) / own.weight[0] ** 2)
+        spread.append(level / factor)
+    assert max(size) / min(size) < 1.01 * STEP
+    assert np.ptp(np.log(spread)) < np.log(1.3)  # the noise found is that of the readings
+
+
+def test_each_sweep_of_several_has_its_own():
+    """A misfit of one of two sweeps: its columns reach the other nowhere."""
+    k = FREQUENCY.size
+    data = SweepData(np.tile(FREQUENCY, 2), np.ones(2 * k, complex), np.full(2 * k, 1e-3), True, sizes=(k, k))
+    rng = np.random.default_rng(3)
+    wave = np.concatenate([1e-2 * np.sin(np.log(FREQUENCY)), np.zeros(k)]) * data.weight
+    residual = np.concatenate([wave, np.zeros(2 * k)]) + rng.standard_normal(4 * k)
+    learned = learn_discrepancy(data, np.zeros(2 * k, complex), residual, np.zeros((4 * k, 1)))
+    assert learned.probable
+    covariance = learned.columns @ learned.columns.T
+    first = np.concatenate([np.arange(k), np.arange(2 * k, 3 * k)])
+    second = np.setdiff1d(np.arange(4 * k), first)
+    assert np.all(covariance[np.ix_(first, second)] == 0)
+    assert np.all(np.diag(covariance)[second] > 0)
+
+
+def test_the_factor_is_that_of_noise_and_discrepancy():
+    """L Lᵗ = I + Φ Φᵗ."""
+    columns = np.random.default_rng(1).standard_normal((20, 3))
+    factor = Discrepancy(1.0, 0.1, 0.0, 0.0, columns).factor
+    np.testing.assert_allclose(factor @ factor.T, np.eye(20) + columns @ columns.T, atol=1e-12)
+    assert np.all(np.triu(factor, 1) == 0)
+
+
+def test_covariance_is_the_scatter_of_the_estimate():
+    """4000 draws of noise (twice what is stated), discrepancy and prior means about one linear problem."""
+    data, _, _, jacobian, std = linear(9, 0.0)
+    data, rng = replace(data, noise_known=False), np.random.default_rng(2)
+    columns, level = 3 * rng.standard_normal((len(jacobian), 6)), 2.0
+    hessian = jacobian.T @ jacobian / level**2 + np.diag(std**-2)
+    noise = level * (rng.standard_normal((4000, 120)) + rng.standard_normal((4000, 6)) @ columns.T)
+    means = std * rng.standard_normal((4000, 4))
+    drawn = np.linalg.solve(hessian, jacobian.T @ noise.T / level**2 + means.T / std[:, None] ** 2)
+    residual = noise[0] - jacobian @ drawn[:, 0]
+    one = Fit(
+        SimpleNamespace(prior_std=std),
+        np.zeros(4),
+        data,
+        residual,
+        jacobian,
+        np.zeros(4),
+        np.diag(1 / std),
+        np.zeros(FREQUENCY.size),
+        level=level,
+        discrepancy=Discrepancy(1.0, 0.1, 0.0, 0.0, columns),
+    )
+    assert one.noise_scale == pytest.approx(level, rel=0.2)
+    scale = one.noise_scale / level
+    np.testing.assert_allclose(one.std, scale * drawn.std(axis=1), rtol=0.05)
