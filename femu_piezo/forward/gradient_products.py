@@ -25,6 +25,8 @@ from femu_piezo.material.constants import ElasticForm
 from femu_piezo.material.voigt import piezoelectric_tensor, stiffness_tensor
 
 FIELDS = 4  #: u_x, u_y, u_z, φ
+#: Share of entries from which products with a full matrix are faster than with a sparse one.
+_FULL = 0.1
 
 
 def extended_tensor(constants: ElasticForm, rotation: np.ndarray) -> np.ndarray:
@@ -121,7 +123,7 @@ class GradientProducts:
         nodes = np.flatnonzero(np.diff(self.indptr))
         rows, times = nodes if rows is None else rows, self.times
         if rows.size < self.size or nodes.size < self.size:
-            part = [[product[rows][:, nodes] for product in line] for line in self.gradient_matrices]
+            part = [[_dense(product[rows][:, nodes]) for product in line] for line in self.gradient_matrices]
             left, right = left[:, rows], right[:, nodes]
 
             def times(a: int, b: int, vectors: np.ndarray) -> np.ndarray:
@@ -149,6 +151,11 @@ class GradientProducts:
         """(4n, 4n) matrix of ∫ρ v·u (kg), zero in the potential."""
         block = self.scalar(density * self.mass)
         return sp.block_diag([block, block, block, sp.csr_matrix((self.size, self.size))], format="csr")
+
+
+def _dense(matrix: sp.csr_matrix) -> sp.csr_matrix | np.ndarray:
+    """A matrix as an array where it is nearly full, as that of one layer of elements of high order is."""
+    return matrix.toarray() if matrix.nnz > _FULL * np.prod(matrix.shape) else matrix
 
 
 def assemble_gradient_products(basis: skfem.Basis, weight: np.ndarray | None = None) -> GradientProducts:

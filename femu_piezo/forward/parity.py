@@ -23,7 +23,7 @@ from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
 from femu_piezo.material.constants import ElasticForm
 
 #: Modes asked for at first; doubled until the band is covered.
-_COUNT = 10
+_COUNT = 30
 #: Relative error of an eigenvalue; that of a Galerkin basis made of the modes is its square.
 _TOLERANCE = 1e-6
 

@@ -35,6 +35,8 @@ _NODES = np.array([0.06, 0.22, 0.45, 0.72, 1.0])
 _REACH, _ACROSS, _DEEP = 2.5, 2, 4
 #: Growth of element lengths away from the electrode's edge, and the smallest, in half thicknesses.
 _GROWTH, _SMALLEST = 1.7, 0.01
+#: Share of the largest pattern of charge on a strip below which one is rounding.
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -121,20 +123,28 @@ def _freed(model: ElectroelasticModel, fields: np.ndarray, constants: ElasticFor
     probe = interpolation(model, basis.doflocs)
     interpolated = np.concatenate([probe @ part for part in fields])
     rows = 3 * n + strip
-    right = np.zeros((free.size, fields.shape[2]))
-    right[np.searchsorted(free, rows)] = (operator[rows] @ interpolated) * POTENTIAL_SCALE
+    patterns, along = _patterns(operator[rows] @ interpolated)
+    right = np.zeros((free.size, patterns.shape[1]))
+    right[np.searchsorted(free, rows)] = patterns * POTENTIAL_SCALE
     factor = factorize(local)
     held_out = products.mass_matrix(model.density)[free] @ interpolated[:, :-1]
     image = factor.solve(held_out)
     response = factor.solve(right)
     response -= image @ np.linalg.lstsq(held_out.T @ image, held_out.T @ response, rcond=1e-10)[0]
-    moved = np.zeros_like(interpolated)
+    moved = np.zeros((interpolated.shape[0], response.shape[1]))
     moved[free] = -scale[:, None] * response
     moved, interpolated = moved.reshape(FIELDS, n, -1), interpolated.reshape(FIELDS, n, -1)
     freed = np.zeros_like(moved)
     freed[3, strip] = moved[3, strip]
-    crossed = products.between(freed, interpolated, model.unit_tensors, strip)
-    return crossed + crossed.transpose(0, 2, 1) + products.within(moved, model.unit_tensors)
+    crossed = along.T @ products.between(freed, interpolated, model.unit_tensors, strip)
+    return crossed + crossed.transpose(0, 2, 1) + along.T @ products.within(moved, model.unit_tensors) @ along
+
+
+def _patterns(charges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The few patterns P (n, r) that smooth fields leave on a strip, and C (r, k): P C = charges (n, k)."""
+    left, singular, right = np.linalg.svd(charges, full_matrices=False)
+    few = singular > _ROUNDING * singular[0]
+    return left[:, few], singular[few, None] * right[few]
 
 
 def _graded(start: float, edge: float, end: float, height: float) -> np.ndarray:

@@ -112,13 +112,13 @@ def prepare_classes(
 ) -> Classes:
     """Modes and factors of all classes that the wanted sectors name, at the first of the training constants, lossless.
 
-    Modes of a class with local responses, which effects at a place drive in first order, follow the other training
-    constants too.
+    Modes of a class that a ramp or a taper drives in first order follow the other training constants too.
     """
     model, top = weighted.model, (2 * np.pi * band_Hz) ** 2
     constants, *others_trained = (one.lossless().to_e_form() for one in training)
     flips = list(dict.fromkeys(flipped_axes(name) for name in wanted if name != SPOT))
     local = {flipped_axes(name) for name in wanted if name.endswith(_LOCAL)}
+    followed = {flipped_axes(name) for name in wanted if name.endswith((RAMP, TAPER))} - {()}
     others = _OtherClasses(weighted, constants, _BEYOND * top) if any(flips) else None
     operators = full_operators(model, constants) if local else ()
 
@@ -132,7 +132,7 @@ def prepare_classes(
         def respond(loads: list[np.ndarray]) -> list[np.ndarray]:
             return [own.prolongation @ factor.solve(own.prolongation.T @ load) for load in loads]
 
-        if flipped and others_trained:
+        if flipped in followed and others_trained:
             (moved,) = respond([_moved_mode_loads(weighted, modes, others_trained, top)])
             modes = np.concatenate([modes, _outside(weighted, moved, modes, least=_FOLLOWED)], axis=2)
         return ClassBasis(modes, respond)
