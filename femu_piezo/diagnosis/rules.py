@@ -34,8 +34,8 @@ class Rules:
         -3.0, "a candidate is fitted where linearisation promises more log odds than this over the set without it"
     )
     contender: float = _rule(
-        30.0,
-        "a rough fit is finished where its log odds are within this of the best, times χ² per residual of that"
+        10.0,
+        "a candidate is tried where its log odds are within this (22 000 to 1) of the best, times χ² per residual there"
     )
 
     def to_json(self) -> dict:

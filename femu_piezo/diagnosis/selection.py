@@ -21,16 +21,18 @@ import numpy as np
 from scipy.special import logsumexp
 
 from femu_piezo.diagnosis.rules import Rules
-from femu_piezo.diagnosis.starts import Start, start_together, starts
+from femu_piezo.diagnosis.starts import Start, promises_together, start_together, starts
 from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import ConvergenceError
-from femu_piezo.inference.fit import Fit, fit, with_discrepancy
+from femu_piezo.inference.fit import CLOSE, COARSE, RANKED, Fit, fit, with_discrepancy
 from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.threads import blas_limit, in_parallel
 
 #: Pairs of causes that are fitted, of all that linearisation ranks.
 _PAIRS = 4
+#: Candidates that are fitted roughly before those that promise less are judged by them.
+_AT_ONCE = 2
 #: A rough fit this near to what linearisation promised (in χ², over χ² per residual) has found the minimum there is.
 _AS_PROMISED = 1.0
 
@@ -204,6 +206,7 @@ class _Search:
         self._log_prior = {key: float(np.log(rules.expected_causes / titles / count)) for key, count in laws.items()}
         self._base = self._hypothesis(base)
         self._known: dict[frozenset[str], Hypothesis] = {frozenset(): self._base}
+        self._smooth_starts: list[Start] = []
         self._expanded: dict[frozenset[str], tuple[tuple[Effect, Fit | None], ...]] = {}
 
     def _hypothesis(self, fit_: Fit) -> Hypothesis:
@@ -225,7 +228,7 @@ class _Search:
             before = self._best().log_posterior
             for current in beam:
                 self._keep(f for _, f in self._expand(current.fit))
-            if size == 2 and self._best().discrepant:
+            if size == 1 and self._rules.most_causes > 1:
                 self._keep(self._pairs())
             best, tried = self._best().log_posterior, bool(beam)
             beam = sorted((h for h in self._known.values() if len(h.keys) == size), key=lambda h: -h.log_posterior)
@@ -283,29 +286,37 @@ class _Search:
             return starts(self._response, current, effect)
 
         found = list(self._told(in_parallel(screened, candidates), names))
+        if not current.parameters.candidates:
+            self._smooth_starts = [s for own, e in zip(found, candidates, strict=True) if e.sites is None for s in own]
         promised = [max(odds(s.linear, e) for s in own) for own, e in zip(found, candidates, strict=True)]
-        best = int(np.argmax(promised))
-        least = promised[best] - self._reach([start.linear for start in found[best]])
-        worth = [n for n, promise in enumerate(promised) if promise > max(self._rules.promise, least)]
+        rough: dict[int, Fit | None] = {}
+        settled: dict[int, float] = {}
 
         def roughly(number: int) -> Fit | None:
             if known(candidates[number]) is not None:
                 return known(candidates[number])
             places = found[number]
-            begins = places if candidates[number].sites is not None else places[:1]
-            return self._fitted(places[0].linear.parameters, [place.x for place in begins], coarse=True)
+            several = candidates[number].sites is not None and not current.parameters.candidates
+            begins = [place.x for place in places] if several else [places[0].x]
+            return self._fitted(places[0].linear.parameters, begins, COARSE)
 
-        rough = dict(zip(worth, in_parallel(roughly, worth), strict=True))
-        settled = {n: odds(one, candidates[n]) for n, one in rough.items() if one is not None}
-        reach = max(settled.values(), default=0.0) - self._reach(rough.values())
+        def reach() -> float:
+            return max(settled.values(), default=-np.inf) - self._reach(rough.values())
+
+        by_promise = [n for n in np.argsort(promised)[::-1].tolist() if promised[n] > self._rules.promise]
+        for first in range(0, len(by_promise), _AT_ONCE):
+            worth = [n for n in by_promise[first : first + _AT_ONCE] if promised[n] > reach()]
+            rough.update(zip(worth, in_parallel(roughly, worth), strict=True))
+            settled.update({n: odds(rough[n], candidates[n]) for n in worth if rough[n] is not None})
+        least = reach()
 
         def closely(number: int) -> Fit | None:
             one = rough[number]
-            if one is not None and max(settled[number], promised[number]) < reach:
+            if one is not None and max(settled[number], promised[number]) < least:
                 return one
             return self._closely(found[number], one, known(candidates[number]) is not None)
 
-        close = dict(zip(worth, in_parallel(closely, worth), strict=True))
+        close = dict(zip(rough, in_parallel(closely, rough), strict=True))
         return tuple(
             (effect, close[number] if number in close else found[number][0].linear)
             for number, effect in enumerate(candidates)
@@ -332,22 +343,27 @@ class _Search:
 
     def _pairs(self) -> list[Fit | None]:
         """The two causes that linearisation finds best together, fitted: each may explain little by itself."""
-        current = self._base.fit
-        smooth = [effect for effect in self._library if effect.sites is None]
-        alone = [s for own in in_parallel(lambda e: starts(self._response, current, e), smooth) for s in own]
-        promised: dict[frozenset[str], Start] = {}
-        for first, second in combinations(alone, 2):
-            if first.cause.title != second.cause.title:
-                start = start_together(current, first, second)
-                keys = frozenset((first.cause.key, second.cause.key))
-                promised[keys] = min(promised.get(keys, start), start, key=lambda one: one.promised)
-        best = sorted(promised.values(), key=lambda one: one.promised)[:_PAIRS]
+        current, alone = self._base.fit, self._smooth_starts
+        promised: dict[frozenset[str], tuple[float, int, int]] = {}
+        promises = promises_together(current, alone)
+        for first, second in combinations(range(len(alone)), 2):
+            causes = alone[first].cause, alone[second].cause
+            if causes[0].title != causes[1].title:
+                keys = frozenset(cause.key for cause in causes)
+                promise = promises[first, second] + sum(self._log_prior[cause.key] for cause in causes)
+                promised[keys] = max(promised.get(keys, (-np.inf, 0, 0)), (float(promise), first, second))
+        best = sorted(promised.items(), key=lambda item: -item[1][0])[:_PAIRS]
+        worth = [
+            start_together(current, alone[first], alone[second])
+            for keys, (promise, first, second) in best
+            if promise > self._best().log_posterior + self._rules.promise and keys not in self._known
+        ]
         self._tell("pairs")
-        return list(in_parallel(lambda s: self._fitted(s.linear.parameters, [s.x, s.alone()]), best))
+        return list(in_parallel(lambda s: self._fitted(s.linear.parameters, [s.x, s.alone()]), worth))
 
-    def _fitted(self, parameters: Unknowns, places, *, coarse: bool = False) -> Fit | None:
+    def _fitted(self, parameters: Unknowns, places, gain: float = RANKED) -> Fit | None:
         try:
-            return fit(self._response, self._base.fit.data, parameters, places, coarse=coarse, loss=self._loss)
+            return fit(self._response, self._base.fit.data, parameters, places, gain=gain, loss=self._loss)
         except (ConvergenceError, np.linalg.LinAlgError):
             return None
 
@@ -360,7 +376,7 @@ class _Search:
         """The most probable set whose causes are all significant, with probabilities over all sets."""
         total = logsumexp([one.log_posterior for one in self._known.values()])
         for one in sorted(self._known.values(), key=lambda one: -one.log_posterior):
-            final = self._settled(one)
+            final = self._settled(self._finished(one))
             if all(self._significant(final, effect) for effect in final.parameters.causes):
                 break
         base = final if not one.keys else self._settled(self._base)
@@ -377,6 +393,11 @@ class _Search:
             discrepant=one.discrepant,
             rules=self._rules,
         )
+
+    def _finished(self, one: Hypothesis) -> Hypothesis:
+        """The same with a close fit, which those that were only ranked are not."""
+        found = self._fitted(one.fit.parameters, [one.fit.x], CLOSE) if one.keys else None
+        return one if found is None else self._hypothesis(found)
 
     def _settled(self, one: Hypothesis) -> Fit:
         """The fit, its discrepancy in the intervals where one is probable."""

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
 from femu_piezo.effects.effect import Effect
+from femu_piezo.inference.discrepancy import noise_level, profiled
 from femu_piezo.inference.fit import Fit, linear_fit, stepped
 from femu_piezo.inference.unknowns import Unknowns
 
 #: Size, over its scale, at which a parameter starts "at rest": there every slope exists.
 _REST = 1e-3
+#: Turns of two causes and the noise level that they leave.
+_TURNS = 4
 #: Most promising sites of an effect at a place that fits start from.
 _SITES = 3
 
@@ -85,6 +89,43 @@ def _listed(effect: Effect) -> list[np.ndarray]:
             values[number] = value
             found.append(values)
     return found
+
+
+def promises_together(current: Fit, alone: Sequence[Start]) -> np.ndarray:
+    """(m, m) log evidence of a fit with the causes of two of m starts, by linearisation.
+
+    With what the unknowns of the fit before can do projected out, causes of columns C per prior deviation leave
+
+        χ² = rᵗr/s² − gᵗ M^-1 g,    M = I + CᵗC/s²,  g = Cᵗr/s²,
+
+    of a residual r, and evidence is less by ½ log det M; s is the most probable noise level. The starts are taken to
+    change the residual independently.
+    """
+    rows, basis = current.residual.size, current.span
+    columns, offsets = [], []
+    for start in alone:
+        own = start.own(start.cause)
+        columns.append(start.linear.jacobian[:, own] * start.linear.parameters.prior_std[own])
+        offsets.append(start.residual - current.residual)
+    widths = [part.shape[1] for part in columns]
+    all_of = np.column_stack([current.residual, *offsets, *columns])
+    all_of = all_of - basis @ (basis.T @ all_of)
+    gram, ends = all_of.T @ all_of, np.cumsum([1 + len(alone), *widths])
+    found = np.full((len(alone), len(alone)), -np.inf)
+    for first, second in combinations(range(len(alone)), 2):
+        own = np.concatenate([np.arange(ends[n], ends[n + 1]) for n in (first, second)])
+        weights = np.zeros(gram.shape[0])
+        weights[[0, 1 + first, 1 + second]] = 1.0
+        square, along, inner = weights @ gram @ weights, gram[own] @ weights, gram[np.ix_(own, own)]
+        level = current.level
+        for _ in range(_TURNS):
+            matrix = np.eye(own.size) + inner / level**2
+            left = square - along @ np.linalg.solve(matrix, along) / level**2
+            level = noise_level(max(left, 0.0), rows - current.determined, current.data.level_std)
+        price = 0.5 * float(np.linalg.slogdet(matrix)[1])
+        found[first, second] = profiled(max(left, 0.0), rows, current.data.level_std) - price
+    left = current.residual - basis @ (basis.T @ current.residual)
+    return found - profiled(float(left @ left), rows, current.data.level_std) + current.log_evidence
 
 
 def start_together(current: Fit, first: Start, second: Start) -> Start:

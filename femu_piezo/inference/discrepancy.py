@@ -112,7 +112,7 @@ def learn_discrepancy(
     weight : (2k,) that a robust loss gives the readings, in squares of residual and span
     """
     rows, chi_square = len(span), float(residual @ residual)
-    found, plain = [], _profiled(chi_square, rows, data.level_std)
+    found, plain = [], profiled(chi_square, rows, data.level_std)
     best = (-np.inf,)
     for length, share, columns in _features(data, log_slope):
         columns = columns * np.reshape(np.sqrt(weight), (-1, 1))
@@ -124,7 +124,7 @@ def learn_discrepancy(
             shrunk = size**2 / (1 + size**2 * values)
             left = chi_square - float(along @ shrunk)
             price = 0.5 * float(np.sum(np.log1p(size**2 * values)))
-            found.append(_profiled(left, rows, data.level_std) - price - plain)
+            found.append(profiled(left, rows, data.level_std) - price - plain)
             if found[-1] > best[0]:
                 best = found[-1], left, size, length, share, columns
     gain = float(logsumexp(found) - np.log(len(found)))
@@ -166,7 +166,7 @@ def _log_likelihood(level: float, chi_square: float, freedom: float, level_std: 
     return -freedom * level - 0.5 * chi_square * np.exp(-2 * level) + log_level_prior(level, level_std)
 
 
-def _profiled(chi_square: float, freedom: float, level_std: float) -> float:
+def profiled(chi_square: float, freedom: float, level_std: float) -> float:
     """log likelihood of a χ² at its most probable noise level, up to a constant."""
     level = np.log(noise_level(chi_square, freedom, level_std))
     return float(_log_likelihood(level, chi_square, freedom, level_std))

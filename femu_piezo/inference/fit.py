@@ -30,8 +30,10 @@ from femu_piezo.threads import blas_limit
 
 #: Distance to a bound, relative to its range, that a start keeps.
 _MARGIN = 1e-6
-#: Gain in χ² at the noise level below which a coarse fit stops, and its most evaluations; the same of a close fit.
-_COARSE, _CLOSE = (1.0, 12), (1e-6, 100)
+#: Gain in χ² at the noise level below which a coarse fit stops, one that is to be ranked, and a close one: there the
+#: squares of the deviations that unknowns are away sum up to this. Most evaluations of a coarse fit and of the others.
+COARSE, RANKED, CLOSE = 1.0, 0.03, 1e-6
+_FEW, _MANY = 8, 100
 #: Gain in χ² at the noise level that a close fit may still promise when it runs out of evaluations.
 _UNSETTLED = 10.0
 #: Damping of the first step, in the precision of the prior, and the factors by which it falls and rises; shares of what
@@ -294,14 +296,14 @@ def fit(
     parameters: Unknowns,
     starts: Sequence[np.ndarray],
     *,
-    coarse: bool = False,
+    gain: float = CLOSE,
     loss: str = "linear",
 ) -> Fit:
     """The best of coarse fits from several starts (n_x,), brought to its end.
 
     Parameters
     ----------
-    coarse : leave it there, for lists of causes that are only to be ranked
+    gain : in χ² that may be left; from `COARSE` on the coarse fits are left as they are
     loss : "linear", or a robust loss of scipy ("soft_l1", "huber", "cauchy") against outliers
 
     Raises
@@ -310,11 +312,12 @@ def fit(
     """
     posterior = _Posterior(response, data, parameters)
     with blas_limit():
-        ends = [_Descent(posterior, start, loss).run(*_COARSE) for start in starts]
+        ends = [_Descent(posterior, start, loss).run(COARSE, _FEW) for start in starts]
         level = min(one.level for one in ends)
         best = min(ends, key=lambda one: one.cost(one.parts, level))
+        coarse = gain >= COARSE
         if not coarse:
-            best.run(*_CLOSE)
+            best.run(gain, _MANY)
         if not np.isfinite(best.cost(best.parts, best.level)) or (not coarse and best.promise > _UNSETTLED):
             raise ConvergenceError(
                 f"no fit of {', '.join(parameters.material.free.names)} settled: check dimensions, density and "

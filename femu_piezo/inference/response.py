@@ -28,6 +28,8 @@ _BATCH = 64
 _SAMPLES, _WORTHWHILE = 32, 2
 #: Modes up to this multiple of the end of the sweep in ω² are taken one by one; nodes that carry all others.
 _NEAR, _SMOOTH = 2.0, 10
+#: Share of the largest amplitude below which the state at the resonance of a mode is left out of slopes.
+_FAINT = 1e-5
 #: Share of the largest singular value of those states below which a direction is left out.
 _NEGLIGIBLE = 1e-10
 
@@ -145,16 +147,19 @@ def _driven_span(modal: ModalModel, omega: np.ndarray) -> tuple[np.ndarray, np.n
     interpolated between Chebyshev nodes, to about (3 + √8)^-nodes.
     """
     squares, top = omega**2, float(np.max(np.abs(omega)) ** 2)
-    near = np.abs(modal.eigenvalues) < _NEAR * top
+    near, own = np.abs(modal.eigenvalues) < _NEAR * top, np.abs(modal.charges)
+    # at its own resonance a mode has the amplitude g_n/Im λ_n; without loss all are kept
+    height = own / np.maximum(np.abs(modal.eigenvalues.imag), _FAINT * np.abs(modal.eigenvalues))
+    bright = near & (height > _FAINT * height[near].max(initial=0.0))
     at = top / 2 * (1 + np.cos(np.pi * (np.arange(_SMOOTH) + 0.5) / _SMOOTH))
     far = modal.states[:, 1:][:, ~near] @ (
         modal.charges[~near, None] / (modal.eigenvalues[~near, None] - at)
     )
-    basis = np.hstack([modal.states[:, :1], modal.states[:, 1:][:, near], far])
+    basis = np.hstack([modal.states[:, :1], modal.states[:, 1:][:, bright], far])
     weights = np.hstack(
         [
             np.ones((omega.size, 1)),
-            -modal.charges[near] / (modal.eigenvalues[near] - squares[:, None]),
+            -modal.charges[bright] / (modal.eigenvalues[bright] - squares[:, None]),
             -BarycentricInterpolator(at, np.eye(_SMOOTH), rng=0)(squares),
         ]
     )

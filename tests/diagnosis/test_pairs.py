@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
 from diagnosis.conftest import FREQUENCY
 from diagnosis.test_compare import data_with
 from femu_piezo.diagnosis.confounding import tangents
+from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.selection import compare
-from femu_piezo.diagnosis.starts import start_together, starts
+from femu_piezo.diagnosis.starts import promises_together, start_together, starts
 from femu_piezo.diagnosis.verdict import judge
 from femu_piezo.inference.fit import fit, linear_fit
 
@@ -66,3 +69,16 @@ def test_no_pair_where_nothing_is_left(setup, smooth):
     result = compare(setup.evaluation, data_with(setup, {}, 3), setup.unknowns, setup.x, smooth)
     assert len(result.singles) == len(smooth) and result.found == () and not result.discrepant
     assert max(trial.log_odds for trial in result.singles) < 0
+
+
+def test_promises_of_all_pairs_are_those_of_each(setup, smooth):
+    """The small systems of all pairs at once against the linearised fit of each: log evidence to what a choice needs.
+
+    They keep the noise level of the base in what its unknowns can do.
+    """
+    base = fit(setup.evaluation, data_with(setup, TRUTH, 1), setup.unknowns, [setup.x])
+    alone = [starts(setup.evaluation, base, effect)[0] for effect in smooth[:9]]
+    promises = promises_together(base, alone)
+    for first, second in combinations(range(len(alone)), 2):
+        each = start_together(base, alone[first], alone[second]).linear.log_evidence
+        assert promises[first, second] == pytest.approx(each, abs=-Rules().promise)

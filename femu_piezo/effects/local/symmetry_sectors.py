@@ -133,8 +133,9 @@ def prepare_classes(
             return [own.prolongation @ factor.solve(own.prolongation.T @ load) for load in loads]
 
         if flipped in followed and others_trained:
-            (moved,) = respond([_moved_mode_loads(weighted, modes, others_trained, top)])
-            modes = np.concatenate([modes, _outside(weighted, moved, modes, least=_FOLLOWED)], axis=2)
+            loads = _moved_mode_loads(weighted, modes, others_trained, top)
+            if loads.shape[1]:
+                modes = np.concatenate([modes, _outside(weighted, *respond([loads]), modes, least=_FOLLOWED)], axis=2)
         return ClassBasis(modes, respond)
 
     return dict(zip(flips, in_parallel(one, flips), strict=True))
@@ -296,4 +297,4 @@ def _outside(
     fresh = new_directions(old, outside[:n], _KEEP if least is None else least / largest, weight)
     # the potentials follow the same combinations
     mix = np.linalg.lstsq(fresh.T @ (weight @ outside[:n]), np.eye(fresh.shape[1]), rcond=1e-10)[0]
-    return np.concatenate([fresh, outside[n:] @ mix]).reshape(FIELDS, -1, fresh.shape[1])
+    return np.concatenate([fresh, outside[n:] @ mix]).reshape(FIELDS, n // 3, fresh.shape[1])
