@@ -10,7 +10,6 @@ import pytest
 from diagnosis.conftest import FREQUENCY
 from diagnosis.test_compare import data_with
 from femu_piezo.diagnosis.confounding import tangents
-from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.selection import compare
 from femu_piezo.diagnosis.starts import promises_together, start_together, starts
 from femu_piezo.diagnosis.verdict import judge
@@ -72,13 +71,14 @@ def test_no_pair_where_nothing_is_left(setup, smooth):
 
 
 def test_promises_of_all_pairs_are_those_of_each(setup, smooth):
-    """The small systems of all pairs at once against the linearised fit of each: log evidence to what a choice needs.
+    """The small systems of all pairs at once against the linearised fit of each, log evidence.
 
-    They keep the noise level of the base in what its unknowns can do.
+    They differ in the noise level at which the unknowns of the base move.
     """
     base = fit(setup.evaluation, data_with(setup, TRUTH, 1), setup.unknowns, [setup.x])
     alone = [starts(setup.evaluation, base, effect)[0] for effect in smooth[:9]]
     promises = promises_together(base, alone)
     for first, second in combinations(range(len(alone)), 2):
         each = start_together(base, alone[first], alone[second]).linear.log_evidence
-        assert promises[first, second] == pytest.approx(each, abs=-Rules().promise)
+        above = promises[first, second] - each
+        assert abs(above) < 0.1 * (each - base.log_evidence) + 2
