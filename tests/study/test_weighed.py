@@ -53,7 +53,7 @@ def test_a_second_piece_of_half_the_length_has_half_the_mass(pieces):
 @pytest.mark.parametrize(
     ("change", "found"),
     [
-        (('mass = "270 mg"', 'mass = "270 ug"'), "geometry.mass = 2.7e-07 kg in the 36 mm^3"),
+        (('mass = "270 mg"', 'mass = "2.7 mg"'), "geometry.mass = 2.7e-06 kg in the 36 mm^3"),
         (('mass = "270 mg"', 'mass = "0.27 kg"'), "is a density of 7.5e+06 kg/m^3, outside 1000 … 20000"),
         (("width = 0.003", "width = 0.0003"), "is a density of 7.5e+04 kg/m^3"),
     ],
