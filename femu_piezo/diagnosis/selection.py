@@ -312,7 +312,7 @@ class _Search:
 
         def closely(number: int) -> Fit | None:
             one = rough[number]
-            if one is not None and max(settled[number], promised[number]) < least:
+            if one is not None and settled[number] < least:
                 return one
             return self._closely(found[number], one, known(candidates[number]) is not None)
 
