@@ -8,7 +8,7 @@ instrument. Of a draw the constants that are free, what is hidden and the noise 
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +32,15 @@ DENSITY = 7500.0
 _ATTEMPTS = 10
 #: Set-ups of plates in a lot, beside that of a bar; a noise of each is from a share of its own of the range.
 _SETUPS, _NOISE = 6, (5e-4, 3e-3)
+#: Start of the name of a draw whose specimen and instrument are off by their tolerances.
+LABORATORY = "laboratory:"
+#: Standard deviations in a laboratory: of length, width, thickness (m), of the density, of held constants (relative)
+#: and of their tangents; of the instrument's magnitude and phase (rad); of the residue of the fixture (ohm, H, F).
+STD_SIZE, STD_DENSITY, STD_HELD, STD_TANGENT = np.array([20e-6, 20e-6, 5e-6]), 3e-3, 0.03, 0.005
+STD_GAIN, STD_PHASE, STD_RESIDUE = 8e-4, 8e-4, (0.02, 5e-9, 5e-14)
+_RESIDUE = ("resistance", "inductance", "capacitance")
+#: Share of these draws whose noise is correlated, over so many points.
+CORRELATED, NEIGHBOURS = 0.25, 3
 #: Share of the draws that follow another law than the library's, and that hold out a band.
 VARIANTS, HELD_OUT = 0.35, 0.2
 
@@ -42,7 +51,7 @@ class Draw:
 
     Attributes
     ----------
-    name : what was asked for: an effect, two with "+", "none", "undescribed"
+    name : what was asked for: an effect, two with "+", "none", "undescribed", each also in a laboratory
     specification : what the code under test may see: the text of the specimen file
     frequency, impedance : the sweep, Hz and ohm;  clean : without noise
     key : the hidden effects; none for a null
@@ -114,7 +123,7 @@ def place_of(name: str, seed: int) -> tuple[int, int, bool]:
     """Lot, number of the set-up in it, and whether it is the bar that every sixth draw of some effects is."""
     lot, number = divmod(seed, 1000)
     number %= _SETUPS
-    return lot, number, name in BARS and number == _SETUPS - 1
+    return lot, number, name.removeprefix(LABORATORY) in BARS and number == _SETUPS - 1
 
 
 def setup_of(name: str, seed: int) -> Setup:
@@ -150,14 +159,15 @@ def draw(name: str, seed: int, *, points: int = 301, variant: bool | None = None
 
     Parameters
     ----------
-    name : an effect, two effects with "+" between, "none", "undescribed", or "undescribed:KIND"
+    name : an effect, two effects with "+" between, "none", "undescribed", or "undescribed:KIND", after "laboratory:"
+        where everything else is off by its tolerance as well
     variant : whether effects follow other laws than the library's; drawn where None
 
     Losses are drawn one by one, so that a strongly coupled material may come out active; then all is drawn again.
     """
     for attempt in range(_ATTEMPTS):
         found = _drawn(name, seed, points, variant, [attempt] if attempt else [])
-        if np.all(found.clean.real > 0):
+        if np.all(found.clean.real > 0) and (not name.startswith(LABORATORY) or _passive(found.theta)):
             return found
     raise RuntimeError(f"{name}:{seed}: no passive specimen in {_ATTEMPTS} draws")
 
@@ -166,13 +176,22 @@ def _drawn(name: str, seed: int, points: int, variant: bool | None, attempt: lis
     rng = np.random.default_rng([2026, seed, zlib.crc32(name.encode()), *attempt])
     setup = setup_of(name, seed)
     nominal, poling, noise, theta = setup.nominal, setup.poling, setup.noise, setup.held.copy()
+    whole, name = name, name.removeprefix(LABORATORY)
+    laboratory, size, density = name != whole, nominal.copy(), DENSITY
+    off = np.random.default_rng([2029, seed, zlib.crc32(name.encode()), *attempt])
+    if laboratory:
+        tangents = -theta.imag / theta.real + STD_TANGENT * off.standard_normal(10)
+        theta = theta.real * (1 + STD_HELD * off.standard_normal(10)) * (1 - 1j * tangents)
+        for free in FREE[poling]:
+            theta[NAMES.index(free)] = PZT5H[NAMES.index(free)]
+        size, density = size + STD_SIZE * off.standard_normal(3), density * (1 + STD_DENSITY * off.standard_normal())
     for free in FREE[poling]:
         theta[NAMES.index(free)] *= rng.uniform(0.96, 1.04) * (1 - 1j * rng.uniform(0.012, 0.02))
     known, held_out = bool(rng.integers(2)), rng.random() < HELD_OUT
     frequency = np.linspace(20e3, 240e3, points)
     compliance = theta[0] if poling == 2 else theta[3] - theta[6] ** 2 / theta[9]  # s11E, s33D
     near = float(1 / (2 * nominal[0] * np.sqrt(DENSITY * compliance.real)))
-    build = Build(nominal.copy(), DENSITY, theta, near, poling=poling)
+    build = Build(size, density, theta, near, poling=poling)
     build.fundamental = build.pole(near)
     if poling == 0:
         build.admittance = 1 / 80
@@ -184,12 +203,44 @@ def _drawn(name: str, seed: int, points: int, variant: bool | None, attempt: lis
         for effect in name.split("+"):
             other = bool(rng.random() < VARIANTS) if variant is None else variant
             key.append(EFFECTS[effect](build, rng, other))
+    if laboratory:
+        build.circuits.append(_instrument(off))
+        key = [_in_all(hidden, build, setup) for hidden in key]
     clean = build.impedance(frequency)
     normal = rng.standard_normal((2, points))
+    if laboratory and off.random() < CORRELATED:
+        more = off.standard_normal((2, points + NEIGHBOURS - 1))
+        normal = np.lib.stride_tricks.sliding_window_view(more, NEIGHBOURS, 1).sum(axis=2) / np.sqrt(NEIGHBOURS)
     z = clean * (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2))
     low = float(rng.uniform(40e3, 200e3))
-    text = _specification(setup, noise if known else None, (low, low + 25e3) if held_out else None)
-    return Draw(name, seed, text, frequency, z, clean, tuple(key), kind, build, noise)
+    text = _specification(setup, noise if known else None, (low, low + 25e3) if held_out else None, laboratory)
+    return Draw(whole, seed, text, frequency, z, clean, tuple(key), kind, build, noise)
+
+
+def _instrument(off: np.random.Generator):
+    """A fixture's residue and the gain of an instrument, smooth in the logarithm of frequency."""
+    resistance, inductance, capacitance = np.array(STD_RESIDUE) * off.standard_normal(3)
+    gain = np.array([STD_GAIN, STD_PHASE]) * off.standard_normal((2, 2)) / np.sqrt(2)
+
+    def circuit(w: np.ndarray, z: np.ndarray) -> np.ndarray:
+        z = 1 / (1 / z + 1j * w * capacitance) + resistance + 1j * w * inductance
+        along = np.log10(w / (2 * np.pi * 70e3))
+        magnitude, phase = gain[:, :1] + gain[:, 1:] * along
+        return z * np.exp(magnitude + 1j * phase)
+
+    return circuit
+
+
+def _in_all(hidden: Hidden, build: Build, setup: Setup) -> Hidden:
+    """A wrong dimension or constant with the tolerance in it: what a sweep shows is the difference from the file."""
+    if hidden.effect == "wrong_insensitive_parameter":
+        number = NAMES.index(hidden.detail)
+        return replace(hidden, sizes={"relative_error": build.theta[number].real / setup.held[number].real - 1})
+    axes = {"wrong_length": 0, "wrong_width": 1, "wrong_thickness": 2}
+    if hidden.effect in axes:
+        axis = axes[hidden.effect]
+        return replace(hidden, sizes={"relative_error": build.size[axis] / setup.nominal[axis] - 1})
+    return hidden
 
 
 def pair_of(number: int) -> str:
@@ -198,19 +249,30 @@ def pair_of(number: int) -> str:
     return "+".join(str(effect) for effect in rng.choice(list(EFFECTS), 2, replace=False))
 
 
-def _specification(setup: Setup, noise: float | None, held_out: tuple[float, float] | None) -> str:
+def _specification(
+    setup: Setup, noise: float | None, held_out: tuple[float, float] | None, laboratory: bool = False
+) -> str:
     poling, assumed = setup.poling, setup.assumed
     along = "thickness" if poling == 2 else "length"
     lines = ['name = "hidden"', "[geometry]", 'shape = "plate"', f'poling = "{along}"', f"density = {DENSITY}"]
     for name, value in zip(("length", "width", "thickness"), setup.nominal.tolist(), strict=True):
         lines.append(f"{name} = {value!r}")
+    if laboratory:
+        lines += [f"std_{n} = {v!r}" for n, v in zip(("length", "width", "thickness"), STD_SIZE.tolist(), strict=True)]
+        lines.append(f"std_density = {STD_DENSITY!r}")
     lines += ["[material]", f"free = {list(FREE[poling])}"]
     for name, value in zip(NAMES, assumed.tolist(), strict=True):
         lines += [f"{name} = {value.real!r}", f"tan_{name} = {-value.imag / value.real!r}"]
+        if laboratory and name not in FREE[poling]:
+            lines += [f'std_{name} = "{100 * STD_HELD} %"', f"std_tan_{name} = {STD_TANGENT!r}"]
     lines += ["[measurement]", 'file = "sweep.csv"']
+    if laboratory:
+        residue = ", ".join(f"{n} = {v!r}" for n, v in zip(_RESIDUE, STD_RESIDUE, strict=True))
+        lines += [f"accuracy = {STD_GAIN!r}", f"phase_accuracy = {STD_PHASE!r}", f"residue = {{ {residue} }}"]
     if noise is not None:
         lines.append(f"noise = {noise!r}")
     if held_out is not None:
         lines.append(f"held_out = [{held_out[0]!r}, {held_out[1]!r}]")
-    lines += ["[update]", "noise_only = true"]  # everything but the effects is as the file says
+    if not laboratory:
+        lines += ["[update]", "noise_only = true"]  # everything but the effects is as the file says
     return "\n".join(lines) + "\n"

@@ -16,7 +16,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from femu_piezo.study.model_cache import SharedBases
-from hidden_effects.draws import draw, pair_of, place_of
+from hidden_effects.draws import LABORATORY, draw, pair_of, place_of
 from hidden_effects.judge import Outcome, judge_draw
 from hidden_effects.undescribed import UNDESCRIBED
 
@@ -31,13 +31,19 @@ def _bases() -> SharedBases:
     return SharedBases(models=2 * _KEPT, bases=4 * _KEPT, extended=_KEPT)
 
 
-def jobs(effects: Sequence[str], draws: int, nulls: int, pairs: int, undescribed: int, seed: int) -> list[Job]:
-    """(name, seed) of every draw, set-up by set-up, and there all in turn: a part of a study has something of each."""
+def jobs(
+    effects: Sequence[str], draws: int, nulls: int, pairs: int, undescribed: int, seed: int, laboratory: bool = False
+) -> list[Job]:
+    """(name, seed) of every draw, set-up by set-up, and there all in turn: a part of a study has something of each.
+
+    laboratory : specimen and instrument are off by their tolerances
+    """
     found = [(effect, seed + number) for number in range(draws) for effect in effects]
     found += [("none", seed + number) for number in range(nulls)]
     found += [(pair_of(seed + number), seed + number) for number in range(pairs)]
     kinds = list(UNDESCRIBED)
     found += [(f"undescribed:{kinds[number % len(kinds)]}", seed + number) for number in range(undescribed)]
+    found = [((LABORATORY if laboratory else "") + name, number) for name, number in found]
     return sorted(found, key=lambda job: place_of(*job))
 
 

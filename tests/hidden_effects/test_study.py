@@ -3,8 +3,9 @@
 pytest -m slow tests/hidden_effects -s
 HIDDEN_DRAWS=3 HIDDEN_NULLS=10 HIDDEN_ONLY=point_mass,mounting HIDDEN_PROCESSES=2 HIDDEN_RESULTS=study.jsonl …
 
-HIDDEN_DRAWS (of each effect), HIDDEN_NULLS, HIDDEN_PAIRS, HIDDEN_UNDESCRIBED, HIDDEN_SEED: numbers; HIDDEN_ONLY: some
-of the effects; HIDDEN_RESULTS: file of finished draws, with which a study goes on where it ended.
+HIDDEN_DRAWS (of each effect), HIDDEN_NULLS, HIDDEN_PAIRS, HIDDEN_UNDESCRIBED, HIDDEN_SEED: numbers;
+HIDDEN_LABORATORY=1: specimen and instrument are off by their tolerances; HIDDEN_ONLY: some of the effects;
+HIDDEN_RESULTS: file of finished draws, with which a study goes on where it ended.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ def test_confusion_matrix(capsys):
         pairs=_number("PAIRS", 10),
         undescribed=_number("UNDESCRIBED", 10),
         seed=_number("SEED", 1000),
+        laboratory=bool(_number("LABORATORY", 0)),
     )
     file = os.environ.get("HIDDEN_RESULTS")
     outcomes = []
