@@ -163,11 +163,12 @@ def draw(name: str, seed: int, *, points: int = 301, variant: bool | None = None
         where everything else is off by its tolerance as well
     variant : whether effects follow other laws than the library's; drawn where None
 
-    Losses are drawn one by one, so that a strongly coupled material may come out active; then all is drawn again.
+    Losses are drawn one by one, so that a strongly coupled material may come out active, by itself (Holland 1967) or in
+    its sweep; then all is drawn again.
     """
     for attempt in range(_ATTEMPTS):
         found = _drawn(name, seed, points, variant, [attempt] if attempt else [])
-        if np.all(found.clean.real > 0) and (not name.startswith(LABORATORY) or _passive(found.theta)):
+        if np.all(found.clean.real > 0) and _passive(found.theta):
             return found
     raise RuntimeError(f"{name}:{seed}: no passive specimen in {_ATTEMPTS} draws")
 
