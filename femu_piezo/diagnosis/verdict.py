@@ -92,10 +92,19 @@ def judge(comparison: Comparison, tangents: list[Tangent], frequency: np.ndarray
     )
     unexplained = _unexplained(comparison.base, comparison.final) if comparison.discrepant else 0.0
     causes = tuple(_cause(found, comparison, tangents, 1 - unexplained) for found in comparison.found)
-    unknown = comparison.discrepant and (not causes or unexplained > comparison.rules.unexplained)
+    discrepant = comparison.discrepant and _beyond_noise(comparison.final)
+    unknown = discrepant and (not causes or unexplained > comparison.rules.unexplained)
     word = "unknown" if unknown else "effect" if causes else "none"
     hidden = tuple((t.effect, t.nearest) for t in tangents if t.hidden)
     return Verdict(word, causes, before, after, unexplained, hidden)
+
+
+def _beyond_noise(final: Fit) -> bool:
+    """Whether a discrepancy changes log Z by more than the noise of a point; a smaller one is noise that is correlated.
+
+    It widens the intervals all the same.
+    """
+    return final.learned.sigma > float(np.sqrt(np.mean(final.data.relative_noise**2)))
 
 
 def _unexplained(base: Fit, final: Fit) -> float:

@@ -34,15 +34,7 @@ def test_every_tutorial_is_listed_here():
     assert {path.stem for path in SCRIPTS} == set(PICTURES)
 
 
-#: The curve is weighed by local roughness (1.3 % rms are left), so that Poisson's ratio no longer leaves it as it is.
-_DISK = pytest.mark.xfail(reason="curves of one mode at given ratios of Poisson differ by more than 1 %")
-
-
-def _marks(name: str) -> list:
-    return [pytest.mark.slow] * (name in SLOW) + [_DISK] * (name == "measured_disk")
-
-
-@pytest.mark.parametrize("name", [pytest.param(name, marks=_marks(name)) for name in PICTURES])
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SLOW)) for n in PICTURES])
 def test_tutorial_runs(name, tmp_path, request):
     environment = {**os.environ, "FEMU_PIEZO_OUT": str(tmp_path), "OMP_NUM_THREADS": "1"}
     if name in MEASURED:
