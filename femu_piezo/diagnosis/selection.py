@@ -130,7 +130,7 @@ class Comparison:
     ----------
     base : without causes, its discrepancy in the likelihood where one is probable
     singles : each candidate alone, in the order of the library; odds over none
-    final : the most probable set whose causes are all significant; the base where that is empty
+    final : the most probable set less the causes that are not significant; the base where none is left
     found : its causes, first the one without which most is left
     discrepant : whether a discrepancy beside the final set is more probable than none
     """
@@ -375,10 +375,11 @@ class _Search:
     def comparison(self) -> Comparison:
         """The most probable set whose causes are all significant, with probabilities over all sets."""
         total = logsumexp([one.log_posterior for one in self._known.values()])
-        for one in sorted(self._known.values(), key=lambda one: -one.log_posterior):
-            final = self._settled(self._finished(one))
-            if all(self._significant(final, effect) for effect in final.parameters.causes):
-                break
+        one = self._finished(self._best())
+        final = self._settled(one)
+        while weakest := self._insignificant(final):
+            one = self._finished(self._hypothesis(self._without(one.fit, weakest)))
+            final = self._settled(one)
         base = final if not one.keys else self._settled(self._base)
         found = tuple(self._found(one, effect, total) for effect in final.parameters.causes)
         none = self._base.log_posterior
@@ -397,18 +398,27 @@ class _Search:
     def _finished(self, one: Hypothesis) -> Hypothesis:
         """The same with a close fit, which those that were only ranked are not."""
         found = self._fitted(one.fit.parameters, [one.fit.x], CLOSE) if one.keys else None
-        return one if found is None else self._hypothesis(found)
+        if found is not None:
+            self._known[one.keys] = self._hypothesis(found)
+        return self._known[one.keys]
 
     def _settled(self, one: Hypothesis) -> Fit:
         """The fit, its discrepancy in the intervals where one is probable."""
         return with_discrepancy(one.fit, one.fit.learned) if one.discrepant else one.fit
 
-    def _significant(self, final: Fit, effect: Effect) -> bool:
+    def _insignificant(self, final: Fit) -> str | None:
+        """Key of the cause that is the fewest of its deviations away from nothing, where those are too few."""
+        away = {effect.key: self._significance(final, effect) for effect in final.parameters.causes}
+        key = min(away, key=away.__getitem__, default=None)
+        return None if key is None or away[key] > self._rules.significant else key
+
+    def _significance(self, final: Fit, effect: Effect) -> float:
+        """Deviations, and tolerances, that the most certain parameter of a cause is away from nothing."""
         number = final.parameters.index(effect.key)
         away = np.abs(final.parameters.values(final.x)[number] - effect.rest)
         std = np.maximum(final.std_of_effects[number], effect.tolerance)
         sizes = [index for index, parameter in enumerate(effect.parameters) if not parameter.optional]
-        return bool(np.any(away[sizes] > self._rules.significant * std[sizes]))
+        return float(np.max(away[sizes] / std[sizes]))
 
     def _found(self, one: Hypothesis, effect: Effect, total: float) -> Found:
         rest = one.keys - {effect.key}
