@@ -110,6 +110,16 @@ class GradientProducts:
                 blocks[f][f] = sp.csr_matrix((self.size, self.size))
         return sp.bmat(blocks, format="csr")
 
+    def applied(self, tensors: Sequence[np.ndarray], fields: np.ndarray) -> np.ndarray:
+        """(n_tensors, 4, n, k): A w of extended tensors, each (4, 3, 4, 3), on fields w (4, n, k), no A formed."""
+        tensors = np.asarray(tensors)
+        found = np.zeros((len(tensors), *fields.shape))
+        for a, g, b in zip(*np.nonzero(np.any(tensors, axis=(0, 1))), strict=True):
+            image = self.times(a, b, fields[g])
+            for number, f in zip(*np.nonzero(tensors[:, :, a, g, b]), strict=True):
+                found[number, f] += tensors[number, f, a, g, b] * image
+        return found
+
     def between(
         self, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray], rows: np.ndarray | None = None
     ) -> np.ndarray:

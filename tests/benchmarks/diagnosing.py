@@ -2,17 +2,21 @@
 
     python tests/benchmarks/diagnosing.py
     OMP_NUM_THREADS=1 python tests/benchmarks/diagnosing.py
+    python tests/benchmarks/diagnosing.py FOLDER          every case in FOLDER/*/specimen.toml, in a process of its own
 
 Each row is one whole diagnosis in this process, reading and planning included, with a basis of its own and, in the last
 column but one, again on the basis of a first one of its set-up. Without OMP_NUM_THREADS independent work shares the
-cores. Takes some minutes.
+cores. Takes some minutes. Of the cases in a folder the peak memory after every step is shown as well.
 """
 
 from __future__ import annotations
 
+import multiprocessing
+import resource
 import sys
 import tempfile
 import time
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -39,7 +43,7 @@ DRAWS = (
     ("electrode_mass", 9005),
     ("poling_gradient+tapered_width", 9006),
 )
-STEPS = ("first update", "reduce", "compare", "plan")
+STEPS = ("start", "reduce", "fit", "compare", "plan")
 CONSOLE = Console(width=130)
 
 
@@ -65,10 +69,44 @@ def row(name: str, seed: int) -> list[str]:
     return [f"{name}:{seed}", f"{100 * hidden.noise:.2f} %", *size, *steps, f"{alone:.1f}", f"{again:.1f}", said]
 
 
-if __name__ == "__main__":
+def case(path: Path) -> list[str]:
+    """One case of a folder: seconds / peak memory (GB) of every step, and in all."""
+    peaks, running = {}, [""]
+
+    def progress(step: str) -> None:
+        if step in (*STEPS, "mesh and assemble", "verdict", ""):  # not one of the candidates within a step
+            peaks[running[0]] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+            running[0] = step
+
+    begin = time.perf_counter()
+    result = diagnose(read_specimen(path), progress=progress)
+    progress("")
+    said = " + ".join(cause.effect.title for cause in result.verdict.causes) or result.verdict.word
+    steps = [f"{result.seconds.get(step, 0.0):.1f} / {peaks.get(step, 0.0):.1f}" for step in STEPS]
+    whole = f"{time.perf_counter() - begin:.1f} / {max(peaks.values()):.1f}"
+    return [path.parent.name, f"{result.unknowns}", f"{result.reduced_size}", *steps, whole, said]
+
+
+def cases(folder: Path) -> Table:
+    """Every case alone in a new process, one after another."""
+    table = Table(title=f"diagnose, seconds / peak GB, {available_cores()} cores", title_justify="left")
+    for heading in ("case", "unknowns", "r", *STEPS, "all", "said"):
+        table.add_column(heading, justify="right")
+    for path in sorted(folder.glob("*/specimen.toml")):
+        with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+            table.add_row(*pool.submit(case, path).result())
+    return table
+
+
+def draws() -> Table:
+    """Every draw of `DRAWS`."""
     table = Table(title=f"diagnose, seconds, {available_cores()} cores", title_justify="left")
     for heading in ("hidden", "noise", "unknowns", "r", *STEPS, "all", "shared", "said"):
         table.add_column(heading, justify="right")
     for job in DRAWS:
         table.add_row(*row(*job))
-    CONSOLE.print(table)
+    return table
+
+
+if __name__ == "__main__":
+    CONSOLE.print(cases(Path(sys.argv[1])) if len(sys.argv) > 1 else draws())

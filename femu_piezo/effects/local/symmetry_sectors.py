@@ -148,13 +148,16 @@ def _moved_mode_loads(
 
     K^-1 times it is the first correction of a mode: with it the eigenvalues err in fourth order of the change.
     """
-    model, flat = weighted.model, modes.reshape(-1, modes.shape[2])
-    mass, found = model.products.mass_matrix(model.density), []
+    model, flat, found = weighted.model, modes.reshape(-1, modes.shape[2]), []
+    units = model.products.applied(model.unit_tensors, modes).reshape(len(model.unit_tensors), *flat.shape)
+    heavy = np.zeros_like(modes)
+    heavy[:3] = [model.density * model.products.mass_times(one) for one in modes[:3]]
+    heavy = heavy.reshape(flat.shape)
     for constants in training:
-        image = model.products.stiffness(np.tensordot(constants.vector().real, model.unit_tensors, axes=1)) @ flat
+        image = np.tensordot(constants.vector().real, units, axes=1)
         values, vectors = np.linalg.eigh(flat.T @ image)
-        vectors, values = vectors[:, values < top], values[values < top]
-        found.append(image @ vectors - mass @ (flat @ vectors) * values)
+        inside = values < top
+        found.append(image @ vectors[:, inside] - heavy @ vectors[:, inside] * values[inside])
     return np.hstack(found)
 
 
