@@ -374,12 +374,12 @@ class _Search:
 
     def comparison(self) -> Comparison:
         """The most probable set whose causes are all significant, with probabilities over all sets."""
-        total = logsumexp([one.log_posterior for one in self._known.values()])
         one = self._finished(self._best())
         final = self._settled(one)
         while weakest := self._insignificant(final):
             one = self._finished(self._hypothesis(self._without(one.fit, weakest)))
             final = self._settled(one)
+        total = logsumexp([other.log_posterior for other in self._known.values()])
         base = final if not one.keys else self._settled(self._base)
         found = tuple(self._found(one, effect, total) for effect in final.parameters.causes)
         none = self._base.log_posterior

@@ -252,10 +252,9 @@ def _slice_loads(weighted: WeightedProducts, constants: ElasticForm) -> np.ndarr
     x, y, _ = weighted.model.basis.doflocs
     strained = np.zeros((FIELDS, x.size, 3))
     strained[0, :, 0], strained[1, :, 1], strained[1, :, 2] = x, y, x * y
-    strained = strained.reshape(-1, 3)
     elastic = np.tensordot(constants.vector().real, weighted.model.unit_tensors, axes=1)
     elastic[3], elastic[:, :, 3] = 0.0, 0.0
-    loads = np.hstack([products.stiffness(elastic) @ strained for products in weighted.slices])
+    loads = np.hstack([products.applied([elastic], strained).reshape(-1, 3) for products in weighted.slices])
     return loads / np.linalg.norm(loads, axis=0)
 
 
@@ -264,16 +263,16 @@ def _ramp_loads(weighted: WeightedProducts, constants: ElasticForm, states: np.n
     coupling = np.tensordot(constants.vector().real, weighted.model.unit_tensors, axes=1)
     coupling[:3, :, :3], coupling[3, :, 3] = 0.0, 0.0
     products = weighted.odd if odd else weighted.even
-    loads = products.stiffness(coupling) @ states.reshape(-1, states.shape[2])
+    loads = products.applied([coupling], states).reshape(-1, states.shape[2])
     return loads / np.linalg.norm(loads, axis=0)
 
 
 def _taper_loads(weighted: WeightedProducts, constants: ElasticForm, states: np.ndarray) -> np.ndarray:
     """(4n, k) forces, charges and inertia of a width that varies, on states (4, n, k)."""
-    first = weighted.tapered[0]
+    first, whole = weighted.tapered[0], np.tensordot(constants.vector().real, weighted.model.unit_tensors, axes=1)
     flat = states.reshape(-1, states.shape[2])
-    stiff = first.stiffness(np.tensordot(constants.vector().real, weighted.model.unit_tensors, axes=1))
-    loads = np.hstack([stiff @ flat, (first.mass_matrix(weighted.model.density) @ flat)[:, 1:]])
+    stiff = first.applied([whole], states).reshape(flat.shape)
+    loads = np.hstack([stiff, (first.mass_matrix(weighted.model.density) @ flat)[:, 1:]])
     return loads / np.linalg.norm(loads, axis=0)
 
 
