@@ -312,8 +312,10 @@ class _Search:
 
         def closely(number: int) -> Fit | None:
             one = rough[number]
-            if one is not None and settled[number] < least:
-                return one
+            if one is not None:
+                yet = settled[number] + one.promise / 2
+                if max(yet, -np.inf if current.parameters.candidates else promised[number]) < least:
+                    return one
             return self._closely(found[number], one, known(candidates[number]) is not None)
 
         close = dict(zip(rough, in_parallel(closely, rough), strict=True))

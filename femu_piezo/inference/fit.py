@@ -33,7 +33,7 @@ _MARGIN = 1e-6
 #: Gain in χ² at the noise level below which a coarse fit stops, one that is to be ranked, and a close one: there the
 #: squares of the deviations that unknowns are away sum up to this. Most evaluations of a coarse fit and of the others.
 COARSE, RANKED, CLOSE = 1.0, 0.03, 1e-6
-_FEW, _MANY = 8, 100
+_FEW, _MANY = 12, 100
 #: Gain in χ² at the noise level that a close fit may still promise when it runs out of evaluations.
 _UNSETTLED = 10.0
 #: Damping of the first step, in the precision of the prior, and the factors by which it falls and rises; shares of what
@@ -74,6 +74,7 @@ class Fit:
     level : factor on the noise that the fit was made with
     loss : of the readings
     weight : (2k,) that the loss gives them, in squares of residual and jacobian
+    promise : gain in χ² that a further step promises, of a fit that was not brought to its end
     discrepancy : what the intervals count beside noise and priors; None where nothing is left
     law : (2k, m) what the laws of causes may miss, whitened, each column one standard deviation; the intervals count it
     """
@@ -90,6 +91,7 @@ class Fit:
     level: float = 1.0
     loss: str = "linear"
     weight: np.ndarray | float = field(default=1.0, repr=False)
+    promise: float = 0.0
     discrepancy: Discrepancy | None = field(default=None, repr=False)
     law: np.ndarray | None = field(default=None, repr=False)
 
@@ -350,6 +352,7 @@ def _at(found: _Descent) -> Fit:
         level=found.level,
         loss=found.loss,
         weight=weight,
+        promise=found.promise,
     )
 
 
