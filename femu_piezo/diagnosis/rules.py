@@ -22,7 +22,9 @@ class Rules:
         PRIOR, "prior probability that a sweep holds something that no candidate describes"
     )
     significant: float = _rule(
-        3.0, "a cause is named from this many of its own standard deviations (and of its tolerance) away from nothing"
+        3.0,
+        "a cause that the set could do without is named from this many of its own standard deviations, and of its "
+        "tolerance, away from nothing",
     )
     alike: float = _rule(3.0, "causes are not told apart where the log odds of their sets differ by less: 20 to 1")
     unexplained: float = _rule(

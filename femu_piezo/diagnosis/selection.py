@@ -130,7 +130,7 @@ class Comparison:
     ----------
     base : without causes, its discrepancy in the likelihood where one is probable
     singles : each candidate alone, in the order of the library; odds over none
-    final : the most probable set less the causes that are not significant; the base where none is left
+    final : the most probable set less the causes that are neither significant nor demanded; the base where none is left
     found : its causes, first the one without which most is left
     discrepant : whether a discrepancy beside the final set is more probable than none
     """
@@ -379,8 +379,10 @@ class _Search:
         one = self._finished(self._best())
         final = self._settled(one)
         while weakest := self._insignificant(final):
-            one = self._finished(self._hypothesis(self._without(one.fit, weakest)))
-            final = self._settled(one)
+            rest = self._finished(self._hypothesis(self._without(one.fit, weakest)))
+            if rest.log_posterior < one.log_posterior - self._rules.contender:
+                break  # the data demand the cause, however uncertain a discrepancy makes its size
+            one, final = rest, self._settled(rest)
         total = logsumexp([other.log_posterior for other in self._known.values()])
         base = final if not one.keys else self._settled(self._base)
         found = tuple(self._found(one, effect, total) for effect in final.parameters.causes)

@@ -272,14 +272,14 @@ class PiezoConstants(_Constants):
 
     def loss_block_slopes(self, index: int, directions: np.ndarray) -> np.ndarray:
         """(m, n, n) derivatives of `loss_block` along complex changes (m, 10) of the constants, its scale included."""
-        own, size = _BLOCK_SCALES[index], self.vector().real[_BLOCK_SCALES[index]]
-        share = directions[:, own].real / size / 2
+        own = _BLOCK_SCALES[index]
+        share, size = directions[:, own].real / self.vector().real[own] / 2, np.abs(self.vector().real[own])
         moved = np.tensordot(directions, _UNIT_BLOCKS[index], axes=1).imag / np.sqrt(np.outer(size, size))
         return -moved - self.loss_block(index) * (share[:, :, None] + share[:, None, :])
 
     def _scaled(self, index: int) -> np.ndarray:
-        """One block of the d-form matrix, scaled by this material's own s11, s33, s44 and ε33T."""
-        size = self.vector().real[_BLOCK_SCALES[index]]
+        """One block of the d-form matrix, scaled by the sizes of this material's own s11, s33, s44 and ε33T."""
+        size = np.abs(self.vector().real[_BLOCK_SCALES[index]])
         return np.tensordot(self.vector(), _UNIT_BLOCKS[index], axes=1) / np.sqrt(np.outer(size, size))
 
 
