@@ -15,7 +15,7 @@ from scipy import stats
 
 from femu_piezo.specimen.file import CONSTANTS
 
-#: Fewest specimens from which limits, outliers and drift are told.
+#: Fewest specimens from which limits, outliers and drift are estimated.
 FEWEST = 8
 #: Chance of one false outlier, or one false drift, in a whole lot.
 FALSE_ALARM = 0.05
@@ -215,7 +215,7 @@ def lot_text(lot: Lot) -> str:
         for one in lot.distributions
     ]
     if lot.distributions and lot.distributions[0].values.size < FEWEST:
-        lines.append(f"outliers and drift are told from {FEWEST} specimens on")
+        lines.append(f"outliers and drift are estimated from {FEWEST} specimens on")
     for words, found in (("diagnoses", lot.verdicts), ("first causes", lot.causes)):
         if found:
             lines.append(f"{words}: " + ", ".join(f"{name} {count}" for name, count in found.items()))

@@ -131,7 +131,7 @@ class Effect:
     sentence : what it is, in physical words
     variant : the constant that is meant, where one name has several candidates
     law : another formula of the same cause, where it has several
-    specimen : whose it is, where several are diagnosed together and it is not common to all
+    specimen : name of the specimen that has the effect, of several diagnosed together; "" where all share it
     confusable_with : names of effects and constants it may be hard to tell from
     advice : further measurements that separate it from those
     dispersive : whether `constants` or a coefficient depends on ω

@@ -1,7 +1,8 @@
 """Faults inside a sweep: jumps (range switch), spikes, lines of the mains, quantised readings, interpolated points.
 
-Spikes and jumps are told against local rational fits of two sizes that must agree, so that resonances are not taken
-for them. A resonance narrower than the steps of the sweep is one point off its neighbours and looks like a spike.
+Spikes and jumps are found by comparison with local rational fits of two sizes that must agree, so that resonances are
+not taken for them. A resonance narrower than the steps of the sweep is one point off its neighbours and looks like a
+spike.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ MASKABLE = ("jump", "spike", "mains", "not_passive")
 _WIDEST_SPIKE, _MOST_CANDIDATES, _ROUNDS = 3, 200, 6
 #: Relative noise below which no instrument is believed.
 _FINEST = 2e-5
-#: |Z| in ohm between which numbers are looked at in detail; others are told by the checks of the whole sweep.
+#: |Z| in ohm between which numbers are looked at in detail; the checks of the whole sweep report others.
 _SANE = 1e-12, 1e18
 _MAINS_TO, _MAINS = 1100.0, (50.0, 60.0)
 _REMEDY = "measure again, or set mask_faults = true in [measurement] of the specimen file (or --mask-faults)"
