@@ -144,3 +144,18 @@ def test_no_path_creates_energy(sweep_of, write_specimen_of, truth, case, loss):
     walls = [passivity_wall(fit.parameters, fit.x)[0] for fit in (fp.update(specimen).fit, diagnosed.base)]
     assert all(0 < -wall.min() < 1 for wall in walls)  # they lean on the wall, by less than its tolerance
     assert -passivity_wall(diagnosed.final.parameters, diagnosed.final.x)[0].min() < 1
+
+
+def test_known_effects_are_in_everything_that_an_update_says(sweeps, write_specimen_of, truth):
+    """From a quarter away, behind a known lead: constants, curve, poles and zeros are those with the lead."""
+    lead, far = 60.0, {"s11": 1.25, "d31": 0.75, "eps33T": 1.25}
+    sweep = noisy(ImpedanceSpectrum(sweeps["k31"].frequency, sweeps["k31"].impedance + lead))
+    path = write_specimen_of("k31", sweep, TRIO, far, more=f"noise = {NOISE}\n{LEAD}")
+    result = fp.update(read_specimen(path))
+    for name, estimate in result.parameters.items():
+        assert abs(estimate.value - getattr(truth, name).real) < 4 * estimate.std
+    (outcome,) = result.outcomes
+    assert outcome.rms_after < 1.2 * NOISE
+    for measured, model in outcome.matched:
+        assert abs(model.frequency_Hz - measured.frequency_Hz) < 4 * measured.std_Hz
+        assert model.quality_factor == pytest.approx(measured.quality_factor, rel=0.02)
