@@ -272,7 +272,7 @@ class _Search:
         """The current fit with each candidate added; where next to nothing is promised, by linearisation."""
         if not candidates:
             return ()
-        before = current.log_evidence
+        before, first_cause = current.log_evidence, not current.parameters.candidates
         names = [f"{words}: {effect.key}" for effect in candidates]
 
         def odds(one: Fit, effect: Effect) -> float:
@@ -286,19 +286,18 @@ class _Search:
             return starts(self._response, current, effect)
 
         found = list(self._told(in_parallel(screened, candidates), names))
-        if not current.parameters.candidates:
+        if first_cause:
             self._smooth_starts = [s for own, e in zip(found, candidates, strict=True) if e.sites is None for s in own]
         promised = [max(odds(s.linear, e) for s in own) for own, e in zip(found, candidates, strict=True)]
         rough: dict[int, Fit | None] = {}
         settled: dict[int, float] = {}
 
         def roughly(number: int) -> Fit | None:
-            if known(candidates[number]) is not None:
-                return known(candidates[number])
-            places = found[number]
-            several = candidates[number].sites is not None and not current.parameters.candidates
-            begins = [place.x for place in places] if several else [places[0].x]
-            return self._fitted(places[0].linear.parameters, begins, COARSE)
+            effect, places = candidates[number], found[number]
+            if known(effect) is not None:
+                return known(effect)
+            begins = places if effect.sites is not None and first_cause else places[:1]
+            return self._fitted(places[0].linear.parameters, [place.x for place in begins], COARSE)
 
         def reach() -> float:
             return max(settled.values(), default=-np.inf) - self._reach(rough.values())
@@ -310,12 +309,15 @@ class _Search:
             settled.update({n: odds(rough[n], candidates[n]) for n in worth if rough[n] is not None})
         least = reach()
 
+        def hoped(number: int, one: Fit) -> float:
+            """Log odds of a rough fit brought to its end; the first cause may yet reach what linearisation promised."""
+            further = settled[number] + one.promise / 2
+            return max(further, promised[number]) if first_cause else further
+
         def closely(number: int) -> Fit | None:
             one = rough[number]
-            if one is not None:
-                yet = settled[number] + one.promise / 2
-                if max(yet, -np.inf if current.parameters.candidates else promised[number]) < least:
-                    return one
+            if one is not None and hoped(number, one) < least:
+                return one
             return self._closely(found[number], one, known(candidates[number]) is not None)
 
         close = dict(zip(rough, in_parallel(closely, rough), strict=True))
@@ -375,7 +377,7 @@ class _Search:
             yield result
 
     def comparison(self) -> Comparison:
-        """The most probable set whose causes are all significant, with probabilities over all sets."""
+        """The most probable set less what it could do without, with probabilities over all sets."""
         one = self._finished(self._best())
         final = self._settled(one)
         while weakest := self._insignificant(final):

@@ -16,7 +16,14 @@ import scipy.sparse as sp
 
 from femu_piezo.effects.effect import Effect, ExtraTerm
 from femu_piezo.effects.local.operators import Places
-from femu_piezo.effects.local.symmetry_sectors import DRIVEN, SPOT, Sectors, build_sectors, prepare_classes
+from femu_piezo.effects.local.symmetry_sectors import (
+    DRIVEN,
+    SPOT,
+    Sectors,
+    build_sectors,
+    prepare_classes,
+    unknowns_of,
+)
 from femu_piezo.effects.local.weighted_forms import WeightedProducts
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.model import ElectroelasticModel
@@ -89,8 +96,7 @@ class ExtendedModel:
         return self._restricted[names]
 
     def _select(self, names: tuple[str, ...]) -> ExtendedModel:
-        chosen = np.array([self.sectors.index(name) for name in names])
-        keep = np.flatnonzero(np.isin(self.member, chosen))
+        keep, member = unknowns_of(self.sectors, self.member, names)
         square = np.ix_(keep, keep)
         return replace(
             self,
@@ -100,8 +106,8 @@ class ExtendedModel:
             inertia={name: matrix[square] for name, matrix in self.inertia.items()},
             displacements=int(np.count_nonzero(keep < self.displacements)),
             sectors=names,
-            member=np.searchsorted(chosen, self.member[keep]),
-            places=None if self.places is None else self.places.select(names, keep),
+            member=member,
+            places=None if self.places is None else self.places.select(names),
             _restricted={},
         )
 

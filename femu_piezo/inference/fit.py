@@ -326,15 +326,12 @@ def fit(
                 "poling, or free fewer constants"
             )
         ahead, behind = (response.at(1 + sign * _STEP).with_jacobian(parameters, best.x)[0] for sign in (1, -1))
-        found = replace(_at(best), log_slope=np.log(ahead / behind) / (2 * _STEP))
-        if coarse:
-            return found
-        law = law_misses(response, data, parameters, best.x) * np.sqrt(found.weight)[:, None]
-    return replace(found, law=law)
+        law = None if coarse else law_misses(response, data, parameters, best.x, best.parts[:2])
+    return _at(best, np.log(ahead / behind) / (2 * _STEP), law)
 
 
-def _at(found: _Descent) -> Fit:
-    """The fit where a descent ended, without its slope in frequency and what laws miss."""
+def _at(found: _Descent, log_slope: np.ndarray, law: np.ndarray | None) -> Fit:
+    """The fit where a descent ended; law: (2k, m) what laws miss, before the loss weighs it."""
     posterior = found.posterior
     residual, jacobian, further_residual, further_jacobian = found.parts
     weight = _weight(found.loss, residual / found.level)
@@ -347,12 +344,13 @@ def _at(found: _Descent) -> Fit:
         jacobian=jacobian * share[:, None],
         further_residual=further_residual,
         further_jacobian=further_jacobian,
-        log_slope=np.zeros(residual.size // 2),
+        log_slope=log_slope,
         on_bound=tuple(posterior.parameters.names[i] for i in found.on_bound),
         level=found.level,
         loss=found.loss,
         weight=weight,
         promise=found.promise,
+        law=None if law is None else law * share[:, None],
     )
 
 
@@ -484,8 +482,8 @@ class _Descent:
         def residual(step: np.ndarray, rows: np.ndarray) -> np.ndarray:
             return np.concatenate([factor @ step + right, rows, damping @ step])
 
-        step = np.zeros(moving.size)
-        rows, slopes = wall(step)
+        step, (_, _, further, slopes) = np.zeros(moving.size), self.parts
+        rows, slopes = further[self.x.size :], slopes[self.x.size :, moving] * std
         first = left = residual(step, rows)
         for _ in range(_WALL_STEPS):
             move = np.linalg.lstsq(np.concatenate([factor, slopes, damping]), -left, rcond=None)[0]

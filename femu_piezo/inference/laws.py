@@ -20,11 +20,19 @@ if TYPE_CHECKING:
     from femu_piezo.inference.fit import Response
 
 
-def law_misses(response: Response, data: SweepData, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
+def law_misses(
+    response: Response,
+    data: SweepData,
+    parameters: Unknowns,
+    x: np.ndarray,
+    at_x: tuple[np.ndarray, np.ndarray],
+) -> np.ndarray:
     """(2k, m) whitened errors of log Z, independent and of one standard deviation each, of all laws at x (n_x,).
 
     Of every parameter p: e p ∂log Z/∂p. Of the first one, the size, in each band: e times the change of log Z between
     the effect as it is at x and none. Known effects have laws as fitted ones do.
+
+    at_x : whitened residual (2k,) and Jacobian (2k, n_x) there
     """
     known = [item for item in parameters.fixed if _approximate(item[0])]
     whole = replace(
@@ -36,7 +44,7 @@ def law_misses(response: Response, data: SweepData, parameters: Unknowns, x: np.
     if not numbers:
         return np.zeros((2 * data.impedance.size, 0))
     at = np.concatenate([x, *(values / effect.scale for effect, values in known)])
-    residual, jacobian = data.whitened(*response.with_jacobian(whole, at))
+    residual, jacobian = data.whitened(*response.with_jacobian(whole, at)) if known else at_x
     found = []
     for number in numbers:
         effect, own = whole.effects[number], whole.columns(number)

@@ -141,10 +141,11 @@ class Places:
         """Number of unknowns r, u of them displacements."""
         return self.sectors.member.size
 
-    def select(self, names: Sequence[str], keep: np.ndarray) -> Places:
-        """The same on some of the sectors, whose unknowns are number `keep` of these."""
+    def select(self, names: Sequence[str]) -> Places:
+        """The same on some of the sectors."""
+        sectors, keep = self.sectors.select(names)
         whole, keep = (self, keep) if self.whole is None else (self.whole, self.keep[keep])
-        return Places(self.weighted, self.sectors.select(names), self.constants, whole, keep)
+        return Places(self.weighted, sectors, self.constants, whole, keep)
 
     def of_displacements(self, matrix: np.ndarray) -> np.ndarray:
         """(u, u) of a matrix (r, r)."""

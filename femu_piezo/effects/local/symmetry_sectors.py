@@ -77,16 +77,21 @@ class Sectors:
         }
 
 
-    def select(self, names: Sequence[str]) -> Sectors:
-        """Those of some sectors alone, and the electric unknowns; names in the order of these."""
-        chosen = np.array([self.names.index(name) for name in names])
-        keep = np.flatnonzero(np.isin(self.member, chosen))
-        return Sectors(
-            tuple(names),
-            np.searchsorted(chosen, self.member[keep]),
-            self.fields[:, :, keep],
-            int(np.count_nonzero(keep < self.displacements)),
-        )
+    def select(self, wanted: Sequence[str]) -> tuple[Sectors, np.ndarray]:
+        """Some of the sectors, and the unknowns (indices) that they have, the electric ones among them."""
+        keep, member = unknowns_of(self.names, self.member, wanted)
+        moving = int(np.count_nonzero(keep < self.displacements))
+        return Sectors(tuple(wanted), member, self.fields[:, :, keep], moving), keep
+
+
+def unknowns_of(names: Sequence[str], member: np.ndarray, wanted: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """The unknowns (indices) of some of the sectors, in the order of `names`, and their sectors by number there.
+
+    member : (r,) index of each unknown's sector among `names`
+    """
+    chosen = np.array([names.index(name) for name in wanted])
+    keep = np.flatnonzero(np.isin(member, chosen))
+    return keep, np.searchsorted(chosen, member[keep])
 
 
 @dataclass(frozen=True)
