@@ -130,6 +130,7 @@ class Comparison:
     ----------
     base : without causes, its discrepancy in the likelihood where one is probable
     singles : each candidate alone, in the order of the library; odds over none
+    starts : where the fits of single candidates began, the most promising of each
     final : the most probable set less the causes that are neither significant nor demanded; the base where none is left
     found : its causes, first the one without which most is left
     discrepant : whether a discrepancy beside the final set is more probable than none
@@ -137,6 +138,7 @@ class Comparison:
 
     base: Fit
     singles: tuple[Trial, ...]
+    starts: tuple[Start, ...]
     final: Fit
     found: tuple[Found, ...]
     discrepant: bool
@@ -207,6 +209,7 @@ class _Search:
         self._base = self._hypothesis(base)
         self._known: dict[frozenset[str], Hypothesis] = {frozenset(): self._base}
         self._smooth_starts: list[Start] = []
+        self._alone: tuple[Start, ...] = ()
         self._expanded: dict[frozenset[str], tuple[tuple[Effect, Fit | None], ...]] = {}
 
     def _hypothesis(self, fit_: Fit) -> Hypothesis:
@@ -287,6 +290,7 @@ class _Search:
 
         found = list(self._told(in_parallel(screened, candidates), names))
         if first_cause:
+            self._alone = tuple(own[0] for own in found)
             self._smooth_starts = [s for own, e in zip(found, candidates, strict=True) if e.sites is None for s in own]
         promised = [max(odds(s.linear, e) for s in own) for own, e in zip(found, candidates, strict=True)]
         rough: dict[int, Fit | None] = {}
@@ -395,6 +399,7 @@ class _Search:
                 Trial(effect, fit_, -np.inf if fit_ is None else self._hypothesis(fit_).log_posterior - none)
                 for effect, fit_ in self._expand(self._base.fit)
             ),
+            starts=self._alone,
             final=final,
             found=tuple(sorted(found, key=lambda item: -item.without)),
             discrepant=one.discrepant,
