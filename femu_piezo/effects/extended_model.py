@@ -225,7 +225,7 @@ def _driven(
 ) -> ReducedModel:
     """The driven class, trained at the constants, with every term and stretched along every axis."""
     lossless = training[0].lossless()
-    parts = _stretch_parts(model, lossless.to_e_form().vector().real) if needs.stretching else {}
+    parts = _stretches(model, lossless.to_e_form().vector().real) if needs.stretching else {}
     trained = model.with_terms(parts, matrices)
     top = (2 * np.pi * band_Hz) ** 2
     points: list = [*training]
@@ -233,22 +233,20 @@ def _driven(
         for value in term.training:
             # a mass leads along the same states as a spring, which makes no mode of negative stiffness
             points.append((lossless, {term.name: 0.3 * top * value if term.kind == "inertia" else value}))
-    for axis in range(3) if needs.stretching else ():
-        s = 1 + _STRETCH
-        points.append((lossless, {f"stretch_{axis}_0": s - 1, f"stretch_{axis}_2": 1 / s - 1}))
+    points += [(lossless, {name: 1.0}) for name in parts]
     return reduce_model(trained, points, band_Hz, accuracy=accuracy)
 
 
-def _stretch_parts(model: ElectroelasticModel, coefficients: np.ndarray) -> dict[str, np.ndarray]:
-    """The parts of Σ c_q H_q (4, 3, 4, 3) with no derivative and with two derivatives along each axis."""
-    tensor = np.tensordot(coefficients, model.unit_tensors, axes=1)
-    parts = {}
+def _stretches(model: ElectroelasticModel, coefficients: np.ndarray) -> dict[str, np.ndarray]:
+    """What a stretch s of each axis adds to Σ c_q H_q (4, 3, 4, 3): s − 1 of the part with no derivative along it, and
+    1/s − 1 of that with two."""
+    tensor, s = np.tensordot(coefficients, model.unit_tensors, axes=1), 1 + _STRETCH
+    added = {}
     for axis in range(3):
         along = (np.arange(3) == axis).astype(int)
-        count = along[:, None] + along[None, :]  # derivatives along the axis in H[f, a, g, b]
-        for k in (0, 2):
-            parts[f"stretch_{axis}_{k}"] = tensor * (count == k)[None, :, None, :]
-    return parts
+        share = np.array([s - 1, 0.0, 1 / s - 1])[along[:, None] + along[None, :]]  # of H[f, a, g, b] by a, b
+        added[f"stretch_{axis}"] = tensor * share[None, :, None, :]
+    return added
 
 
 def _strata(units: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
