@@ -22,7 +22,7 @@ from femu_piezo.effects.local.weighted_forms import WeightedProducts
 from femu_piezo.forward.box_interpolation import interpolation
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.forward.parity import ParityClass, full_operators
+from femu_piezo.forward.parity import ParityClass
 from femu_piezo.forward.reduced_basis import new_directions
 from femu_piezo.forward.reduction import ReducedModel
 from femu_piezo.geometry.boxes import grid_lines, tensor_box
@@ -154,8 +154,7 @@ class SectorFields:
             modes = others.modes(flipped)
         if not self._local[flipped]:
             return _ClassBasis(modes, None)
-        operators = self._once.get("operators", lambda: full_operators(model, self.constants))
-        own = ParityClass(model, *operators, flipped)
+        own = ParityClass(model, self.constants, flipped)
         factor = own.factor(_SHIFT * self._top)
 
         def respond(loads: np.ndarray) -> np.ndarray:
@@ -272,12 +271,12 @@ class _OtherClasses:
         fine, self._mass, self._top = weighted.model, weighted.mass, top
         lines = [np.linspace(line[0], line[-1], line.size // 2 + 1) for line in grid_lines(fine.domain.mesh)]
         self._rough = ElectroelasticModel(replace(fine.domain, mesh=tensor_box(lines)), fine.density)
-        self._operators = full_operators(self._rough, constants)
+        self._constants = constants
         self._probe = interpolation(self._rough, fine.basis.doflocs)
 
     def modes(self, flipped: tuple[int, ...]) -> np.ndarray:
         """(4, n, k) modes with ω² below the top, uᵗMu = 1 on the fine mesh."""
-        fields = ParityClass(self._rough, *self._operators, flipped).modes(self._top)
+        fields = ParityClass(self._rough, self._constants, flipped).modes(self._top)
         fine = np.stack([self._probe @ part for part in np.split(fields, FIELDS)])
         u = fine[:3].reshape(self._mass.shape[0], -1)
         lower = np.linalg.cholesky(u.T @ (self._mass @ u))
