@@ -178,6 +178,7 @@ def _widened(
         further_jacobian=further,
         discrepancy=None,
         law=None,
+        mesh=None,
     )
 
 

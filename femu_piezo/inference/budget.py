@@ -6,7 +6,8 @@ About the solution the estimate is linear in the data and in the prior means,
 
 So its covariance is the sum of what each source contributes (law of propagation, Guide to the Expression of
 Uncertainty in Measurement, 5.1): A N Aᵗ with A = H^-1 Jᵗ/s² from noise N, s² A K Aᵗ from the discrepancy,
-A L Lᵗ Aᵗ from what the laws of causes miss, and H^-1 Σ_g^-1 H^-1 from the prior means of the unknowns of group g.
+A L Lᵗ Aᵗ from what the laws of causes miss, the like from mesh and basis, and H^-1 Σ_g^-1 H^-1 from the prior means of
+the unknowns of group g.
 """
 
 from __future__ import annotations
@@ -41,6 +42,8 @@ def budget(fit: Fit) -> dict[str, np.ndarray]:
     parts = {"noise": noise * (squares @ (1 - share)), "mesh": noise * (squares @ share)}
     if fit.discrepancy is not None:
         parts["discrepancy"] = noise * np.sum((fit.gain @ fit.discrepancy.columns) ** 2, axis=1)
+    if fit.mesh is not None:
+        parts["mesh"] += np.sum((fit.gain @ fit.mesh) ** 2, axis=1)
     if fit.law is not None and fit.law.size:
         parts["law"] = np.sum((fit.gain @ fit.law) ** 2, axis=1)
     for source, columns in _groups(fit).items():

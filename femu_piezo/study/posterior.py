@@ -150,6 +150,7 @@ class Posterior:
                     for own, model in zip(noise, self.models, strict=True)
                 ]
             ),
+            mesh_error=np.concatenate([_mesh_error(one) for one in several]),
         )
 
     def _unknowns(self, constants: PiezoConstants) -> Unknowns:
@@ -186,6 +187,13 @@ def _mesh_accuracy(one: Subject) -> float:
     """Relative error of eigenvalues that the mesh may have: a share of the noise, no more than the file asks for."""
     asked = (one.measured.problem.specimen.update or Update()).accuracy
     return min(asked, _share_of_noise(one, _MESH_SHARE, _MESH_RANGE))
+
+
+def _mesh_error(one: Subject) -> np.ndarray:
+    """(k,) relative error of eigenvalues that the mesh may have at the points of a fit; it falls as ω⁴ at least."""
+    accuracy, measured = _mesh_accuracy(one), one.measured
+    end = measured.problem.equivalent_frequency(measured.band_Hz, accuracy)
+    return accuracy * (measured.fitted.frequency / end) ** 4
 
 
 def _share_of_noise(one: Subject, share: float, limits: tuple[float, float]) -> float:
