@@ -173,7 +173,10 @@ def test_a_larger_disk_of_a_given_mass_is_lighter(tmp_path):
         ("[fitted.material]\ns11 = -17e-12\n", "fitted.material: s11 = -1.7e-11 must be positive"),
         ("[fitted.ghost]\nsize = 1\n", "fitted.ghost is no effect"),
         ("[fitted.wrong_length]\nrelative_error = 0.2\n", "fitted.wrong_length.relative_error = 0.2 is outside"),
-        ("[effects.leakage]\nconductance = 1e-6\nfree = ['resistance']\n", "is no list of parameters of its table"),
+        (
+            "[effects.leakage]\nconductance = 1e-6\nfree = ['resistance']\n",
+            '.free = ["resistance"] is no list of parameters of its table, such as ["conductance"]',
+        ),
         ("[effects.leakage]\nconductance = 1e-6\nfree = 'conductance'\n", "is no list of parameters of its table"),
         ("[effects.leakage]\nconductance = 1e-6\nfree = 1.0\n", "is no list of parameters of its table"),
         ("[effects.leakage]\nconductance = 1e-6\nfree = true\n", "effects.leakage.free = True cannot be used"),
