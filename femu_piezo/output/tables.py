@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -185,12 +186,18 @@ def identifiability_table(result: IdentifyResult) -> RenderableType:
             f"{known.std[index + 1]:.2g}" if known.std[index + 1] < 10 else "> 10",
             known.verdict(name),
         )
-    lines = [f"least known: {sentence}" for sentence in known.weakest()]
+    lines = [_sweep_words(one.title, one.frequency) for one in result.sensitivities]
+    lines += [f"least known: {sentence}" for sentence in known.weakest()]
     for item in result.recommendations:
         gained = ", ".join(item.gained) or "no further constant"
         lines.append(f"measure {item.measurement}: determines {gained}")
     lines += result.advice
     return Group(table, text_of(lines), *expectation_tables(result.expected))
+
+
+def _sweep_words(name: str, frequency: np.ndarray) -> str:
+    low, high = (f"{value:.6g} Hz" if value < 1e3 else f"{value / 1e3:.6g} kHz" for value in frequency[[0, -1]])
+    return f"sweep of {name}: {frequency.size} points from {low} to {high} ([simulation] in its file)"
 
 
 def expectation_tables(expected: Expectation) -> list[RenderableType]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.budget import estimates_of
-from femu_piezo.inference.ensemble import Ensemble
+from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common
 from femu_piezo.inference.expectation import EXACT, expected_budget, expected_std
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.sweeps import SweepData
@@ -152,7 +152,7 @@ def expect(
 
 
 def _unknowns(first: Problem, subjects: Sequence[Subject]) -> tuple[Unknowns, np.ndarray]:
-    """The unknowns of an update, and where they are expected (n_x,): constants of the file, everything else at rest."""
+    """The unknowns of an update, and where they are expected (n_x,): as the file says, the rest at rest."""
     free, material = first.free(first.constants), first.specimen.material
     unknowns = Unknowns(
         material=MaterialParameters.around(free, free.start),
@@ -162,6 +162,11 @@ def _unknowns(first: Problem, subjects: Sequence[Subject]) -> tuple[Unknowns, np
     )
     x = unknowns.prior_mean.copy()
     x[: unknowns.of_material] = unknowns.material.x_of(free.start)
+    for one in subjects:
+        for effect, values in one.freed:
+            own = belonging_to(effect, one.name) if one.name and not is_common(effect) else effect
+            if unknowns.has(own):
+                x[unknowns.columns(unknowns.index(own.key))] = values / own.scale
     return unknowns, x
 
 

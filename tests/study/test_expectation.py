@@ -120,6 +120,17 @@ def test_tolerances_of_a_piece_that_was_weighed_and_of_two_specimens(specimen):
     assert expected.parameters["eps33T"].std < 0.8 * alone.parameters["eps33T"].std  # two pieces tell more than one
 
 
+def test_a_cause_that_the_file_leaves_free_is_no_tolerance(specimen, today):
+    """Its prior is that of a cause: tangents are known less well, the fixture's resistance is not on the list."""
+    leads = PLATE + '\n[effects.series_resistance]\nresistance = "1.5 ohm"\nfree = ["resistance"]\n'
+    expected = fp.identify(specimen(leads), recommend=False).expected
+    names = {one.tolerance for one in expected.improvements}
+    assert {one.tolerance for one in today.improvements} - names == {"residue.resistance"}
+    assert expected.parameters["d31"].tan_std > 1.2 * today.parameters["d31"].tan_std
+    known = fp.identify(specimen(leads.replace('free = ["resistance"]', "")), recommend=False).expected
+    assert known.parameters["d31"].tan_std < 1.1 * today.parameters["d31"].tan_std
+
+
 def test_a_file_without_losses_has_the_usual_ones(specimen):
     """Without, every constant would be known without limit; they are no tolerance and no statement of the file."""
     bare = "".join(line for line in PLATE.splitlines(keepends=True) if not line.startswith("tan_"))
@@ -131,6 +142,7 @@ def test_command_prints_and_writes_them(tmp_path):
     answer = CliRunner().invoke(main, ["identify", str(FOLDER / "plate.toml"), "--out", str(tmp_path / "out")])
     assert answer.exit_code == 0, answer.output
     assert "what a sweep with 0.1 % noise tells" in answer.output  # the noise of the file
+    assert "201 points from 20 kHz to 200 kHz" in answer.output
     (line,) = (line for line in answer.output.splitlines() if "std_density" in line)
     assert "0.5 % -> 0.25 %" in line and "s11 0.61 % -> 0.42 %" in line
     assert "phase_accuracy" in answer.output and "0.8 mrad -> 0.4 mrad" in answer.output
