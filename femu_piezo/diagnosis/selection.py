@@ -134,6 +134,7 @@ class Comparison:
     final : the most probable set less the causes that are neither significant nor demanded; the base where none is left
     found : its causes, first the one without which most is left
     discrepant : whether a discrepancy beside the final set is more probable than none
+    probabilities : title of every candidate → summed posterior of the sets that hold it
     """
 
     base: Fit
@@ -143,6 +144,7 @@ class Comparison:
     found: tuple[Found, ...]
     discrepant: bool
     rules: Rules = field(default_factory=Rules)
+    probabilities: dict[str, float] = field(default_factory=dict)
 
     @property
     def alike(self) -> dict[str, tuple[Effect, ...]]:
@@ -404,6 +406,7 @@ class _Search:
             found=tuple(sorted(found, key=lambda item: -item.without)),
             discrepant=one.discrepant,
             rules=self._rules,
+            probabilities={effect.title: self._probability(effect.title, total) for effect in self._library},
         )
 
     def _finished(self, one: Hypothesis) -> Hypothesis:
@@ -440,14 +443,16 @@ class _Search:
             for keys, h in others.items()
             if len(keys) == 1
         ]
-        holding = [h.log_posterior for h in self._known.values() if self._holds(h, effect)]
         without = self._known.get(rest)
         return Found(
             effect=effect,
-            probability=float(np.exp(logsumexp(holding) - total)),
+            probability=self._probability(effect.title, total),
             fits=tuple(sorted(fits, key=lambda trial: -trial.log_odds)),
             without=np.inf if without is None else one.log_posterior - without.log_posterior,
         )
 
-    def _holds(self, one: Hypothesis, effect: Effect) -> bool:
-        return any(cause.title == effect.title for cause in one.fit.parameters.causes)
+    def _probability(self, title: str, total: float) -> float:
+        """Summed posterior of the known sets that hold a cause, over that of all (log)."""
+        titles = (({cause.title for cause in h.fit.parameters.causes}, h) for h in self._known.values())
+        holding = [h.log_posterior for own, h in titles if title in own]
+        return float(np.exp(logsumexp(holding) - total)) if holding else 0.0
