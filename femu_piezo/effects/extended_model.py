@@ -18,6 +18,7 @@ from femu_piezo.effects.effect import Effect, ExtraTerm
 from femu_piezo.effects.local.operators import Places
 from femu_piezo.effects.local.symmetry_sectors import DRIVEN, SectorFields, Sectors
 from femu_piezo.effects.local.weighted_forms import WeightedProducts
+from femu_piezo.forward.mesh_error import MeshError, mesh_error
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import ReducedModel, reduce_model
@@ -80,6 +81,11 @@ class ExtendedModel:
         """Of Z by the driven class, relative."""
         return self._source.reduced.estimated_error
 
+    @property
+    def mesh_error(self) -> MeshError | None:
+        """Of the driven eigenvalues, measured by elements of one order less; None where these cannot tell."""
+        return self._source.mesh_error
+
     @cached_property
     def strata(self) -> np.ndarray:
         """(n_s, r, r) parts of equal exponents of the unit-constant matrices; those of one constant sum to its bulk."""
@@ -131,6 +137,12 @@ class _Source:
         self.reduced, self.shared = fields.reduced, Once()
         tensors = fields.weighted.model.unit_tensors
         self._parts, self.owner, self.exponents = _strata(tensors) if stretching else _whole(tensors)
+
+    @property
+    def mesh_error(self) -> MeshError | None:
+        """Measured when it is first asked for."""
+        fields, band = self._fields, self.reduced.band_Hz
+        return self.shared.get("mesh error", lambda: mesh_error(fields.weighted.model, fields.reference, band))
 
     def model(self, wanted: Iterable[str]) -> ExtendedModel:
         """With the driven sector and those that are wanted."""

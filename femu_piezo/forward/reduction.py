@@ -140,6 +140,16 @@ def reduce_model(
         return _finished(model, enriched, band_Hz, accuracy)
 
 
+def driven_modal(
+    model: ElectroelasticModel, constants: PiezoConstants, band_Hz: float, accuracy: float = 1e-9
+) -> ModalModel:
+    """Closed forms at lossless constants alone, from driven Krylov vectors that give Z up to a frequency, Hz."""
+    with blas_limit(useful_threads(model.size)):
+        point, top = _coefficients(model, constants), (2 * np.pi * band_Hz) ** 2
+        basis = _DrivenVectors(model, point, top, accuracy).basis
+        return TrainingSet.of(basis.matrices(), basis.u.shape[1], point, top).modal
+
+
 @dataclass(frozen=True)
 class _Enriched:
     """A basis that was enriched: the reduced models at all training points, the estimated error, and the effort."""

@@ -150,7 +150,7 @@ class Posterior:
                     for own, model in zip(noise, self.models, strict=True)
                 ]
             ),
-            mesh_error=np.concatenate([_mesh_error(one) for one in several]),
+            mesh_error=np.concatenate([_mesh_error(*both) for both in zip(several, self.models, strict=True)]),
         )
 
     def _unknowns(self, constants: PiezoConstants) -> Unknowns:
@@ -189,8 +189,13 @@ def _mesh_accuracy(one: Subject) -> float:
     return min(asked, _share_of_noise(one, _MESH_SHARE, _MESH_RANGE))
 
 
-def _mesh_error(one: Subject) -> np.ndarray:
-    """(k,) relative error of eigenvalues that the mesh may have at the points of a fit; it falls as ω⁴ at least."""
+def _mesh_error(one: Subject, model: ExtendedModel) -> np.ndarray:
+    """(k,) relative error of eigenvalues that the mesh may have at the points of a fit.
+
+    As measured; where it was not, what was asked for at the end of the sweep, falling as ω⁴.
+    """
+    if model.mesh_error is not None:
+        return model.mesh_error.at(one.measured.fitted.frequency)
     accuracy, measured = _mesh_accuracy(one), one.measured
     end = measured.problem.equivalent_frequency(measured.band_Hz, accuracy)
     return accuracy * (measured.fitted.frequency / end) ** 4

@@ -84,7 +84,7 @@ class SectorFields:
     Attributes
     ----------
     names : all of them in the order of their unknowns, "driven" first
-    constants : lossless reference
+    reference, constants : lossless reference, in the d-form and in the e-form
     """
 
     def __init__(
@@ -95,6 +95,7 @@ class SectorFields:
         wanted: Iterable[str],
     ) -> None:
         self.weighted, self.reduced = weighted, reduced
+        self.reference = training[0].lossless()
         self.constants, *self._others_trained = (one.lossless().to_e_form() for one in training)
         self._top = (2 * np.pi * reduced.band_Hz) ** 2
         self._once = Once()
