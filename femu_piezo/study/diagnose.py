@@ -30,6 +30,7 @@ from femu_piezo.study.planning import recommended, separations
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals, pole_zero_residuals
 from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.progress import Clock, Progress
+from femu_piezo.study.results import mesh_words
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.study.subjects import LEAST_ERROR, Subject, shared_library, subjects
 
@@ -52,6 +53,7 @@ class DiagnosedSweep:
     relative_noise : (k,) of the whole sweep
     curves : Z of base and final model over the whole sweep
     reference_Hz : where laws over frequency are anchored
+    mesh : what the mesh of its model is, and its error, in words
     """
 
     specimen: Specimen
@@ -61,6 +63,7 @@ class DiagnosedSweep:
     relative_noise: np.ndarray
     curves: tuple[np.ndarray, np.ndarray]
     reference_Hz: float
+    mesh: str = ""
 
     @cached_property
     def pole_zero(self) -> tuple[PoleZeroResiduals, PoleZeroResiduals]:
@@ -223,6 +226,7 @@ def diagnose(
             relative_noise=one.noise,
             curves=(posterior.curve(index, comparison.base), posterior.curve(index, comparison.final)),
             reference_Hz=one.context.fundamental_Hz,
+            mesh=mesh_words(posterior.full[index], posterior.models[index]),
         )
         for index, one in enumerate(several)
     )
