@@ -31,7 +31,7 @@ class Body:
     poling : 2 electrodes on z = ±t/2, 0 on x = ±L/2
     margins : bare strips at x = −L/2 and +L/2 of both faces, m (poling 2)
     profiles : "c" and "e" → factor over x (k,) → (k,) on the stiffness and on the piezoelectric constants
-    taper, bow : the width is w (1 + taper ξ + bow (ξ² − 1/3)), ξ = 2x/L
+    taper : the width is w (1 + taper 2x/L)
     symmetric : whether the body has parity in x
     """
 
@@ -43,7 +43,6 @@ class Body:
     margins: tuple[float, float] = (0.0, 0.0)
     profiles: Mapping[str, Callable[[np.ndarray], np.ndarray]] = field(default_factory=dict)
     taper: float = 0.0
-    bow: float = 0.0
     symmetric: bool = True
 
     @cached_property
@@ -56,8 +55,7 @@ class Body:
 
     def widths(self, x: np.ndarray) -> np.ndarray:
         """Width at x over the nominal one."""
-        along = 2 * x / self.size[0]
-        return 1 + self.taper * along + self.bow * (along**2 - 1 / 3)
+        return 1 + self.taper * 2 * x / self.size[0]
 
     def electroded(self, x: np.ndarray) -> np.ndarray:
         """Whether the faces at x carry electrodes; their edges belong to them."""
@@ -68,9 +66,8 @@ class Body:
         """∂_a in the coordinates of the nominal plate: [(axis, factor over the points of x, power of y)]."""
         x = self.gauss[0][0]
         ones, stretch = np.ones_like(x), self.widths(x)
-        if a == 0 and (self.taper or self.bow):
-            widening = (self.taper + self.bow * 4 * x / self.size[0]) * 2 / self.size[0]
-            return [(0, ones, 0), (1, -widening / stretch, 1)]
+        if a == 0 and self.taper:
+            return [(0, ones, 0), (1, -self.taper * 2 / self.size[0] / stretch, 1)]
         return [(1, 1 / stretch, 0)] if a == 1 else [(a, ones, 0)]
 
 

@@ -59,7 +59,6 @@ class Build:
     poling: int = 2
     admittance: float = 1.0
     taper: float = 0.0
-    bow: float = 0.0
     margins: tuple[float, float] = (0.0, 0.0)
     stiffness: list[Profile] = field(default_factory=list)
     piezoelectric: list[Profile] = field(default_factory=list)
@@ -114,7 +113,6 @@ class Build:
             margins=self.margins,
             profiles={"c": _product(self.stiffness), "e": _product(self.piezoelectric)},
             taper=self.taper,
-            bow=self.bow,
             symmetric=symmetric,
         )
 
