@@ -103,9 +103,10 @@ def judge(comparison: Comparison, frequency: np.ndarray) -> Verdict:
 def _beyond_noise(final: Fit) -> bool:
     """Whether a discrepancy changes log Z by more than the noise of a point; a smaller one is noise that is correlated.
 
-    It widens the intervals all the same.
+    It widens the intervals all the same. The noise is that which is left beside the discrepancy: an estimate from the
+    roughness of the sweep is too low where neighbours err alike.
     """
-    return final.learned.sigma > float(np.sqrt(np.mean(final.data.relative_noise**2)))
+    return final.learned.sigma > final.noise_scale * float(np.sqrt(np.mean(final.data.relative_noise**2)))
 
 
 def _unexplained(base: Fit, final: Fit) -> float:
