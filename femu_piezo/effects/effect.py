@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -189,12 +190,12 @@ class Effect:
         follow outward, the instrument is last."""
         return self.outward, self.dispersive
 
-    @property
+    @cached_property
     def key(self) -> str:
         """Name, variant, specimen and law, unique in the library."""
         return f"{self.title}/{self.law}" if self.law else self.title
 
-    @property
+    @cached_property
     def title(self) -> str:
         """The cause in words of the library: its name, with the constant it is about and the specimen that has it."""
         name = f"{self.name}:{self.variant}" if self.variant else self.name
