@@ -10,6 +10,7 @@ run.
 from __future__ import annotations
 
 import os
+from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -49,22 +50,36 @@ def useful_threads(unknowns: int) -> int:
 
 
 class Once:
-    """Values by key, each made once however many threads ask for it."""
+    """Values by key, each made once however many threads ask for it.
 
-    def __init__(self) -> None:
-        self._values: dict[Hashable, Any] = {}
+    Parameters
+    ----------
+    latest : how many are kept, those used last; all where None
+    """
+
+    def __init__(self, latest: int | None = None) -> None:
+        self._values: OrderedDict[Hashable, Any] = OrderedDict()
         self._locks: dict[Hashable, RLock] = {}
-        self._guard = Lock()
+        self._guard, self._latest = Lock(), latest
 
     def get(self, key: Hashable, make: Callable[[], Result]) -> Result:
         """The value of a key, made by the first thread that asks for it."""
-        if key not in self._values:
-            with self._guard:
-                lock = self._locks.setdefault(key, RLock())
-            with lock:
-                if key not in self._values:
-                    self._values[key] = make()
-        return self._values[key]
+        with self._guard:
+            if key in self._values:
+                self._values.move_to_end(key)
+                return self._values[key]
+            lock = self._locks.setdefault(key, RLock())
+        with lock:
+            if key not in self._values:
+                return self._keep(key, make())
+        return self.get(key, make)
+
+    def _keep(self, key: Hashable, value: Result) -> Result:
+        with self._guard:
+            self._values[key] = value
+            while self._latest is not None and len(self._values) > self._latest:
+                self._values.popitem(last=False)
+        return value
 
 
 def in_parallel(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:

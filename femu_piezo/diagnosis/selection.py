@@ -313,7 +313,7 @@ class _Search:
             worth = [n for n in by_promise[first : first + _AT_ONCE] if promised[n] > reach()]
             rough.update(zip(worth, in_parallel(roughly, worth), strict=True))
             settled.update({n: odds(rough[n], candidates[n]) for n in worth if rough[n] is not None})
-        least = reach()
+        least = max(settled.values(), default=-np.inf) - self._rules.contender
 
         def hoped(number: int, one: Fit) -> float:
             """Log odds of a rough fit brought to its end; the first cause may yet reach what linearisation promised."""
