@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from femu_piezo.effects.library import Maker
     from femu_piezo.output.results.diagnosed import Diagnosed
     from femu_piezo.output.results.extracted import Extracted
+    from femu_piezo.output.results.figures import Figures
     from femu_piezo.output.results.identified import Identified
     from femu_piezo.output.results.modes import Modes
     from femu_piezo.output.results.simulated import Simulated
@@ -67,6 +68,32 @@ def extract(spectrum: AnySweep, *, correct_phase: bool = False, mask_faults: boo
     given = _sweep(spectrum)
     accept = read_spectrum if isinstance(given, Path) else accept_spectrum
     return Extracted.of_study(find(accept(given, correct_phase=correct_phase, mask_faults=mask_faults)))
+
+
+def standard_figures(spectrum: AnySweep, specimen: AnySpecimen | None = None) -> Figures:
+    """Standard figures of a measured sweep (IEEE 176-1987, EN 50324-2): fs, fp, k, Qm, C^T, N, d, s.
+
+    Without a specimen those that need no body. With one also those by the formulas of its shape, each beside the value
+    of the finite element model of the specimen as its file describes it, and what the formulas get wrong for this
+    piece. `fp.update` has the same beside the updated model: `result.figures`.
+
+    Raises
+    ------
+    InputError : a file, a key or a sweep cannot serve, or no pole with its zero is in the sweep
+    """
+    from femu_piezo.output.results.figures import Figures
+
+    if specimen is None:
+        found = extract(spectrum)
+        if found.figures is None:
+            raise InputError(
+                f"{found.spectrum.source}: no pole with its zero was found, so there are no standard figures; measure "
+                "a band that holds both"
+            )
+        return Figures((found.figures,))
+    from femu_piezo.study.standard_figures import figures_of_specimen
+
+    return Figures(figures_of_specimen(_one(specimen), _sweep(spectrum)))
 
 
 def update(

@@ -155,7 +155,8 @@ def extract(file: Path, out: Path, correct_phase: bool, mask_faults: bool) -> No
     """Extract poles and zeros with uncertainties from the sweep FILE.
 
     Reads CSV and delimited text whose header names the columns (|Z| and phase, R and X, G and B), HP 4294A and
-    Keysight E4990A exports. Writes extraction.json and extraction.png.
+    Keysight E4990A exports. Writes extraction.json and extraction.png. Both have the standard figures that need no
+    body (fs, fp, fm, fn, fr, fa, k_eff, Qm, capacitance, tan δ; IEEE 176-1987, EN 50324-2).
     """
     from femu_piezo.api import extract as run
     from femu_piezo.measurement.readers import read_spectrum
@@ -189,7 +190,9 @@ def update(
     Several SPEC files, or a study file with specimens = ["a.toml", "b.toml"], are specimens of one material, fitted
     together: the [material] and [update] tables of the first rule. Writes update.json, impedance.png (measured,
     baseline and updated), iterations.png, sensitivity.png and updated.csv (the updated model at the measured
-    frequencies); numbered where there are several specimens. With --report also report.html, which holds all of it.
+    frequencies); numbered where there are several specimens. The standard figures (k31, Qm, N, s, d by the formulas
+    of IEEE 176-1987 for the shape) stand beside the finite element values, with what the formulas get wrong for this
+    piece. With --report also report.html, which holds all of it.
     """
     from femu_piezo.api import update as run
     from femu_piezo.specimen.file import read_specimens

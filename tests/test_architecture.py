@@ -15,6 +15,7 @@ LAYERS = (
     {"specimen"},
     {"material"},
     {"measurement", "geometry"},
+    {"standards"},
     {"extraction", "forward"},
     {"effects"},
     {"inference"},

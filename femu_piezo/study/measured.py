@@ -10,7 +10,7 @@ import numpy as np
 
 from femu_piezo.errors import InputError
 from femu_piezo.extraction import Extraction, extract
-from femu_piezo.extraction.roots import Pair
+from femu_piezo.extraction.roots import Pair, fundamental
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.starts.pole_zero import static_permittivity
 from femu_piezo.inference.starts.thin_body import bar_coupling
@@ -26,8 +26,6 @@ from femu_piezo.study.starts import has_uniform_field, start_permittivity, start
 LOW_FREQUENCY_SHARE = 0.03
 #: Points below this share of the pole enter the mean; the known rise of a bar, 2e-3 k² there, is taken out.
 LOW_POINTS_SHARE = 0.05
-#: Share of the strongest coupling from which a pair may be the fundamental.
-_STRONG = 0.6
 
 
 @dataclass(frozen=True)
@@ -140,21 +138,15 @@ def measure(specimen: Specimen, spectrum: Sweep | None = None) -> Measured:
 
 
 def fundamental_pair(extraction: Extraction, spectrum: ImpedanceSpectrum) -> Pair:
-    """The lowest pole-zero pair that is coupled at least 0.6 times as strongly as the strongest in the sweep.
-
-    Length modes lose coupling with the square of their order, but a width mode may be coupled as strongly as the
-    fundamental; flexural and lateral intruders are weak. InputError where there is no pair.
-    """
-    sound = [pair for pair in extraction.pairs if np.isfinite(pair.k_eff)]
-    if not sound:
+    """The fundamental of the sweep (`femu_piezo.extraction.roots.fundamental`); InputError where there is no pair."""
+    found = fundamental(extraction.pairs)
+    if found is None:
         reasons = f" ({'; '.join(extraction.notes)})" if extraction.notes else ""
         raise InputError(
             f"{spectrum.source}: no resonance with both its pole and its zero was found between "
             f"{spectrum.frequency[0]:.6g} and {spectrum.frequency[-1]:.6g} Hz{reasons}; measure a band that holds both"
         )
-    strongest = max(pair.k_eff for pair in sound)
-    strong = [pair for pair in sound if pair.k_eff >= _STRONG * strongest]
-    return min(strong, key=lambda pair: pair.pole.frequency_Hz)
+    return found
 
 
 def _low_permittivity(problem: Problem, spectrum: ImpedanceSpectrum, pair: Pair) -> complex | None:

@@ -79,6 +79,7 @@ def test_structure(page):
         "parameters",
         "curves",
         "resonances",
+        "figures",
         "identifiability",
         "sensitivity",
         "modes",
