@@ -102,7 +102,7 @@ class Figure:
     @property
     def deviation(self) -> float | None:
         """value/model − 1."""
-        return None if self.value is None or not self.model else self.value / self.model - 1
+        return None if self.value is None or not self.model else float(self.value / self.model - 1)
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def read_curve(
         **piece.figures(fs, fp, free),
     }
     return Reading(
-        {name: value for name, value in values.items() if value is not None}, notes + low.notes, piece.poisson
+        {name: float(value) for name, value in values.items() if value is not None}, notes + low.notes, piece.poisson
     )
 
 
@@ -236,7 +236,7 @@ def _deviations(reading: Reading, pole: Resonance, zero: Resonance) -> dict[str,
     for one, names, quality in ((pole, ("fs", "fm", "fr"), "Qm_pole"), (zero, ("fp", "fn", "fa"), "Qm_zero")):
         if one.std_Hz is not None:
             found |= {name: one.std_Hz for name in names if name in reading.values}
-            found[quality] = one.std_loss / one.loss**2
+            found[quality] = float(one.std_loss / one.loss**2)
     return found
 
 
