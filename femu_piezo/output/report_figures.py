@@ -22,7 +22,7 @@ def standard_figures_html(figures: StandardFigures, key: str) -> str:
         rows.append(row)
     sentence = figures.formula_words
     words = "" if sentence is None else paragraph(f"{sentence[0].upper()}{sentence[1:]}.")
-    return table(headings, rows, figures.title) + words + notes(figures.notes)
+    return table(headings, rows, figures.title, "parameters") + words + notes(figures.notes)
 
 
 def _cell(one: Figure, key: str, what: str) -> str | Cell:
