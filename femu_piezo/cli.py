@@ -151,17 +151,32 @@ def simulate(specimen: Path, out: Path, full_order: bool) -> None:
 @_out
 @_correct_phase
 @_mask_faults
-def extract(file: Path, out: Path, correct_phase: bool, mask_faults: bool) -> None:
+@click.option(
+    "--connection",
+    type=click.Choice(["reflection", "series", "shunt"]),
+    help="of the piece in a Touchstone file  [default: found out]",
+)
+@click.option(
+    "--columns", metavar="NAMES", help='what the columns are, in place of a header: "f (Hz), R (Ohm), X (Ohm)"'
+)
+def extract(
+    file: Path, out: Path, correct_phase: bool, mask_faults: bool, connection: str | None, columns: str | None
+) -> None:
     """Extract poles and zeros with uncertainties from the sweep FILE.
 
-    Reads CSV and delimited text whose header names the columns (|Z| and phase, R and X, G and B), HP 4294A and
-    Keysight E4990A exports. Writes extraction.json and extraction.png. Both have the standard figures that need no
-    body (fs, fp, fm, fn, fr, fa, k_eff, Qm, capacitance, tan δ; IEEE 176-1987, EN 50324-2).
+    Reads CSV and delimited text whose header names the columns (|Z| and phase, R and X, G and B, Cp and D; decimal
+    points or commas), such as Bode 100, WaveForms and LCR meters write, HP 4294A, Keysight E4990A and E5061B exports,
+    and Touchstone of one or two ports (.s1p, .s2p in series or shunt). Writes extraction.json and extraction.png. Both
+    have the standard figures that need no body (fs, fp, fm, fn, fr, fa, k_eff, Qm, capacitance, tan δ; IEEE 176-1987,
+    EN 50324-2).
     """
     from femu_piezo.api import extract as run
     from femu_piezo.measurement.readers import read_spectrum
 
-    spectrum = read_spectrum(file, correct_phase=correct_phase, mask_faults=mask_faults)
+    names = None if columns is None else [name.strip() for name in columns.split(",")]
+    spectrum = read_spectrum(
+        file, correct_phase=correct_phase, mask_faults=mask_faults, connection=connection, columns=names
+    )
     _prepare(out)
     result = run(spectrum)
     result.save(out)

@@ -15,7 +15,8 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.starts.pole_zero import static_permittivity
 from femu_piezo.inference.starts.thin_body import bar_coupling
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.measurement.readers import accept_spectrum, read_spectrum
+from femu_piezo.measurement.compensation import Compensation, Load
+from femu_piezo.measurement.readers import accept_spectrum, read_raw, read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Measurement, Specimen
 from femu_piezo.study.problem import Problem, prepare
@@ -125,8 +126,10 @@ def measure(specimen: Specimen, spectrum: Sweep | None = None) -> Measured:
         )
     options = {"correct_phase": wish.correct_phase, "mask_faults": wish.mask_faults, "noise": wish.noise}
     if spectrum is None:
-        spectrum = read_spectrum(wish.file, **options)
+        layout = {"connection": wish.connection, "columns": wish.columns}
+        spectrum = read_spectrum(wish.file, **options, **layout, compensation=_compensation(wish))
     else:
+        spectrum = spectrum if (fixture := _compensation(wish)) is None else fixture.applied(spectrum)
         wish, spectrum = wish.model_copy(update={"file": None}), accept_spectrum(spectrum, **options)
     problem = prepare(specimen.model_copy(update={"measurement": wish}), check=False)
     fitted = spectrum
@@ -135,6 +138,22 @@ def measure(specimen: Specimen, spectrum: Sweep | None = None) -> Measured:
     extraction = extract(fitted)
     pair = fundamental_pair(extraction, spectrum)
     return Measured(problem, spectrum, fitted, extraction, pair, _low_permittivity(problem, fitted, pair))
+
+
+def _compensation(wish: Measurement) -> Compensation | None:
+    """The raw sweeps of the fixture, read; None where the file names none."""
+    if wish.open is None and wish.short is None:
+        return None
+    layout = {"connection": wish.connection, "columns": wish.columns}
+    sweeps = {
+        name: None if file is None else read_raw(file, **layout)
+        for name, file in (("open", wish.open), ("short", wish.short), ("load", wish.load and wish.load.file))
+    }
+    known = None
+    if wish.load is not None:
+        given = {key: value for key, value in wish.load if key != "file" and value is not None}
+        known = Load(**given)
+    return Compensation(**sweeps, standard=known)
 
 
 def fundamental_pair(extraction: Extraction, spectrum: ImpedanceSpectrum) -> Pair:
