@@ -25,6 +25,7 @@ from femu_piezo.specimen.file import Specimen, read_specimens, with_measurement
 if TYPE_CHECKING:
     from femu_piezo.diagnosis.rules import Rules
     from femu_piezo.effects.library import Maker
+    from femu_piezo.output.results.circuit import EquivalentCircuit
     from femu_piezo.output.results.diagnosed import Diagnosed
     from femu_piezo.output.results.extracted import Extracted
     from femu_piezo.output.results.figures import Figures
@@ -68,6 +69,33 @@ def extract(spectrum: AnySweep, *, correct_phase: bool = False, mask_faults: boo
     given = _sweep(spectrum)
     accept = read_spectrum if isinstance(given, Path) else accept_spectrum
     return Extracted.of_study(find(accept(given, correct_phase=correct_phase, mask_faults=mask_faults)))
+
+
+def circuit(
+    source: AnySweep | Specimen, *, correct_phase: bool = False, mask_faults: bool = False
+) -> EquivalentCircuit:
+    """An equivalent circuit (Butterworth and Van Dyke) of a measured sweep, or of a specimen as described.
+
+    One branch for each mode from its residue, elements for C0, its loss and the modes outside.
+
+    Parameters
+    ----------
+    source : a sweep, or a specimen; a path that ends in .toml is one of a specimen
+    correct_phase, mask_faults : of a sweep, as in `extract`
+
+    Raises
+    ------
+    InputError : a file or a sweep cannot serve, or holds no resonance
+    """
+    from femu_piezo.output.results.circuit import EquivalentCircuit
+    from femu_piezo.study.circuit import circuit_of_specimen, circuit_of_sweep
+
+    if isinstance(source, Specimen) or (isinstance(source, (str, Path)) and Path(source).suffix.lower() == ".toml"):
+        return EquivalentCircuit.of_study(circuit_of_specimen(_one(source)))
+    given = _sweep(source)
+    accept = read_spectrum if isinstance(given, Path) else accept_spectrum
+    spectrum = accept(given, correct_phase=correct_phase, mask_faults=mask_faults)
+    return EquivalentCircuit.of_study(circuit_of_sweep(spectrum))
 
 
 def standard_figures(spectrum: AnySweep, specimen: AnySpecimen | None = None) -> Figures:

@@ -30,6 +30,7 @@ Smart Mater. Struct. 31, 2022, 125010).
 \b
   femu-piezo simulate plate.toml --out results    poles, zeros and a sweep of the specimen as described
   femu-piezo extract sweep.csv --out results      poles and zeros of a measured sweep, without any model
+  femu-piezo circuit sweep.csv --out results      an equivalent circuit of it, for SPICE
   femu-piezo modes plate.toml --out results       pictures of the driven modes
   femu-piezo update plate.toml --out results      the constants that explain the measured sweep
   femu-piezo batch lot --out results              update every specimen of a folder, one table and a lot report
@@ -179,6 +180,27 @@ def extract(
     )
     _prepare(out)
     result = run(spectrum)
+    result.save(out)
+    _show(result)
+
+
+@main.command()
+@click.argument("source", type=click.Path(path_type=Path), metavar="SWEEP|SPEC")
+@_out
+@_correct_phase
+@_mask_faults
+def circuit(source: Path, out: Path, correct_phase: bool, mask_faults: bool) -> None:
+    """Make an equivalent circuit of a measured sweep, or of a specimen file (*.toml) as it describes the piece.
+
+    One branch (Butterworth, Van Dyke) for each mode, exact for its complex residue: L, R and C with a resistance across
+    C, with standard deviations; a capacitor, relaxations for its loss, and the modes outside the sweep. Writes
+    circuit.cir (a SPICE subcircuit for ngspice and LTspice), circuit.json, circuit.png, and the curve of the circuit as
+    circuit.s1p (Touchstone) and circuit.csv.
+    """
+    from femu_piezo.api import circuit as run
+
+    result = run(source, correct_phase=correct_phase, mask_faults=mask_faults)
+    _prepare(out)
     result.save(out)
     _show(result)
 

@@ -17,6 +17,7 @@ LAYERS = (
     {"measurement", "geometry"},
     {"standards"},
     {"extraction", "forward"},
+    {"circuits"},
     {"effects"},
     {"inference"},
     {"diagnosis"},

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from femu_piezo.extraction.covariance import Spread
 from femu_piezo.extraction.limitations import Finding
 from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.noise_level import NoiseUsed
@@ -40,6 +41,7 @@ class Extraction:
     orders : every model order tried, with its evidence
     findings : what is missing or doubtful, each a code and a sentence
     method : how the resonances were obtained
+    spread : of the parameters of `model`, None where no covariance is known
     """
 
     spectrum: ImpedanceSpectrum
@@ -55,6 +57,7 @@ class Extraction:
     orders: tuple[Candidate, ...]
     findings: tuple[Finding, ...]
     method: Method = "maximum_likelihood"
+    spread: Spread | None = None
 
     @cached_property
     def figures(self) -> StandardFigures | None:

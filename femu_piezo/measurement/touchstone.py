@@ -89,6 +89,13 @@ def impedance_of(
         return product * s / (root - both * s), np.abs(product * root / (root - both * s) ** 2)
 
 
+def touchstone_text(frequency_Hz: np.ndarray, impedance: np.ndarray, reference: float = 50.0) -> str:
+    """A Touchstone 1 file of the reflection of Z (n,) in ohm at frequencies (n,) against a resistance, all digits."""
+    s = (impedance - reference) / (impedance + reference)
+    rows = (f"{f!r} {v.real!r} {v.imag!r}" for f, v in zip(frequency_Hz.tolist(), s.tolist(), strict=True))
+    return "\n".join([f"# HZ S RI R {reference:g}", *rows, ""])
+
+
 def _parse(text: str, source: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Frequencies (n,) Hz, S (n, p, p) and reference resistances (n, p), ohm."""
     try:

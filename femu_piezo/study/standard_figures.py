@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import AAA
 
 from femu_piezo.extraction.roots import Pair
 from femu_piezo.forward.thin_limits import (
@@ -18,19 +17,16 @@ from femu_piezo.geometry.shape import Shape
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Slab
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.resonances import Kind, Resonance
+from femu_piezo.resonances import Resonance
 from femu_piezo.specimen.file import Simulation, Specimen
 from femu_piezo.standards.figures import Reading, StandardFigures, is_second_radial, read_curve, standard_figures
 from femu_piezo.standards.piece import Piece, material_figures
 from femu_piezo.study.measured import Measured, Sweep, measure
+from femu_piezo.study.rational_curve import RationalCurve
 from femu_piezo.study.simulate import simulate
-from femu_piezo.threads import blas_limit
 
 #: A pair within this factor of the expected frequency may be the thickness mode, if coupled at least so.
 _NEAR, _COUPLED = 1.2, 0.15
-#: Points of a computed curve that its rational function goes through at most, step of its derivative in ω/ω_end, and
-#: share of the strongest residue below which a pole is one of rounding.
-_POINTS, _STEP, _VISIBLE = 400, 1e-6, 1e-5
 #: Ratio of two dimensions from which a plate counts as wide.
 _WIDE = 4.0
 #: The inner over the outer diameter from which a ring counts as narrow (`femu_piezo.study.shapes`).
@@ -59,60 +55,29 @@ def figures_of(
     constants : from which the curve was computed
     curve : frequencies (k,) Hz and impedances (k,) ohm without noise
     """
-    model = _Computed(*curve)
+    model = RationalCurve(*curve)
     return tuple(_figures(measured, piece, pair, constants, model) for piece, pair in _modes_told(measured, constants))
 
 
 def _figures(
-    measured: Measured, piece: Piece, pair: Pair, constants: PiezoConstants, model: _Computed
+    measured: Measured, piece: Piece, pair: Pair, constants: PiezoConstants, model: RationalCurve
 ) -> StandardFigures:
     spectrum, extraction = measured.spectrum, measured.extraction
     overtone = _second_radial(pair.pole, [one.pole for one in extraction.pairs])
     points = (spectrum.frequency, spectrum.impedance)
     reading = read_curve(extraction.model.admittance, points, pair.pole, pair.zero, piece, overtone)
-    found = standard_figures(piece, reading, pair.pole, pair.zero, model.reading(piece, pair), constants)
+    found = standard_figures(piece, reading, pair.pole, pair.zero, _model_reading(model, piece, pair), constants)
     std = None if np.isnan(pair.std_k_eff) else pair.std_k_eff
     figures = tuple(replace(one, std=std) if one.name == "k_eff" else one for one in found.figures)
     return replace(found, figures=figures)
 
 
-class _Computed:
-    """A computed curve, frequencies (k,) Hz and impedances (k,) ohm, continued between its points by a rational
-    function (AAA; see `femu_piezo.study.simulate.curve_resonances`)."""
-
-    def __init__(self, frequency: np.ndarray, impedance: np.ndarray) -> None:
-        self.points = (frequency, impedance)
-        some = np.unique(np.linspace(0, frequency.size - 1, min(frequency.size, _POINTS)).astype(int))
-        omega = 2 * np.pi * frequency[some]
-        self._end = omega[-1]
-        with blas_limit():
-            self._charge = AAA(omega / self._end, 1 / (1j * omega * impedance[some]), max_terms=_POINTS // 2)
-            self._poles = self._listed("pole", self._charge.poles(), self._charge.residues())
-            roots = self._charge.roots()
-            slopes = (self._charge(roots + _STEP) - self._charge(roots - _STEP)) / (2 * _STEP)
-            self._zeros = self._listed("zero", roots, 1 / slopes)
-
-    def _listed(self, kind: Kind, omega: np.ndarray, residues: np.ndarray) -> list[Resonance]:
-        """Resonances of a rational function of ω, those that hardly show left out."""
-        weight = np.abs(residues / omega)
-        inside = (omega.real > 0) & (np.abs(omega.imag) < 0.5 * omega.real) & (omega.real < 1.5)
-        strong = inside & (weight > _VISIBLE * weight[inside].max(initial=0.0))
-        return [
-            Resonance(kind, complex(one * self._end) ** 2, None, complex(r))
-            for one, r in zip(omega[strong], residues[strong], strict=True)
-        ]
-
-    def admittance(self, omega: np.ndarray) -> np.ndarray:
-        """Y (n,), siemens."""
-        return 1j * omega * self._charge(omega / self._end)
-
-    def reading(self, piece: Piece, pair: Pair) -> Reading | None:
-        """The figures of the mode nearest to a measured pair; None where the curve does not hold it."""
-        if not self._poles or not self._zeros:
-            return None
-        pole, zero = _nearest(self._poles, pair.pole), _nearest(self._zeros, pair.zero)
-        overtone = _second_radial(pole, self._poles)
-        return read_curve(self.admittance, self.points, pole, zero, piece, overtone)
+def _model_reading(curve: RationalCurve, piece: Piece, pair: Pair) -> Reading | None:
+    """The figures of the mode nearest to a measured pair; None where the curve does not hold it."""
+    if not curve.poles or not curve.zeros:
+        return None
+    pole, zero = _nearest(curve.poles, pair.pole), _nearest(curve.zeros, pair.zero)
+    return read_curve(curve.admittance, curve.points, pole, zero, piece, _second_radial(pole, curve.poles))
 
 
 def _nearest(several: Sequence[Resonance], one: Resonance) -> Resonance:
