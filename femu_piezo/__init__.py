@@ -18,7 +18,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from femu_piezo import effects
-    from femu_piezo.api import circuit, diagnose, extract, identify, modes, simulate, standard_figures, update
+    from femu_piezo.api import circuit, diagnose, export, extract, identify, modes, simulate, standard_figures, update
     from femu_piezo.errors import ConvergenceError, InputError
     from femu_piezo.measurement.readers import read_spectrum, write_spectrum
     from femu_piezo.measurement.spectrum import ImpedanceSpectrum
@@ -32,6 +32,7 @@ __all__ = [
     "circuit",
     "diagnose",
     "effects",
+    "export",
     "extract",
     "identify",
     "modes",
@@ -45,7 +46,17 @@ __all__ = [
 ]
 
 _HOMES = {
-    "femu_piezo.api": ("circuit", "diagnose", "extract", "identify", "modes", "simulate", "standard_figures", "update"),
+    "femu_piezo.api": (
+        "circuit",
+        "diagnose",
+        "export",
+        "extract",
+        "identify",
+        "modes",
+        "simulate",
+        "standard_figures",
+        "update",
+    ),
     "femu_piezo.errors": ("ConvergenceError", "InputError"),
     "femu_piezo.measurement.readers": ("read_spectrum", "write_spectrum"),
     "femu_piezo.measurement.spectrum": ("ImpedanceSpectrum",),

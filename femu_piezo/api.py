@@ -98,6 +98,44 @@ def circuit(
     return EquivalentCircuit.of_study(circuit_of_sweep(spectrum))
 
 
+def export(
+    result: Updated | Path | str,
+    to: str,
+    *,
+    density: float | None = None,
+    poling: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    folder: Path | str | None = None,
+) -> str:
+    """The material of an update for another program, as text.
+
+    Parameters
+    ----------
+    result : of `update`, or the path of an update.json
+    to : "comsol", "ansys", "abaqus", "opencfs", "sfepy" or "json"
+    density : kg/m³; that of the first specimen where None
+    poling : direction of the poling in the axes of the other program
+    folder : where the text is written as well, into material.txt, material.inp, …; nowhere where None
+
+    Raises
+    ------
+    InputError : the file is no update.json, the program is not known, or the density is missing
+    """
+    from femu_piezo.study.export import constants_of_record, export_text
+
+    if isinstance(result, (Path, str)):
+        constants, known, name = constants_of_record(Path(result))
+    else:
+        constants, known, name = result.constants, result.outcomes[0].measured.problem.density, result.name
+    text = export_text(constants, known if density is None else density, name, to, poling)
+    if folder is not None:
+        from femu_piezo.files import write_atomically
+        from femu_piezo.material.programs.writers import program
+        from femu_piezo.output.folder import prepare_folder
+
+        write_atomically(prepare_folder(Path(folder)) / f"material.{program(to).suffix}", text)
+    return text
+
+
 def standard_figures(spectrum: AnySweep, specimen: AnySpecimen | None = None) -> Figures:
     """Standard figures of a measured sweep (IEEE 176-1987, EN 50324-2): fs, fp, k, Qm, C^T, N, d, s.
 

@@ -33,6 +33,7 @@ Smart Mater. Struct. 31, 2022, 125010).
   femu-piezo circuit sweep.csv --out results      an equivalent circuit of it, for SPICE
   femu-piezo modes plate.toml --out results       pictures of the driven modes
   femu-piezo update plate.toml --out results      the constants that explain the measured sweep
+  femu-piezo export update.json --to comsol --out results    the material for another program
   femu-piezo batch lot --out results              update every specimen of a folder, one table and a lot report
   femu-piezo diagnose plate.toml --out results    what the simulation gets wrong, and the named cause
   femu-piezo identify plate.toml --out results    which constants such a sweep tells, which tolerance to improve
@@ -358,6 +359,37 @@ def diagnose(
         result = run(wanted, correct_phase=correct_phase, mask_faults=mask_faults, progress=progress)
     result.save(out, report=report)
     _show(result)
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path), metavar="UPDATE.json")
+@click.option(
+    "--to",
+    required=True,
+    type=click.Choice(["comsol", "ansys", "abaqus", "opencfs", "sfepy", "json"]),
+    help="program that the material is for",
+)
+@_out
+@click.option("--density", type=click.FloatRange(1, 1e5), help="kg/m³  [default: that of the specimen]")
+@click.option(
+    "--poling",
+    nargs=3,
+    type=float,
+    default=(0.0, 0.0, 1.0),
+    metavar="X Y Z",
+    help="direction of the poling in the axes of the program  [default: 0 0 1]",
+)
+def export(file: Path, to: str, out: Path, density: float | None, poling: tuple[float, float, float]) -> None:
+    """Write the constants of UPDATE.json, which `update` wrote, as a material of another program.
+
+    Writes material.txt (COMSOL parameters), .mac (ANSYS), .inp (Abaqus), .xml (openCFS), .py (SfePy) or .json: the full
+    stress-charge matrices with notes on order, sign and loss. COMSOL, openCFS, SfePy and JSON get complex constants,
+    ANSYS and Abaqus real ones and the loss factors that they take.
+    """
+    from femu_piezo.api import export as run
+
+    run(file, to, density=density, poling=poling, folder=out)
+    click.echo(f"the material of {file} for {to} is in {out}")
 
 
 @main.command()

@@ -51,6 +51,7 @@ def update_record(result: UpdateResult) -> dict:
 def _specimen_record(outcome: Outcome, result: UpdateResult, figures: tuple[StandardFigures, ...]) -> dict:
     return {
         "name": outcome.measured.problem.specimen.name,
+        "density": outcome.measured.problem.density,
         "poles": outcome.records("pole"),
         "zeros": outcome.records("zero"),
         "rms_log_error": {"baseline": outcome.rms_before, "updated": outcome.rms_after},
