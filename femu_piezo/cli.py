@@ -33,6 +33,7 @@ Smart Mater. Struct. 31, 2022, 125010).
   femu-piezo circuit sweep.csv --out results      an equivalent circuit of it, for SPICE
   femu-piezo modes plate.toml --out results       pictures of the driven modes
   femu-piezo update plate.toml --out results      the constants that explain the measured sweep
+  femu-piezo datasheet plate.toml --out results   one page with constants, standard figures and curves
   femu-piezo export update.json --to comsol --out results    the material for another program
   femu-piezo batch lot --out results              update every specimen of a folder, one table and a lot report
   femu-piezo diagnose plate.toml --out results    what the simulation gets wrong, and the named cause
@@ -358,6 +359,30 @@ def diagnose(
     with _steps_shown() as progress:
         result = run(wanted, correct_phase=correct_phase, mask_faults=mask_faults, progress=progress)
     result.save(out, report=report)
+    _show(result)
+
+
+@main.command()
+@_specimen
+@_out
+@_data
+@_correct_phase
+@_mask_faults
+def datasheet(specimen: Path, out: Path, data: Path | None, correct_phase: bool, mask_faults: bool) -> None:
+    """Make a data sheet of the specimen SPEC from its measured sweep: one page, A4.
+
+    Updates the free constants as `update` does and writes datasheet.pdf and datasheet.png (constants with deviations,
+    standard figures by IEEE 176-1987 and EN 50324-2 beside the finite element values, what the formulas get wrong for
+    this piece, curves) and update.json.
+    """
+    from femu_piezo.api import update as run
+    from femu_piezo.specimen.file import read_specimens
+
+    wanted = read_specimens([specimen], data)
+    _prepare(out)
+    with _steps_shown() as progress:
+        result = run(wanted, correct_phase=correct_phase, mask_faults=mask_faults, progress=progress)
+    result.save_data_sheet(out)
     _show(result)
 
 
