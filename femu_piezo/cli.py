@@ -424,14 +424,24 @@ def export(file: Path, to: str, out: Path, density: float | None, poling: tuple[
 @click.option("--band", nargs=2, type=float, metavar="LOW HIGH", help="only modes with poles in this band, Hz")
 @click.option("--animate", is_flag=True, help="an animated GIF of every mode as well")
 @click.option("--html", "scene", is_flag=True, help="an interactive scene as well (one HTML file, no network)")
+@click.option("--vtu", is_flag=True, help="every mode in the whole body for ParaView as well (VTU)")
+@click.option("--mesh", is_flag=True, help="the mesh with its electrodes as well (gmsh .msh and Abaqus .inp)")
 def modes(
-    specimen: Path, out: Path, count: int | None, band: tuple[float, float] | None, animate: bool, scene: bool
+    specimen: Path,
+    out: Path,
+    count: int | None,
+    band: tuple[float, float] | None,
+    animate: bool,
+    scene: bool,
+    vtu: bool,
+    mesh: bool,
 ) -> None:
     """Draw the driven modes of the specimen SPEC: poles and zeros, what the body does, k_eff.
 
     Writes modes.json, mode_01.png, mode_02.png … and the sheet modes.png; with --animate mode_01.gif …, with
-    --html modes.html. The band ends by default at 3.5 times the expected fundamental. Constants, dimensions and density
-    are those of the specimen with its [effects], where a fit left it ([fitted]).
+    --html modes.html, with --vtu mode_01.vtu …, with --mesh mesh.msh and mesh.inp. The band ends by default at 3.5
+    times the expected fundamental. Constants, dimensions and density are those of the specimen with its [effects],
+    where a fit left it ([fitted]).
     """
     from femu_piezo.api import modes as run
     from femu_piezo.specimen.file import read_specimen
@@ -439,7 +449,7 @@ def modes(
     wanted = read_specimen(specimen)
     _prepare(out)
     result = run(wanted, band=band, count=count)
-    result.save(out, animate=animate, scene=scene)
+    result.save(out, animate=animate, scene=scene, vtu=vtu, mesh=mesh)
     _show(result)
     click.echo(f"{len(result.modes)} modes, {result.model.size} unknowns → {out / 'modes.png'}")
 

@@ -142,9 +142,14 @@ def _footer(page: Figure, result: UpdateResult, modes: Sequence[StandardFigures]
     sentences = [one.formula_words for one in modes if one.formula_words]
     sentences += [*(note for one in modes for note in one.notes), *result.notes]
     sentences.insert(0, "± is one standard deviation; a constant is value (1 − j tan), time factor exp(jωt)")
-    lines = [line for sentence in sentences for line in textwrap.wrap(f"{sentence[0].upper()}{sentence[1:]}.", _WIDTH)]
-    if len(lines) > _LINES:
-        lines = [*lines[: _LINES - 1], f"{len(lines) - _LINES + 1} more lines of notes: update.json"]
+    lines, left = [], list(sentences)
+    while left:
+        wrapped = textwrap.wrap(f"{left[0][0].upper()}{left[0][1:]}.", _WIDTH)
+        if len(lines) + len(wrapped) > _LINES - (len(left) > 1):
+            lines.append(f"Further notes: {len(left)}, in update.json.")
+            break
+        lines += wrapped
+        left.pop(0)
     page.text(0.07, _NOTES, "\n".join(lines), size=7, va="top", color="#333333", linespacing=1.35)
     made = f"femu-piezo {metadata.version('femu-piezo')}, {datetime.now(UTC):%Y-%m-%d %H:%M UTC}"
     page.text(0.07, 0.03, made, size=6.5, color="#777777")
