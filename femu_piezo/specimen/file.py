@@ -163,6 +163,25 @@ class Residue(Table):
     capacitance: Capacitance | None = None
 
 
+class LoadStandard(Table):
+    """The load of a compensation: its raw sweep `file` and what it is.
+
+    resistance, with an inductance in series and a capacitance across both; std : relative, of its impedance
+    """
+
+    model_config = ConfigDict(title="measurement.load")
+    missing: ClassVar[dict[str, str]] = {
+        "file": 'give the raw sweep of the load, such as file = "load.csv"',
+        "resistance": 'say what the load is, such as resistance = "100 ohm"',
+    }
+
+    file: Annotated[Path, PATH]
+    resistance: Resistance
+    inductance: Inductance | None = None
+    capacitance: Capacitance | None = None
+    std: MagnitudeStd | None = None
+
+
 class Measurement(Table):
     """A measured sweep: `file` (absolute once read), None where the sweep is given otherwise.
 
@@ -171,6 +190,8 @@ class Measurement(Table):
     correct_phase: turn the phase by 180°; mask_faults: leave out spikes, mains lines and the shorter side of jumps.
     accuracy, phase_accuracy: of |Z| (relative) and phase (rad), standard deviations smooth over frequency.
     residue: of the fixture after its compensation.
+    open, short, load: raw sweeps of the fixture, which are taken out of a raw sweep.
+    connection: of the piece in a Touchstone file; columns: what those of a file are, in place of its header.
     """
 
     model_config = ConfigDict(title="measurement")
@@ -183,11 +204,18 @@ class Measurement(Table):
     accuracy: MagnitudeStd | None = None
     phase_accuracy: PhaseStd | None = None
     residue: Residue | None = None
+    open: Annotated[Path | None, PATH] = None
+    short: Annotated[Path | None, PATH] = None
+    load: LoadStandard | None = None
+    connection: Literal["reflection", "series", "shunt"] | None = None
+    columns: Annotated[tuple[str, ...] | None, LIST] = None
 
     def problem(self) -> str | None:
         if self.held_out is not None and not self.held_out[0] < self.held_out[1]:
             low, high = self.held_out
             return f"measurement.held_out = [{low:g}, {high:g}] Hz is no band; give the lower frequency first"
+        if self.load is not None and (self.open is None or self.short is None):
+            return "measurement.load compensates only together with open and short; give the files of these as well"
         if self.noise == 0:
             return "measurement.noise = 0 claims exact data; leave the key out to have the noise estimated"
         return None
@@ -331,7 +359,20 @@ def read_specimen(path: Path | str, data_file: Path | str | None = None) -> Spec
         table = data.get(section)
         if isinstance(table, dict) and isinstance(table.get("file"), str):
             table["file"] = _resolve(table["file"], path, f"{path}: {section}.file")
+    _resolve_fixture(data.get("measurement"), path)
     return Specimen.model_validate(data | {"path": path}, context={"file": str(path)})
+
+
+def _resolve_fixture(measurement: Any, path: Path) -> None:
+    """Absolute paths of the raw sweeps of the fixture, in place."""
+    if not isinstance(measurement, dict):
+        return
+    for key in ("open", "short"):
+        if isinstance(measurement.get(key), str):
+            measurement[key] = _resolve(measurement[key], path, f"{path}: measurement.{key}")
+    load = measurement.get("load")
+    if isinstance(load, dict) and isinstance(load.get("file"), str):
+        load["file"] = _resolve(load["file"], path, f"{path}: measurement.load.file")
 
 
 def with_measurement(specimens: Sequence[Specimen], **wishes: bool) -> list[Specimen]:
@@ -393,7 +434,11 @@ def write_specimen(specimen: Specimen, path: Path | str) -> None:
         lines += ["", f"[{section}]"]
         for key, value in table:
             if isinstance(value, Table):
-                inner = ", ".join(f"{name} = {_toml(one)}" for name, one in value if one is not None)
+                inner = ", ".join(
+                    f"{name} = {_toml(_relative(one, path) if isinstance(one, Path) else one)}"
+                    for name, one in value
+                    if one is not None
+                )
                 lines.append(f"{key} = {{ {inner} }}")
             elif value is not None:
                 lines.append(f"{key} = {_toml(_relative(value, path) if isinstance(value, Path) else value)}")
