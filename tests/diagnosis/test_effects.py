@@ -24,6 +24,9 @@ SIZES = {
     "series_inductance": 5e-6,
     "stray_capacitance": 20e-12,
     "leakage": 2e-5,
+    "contact_gap": 1 / 20e-9,
+    "cable": (1.5, 75.0),
+    "relaxation": (0.05, 90e3, 0.35),
     "dielectric_dispersion": 0.03,
     "frequency_dependent_elastic_loss": 0.7,
     "frequency_dependent_elastic_loss/causal": -0.6,
@@ -45,6 +48,8 @@ PLACED = {
     "tapered_width": (0.03,),
     "unequal_electrode_mass": (0.6,),
 }
+#: Effects with an independent solution of their own, in a file of theirs.
+APART = {"electrode_resistance": (3.0, 2e-3)}
 
 
 def evaluate(setup, key: str, size: float | np.ndarray):
@@ -90,8 +95,20 @@ def reference(key: str, size: float, theta: np.ndarray, bare) -> np.ndarray:
             return real + 1j * theta.imag * np.where(elastic, ratio**size, 1.0)
 
         return bare(law)
+    if key == "relaxation":
+        strength, centre, width = size
+
+        def cole(f):
+            return 1 / (1 + (1j * f / centre) ** (1 - width))
+
+        return bare(lambda f: theta * (1 + strength * (cole(f) - cole(FUNDAMENTAL).real) * (np.arange(10) == 9)))
     z = bare(theta)
+    if key == "cable":
+        length, own = size
+        beta = OMEGA * length / (0.66 * 299792458)
+        return own * (z + 1j * own * np.tan(beta)) / (own + 1j * z * np.tan(beta))
     return {
+        "contact_gap": z + size / (1j * OMEGA),
         "series_resistance": z + size,
         "series_inductance": z + 1j * OMEGA * size,
         "stray_capacitance": 1 / (1 / z + 1j * OMEGA * size),
@@ -116,7 +133,7 @@ def test_impedance_against_independent_solution(setup, bare, key):
 def test_every_jacobian_against_richardson_differences(setup):
     rng = np.random.default_rng(5)
     for key, effect in setup.library.items():
-        values = np.atleast_1d(PLACED.get(key, SIZES.get(key, 0.05)))
+        values = np.atleast_1d({**PLACED, **SIZES, **APART}.get(key, 0.05))
         values = np.append(values, 0.8 * effect.scale[values.size :])
         parameters, x = setup.with_effects({key: values})
         x[: setup.x.size] *= 1 + 0.01 * rng.standard_normal(setup.x.size)
