@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hidden_effects.ritz import RitzPlate
 
-from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
+from diagnosis.conftest import BAND, DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
 from femu_piezo.effects.effect import EffectContext
 from femu_piezo.effects.library import from_table
 from femu_piezo.effects.library.losses import partner
@@ -32,6 +32,7 @@ SIZES = {
     "frequency_dependent_elastic_loss/causal": -0.6,
     "wrong_insensitive_parameter:s12": 0.06,
     "wrong_insensitive_parameter:s13": (0.04, 0.03),
+    "temperature_drift": 0.004,
     "wrong_density": -0.02,
     "wrong_length": 0.012,
     "wrong_width": -0.012,
@@ -79,6 +80,13 @@ def reference(key: str, size: float, theta: np.ndarray, bare) -> np.ndarray:
         grown = np.array(SIZE)
         grown[("length", "width", "thickness").index(name)] *= 1 + size
         return bare(theta, size=grown)
+    if key == "temperature_drift":
+        low, high = BAND
+
+        def warmed(f):
+            return theta / np.where(np.arange(10) < 5, 1 + size * (f - FUNDAMENTAL) / (high - low), 1.0) ** 2
+
+        return bare(warmed)
     if key == "electrode_mass":
         return bare(theta, film=size)
     if key == "dielectric_dispersion":
