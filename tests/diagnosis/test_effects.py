@@ -50,7 +50,7 @@ PLACED = {
     "unequal_electrode_mass": (0.6,),
 }
 #: Effects with an independent solution of their own, in a file of theirs.
-APART = {"electrode_resistance": (3.0, 2e-3)}
+APART = {"electrode_resistance": (3.0, 2e-3), "sweep_too_fast": 2e4, "drive_level": (4e-3, 0.5)}
 
 
 def evaluate(setup, key: str, size: float | np.ndarray):
