@@ -43,7 +43,9 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         Effect(
             name="sweep_too_fast",
             sentence="the sweep was too fast for the resonances: they still ring from the frequencies before",
-            parameters=(EffectParameter("rate", "Hz/s", -0.2 * own, 0.2 * own, 5e-3 * own, 0.03 * own, law_error=0.05),),
+            parameters=(
+                EffectParameter("rate", "Hz/s", -0.2 * own, 0.2 * own, 5e-3 * own, 0.03 * own, law_error=0.05),
+            ),
             confusable_with=("temperature_drift", "tan_s11", "frequency_dependent_elastic_loss"),
             advice=(
                 "sweep again at a tenth of the rate: what is the body's stays",
