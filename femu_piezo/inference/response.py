@@ -29,7 +29,7 @@ _SAMPLES, _WORTHWHILE = 32, 2
 #: Modes up to this multiple of the end of the sweep in ω² are taken one by one; nodes that carry all others.
 _NEAR, _SMOOTH = 2.0, 10
 #: Share of the largest amplitude below which the state at the resonance of a mode is left out of slopes.
-_FAINT = 1e-5
+_FAINT = 1e-6
 #: Share of the largest singular value of those states below which a direction is left out.
 _NEGLIGIBLE = 1e-10
 

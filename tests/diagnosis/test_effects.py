@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hidden_effects.body import Surface
+from hidden_effects.build import Build
 from hidden_effects.ritz import RitzPlate
 
 from diagnosis.conftest import BAND, DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
@@ -38,6 +40,8 @@ SIZES = {
     "wrong_width": -0.012,
     "wrong_thickness": 0.015,
     "electrode_mass": 0.15,
+    "film_stiffness": (1.2e6, 0.06, 0.08),
+    "fluid_load": (20.0, 5e4, 0.02),
 }
 #: Effects at a place, with all their parameters.
 PLACED = {
@@ -87,6 +91,21 @@ def reference(key: str, size: float, theta: np.ndarray, bare) -> np.ndarray:
             return theta / np.where(np.arange(10) < 5, 1 + size * (f - FUNDAMENTAL) / (high - low), 1.0) ** 2
 
         return bare(warmed)
+    if key in ("film_stiffness", "fluid_load"):
+        built, faces = Build(np.array(SIZE), DENSITY, theta, FUNDAMENTAL), (1, -1)
+        if key == "film_stiffness":
+            stiff, loss, heavy = size
+            built.surfaces = [
+                Surface(*built.whole_face, faces, lambda w: stiff * (1 + 1j * loss) + 0 * w, membrane=0.35),
+                Surface(*built.whole_face, faces, lambda w: -(w**2) * heavy),
+            ]
+        else:
+            shear, wave, heavy = size
+            built.surfaces = [
+                Surface(*built.whole_face, faces, lambda w: 1j * w * (1 + 1j) * np.sqrt(w / 2) * shear, (0, 1)),
+                Surface(*built.whole_face, faces, lambda w: 1j * w * wave - w**2 * heavy, (2,)),
+            ]
+        return built.impedance(FREQUENCY)
     if key == "electrode_mass":
         return bare(theta, film=size)
     if key == "dielectric_dispersion":
