@@ -19,6 +19,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import accumulate
+from typing import Protocol
 
 import numpy as np
 
@@ -263,6 +264,13 @@ def material_prior(
     return prior
 
 
+class Read(Protocol):
+    """One number that another instrument has read (`femu_piezo.inference.readings`)."""
+
+    def row(self, parameters: Unknowns, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """(predicted − value)/std at x (n_x,), and its slopes (n_x,)."""
+
+
 @dataclass(frozen=True)
 class Unknowns:
     """The real unknowns x of a fit: those of the material, then each effect's parameters over their scales.
@@ -275,6 +283,7 @@ class Unknowns:
     candidates : keys of those effects whose prior is that of a cause (`Effect.spread`); the others keep to their
         tolerance
     fixed : effects with known values, which the model has in any case
+    readings : of other instruments, which count in every fit
     """
 
     material: MaterialParameters
@@ -282,6 +291,7 @@ class Unknowns:
     effects: tuple[Effect, ...] = ()
     candidates: tuple[str, ...] = ()
     fixed: tuple[tuple[Effect, np.ndarray], ...] = ()
+    readings: tuple[Read, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:

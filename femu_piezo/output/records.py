@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from femu_piezo.inference.readings import read_beside
 from femu_piezo.resonances import Resonance
 from femu_piezo.standards.figures import StandardFigures
 from femu_piezo.study.results import Outcome, UpdateResult
@@ -36,6 +37,8 @@ def update_record(result: UpdateResult) -> dict:
             "noise_scale": result.fit.noise_scale,
             "discrepancy": None if result.fit.discrepancy is None else result.fit.discrepancy.sigma,
         }
+        if result.fit.parameters.readings:
+            record["readings"] = read_beside(result.fit)
     if result.provenance is not None:
         record["provenance"] = result.provenance
     if result.known is not None:

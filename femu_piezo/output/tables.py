@@ -12,6 +12,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from femu_piezo.inference.readings import reading_words
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.material.constants import EPS0
 from femu_piezo.output.curves import PRINTED
@@ -87,7 +88,7 @@ def update_table(result: UpdateResult) -> RenderableType:
     ]
     if result.provenance is not None and len(result.outcomes) > 1:
         lines += [f"{name} from {_shares(shares)}" for name, shares in result.provenance.items()]
-    return Group(*parts, text_of([*lines, *told(result.notes)]))
+    return Group(*parts, text_of([*lines, *reading_words(result.fit), *told(result.notes)]))
 
 
 def figures_table(figures: StandardFigures, name: str = "") -> RenderableType:

@@ -22,6 +22,7 @@ from pydantic import ConfigDict, model_validator
 from femu_piezo.errors import InputError
 from femu_piezo.files import read_bytes, write_atomically
 from femu_piezo.specimen.geometry import Geometry as Geometry
+from femu_piezo.specimen.geometry import Mass
 from femu_piezo.specimen.schema import LIST, PAIR, PATH, Table, quantity
 from femu_piezo.units import EPS0, shown
 
@@ -54,6 +55,15 @@ Capacitance = Annotated[float, quantity("F", 0, 1e-3, 'a residue is a capacitanc
 RelativeNoise = Annotated[
     float, quantity("1", 0, 1, 'noise is the relative standard deviation, such as 0.001 or "0.1 %"')
 ]
+ReadCapacitance = Annotated[
+    float, quantity("F", 1e-15, 1e-3, 'the capacitance at 1 kHz is one such as "1.23 nF"; is the unit right?')
+]
+Speed = Annotated[float, quantity("m/s", 100, 20000, 'a sound velocity is one such as "4500 m/s"; is the unit right?')]
+ReadStd = Annotated[
+    float, quantity("1", 1e-6, 1, 'the deviation of a reading is relative, such as 0.01 or "1 %", and not zero')
+]
+#: Readings by name → relative standard deviation where the file says none.
+READ = {"mass": 1e-3, "capacitance": 0.01, "d33": 0.05, "sound_velocity": 0.01}
 Accuracy = Annotated[float, quantity("1", 1e-9, 0.1, "give the relative eigenvalue error, such as 1e-4")]
 
 
@@ -221,6 +231,38 @@ class Measurement(Table):
         return None
 
 
+class Readings(Table):
+    """What other instruments read of the specimen, each with its relative standard deviation (`std_mass`, …).
+
+    mass; capacitance at 1 kHz without the fixture; d33 of a d33 meter; sound_velocity along the poling
+    """
+
+    model_config = ConfigDict(title="readings")
+
+    mass: Mass | None = None
+    capacitance: ReadCapacitance | None = None
+    d33: Charge | None = None
+    sound_velocity: Speed | None = None
+    std_mass: ReadStd | None = None
+    std_capacitance: ReadStd | None = None
+    std_d33: ReadStd | None = None
+    std_sound_velocity: ReadStd | None = None
+
+    @property
+    def given(self) -> dict[str, tuple[float, float]]:
+        """Name → value, SI, and relative standard deviation."""
+        found = {name: (getattr(self, name), getattr(self, f"std_{name}")) for name in READ}
+        return {name: (v, READ[name] if std is None else std) for name, (v, std) in found.items() if v is not None}
+
+    def problem(self) -> str | None:
+        for name in READ:
+            if getattr(self, f"std_{name}") is not None and getattr(self, name) is None:
+                return f"readings.std_{name} has no reading to go with; give readings.{name}, or take it out"
+        if self.d33 == 0:
+            return "readings.d33 = 0 is of a body that is not poled; leave it out"
+        return None
+
+
 class Simulation(Table):
     """Sweep of a simulation. `start` and `stop` in Hz, chosen around the fundamental where absent.
 
@@ -286,6 +328,7 @@ class Specimen(Table):
     geometry: Geometry
     material: Material
     measurement: Measurement | None = None
+    readings: Readings | None = None
     simulation: Simulation | None = None
     update: Update | None = None
     effects: Effects | None = None
@@ -295,6 +338,8 @@ class Specimen(Table):
     def problem(self) -> str | None:
         if not 0 < len(self.name) <= 200 or not self.name.isprintable():
             return f"name = {shown(self.name)} is not a line of 1 to 200 characters; give a short name"
+        if self.geometry.mass is not None and self.readings is not None and self.readings.mass is not None:
+            return "readings.mass and geometry.mass both say how heavy the specimen is; give one of the two"
         for key, value in self.fitted_constants.items():
             if key.removeprefix("tan_") not in CONSTANTS:
                 return f"fitted.material.{key} is no constant; known are {', '.join(CONSTANTS)}, each also with tan_"
@@ -427,7 +472,7 @@ def write_specimen(specimen: Specimen, path: Path | str) -> None:
     """
     path = Path(path)
     lines = [f"name = {_toml(specimen.name)}"]
-    for section in ("geometry", "material", "measurement", "simulation", "update"):
+    for section in ("geometry", "material", "measurement", "readings", "simulation", "update"):
         table = getattr(specimen, section)
         if table is None:
             continue
