@@ -79,7 +79,7 @@ def update_table(result: UpdateResult) -> RenderableType:
         constants.add_row(name, unit, *cells, _share_words(estimate))
     parts = [constants, *(_resonance_table(outcome) for outcome in result.outcomes)]
     for outcome, several in zip(result.outcomes, result.figures, strict=True):
-        parts += [figures_table(one, outcome.measured.problem.specimen.name) for one in several]
+        parts += [figures_lines(one, outcome.measured.problem.specimen.name) for one in several]
     lines = [f"method: {result.method}, {result.iterations} pole-zero iterations; eps33T: {result.permittivity_source}"]
     lines += [
         f"{outcome.measured.problem.specimen.name}: rms |Δ log Z| baseline {100 * outcome.rms_before:.3g} %, updated "
@@ -106,6 +106,15 @@ def figures_table(figures: StandardFigures, name: str = "") -> RenderableType:
         table.add_row(*cells, one.meaning)
     sentences = [figures.formula_words] if figures.formula_words else []
     return Group(table, text_of([*sentences, *told(figures.notes)]))
+
+
+def figures_lines(figures: StandardFigures, name: str) -> RenderableType:
+    """Standard figures in short, and what the formulas get wrong; data sheet, report and JSON have the whole table."""
+    short = ("fs", "fp", "k_eff", "Qm_3dB", "Qm_pole", "C_T", "tan_delta")
+    told_ = [one for one in figures.figures if one.name in short or one.formula_error is not None]
+    words = ", ".join(f"{one.name} {figure_words(one)}" for one in told_)
+    sentences = [figures.formula_words] if figures.formula_words else []
+    return text_of([f"{name}: standard figures: {words}", *sentences])
 
 
 def figure_words(one: Figure, model: bool = False) -> str:
