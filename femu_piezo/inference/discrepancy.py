@@ -146,7 +146,9 @@ _FLOOR = 3.0
 
 
 def noise_level(chi_square: np.ndarray | float, freedom: float, level_std: float) -> np.ndarray | float:
-    """Factor s on the noise: the most probable one, its logarithm known beforehand to `level_std`; for each χ² given.
+    """Factor s on the noise: the most probable one, its logarithm known beforehand to `level_std`.
+
+    chi_square : one, or (m,), each of which has its own factor
 
     Maximises −n log s − χ²/(2 s²) + log p(log s). The prior p is Gaussian near 1. Its tail above is that of Cauchy's
     distribution, since a stated noise may be a mere guess; below it ends at −3 level_std, since what was seen between
@@ -164,7 +166,7 @@ def noise_level(chi_square: np.ndarray | float, freedom: float, level_std: float
 
 
 def log_level_prior(level: np.ndarray | float, level_std: float) -> np.ndarray | float:
-    """log p of the logarithm of a noise level, up to a constant."""
+    """log p of the logarithm of a noise level (one, or an array (m,) of them), up to a constant."""
     return -np.log1p(0.5 * (level / level_std) ** 2)
 
 
@@ -173,6 +175,6 @@ def _log_likelihood(level, chi_square, freedom: float, level_std: float):
 
 
 def profiled(chi_square: np.ndarray | float, freedom: float, level_std: float) -> np.ndarray | float:
-    """log likelihood of a χ² at its most probable noise level, up to a constant; for each χ² given."""
+    """log likelihood of χ² (one, or (m,)) at its most probable noise level, up to a constant."""
     level = np.log(noise_level(chi_square, freedom, level_std))
     return _log_likelihood(level, chi_square, freedom, level_std)
