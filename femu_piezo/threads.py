@@ -13,7 +13,7 @@ import os
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
+from functools import lru_cache, wraps
 from threading import Lock, RLock
 from typing import Any, TypeVar
 
@@ -35,6 +35,17 @@ def blas_limit(threads: int = 1):
     """Context in which every BLAS of the process uses at most so many threads."""
     current = [library.num_threads for library in _blas().lib_controllers]
     return _blas().limit(limits=min([threads, *current]))
+
+
+def with_blas_limit(work: Callable[..., Result]) -> Callable[..., Result]:
+    """The function within `blas_limit`: threads of a BLAS that wait for work take the cores from those that do it."""
+
+    @wraps(work)
+    def limited(*given, **named) -> Result:
+        with blas_limit():
+            return work(*given, **named)
+
+    return limited
 
 
 def available_cores() -> int:

@@ -53,7 +53,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             ),
             terms=(
                 ExtraTerm(
-                    "membrane", "stiffness", partial(electrode_membrane, poisson=_POISSON), _membrane, (0.02 * own,)
+                    "membrane", "stiffness", partial(electrode_membrane, poisson=_POISSON), _membrane, ()
                 ),
                 ExtraTerm("film", "inertia", electrode_film, _mass, (0.02 * heavy,)),
             ),
