@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from femu_piezo.inference.budget import SOURCES, groups
+from femu_piezo.inference.fit import precision_inverse
 from femu_piezo.inference.unknowns import Unknowns
 
 #: Share of a tolerance at which what it is about counts as exactly known.
@@ -23,9 +24,7 @@ EXACT = 1e-6
 
 def expected_covariance(jacobian: np.ndarray, prior_std: np.ndarray) -> np.ndarray:
     """H^-1 (n_x, n_x) of a whitened Jacobian (2k, n_x) and prior standard deviations (n_x,)."""
-    rows = np.concatenate([jacobian * prior_std, np.eye(prior_std.size)])
-    inverse = np.linalg.inv(np.linalg.qr(rows, mode="r"))
-    return (inverse @ inverse.T) * np.outer(prior_std, prior_std)
+    return precision_inverse(np.concatenate([jacobian, np.diag(1 / prior_std)]), prior_std)
 
 
 def expected_std(jacobian: np.ndarray, prior_std: np.ndarray) -> np.ndarray:
