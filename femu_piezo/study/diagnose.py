@@ -221,7 +221,7 @@ def diagnose(
     verdict = judge(comparison, frequency)
     sweeps = tuple(
         DiagnosedSweep(
-            specimen=one.measured.problem.specimen,
+            specimen=one.problem.specimen,
             name=one.name,
             spectrum=one.measured.spectrum,
             fitted=one.fitted,
@@ -243,7 +243,7 @@ def diagnose(
         reduced_size=sum(model.size for model in posterior.models),
         notes=(
             *(note for one in several for note in one.measured.spectrum.notes),
-            *(note for one in several for note in electrode_notes(one.measured.problem.specimen)),
+            *(note for one in several for note in electrode_notes(one.problem.specimen)),
             *_accuracy_notes(several),
         ),
         seconds={step: round(value, 3) for step, value in clock.seconds.items()},
