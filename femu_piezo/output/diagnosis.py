@@ -11,7 +11,7 @@ from femu_piezo.diagnosis.selection import Comparison
 from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.readings import read_beside
-from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
+from femu_piezo.output.curves import BASELINE, GRID, MEASURED, UPDATED, frequency_axis
 from femu_piezo.output.picture import Picture
 from femu_piezo.study.diagnose import DiagnosedSweep, Diagnosis
 
@@ -178,5 +178,5 @@ def diagnosis_figure(result: Diagnosis) -> Figure:
     before.legend(frameon=False, fontsize=9, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderpad=0.1)
     after.set_xlabel(label)
     for axes in (magnitude, before, after):
-        axes.grid(True, color="#e6e6e6", linewidth=0.6)
+        axes.grid(True, **GRID)
     return figure
