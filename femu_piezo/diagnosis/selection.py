@@ -25,8 +25,8 @@ from femu_piezo.diagnosis.starts import Start, promises_together, start_together
 from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.fit import CLOSE, COARSE, RANKED, Fit, fit, with_discrepancy
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import blas_limit, in_parallel
 
 #: Pairs of causes that are fitted, of all that linearisation ranks.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ MAX_DAMPING = 1e6  # a step this short that still does not lower the misfit: it 
 
 
 @dataclass(frozen=True)
-class SweepData:
+class NormalisedSweep:
     """A sweep in the variables of the fit.
 
     Attributes
@@ -34,7 +34,7 @@ class SweepData:
     weight: np.ndarray
 
     @classmethod
-    def of(cls, omega: np.ndarray, admittance: np.ndarray, weight: np.ndarray) -> SweepData:
+    def of(cls, omega: np.ndarray, admittance: np.ndarray, weight: np.ndarray) -> NormalisedSweep:
         """Normalise Y (n,) S over ω (n,) rad/s; `scale` carries the sign of the conductance."""
         axis = FrequencyAxis.of(omega)
         charge = admittance / (1j * omega)
@@ -44,6 +44,11 @@ class SweepData:
 
     def __len__(self) -> int:
         return self.x.size
+
+    def thinned(self, most: int) -> NormalisedSweep:
+        """At most so many points, evenly over all."""
+        keep = np.unique(np.linspace(0, len(self) - 1, min(len(self), most)).astype(int))
+        return replace(self, x=self.x[keep], charge=self.charge[keep], weight=self.weight[keep])
 
 
 @dataclass(frozen=True)
@@ -72,7 +77,7 @@ class Fit:
         return float(np.sqrt(2 * self.misfit / self.degrees_of_freedom))
 
 
-def residual(model: RationalModel, data: SweepData) -> np.ndarray:
+def residual(model: RationalModel, data: NormalisedSweep) -> np.ndarray:
     """(n,) complex weight · (Z_data/Z_model − 1) = weight · (charge_model/charge_data − 1).
 
     To first order in the noise the relative errors of Z and of Y = 1/Z are the same, so one residual serves
@@ -81,7 +86,7 @@ def residual(model: RationalModel, data: SweepData) -> np.ndarray:
     return data.weight * (model.charge(data.x) / data.charge - 1)
 
 
-def fit(model: RationalModel, data: SweepData, tolerance: float = 1e-5, max_steps: int = 60) -> Fit:
+def fit(model: RationalModel, data: NormalisedSweep, tolerance: float = 1e-5, max_steps: int = 60) -> Fit:
     """Levenberg-Marquardt over all parameters with the exact Jacobian, in complex arithmetic.
 
     The model is holomorphic in its complex parameters, so the complex Gauss-Newton step −(JᴴJ + μD²)⁻¹Jᴴr is the
@@ -93,8 +98,8 @@ def fit(model: RationalModel, data: SweepData, tolerance: float = 1e-5, max_step
     r = residual(model, data)
     cost, damping = _power(r), 1e-3
     for _ in range(max_steps):
-        q, upper = np.linalg.qr(row * model.jacobian(data.x))
-        target = -(q.conj().T @ r)
+        triangle = np.linalg.qr(np.column_stack([row * model.jacobian(data.x), r]), mode="r")
+        upper, target = triangle[: model.size, : model.size], -triangle[: model.size, model.size]
         lower = np.diag(np.linalg.norm(upper, axis=0))
         while damping < MAX_DAMPING:
             system = np.vstack([upper, np.sqrt(damping) * lower])
@@ -116,7 +121,7 @@ def _power(r: np.ndarray) -> float:
     return float(np.vdot(r, r).real)
 
 
-def solve_linear(model: RationalModel, data: SweepData) -> Fit:
+def solve_linear(model: RationalModel, data: NormalisedSweep) -> Fit:
     """Residues and background by linear least squares, poles held."""
     m = model.poles.size
     columns = (data.weight / data.charge)[:, None] * model.jacobian(data.x)[:, m:]
@@ -124,19 +129,20 @@ def solve_linear(model: RationalModel, data: SweepData) -> Fit:
     return _as_fit(model.with_parameters(np.concatenate([model.poles, linear])), data)
 
 
-def correlation(residual: np.ndarray) -> tuple[complex, float]:
-    """First-order autoregression of a residual (n,): φ by Burg (1967), |φ| ≤ 1, and the innovation.
-
-    φ = 2 Σ r_i r*_{i−1} / Σ (|r_i|² + |r_{i−1}|²). The innovation Σ|r_i − φ r_{i−1}|² is scaled by n/(n − 1) to
-    stand beside Σ|r_i|².
-    """
+def correlation(residual: np.ndarray) -> complex:
+    """φ of neighbouring residuals (n,) by Burg (1967): 2 Σ r_i r*_{i−1} / Σ (|r_i|² + |r_{i−1}|²), |φ| ≤ 1."""
     before, after = residual[:-1], residual[1:]
     power = float(np.sum(np.abs(before) ** 2 + np.abs(after) ** 2))
-    phi = complex(2 * np.sum(after * before.conj()) / power) if power > 0 else 0j
-    innovation = float(np.sum(np.abs(after - phi * before) ** 2))
-    return phi, innovation * residual.size / (residual.size - 1)
+    return complex(2 * np.sum(after * before.conj()) / power) if power > 0 else 0j
 
 
-def _as_fit(model: RationalModel, data: SweepData) -> Fit:
+def is_correlated(result: Fit, data: NormalisedSweep) -> bool:
+    """Whether neighbouring residuals are correlated beyond chance (1 in 10 000 white residuals) and rounding."""
+    phi = correlation(result.residual)
+    relative = np.linalg.norm(result.residual) / np.linalg.norm(data.weight)
+    return bool(relative > 10 * ROUNDING and abs(phi) ** 2 * result.residual.size > np.log(1e4))
+
+
+def _as_fit(model: RationalModel, data: NormalisedSweep) -> Fit:
     r = residual(model, data)
     return Fit(model, r, float(np.sum(np.abs(r) ** 2)))

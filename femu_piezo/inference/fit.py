@@ -21,11 +21,11 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from femu_piezo.errors import ConvergenceError
-from femu_piezo.inference.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, noise_level
 from femu_piezo.inference.laws import law_misses
 from femu_piezo.inference.passivity import wall_and_readings
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, noise_level
+from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import blas_limit
 
 #: Distance to a bound, relative to its range, that a start keeps.

@@ -16,8 +16,8 @@ from femu_piezo.inference.budget import estimates_of
 from femu_piezo.inference.ensemble import Ensemble
 from femu_piezo.inference.expectation import EXACT, expected_budget, expected_std
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import Estimate, MaterialParameters, Unknowns
+from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Measurement
 from femu_piezo.study.effects import effect_context
 from femu_piezo.study.problem import Problem

@@ -19,9 +19,9 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.identifiability import Identifiability, identifiability
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.sensitivity import Sensitivity
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import TANGENT, FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM
+from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.expectation import Expectation, expect, planned
 from femu_piezo.study.problem import Problem, prepare

@@ -12,9 +12,9 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.inference.ensemble import Ensemble, own_parameters
 from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import FreeConstants, Unknowns
 from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Update
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.progress import Clock
