@@ -11,7 +11,7 @@ from femu_piezo.extraction.model import RationalModel
 from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, matern, profiled
 from femu_piezo.measurement.sweeps import SweepData, stacked
 
-LENGTHS = (1 / 4, 1 / 12, 1 / 40, 1 / 120)  # correlation lengths of systematic errors that compete, shares of the sweep
+LENGTHS = (1 / 4, 1 / 12, 1 / 40)  # correlation lengths of systematic errors that compete, shares of the sweep
 SHARES = (0.0, 1.0)  # of errors of frequency in them: none, or nothing else
 
 

@@ -25,6 +25,7 @@ class NormalisedSweep:
     scale : farad; negative where most readings have a negative conductance (reversed terminals)
     weight : (n,) 1/(relative standard deviation of the complex impedance); only its shape matters for the
         search, its size for the covariance
+    least : rms residual in units of `weight` below which it is evidence for nothing
     """
 
     axis: FrequencyAxis
@@ -32,18 +33,29 @@ class NormalisedSweep:
     charge: np.ndarray
     scale: float
     weight: np.ndarray
+    least: float = 0.0
 
     @classmethod
-    def of(cls, omega: np.ndarray, admittance: np.ndarray, weight: np.ndarray) -> NormalisedSweep:
+    def of(cls, omega: np.ndarray, admittance: np.ndarray, weight: np.ndarray, least: float = 0.0) -> NormalisedSweep:
         """Normalise Y (n,) S over ω (n,) rad/s; `scale` carries the sign of the conductance."""
         axis = FrequencyAxis.of(omega)
         charge = admittance / (1j * omega)
         sign = -1.0 if np.median(admittance.real) < 0 else 1.0
         scale = float(np.median(np.abs(charge)) * sign)
-        return cls(axis, axis.x(omega), charge / scale, scale, np.asarray(weight, float))
+        return cls(axis, axis.x(omega), charge / scale, scale, np.asarray(weight, float), least)
 
     def __len__(self) -> int:
         return self.x.size
+
+    @property
+    def negligible(self) -> float:
+        """Σ|residual|² that is rounding or far below the noise."""
+        return max(self.rounding, self.least**2 * len(self))
+
+    @property
+    def rounding(self) -> float:
+        """Σ|residual|² that rounding leaves."""
+        return ROUNDING**2 * float(np.sum(self.weight**2))
 
     def thinned(self, most: int) -> NormalisedSweep:
         """At most so many points, evenly over all."""
@@ -137,10 +149,9 @@ def correlation(residual: np.ndarray) -> complex:
 
 
 def is_correlated(result: Fit, data: NormalisedSweep) -> bool:
-    """Whether neighbouring residuals are correlated beyond chance (1 in 10 000 white residuals) and rounding."""
-    phi = correlation(result.residual)
-    relative = np.linalg.norm(result.residual) / np.linalg.norm(data.weight)
-    return bool(relative > 10 * ROUNDING and abs(phi) ** 2 * result.residual.size > np.log(1e4))
+    """Whether neighbouring residuals are correlated beyond chance (1 in 10 000 white residuals) and not negligible."""
+    phi, size = correlation(result.residual), result.residual.size
+    return bool(result.misfit > max(100 * data.rounding, data.negligible) and abs(phi) ** 2 * size > np.log(1e4))
 
 
 def _as_fit(model: RationalModel, data: NormalisedSweep) -> Fit:

@@ -12,6 +12,7 @@ from femu_piezo.extraction.order import Candidate, evidence, search, widen
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 GUARD_DEGREES = 2  # background beyond the evidence: an omitted degree biases, an idle one costs 3 % of σ
+FAR_BELOW = 0.1  # of a noise that is given: a smaller residual, of a computed curve, is no evidence for modes
 FEW_POINTS = 200  # below, one sweep hardly tells relative from additive noise: both are tried as a start
 
 
@@ -39,7 +40,7 @@ def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int) -> Estimate:
     """
     given = weight_of_file(sweep)
     weight = np.ones(len(sweep)) if given is None else given
-    data = NormalisedSweep.of(sweep.omega, sweep.admittance, weight)
+    data = NormalisedSweep.of(sweep.omega, sweep.admittance, weight, 0.0 if given is None else FAR_BELOW)
     first = search(data, max_modes)
     best, tried, way = first.best, first.tried, first.way
     if given is None:

@@ -93,18 +93,19 @@ def find_systematic(systematic: Discrepancy | None, error: np.ndarray, sweep: Sw
     ----------
     error : (n,) relative errors of the fitted Z;  sweep : its points, with the noise that neighbours show
     """
-    if systematic is None:
+    if systematic is None or not systematic.probable:
         return []
-    size, noise = float(np.sqrt(np.mean(np.abs(error) ** 2))), float(np.median(sweep.relative_noise)) * systematic.level
+    noise = float(np.median(sweep.relative_noise)) * systematic.level
     bands = np.array_split(np.arange(error.size), BANDS)
     power = np.array([np.mean(np.abs(error[band]) ** 2) for band in bands])
     low, high = sweep.frequency[bands[int(np.argmax(power))][[0, -1]]]
     return [
         Finding(
             "correlated_residual",
-            f"the best passive linear body misses the sweep by {100 * size:.2g} %, alike at neighbouring points, where "
-            f"its noise is {100 * noise:.2g} %; most of it between {_hertz(low)} and {_hertz(high)} Hz: drive level, "
-            "drift, a moving contact, the instrument, or modes too close to be told; standard deviations allow for it",
+            f"the best passive linear body misses the sweep by {100 * systematic.sigma:.2g} %, alike at neighbouring "
+            f"points, beside its noise of {100 * noise:.2g} %; most of it between {_hertz(low)} and {_hertz(high)} Hz: "
+            "drive level, drift, a moving contact, the instrument, or modes too close to be told; standard deviations "
+            "allow for it",
         )
     ]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from femu_piezo.extraction.covariance import fisher_spread
-from femu_piezo.extraction.fit import ROUNDING, Fit, NormalisedSweep, fit, is_correlated, solve_linear
+from femu_piezo.extraction.fit import Fit, NormalisedSweep, fit, is_correlated, solve_linear
 from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.vector_fitting import DEGREE, relocated_poles
 
@@ -48,16 +48,15 @@ def evidence(result: Fit, data: NormalisedSweep) -> float:
     N = 2n real data, k real parameters, S = Σ|r|²: −2 ln of the likelihood of the relative errors with the noise level
     profiled out, plus Schwarz's penalty with the small-sample factor of Hurvich and Tsai (1989).
     Here r = weight · ln(charge_model/charge_data), whose noise is the same however wrong the model is.
-    Rounding of double precision counts as noise.
+    Rounding of double precision counts as noise, and so does what is far below a noise that is given.
     """
     n, k = len(data), 2 * result.model.size
     if k + 1 >= 2 * n:
         return np.inf
     r = data.weight * np.log(result.model.charge(data.x) / data.charge)
-    floor = ROUNDING**2 * float(np.sum(data.weight**2))
     shape = 2 * float(np.sum(np.log(data.weight**2)))
     misfit = float(np.sum(np.abs(r) ** 2))
-    return 2 * n * np.log((misfit + floor) / n) + k * np.log(2 * n) * 2 * n / (2 * n - k - 1) - shape
+    return 2 * n * np.log((misfit + data.negligible) / n) + k * np.log(2 * n) * 2 * n / (2 * n - k - 1) - shape
 
 
 def is_passive(model: RationalModel) -> bool:

@@ -97,11 +97,13 @@ def resonances(model: RationalModel, spread: Spread, band: tuple[float, float], 
     ----------
     spread : second moments of the errors of the model parameters
     band : lowest and highest frequency of the sweep, Hz
-    systematic : whether the fit leaves more than noise: poles that show as one peak are then told as one, since such an
-        error splits them as well
+    systematic : whether the fit leaves more than noise: poles that show as one peak are then told as one, without the
+        zeros between them, since such an error splits them as well
     """
-    poles = _merged_poles(model) if systematic else [[m] for m in range(model.poles.size)]
-    physical = [root for root in [_pole(model, own) for own in poles] + _zeros(model) if _is_physical(root, model)]
+    groups = _merged_poles(model) if systematic else [[m] for m in range(model.poles.size)]
+    spans = [np.sort(model.axis.eigenvalue(model.poles[own]).real)[[0, -1]] for own in groups]
+    zeros = [one for one in _zeros(model) if not any(low < one.eigenvalue.real < high for low, high in spans)]
+    physical = [root for root in [_pole(model, own) for own in groups] + zeros if _is_physical(root, model)]
     sound = [root for root in physical if _is_settled(root, spread)]
     every = _interlaced([r for r in physical if band[0] <= _frequency(r) <= band[1]])
     inside = [r for r in every if r in sound]

@@ -59,14 +59,14 @@ def test_sample_of_the_4294a(measured_folder):
 def test_thickness_mode_among_lateral_overtones(measured_folder):
     """Resonances and antiresonances that anyone sees in the curves (README), with intervals, and what is left over."""
     found = extract(read_spectrum(measured_folder / "e4990a_thickness_mode.csv"))
-    for seen, group in (
-        ((958.5e3, 994.0e3, 1012e3, 1057e3), found.resonances.poles),
-        ((959e3, 1009e3, 1047e3, 1097e3), found.resonances.zeros),
-    ):
+    poles = [*found.resonances.poles, *(r for r in found.doubtful if r.kind == "pole")]
+    zeros = [*found.resonances.zeros, *(r for r in found.doubtful if r.kind == "zero")]
+    for seen, group in (((958.5e3, 994.0e3, 1012e3, 1057e3), poles), ((959e3, 1009e3, 1047e3, 1097e3), zeros)):
         for one in seen:
             near = min(group, key=lambda r, one=one: abs(r.frequency_Hz - one))
-            assert abs(near.frequency_Hz - one) < 500 + 3 * near.std_Hz  # read off to half a kilohertz
-    assert len(found.resonances.poles) == 4
-    assert len(found.resonances.zeros) <= 5
+            assert abs(near.frequency_Hz - one) < 500 + 2 * near.std_Hz  # read off to half a kilohertz
+    assert len(poles) == 4
+    assert len(zeros) == 4
+    assert len(found.resonances.poles) >= 3
     assert found.status == "correlated_residual"
     assert " Hz: drive level" in found.notes[0]
