@@ -15,7 +15,7 @@ from femu_piezo.diagnosis.verdict import Verdict, judge
 from femu_piezo.diagnosis.whiteness import remaining
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.library import FREE, REFERENCE, Maker
-from femu_piezo.extraction import extract
+from femu_piezo.extraction import Extraction, extract
 from femu_piezo.extraction.linear_body import linear_body_misfit
 from femu_piezo.inference.budget import constants_of
 from femu_piezo.inference.fit import Fit
@@ -55,6 +55,7 @@ class DiagnosedSweep:
     curves : Z of base and final model over the whole sweep
     reference_Hz : where laws over frequency are anchored
     mesh : what the mesh of its model is, and its error, in words
+    extraction : of the whole sweep, where it is known already
     """
 
     specimen: Specimen
@@ -65,11 +66,12 @@ class DiagnosedSweep:
     curves: tuple[np.ndarray, np.ndarray]
     reference_Hz: float
     mesh: str = ""
+    extraction: Extraction | None = None
 
     @cached_property
     def pole_zero(self) -> tuple[PoleZeroResiduals, PoleZeroResiduals]:
         """Base and final model against the poles and zeros of the whole sweep, held-out band included."""
-        measured = extract(self.spectrum)
+        measured = self.extraction or extract(self.spectrum)
         base = pole_zero_residuals(measured, self.relative_noise, self.curves[0])
         if np.array_equal(*self.curves):
             return base, base
@@ -229,6 +231,7 @@ def diagnose(
             curves=(posterior.curve(index, comparison.base), posterior.curve(index, comparison.final)),
             reference_Hz=one.context.fundamental_Hz,
             mesh=mesh_words(posterior.full[index], posterior.models[index]),
+            extraction=one.measured.extraction if np.all(one.fitted) else None,
         )
         for index, one in enumerate(several)
     )
