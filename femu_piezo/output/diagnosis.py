@@ -31,7 +31,14 @@ def diagnosis_record(result: Diagnosis) -> dict:
             "after": {name: e.to_json() for name, e in result.constants(comparison.final).items()},
         },
         **_pole_zero(result.sweeps[result.shown]),
-        "sweeps": [{"specimen": sweep.specimen.name, **_pole_zero(sweep)} for sweep in result.sweeps],
+        "sweeps": [
+            {
+                "specimen": sweep.specimen.name,
+                **_pole_zero(sweep),
+                "standard_figures": [one.to_json() for one in sweep.figures],
+            }
+            for sweep in result.sweeps
+        ],
         "recommended_measurements": list(verdict.measurements),
         "separations": [asdict(one) for one in result.separations],
         "remaining": {
