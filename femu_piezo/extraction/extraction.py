@@ -9,7 +9,7 @@ import numpy as np
 
 from femu_piezo.errors import InputError
 from femu_piezo.extraction.covariance import fisher_spread, systematic_error, systematic_spread
-from femu_piezo.extraction.fit import ROUNDING, Fit, NormalisedSweep, fit, solve_linear
+from femu_piezo.extraction.fit import ROUNDING, Fit, NormalisedSweep, refit, solve_linear
 from femu_piezo.extraction.likelihood import maximum_likelihood, noise_of
 from femu_piezo.extraction.limitations import (
     Finding,
@@ -76,22 +76,22 @@ def _extract(spectrum: ImpedanceSpectrum, max_modes: int | None, method: Method)
     band = (float(spectrum.frequency[0]), float(spectrum.frequency[-1]))
     if method == "prony_ss":
         roots, result, data = _prony_ss(sweep)
-        noise, tried, reported, misses = noise_of(result, sweep), (), None, []
+        noise, tried, reported = noise_of(result, sweep), (), None
     else:
         estimate = maximum_likelihood(sweep, MAX_MODES if max_modes is None else max_modes)
         result, data, noise, tried = estimate.fit, estimate.data, estimate.noise, estimate.orders
         scale = result.scale if noise.origin == "residual" else _inflation(result, findings)
         reported = fisher_spread(result.model, data, scale)
-        misses = []
         if estimate.is_systematic:
             points = _points(sweep)
             result, left = _most_probable((*estimate.way, result), data, points)
             reported = systematic_spread(result.model, data, points, left)
             noise = noise if noise.origin == "file" else replace(noise, relative=result.scale)
-            misses = find_systematic(left, result.residual / data.weight, points)
+            findings += find_systematic(left, result.residual / data.weight, points)
         roots = resonances(result.model, reported, band, systematic=estimate.is_systematic)
-    findings += [*misses, *find_reversed(data), *find_missing(roots, spectrum), *find_doubtful(roots)]
-    findings = gravest_first(findings)
+    findings = gravest_first(
+        findings + find_reversed(data) + find_missing(roots, spectrum) + find_doubtful(roots)
+    )
     impedance = 1 / result.model.admittance(spectrum.omega)
     residual = np.full(n, complex("nan+nanj"))
     sigma = sweep.noise if noise.origin == "file" else noise.std(impedance[used])
@@ -116,9 +116,7 @@ def _extract(spectrum: ImpedanceSpectrum, max_modes: int | None, method: Method)
     )
 
 
-def _most_probable(
-    fits: Sequence[Fit], data: NormalisedSweep, points: SweepData
-) -> tuple[Fit, Discrepancy]:
+def _most_probable(fits: Sequence[Fit], data: NormalisedSweep, points: SweepData) -> tuple[Fit, Discrepancy]:
     """The fit of most evidence beside a systematic error of the sweep, and this error.
 
     How many modes there are is decided by the closest fits of each order; of that many the closest is taken, since an
@@ -131,16 +129,16 @@ def _most_probable(
     passive = sorted((one for one in fits if is_passive(one.model)), key=lambda one: one.misfit)
     near = [one for one in passive if one.misfit < CLOSE**2 * passive[0].misfit]
     orders = {(one.model.poles.size, one.model.background.size): one for one in near[::-1]}
-    modes = min((judged(one) for one in orders.values()), key=lambda one: one[2])[0].model.poles.size
-    best, error, level = judged(next(one for one in near if one.model.poles.size == modes))
+    each = [judged(one) for one in orders.values()]
+    modes = min(each, key=lambda one: one[2])[0].model.poles.size
+    best, error, level = min((one for one in each if one[0].model.poles.size == modes), key=lambda one: one[0].misfit)
     while True:
         spread = systematic_spread(best.model, data, points, error)
         fewer = [without(best.model, mode) for mode in unsettled_modes(best.model, spread)]
-        rivals = [judged(fit(solve_linear(model, data).model, data)) for model in fewer]
-        rivals = [one for one in rivals if one[2] < level]
-        if not rivals:
+        rival = min((judged(refit(model, data)) for model in fewer), key=lambda one: one[2], default=None)
+        if rival is None or rival[2] >= level:
             return best, error
-        best, error, level = min(rivals, key=lambda one: one[2])
+        best, error, level = rival
 
 
 def _points(sweep: ImpedanceSpectrum) -> SweepData:

@@ -13,6 +13,11 @@ ROUNDING = 1e-10
 MAX_DAMPING = 1e6  # a step this short that still does not lower the misfit: it is at its minimum
 
 
+def evenly(count: int, most: int) -> np.ndarray:
+    """(m,) places of at most so many points, evenly over `count`."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
+
+
 @dataclass(frozen=True)
 class NormalisedSweep:
     """A sweep in the variables of the fit.
@@ -59,7 +64,7 @@ class NormalisedSweep:
 
     def thinned(self, most: int) -> NormalisedSweep:
         """At most so many points, evenly over all."""
-        keep = np.unique(np.linspace(0, len(self) - 1, min(len(self), most)).astype(int))
+        keep = evenly(len(self), most)
         return replace(self, x=self.x[keep], charge=self.charge[keep], weight=self.weight[keep])
 
 
@@ -139,6 +144,12 @@ def solve_linear(model: RationalModel, data: NormalisedSweep) -> Fit:
     columns = (data.weight / data.charge)[:, None] * model.jacobian(data.x)[:, m:]
     linear = np.linalg.lstsq(columns, data.weight.astype(complex), rcond=None)[0]
     return _as_fit(model.with_parameters(np.concatenate([model.poles, linear])), data)
+
+
+def refit(model: RationalModel, data: NormalisedSweep, tolerance: float = 1e-5, max_steps: int = 60) -> Fit:
+    """The fit from the poles of a model alone; what is linear is solved for first."""
+    linear = solve_linear(model, data)
+    return fit(linear.model, data, tolerance, max_steps) if model.poles.size else linear
 
 
 def correlation(residual: np.ndarray) -> complex:

@@ -86,14 +86,14 @@ def find_clipping(spectrum: ImpedanceSpectrum) -> tuple[np.ndarray, list[Finding
     return clipped, findings
 
 
-def find_systematic(systematic: Discrepancy | None, error: np.ndarray, sweep: SweepData) -> list[Finding]:
+def find_systematic(systematic: Discrepancy, error: np.ndarray, sweep: SweepData) -> list[Finding]:
     """Something smooth in frequency that no passive linear body with the resonances found leaves, and where most of it.
 
     Parameters
     ----------
     error : (n,) relative errors of the fitted Z;  sweep : its points, with the noise that neighbours show
     """
-    if systematic is None or not systematic.probable:
+    if not systematic.probable:
         return []
     noise = float(np.median(sweep.relative_noise)) * systematic.level
     bands = np.array_split(np.arange(error.size), BANDS)
@@ -147,7 +147,7 @@ def find_missing(roots: Roots, spectrum: ImpedanceSpectrum) -> list[Finding]:
         return [
             Finding(
                 "no_resonance",
-                f"no resonance between {low:.6g} and {high:.6g} Hz stands out of the noise; "
+                f"no resonance between {_hertz(low)} and {_hertz(high)} Hz stands out of the noise; "
                 "measure another band, or average more",
             )
         ]
@@ -161,8 +161,8 @@ def find_missing(roots: Roots, spectrum: ImpedanceSpectrum) -> list[Finding]:
 
 def _outside(word: str, kind: str, roots: Roots, end: float) -> str:
     far = [r for r in roots.outside if r.kind == kind]
-    guess = f"; extrapolated to {far[0].frequency_Hz:.6g} Hz, not to be relied on" if far else ""
-    return f"a mode has its {word} ({kind}) outside the sweep, beyond {end:.6g} Hz{guess}; widen the sweep"
+    guess = f"; extrapolated to {_hertz(far[0].frequency_Hz)} Hz, not to be relied on" if far else ""
+    return f"a mode has its {word} ({kind}) outside the sweep, beyond {_hertz(end)} Hz{guess}; widen the sweep"
 
 
 def _hertz(frequency: float) -> str:

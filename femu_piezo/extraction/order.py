@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
 from femu_piezo.extraction.covariance import fisher_spread
-from femu_piezo.extraction.fit import Fit, NormalisedSweep, fit, is_correlated, solve_linear
+from femu_piezo.extraction.fit import Fit, NormalisedSweep, evenly, is_correlated, refit
 from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.vector_fitting import DEGREE, relocated_poles
 
@@ -108,10 +109,10 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
     if start is None and len(data) > MANY_POINTS:
         few = search(data.thinned(MANY_POINTS), max_modes)
         start, tried = few.best.model, list(few.tried)
-        way = [_refit(one.model, data) for one in few.way]
+        way = [refit(one.model, data) for one in few.way]
     nothing = np.zeros(0, complex)
     first = start or RationalModel(data.axis, data.scale, nothing, nothing, np.zeros(2, complex))
-    best = _grown(_record(_refit(first, data), data, tried), data, max_modes, tried, way)
+    best = _grown(_record(refit(first, data), data, tried), data, max_modes, tried, way)
     for count in CROWDS if start is None else ():
         if not is_correlated(best, data) or 2 * count + DEGREE + 1 >= len(data) or count > 2 * max_modes:
             break
@@ -151,7 +152,11 @@ def _crowd(data: NormalisedSweep, count: int, max_modes: int) -> Fit | None:
 
 def _roughly(model: RationalModel, data: NormalisedSweep) -> Fit:
     """A fit for the sake of a decision that others follow."""
-    return fit(solve_linear(model, data).model, data, tolerance=1e-2, max_steps=6)
+    return refit(model, data, tolerance=1e-2, max_steps=6)
+
+
+def _with_pole(model: RationalModel, pole: complex) -> RationalModel:
+    return replace(model, poles=np.append(model.poles, pole), residues=np.append(model.residues, 0j))
 
 
 def without(model: RationalModel, mode: int) -> RationalModel:
@@ -168,23 +173,21 @@ def _moves(current: Fit, data: NormalisedSweep, max_modes: int) -> list[Fit]:
     model, n = current.model, len(data)
     out = []
     if model.poles.size < max_modes and model.size + 2 < n:
-        grown = (fit(_with_pole(current, z, data), data) for z in _likely_poles(current, data))
-        out += [next((f for f in grown if is_passive(f.model)), current)]
+        grown = (refit(_with_pole(model, z), data) for z in _likely_poles(current, data))
+        out += islice((f for f in grown if is_passive(f.model)), 1)
     for extra in (1, 2, 3):
         if model.background.size - 1 + extra <= MAX_BACKGROUND and model.size + extra < n:
-            out.append(_refit(widen(model, extra), data))
-    return [f for f in out if f is not current and is_passive(f.model)]
+            out.append(refit(widen(model, extra), data))
+    return [f for f in out if is_passive(f.model)]
 
 
 def _prune(best: Fit, data: NormalisedSweep, tried: list[Candidate]) -> Fit:
     while True:
         model = best.model
-        fewer = [
-            without(model, int(m)) for m in np.flatnonzero(_significance(best, data) < KEEP_SIGMA)
-        ]
+        fewer = [without(model, int(m)) for m in np.flatnonzero(_significance(best, data) < KEEP_SIGMA)]
         if model.background.size > 1:
             fewer.append(replace(model, background=model.background[:-1]))
-        trials = [_record(_refit(m, data), data, tried) for m in fewer]
+        trials = [_record(refit(m, data), data, tried) for m in fewer]
         trials = [f for f in trials if is_passive(f.model)]
         top = min(trials, key=lambda f: evidence(f, data), default=best)
         if evidence(top, data) >= evidence(best, data):
@@ -199,18 +202,6 @@ def _significance(result: Fit, data: NormalisedSweep) -> np.ndarray:
     return np.abs(result.model.residues) / np.linalg.norm(factor[m : 2 * m], axis=1)
 
 
-def _refit(model: RationalModel, data: NormalisedSweep) -> Fit:
-    linear = solve_linear(model, data)
-    return fit(linear.model, data) if model.poles.size else linear
-
-
-def _with_pole(current: Fit, pole: complex, data: NormalisedSweep) -> RationalModel:
-    """The model with one more pole, its residue by least squares."""
-    model = current.model
-    grown = replace(model, poles=np.append(model.poles, pole), residues=np.append(model.residues, 0j))
-    return solve_linear(grown, data).model
-
-
 def _likely_poles(current: Fit, data: NormalisedSweep) -> list[complex]:
     """Up to `PLACES` places for one more pole, where the linearised misfit drops most first (a score scan).
 
@@ -218,7 +209,7 @@ def _likely_poles(current: Fit, data: NormalisedSweep) -> list[complex]:
     the complement of what the current model can already follow. A place is the best of those nearer than its width.
     """
     model = current.model
-    pick = np.unique(np.linspace(0, len(data) - 1, min(len(data), MAX_SCAN_POINTS)).astype(int))
+    pick = evenly(len(data), MAX_SCAN_POINTS)
     x, row = data.x[pick], (data.weight / data.charge)[pick]
     basis, _ = np.linalg.qr(row[:, None] * model.jacobian(x))
     r = current.residual[pick]
