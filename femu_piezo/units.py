@@ -48,6 +48,7 @@ _UNITS = (
     f"vacuum_permittivity = {EPS0!r} * farad / meter = eps0",
     "percent = 0.01 = %",
     "radian = [] = rad",
+    "kelvin = [temperature] = K",
     "degree = 0.017453292519943295 * radian = deg = °",
 )
 _NAMES = (
@@ -85,6 +86,7 @@ _EXAMPLES = {
     "F": '"0.1 pF"',
     "rad": '"0.8 mrad"',
     "kg": '"1.580 g"',
+    "V": '"0.5 V"',
     "1": '0.01 or "1 %"',
 }
 
@@ -185,3 +187,36 @@ def shown(value: object) -> str:
         return f"an integer of {value.bit_length()} bits"
     text = f'"{value}"' if isinstance(value, str) and value.isprintable() else repr(value)
     return text if len(text) <= 60 else text[:57] + "…"
+
+
+#: °C that a specimen may have, and 0 °C in K.
+_TEMPERATURES, _ZERO_CELSIUS = (-273.0, 1000.0), 273.15
+_TEMPERATURE = re.compile(rf"({_NUMBER.pattern})\s*(°C|degC|C|K)")
+
+
+def parse_temperature(value: object, where: str) -> float:
+    """A temperature, °C: a plain number in °C, or a string such as "25 °C", "25 degC" or "298 K".
+
+    where : file and key, for the error message
+
+    Raises
+    ------
+    InputError : no number, another unit, or beyond what a specimen can have
+
+    >>> parse_temperature("300 K", "plate.toml: sweep.temperature")
+    26.85
+    """
+    right = 'give a number in °C or a string such as "25 °C"'
+    number, unit = value, "°C"
+    if isinstance(value, str):
+        found = _TEMPERATURE.fullmatch(value.strip())
+        if found is None:
+            raise InputError(f"{where}: {shown(value)} is not a temperature; {right}")
+        number, unit = float(found[1]), found[2]
+    if isinstance(number, bool) or not isinstance(number, (int, float)):
+        raise InputError(f"{where}: {shown(value)} is not a temperature; {right}")
+    celsius = round(number - _ZERO_CELSIUS, 9) if unit == "K" else float(number)
+    if not _TEMPERATURES[0] <= celsius <= _TEMPERATURES[1]:
+        low, high = _TEMPERATURES
+        raise InputError(f"{where}: {shown(value)} is outside {low:g} … {high:g} °C; {right}")
+    return celsius

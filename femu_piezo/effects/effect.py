@@ -160,6 +160,8 @@ class Effect:
     onset : terms whose slopes in the size hold at size zero, where those of `local` do not
     outward : place of the circuit or acquisition on the way from the body to the instrument, the lowest first
     freed : whether every fit has it with the prior of a cause, as the specimen file asks
+    of_conditions : whether its law holds the conditions of a sweep (`EffectContext.taken`), so that each of several
+        sweeps of a specimen has its own form of it, with the same parameters
     """
 
     name: str
@@ -183,6 +185,7 @@ class Effect:
     onset: LocalHook | None = None
     outward: float = 0.0
     freed: bool = False
+    of_conditions: bool = False
 
     def __repr__(self) -> str:
         return f"Effect({self.key!r}: {', '.join(parameter.name for parameter in self.parameters)})"
@@ -256,6 +259,26 @@ class Effect:
 
 
 @dataclass(frozen=True)
+class Taken:
+    """How a sweep was taken, among all of its specimen.
+
+    Attributes
+    ----------
+    number, count : which of how many it is
+    rising : whether its frequency rose in time
+    drive : its amplitude over the largest of all
+    warmer_K : temperature of the specimen above the mean of all;  span_K : half the range of all, 0 where unknown
+    """
+
+    number: int = 0
+    count: int = 1
+    rising: bool = True
+    drive: float = 1.0
+    warmer_K: float = 0.0
+    span_K: float = 0.0
+
+
+@dataclass(frozen=True)
 class EffectContext:
     """What the library must know of a specimen to make its candidates.
 
@@ -276,6 +299,7 @@ class EffectContext:
     pace_Hz : frequencies of the sweep after even shares of its time, rising; `band_Hz` at an even pace where empty
     dimensions : length, width, thickness of a plate with three mirror planes, m; None for other bodies
     poling : "thickness" (k31) or "length" (k33)
+    taken : how the sweep was taken
     """
 
     fundamental_Hz: float
@@ -291,3 +315,4 @@ class EffectContext:
     band_Hz: tuple[float, float] = (100.0, 1e6)
     weighed: bool = False
     pace_Hz: tuple[float, ...] = ()
+    taken: Taken = field(default_factory=Taken)

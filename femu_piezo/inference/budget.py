@@ -20,7 +20,10 @@ from femu_piezo.inference.unknowns import Estimate, MaterialParameters, Unknowns
 
 #: Sources of uncertainty in the order they are listed; "law" is what the approximate laws of causes miss,
 #: "prior" what is believed of free constants and causes.
-SOURCES = ("noise", "readings", "mesh", "discrepancy", "law", "geometry", "density", "held", "instrument", "prior")
+SOURCES = (
+    *("noise", "readings", "mesh", "discrepancy", "law", "geometry", "density", "held", "instrument"),
+    *("temperature", "prior"),
+)
 
 
 def source_of(effect: Effect) -> str:
@@ -31,6 +34,8 @@ def source_of(effect: Effect) -> str:
         return "geometry"
     if effect.density is not None:
         return "density"
+    if effect.of_conditions:
+        return "temperature"
     return "held" if effect.constants is not None else "instrument"
 
 

@@ -1,12 +1,14 @@
-"""Several specimens of one material as one sweep: constants and fixture are common, the rest is a specimen's own.
+"""Several sweeps as one: of specimens of one material, or of one specimen under several conditions.
 
 One fit explains all sweeps, whose whitened residuals stand one below another. A wrong constant moves every sweep as the
-body asks, a stray capacitance is the same farads beside each, a wrong length is that of one specimen.
+body asks, a stray capacitance is the same farads beside each that was taken in its fixture, a wrong length is that of
+one specimen, and a warming during the sweep goes the other way in one that went down.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -30,15 +32,49 @@ def belonging_to(effect: Effect, specimen: str) -> Effect:
 
 
 @dataclass(frozen=True)
-class Ensemble:
-    """Z of several specimens one after another, as `Evaluation` for one.
+class Share:
+    """Which unknowns of a fit concern one sweep.
 
     Attributes
     ----------
-    parts : (name, evaluation) of each specimen
+    owners : the specimen and the fixture whose effects it has, beside those of "", which all share
+    forms : key → the form that an effect has under the conditions of this sweep, where these differ
     """
 
-    parts: tuple[tuple[str, Evaluation], ...]
+    owners: tuple[str, ...] = ()
+    forms: Mapping[str, Effect] = field(default_factory=dict)
+
+    def has(self, effect: Effect) -> bool:
+        """Whether the sweep has an effect."""
+        return effect.specimen in ("", *self.owners)
+
+    def of(self, parameters: Unknowns) -> tuple[Unknowns, np.ndarray]:
+        """The unknowns that the sweep has, and where they stand in x (n_x,)."""
+        kept = [index for index, effect in enumerate(parameters.effects) if self.has(effect)]
+        columns = [np.arange(*parameters.columns(index).indices(parameters.count)) for index in kept]
+        effects = tuple(self._form(parameters.effects[index]) for index in kept)
+        own = replace(
+            parameters,
+            effects=effects,
+            candidates=tuple(effect.key for effect in effects if effect.key in parameters.candidates),
+            fixed=tuple((self._form(effect), values) for effect, values in parameters.fixed if self.has(effect)),
+        )
+        return own, np.concatenate([np.arange(parameters.of_material), *columns])
+
+    def _form(self, effect: Effect) -> Effect:
+        return self.forms.get(effect.key, effect)
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Z of several sweeps one after another, as `Evaluation` for one.
+
+    Attributes
+    ----------
+    parts : (share, evaluation) of each sweep
+    """
+
+    parts: tuple[tuple[Share, Evaluation], ...]
 
     @cached_property
     def omega(self) -> np.ndarray:
@@ -47,7 +83,7 @@ class Ensemble:
 
     def at(self, factor: float) -> Ensemble:
         """The same at frequencies larger by a factor."""
-        return Ensemble(tuple((name, part.at(factor)) for name, part in self.parts))
+        return Ensemble(tuple((share, part.at(factor)) for share, part in self.parts))
 
     def impedance(self, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
         """Z (k,), ohm."""
@@ -56,8 +92,8 @@ class Ensemble:
     def with_jacobian(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Z (k,) and ∂Z/∂x (k, n_x), ohm."""
         values, slopes = [], []
-        for name, part in self.parts:
-            own, columns = own_parameters(parameters, name)
+        for share, part in self.parts:
+            own, columns = share.of(parameters)
             z, tangents = part.with_jacobian(own, x[columns])
             values.append(z)
             slopes.append(np.zeros((z.size, x.size), dtype=complex))
@@ -67,28 +103,10 @@ class Ensemble:
     def slopes_at_sites(self, parameters: Unknowns, x: np.ndarray, effect: Effect) -> np.ndarray:
         """∂Z/∂(size) (k, m) at size zero for each of an effect's m sites; zero for other specimens than its own."""
         found = []
-        for name, part in self.parts:
-            own, columns = own_parameters(parameters, name)
-            if effect.specimen in ("", name):
+        for share, part in self.parts:
+            own, columns = share.of(parameters)
+            if share.has(effect):
                 found.append(part.slopes_at_sites(own, x[columns], effect))
             else:
                 found.append(np.zeros((part.omega.size, len(effect.sites)), dtype=complex))
         return np.concatenate(found)
-
-
-def own_parameters(parameters: Unknowns, specimen: str) -> tuple[Unknowns, np.ndarray]:
-    """The unknowns that one specimen has, and where they stand in x (n_x,)."""
-
-    def has(effect: Effect) -> bool:
-        return effect.specimen in ("", specimen)
-
-    kept = [index for index, effect in enumerate(parameters.effects) if has(effect)]
-    columns = [np.arange(*parameters.columns(index).indices(parameters.count)) for index in kept]
-    effects = tuple(parameters.effects[index] for index in kept)
-    own = replace(
-        parameters,
-        effects=effects,
-        candidates=tuple(effect.key for effect in effects if effect.key in parameters.candidates),
-        fixed=tuple(item for item in parameters.fixed if has(item[0])),
-    )
-    return own, np.concatenate([np.arange(parameters.of_material), *columns])

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femu_piezo.inference.coefficients import Active, active_effects, d_form_constants, e_form_constants
-from femu_piezo.inference.ensemble import own_parameters
+from femu_piezo.inference.ensemble import Share
 from femu_piezo.inference.fit import Fit
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.material.constants import D_FORM, E_FORM
@@ -56,7 +56,7 @@ class Reading:
 
     def row(self, parameters: Unknowns, x: np.ndarray) -> tuple[float, np.ndarray]:
         """(predicted − value)/std at the unknowns x (n_x,), and its slopes (n_x,)."""
-        own, columns = own_parameters(parameters, self.specimen)
+        own, columns = Share((self.specimen,)).of(parameters)
         predicted, slopes = self._predicted(own, x[columns])
         found = np.zeros(x.size)
         found[columns] = slopes / self.std

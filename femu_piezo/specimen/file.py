@@ -17,14 +17,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import ConfigDict, model_validator
+from pydantic import BeforeValidator, ConfigDict, ValidationInfo, model_validator
 
 from femu_piezo.errors import InputError
 from femu_piezo.files import read_bytes, write_atomically
 from femu_piezo.specimen.geometry import Geometry as Geometry
 from femu_piezo.specimen.geometry import Mass
 from femu_piezo.specimen.schema import LIST, PAIR, PATH, Table, quantity
-from femu_piezo.units import EPS0, shown
+from femu_piezo.units import EPS0, parse_temperature, shown
 
 CONSTANTS = ("s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "eps33T")
 """The ten complex material parameters by their names in specimen files (IEEE 176; T: at constant stress)."""
@@ -64,6 +64,7 @@ ReadStd = Annotated[
 ]
 #: Readings by name → relative standard deviation where the file says none.
 READ = {"mass": 1e-3, "capacitance": 0.01, "d33": 0.05, "sound_velocity": 0.01}
+Voltage = Annotated[float, quantity("V", 1e-6, 1e4, 'a drive voltage is one such as "0.5 V"; is the unit right?')]
 Accuracy = Annotated[float, quantity("1", 1e-9, 0.1, "give the relative eigenvalue error, such as 1e-4")]
 
 
@@ -231,6 +232,37 @@ class Measurement(Table):
         return None
 
 
+def _celsius(value: object, info: ValidationInfo) -> float | None:
+    file = (info.context or {}).get("file")
+    where = (f"{file}: " if file else "") + f"{info.config['title']}.{info.field_name}"
+    return None if value is None else parse_temperature(value, where)
+
+
+class Sweep(Table):
+    """One of several sweeps of a specimen, and how it was taken.
+
+    name : in results; the name of the file where absent
+    drive_voltage : amplitude, V;  temperature : of the specimen, °C
+    direction : whether the frequency rose or fell in time
+    fixture : that held the piece; what a fixture and its compensation leave belongs to each one
+    """
+
+    model_config = ConfigDict(title="sweep")
+    missing: ClassVar[dict[str, str]] = {"file": 'give the path of the sweep, such as file = "up.csv"'}
+
+    file: Annotated[Path, PATH]
+    name: str | None = None
+    drive_voltage: Voltage | None = None
+    temperature: Annotated[float | None, BeforeValidator(_celsius)] = None
+    direction: Literal["up", "down"] | None = None
+    fixture: str | None = None
+
+    @property
+    def label(self) -> str:
+        """Its name in results."""
+        return self.file.stem if self.name is None else self.name
+
+
 class Readings(Table):
     """What other instruments read of the specimen, each with its relative standard deviation (`std_mass`, …).
 
@@ -311,6 +343,7 @@ Effects = dict[str, dict[str, float | str | Annotated[tuple[str, ...], LIST]]]
 class Specimen(Table):
     """One piece: geometry, material and, where given, its measured sweep and what to do with them.
 
+    sweep : its sweeps and how each was taken, where there are several; they share everything but `measurement.file`
     effects : what the specimen has beyond the base model, effect → parameter → value, by the names of `diagnose`;
         of the parameters that its key `free` names, simulations take the value, and fits find it anew
     fitted : where a fit left the free constants ("material") and what has a tolerance (dimensions, held constants,
@@ -328,6 +361,7 @@ class Specimen(Table):
     geometry: Geometry
     material: Material
     measurement: Measurement | None = None
+    sweep: Annotated[tuple[Sweep, ...] | None, LIST] = None
     readings: Readings | None = None
     simulation: Simulation | None = None
     update: Update | None = None
@@ -340,12 +374,47 @@ class Specimen(Table):
             return f"name = {shown(self.name)} is not a line of 1 to 200 characters; give a short name"
         if self.geometry.mass is not None and self.readings is not None and self.readings.mass is not None:
             return "readings.mass and geometry.mass both say how heavy the specimen is; give one of the two"
+        if self.sweep is not None and (wrong := self._wrong_sweeps(self.sweep)):
+            return wrong
         for key, value in self.fitted_constants.items():
             if key.removeprefix("tan_") not in CONSTANTS:
                 return f"fitted.material.{key} is no constant; known are {', '.join(CONSTANTS)}, each also with tan_"
             if not isinstance(value, float):
                 return f"fitted.material.{key} = {shown(value)} is not a number; give it in SI units, without the unit"
         return None
+
+    def _wrong_sweeps(self, sweeps: tuple[Sweep, ...]) -> str | None:
+        if not sweeps:
+            return "sweep = [] holds no sweep; write [[sweep]] and file = \"up.csv\" below, or take it out"
+        if self.measurement is not None and self.measurement.file is not None:
+            return "measurement.file and [[sweep]] both name sweeps; give every sweep a [[sweep]] table of its own"
+        labels = [one.label for one in sweeps]
+        double = next((label for label in labels if labels.count(label) > 1 or not label.isprintable()), None)
+        if double is not None:
+            return f"sweep.name = {shown(double)} is of two sweeps, or no line of text; give each its own name"
+        for key in ("drive_voltage", "temperature", "fixture"):
+            given = [one for one in sweeps if getattr(one, key) is not None]
+            if 0 < len(given) < len(sweeps):
+                without = next(one for one in sweeps if getattr(one, key) is None)
+                return f"sweep.{key} is given of {given[0].label}, not of {without.label}; give it of all, or of none"
+        return None
+
+    @property
+    def of_each_sweep(self) -> tuple[Specimen, ...]:
+        """A specimen for each of several sweeps, named by both; itself where there is only one."""
+        if self.sweep is None:
+            return (self,)
+        several = len(self.sweep) > 1
+        return tuple(
+            self.model_copy(
+                update={
+                    "name": f"{self.name}, {one.label}" if several else self.name,
+                    "measurement": (self.measurement or Measurement()).model_copy(update={"file": one.file}),
+                    "sweep": (one,),
+                }
+            )
+            for one in self.sweep
+        )
 
     @property
     def fitted_constants(self) -> dict[str, float]:
@@ -397,15 +466,32 @@ def read_specimen(path: Path | str, data_file: Path | str | None = None) -> Spec
         raise InputError(f"{path}: path is not a key that is known; remove it")
     data.setdefault("name", path.stem)
     if data_file is not None:
+        if "sweep" in data:
+            raise InputError(f"{path}: --data gives one sweep, and [[sweep]] names those of this file; leave one out")
         measurement = data.setdefault("measurement", {})
         if isinstance(measurement, dict):
             measurement["file"] = str(Path(data_file).absolute())
-    for section in ("geometry", "measurement"):
-        table = data.get(section)
+    _several_files(data, path)
+    tables = [("geometry", data.get("geometry")), ("measurement", data.get("measurement"))]
+    tables += [("sweep", table) for table in data.get("sweep") or () if isinstance(data["sweep"], list)]
+    for section, table in tables:
         if isinstance(table, dict) and isinstance(table.get("file"), str):
             table["file"] = _resolve(table["file"], path, f"{path}: {section}.file")
     _resolve_fixture(data.get("measurement"), path)
     return Specimen.model_validate(data | {"path": path}, context={"file": str(path)})
+
+
+def _several_files(data: dict[str, Any], path: Path) -> None:
+    """`measurement.file = ["a.csv", "b.csv"]` as two [[sweep]] tables, in place."""
+    measurement = data.get("measurement")
+    if not isinstance(measurement, dict) or not isinstance(measurement.get("file"), list):
+        return
+    files = measurement.pop("file")
+    if "sweep" in data:
+        raise InputError(
+            f"{path}: measurement.file and [[sweep]] both name sweeps; give every sweep a [[sweep]] table of its own"
+        )
+    data["sweep"] = [{"file": one} for one in files]
 
 
 def _resolve_fixture(measurement: Any, path: Path) -> None:
@@ -487,6 +573,10 @@ def write_specimen(specimen: Specimen, path: Path | str) -> None:
                 lines.append(f"{key} = {{ {inner} }}")
             elif value is not None:
                 lines.append(f"{key} = {_toml(_relative(value, path) if isinstance(value, Path) else value)}")
+    for one in specimen.sweep or ():
+        lines += ["", "[[sweep]]"]
+        given = {key: value for key, value in one if value is not None}
+        lines += [f"{key} = {_toml(_relative(v, path) if isinstance(v, Path) else v)}" for key, v in given.items()]
     for kind in ("effects", "fitted"):
         for name, values in (getattr(specimen, kind) or {}).items():
             lines += ["", f"[{kind}.{name}]", *(f"{key} = {_toml(value)}" for key, value in values.items())]

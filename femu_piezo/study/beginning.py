@@ -28,7 +28,10 @@ _POOR = 0.05
 
 @dataclass(frozen=True)
 class Beginning:
-    """Constants to begin with, and the pole-zero iterations that led there (one step where there were none)."""
+    """Constants to begin with, and the pole-zero iterations that led there, for every sweep those of its specimen.
+
+    One step where there were none.
+    """
 
     constants: PiezoConstants
     histories: tuple[tuple[Step, ...], ...]
@@ -43,7 +46,8 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     Raises ConvergenceError where neither settles, and InputError where the specimen has effects, which the pole-zero
     update does not know, and the file's constants are no stable material.
     """
-    measured = list(measured)
+    every, leading = measured, _one_of_each(measured)
+    measured = list(leading.values())
     problem = measured[0].problem
     full = [bases.model(one, _ACCURACY) for one in measured]
     no_history = ((Step(problem.constants, np.full(2, np.nan + 0j)),),) * len(measured)
@@ -66,7 +70,17 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     if not found:
         raise reason
     _, constants, histories = min(found, key=lambda item: item[0])
-    return Beginning(constants, histories)
+    of_piece = dict(zip(leading, histories, strict=True))
+    return Beginning(constants, tuple(of_piece[one.piece.name] for one in every))
+
+
+def _one_of_each(measured: Sequence[Measured]) -> dict[str, Measured]:
+    """The first sweep of every specimen that holds its fundamental, by name of the specimen."""
+    leading: dict[str, Measured] = {}
+    for one in measured:
+        if one.holds_fundamental:
+            leading.setdefault(one.piece.name, one)
+    return leading
 
 
 def _from_pole_zero(measured: list[Measured], full, bases: Bases):

@@ -255,10 +255,10 @@ def diagnose(
         verdict=replace(verdict, measurements=recommended(verdict, planned)),
         gain=_gain(posterior, comparison, sweeps),
         unknowns=posterior.unknowns,
-        reduced_size=sum(model.size for model in posterior.models),
+        reduced_size=sum(model.size for model in set(posterior.models)),
         notes=(
             *(note for one in several for note in one.measured.spectrum.notes),
-            *(note for one in several for note in electrode_notes(one.problem.specimen)),
+            *dict.fromkeys(note for one in several for note in electrode_notes(one.measured.piece)),
             *_accuracy_notes(several),
         ),
         seconds={step: round(value, 3) for step, value in clock.seconds.items()},

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from femu_piezo.effects.effect import Effect, EffectContext
+from femu_piezo.effects.effect import Effect, EffectContext, Taken
 from femu_piezo.effects.extended_model import ExtendedModel, extend_model
 from femu_piezo.effects.library import Maker, from_table, with_library
 from femu_piezo.forward.model import ElectroelasticModel
@@ -42,6 +42,7 @@ def effect_context(
     impedance: float,
     band_Hz: tuple[float, float],
     frequency: np.ndarray | None = None,
+    taken: Taken | None = None,
 ) -> EffectContext:
     """What the library of effects must know of a specimen.
 
@@ -50,6 +51,7 @@ def effect_context(
     impedance : typical |Z|, ohm, which bounds the parameters of circuits
     band_Hz : lowest and highest frequency of the sweep
     frequency : (k,) its points, Hz, each of which took as long; evenly spaced over the band where None
+    taken : how the sweep was; alone and upwards where None
     """
     points = np.array(band_Hz) if frequency is None else frequency
     pace = np.interp(np.linspace(0, 1, _PACE), np.linspace(0, 1, points.size), points)
@@ -69,6 +71,7 @@ def effect_context(
         band_Hz=band_Hz,
         weighed=problem.specimen.geometry.mass is not None,
         pace_Hz=tuple(pace.tolist()),
+        taken=taken or Taken(),
     )
 
 

@@ -158,7 +158,7 @@ def _jacobian(
     unknowns: Unknowns, x: np.ndarray, subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """(2k, n_x) of all sweeps, (m, n_x) of all readings, whitened."""
-    parts = tuple((one.name, evaluation) for one, evaluation in zip(subjects, evaluations, strict=True))
+    parts = tuple((one.share, evaluation) for one, evaluation in zip(subjects, evaluations, strict=True))
     response = Ensemble(parts) if len(parts) > 1 else evaluations[0]
     z, slopes = response.with_jacobian(unknowns, x)
     data = SweepData(response.omega / (2 * np.pi), z, np.full(z.size, np.hypot(noise, LEAST_ERROR)), noise_known=True)

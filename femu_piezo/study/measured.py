@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from femu_piezo.effects.effect import Taken
 from femu_piezo.errors import InputError
 from femu_piezo.extraction import Extraction, extract
 from femu_piezo.extraction.roots import Pair, fundamental
@@ -27,16 +28,20 @@ from femu_piezo.study.starts import has_uniform_field, start_permittivity, start
 LOW_FREQUENCY_SHARE = 0.03
 #: Points below this share of the pole enter the mean; the known rise of a bar, 2e-3 k² there, is taken out.
 LOW_POINTS_SHARE = 0.05
+#: Ratio of two poles up to which they are of one mode at different temperatures and drives.
+_SAME_MODE = 1.1
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A specimen and what its sweep says without a model.
+    """A specimen and what one sweep of it says without a model.
 
     Attributes
     ----------
+    problem : the specimen as computed; named by the sweep too where it has several
     spectrum : the whole sweep;  fitted : without the held-out band
-    pair : pole and zero of the fundamental
+    pair : pole and zero of the fundamental, of another sweep of the specimen where this one does not hold them
+    piece : the specimen with all its sweeps;  taken : how this one was
     permittivity : complex ε33T from the low end of the sweep, None where it has none
     """
 
@@ -46,6 +51,19 @@ class Measured:
     extraction: Extraction
     pair: Pair
     permittivity: complex | None
+    piece: Specimen
+    taken: Taken = field(default_factory=Taken)
+
+    @property
+    def holds_fundamental(self) -> bool:
+        """Whether the fundamental is in this sweep."""
+        return self.pair in self.extraction.pairs
+
+    @property
+    def fixture(self) -> str:
+        """What held the specimen, by the name in its file; "" where it has none."""
+        (sweep,) = self.problem.specimen.sweep or (None,)
+        return (sweep and sweep.fixture) or ""
 
     @property
     def band_Hz(self) -> float:
@@ -102,20 +120,47 @@ Sweep = ImpedanceSpectrum | Path
 
 
 def measure_each(specimens: Sequence[Specimen], spectra: Sequence[Sweep] | None = None) -> list[Measured]:
-    """`measure` of several specimens, their sweeps in the same order."""
-    if spectra is None:
-        return [measure(specimen) for specimen in specimens]
-    if len(spectra) != len(specimens):
-        raise InputError(f"there are {len(specimens)} specimens and {len(spectra)} sweeps; give one sweep for each")
-    return [measure(specimen, spectrum) for specimen, spectrum in zip(specimens, spectra, strict=True)]
+    """Every sweep of several specimens analysed, those of one specimen one after another.
+
+    spectra : in place of those that the files name, in the same order
+
+    Raises InputError where file, key or sweep cannot serve.
+    """
+    count = sum(len(specimen.of_each_sweep) for specimen in specimens)
+    if spectra is not None and len(spectra) != count:
+        whose = f"{len(specimens)} specimens" if count == len(specimens) else f"{count} sweeps in the specimen files"
+        raise InputError(f"there are {whose} and {len(spectra)} sweeps; give one sweep for each")
+    given = iter([None] * count if spectra is None else spectra)
+    return [
+        one
+        for specimen in specimens
+        for one in _of_one_piece(specimen, [_analysed(own, next(given)) for own in specimen.of_each_sweep])
+    ]
 
 
 def measure(specimen: Specimen, spectrum: Sweep | None = None) -> Measured:
     """Analyse the sweep of a specimen: the one that is given, else that of its file.
 
     Of the [measurement] table everything but the file counts for any sweep. Raises InputError where file, key or sweep
-    cannot serve.
+    cannot serve, or the specimen has several sweeps.
     """
+    found = measure_each([specimen], None if spectrum is None else [spectrum])
+    if len(found) > 1:
+        raise InputError(f"{specimen.path or specimen.name}: this takes one sweep, and the file names {len(found)}")
+    return found[0]
+
+
+@dataclass(frozen=True)
+class _Analysed:
+    """A sweep without regard to others."""
+
+    problem: Problem
+    spectrum: ImpedanceSpectrum
+    fitted: ImpedanceSpectrum
+    extraction: Extraction
+
+
+def _analysed(specimen: Specimen, spectrum: Sweep | None) -> _Analysed:
     wish = specimen.measurement or Measurement()
     if isinstance(spectrum, Path):
         wish, spectrum = wish.model_copy(update={"file": spectrum.absolute()}), None
@@ -135,9 +180,41 @@ def measure(specimen: Specimen, spectrum: Sweep | None = None) -> Measured:
     fitted = spectrum
     if wish.held_out is not None:
         fitted = spectrum.select((spectrum.frequency < wish.held_out[0]) | (spectrum.frequency > wish.held_out[1]))
-    extraction = extract(fitted)
-    pair = fundamental_pair(extraction, spectrum)
-    return Measured(problem, spectrum, fitted, extraction, pair, _low_permittivity(problem, fitted, pair))
+    return _Analysed(problem, spectrum, fitted, extract(fitted))
+
+
+def _of_one_piece(piece: Specimen, sweeps: Sequence[_Analysed]) -> list[Measured]:
+    """The sweeps of a specimen, each with how it was taken, and with the fundamental of all where it has not its own.
+
+    The fundamental is that of the sweep where it is lowest.
+    """
+    own = [fundamental(one.extraction.pairs) for one in sweeps]
+    if not any(own):
+        fundamental_pair(sweeps[0].extraction, sweeps[0].spectrum)
+    lowest = min((pair for pair in own if pair is not None), key=lambda pair: pair.pole.frequency_Hz)
+    found = []
+    for one, pair, taken in zip(sweeps, own, _taken(piece), strict=True):
+        near = pair is not None and pair.pole.frequency_Hz < _SAME_MODE * lowest.pole.frequency_Hz
+        pair = pair if near else lowest
+        permittivity = _low_permittivity(one.problem, one.fitted, pair)
+        found.append(
+            Measured(one.problem, one.spectrum, one.fitted, one.extraction, pair, permittivity, piece, taken)
+        )
+    return found
+
+
+def _taken(piece: Specimen) -> list[Taken]:
+    """How each sweep of a specimen was taken."""
+    sweeps = piece.sweep
+    if sweeps is None:
+        return [Taken()]
+    volts = [one.drive_voltage or 1.0 for one in sweeps]
+    warm = np.array([one.temperature or 0.0 for one in sweeps])
+    span = float(np.ptp(warm)) / 2
+    return [
+        Taken(number, len(sweeps), one.direction != "down", volt / max(volts), float(kelvin), span)
+        for number, (one, volt, kelvin) in enumerate(zip(sweeps, volts, warm - warm.mean(), strict=True))
+    ]
 
 
 def _compensation(wish: Measurement) -> Compensation | None:

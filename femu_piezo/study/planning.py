@@ -14,7 +14,7 @@ from femu_piezo.diagnosis.verdict import Verdict
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel, extend_model
 from femu_piezo.errors import ConvergenceError, InputError
-from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common
+from femu_piezo.inference.ensemble import Ensemble, Share, belonging_to, is_common
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import Specimen
@@ -47,7 +47,7 @@ def separations(
     effects = {effect.key: effect for pair in pairs for effect in (*pair.effects, *comparison.final.parameters.effects)}
     material = comparison.final.parameters.material
     constants = material.constants(comparison.final.x[: 2 * material.scale.size])
-    owner = several[0].measured.problem.specimen.name
+    owner = several[0].measured.piece.name
     now = Plan("", posterior.evaluation, comparison.base.data.relative_noise, owner)
     plans = [
         replace(now, words="average until the noise is a third", relative_noise=now.relative_noise / _QUIETER),
@@ -173,13 +173,38 @@ def _sweeps(now: Plan, several: Sequence[Subject], effects: Sequence[Effect], co
             frequency = _thinned(one.measured.fitted.frequency)
             end = frequency[-1]
             more = np.arange(end, factor * end, np.median(np.diff(frequency)))[1 : _POINTS + 1]
-            parts.append((one.name or now.owner, Evaluation(model, 2 * np.pi * np.concatenate([frequency, more]))))
+            parts.append((_share(one, now.owner), Evaluation(model, 2 * np.pi * np.concatenate([frequency, more]))))
             noise.append(_noise(one, frequency.size + more.size))
         words = f"sweep up to {factor:g} times the present end of the band"
         plans.append(Plan(words, Ensemble(tuple(parts)), np.concatenate(noise), now.owner, new_sweeps=True))
     if len(several) == 1:
         plans += _second_specimen(now, several[0], models[0], effects, constants)
+        plans += _again(now, several[0], models[0])
     return plans
+
+
+def _again(now: Plan, one: Subject, model: ExtendedModel) -> list[Plan]:
+    """The same sweep in the other direction, and at a third of the voltage."""
+    frequency, taken = _thinned(one.measured.fitted.frequency), one.context.taken
+    part, noise = Evaluation(model, 2 * np.pi * frequency), np.tile(_noise(one, frequency.size), 2)
+    ways = {
+        "sweep again in the opposite direction": replace(taken, rising=not taken.rising),
+        "sweep again at a third of the voltage": replace(taken, drive=taken.drive / 3),
+    }
+    plans = []
+    for words, way in ways.items():
+        other = replace(one, context=replace(one.context, taken=way))
+        parts = tuple((_share(sweep, now.owner), part) for sweep in (one, other))
+        plans.append(Plan(words, Ensemble(parts), noise, now.owner, new_sweeps=True))
+    return plans
+
+
+def _share(one: Subject, owner: str) -> Share:
+    """What concerns a sweep of a plan, whose specimen is named `owner` where it has no name."""
+    share = one.share
+    forms = [effect if effect.specimen else belonging_to(effect, owner) for effect in share.forms.values()]
+    owned = {**share.forms, **{form.key: form for form in forms if form.constants is None}}
+    return Share((one.name or owner, one.fixture), owned)
 
 
 def _second_specimen(now: Plan, one: Subject, model: ExtendedModel, effects: Sequence[Effect], constants):
@@ -196,8 +221,8 @@ def _second_specimen(now: Plan, one: Subject, model: ExtendedModel, effects: Seq
         return []
     frequency = _thinned(one.measured.fitted.frequency)
     parts = (
-        (now.owner, Evaluation(model, 2 * np.pi * frequency)),
-        ("the second", Evaluation(other, 4 * np.pi * frequency)),
+        (_share(one, now.owner), Evaluation(model, 2 * np.pi * frequency)),
+        (Share(("the second",)), Evaluation(other, 4 * np.pi * frequency)),
     )
     words = f"measure a second specimen of the same material, half the {dimension}"
     return [Plan(words, Ensemble(parts), np.tile(_noise(one, frequency.size), 2), now.owner, new_sweeps=True)]
@@ -216,7 +241,7 @@ def _halved(problem: Problem, dimension: str) -> Specimen:
 def _coarse(problem: Problem, one: Subject, effects: Sequence[Effect], constants: PiezoConstants, band_Hz: float):
     """A model good enough for planning, up to a frequency."""
     model = problem.model(problem.equivalent_frequency(band_Hz, _ACCURACY), _ACCURACY)
-    own = [effect for effect in effects if effect.specimen in ("", one.name)]
+    own = [effect for effect in effects if one.share.has(effect)]
     own += [effect for effect, _ in one.fixed]
     return extend_model(model, [constants], own, band_Hz, accuracy=_ACCURACY)
 

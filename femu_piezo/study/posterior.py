@@ -1,15 +1,19 @@
-"""Meshes, bases and the one fit of a study; the bases are made anew where the fit leaves their range."""
+"""Meshes, bases and the one fit of a study; the bases are made anew where the fit leaves their range.
+
+Several sweeps of one specimen have one mesh and one basis.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import numpy as np
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.inference.ensemble import Ensemble, own_parameters
+from femu_piezo.inference.ensemble import Ensemble
 from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import FreeConstants, Unknowns
@@ -28,8 +32,12 @@ _BASIS_SHARE, _BASIS_RANGE = 1 / 30, (5e-6, 5e-5)
 #: Relative range of the free and of the held constants that the basis is trained for, and how far a fit may leave the
 #: first before the basis is made anew.
 _FREE_SPREAD, _HELD_SPREAD, _LEAVE = 0.05, 0.1, 0.08
+#: What the range of the free constants grows by where temperatures differ, relative, 1/K.
+_PER_KELVIN = 3e-3
 #: Bases made at most: a fit that still leaves the second one follows a misfit, and its constants are not the piece's.
 _REDUCTIONS = 2
+
+Made = TypeVar("Made")
 
 
 class Posterior:
@@ -60,7 +68,7 @@ class Posterior:
     @property
     def unknowns(self) -> int:
         """Unknowns of all full models."""
-        return sum(model.size for model in self.full)
+        return sum(model.size for model in set(self.full))
 
     @property
     def loss(self) -> str:
@@ -71,7 +79,7 @@ class Posterior:
         """The fit of constants and tolerances alone, from start constants."""
         if not self.full:
             self._clock.step("mesh and assemble")
-            self.full = tuple(self._bases.model(one.measured, _mesh_accuracy(one)) for one in self.several)
+            self.full = self._of_pieces(lambda one, several: self._bases.model(one.measured, _mesh_accuracy(several)))
         constants, x = start, None
         for _ in range(_REDUCTIONS):
             self._prepare(constants)
@@ -91,27 +99,39 @@ class Posterior:
         """Reduced models around given constants."""
         self._clock.step("reduce")
         self._around = self._bases.around(self.problem, constants)
-        training = _training(self._around, self.problem.free(self._around))
-        self.models = tuple(
-            self._reduced(one, model, training) for one, model in zip(self.several, self.full, strict=True)
-        )
+        spread = _FREE_SPREAD + _PER_KELVIN * max(one.context.taken.span_K for one in self.several)
+        training = _training(self._around, self.problem.free(self._around), spread)
+        full = dict(zip(map(id, self.several), self.full, strict=True))
+        self.models = self._of_pieces(lambda one, several: self._reduced(one, several, full[id(one)], training))
 
     def _serves(self, constants: PiezoConstants) -> bool:
         around, found = (self.problem.free(one).start.real for one in (self._around, constants))
         return bool(np.all(np.abs(found - around) <= _LEAVE * np.abs(around)))
 
+    def _of_pieces(self, make: Callable[[Subject, Sequence[Subject]], Made]) -> tuple[Made, ...]:
+        """What is made once for all sweeps of a specimen, for every sweep.
+
+        make : of the sweep that reaches highest, and of all
+        """
+        pieces: dict[str, list[Subject]] = {}
+        for one in self.several:
+            pieces.setdefault(one.name, []).append(one)
+        made = {name: make(max(own, key=lambda one: one.measured.band_Hz), own) for name, own in pieces.items()}
+        return tuple(made[one.name] for one in self.several)
+
     def _reduced(
-        self, one: Subject, model: ElectroelasticModel, training: Sequence[PiezoConstants]
+        self, one: Subject, several: Sequence[Subject], model: ElectroelasticModel, training: Sequence[PiezoConstants]
     ) -> ExtendedModel:
-        effects = served(one, (*self.tolerances, *self._candidates))
-        accuracy = _share_of_noise(one, _BASIS_SHARE, _BASIS_RANGE)
+        offered = (*self.tolerances, *self._candidates)
+        effects = list({effect.key: effect for own in several for effect in served(own, offered)}.values())
+        accuracy = _share_of_noise(several, _BASIS_SHARE, _BASIS_RANGE)
         return self._bases.extended(model, training, effects, one.measured, accuracy)
 
     @property
     def evaluation(self) -> Evaluation | Ensemble:
         """Z of the points that fits see."""
         parts = [
-            (one.name, Evaluation(model, one.measured.fitted.omega))
+            (one.share, Evaluation(model, one.measured.fitted.omega))
             for one, model in zip(self.several, self.models, strict=True)
         ]
         return Ensemble(tuple(parts)) if len(parts) > 1 else parts[0][1]
@@ -155,13 +175,14 @@ class Posterior:
     def whole_sweep(self, index: int, fit_: Fit) -> tuple[Evaluation, Unknowns, np.ndarray]:
         """Z of one specimen over its whole sweep, the unknowns it has, and where they stand in x (n_x,)."""
         one = self.several[index]
-        return Evaluation(self.models[index], one.measured.spectrum.omega), *own_parameters(fit_.parameters, one.name)
+        evaluation = Evaluation(self.models[index], one.measured.spectrum.omega)
+        return evaluation, *one.share.of(fit_.parameters)
 
 
-def _mesh_accuracy(one: Subject) -> float:
+def _mesh_accuracy(several: Sequence[Subject]) -> float:
     """Relative error of eigenvalues that the mesh may have: a share of the noise, no more than the file asks for."""
-    asked = (one.problem.specimen.update or Update()).accuracy
-    return min(asked, _share_of_noise(one, _MESH_SHARE, _MESH_RANGE))
+    asked = (several[0].problem.specimen.update or Update()).accuracy
+    return min(asked, _share_of_noise(several, _MESH_SHARE, _MESH_RANGE))
 
 
 def _mesh_error(one: Subject, model: ExtendedModel) -> np.ndarray:
@@ -171,22 +192,22 @@ def _mesh_error(one: Subject, model: ExtendedModel) -> np.ndarray:
     """
     if model.mesh_error is not None:
         return model.mesh_error.at(one.measured.fitted.frequency)
-    accuracy, measured = _mesh_accuracy(one), one.measured
+    accuracy, measured = _mesh_accuracy([one]), one.measured
     end = one.problem.equivalent_frequency(measured.band_Hz, accuracy)
     return accuracy * (measured.fitted.frequency / end) ** 4
 
 
-def _share_of_noise(one: Subject, share: float, limits: tuple[float, float]) -> float:
-    return float(np.clip(np.median(one.noise) * share, *limits))
+def _share_of_noise(several: Sequence[Subject], share: float, limits: tuple[float, float]) -> float:
+    return float(np.clip(min(np.median(one.noise) for one in several) * share, *limits))
 
 
-def _training(constants: PiezoConstants, free: FreeConstants) -> list[PiezoConstants]:
+def _training(constants: PiezoConstants, free: FreeConstants, spread: float) -> list[PiezoConstants]:
     """The start with its losses, corners of the free constants, and every held constant moved.
 
     One way each: the reduction watches the point mirrored at the start by itself.
     """
     lossless = constants.lossless()
-    sets = [constants, *free.training_sets(free.start, _FREE_SPREAD, 4)[1:]]
+    sets = [constants, *free.training_sets(free.start, spread, 4)[1:]]
     for name, value in lossless.as_dict().items():
         if name not in free.names and value != 0:
             moved = (lossless.with_values(**{name: value * (1 + sign * _HELD_SPREAD)}) for sign in (1, -1))

@@ -23,7 +23,10 @@ _STEPS, _DIFFERENCE, _FAR = 8, 1e-7, 0.05
 def matched_resonances(
     one: Measured, evaluation: Evaluation, unknowns: Unknowns, x: np.ndarray
 ) -> tuple[tuple[Resonance, Resonance], ...]:
-    """Every extracted resonance with the model's at x (n_x,); only the fundamental where the model has fewer modes."""
+    """Every extracted resonance with the model's at x (n_x,); only the fundamental where the model has fewer modes.
+
+    Nothing where it has fewer and the sweep does not hold the fundamental.
+    """
     found, modal = one.extraction.resonances, evaluation.modal(unknowns, x)
     kinds = (
         ("pole", found.poles, modal.eigenvalues, modal.charges, one.pair.pole),
@@ -34,6 +37,8 @@ def matched_resonances(
             (kind, data, values[match(data, values, amplitudes)]) for kind, data, values, amplitudes, _ in kinds
         ]
     except ConvergenceError:
+        if not one.holds_fundamental:
+            return ()
         near = one.pair.pole.frequency_Hz
         pairs = [
             (kind, (data,), values[[dominant_index(values, amplitudes, near)]])

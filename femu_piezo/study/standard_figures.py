@@ -54,7 +54,11 @@ def figures_of(
     ----------
     constants : from which the curve was computed
     curve : frequencies (k,) Hz and impedances (k,) ohm without noise
+
+    Empty where the sweep does not hold the fundamental.
     """
+    if not measured.holds_fundamental:
+        return ()
     model = RationalCurve(*curve)
     return tuple(_figures(measured, piece, pair, constants, model) for piece, pair in _modes_told(measured, constants))
 

@@ -1,4 +1,4 @@
-"""What is known of one specimen before any fit: sweep, noise, tolerances, known and possible effects."""
+"""What is known of a sweep and its specimen before any fit: noise, tolerances, known and possible effects."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from femu_piezo.effects.effect import Effect, EffectContext
 from femu_piezo.effects.library import Maker, effects_of, library
 from femu_piezo.errors import InputError
-from femu_piezo.inference.ensemble import belonging_to, is_common
+from femu_piezo.inference.ensemble import Share, belonging_to, is_common
 from femu_piezo.measurement.noise import estimate_noise
 from femu_piezo.study.effects import effect_context, known_effects
 from femu_piezo.study.measured import Measured
@@ -23,11 +23,12 @@ LEAST_ERROR = 1e-5
 
 @dataclass(frozen=True)
 class Subject:
-    """One specimen.
+    """One specimen and one sweep of it.
 
     Attributes
     ----------
-    name : of the specimen where there are several, "" for the only one
+    name : of the specimen where there are several, "" for the only one; several sweeps of it are under one name
+    fixture : what held it where the sweeps have several fixtures, else ""
     problem : the specimen as computed
     measured : its sweep; None before there is one (`femu_piezo.study.expectation`)
     noise : (k,) relative noise of the whole sweep, no less than the error of the model
@@ -43,6 +44,20 @@ class Subject:
     fixed: tuple[tuple[Effect, np.ndarray], ...]
     effects: tuple[Maker, ...] | None = None
     freed: tuple[tuple[Effect, np.ndarray], ...] = ()
+    fixture: str = ""
+
+    def owned(self, effect: Effect) -> Effect:
+        """The effect as that of its owner: of all where it is of the material, of the fixture, or of the specimen."""
+        if effect.specimen or effect.constants is not None:
+            return effect
+        return belonging_to(effect, self.fixture if is_common(effect) else self.name)
+
+    @cached_property
+    def share(self) -> Share:
+        """Which unknowns of a fit concern this sweep."""
+        own = (*self.library, *(effect for effect, _ in (*self.fixed, *self.freed)))
+        forms = {self.owned(effect).key: self.owned(effect) for effect in own if effect.of_conditions}
+        return Share((self.name, self.fixture), forms)
 
     @cached_property
     def fitted(self) -> np.ndarray:
@@ -71,30 +86,40 @@ class Subject:
 
 
 def subjects(measured: Sequence[Measured], effects: Iterable[Maker] | None = None) -> tuple[Subject, ...]:
-    """What is known of each specimen; InputError where two of several have one name.
+    """What is known of each sweep; InputError where two specimens have one name, or a fixture that of a specimen.
 
     effects : what they may have beside the effects of their files; the library where None
     """
     effects = None if effects is None else tuple(effects)
-    specimens = [one.problem.specimen for one in measured]
-    names = [specimen.name for specimen in specimens]
+    pieces = [one.piece for one in measured if one.taken.number == 0]
+    names, fixtures = [piece.name for piece in pieces], {one.fixture for one in measured}
     double = next((name for index, name in enumerate(names) if name in names[:index]), None)
     if double is not None:
         raise InputError(
-            f"{specimens[names.index(double)].path}: two specimens are named {double!r}; results say by name which "
+            f"{pieces[names.index(double)].path}: two specimens are named {double!r}; results say by name which "
             "specimen they are about, so give each its own"
         )
-    many = len(measured) > 1
-    return tuple(_subject(one, one.problem.specimen.name if many else "", effects) for one in measured)
+    if both := fixtures & set(names):
+        raise InputError(f"{pieces[0].path}: {both.pop()!r} is a specimen and a fixture; give one another name")
+    return tuple(
+        _subject(
+            one,
+            one.piece.name if len(pieces) > 1 else "",
+            one.fixture if len(fixtures) > 1 else "",
+            effects,
+        )
+        for one in measured
+    )
 
 
-def _subject(measured: Measured, name: str, effects: tuple[Maker, ...] | None) -> Subject:
+def _subject(measured: Measured, name: str, fixture: str, effects: tuple[Maker, ...] | None) -> Subject:
     frequency = measured.spectrum.frequency
     typical = float(np.median(np.abs(measured.spectrum.impedance)))
     band = (float(frequency[0]), float(frequency[-1]))
-    context = effect_context(measured.problem, measured.pair.pole.frequency_Hz, typical, band, frequency)
+    pole = measured.pair.pole.frequency_Hz
+    context = effect_context(measured.problem, pole, typical, band, frequency, measured.taken)
     noise = np.hypot(_relative_noise(measured), LEAST_ERROR)
-    return subject(name, measured.problem, measured, noise, context, effects)
+    return subject(name, measured.problem, measured, noise, context, effects, fixture)
 
 
 def subject(
@@ -104,12 +129,13 @@ def subject(
     noise: np.ndarray,
     context: EffectContext,
     effects: tuple[Maker, ...] | None = None,
+    fixture: str = "",
 ) -> Subject:
     """The specimen with the effects of its file; arguments as the attributes of `Subject`."""
     known = known_effects(problem, context, effects)
     fixed = tuple((belonging_to(effect, name), values) for effect, values in known if not effect.freed)
     freed = tuple(item for item in known if item[0].freed)
-    return Subject(name, problem, measured, noise, context, fixed, effects, freed)
+    return Subject(name, problem, measured, noise, context, fixed, effects, freed, fixture)
 
 
 def shared_library(several: Sequence[Subject]) -> tuple[Effect, ...]:
@@ -119,9 +145,15 @@ def shared_library(several: Sequence[Subject]) -> tuple[Effect, ...]:
     """
     if len(several) == 1:
         return several[0].library
-    shared = [e for e in several[0].library if is_common(e) and all(_open(e, one) for one in several)]
-    own = [belonging_to(effect, one.name) for one in several for effect in one.library if not is_common(effect)]
-    return (*shared, *own)
+    first = several[0]
+    common = [effect for effect in first.library if is_common(effect) and not first.owned(effect).specimen]
+    found = {effect.key: effect for effect in common if all(_open(effect, one) for one in several)}
+    for one in several:
+        for effect in one.library:
+            owned = one.owned(effect)
+            if owned.specimen or not is_common(effect):
+                found.setdefault(owned.key, owned)
+    return tuple(found.values())
 
 
 def _open(effect: Effect, one: Subject) -> bool:

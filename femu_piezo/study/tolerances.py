@@ -16,6 +16,8 @@ _LENGTH, _THICKNESS, _DENSITY, _MASS = 20e-6, 5e-6, 0.005, 0.001
 _HELD, _TANGENT = 0.03, 0.005
 #: Instrument: relative of |Z|, phase in rad; fixture after compensation in ohm, H, F.
 _ACCURACY, _PHASE = 0.0008, 0.0008
+#: Resonances from sweep to sweep, relative: some tenths of a kelvin.
+_REPEATABILITY = 5e-5
 _RESIDUE = {"resistance": 0.02, "inductance": 10e-9, "capacitance": 0.1e-12}
 
 
@@ -62,5 +64,6 @@ def _instrument(measurement: Measurement | None) -> dict[str, float]:
         for name, default in _RESIDUE.items()
     }
     found["accuracy"] = _ACCURACY if measurement.accuracy is None else measurement.accuracy
+    found["repeatability"] = _REPEATABILITY
     found["phase_accuracy"] = _PHASE if measurement.phase_accuracy is None else measurement.phase_accuracy
     return found

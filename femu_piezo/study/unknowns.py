@@ -1,4 +1,4 @@
-"""What a fit of several specimens has to find, whether their sweeps are measured or planned."""
+"""What a fit of several sweeps has to find, whether these are measured or planned."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import InputError
-from femu_piezo.inference.ensemble import belonging_to, is_common
 from femu_piezo.inference.readings import Reading
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
@@ -28,8 +27,8 @@ def unknowns_of(several: Sequence[Subject], constants: PiezoConstants | None = N
         material=MaterialParameters.around(free, free.start),
         prior=material_prior(of_file, material.priors, material.tangent_priors),
         effects=tolerances_of(several),
-        fixed=tuple(item for one in several for item in one.fixed),
-        readings=tuple(reading for one in several for reading in _readings(one)),
+        fixed=tuple({effect.key: (effect, values) for one in several for effect, values in one.fixed}.values()),
+        readings=tuple(reading for one in _pieces(several) for reading in _readings(one)),
     )
 
 
@@ -39,7 +38,7 @@ def as_filed(several: Sequence[Subject], unknowns: Unknowns) -> np.ndarray:
     x[: unknowns.of_material] = unknowns.material.x_of(unknowns.material.free.start)
     for one in several:
         for effect, values in one.freed:
-            own = belonging_to(effect, one.name) if one.name and not is_common(effect) else effect
+            own = one.owned(effect)
             if unknowns.has(own):
                 x[unknowns.columns(unknowns.index(own.key))] = values / own.scale
     return x
@@ -52,8 +51,13 @@ def tolerances_of(several: Sequence[Subject]) -> tuple[Effect, ...]:
 
 def served(one: Subject, effects: Iterable[Effect]) -> list[Effect]:
     """The effects that the model of one specimen must serve: its own and shared ones, and those of its file."""
-    own = [effect for effect in dict.fromkeys(effects) if effect.specimen in ("", one.name)]
+    own = [effect for effect in dict.fromkeys(effects) if one.share.has(effect)]
     return own + [effect for effect, _ in one.fixed]
+
+
+def _pieces(several: Sequence[Subject]) -> list[Subject]:
+    """The first sweep of every specimen."""
+    return list({one.name: one for one in reversed(several)}.values())[::-1]
 
 
 def _readings(one: Subject) -> list[Reading]:

@@ -100,7 +100,7 @@ def update_measured(
     )
     clock.step(None)
     return UpdateResult(
-        name=" + ".join(one.problem.specimen.name for one in measured),
+        name=" + ".join(dict.fromkeys(one.piece.name for one in measured)),
         baseline=baseline,
         constants=constants,
         parameters=constants_of(found),
@@ -262,7 +262,7 @@ def _notes(
 ) -> tuple[str, ...]:
     measured = [one.measured for one in several]
     notes = [note for one in measured for note in one.spectrum.notes]
-    notes += [note for one in measured for note in electrode_notes(one.problem.specimen)]
+    notes += dict.fromkeys(note for one in measured for note in electrode_notes(one.piece))
     notes += [f"poles and zeros: {note}" for one in measured for note in one.extraction.notes]
     notes += [f"updated constants: {fault}" for fault in constants.physical_faults(tolerance=1e-3)]
     if known is not None:

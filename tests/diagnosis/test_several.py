@@ -19,7 +19,7 @@ from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.effects.library import library
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
-from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common, own_parameters
+from femu_piezo.inference.ensemble import Ensemble, Share, belonging_to, is_common
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
@@ -76,7 +76,7 @@ class Bars:
         data = SweepData(frequency, impedance, np.full(impedance.size, NOISE), True, sizes)
         evaluation, effects = self.parts[names[0]], self.library[names[0]]
         if len(names) > 1:
-            evaluation = Ensemble(tuple((name, self.parts[name]) for name in names))
+            evaluation = Ensemble(tuple((Share((name,)), self.parts[name]) for name in names))
             effects = [effect for effect in effects if is_common(effect)]
             effects += [belonging_to(e, name) for name in names for e in self.library[name] if not is_common(e)]
         start = self.material.x_of(self.material.free.start) * 1.01
@@ -128,7 +128,7 @@ def test_jacobian_of_several_sweeps(bars):
     """Own unknowns move their own sweep alone, common ones both."""
     names = ("wrong_length", "stray_capacitance")
     length, stray = (next(e for e in bars.library["long"] if e.name == name) for name in names)
-    ensemble = Ensemble(tuple(bars.parts.items()))
+    ensemble = Ensemble(tuple((Share((name,)), part) for name, part in bars.parts.items()))
     parameters = bars.unknowns.with_candidate(belonging_to(length, "short")).with_candidate(stray)
     x = np.concatenate([bars.material.x_of(bars.material.free.start), [0.7, 0.4]])
     z, slopes = ensemble.with_jacobian(parameters, x)
@@ -139,7 +139,7 @@ def test_jacobian_of_several_sweeps(bars):
         step[column] = 1e-4
         numeric = (ensemble.impedance(parameters, x + step) - ensemble.impedance(parameters, x - step)) / 2e-4
         assert np.max(np.abs((slopes[:, column] - numeric) / z)) < 1e-4 * np.max(np.abs(slopes[:, column] / z))
-    own, columns = own_parameters(parameters, "long")
+    own, columns = Share(("long",)).of(parameters)
     assert [effect.name for effect in own.effects] == ["stray_capacitance"]
     assert columns.tolist() == [0, 1, 2, 3, 4, 5, 7]
 
@@ -151,12 +151,13 @@ def test_left_out_bands_are_those_of_each_sweep(bars):
     points = bars.frequency["long"].size
     data = SweepData(frequency, z, np.full(z.size, NOISE), True, (points, z.size - points))
     start = bars.material.x_of(bars.material.free.start)
-    ensemble = Ensemble(tuple(bars.parts.items()))
+    ensemble = Ensemble(tuple((Share((name,)), part) for name, part in bars.parts.items()))
     predicted = fit(ensemble, data, bars.unknowns, [start]).predicted()
     band = np.array_split(np.arange(points, z.size), 10)[3]
     kept = np.setdiff1d(np.arange(z.size), band)
     rest = np.delete(bars.parts["short"].omega, band - points)
-    seen = Ensemble((("long", bars.parts["long"]), ("short", Evaluation(bars.parts["short"].model, rest))))
+    short = Evaluation(bars.parts["short"].model, rest)
+    seen = Ensemble(((Share(("long",)), bars.parts["long"]), (Share(("short",)), short)))
     other = fit(seen, data.select(kept), bars.unknowns, [start])
     residual = data.whitened(*ensemble.with_jacobian(bars.unknowns, other.x))[0]
     unseen = residual[band] + 1j * residual[band + z.size]

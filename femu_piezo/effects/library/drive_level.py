@@ -10,8 +10,8 @@ is the growth of the compliance there, q how much loss it has. As resonances go 
 
     Z' = Z + β A (1 − jq)/2 · ω ∂Z/∂ω
 
-to first order; Z is straight where A is large, at the zeros of Z. With g = β (1 − jq)/2 · ω ∂Z/∂ω/max|Y|² the square
-u = |Z'|² obeys
+to first order; of several sweeps each has (V/V_max)² of β by its voltage V. Z is straight where A is large, at the
+zeros of Z. With g = β (1 − jq)/2 · ω ∂Z/∂ω/max|Y|² the square u = |Z'|² obeys
 
     Z' = Z + g/u,    u³ = |Z|² u² + 2 Re(Z* g) u + |g|².
 """
@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, Reached
+from femu_piezo.effects.effect import AcquisitionHook, Effect, EffectContext, EffectParameter, Reached
 
 #: Share of the lean that the law misses: strain that is not even, a current that is not all of motion.
 _LAW_ERROR = 0.1
@@ -36,7 +36,17 @@ def _square(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     return u
 
 
-def _acquisition(inside: Reached, omega: np.ndarray, p: np.ndarray):
+def _hook(drive: float) -> AcquisitionHook:
+    """drive : V/V_max"""
+
+    def acquisition(inside: Reached, omega: np.ndarray, p: np.ndarray):
+        z, slopes, own = _leaning(inside, omega, p * np.array([drive**2, 1.0]))
+        return z, slopes, own * np.array([drive**2, 1.0])
+
+    return acquisition
+
+
+def _leaning(inside: Reached, omega: np.ndarray, p: np.ndarray):
     (z, slopes), ahead, behind = (inside(omega * factor) for factor in (1.0, 1 + _STEP, 1 - _STEP))
     along, along_slopes = ((one - other) / (2 * _STEP) for one, other in zip(ahead, behind, strict=True))
     top = int(np.argmin(np.abs(z)))
@@ -73,7 +83,8 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 "sweep again at a third of the voltage: the lean falls to a ninth",
                 "sweep again in the opposite direction: a drift changes its sign, a lean does not",
             ),
-            acquisition=_acquisition,
+            acquisition=_hook(context.taken.drive),
             outward=0.3,
+            of_conditions=True,
         ),
     )

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, Reached
+from femu_piezo.effects.effect import AcquisitionHook, Effect, EffectContext, EffectParameter, Reached
 
 #: Loss tangent where the file has none.
 _USUAL_LOSS = 0.01
@@ -21,17 +21,22 @@ _USUAL_LOSS = 0.01
 _STEP = 1e-5
 
 
-def _acquisition(inside: Reached, omega: np.ndarray, p: np.ndarray):
-    values, tangents, h = [], [], _STEP * omega
-    for at in (omega - h, omega, omega + h):
-        z, slopes = inside(at)
-        values.append(1 / z)
-        tangents.append(-slopes / z[:, None] ** 2)
-    share = -1j * np.pi / h**2  # rate p in Hz/s: −j 2πp/2
-    bend = share * (values[0] - 2 * values[1] + values[2])
-    moved = share[:, None] * (tangents[0] - 2 * tangents[1] + tangents[2])
-    y = values[1] + p[0] * bend
-    return 1 / y, -(tangents[1] + p[0] * moved) / y[:, None] ** 2, (-bend / y**2)[:, None]
+def _hook(sign: float) -> AcquisitionHook:
+    """sign : −1 for a sweep that went down"""
+
+    def acquisition(inside: Reached, omega: np.ndarray, p: np.ndarray):
+        values, tangents, h = [], [], _STEP * omega
+        for at in (omega - h, omega, omega + h):
+            z, slopes = inside(at)
+            values.append(1 / z)
+            tangents.append(-slopes / z[:, None] ** 2)
+        share = -1j * np.pi * sign / h**2  # rate p in Hz/s: −j 2πp/2
+        bend = share * (values[0] - 2 * values[1] + values[2])
+        moved = share[:, None] * (tangents[0] - 2 * tangents[1] + tangents[2])
+        y = values[1] + p[0] * bend
+        return 1 / y, -(tangents[1] + p[0] * moved) / y[:, None] ** 2, (-bend / y**2)[:, None]
+
+    return acquisition
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
@@ -51,7 +56,8 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 "sweep again at a tenth of the rate: what is the body's stays",
                 "sweep again in the opposite direction: the rate changes its sign",
             ),
-            acquisition=_acquisition,
+            acquisition=_hook(1.0 if context.taken.rising else -1.0),
             outward=6.0,
+            of_conditions=True,
         ),
     )

@@ -2,14 +2,14 @@
 
     s_ij → s_ij/w²,    w = 1 + p [t(ω) − t(ω0)],    t the share of the sweep's time at which it came by ω,
 
-so that p is the share by which resonances rise from the lowest frequency of the sweep to the highest; at the
-fundamental ω0 the constants keep their values. A body of compliances s/w² is that of s, d w and ε at frequencies lower
-by w:
+so that p is the share by which resonances rise from the beginning of the sweep to its end. At the fundamental ω0 the
+constants keep their values in the first sweep of a specimen; in each further one they have a level of their own, which
+adds to w. A body of compliances s/w² is that of s, d w and ε at frequencies lower by w:
 
     Z'(ω) = Z(ω/w; s, d w, ε)/w,    Z a parabola in d through three values.
 
-Every point is taken to have had the same time. Sweeps are sorted by frequency: one that went down has p of the other
-sign, and p < 0 in one that went up is a body that grew softer. How d and ε themselves change is not known and left out.
+Every point is taken to have had the same time, and a sweep to have gone up where nothing is said. p < 0 is a body that
+grew softer. How d and ε themselves change is not known and left out.
 """
 
 from __future__ import annotations
@@ -44,11 +44,15 @@ _SIDES = Effect(
 def _hook(context: EffectContext) -> AcquisitionHook:
     pace = np.array(context.pace_Hz or context.band_Hz)
     shares = np.linspace(0, 1, pace.size)
-    at = np.interp(context.fundamental_Hz, pace, shares)
+    at, number = np.interp(context.fundamental_Hz, pace, shares), context.taken.number
+    sign = 1.0 if context.taken.rising else -1.0
 
     def acquisition(inside: Reached, omega: np.ndarray, p: np.ndarray):
-        time = np.interp(omega / (2 * np.pi), pace, shares) - at
-        w = 1 + p[0] * time
+        weights = np.zeros((omega.size, p.size))
+        weights[:, 0] = sign * (np.interp(omega / (2 * np.pi), pace, shares) - at)
+        if number:
+            weights[:, number] = 1.0
+        w = 1 + weights @ p
 
         def body(w: np.ndarray, slopes: bool = True):
             u, z, tangents = (w - 1) / _SIDE, 0.0, 0.0
@@ -59,7 +63,7 @@ def _hook(context: EffectContext) -> AcquisitionHook:
 
         z, tangents = body(w)
         ahead, behind = (body(w + step, slopes=False)[0] for step in (_STEP, -_STEP))
-        return z, tangents, (time * (ahead - behind) / (2 * _STEP))[:, None]
+        return z, tangents, weights * ((ahead - behind) / (2 * _STEP))[:, None]
 
     return acquisition
 
@@ -70,7 +74,13 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         Effect(
             name="temperature_drift",
             sentence="the specimen warmed up or cooled down during the sweep: resonances drift, later ones further",
-            parameters=(EffectParameter("drift", "1", -0.1, 0.1, 5e-4, 3e-3, law_error=_LAW_ERROR),),
+            parameters=(
+                EffectParameter("drift", "1", -0.1, 0.1, 5e-4, 3e-3, law_error=_LAW_ERROR),
+                *(
+                    EffectParameter(f"level_{number + 1}", "1", -0.1, 0.1, 5e-4, 3e-3, optional=True)
+                    for number in range(1, context.taken.count)
+                ),
+            ),
             confusable_with=("wrong_insensitive_parameter", "wrong_width", "frequency_dependent_elastic_loss"),
             advice=(
                 "sweep again in the opposite direction: a drift changes its sign, a constant does not",
@@ -78,5 +88,6 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             ),
             acquisition=_hook(context),
             outward=0.25,
+            of_conditions=True,
         ),
     )

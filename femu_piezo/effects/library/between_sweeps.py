@@ -1,0 +1,94 @@
+"""What differs between the sweeps of one specimen: its temperature, as stated and as nobody noticed.
+
+    θ → θ (1 + a ΔT)(1 − j b ΔT)    for every free constant, ΔT from the mean temperature of the sweeps,
+
+so that b is what the loss tangent grows with temperature. The thermal expansion of the body, some 1e-6/K, is in a. What
+the stated temperatures do not tell (a few tenths of a kelvin, a new grip) shifts the resonances of each further sweep
+against those of the first by a small share p,
+
+    s_ij → s_ij/(1 + p)².
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
+from femu_piezo.material.constants import D_FORM
+
+#: What temperature coefficients of ceramics are, standard deviations: of real parts and of tangents, 1/K.
+_PER_KELVIN, _TANGENT_PER_KELVIN = 5e-3, 1e-3
+_COMPLIANCES = [index for index, name in enumerate(D_FORM) if name.startswith("s")]
+
+
+def _coefficients(context: EffectContext):
+    where, kelvin = [D_FORM.index(name) for name in context.free], context.taken.warmer_K
+
+    def constants(theta, tangents, omega, p):
+        theta, tangents = theta.copy(), tangents.copy()
+        own = np.zeros((*theta.shape, p.size), dtype=complex)
+        for number, index in enumerate(where):
+            real, loss = 1 + p[2 * number] * kelvin, 1 - 1j * p[2 * number + 1] * kelvin
+            own[:, index, 2 * number] = theta[:, index] * kelvin * loss
+            own[:, index, 2 * number + 1] = -1j * theta[:, index] * kelvin * real
+            theta[:, index] *= real * loss
+            tangents[:, index] *= real * loss
+        return theta, tangents, own
+
+    return constants
+
+
+def _shift(number: int):
+    def constants(theta, tangents, omega, p):
+        own = np.zeros((*theta.shape, p.size), dtype=complex)
+        if number == 0:
+            return theta, tangents, own
+        theta, tangents, w = theta.copy(), tangents.copy(), 1 + p[number - 1]
+        theta[:, _COMPLIANCES] /= w**2
+        tangents[:, _COMPLIANCES] /= w**2
+        own[:, _COMPLIANCES, number - 1] = -2 * theta[:, _COMPLIANCES] / w
+        return theta, tangents, own
+
+    return constants
+
+
+def candidates(context: EffectContext) -> tuple[Effect, ...]:
+    """Present where there are several sweeps; never causes."""
+    taken, found = context.taken, []
+    if taken.span_K > 0:
+        real, tangent = _PER_KELVIN, _TANGENT_PER_KELVIN
+        found.append(
+            Effect(
+                name="temperature_coefficients",
+                sentence="the constants change with temperature",
+                parameters=tuple(
+                    one
+                    for name in context.free
+                    for one in (
+                        EffectParameter(name, "1/K", -0.05, 0.05, 1e-3, real, optional=True, tolerance=real),
+                        EffectParameter(
+                            f"tan_{name}", "1/K", -0.01, 0.01, 1e-4, tangent, optional=True, tolerance=tangent
+                        ),
+                    )
+                ),
+                constants=_coefficients(context),
+                of_conditions=True,
+            )
+        )
+    repeats = context.tolerances.get("repeatability", 0.0)
+    if taken.count > 1 and repeats:
+        found.append(
+            Effect(
+                name="repeatability",
+                sentence="the resonances of a specimen are not the same from sweep to sweep",
+                parameters=tuple(
+                    EffectParameter(
+                        f"sweep_{number + 1}", "1", -0.01, 0.01, repeats, repeats, optional=True, tolerance=repeats
+                    )
+                    for number in range(1, taken.count)
+                ),
+                constants=_shift(taken.number),
+                of_conditions=True,
+            )
+        )
+    return tuple(found)
