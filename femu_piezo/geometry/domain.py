@@ -9,6 +9,7 @@ import numpy as np
 import skfem
 
 from femu_piezo.errors import InputError
+from femu_piezo.geometry.curved_mesh import CurvedHexahedra
 
 
 @dataclass(frozen=True)
@@ -54,5 +55,6 @@ class Domain:
     @property
     def volume(self) -> float:
         """Volume of the whole specimen, m³."""
-        basis = skfem.Basis(self.mesh, self.mesh.elem())
+        order = 12 if isinstance(self.mesh, CurvedHexahedra) else None
+        basis = skfem.Basis(self.mesh, self.mesh.elem(), intorder=order)
         return float(np.sum(basis.dx)) * self.copies

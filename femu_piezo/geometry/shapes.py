@@ -104,7 +104,7 @@ class Plate:
         order : of the elements where it is given, else the one of `ORDERS` that costs least
         """
         size = 2 * np.pi * frequency_Hz / shear_speed * self.part(symmetric_axes)
-        choices = [(p, _divisions(p, size, accuracy)) for p in (ORDERS if order is None else (order,))]
+        choices = [(p, fewest_divisions(p, size, accuracy)) for p in (ORDERS if order is None else (order,))]
         found = min(choices, key=lambda choice: _cost(*choice))
         check_unknowns(*_unknowns(*found))
         return found
@@ -179,7 +179,7 @@ def eigenvalue_error(order: int, divisions: tuple[int, int, int], size: np.ndarr
     return float(waves + 1.2 * min(1.0, across / 2) ** 4 * edges.max() ** 4.7 / order**9.6)
 
 
-def _divisions(order: int, size: np.ndarray, accuracy: float) -> tuple[int, int, int]:
+def fewest_divisions(order: int, size: np.ndarray, accuracy: float) -> tuple[int, int, int]:
     """The fewest elements, as near to cubes as the longest edge allows, within an accuracy."""
     count = 1
     while True:

@@ -95,7 +95,7 @@ def test_update_of_a_partly_covered_trapezoid(tmp_path, truth):
         tmp_path,
         truth,
         body,
-        body.domain(0.8e-3),
+        body.domain(0.8e-3, order=5),
         [
             'shape = "trapezoid"',
             "length = 14e-3",

@@ -1,0 +1,151 @@
+"""Curved hexahedra of slabs: exact geometry, conforming cells, rigid motions, electrode rims, accuracy as asked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import skfem
+
+from femu_piezo.forward.eigen import solve_eigen
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry.catalogue import disk, plate, ring, trapezoid
+from femu_piezo.geometry.plane_mesh import arc, graded_lines
+from femu_piezo.geometry.quality import boundary_area
+from femu_piezo.geometry.regions import Circle
+from femu_piezo.geometry.round_body import PINHOLE
+from femu_piezo.geometry.slab import Electrodes, Slab
+from femu_piezo.geometry.slab_mesh import Fineness, is_grid, is_round, mesh_for, slab_mesh
+from femu_piezo.material.library import library_material
+
+MM = 1e-3
+PZT = library_material("pzt-5h")
+FORM, DENSITY = PZT.constants.lossless().to_e_form(), 7500.0
+SHEAR = 1 / np.sqrt(DENSITY * max(PZT.constants.s44.real, PZT.constants.s66.real))
+MARGIN, HALF = Electrodes(margin=0.4 * MM), Electrodes(span=(0.0, 5 * MM))
+ROUND = {"corner_radius": 1 * MM}
+HOLE = {"holes": (Circle(2 * MM, (1 * MM, 0.5 * MM)),)}
+#: Body and the perimeter of its outline and holes, m.
+BODIES: dict[str, tuple[Slab, float]] = {
+    "half plate": (plate(10 * MM, 6 * MM, 1 * MM, electrodes=HALF), 32 * MM),
+    "plate, margin": (plate(10 * MM, 6 * MM, 1 * MM, electrodes=MARGIN), 32 * MM),
+    "wrapped plate": (plate(10 * MM, 6 * MM, 1 * MM, electrodes=Electrodes(wrap=(2 * MM, 0.5 * MM))), 32 * MM),
+    "trapezoid, margin": (
+        trapezoid(12 * MM, 6 * MM, 3 * MM, 1 * MM, electrodes=MARGIN),
+        (9 + 2 * np.hypot(12, 1.5)) * MM,
+    ),
+    "half trapezoid": (
+        trapezoid(12 * MM, 3 * MM, 6 * MM, 1 * MM, electrodes=HALF),
+        (9 + 2 * np.hypot(12, 1.5)) * MM,
+    ),
+    "disk, margin": (disk(10 * MM, 1 * MM, electrodes=MARGIN), 10 * (1 + PINHOLE) * np.pi * MM),
+    "ring, margin": (ring(10 * MM, 4 * MM, 1 * MM, electrodes=MARGIN), 14 * np.pi * MM),
+    "half disk": (disk(10 * MM, 1 * MM, electrodes=HALF), 10 * np.pi * MM),
+    "rounded": (plate(10 * MM, 6 * MM, 1 * MM, **ROUND), (24 + 2 * np.pi) * MM),
+    "rounded, half": (plate(10 * MM, 6 * MM, 1 * MM, electrodes=HALF, **ROUND), (24 + 2 * np.pi) * MM),
+    "holed": (plate(10 * MM, 6 * MM, 1 * MM, **HOLE), (32 + 2 * np.pi) * MM),
+    "rounded, holed, margin": (
+        plate(10 * MM, 6 * MM, 1 * MM, electrodes=MARGIN, **ROUND, **HOLE),
+        (24 + 4 * np.pi) * MM,
+    ),
+    "eccentric ring": (ring(10 * MM, 3 * MM, 1 * MM, holes=(Circle(1 * MM, (3.2 * MM, 0.0)),)), 14 * np.pi * MM),
+}
+
+
+@pytest.mark.parametrize("layers", [1, 2])
+@pytest.mark.parametrize("name", BODIES)
+def test_volume_surface_and_electrodes_are_those_of_the_drawing(name, layers):
+    """A facet that two cells do not share adds to the surface, which is known to 1e-8 (the quadrature's share)."""
+    shape, perimeter = BODIES[name]
+    across = np.pi / 4 if is_round(shape) else 2 * MM
+    layers = layers if is_round(shape) or is_grid(shape) else 1
+    mesh = slab_mesh(shape, Fineness(4, (2 * MM, across, MM), layers), ())
+    domain = shape._domain(mesh, (), 4)
+    assert domain.volume == pytest.approx(shape.volume, rel=1e-8)
+    sides = skfem.FacetBasis(mesh, mesh.elem(), facets=mesh.boundary_facets(), intorder=12).dx.sum()
+    assert sides == pytest.approx(perimeter * shape.thickness + 2 * shape.volume / shape.thickness, rel=1e-8)
+    exact = 5e-5 if name in ("half disk", "rounded, half") else 1e-8  # areas that are found by counting points
+    assert boundary_area(domain.mesh, "hot") == pytest.approx(shape.electrode_area, rel=exact)
+
+
+@pytest.mark.parametrize("name", ["half trapezoid", "rounded, holed, margin"])
+def test_free_bodies_move_rigidly(name):
+    """Six motions without energy, translations exactly, rotations as far as the order follows the maps."""
+    shape = BODIES[name][0]
+    model = ElectroelasticModel(shape.domain(3 * MM, symmetric=False, order=4), DENSITY)
+    stiffness, places = model.stiffness(FORM), model.basis.doflocs
+    for axis in range(3):
+        for kind in ("translation", "rotation"):
+            field = np.zeros((4, model.basis.N))
+            if kind == "translation":
+                field[axis] = 1.0
+            else:
+                one, other = (axis + 1) % 3, (axis + 2) % 3
+                field[one], field[other] = -places[other], places[one]
+            vector = model.prolongation.T @ field.ravel()
+            norm = np.sqrt(vector @ (model.mass @ vector))
+            energy = vector @ (stiffness @ vector) / norm**2
+            assert abs(energy) < (1e-8 if kind == "translation" else 1e-4) * (2 * np.pi * 50e3) ** 2
+
+
+def driven(shape: Slab, domain, band: float) -> np.ndarray:
+    """λ of the modes below the band's end that the terminals drive, short-circuited then open."""
+    model, found = ElectroelasticModel(domain, DENSITY), []
+    for circuit in ("short", "open"):
+        modes = solve_eigen(model, FORM, circuit, 10, near_Hz=0.45 * band)
+        inside = (modes.participation > 1e-4) & (modes.eigenvalues.real < (2 * np.pi * band) ** 2)
+        found.append(modes.eigenvalues.real[inside])
+    return np.concatenate(found)
+
+
+#: Body, end of the band (Hz), accuracies, the last of which makes the reference, one order and one graded cell finer.
+SMALL = {
+    "half plate": (plate(5 * MM, 1.6 * MM, 1 * MM, electrodes=Electrodes(span=(0.0, 3 * MM))), 400e3),
+    "disk, margin": (disk(10 * MM, 1 * MM, electrodes=Electrodes(margin=0.7 * MM)), 350e3),
+    "ring, margin": (ring(10 * MM, 4 * MM, 1 * MM, electrodes=Electrodes(margin=0.5 * MM)), 300e3),
+    "trapezoid, wrapped": (
+        trapezoid(6 * MM, 2 * MM, 1.2 * MM, 0.8 * MM, electrodes=Electrodes(wrap=(1 * MM, 0.5 * MM))),
+        300e3,
+    ),
+    "rounded": (plate(6 * MM, 3 * MM, 1 * MM, corner_radius=0.6 * MM), 350e3),
+    "holed": (plate(6 * MM, 3 * MM, 1 * MM, holes=(Circle(1.2 * MM),)), 350e3),
+}
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_the_accuracy_asked_for_is_kept(name):
+    shape, band = SMALL[name]
+    wavenumber = 2 * np.pi * band / SHEAR
+    mesh, order = mesh_for(shape, 1e-5, wavenumber, shape.mirrors, None)
+    exact = driven(shape, shape._domain(mesh, shape.mirrors, order + 1), band)
+    assert exact.size >= 2
+    for accuracy in (1e-3, 1e-4, 1e-5):
+        found = driven(shape, shape.domain_for(accuracy, band, SHEAR), band)
+        assert max(np.min(np.abs(found / value - 1)) for value in exact) < accuracy
+
+
+@pytest.mark.parametrize("name", ["rounded", "holed"])
+def test_curved_bodies_agree_with_tetrahedra(name):
+    """The tetrahedra's error falls with the fourth power of their edge: two of their meshes show where it ends."""
+    shape, band = SMALL[name]
+    fine = driven(shape, shape.domain_for(1e-5, band, SHEAR), band)
+    tetrahedra = replace(shape, elements="tetrahedron")
+    coarse, finer = (driven(shape, tetrahedra.domain(edge * MM), band) for edge in (0.8, 0.4))
+    for value in fine:
+        first, second = (found[np.argmin(np.abs(found / value - 1))] for found in (coarse, finer))
+        assert abs(second / value - 1) < 2e-4
+        assert abs(second / value - 1) < abs(first / value - 1)
+
+
+def test_lines_are_graded_towards_rims():
+    found = graded_lines(np.array([0.0, 4.0, 4.3]), np.array([False, True, False]), 2.0, 1.0, 2)
+    np.testing.assert_allclose(found, [0.0, 1.5, 3.0, 3.85, 4.0, 4.045, 4.3])
+
+
+def test_arcs_go_through_their_points():
+    start, middle, end = (np.array(point)[:, None] for point in ((1.0, 0.0), (np.sqrt(0.5), np.sqrt(0.5)), (0.0, 1.0)))
+    share = np.linspace(0, 1, 5)[None]
+    turn = share * np.pi / 2
+    np.testing.assert_allclose(arc(start, middle, end, share), [np.cos(turn), np.sin(turn)], atol=1e-15)
+    np.testing.assert_allclose(arc(start, (start + end) / 2, end, share), [1 - share, share], atol=1e-15)
