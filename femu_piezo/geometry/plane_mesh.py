@@ -239,6 +239,11 @@ def _pillowed_piece(mesh: PlaneMesh, piece: int, on_rim: OnRim, mirrored: OnRim,
     start, end = ends[:, wanted]
     added = np.array([start, end, copy[end], copy[start]])
     sides = np.stack([(p[:, added[a]] + p[:, added[b]]) / 2 for a, b in SIDES], axis=1)
+    sides[:, 2] += (middles[:, wanted] - sides[:, 0]) / 2  # half as bent: between the arc and what lies inside
+    bent = {frozenset(pair): sides[:, 2, i] for i, pair in enumerate(added[2:].T.tolist())}
+    for i, (a, b) in enumerate(SIDES):
+        for cell in own:
+            places[:, i, cell] = bent.get(frozenset((quads[a, cell], quads[b, cell])), places[:, i, cell])
     sides[:, 0] = middles[:, wanted]
     return PlaneMesh(
         p,

@@ -8,7 +8,9 @@ The error of λ is that of waves and edges (`shapes.eigenvalue_error`, `round_bo
 singularity at a rim leaves with n graded cells on each side, at order p. Measured over plates and disks with partial
 electrodes (tests/verification/test_slab_meshes.py holds some to it) that is at most
 
-    10 · 8⁻ᵖ · 0.15ⁿ⁻¹
+    0.007 · 2⁻ᵖ · 0.15ⁿ⁻¹ + 0.07 · 8⁻ᵖ,
+
+the singularity in the innermost cell, and the smooth field in its graded map.
 """
 
 from __future__ import annotations
@@ -43,14 +45,17 @@ if TYPE_CHECKING:
     from femu_piezo.geometry.slab import Slab
 
 #: Orders that are tried where cells are not those of a plain body.
-_ORDERS = range(4, 8)
-#: Error at a rim, c and b in c b⁻ᵖ, see above; share of the accuracy that waves and edges may leave beside it.
-_RIM, _PER_ORDER, _SMOOTH = 10.0, 8.0, 0.5
+_ORDERS = range(3, 8)
+#: Error at a rim, see above: of the singularity and of the smooth field, each c and b in c b⁻ᵖ. Graded cells on a side
+#: of a rim at most, and share of the accuracy that waves and edges may leave beside it.
+_SINGULAR, _GRADED, _MOST_LAYERS, _SMOOTH = (7e-3, 2.0), (0.07, 8.0), 4, 0.5
+#: Order of elements where no order keeps the accuracy.
+_AT_RIMS = 5
 #: Reach of the graded cells on both sides of a rim and below the faces, over the thickness.
 _REACH = 0.5
 #: What gmsh is tried with: shares of the edge, cells of a full circle; least share of a plane cell's Jacobian in its
 #: mean that is good enough to look no further. Drawing units per metre.
-_SHRUNK, _PER_CIRCLE, _GOOD, _DRAWING_UNIT = (1.0, 0.7, 0.5, 0.35), (8, 12), 0.05, 1e3
+_SHRUNK, _PER_CIRCLE, _GOOD, _DRAWING_UNIT = (1.0, 0.7, 0.5, 0.35), (8, 12, 16), 0.05, 1e3
 
 
 @dataclass(frozen=True)
@@ -107,8 +112,10 @@ def mesh_for(
         size = unknowns, 16.0 * squares * layers * (p + 1) ** 6
         found.append((not enough, solution_cost(p, squares * layers, unknowns), size, fine, plane))
     small = [one for one in found if fits(*one[2])]
-    if small and all(one[0] for one in small):  # as accurate as it can be
-        small = small[-1:]
+    if small and all(one[0] for one in found):  # a rim in a mesh of gmsh: higher orders gain little there
+        small = [one for one in small if one[3].order <= _AT_RIMS][-1:] or small[:1]
+    elif all(one[0] for one in small):
+        small = []
     _, _, size, fine, plane = min(small or found, key=lambda one: one[:2])
     check_unknowns(*size)
     return _in_layers(slab, plane, fine, mirrors), fine.order
@@ -128,11 +135,15 @@ def _fineness(
     """The coarsest cells of an order within an accuracy, and whether they are: meshes of gmsh have one rim layer."""
     rims, height = bool(partial_footprints(slab)), slab.thickness / (2 if 2 in mirrors else 1)
     smooth = accuracy * _SMOOTH if rims else accuracy
-    layers = 1
-    while rims and _RIM * _PER_ORDER**-p * RATIO ** (layers - 1) > accuracy - smooth:
+    regular, layers = is_grid(slab) or is_round(slab), 1
+
+    def left(layers: int) -> float:
+        singular, graded = (c * b**-p for c, b in (_SINGULAR, _GRADED))
+        return singular * RATIO ** (layers - 1) + graded if rims else 0.0
+
+    while regular and layers < _MOST_LAYERS and left(layers) > accuracy - smooth:
         layers += 1
-    regular = is_grid(slab) or is_round(slab)
-    enough, layers = regular or layers == 1, layers if regular else 1
+    enough = left(layers) <= accuracy - smooth or not rims
     if is_round(slab):
         radii = _radii(slab)
         along = abs(slab.poling_direction[2]) == 1.0

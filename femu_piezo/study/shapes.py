@@ -12,11 +12,10 @@ from femu_piezo.geometry.regions import Circle
 from femu_piezo.geometry.shape import Shape
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Electrodes, Slab
+from femu_piezo.geometry.slab_mesh import is_grid, is_round
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.specimen.geometry import Geometry
-
-_FINER = '; elements = "tetrahedron" in [geometry] leaves a third of it'
 
 
 def shape_of(specimen: Specimen) -> Shape:
@@ -71,15 +70,19 @@ def _electrodes(geometry: Geometry) -> Electrodes:
 
 
 def electrode_notes(specimen: Specimen) -> tuple[str, ...]:
-    """What to know of the accuracy of a body whose electrodes end inside its faces, as sentences."""
+    """What to know of the accuracy of a body whose electrodes end inside its faces, as sentences.
+
+    Nothing where its cells are a grid or polar: they keep the accuracy that is asked for.
+    """
     geometry = specimen.geometry
     partial = (geometry.electrode_margin, geometry.electrode_length, geometry.wrap_length)
-    if not any(partial):
+    body = shape_of(specimen) if any(partial) else None
+    if not isinstance(body, Slab) or (body.element_shape == "hexahedron" and (is_grid(body) or is_round(body))):
         return ()
-    size, words = ("a few 1e-4", "") if geometry.elements == "tetrahedron" else ("up to 1e-3", _FINER)
+    size = "a few 1e-4" if body.element_shape == "tetrahedron" else "some 1e-4"
     return (
-        f"{specimen.name}: the field is singular where an electrode ends inside a face, which leaves a relative error "
-        f"of {size} in λ (half of it in frequency) whatever the accuracy asked for{words}",
+        f"{specimen.name}: the field is singular where an electrode ends inside a face, which may leave a relative "
+        f"error of {size} in λ (half of it in frequency) whatever the accuracy asked for",
     )
 
 

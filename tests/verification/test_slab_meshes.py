@@ -16,7 +16,7 @@ from femu_piezo.geometry.quality import boundary_area
 from femu_piezo.geometry.regions import Circle
 from femu_piezo.geometry.round_body import PINHOLE
 from femu_piezo.geometry.slab import Electrodes, Slab
-from femu_piezo.geometry.slab_mesh import Fineness, is_grid, is_round, mesh_for, slab_mesh
+from femu_piezo.geometry.slab_mesh import Fineness, is_grid, is_round, slab_mesh
 from femu_piezo.material.library import library_material
 
 MM = 1e-3
@@ -99,7 +99,7 @@ def driven(shape: Slab, domain, band: float) -> np.ndarray:
     return np.concatenate(found)
 
 
-#: Body, end of the band (Hz), accuracies, the last of which makes the reference, one order and one graded cell finer.
+#: Body, end of the band (Hz).
 SMALL = {
     "half plate": (plate(5 * MM, 1.6 * MM, 1 * MM, electrodes=Electrodes(span=(0.0, 3 * MM))), 400e3),
     "disk, margin": (disk(10 * MM, 1 * MM, electrodes=Electrodes(margin=0.7 * MM)), 350e3),
@@ -115,13 +115,15 @@ SMALL = {
 
 @pytest.mark.parametrize("name", SMALL)
 def test_the_accuracy_asked_for_is_kept(name):
+    """Against order 6 with graded cells at rims, whose own error there is some 1e-5."""
     shape, band = SMALL[name]
-    wavenumber = 2 * np.pi * band / SHEAR
-    mesh, order = mesh_for(shape, 1e-5, wavenumber, shape.mirrors, None)
-    exact = driven(shape, shape._domain(mesh, shape.mirrors, order + 1), band)
+    chosen = shape.domain_for(1e-4, band, SHEAR)
+    edge = (2 * MM, np.pi / 2 if is_round(shape) else 1.5 * MM, 0.5 * MM)
+    finer = slab_mesh(shape, Fineness(6, edge, 2), shape.mirrors)
+    exact = driven(shape, shape._domain(finer, shape.mirrors, 6), band)
     assert exact.size >= 2
-    for accuracy in (1e-3, 1e-4, 1e-5):
-        found = driven(shape, shape.domain_for(accuracy, band, SHEAR), band)
+    for accuracy, domain in ((1e-3, shape.domain_for(1e-3, band, SHEAR)), (1e-4, chosen)):
+        found = driven(shape, domain, band)
         assert max(np.min(np.abs(found / value - 1)) for value in exact) < accuracy
 
 
@@ -129,7 +131,7 @@ def test_the_accuracy_asked_for_is_kept(name):
 def test_curved_bodies_agree_with_tetrahedra(name):
     """The tetrahedra's error falls with the fourth power of their edge: two of their meshes show where it ends."""
     shape, band = SMALL[name]
-    fine = driven(shape, shape.domain_for(1e-5, band, SHEAR), band)
+    fine = driven(shape, shape.domain_for(1e-4, band, SHEAR), band)
     tetrahedra = replace(shape, elements="tetrahedron")
     coarse, finer = (driven(shape, tetrahedra.domain(edge * MM), band) for edge in (0.8, 0.4))
     for value in fine:
