@@ -151,6 +151,8 @@ def _fineness(
         edge = (radii[1] - radii[0]) / found.radial, np.pi / 2 / found.around, height / found.layers
         return Fineness(p, edge, layers), enough
     x_min, x_max, y_min, y_max = slab.outline.extents
+    if not regular:  # cells of gmsh are no cubes; they left up to 1.2 of the error of those
+        smooth /= 2
     box = Plate(x_max - x_min, y_max - y_min, slab.thickness, "thickness", slab.direction)
     size = box.part(tuple(axis for axis in mirrors if axis in box.mirrors))
     divisions = fewest_divisions(p, wavenumber * size, smooth)
