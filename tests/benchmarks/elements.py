@@ -90,6 +90,7 @@ def ngsolve(python: str | None, shape: Shape, domain, band: float, strong: list[
     lines = [np.unique(np.round(axis, 12)).size - 1 for axis in domain.mesh.p]
     form = PZT.to_e_form()
     task = {
+        "problem": "poles",
         "size": list(2 * extents),
         "divisions": lines,
         "order": domain.order,
@@ -101,7 +102,7 @@ def ngsolve(python: str | None, shape: Shape, domain, band: float, strong: list[
         "near": 0.45 * band,
         "count": 12,
     }
-    script = Path(__file__).with_name("ngsolve_poles.py")
+    script = Path(__file__).with_name("in_ngsolve.py")
     try:
         answer = subprocess.run(
             [python, str(script)], input=json.dumps(task), capture_output=True, text=True, timeout=200, check=True
