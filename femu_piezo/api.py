@@ -134,16 +134,19 @@ def diagnose(
 
 def identify(
     specimens: AnySpecimen | Sequence[AnySpecimen],
-    noise: float = 1e-3,
+    noise: float | None = None,
     *,
     recommend: bool = True,
     progress: Progress | None = None,
 ) -> Identified:
-    """Which constants sweeps of the specimens can determine, before or without measuring.
+    """Which constants sweeps of the specimens can determine, and how well, before or without measuring.
+
+    `result.expected` has the deviations that an update would state with the tolerances of the files, and what each
+    would be with a tolerance halved.
 
     Parameters
     ----------
-    noise : relative standard deviation of every point
+    noise : relative standard deviation of every point; the one that the files state where None, else 0.001
     recommend : compute what further measurements would add, which takes longer than the rest
     """
     from femu_piezo.output.results.identified import Identified

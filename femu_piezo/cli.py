@@ -34,7 +34,7 @@ Smart Mater. Struct. 31, 2022, 125010).
   femu-piezo update plate.toml --out results      the constants that explain the measured sweep
   femu-piezo batch lot --out results              update every specimen of a folder, one table and a lot report
   femu-piezo diagnose plate.toml --out results    what the simulation gets wrong, and the named cause
-  femu-piezo identify plate.toml --out results    which constants such a sweep can determine, and what else to measure
+  femu-piezo identify plate.toml --out results    which constants such a sweep tells, which tolerance to improve
 
 Words: a pole is a pole of the admittance (series resonance, short circuit); a zero is a zero of the admittance
 (parallel resonance, open circuit). A constant is written value (1 − j tan). Every command writes machine-readable
@@ -263,13 +263,19 @@ def batch(
 @main.command()
 @click.argument("specimens", type=click.Path(path_type=Path), metavar="SPEC [SPEC …]", nargs=-1, required=True)
 @_out
-@click.option("--noise", default=1e-3, show_default=True, help="relative noise of the sweep, standard deviation")
-def identify(specimens: tuple[Path, ...], out: Path, noise: float) -> None:
+@click.option(
+    "--noise",
+    type=float,
+    help="relative noise of the sweep, standard deviation  [default: that of the specimen file, else 0.001]",
+)
+def identify(specimens: tuple[Path, ...], out: Path, noise: float | None) -> None:
     """Predict which constants a sweep of SPEC can determine, before or without measuring.
 
-    The sweep is that of the [simulation] table; all ten constants are free. Several SPEC files are sweeps of one
-    material taken together. Says which further measurement would determine the rest. Writes identifiability.json and
-    sensitivity.png.
+    The sweep is that of the [simulation] table. First with all ten constants free and noise alone: which of them the
+    sweep tells, and which further measurement would determine the rest. Then with the constants and the tolerances of
+    the file: the deviation that `update` would state for each, where it comes from, and which tolerance (a dimension,
+    density or mass, a held constant, the instrument, the fixture, noise) to improve first and what that brings. Several
+    SPEC files are sweeps of one material taken together. Writes identifiability.json, budget.png and sensitivity.png.
     """
     from femu_piezo.api import identify as run
     from femu_piezo.specimen.file import read_specimens

@@ -10,10 +10,11 @@ run.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
-from typing import TypeVar
+from threading import Lock, RLock
+from typing import Any, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
@@ -45,6 +46,25 @@ def available_cores() -> int:
 def useful_threads(unknowns: int) -> int:
     """Threads for one sparse operator: one for a small one, never more than the process may use."""
     return 1 if unknowns < _SMALL else min(available_cores(), _MOST_THREADS)
+
+
+class Once:
+    """Values by key, each made once however many threads ask for it."""
+
+    def __init__(self) -> None:
+        self._values: dict[Hashable, Any] = {}
+        self._locks: dict[Hashable, RLock] = {}
+        self._guard = Lock()
+
+    def get(self, key: Hashable, make: Callable[[], Result]) -> Result:
+        """The value of a key, made by the first thread that asks for it."""
+        if key not in self._values:
+            with self._guard:
+                lock = self._locks.setdefault(key, RLock())
+            with lock:
+                if key not in self._values:
+                    self._values[key] = make()
+        return self._values[key]
 
 
 def in_parallel(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:

@@ -17,6 +17,7 @@ THUMBNAILS = {
     "full_set": ("full_set/determined.png", (0, 0, 1, 1)),
     "trapezoid": ("trapezoid/mode_02.png", (0, 0, 1, 1)),
     "hidden_effect": ("hidden_effect/diagnosis.png", (0, 0, 1, 1)),
+    "stated_uncertainty": ("stated_uncertainty/intervals.png", (0, 0, 1, 0.643)),
     "own_effect": ("own_effect/end_mass.png", (0, 0, 1, 1)),
 }
 WIDTH, LARGEST = 560, 100_000

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from femu_piezo.diagnosis.starts import Start
 from femu_piezo.effects.effect import Effect
-from femu_piezo.inference.fit import Fit, Response
+from femu_piezo.inference.fit import Fit
 
 #: |cos| of two tangents, free of what the constants can do, that counts as parallel.
 PARALLEL = 0.99
@@ -42,11 +43,11 @@ class Tangent:
         return self.share < _SHARE or self.visible < VISIBLE
 
 
-def tangents(response: Response, base: Fit, effects: Sequence[Effect]) -> list[Tangent]:
-    """Tangent of each effect on top of the base fit: at rest, or the secant to one scale where rest has no slope."""
+def tangents(base: Fit, alone: Sequence[Start]) -> list[Tangent]:
+    """Tangent of each effect on top of the base fit, in the direction that starts a fit with it."""
     span, found = base.span, []
-    for effect in effects:
-        own = _direction(response, base, effect)
+    for start in alone:
+        own = start.direction(base)
         outside = own - span @ (span.T @ own)
         size, left = np.linalg.norm(own), np.linalg.norm(outside)
         count = base.parameters.of_material
@@ -54,21 +55,8 @@ def tangents(response: Response, base: Fit, effects: Sequence[Effect]) -> list[T
         moves = np.linalg.lstsq(scaled, own, rcond=None)[0]
         strength = np.linalg.norm(scaled, axis=0)[:, None] * np.abs(moves)
         nearest = base.parameters.names[int(np.argmax(strength.sum(axis=1)))]
-        found.append(Tangent(effect, outside, float(left), float(left / size), nearest))
+        found.append(Tangent(start.cause, outside, float(left), float(left / size), nearest))
     return found
-
-
-def _direction(response: Response, base: Fit, effect: Effect) -> np.ndarray:
-    """(2k, 1) change of the sweep for one scale of the effect, whitened."""
-    parameters = base.parameters.with_candidate(effect)
-    own = parameters.columns(parameters.index(effect.key))
-    if base.parameters.has(effect):
-        return base.jacobian[:, own.start : own.start + 1]
-    x = parameters.carried(base.parameters, base.x)
-    if len(effect.parameters) == 1 and effect.local is None:
-        return base.data.whitened(*response.with_jacobian(parameters, x))[1][:, own]
-    x[own.start] += 1.0
-    return (base.data.whitened(*response.with_jacobian(parameters, x))[0] - base.residual)[:, None]
 
 
 def parallel(first: Tangent, second: Tangent, size: float) -> bool:

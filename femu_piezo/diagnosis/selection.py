@@ -130,17 +130,21 @@ class Comparison:
     ----------
     base : without causes, its discrepancy in the likelihood where one is probable
     singles : each candidate alone, in the order of the library; odds over none
+    starts : where the fits of single candidates began, the most promising of each
     final : the most probable set less the causes that are neither significant nor demanded; the base where none is left
     found : its causes, first the one without which most is left
     discrepant : whether a discrepancy beside the final set is more probable than none
+    probabilities : title of every candidate → summed posterior of the sets that hold it
     """
 
     base: Fit
     singles: tuple[Trial, ...]
+    starts: tuple[Start, ...]
     final: Fit
     found: tuple[Found, ...]
     discrepant: bool
     rules: Rules = field(default_factory=Rules)
+    probabilities: dict[str, float] = field(default_factory=dict)
 
     @property
     def alike(self) -> dict[str, tuple[Effect, ...]]:
@@ -207,6 +211,7 @@ class _Search:
         self._base = self._hypothesis(base)
         self._known: dict[frozenset[str], Hypothesis] = {frozenset(): self._base}
         self._smooth_starts: list[Start] = []
+        self._alone: tuple[Start, ...] = ()
         self._expanded: dict[frozenset[str], tuple[tuple[Effect, Fit | None], ...]] = {}
 
     def _hypothesis(self, fit_: Fit) -> Hypothesis:
@@ -287,6 +292,7 @@ class _Search:
 
         found = list(self._told(in_parallel(screened, candidates), names))
         if first_cause:
+            self._alone = tuple(own[0] for own in found)
             self._smooth_starts = [s for own, e in zip(found, candidates, strict=True) if e.sites is None for s in own]
         promised = [max(odds(s.linear, e) for s in own) for own, e in zip(found, candidates, strict=True)]
         rough: dict[int, Fit | None] = {}
@@ -395,10 +401,12 @@ class _Search:
                 Trial(effect, fit_, -np.inf if fit_ is None else self._hypothesis(fit_).log_posterior - none)
                 for effect, fit_ in self._expand(self._base.fit)
             ),
+            starts=self._alone,
             final=final,
             found=tuple(sorted(found, key=lambda item: -item.without)),
             discrepant=one.discrepant,
             rules=self._rules,
+            probabilities={effect.title: self._probability(effect.title, total) for effect in self._library},
         )
 
     def _finished(self, one: Hypothesis) -> Hypothesis:
@@ -435,14 +443,16 @@ class _Search:
             for keys, h in others.items()
             if len(keys) == 1
         ]
-        holding = [h.log_posterior for h in self._known.values() if self._holds(h, effect)]
         without = self._known.get(rest)
         return Found(
             effect=effect,
-            probability=float(np.exp(logsumexp(holding) - total)),
+            probability=self._probability(effect.title, total),
             fits=tuple(sorted(fits, key=lambda trial: -trial.log_odds)),
             without=np.inf if without is None else one.log_posterior - without.log_posterior,
         )
 
-    def _holds(self, one: Hypothesis, effect: Effect) -> bool:
-        return any(cause.title == effect.title for cause in one.fit.parameters.causes)
+    def _probability(self, title: str, total: float) -> float:
+        """Summed posterior of the known sets that hold a cause, over that of all (log)."""
+        titles = (({cause.title for cause in h.fit.parameters.causes}, h) for h in self._known.values())
+        holding = [h.log_posterior for own, h in titles if title in own]
+        return float(np.exp(logsumexp(holding) - total)) if holding else 0.0

@@ -51,6 +51,14 @@ class Start:
         parameters = self.linear.parameters
         return parameters.columns(parameters.index(effect.key))
 
+    def direction(self, current: Fit) -> np.ndarray:
+        """(2k, 1) change of the whitened sweep for one scale of the size: slope at rest, or secant from there."""
+        own, effect = self.own(self.cause), self.cause
+        moved = self.x[own.start] - effect.rest[0] / effect.scale[0]
+        if effect.sites is not None or current.parameters.has(effect) or abs(moved) <= _REST:
+            return self.linear.jacobian[:, own.start : own.start + 1]
+        return (self.residual - current.residual)[:, None] / moved
+
     def alone(self) -> np.ndarray:
         """(n_x,) the start with the step of its last cause alone, within the inner half of its range."""
         x, own = self.x.copy(), self.own(self.cause)
@@ -170,6 +178,7 @@ def _widened(
         further_jacobian=further,
         discrepancy=None,
         law=None,
+        mesh=None,
     )
 
 

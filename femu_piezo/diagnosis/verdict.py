@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from femu_piezo.diagnosis.confounding import Tangent, parallel
+from femu_piezo.diagnosis.confounding import Tangent, parallel, tangents
 from femu_piezo.diagnosis.selection import Comparison, Found
 from femu_piezo.diagnosis.whiteness import Remaining, remaining
 from femu_piezo.effects.effect import Effect
@@ -84,27 +84,29 @@ class Verdict:
         return hash(self.word)
 
 
-def judge(comparison: Comparison, tangents: list[Tangent], frequency: np.ndarray) -> Verdict:
+def judge(comparison: Comparison, frequency: np.ndarray) -> Verdict:
     """The verdict of a comparison over the frequencies (k,), Hz, of its sweep or sweeps."""
+    moves = tangents(comparison.base, comparison.starts)
     before, after = (
         remaining(fit.residual, fit.determined, frequency, fit.data.noise_known, fit.data.sweeps)
         for fit in (comparison.base, comparison.final)
     )
     unexplained = _unexplained(comparison.base, comparison.final) if comparison.discrepant else 0.0
-    causes = tuple(_cause(found, comparison, tangents, 1 - unexplained) for found in comparison.found)
+    causes = tuple(_cause(found, comparison, moves, 1 - unexplained) for found in comparison.found)
     discrepant = comparison.discrepant and _beyond_noise(comparison.final)
     unknown = discrepant and (not causes or unexplained > comparison.rules.unexplained)
     word = "unknown" if unknown else "effect" if causes else "none"
-    hidden = tuple((t.effect, t.nearest) for t in tangents if t.hidden)
+    hidden = tuple((t.effect, t.nearest) for t in moves if t.hidden)
     return Verdict(word, causes, before, after, unexplained, hidden)
 
 
 def _beyond_noise(final: Fit) -> bool:
     """Whether a discrepancy changes log Z by more than the noise of a point; a smaller one is noise that is correlated.
 
-    It widens the intervals all the same.
+    It widens the intervals all the same. The noise is that which is left beside the discrepancy: an estimate from the
+    roughness of the sweep is too low where neighbours err alike.
     """
-    return final.learned.sigma > float(np.sqrt(np.mean(final.data.relative_noise**2)))
+    return final.learned.sigma > final.noise_scale * float(np.sqrt(np.mean(final.data.relative_noise**2)))
 
 
 def _unexplained(base: Fit, final: Fit) -> float:
@@ -113,14 +115,14 @@ def _unexplained(base: Fit, final: Fit) -> float:
     return float(np.sqrt(np.clip(left / excess, 0.0, 1.0))) if excess > 0 else 0.0
 
 
-def _cause(found: Found, comparison: Comparison, tangents: list[Tangent], explained: float) -> Cause:
+def _cause(found: Found, comparison: Comparison, moves: list[Tangent], explained: float) -> Cause:
     effect, final = found.effect, comparison.final
     place = final.parameters.index(effect.key)
     values = final.parameters.values(final.x)[place]
-    own = next(t for t in tangents if t.effect.key == effect.key)
+    own = next(t for t in moves if t.effect.key == effect.key)
     size = float(np.max(np.abs(values / effect.scale)))
     alike = [other.title for other in comparison.alike[effect.key]]
-    alike += [t.effect.title for t in tangents if t.effect.title != effect.title and parallel(own, t, size)]
+    alike += [t.effect.title for t in moves if t.effect.title != effect.title and parallel(own, t, size)]
     if own.hidden:
         alike.append(own.nearest)
     return Cause(

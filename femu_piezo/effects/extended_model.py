@@ -7,77 +7,105 @@ matrix is the sum of its parts of equal exponents ("strata"); with them any stre
 
 from __future__ import annotations
 
-import operator
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
 
 from femu_piezo.effects.effect import Effect, ExtraTerm
 from femu_piezo.effects.local.operators import Places
-from femu_piezo.effects.local.symmetry_sectors import (
-    DRIVEN,
-    SPOT,
-    Sectors,
-    build_sectors,
-    prepare_classes,
-    unknowns_of,
-)
+from femu_piezo.effects.local.symmetry_sectors import DRIVEN, SectorFields, Sectors
 from femu_piezo.effects.local.weighted_forms import WeightedProducts
+from femu_piezo.forward.mesh_error import MeshError, mesh_error
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import ReducedModel, reduce_model
 from femu_piezo.material.constants import E_FORM, ElasticForm, PiezoConstants
-from femu_piezo.threads import blas_limit, in_parallel
+from femu_piezo.threads import Once, blas_limit
 
 #: Relative stretch of each dimension that the basis is trained for.
 _STRETCH = 0.02
 
 
-@dataclass(frozen=True)
 class ExtendedModel:
-    """Projected terms; r unknowns: displacements, inner potentials, hot potential in volts.
+    """Projected terms of some sectors; r unknowns: displacements, inner potentials, hot potential in volts.
+
+    Further sectors, and the terms on them, are made when an effect asks for them.
+
+    Parameters
+    ----------
+    source : what all selections of sectors share
+    sectors : the unknowns
 
     Attributes
     ----------
-    bulk : (10, r, r) the unit-constant matrices of the unstretched body
-    strata : (n_s, r, r) their parts of equal exponents; strata of one constant sum to its bulk matrix
     owner : (n_s,) index of the e-form constant of each stratum
     exponents : (n_s, 3) exponents 1 − k of the factors on the three dimensions
-    stiffness, inertia : name of an extra term → (r, r)
-    displacements : number of displacement unknowns
-    sectors : names of the groups of unknowns (`femu_piezo.effects.local.symmetry_sectors`)
-    member : (r,) index of each unknown's sector
-    places : what effects at a place need; None where no such effect is among those of the model
-    driven : the reduced model of the driven class that it is built on, and the terms it was trained for
+    places : what effects at a place need
     """
 
-    bulk: np.ndarray = field(repr=False)
-    strata: np.ndarray = field(repr=False)
-    owner: np.ndarray = field(repr=False)
-    exponents: np.ndarray = field(repr=False)
-    stiffness: dict[str, np.ndarray] = field(repr=False)
-    inertia: dict[str, np.ndarray] = field(repr=False)
-    displacements: int
-    admittance_factor: float
-    estimated_error: float
-    sectors: tuple[str, ...] = (DRIVEN,)
-    member: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int), repr=False)
-    places: Places | None = field(default=None, repr=False)
-    driven: tuple[ReducedModel, Needs] | None = field(default=None, repr=False)
-    _restricted: dict[tuple[str, ...], ExtendedModel] = field(default_factory=dict, repr=False, compare=False)
+    def __init__(self, source: _Source, sectors: Sectors) -> None:
+        self._source, self._sectors = source, sectors
+        self.owner, self.exponents = source.owner, source.exponents
+        self.places = Places(sectors, source.shared)
+
+    @property
+    def sectors(self) -> tuple[str, ...]:
+        """Names of the groups of unknowns (`femu_piezo.effects.local.symmetry_sectors`)."""
+        return self._sectors.names
+
+    @property
+    def member(self) -> np.ndarray:
+        """(r,) index of each unknown's sector."""
+        return self._sectors.member
 
     @property
     def size(self) -> int:
         """Number of reduced unknowns."""
-        return self.bulk.shape[1]
+        return self._sectors.size
+
+    @property
+    def displacements(self) -> int:
+        """Number of displacement unknowns."""
+        return self._sectors.displacements
+
+    @property
+    def admittance_factor(self) -> float:
+        """Y of the specimen / Y of the part."""
+        return self._source.reduced.admittance_factor
+
+    @property
+    def estimated_error(self) -> float:
+        """Of Z by the driven class, relative."""
+        return self._source.reduced.estimated_error
+
+    @property
+    def mesh_error(self) -> MeshError | None:
+        """Of the driven eigenvalues, measured by elements of one order less; None where these cannot tell."""
+        return self._source.mesh_error
+
+    @cached_property
+    def strata(self) -> np.ndarray:
+        """(n_s, r, r) parts of equal exponents of the unit-constant matrices; those of one constant sum to its bulk."""
+        return self._by_class(lambda own: self._source.strata(own))
+
+    @cached_property
+    def bulk(self) -> np.ndarray:
+        """(10, r, r) the unit-constant matrices of the unstretched body."""
+        return self._by_class(lambda own: self._source.bulk(own))
+
+    def extra(self, name: str) -> np.ndarray:
+        """(r, r) of an extra term of an effect."""
+        return self._by_class(lambda own: self._source.extra(name, own))
 
     @property
     def mass(self) -> np.ndarray:
         """(u, u) diagonal mass of the displacement unknowns: 1, and 0 where a spot has no field."""
-        spot = self.sectors.index(SPOT) if SPOT in self.sectors else -1
-        return np.diag((self.member[: self.displacements] != spot).astype(float))
+        found = np.ones(self.displacements)
+        found[self._sectors.spot] = 0.0
+        return np.diag(found)
 
     def modal(self, constants: ElasticForm) -> ModalModel:
         """Closed forms of the body without effects at given e-form constants (complex)."""
@@ -86,30 +114,66 @@ class ExtendedModel:
             stiffness = np.tensordot(constants.vector(), driven.bulk, axes=1)
             return diagonalise(stiffness, driven.bulk, driven.displacements, driven.admittance_factor)
 
-    def restricted(self, wanted: Sequence[str]) -> ExtendedModel:
+    def restricted(self, wanted: Iterable[str]) -> ExtendedModel:
         """The model with the driven sector and those that are wanted alone; kept for the next call."""
-        names = tuple(name for name in self.sectors if name == DRIVEN or name in wanted)
-        if names == self.sectors:
-            return self
-        if names not in self._restricted:
-            self._restricted[names] = self._select(names)
-        return self._restricted[names]
+        return self._source.model(wanted)
 
-    def _select(self, names: tuple[str, ...]) -> ExtendedModel:
-        keep, member = unknowns_of(self.sectors, self.member, names)
-        square = np.ix_(keep, keep)
-        return replace(
-            self,
-            bulk=np.ascontiguousarray(self.bulk[:, square[0], square[1]]),
-            strata=np.ascontiguousarray(self.strata[:, square[0], square[1]]),
-            stiffness={name: matrix[square] for name, matrix in self.stiffness.items()},
-            inertia={name: matrix[square] for name, matrix in self.inertia.items()},
-            displacements=int(np.count_nonzero(keep < self.displacements)),
-            sectors=names,
-            member=member,
-            places=None if self.places is None else self.places.select(names),
-            _restricted={},
-        )
+    def _by_class(self, block: Callable[[tuple[str, ...]], np.ndarray]) -> np.ndarray:
+        """(…, r, r) of a symmetric operator, which couples no two parity classes; block: sectors of one → (…, k, k)."""
+        found = None
+        for names in self._sectors.classes.values():
+            part, own = block(names), self._sectors.numbers(names)
+            if found is None:
+                found = np.zeros((*part.shape[:-2], self.size, self.size))
+            found[(..., *np.ix_(own, own))] = part
+        return found
+
+
+class _Source:
+    """Fields of all sectors, and the terms on each parity class, made when they are first asked for."""
+
+    def __init__(self, fields: SectorFields, matrices: Mapping[str, sp.spmatrix], stretching: bool) -> None:
+        self._fields, self._matrices = fields, dict(matrices)
+        self.reduced, self.shared = fields.reduced, Once()
+        tensors = fields.weighted.model.unit_tensors
+        self._parts, self.owner, self.exponents = _strata(tensors) if stretching else _whole(tensors)
+
+    @property
+    def mesh_error(self) -> MeshError | None:
+        """Measured when it is first asked for."""
+        fields, band = self._fields, self.reduced.band_Hz
+        return self.shared.get("mesh error", lambda: mesh_error(fields.weighted.model, fields.reference, band))
+
+    def model(self, wanted: Iterable[str]) -> ExtendedModel:
+        """With the driven sector and those that are wanted."""
+        wanted = {DRIVEN, *wanted}
+        names = tuple(name for name in self._fields.names if name in wanted)
+        return self.shared.get(names, lambda: ExtendedModel(self, self._fields.select(names)))
+
+    def strata(self, names: tuple[str, ...]) -> np.ndarray:
+        """(n_s, k, k) on the sectors of one parity class."""
+        return self.shared.get(("strata", names), lambda: self._project(names))
+
+    def bulk(self, names: tuple[str, ...]) -> np.ndarray:
+        """(10, k, k) on the sectors of one parity class."""
+        strata = self.strata(names)
+        return np.array([strata[self.owner == q].sum(axis=0) for q in range(len(E_FORM))])
+
+    def extra(self, name: str, names: tuple[str, ...]) -> np.ndarray:
+        """(k, k) of an extra term on the sectors of one parity class."""
+
+        def make() -> np.ndarray:
+            fields = self._fields_of(names)
+            flat = fields.reshape(-1, fields.shape[2])
+            return flat.T @ (self._matrices[name] @ flat)
+
+        return self.shared.get((name, names), make)
+
+    def _project(self, names: tuple[str, ...]) -> np.ndarray:
+        return self._fields.weighted.model.products.within(self._fields_of(names), self._parts)
+
+    def _fields_of(self, names: tuple[str, ...]) -> np.ndarray:
+        return Sectors(names, self._fields).fields(names)
 
 
 @dataclass(frozen=True)
@@ -121,14 +185,13 @@ class Needs:
     trained : name, kind and training values of every term
     terms : the terms themselves, told apart by their names
     sectors : names
-    stretching, placed : whether an effect changes dimensions, or sits at a place
+    stretching : whether an effect changes dimensions
     """
 
     trained: tuple[tuple[str, str, tuple[float, ...]], ...]
     terms: tuple[ExtraTerm, ...] = field(compare=False)
     sectors: tuple[str, ...]
     stretching: bool
-    placed: bool
 
     @classmethod
     def of(cls, effects: Sequence[Effect]) -> Needs:
@@ -139,12 +202,7 @@ class Needs:
             terms=terms,
             sectors=tuple(dict.fromkeys(name for effect in effects for name in effect.sectors)),
             stretching=any(effect.stretch is not None for effect in effects),
-            placed=any(effect.local is not None for effect in effects),
         )
-
-    def driven_alike(self, other: Needs) -> bool:
-        """Whether the driven class needs the same."""
-        return (self.trained, self.stretching) == (other.trained, other.stretching)
 
 
 def extend_model(
@@ -154,48 +212,19 @@ def extend_model(
     band_Hz: float,
     *,
     accuracy: float = 1e-5,
-    smaller: ExtendedModel | None = None,
 ) -> ExtendedModel:
-    """Reduce a model so that it serves all effects of a list within their training ranges.
+    """Reduce a model so that it serves all effects of a list within their training ranges: its driven sector.
 
     Parameters
     ----------
     training : constants the basis is trained at, the reference first
     accuracy : of Z, as `reduce_model`
-    smaller : the same for fewer effects; its driven basis is kept where the further ones need no other
     """
     needs = Needs.of(effects)
     matrices = {term.name: term.matrix(model) for term in needs.terms}
-    lossless = training[0].lossless()
-    reference = lossless.to_e_form()
-    weighted = WeightedProducts(model)
-
-    def driven() -> ReducedModel:
-        if smaller is not None and smaller.driven is not None and needs.driven_alike(smaller.driven[1]):
-            return smaller.driven[0]
-        return _driven(model, training, needs, matrices, band_Hz, accuracy)
-
-    pieces = (driven, lambda: prepare_classes(weighted, needs.sectors, training, band_Hz))
-    reduced, classes = in_parallel(operator.call, pieces)
-    sectors = build_sectors(weighted, reduced, needs.sectors, reference, classes)
-    strata, owner, exponents = _strata(model, sectors)
-    bulk = np.array([strata[owner == q].sum(axis=0) for q in range(len(E_FORM))])
-    extra = {term.name: _by_class(sectors, lambda f, t=term: _product(matrices[t.name], f)) for term in needs.terms}
-    return ExtendedModel(
-        bulk=bulk,
-        strata=strata if needs.stretching else bulk,
-        owner=owner if needs.stretching else np.arange(len(E_FORM)),
-        exponents=exponents if needs.stretching else np.zeros((len(E_FORM), 3)),
-        stiffness={term.name: extra[term.name] for term in needs.terms if term.kind == "stiffness"},
-        inertia={term.name: extra[term.name] for term in needs.terms if term.kind == "inertia"},
-        displacements=sectors.displacements,
-        admittance_factor=reduced.admittance_factor,
-        estimated_error=reduced.estimated_error,
-        sectors=sectors.names,
-        member=sectors.member,
-        places=Places(weighted, sectors, reference) if needs.placed else None,
-        driven=(reduced, needs),
-    )
+    reduced = _driven(model, training, needs, matrices, band_Hz, accuracy)
+    fields = SectorFields(WeightedProducts(model), reduced, training, needs.sectors)
+    return _Source(fields, matrices, needs.stretching).model(())
 
 
 def _driven(
@@ -208,7 +237,7 @@ def _driven(
 ) -> ReducedModel:
     """The driven class, trained at the constants, with every term and stretched along every axis."""
     lossless = training[0].lossless()
-    parts = _stretch_parts(model, lossless.to_e_form().vector().real) if needs.stretching else {}
+    parts = _stretches(model, lossless.to_e_form().vector().real) if needs.stretching else {}
     trained = model.with_terms(parts, matrices)
     top = (2 * np.pi * band_Hz) ** 2
     points: list = [*training]
@@ -216,47 +245,32 @@ def _driven(
         for value in term.training:
             # a mass leads along the same states as a spring, which makes no mode of negative stiffness
             points.append((lossless, {term.name: 0.3 * top * value if term.kind == "inertia" else value}))
-    for axis in range(3) if needs.stretching else ():
-        s = 1 + _STRETCH
-        points.append((lossless, {f"stretch_{axis}_0": s - 1, f"stretch_{axis}_2": 1 / s - 1}))
+    points += [(lossless, {name: 1.0}) for name in parts]
     return reduce_model(trained, points, band_Hz, accuracy=accuracy)
 
 
-def _product(matrix: sp.spmatrix, fields: np.ndarray) -> np.ndarray:
-    """(k, k) of a (4n, 4n) matrix on fields (4, n, k)."""
-    flat = fields.reshape(-1, fields.shape[2])
-    return flat.T @ (matrix @ flat)
-
-
-def _by_class(sectors: Sectors, project) -> np.ndarray:
-    """(…, r, r) of a symmetric operator, which couples no two parity classes; project: fields → (…, k, k)."""
-    found = None
-    for own in sectors.classes.values():
-        block = project(sectors.fields[:, :, own])
-        if found is None:
-            found = np.zeros((*block.shape[:-2], sectors.member.size, sectors.member.size))
-        found[(..., *np.ix_(own, own))] = block
-    return found
-
-
-def _stretch_parts(model: ElectroelasticModel, coefficients: np.ndarray) -> dict[str, np.ndarray]:
-    """The parts of Σ c_q H_q (4, 3, 4, 3) with no derivative and with two derivatives along each axis."""
-    tensor = np.tensordot(coefficients, model.unit_tensors, axes=1)
-    parts = {}
+def _stretches(model: ElectroelasticModel, coefficients: np.ndarray) -> dict[str, np.ndarray]:
+    """What a stretch s of each axis adds to Σ c_q H_q (4, 3, 4, 3): s − 1 of the part with no derivative along it, and
+    1/s − 1 of that with two."""
+    tensor, s = np.tensordot(coefficients, model.unit_tensors, axes=1), 1 + _STRETCH
+    added = {}
     for axis in range(3):
         along = (np.arange(3) == axis).astype(int)
-        count = along[:, None] + along[None, :]  # derivatives along the axis in H[f, a, g, b]
-        for k in (0, 2):
-            parts[f"stretch_{axis}_{k}"] = tensor * (count == k)[None, :, None, :]
-    return parts
+        share = np.array([s - 1, 0.0, 1 / s - 1])[along[:, None] + along[None, :]]  # of H[f, a, g, b] by a, b
+        added[f"stretch_{axis}"] = tensor * share[None, :, None, :]
+    return added
 
 
-def _strata(model: ElectroelasticModel, sectors: Sectors) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Parts of equal constant and exponents: matrices (n_s, r, r), constants (n_s,), exponents (n_s, 3)."""
+def _strata(units: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Parts of equal constant and exponents: tensors (n_s, 4, 3, 4, 3), constants (n_s,), exponents (n_s, 3)."""
     parts: dict[tuple[int, tuple[int, ...]], np.ndarray] = {}
-    for q, tensor in enumerate(model.unit_tensors):
+    for q, tensor in enumerate(units):
         for f, a, g, b in zip(*np.nonzero(tensor), strict=True):
             powers = tuple(1 - int(a == axis) - int(b == axis) for axis in range(3))
             parts.setdefault((q, powers), np.zeros_like(tensor))[f, a, g, b] = tensor[f, a, g, b]
-    matrices = _by_class(sectors, lambda fields: model.products.within(fields, list(parts.values())))
-    return matrices, np.array([q for q, _ in parts]), np.array([powers for _, powers in parts], dtype=float)
+    return np.array([*parts.values()]), np.array([q for q, _ in parts]), np.array([p for _, p in parts], dtype=float)
+
+
+def _whole(units: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """One stratum of each constant, for bodies that no effect stretches."""
+    return units, np.arange(len(units)), np.zeros((len(units), 3))

@@ -1,8 +1,9 @@
 """Operators in free unknowns straight from gradient products, on one sparsity pattern found once.
 
-The prolongation of `femu_piezo.forward.electrodes` only drops held unknowns, scales potentials and joins the hot
-electrode into the last unknown. So an entry of a scalar matrix goes to a position that is known beforehand, and the
-operator of any tensor costs one pass over the scalar entries per pair of fields.
+The prolongations of `femu_piezo.forward.electrodes` and `femu_piezo.forward.parity` only drop held unknowns, scale
+potentials and, the first, join the hot electrode into the last unknown. So an entry of a scalar matrix goes to a
+position that is known beforehand, and the operator of any tensor costs one pass over the scalar entries per pair of
+fields.
 """
 
 from __future__ import annotations
@@ -19,18 +20,21 @@ class FreePattern:
     Parameters
     ----------
     products : scalar gradient products on n nodes
-    prolongation : (4n, m) from free unknowns to all; each row has at most one entry, the last column is the electrode
+    prolongation : (4n, m) from free unknowns to all; each row has at most one entry
+    electrode : whether the last column is the electrode; False where electrodes are at zero
     """
 
-    def __init__(self, products: GradientProducts, prolongation: sp.csr_matrix) -> None:
+    def __init__(self, products: GradientProducts, prolongation: sp.csr_matrix, electrode: bool = True) -> None:
+        self._electrode = electrode
         self._products, n, self.size = products, products.size, prolongation.shape[1]
         entries = np.diff(prolongation.indptr)
         if entries.max() > 1:
             raise ValueError("a degree of freedom depends on two free unknowns: the pattern cannot be scattered")
         free = np.full(FIELDS * n, -1)
         free[entries == 1] = prolongation.indices
-        self._hot = (free == self.size - 1)[3 * n :]
-        free[free == self.size - 1] = -1
+        hot = (free == self.size - 1) & electrode
+        self._hot = hot[3 * n :]
+        free[hot] = -1
         self._free = free.reshape(FIELDS, n)
         self._scale = [1.0, 1.0, 1.0, float(np.abs(prolongation.data).max())]
         self._rows = np.repeat(np.arange(n, dtype=np.int32), np.diff(products.indptr))
@@ -57,7 +61,8 @@ class FreePattern:
             lengths[self._free[f][kept]] = width[kept]
             coupled.append(self._free[f][kept & self._touches])
         hot_rows = np.concatenate(coupled)
-        lengths[-1] = hot_rows.size + 1
+        if self._electrode:
+            lengths[-1] = hot_rows.size + 1
         return np.concatenate([[0], np.cumsum(lengths)]), hot_rows
 
     def _targets(self, f: int, g: int) -> tuple[np.ndarray, np.ndarray]:
@@ -72,7 +77,8 @@ class FreePattern:
             for g in range(FIELDS):
                 kept, target = self._targets(f, g)
                 indices[target] = self._free[g][self._products.indices[kept]]
-        indices[self.indptr[-2] : -1] = self._hot_rows
+        if self._electrode:
+            indices[self.indptr[-2] : -1] = self._hot_rows
         return indices
 
     def stiffness(self, tensor: np.ndarray) -> sp.csr_matrix:
@@ -87,7 +93,7 @@ class FreePattern:
                 block = block * (self._scale[f] * self._scale[g])
                 kept, target = self._targets(f, g)
                 data[target] = block[kept]
-                if g == 3:
+                if g == 3 and self._electrode:
                     self._couple(data, ends, f, self._products.scalar(block) @ self._hot)
         return sp.csr_matrix((data, self.indices, self.indptr), shape=(self.size, self.size))
 

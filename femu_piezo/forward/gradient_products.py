@@ -12,6 +12,7 @@ every unit-constant matrix, for any crystal orientation.
 from __future__ import annotations
 
 import itertools
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,8 +26,6 @@ from femu_piezo.material.constants import ElasticForm
 from femu_piezo.material.voigt import piezoelectric_tensor, stiffness_tensor
 
 FIELDS = 4  #: u_x, u_y, u_z, φ
-#: Share of entries from which products with a full matrix are faster than with a sparse one.
-_FULL = 0.1
 
 
 def extended_tensor(constants: ElasticForm, rotation: np.ndarray) -> np.ndarray:
@@ -48,16 +47,73 @@ def unit_tensors(rotation: np.ndarray) -> np.ndarray:
     return np.array([extended_tensor(ElasticForm.from_vector(unit), rotation).real for unit in np.eye(10)])
 
 
+class ScalarProducts(ABC):
+    """The products G_ab = ∫ w ∂_aφ_i ∂_bφ_j of a scalar basis, and what bulk forms follow from them.
+
+    Attributes
+    ----------
+    size : number n of functions;  nodes : (m,) those whose rows are not zero
+    """
+
+    size: int
+    nodes: np.ndarray
+
+    @abstractmethod
+    def times(self, a: int, b: int, vectors: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+        """G_ab times vectors (m, k) on `nodes`: (m, k), or (j, k) in the rows numbered `rows` (j,) among the nodes."""
+
+    def applied(self, tensors: Sequence[np.ndarray], fields: np.ndarray) -> np.ndarray:
+        """(n_tensors, 4, n, k): A w of extended tensors, each (4, 3, 4, 3), on fields w (4, n, k), no A formed."""
+        tensors, nodes = np.asarray(tensors), self.nodes
+        found = np.zeros((len(tensors), *fields.shape))
+        for a, g, b in zip(*np.nonzero(np.any(tensors, axis=(0, 1))), strict=True):
+            image = self.times(a, b, fields[g, nodes])
+            for number, f in zip(*np.nonzero(tensors[:, :, a, g, b]), strict=True):
+                found[number, f, nodes] += tensors[number, f, a, g, b] * image
+        return found
+
+    def between(
+        self, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray], rows: np.ndarray | None = None
+    ) -> np.ndarray:
+        """(n_tensors, k, l): vᵗA w of extended tensors on all pairs of fields v and w, without forming any A.
+
+        Parameters
+        ----------
+        left, right : (4, n, k) and (4, n, l) fields;  tensors : each (4, 3, 4, 3)
+        rows : the only functions where left is not zero; all where None
+        """
+        nodes = self.nodes
+        left, right = left[:, nodes if rows is None else rows], right[:, nodes]
+        among = None if rows is None else np.searchsorted(nodes, rows)
+        used = np.flatnonzero(np.any(left, axis=(1, 2)))
+        tensors = np.asarray(tensors)[:, used]
+        found = np.zeros((len(tensors), left.shape[2], right.shape[2]))
+        for a, other, b in zip(*np.nonzero(np.any(tensors, axis=(0, 1))), strict=True):
+            image = self.times(a, b, right[other], among)
+            for f, row in enumerate(used):
+                shares = tensors[:, f, a, other, b]
+                if np.any(shares):
+                    product = left[row].T @ image
+                    for number in np.flatnonzero(shares):
+                        found[number] += shares[number] * product
+        return found
+
+    def within(self, fields: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
+        """(n_tensors, k, k) symmetric: `between` of fields (4, n, k) with themselves."""
+        found = self.between(fields, fields, tensors)
+        return (found + found.transpose(0, 2, 1)) / 2
+
+
 @dataclass(frozen=True)
-class GradientProducts:
+class GradientProducts(ScalarProducts):
     """Scalar matrices on one sparsity pattern.
 
     Attributes
     ----------
     indices, indptr : CSR pattern of the scalar basis, n × n
-    gradients : (3, 3, nnz) data of ∫ w ∂_aφ_i ∂_bφ_j
-    mass : (nnz,) data of ∫ w φ_i φ_j
-    grid : the same as Kronecker products, where the nodes are a grid and w = 1
+    gradients : (3, 3, nnz) data of ∫ ∂_aφ_i ∂_bφ_j
+    mass : (nnz,) data of ∫ φ_i φ_j
+    grid : the same as Kronecker products, where the nodes are a grid
     """
 
     indices: np.ndarray
@@ -66,17 +122,24 @@ class GradientProducts:
     mass: np.ndarray
     grid: TensorGrid | None = None
 
-    def times(self, a: int, b: int, vectors: np.ndarray) -> np.ndarray:
-        """G_ab times vectors (n, k), by the Kronecker structure where there is one."""
+    @property
+    def nodes(self) -> np.ndarray:
+        """(n,) all."""
+        return np.arange(self.size)
+
+    def times(self, a: int, b: int, vectors: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+        """G_ab times vectors (n, k), by the Kronecker structure where there is one and all rows are asked for."""
+        if rows is not None:
+            return self.gradient_matrices[a][b][rows] @ vectors
         return self.gradient_matrices[a][b] @ vectors if self.grid is None else self.grid.product(a, b, vectors)
 
     def mass_times(self, vectors: np.ndarray) -> np.ndarray:
-        """∫ w φ_i φ_j times vectors (n, k)."""
+        """∫ φ_i φ_j times vectors (n, k)."""
         return self.scalar(self.mass) @ vectors if self.grid is None else self.grid.mass(vectors)
 
     @property
     def size(self) -> int:
-        """Number of unknowns of all four fields."""
+        """n"""
         return self.indptr.size - 1
 
     def scalar(self, data: np.ndarray) -> sp.csr_matrix:
@@ -110,73 +173,15 @@ class GradientProducts:
                 blocks[f][f] = sp.csr_matrix((self.size, self.size))
         return sp.bmat(blocks, format="csr")
 
-    def applied(self, tensors: Sequence[np.ndarray], fields: np.ndarray) -> np.ndarray:
-        """(n_tensors, 4, n, k): A w of extended tensors, each (4, 3, 4, 3), on fields w (4, n, k), no A formed."""
-        tensors = np.asarray(tensors)
-        found = np.zeros((len(tensors), *fields.shape))
-        for a, g, b in zip(*np.nonzero(np.any(tensors, axis=(0, 1))), strict=True):
-            image = self.times(a, b, fields[g])
-            for number, f in zip(*np.nonzero(tensors[:, :, a, g, b]), strict=True):
-                found[number, f] += tensors[number, f, a, g, b] * image
-        return found
-
-    def between(
-        self, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray], rows: np.ndarray | None = None
-    ) -> np.ndarray:
-        """(n_tensors, k, l): vᵗA w of extended tensors on all pairs of fields v and w, without forming any A.
-
-        Parameters
-        ----------
-        left, right : (4, n, k) and (4, n, l) fields;  tensors : each (4, 3, 4, 3)
-        rows : the only nodes where left is not zero; all where None
-        """
-        nodes = np.flatnonzero(np.diff(self.indptr))
-        rows, times = nodes if rows is None else rows, self.times
-        if rows.size < self.size or nodes.size < self.size:
-            part = [[_dense(product[rows][:, nodes]) for product in line] for line in self.gradient_matrices]
-            left, right = left[:, rows], right[:, nodes]
-
-            def times(a: int, b: int, vectors: np.ndarray) -> np.ndarray:
-                return part[a][b] @ vectors
-
-        used = np.flatnonzero(np.any(left, axis=(1, 2)))
-        tensors = np.asarray(tensors)[:, used]
-        found = np.zeros((len(tensors), left.shape[2], right.shape[2]))
-        for a, other, b in zip(*np.nonzero(np.any(tensors, axis=(0, 1))), strict=True):
-            image = times(a, b, right[other])
-            for f, row in enumerate(used):
-                shares = tensors[:, f, a, other, b]
-                if np.any(shares):
-                    product = left[row].T @ image
-                    for number in np.flatnonzero(shares):
-                        found[number] += shares[number] * product
-        return found
-
-    def within(self, fields: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
-        """(n_tensors, k, k) symmetric: `between` of fields (4, n, k) with themselves."""
-        found = self.between(fields, fields, tensors)
-        return (found + found.transpose(0, 2, 1)) / 2
-
     def mass_matrix(self, density: float) -> sp.csr_matrix:
         """(4n, 4n) matrix of ∫ρ v·u (kg), zero in the potential."""
         block = self.scalar(density * self.mass)
         return sp.block_diag([block, block, block, sp.csr_matrix((self.size, self.size))], format="csr")
 
 
-def _dense(matrix: sp.csr_matrix) -> sp.csr_matrix | np.ndarray:
-    """A matrix as an array where it is nearly full, as that of one layer of elements of high order is."""
-    return matrix.toarray() if matrix.nnz > _FULL * np.prod(matrix.shape) else matrix
-
-
-def assemble_gradient_products(basis: skfem.Basis, weight: np.ndarray | None = None) -> GradientProducts:
-    """Assemble the nine gradient products and the mass on a scalar basis.
-
-    Parameters
-    ----------
-    basis : scalar scikit-fem basis (all elements, or those of a region)
-    weight : (n_elements, n_quadrature) factor w under the integral, e.g. a position-dependent constant; 1 where None
-    """
-    dx = (basis.dx if weight is None else basis.dx * weight)[:, None, :]
+def assemble_gradient_products(basis: skfem.Basis) -> GradientProducts:
+    """Assemble the nine gradient products and the mass on a scalar scikit-fem basis."""
+    dx = basis.dx[:, None, :]
     value = np.stack([np.broadcast_to(shape[0], basis.dx.shape) for shape in basis.basis], axis=1)
     slopes = [np.stack([shape[0].grad[axis] for shape in basis.basis], axis=1) for axis in range(3)]
     summed, indices, indptr = _scatter(basis)
@@ -184,7 +189,7 @@ def assemble_gradient_products(basis: skfem.Basis, weight: np.ndarray | None = N
     for a, b in itertools.product(range(3), repeat=2):
         gradients[a, b] = summed((slopes[a] * dx) @ slopes[b].transpose(0, 2, 1))
     mass = summed((value * dx) @ value.transpose(0, 2, 1))
-    return GradientProducts(indices, indptr, gradients, mass, TensorGrid.of(basis) if weight is None else None)
+    return GradientProducts(indices, indptr, gradients, mass, TensorGrid.of(basis))
 
 
 def _scatter(basis: skfem.Basis) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray, np.ndarray]:

@@ -17,6 +17,7 @@ import scipy.sparse.linalg as spla
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.electrodes import boundary_dofs
+from femu_piezo.forward.free_pattern import FreePattern
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.linear_solver import Factorization, factorize
 from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
@@ -33,7 +34,7 @@ class ParityClass:
 
     Parameters
     ----------
-    stiffness, mass : (4n, 4n) operators of all degrees of freedom, as `full_operators` gives them for every class
+    constants : e-form; their real parts count
     flipped : axes of the mirror planes about which the parity is the opposite of the driven field's; () for the
         driven class itself, short-circuited
 
@@ -42,12 +43,11 @@ class ParityClass:
     ValueError : the part has no mirror plane normal to such an axis
     """
 
-    def __init__(
-        self, model: ElectroelasticModel, stiffness: sp.spmatrix, mass: sp.spmatrix, flipped: Iterable[int]
-    ) -> None:
+    def __init__(self, model: ElectroelasticModel, constants: ElasticForm, flipped: Iterable[int]) -> None:
         p = self.prolongation = class_prolongation(model, tuple(flipped))
-        self.stiffness = (p.T @ stiffness @ p).tocsr()
-        self.mass = (p.T @ mass @ p).tocsr()
+        tensor = np.tensordot(constants.vector().real, model.unit_tensors, axes=1)
+        self.stiffness = FreePattern(model.products, p, electrode=False).stiffness(tensor)
+        self.mass = (p.T @ model.products.mass_matrix(model.density) @ p).tocsr()
 
     def factor(self, shift: float) -> Factorization:
         """Of K − shift · M."""
@@ -85,12 +85,6 @@ class ParityClass:
         except spla.ArpackNoConvergence as error:
             raise ConvergenceError(f"modes of a parity class: {error}; ask for a narrower band") from error
         return values, vectors / np.sqrt(np.einsum("ik,ik->k", vectors, self.mass @ vectors))
-
-
-def full_operators(model: ElectroelasticModel, constants: ElasticForm) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Stiffness at lossless e-form constants and mass, (4n, 4n), of all degrees of freedom."""
-    tensor = np.tensordot(constants.vector().real, model.unit_tensors, axes=1)
-    return model.products.stiffness(tensor), model.products.mass_matrix(model.density)
 
 
 def class_prolongation(model: ElectroelasticModel, flipped: tuple[int, ...]) -> sp.csr_matrix:

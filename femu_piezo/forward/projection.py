@@ -45,6 +45,7 @@ class TermImages:
         self._tensors = model.tensors
         count = len(self._tensors) + len(self._extra)
         self._images: list[dict[str, np.ndarray]] = [{} for _ in range(count)]
+        self._projected: list[dict[str, np.ndarray]] = [{} for _ in range(count)]
 
     def add(self, kind: str, columns: np.ndarray) -> None:
         """Append the images of further basis columns of one kind, (rows of that kind, k) real."""
@@ -108,14 +109,13 @@ class TermImages:
         """
         ku, size = u.shape[1], u.shape[1] + p.shape[1]
         result = np.zeros((len(self._images), size, size))
-        for matrix, blocks in zip(result, self._images, strict=True):
-            if "uu" in blocks:
-                matrix[:ku, :ku] = u.T @ blocks["uu"]
-            if "pu" in blocks:
-                matrix[ku:, :ku] = p.T @ blocks["pu"]
-                matrix[:ku, ku:] = matrix[ku:, :ku].T
-            if "pp" in blocks:
-                matrix[ku:, ku:] = p.T @ blocks["pp"]
+        for matrix, blocks, known in zip(result, self._images, self._projected, strict=True):
+            for block, own in {"uu": (u, u), "pu": (p, u), "pp": (p, p)}.items():
+                if block in blocks:
+                    known[block] = _grown(known.get(block, np.zeros((0, 0))), own[0], blocks[block])
+            matrix[:ku, :ku], matrix[ku:, ku:] = known.get("uu", 0.0), known.get("pp", 0.0)
+            matrix[ku:, :ku] = known.get("pu", 0.0)
+            matrix[:ku, ku:] = matrix[ku:, :ku].T
         order = np.r_[0:ku, ku + 1 : size, ku]
         result = result[:, order][:, :, order]
         return (result + result.transpose(0, 2, 1)) / 2
@@ -134,3 +134,13 @@ class TermImages:
                     total += coefficient * image
                 result[block[0]] += total @ parts[block[1]]
         return np.concatenate([result["u"], result["p"]])
+
+
+def _grown(known: np.ndarray, rows: np.ndarray, images: np.ndarray) -> np.ndarray:
+    """rowsᵗ images (k, j), of which the part for the first rows and images is known."""
+    k, j = known.shape
+    found = np.empty((rows.shape[1], images.shape[1]))
+    found[:k, :j] = known
+    found[k:, :j] = rows[:, k:].T @ images[:, :j]
+    found[:, j:] = rows.T @ images[:, j:]
+    return found

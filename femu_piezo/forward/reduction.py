@@ -35,6 +35,10 @@ _KEEP = 1e-3
 #: potential is nearly zero there (the potential somewhere inside is larger than so many times the electrode's).
 _SHIFTS, _LARGEST_LIFTING = (0.4, 0.33, 0.47), 30.0
 
+#: A training point whose error is below this share of the accuracy is not looked at again: a larger basis serves it
+#: better still.
+_SETTLED = 0.03
+
 #: A training point whose last change is more than this share of the one before gets driven vectors of its own; so many
 #: points in one round. A series of changes is taken to fall by this ratio at the slowest.
 _SLOW, _OWN_IN_A_ROUND, _SLOWEST = 0.2, 2, 0.9
@@ -136,6 +140,16 @@ def reduce_model(
         return _finished(model, enriched, band_Hz, accuracy)
 
 
+def driven_modal(
+    model: ElectroelasticModel, constants: PiezoConstants, band_Hz: float, accuracy: float = 1e-9
+) -> ModalModel:
+    """Closed forms at lossless constants alone, from driven Krylov vectors that give Z up to a frequency, Hz."""
+    with blas_limit(useful_threads(model.size)):
+        point, top = _coefficients(model, constants), (2 * np.pi * band_Hz) ** 2
+        basis = _DrivenVectors(model, point, top, accuracy).basis
+        return TrainingSet.of(basis.matrices(), basis.u.shape[1], point, top).modal
+
+
 @dataclass(frozen=True)
 class _Enriched:
     """A basis that was enriched: the reduced models at all training points, the estimated error, and the effort."""
@@ -165,20 +179,25 @@ def _enriched(
     basis = driven.basis
     sets = _train(basis, everywhere, top)
     change, error, factors, rounds = np.full(len(sets), np.inf), np.full(len(sets), np.inf), {0}, 0
-    active, slow = np.arange(len(points)), []
+    active, slow, watched = np.arange(len(points)), [], np.arange(len(sets))
     while error.max() > 0.5 * accuracy and rounds < max_rounds:
         residuals = np.hstack([state_residuals(basis, sets[index]) for index in active])
         added = basis.add(driven.factor.solve(compressed(residuals, driven.scale)), _KEEP)
         added += sum(driven.add(everywhere[index]) for index in slow)
         factors.update(slow)
-        fresh, rounds = _train(basis, everywhere, top), rounds + 1
-        before, change = change, np.array([worst_change(old, new) for old, new in zip(sets, fresh, strict=True)])
-        sets, error = fresh, _predicted(before, change)
+        rounds, watched = rounds + 1, np.flatnonzero(error > _SETTLED * accuracy)
+        fresh = _train(basis, [everywhere[index] for index in watched], top)
+        before, last = change[watched], [worst_change(sets[i], new) for i, new in zip(watched, fresh, strict=True)]
+        change[watched], error[watched] = last, _predicted(before, np.array(last))
+        for index, new in zip(watched, fresh, strict=True):
+            sets[index] = new
         if added == 0:
             break
         active = np.flatnonzero(error > 0.1 * accuracy)
-        stagnant = (error > 0.5 * accuracy) & (change > _SLOW * before)
-        slow = [index for index in np.argsort(-error) if stagnant[index] and index not in factors][:_OWN_IN_A_ROUND]
+        stagnant = watched[(error[watched] > 0.5 * accuracy) & (change[watched] > _SLOW * before)]
+        slow = [index for index in stagnant[np.argsort(-error[stagnant])] if index not in factors][:_OWN_IN_A_ROUND]
+    if watched.size < len(sets):
+        sets = _train(basis, everywhere, top)
     return _Enriched(basis, sets, float(error.max()), rounds, len(factors))
 
 

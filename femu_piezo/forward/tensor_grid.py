@@ -10,6 +10,7 @@ of the (2p + 1)³ entries a row that the assembled matrix of order p has.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -31,11 +32,14 @@ class TensorGrid:
     Attributes
     ----------
     order : (n,) number of the node at each place of the grid, the last axis fastest
+    lines, places : for x, y, z: where elements meet, and where the nodes are, growing, m
     axes : for x, y, z: (2, 2, n_i, n_i) ∫ ∂^s φ_i ∂^t φ_j by s and t
     """
 
     order: np.ndarray
-    axes: tuple[np.ndarray, np.ndarray, np.ndarray]
+    lines: tuple[np.ndarray, ...]
+    places: tuple[np.ndarray, ...]
+    axes: tuple[np.ndarray, ...]
 
     @classmethod
     def of(cls, basis: skfem.Basis) -> TensorGrid | None:
@@ -49,9 +53,13 @@ class TensorGrid:
         flat = np.ravel_multi_index(numbers, shape)
         if np.unique(flat).size != basis.N:
             return None
-        lines = [_places(axis)[0] for axis in basis.mesh.p]
+        lines = tuple(_places(axis)[0] for axis in basis.mesh.p)
         axes = tuple(_matrices(line, place) for line, place in zip(lines, places, strict=True))
-        return cls(np.argsort(flat), axes)
+        return cls(np.argsort(flat), lines, places, axes)
+
+    def weighted(self, axis: int, weight: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """(2, 2, n_i, n_i) ∫ w ∂^s φ_i ∂^t φ_j along one axis, with a weight w of the place (m), a polynomial."""
+        return _matrices(self.lines[axis], self.places[axis], weight)
 
     def product(self, a: int, b: int, vectors: np.ndarray) -> np.ndarray:
         """∫ ∂_aφ_i ∂_bφ_j times vectors (n, k)."""
@@ -62,14 +70,18 @@ class TensorGrid:
         return self._applied([matrices[0, 0] for matrices in self.axes], vectors)
 
     def _applied(self, factors: list[np.ndarray], vectors: np.ndarray) -> np.ndarray:
-        x, y, z = factors
-        width = vectors.shape[1]
-        grid = vectors[self.order].reshape(len(x), -1)
-        grid = (x @ grid).reshape(len(x), len(y), -1)
-        grid = (y @ grid).reshape(len(x) * len(y), len(z), width)
-        found = np.empty_like(vectors, dtype=np.result_type(x, vectors))
-        found[self.order] = (z @ grid).reshape(-1, width)
+        found = np.empty_like(vectors, dtype=np.result_type(factors[0], vectors))
+        found[self.order] = kronecker_times(factors, vectors[self.order])
         return found
+
+
+def kronecker_times(factors: Sequence[np.ndarray], vectors: np.ndarray) -> np.ndarray:
+    """X ⊗ Y ⊗ Z, each (n_i, n_i), times vectors (n_x n_y n_z, k)."""
+    x, y, z = factors
+    width = vectors.shape[1]
+    grid = (x @ vectors.reshape(len(x), -1)).reshape(len(x), len(y), -1)
+    grid = (y @ grid).reshape(len(x) * len(y), len(z), width)
+    return (z @ grid).reshape(-1, width)
 
 
 def _places(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -81,16 +93,25 @@ def _places(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return values[order][new], number
 
 
-def _matrices(line: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(2, 2, n, n) ∫ ∂^s φ_i ∂^t φ_j of Lagrange polynomials on the nodes of each element between places of `line`."""
+def _matrices(
+    line: np.ndarray, places: np.ndarray, weight: Callable[[np.ndarray], np.ndarray] = np.ones_like
+) -> np.ndarray:
+    """(2, 2, n, n) ∫ w ∂^s φ_i ∂^t φ_j of Lagrange polynomials on the nodes of elements between places of `line`."""
     count = (places.size - 1) // (line.size - 1)
-    points, weights = legendre.leggauss(count + 1)
     found = np.zeros((2, 2, places.size, places.size))
     for element, (left, right) in enumerate(pairwise(line)):
         own = slice(element * count, element * count + count + 1)
-        lagrange = BarycentricInterpolator(places[own], np.eye(count + 1), rng=0)
-        at = (left + right) / 2 + (right - left) / 2 * points
-        shapes = np.array([lagrange(at), lagrange.derivative(at)])
-        scaled = shapes * (weights * (right - left) / 2)[:, None]
-        found[:, :, own, own] += np.einsum("sqi,tqj->stij", scaled, shapes)
+        found[:, :, own, own] += line_products(places[own], left, right, weight)
     return found
+
+
+def line_products(
+    nodes: np.ndarray, left: float, right: float, weight: Callable[[np.ndarray], np.ndarray] = np.ones_like
+) -> np.ndarray:
+    """(2, 2, n, n) ∫ w ∂^s φ_i ∂^t φ_j from left to right of the Lagrange polynomials on n nodes; w up to cubic."""
+    points, weights = legendre.leggauss(nodes.size + 2)
+    lagrange = BarycentricInterpolator(nodes, np.eye(nodes.size), rng=0)
+    at = (left + right) / 2 + (right - left) / 2 * points
+    shapes = np.array([lagrange(at), lagrange.derivative(at)])
+    scaled = shapes * (weights * weight(at) * (right - left) / 2)[:, None]
+    return np.einsum("sqi,tqj->stij", scaled, shapes)

@@ -6,7 +6,8 @@ About the solution the estimate is linear in the data and in the prior means,
 
 So its covariance is the sum of what each source contributes (law of propagation, Guide to the Expression of
 Uncertainty in Measurement, 5.1): A N Aᵗ with A = H^-1 Jᵗ/s² from noise N, s² A K Aᵗ from the discrepancy,
-A L Lᵗ Aᵗ from what the laws of causes miss, and H^-1 Σ_g^-1 H^-1 from the prior means of the unknowns of group g.
+A L Lᵗ Aᵗ from what the laws of causes miss, the like from mesh and basis, and H^-1 Σ_g^-1 H^-1 from the prior means of
+the unknowns of group g.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.fit import Fit
-from femu_piezo.inference.unknowns import Estimate
+from femu_piezo.inference.unknowns import Estimate, MaterialParameters, Unknowns
 
 #: Sources of uncertainty in the order they are listed; "law" is what the approximate laws of causes miss,
 #: "prior" what is believed of free constants and causes.
@@ -41,9 +42,11 @@ def budget(fit: Fit) -> dict[str, np.ndarray]:
     parts = {"noise": noise * (squares @ (1 - share)), "mesh": noise * (squares @ share)}
     if fit.discrepancy is not None:
         parts["discrepancy"] = noise * np.sum((fit.gain @ fit.discrepancy.columns) ** 2, axis=1)
+    if fit.mesh is not None:
+        parts["mesh"] += np.sum((fit.gain @ fit.mesh) ** 2, axis=1)
     if fit.law is not None and fit.law.size:
         parts["law"] = np.sum((fit.gain @ fit.law) ** 2, axis=1)
-    for source, columns in _groups(fit).items():
+    for source, columns in groups(fit.parameters).items():
         own = inverse[:, columns] / fit.parameters.prior_std[columns]
         parts[source] = parts.get(source, 0.0) + np.sum(own**2, axis=1)
     wall = inverse @ fit.further_jacobian[fit.x.size :].T
@@ -51,27 +54,32 @@ def budget(fit: Fit) -> dict[str, np.ndarray]:
     return {source: np.sqrt(parts[source]) for source in SOURCES if source in parts}
 
 
-def _groups(fit: Fit) -> dict[str, np.ndarray]:
-    """Source → the unknowns whose prior means it is about."""
-    parameters = fit.parameters
-    groups: dict[str, list[int]] = {"prior": list(range(parameters.of_material))}
+def groups(parameters: Unknowns) -> dict[str, np.ndarray]:
+    """Source → (m,) places in x of the unknowns whose prior means it is about."""
+    found: dict[str, list[int]] = {"prior": list(range(parameters.of_material))}
     for number, effect in enumerate(parameters.effects):
         source = "prior" if effect.key in parameters.candidates else source_of(effect)
-        groups.setdefault(source, []).extend(range(*parameters.columns(number).indices(fit.x.size)))
-    return {source: np.array(columns) for source, columns in groups.items()}
+        found.setdefault(source, []).extend(range(*parameters.columns(number).indices(parameters.count)))
+    return {source: np.array(columns) for source, columns in found.items()}
 
 
 def constants_of(fit: Fit) -> dict[str, Estimate]:
     """Free constant → value and loss tangent with standard deviations and budgets."""
-    material, parts, std = fit.parameters.material, budget(fit), fit.std
+    return estimates_of(fit.parameters.material, fit.x, fit.std, budget(fit))
+
+
+def estimates_of(
+    material: MaterialParameters, x: np.ndarray, std: np.ndarray, parts: dict[str, np.ndarray]
+) -> dict[str, Estimate]:
+    """Free constant → its estimate, from unknowns x (n_x,), their deviations and the parts of these (n_x,)."""
     found = {}
     for index, (name, scale) in enumerate(zip(material.free.names, material.scale, strict=True)):
         real, tangent = 2 * index, 2 * index + 1
         size = abs(scale)
         found[name] = Estimate(
-            value=float(scale * fit.x[real]),
+            value=float(scale * x[real]),
             std=float(size * std[real]),
-            tan=float(fit.x[tangent]),
+            tan=float(x[tangent]),
             tan_std=float(std[tangent]),
             budget={source: float(size * part[real]) for source, part in parts.items()},
             tan_budget={source: float(part[tangent]) for source, part in parts.items()},

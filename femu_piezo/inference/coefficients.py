@@ -139,7 +139,8 @@ def _extra_terms(model: ExtendedModel, item: Active, omega: np.ndarray) -> list[
     effect, u = item.effect, model.displacements
     found = [] if effect.local is None else effect.local(model.places, omega, item.values)
     for term in effect.terms:
-        matrix = model.inertia[term.name][:u, :u] if term.kind == "inertia" else model.stiffness[term.name]
+        matrix = model.extra(term.name)
+        matrix = matrix[:u, :u] if term.kind == "inertia" else matrix
         found.append(LocalTerm(term.kind, matrix, *term.coefficient(omega, item.values)))
     return found
 

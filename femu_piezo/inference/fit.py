@@ -76,7 +76,8 @@ class Fit:
     weight : (2k,) that the loss gives them, in squares of residual and jacobian
     promise : gain in χ² that a further step promises, of a fit that was not brought to its end
     discrepancy : what the intervals count beside noise and priors; None where nothing is left
-    law : (2k, m) what the laws of causes may miss, whitened, each column one standard deviation; the intervals count it
+    law, mesh : (2k, m) what the laws of causes and the mesh may miss, whitened, each column one standard deviation; the
+        intervals count them
     """
 
     parameters: Unknowns
@@ -94,6 +95,7 @@ class Fit:
     promise: float = 0.0
     discrepancy: Discrepancy | None = field(default=None, repr=False)
     law: np.ndarray | None = field(default=None, repr=False)
+    mesh: np.ndarray | None = field(default=None, repr=False)
 
     @cached_property
     def _rows(self) -> tuple[np.ndarray, np.ndarray]:
@@ -157,21 +159,22 @@ class Fit:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """(n_x, n_x) of the estimate: s² A (I + K) Aᵗ + A L Lᵗ Aᵗ + H^-1 Fᵗ F H^-1.
+        """(n_x, n_x) of the estimate: s² A (I + K) Aᵗ + A L Lᵗ Aᵗ + A M Mᵗ Aᵗ + H^-1 Fᵗ F H^-1.
 
         From the noise at its most probable level s, from a discrepancy of covariance s² K where one is probable, from
-        what the laws of causes miss (`femu_piezo.inference.laws`), and from the priors F. Without those two this is
-        H^-1. The estimate itself is that of noise and priors, so that its curve is the closest there is; what is smooth
-        in frequency and no noise widens the intervals by s² A K Aᵗ. No factor for misfit is applied beyond that. The
-        coverage is tested in tests/inference/test_coverage.py.
+        what the laws of causes miss (`femu_piezo.inference.laws`), from the mesh, and from the priors F. Without the
+        three in the middle this is H^-1. The estimate itself is that of noise and priors, so that its curve is the
+        closest there is; what is smooth in frequency and no noise widens the intervals by s² A K Aᵗ. No factor for
+        misfit is applied beyond that. The coverage is tested in tests/inference/test_coverage.py.
         """
         found = self.noise_scale**2 * self.gain @ self.gain.T
         if self.discrepancy is not None:
             moved = self.noise_scale * self.gain @ self.discrepancy.columns
             found = found + moved @ moved.T
-        if self.law is not None:
-            moved = self.gain @ self.law
-            found = found + moved @ moved.T
+        for misses in (self.law, self.mesh):
+            if misses is not None:
+                moved = self.gain @ misses
+                found = found + moved @ moved.T
         pulled = self.precision_inverse @ self.further_jacobian.T
         return found + pulled @ pulled.T
 
@@ -351,6 +354,7 @@ def _at(found: _Descent, log_slope: np.ndarray, law: np.ndarray | None) -> Fit:
         weight=weight,
         promise=found.promise,
         law=None if law is None else law * share[:, None],
+        mesh=posterior.data.mesh_misses(log_slope) * share[:, None],
     )
 
 

@@ -102,20 +102,17 @@ class Evaluation:
         with blas_limit():
             c = collect(model, parameters, x, active, middle)
             modal = _modal(model, c)
-            resolvent = 1 / (modal.eigenvalues[:, None] - self.omega**2)
-            states = modal.states[:, :1] - modal.states[:, 1:] @ (modal.charges[:, None] * resolvent)
-            y = modal.admittance(self.omega)
+            span, y = _driven_span(modal, self.omega), modal.admittance(self.omega)
             e_form = e_form_constants(parameters, x, [], middle)[0][0]
-            found = np.array(
-                [_site_slope(model, effect, site, self.omega, states.T, e_form) for site in effect.sites]
-            ).T
+            found = np.array([_site_slope(model, effect, site, self.omega, span, e_form) for site in effect.sites]).T
         along = 1j * (self.omega * model.admittance_factor)[:, None] * found / y[:, None] ** 2
         frozen = [replace(item, columns=None) for item in active]
         return self._through_circuits(frozen, 1 / y, along)[1]
 
 
-def _site_slope(model, effect: Effect, site: np.ndarray, omega, states, e_form) -> np.ndarray:
-    """xᵗ (∂A/∂size) x (k,) with the driven states x (k, r)."""
+def _site_slope(model, effect: Effect, site: np.ndarray, omega, span, e_form) -> np.ndarray:
+    """xᵗ (∂A/∂size) x (k,) with the driven states x = basis · weights, the two of `span`."""
+    basis, weights = span
     total = np.zeros(omega.size, dtype=complex)
     onset = effect.local if effect.onset is None else effect.onset
     for term in onset(model.places, omega, np.concatenate([[0.0], site[1:]])):
@@ -123,7 +120,8 @@ def _site_slope(model, effect: Effect, site: np.ndarray, omega, states, e_form) 
         if term.kind == "inertia":
             slope = -slope * omega**2
         if np.any(slope):
-            total += slope * _quadratic(term.matrix[None], states[:, : term.matrix.shape[0]])[:, 0]
+            along = _along(term.matrix[None], np.ones((1, 1)), basis[: len(term.matrix)], weights)
+            total += slope * along[:, 0]
     return total
 
 

@@ -21,10 +21,11 @@ class SweepData:
     ----------
     frequency : (k,) Hz
     impedance : (k,) measured Z, ohm
-    relative_noise : (k,) sqrt(E|δZ/Z|²), the errors of mesh and basis among it
+    relative_noise : (k,) sqrt(E|δZ/Z|²), the error of the reduced basis among it
     noise_known : whether it came with the data (else it was estimated from the sweep alone)
     sizes : points of each sweep where there are several
-    model_share : (k,) share of the variance that is error of mesh and basis; none where empty
+    model_share : (k,) share of the variance that is error of the reduced basis; none where empty
+    mesh_error : (k,) relative error of eigenvalues that the mesh may have at each frequency; none where empty
     """
 
     frequency: np.ndarray
@@ -33,6 +34,7 @@ class SweepData:
     noise_known: bool
     sizes: tuple[int, ...] = ()
     model_share: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    mesh_error: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def sweeps(self) -> list[np.ndarray]:
@@ -64,7 +66,19 @@ class SweepData:
             relative_noise=self.relative_noise[kept],
             sizes=sizes,
             model_share=self.model_share[kept] if self.model_share.size else self.model_share,
+            mesh_error=self.mesh_error[kept] if self.mesh_error.size else self.mesh_error,
         )
+
+    def mesh_misses(self, log_slope: np.ndarray) -> np.ndarray:
+        """(2k, m) whitened errors of log Z, one standard deviation each, that the mesh may make in each band by itself.
+
+        An eigenvalue λ (1 + ε) for λ moves the curve along frequency: ½ ε ∂log Z/∂log f, log_slope (k,) complex.
+        """
+        bands = self.bands() if self.mesh_error.size else []
+        found = np.zeros((self.impedance.size, len(bands)), dtype=complex)
+        for number, band in enumerate(bands):
+            found[band, number] = (0.5 * self.mesh_error * log_slope * self.weight)[band]
+        return stacked(found)
 
     def whitened(self, impedance: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual (2k,) = (log Z_model − log Z)/σ as Re, Im, and its Jacobian (2k, n_x).

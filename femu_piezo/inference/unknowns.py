@@ -238,7 +238,7 @@ class MaterialParameters:
 
 
 #: What is believed of any ceramic before measuring: real parts within ±50 % of the file's, tangents 0.02 ± 0.05.
-_REAL_STD, _TANGENT, _TANGENT_STD = 0.5, 0.02, 0.05
+_REAL_STD, TANGENT, _TANGENT_STD = 0.5, 0.02, 0.05
 #: Prior standard deviation, over its scale, of a parameter that is exactly known.
 _HELD = 1e-6
 
@@ -257,7 +257,7 @@ def material_prior(
     for name, value in zip(free.names, free.start, strict=True):
         prior[name] = (value.real, real_std.get(name, _REAL_STD) * abs(value.real))
         known = name in tangent_std
-        tangent = -value.imag / value.real if known else _TANGENT
+        tangent = -value.imag / value.real if known else TANGENT
         prior[f"tan_{name}"] = (tangent, tangent_std[name] if known else _TANGENT_STD)
     return prior
 

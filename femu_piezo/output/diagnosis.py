@@ -49,7 +49,11 @@ def diagnosis_record(result: Diagnosis) -> dict:
         "discrepancy": _discrepancy(comparison),
         "tolerances": _tolerances(result),
         "rules": comparison.rules.to_json(),
-        "model": {"unknowns": result.unknowns, "reduced": result.reduced_size},
+        "model": {
+            "unknowns": result.unknowns,
+            "reduced": result.reduced_size,
+            "mesh": {one.specimen.name: one.mesh for one in result.sweeps},
+        },
         "notes": list(result.notes),
         "seconds": result.seconds,
     }

@@ -220,7 +220,7 @@ def _provenance(result: Diagnosis, command: str) -> Section:
     facts = [
         ("command", command),
         ("noise of |Z|", f"{100 * noise:.3g} %, {origin}"),
-        ("model", f"{result.unknowns} unknowns, reduced to {result.reduced_size}"),
+        *((f"mesh of {one.specimen.name}", one.mesh) for one in result.sweeps),
         ("fits", f"{len(result.comparison.singles)} candidates, {len(result.comparison.found)} accepted"),
         ("times", ", ".join(f"{step} {seconds:.3g} s" for step, seconds in result.seconds.items())),
     ]

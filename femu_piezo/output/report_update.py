@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from femu_piezo.material.constants import D_FORM
+from femu_piezo.output.budget_chart import budget_figure, budget_shares
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.records import update_record
 from femu_piezo.output.report import (
@@ -15,6 +16,7 @@ from femu_piezo.output.report import (
     Section,
     notes,
     paragraph,
+    picture,
     provenance_section,
     table,
     write_report,
@@ -159,20 +161,14 @@ def _parameters(result: UpdateResult) -> str:
 
 
 def _budget(result: UpdateResult) -> str:
-    """Where the uncertainty of each constant comes from: shares of its variance, each with a bar as long."""
-    rows = []
-    for name, estimate in result.parameters.items():
-        for label, parts, std in (
-            (name, estimate.budget, estimate.std),
-            (f"tan {name}", estimate.tan_budget, estimate.tan_std),
-        ):
-            shares = {source: 100 * (part / std) ** 2 for source, part in parts.items()} if parts else {}
-            named = sorted((item for item in shares.items() if item[1] >= 1), key=lambda item: -item[1])
-            if named:
-                bars = "   ".join(f"{source} {share:.0f} % {'█' * round(share / 4)}" for source, share in named)
-                rows.append((label, bars))
-    caption = "Uncertainty budget: shares of the variance by source"
-    return table(("", "from"), rows, caption, "words") if rows else ""
+    """Where the uncertainty of each constant comes from: a chart of its variance, and the largest parts in words."""
+    shares = budget_shares(result.parameters)
+    if not shares:
+        return ""
+    largest = {label: max(parts, key=parts.__getitem__) for label, parts in shares.items()}
+    words = ", ".join(f"{label} {source} {100 * shares[label][source]:.0f} %" for label, source in largest.items())
+    figure = budget_figure("Uncertainty budget: shares of the variance by source", result.parameters)
+    return picture(figure, f"Where the deviations come from; mostly: {words}.")
 
 
 def _interval(value: float, std: float | None, factor: float) -> str:

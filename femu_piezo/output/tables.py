@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -16,11 +17,23 @@ from femu_piezo.output.curves import PRINTED
 
 if TYPE_CHECKING:
     from femu_piezo.extraction import Extraction
+    from femu_piezo.study.expectation import Expectation, Improvement
     from femu_piezo.study.identify import IdentifyResult
     from femu_piezo.study.modes import ModesResult
     from femu_piezo.study.results import Outcome, UpdateResult
     from femu_piezo.study.simulate import SimulationResult
 
+#: Share of a deviation whose loss is worth a word.
+_WORTH = 0.05
+#: Unit of SI → factor and unit in which a tolerance is written.
+_WRITTEN = {
+    "m": (1e3, "mm"),
+    "kg": (1e6, "mg"),
+    "rad": (1e3, "mrad"),
+    "ohm": (1e3, "mohm"),
+    "H": (1e9, "nH"),
+    "F": (1e12, "pF"),
+}
 #: Width of text that goes to no terminal, characters.
 _WIDTH = 110
 _HTML = '<pre style="font-family: monospace; line-height: 1.2; white-space: pre">{code}</pre>'
@@ -173,9 +186,69 @@ def identifiability_table(result: IdentifyResult) -> RenderableType:
             f"{known.std[index + 1]:.2g}" if known.std[index + 1] < 10 else "> 10",
             known.verdict(name),
         )
-    lines = [f"least known: {sentence}" for sentence in known.weakest()]
+    lines = [_sweep_words(one.title, one.frequency) for one in result.sensitivities]
+    lines += [f"least known: {sentence}" for sentence in known.weakest()]
     for item in result.recommendations:
         gained = ", ".join(item.gained) or "no further constant"
         lines.append(f"measure {item.measurement}: determines {gained}")
     lines += result.advice
-    return Group(table, text_of(lines))
+    return Group(table, text_of(lines), *expectation_tables(result.expected))
+
+
+def _sweep_words(name: str, frequency: np.ndarray) -> str:
+    low, high = (f"{value:.6g} Hz" if value < 1e3 else f"{value / 1e3:.6g} kHz" for value in frequency[[0, -1]])
+    return f"sweep of {name}: {frequency.size} points from {low} to {high} ([simulation] in its file)"
+
+
+def expectation_tables(expected: Expectation) -> list[RenderableType]:
+    """What an update would state of the free constants, and which tolerance to improve first."""
+    stated = Table(title="what an update would state, with the tolerances of the file", title_justify="left")
+    for heading in ("constant", "std", "mostly from", "std of tangent", "mostly from"):
+        stated.add_column(heading, justify="right" if heading.startswith("std") else "left")
+    for name, one in expected.parameters.items():
+        cells = (deviation_words(label, expected) for label in (name, f"tan_{name}"))
+        parts = (_parts_words(one.budget, one.std), _parts_words(one.tan_budget, one.tan_std))
+        stated.add_row(name, *(word for pair in zip(cells, parts, strict=True) for word in pair))
+    gains = Table(title="which tolerance to improve first: each halved by itself", title_justify="left")
+    for heading in ("tolerance", "today -> halved", "constants", "loss tangents"):
+        gains.add_column(heading)
+    rows = [(one, _gain_words(one, expected, False), _gain_words(one, expected, True)) for one in expected.improvements]
+    told_ = [(one, *words) for one, *words in rows if any(words)]
+    for one, *words in told_:
+        of = f" of {one.specimen}" if one.specimen else ""
+        sizes = f"{tolerance_words(one, one.today)} -> {tolerance_words(one, one.today / 2)}"
+        gains.add_row(f"{one.tolerance}{of}", sizes, *words)
+    rest = len(rows) - len(told_)
+    more = [f"halving any of the other {rest} tolerances shrinks no deviation by {100 * _WORTH:g} %"] if rest else []
+    return [stated, gains, text_of(more)]
+
+
+def deviation_words(label: str, expected: Expectation, std: float | None = None) -> str:
+    """Deviation of a constant in % of its value, or of a tangent ("tan_s11"); the expected one where none is given."""
+    one = expected.parameters[label.removeprefix("tan_")]
+    if label.startswith("tan_"):
+        return f"{one.tan_std if std is None else std:.2g}"
+    return f"{100 * (one.std if std is None else std) / abs(one.value):.2g} %"
+
+
+def _gain_words(one: Improvement, expected: Expectation, tangents: bool) -> str:
+    """Deviations that halving a tolerance shrinks by a share worth a word, the largest gain first."""
+    labels = [label for label in one.before if label.startswith("tan_") == tangents and one.shrinks(label) >= _WORTH]
+    return "\n".join(
+        f"{label} {deviation_words(label, expected)} -> {deviation_words(label, expected, one.halved[label])}"
+        for label in sorted(labels, key=lambda label: -one.shrinks(label))
+    )
+
+
+def tolerance_words(one: Improvement, size: float) -> str:
+    """A tolerance as one writes it in a specimen file: 0.02 mm, 0.5 %, 10 nH."""
+    if one.unit == "1":
+        return f"{size:.3g}" if one.tolerance.startswith("std_tan_") else f"{100 * size:.3g} %"
+    factor, unit = _WRITTEN[one.unit]
+    return f"{factor * size:.3g} {unit}"
+
+
+def _parts_words(budget: Mapping[str, float], std: float) -> str:
+    """The parts of a variance above a tenth, the largest first."""
+    shares = sorted(((part / std) ** 2, source) for source, part in budget.items())[::-1]
+    return ", ".join(f"{source} {100 * share:.0f} %" for share, source in shares if share > 0.1)

@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from femu_piezo.diagnosis.confounding import tangents
 from femu_piezo.diagnosis.next_measurement import Separation
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.selection import Comparison, compare_from
@@ -31,6 +30,7 @@ from femu_piezo.study.planning import recommended, separations
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals, pole_zero_residuals
 from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.progress import Clock, Progress
+from femu_piezo.study.results import mesh_words
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.study.subjects import LEAST_ERROR, Subject, shared_library, subjects
 
@@ -53,6 +53,7 @@ class DiagnosedSweep:
     relative_noise : (k,) of the whole sweep
     curves : Z of base and final model over the whole sweep
     reference_Hz : where laws over frequency are anchored
+    mesh : what the mesh of its model is, and its error, in words
     """
 
     specimen: Specimen
@@ -62,6 +63,7 @@ class DiagnosedSweep:
     relative_noise: np.ndarray
     curves: tuple[np.ndarray, np.ndarray]
     reference_Hz: float
+    mesh: str = ""
 
     @cached_property
     def pole_zero(self) -> tuple[PoleZeroResiduals, PoleZeroResiduals]:
@@ -214,8 +216,7 @@ def diagnose(
     posterior, comparison = _compared(several, library, start, clock, bases, rules)
     clock.step("verdict")
     frequency = np.concatenate([one.measured.fitted.frequency for one in several])
-    served = [effect for effect in library if effect.local is None or _places(posterior)]
-    verdict = judge(comparison, tangents(posterior.evaluation, comparison.base, served), frequency)
+    verdict = judge(comparison, frequency)
     sweeps = tuple(
         DiagnosedSweep(
             specimen=one.measured.problem.specimen,
@@ -225,6 +226,7 @@ def diagnose(
             relative_noise=one.noise,
             curves=(posterior.curve(index, comparison.base), posterior.curve(index, comparison.final)),
             reference_Hz=one.context.fundamental_Hz,
+            mesh=mesh_words(posterior.full[index], posterior.models[index]),
         )
         for index, one in enumerate(several)
     )
@@ -257,13 +259,10 @@ def _compared(
     rules: Rules,
 ) -> tuple[Posterior, Comparison]:
     """Models and comparison; effects at a place join where something is left that they might explain."""
-    smooth = tuple(effect for effect in library if effect.local is None)
-    posterior = Posterior(several, clock, bases, smooth)
+    posterior = Posterior(several, clock, bases, library)
     base = posterior.base(start)
-    if len(smooth) < len(library) and _leaves_something(base):
-        posterior, base = posterior.enlarged(library, base)
-    else:
-        library = smooth
+    if not _leaves_something(base):
+        library = tuple(effect for effect in library if effect.local is None)
     clock.step("compare")
     return posterior, compare_from(
         base, posterior.evaluation, library, rules=rules, loss=posterior.loss, progress=clock.tell
@@ -275,10 +274,6 @@ def _leaves_something(base: Fit) -> bool:
     left = remaining(base.residual, base.determined, base.data.frequency, base.data.noise_known, base.data.sweeps)
     doubt = min(left.p_white, 1.0 if left.p_size is None else left.p_size)
     return doubt < _DOUBT or base.learned.log_evidence > 0
-
-
-def _places(posterior: Posterior) -> bool:
-    return any(model.places is not None for model in posterior.models)
 
 
 def _accuracy_notes(several: Sequence[Subject]) -> tuple[str, ...]:

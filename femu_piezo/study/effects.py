@@ -20,10 +20,12 @@ from femu_piezo.study.problem import Problem
 from femu_piezo.study.shapes import shape_of
 from femu_piezo.study.tolerances import tolerances
 
-#: Dimensions by name as axes; all radii of a disk or a ring go with its diameter.
+#: Dimensions by name as axes; all radii of a disk or a ring go with its diameter, both widths of a trapezoid together.
 _ROUND = {"diameter": (0, 1), "thickness": (2,)}
+_LONG = {"length": (0,), "width": (1,), "thickness": (2,)}
 _AXES = {
-    "plate": {"length": (0,), "width": (1,), "thickness": (2,)},
+    "plate": _LONG,
+    "trapezoid": _LONG,
     "square": {"length": (0, 1), "thickness": (2,)},
     "disk": _ROUND,
     "ring": _ROUND,
@@ -123,8 +125,9 @@ def body_as_simulated(problem: Problem, known: Sequence[tuple[Effect, np.ndarray
             density = density * effect.density(values)[0]
     geometry = problem.specimen.geometry
     axes = dict(_AXES.get(geometry.shape, {}))
-    if geometry.inner_diameter is not None:
-        axes["inner_diameter"] = axes["diameter"]
+    for name, leader in (("inner_diameter", "diameter"), ("width_end", "width")):
+        if getattr(geometry, name) is not None:
+            axes[name] = axes[leader]
     sizes = {name: getattr(geometry, name) * stretch[along[0]] for name, along in axes.items()}
     plate = shape_of(problem.specimen.model_copy(update={"geometry": geometry.model_copy(update=sizes)}))
     body = replace(problem, plate=plate, constants=PiezoConstants.from_vector(constants[0]), density=float(density))

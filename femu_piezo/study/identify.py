@@ -1,4 +1,9 @@
-"""`identify`: which constants a sweep can determine, and which further measurement would determine the rest."""
+"""`identify`: which constants a sweep can determine, how well, and what would determine them better.
+
+Three questions before anything is measured: which of all ten constants a sweep tells, noise alone being wrong with it
+(`known`), and which further measurement would tell the rest (`recommendations`); what an update of the free constants
+would state with the tolerances of the file, and which tolerance to improve first (`expected`).
+"""
 
 from __future__ import annotations
 
@@ -7,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.errors import InputError
 from femu_piezo.geometry.shapes import Plate
@@ -14,9 +20,10 @@ from femu_piezo.inference.identifiability import Identifiability, identifiabilit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.sensitivity import Sensitivity
 from femu_piezo.inference.sweeps import SweepData
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
+from femu_piezo.inference.unknowns import TANGENT, FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.specimen.file import Specimen
+from femu_piezo.study.expectation import Expectation, expect, planned, served
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.progress import Progress
 from femu_piezo.study.resonances_with_effects import sensitivity_with_effects
@@ -24,6 +31,8 @@ from femu_piezo.study.simulate import sweep_frequencies
 
 #: Eigenvalue error of the mesh: sensitivities need not be better.
 _ACCURACY = 1e-3
+#: Relative noise of a point where no file states it.
+_NOISE = 1e-3
 #: Points of a candidate sweep.
 _POINTS = 801
 
@@ -46,13 +55,21 @@ class Recommendation:
 
 @dataclass(frozen=True)
 class IdentifyResult:
-    """Prediction for one or several sweeps of one material."""
+    """Prediction for one or several sweeps of one material.
+
+    Attributes
+    ----------
+    noise : relative standard deviation of every point
+    known : all ten constants by noise alone, each open to ±50 %
+    expected : the free constants as an update would state them, and what every tolerance adds
+    """
 
     names: tuple[str, ...]
     noise: float
     known: Identifiability
     sensitivities: tuple[Sensitivity, ...]
     recommendations: tuple[Recommendation, ...]
+    expected: Expectation
 
     @property
     def advice(self) -> tuple[str, ...]:
@@ -94,17 +111,20 @@ class IdentifyResult:
                 for item in self.recommendations
             ],
             "advice": list(self.advice),
+            **self.expected.to_json(),
         }
 
 
 def identify(
     specimens: Specimen | Sequence[Specimen],
-    noise: float = 1e-3,
+    noise: float | None = None,
     progress: Progress | None = None,
     *,
     recommend: bool = True,
 ) -> IdentifyResult:
     """Predict the joint standard deviations of all ten constants from sweeps of one or more specimens of a material.
+
+    And those of the free constants with the tolerances of the files.
 
     The constants are those of the first specimen's file; constants that are zero there cannot be free. Beside the
     sweeps stands only the weak prior of
@@ -112,7 +132,8 @@ def identify(
 
     Parameters
     ----------
-    noise : relative standard deviation of every point
+    noise : relative standard deviation of every point; the one that the files state where None, 0.001 where they
+        state none, or several
     progress : called with the name of each step
     recommend : compute what further measurements would add, which takes longer than the rest
 
@@ -120,31 +141,55 @@ def identify(
     ------
     InputError : a specimen cannot be computed, or the noise is no relative standard deviation
     """
+    specimens = [specimens] if isinstance(specimens, Specimen) else list(specimens)
+    noise = _stated_noise(specimens) if noise is None else noise
     if not 0 < noise < 1:
         raise InputError(f"noise {noise:g} is not a relative standard deviation; give one such as 0.001")
     progress = progress or (lambda step: None)
-    specimens = [specimens] if isinstance(specimens, Specimen) else list(specimens)
-    problems = [prepare(specimen) for specimen in specimens]
+    problems = [_lossy(prepare(specimen, check=False)) for specimen in specimens]
     first = problems[0]
-    blocks, pictures = [], []
-    for problem in problems:
+    sweeps = [sweep_frequencies(problem) for problem in problems]
+    subjects = planned(problems, [(float(sweep[0]), float(sweep[-1])) for sweep in sweeps])
+    blocks, pictures, evaluations = [], [], []
+    for problem, subject, frequency in zip(problems, subjects, sweeps, strict=True):
         progress(problem.specimen.name)
-        block, picture = _jacobian(problem, first, sweep_frequencies(problem), noise)
+        evaluation = _evaluation(problem, first, frequency, served(subjects, subject))
+        block, picture = _jacobian(evaluation, problem.specimen.name, first, noise)
         blocks.append(block)
         pictures.append(picture)
+        evaluations.append(evaluation)
+    expected = expect(problems, subjects, evaluations, noise)
     names, values, prior = _unknowns(first)
     blocks.append(prior)
     known = identifiability(np.concatenate(blocks), names, values)
     recommendations = []
     for words, problem, frequency in _candidates(problems) if recommend else []:
         progress(words)
-        extra, _ = _jacobian(problem, first, frequency, noise)
+        extra, _ = _jacobian(_evaluation(problem, first, frequency), problem.specimen.name, first, noise)
         joint = identifiability(np.concatenate([*blocks, extra]), names, values)
         recommendations.append(_recommendation(words, known, joint))
     recommendations.sort(key=lambda item: (-len(item.gained), sum(np.log(list(item.std.values())))))
-    return IdentifyResult(
-        tuple(problem.specimen.name for problem in problems), noise, known, tuple(pictures), tuple(recommendations)
-    )
+    names = tuple(problem.specimen.name for problem in problems)
+    return IdentifyResult(names, noise, known, tuple(pictures), tuple(recommendations), expected)
+
+
+def _lossy(problem: Problem) -> Problem:
+    """With the usual tangent where the file has none of a free constant: without losses all would be known too well.
+
+    InputError where the constants are those of no stable, passive material.
+    """
+    free = problem.free(problem.constants)
+    theta = np.where(free.start.imag == 0, free.start * (1 - 1j * TANGENT), free.start)
+    constants = free.constants(theta)
+    if constants.physical_faults():
+        constants = problem.constants.check(f"{problem.specimen.path or problem.specimen.name}: material")
+    return replace(problem, constants=constants)
+
+
+def _stated_noise(specimens: Sequence[Specimen]) -> float:
+    """The noise that the files state, where it is one."""
+    stated = {one.measurement.noise for one in specimens if one.measurement is not None} - {None}
+    return stated.pop() if len(stated) == 1 else _NOISE
 
 
 def _free(problem: Problem) -> FreeConstants:
@@ -165,16 +210,22 @@ def _material(first: Problem) -> tuple[Unknowns, np.ndarray]:
     return Unknowns(material, material_prior(free, {}, {})), material.x_of(free.start)
 
 
-def _jacobian(problem: Problem, first: Problem, frequency: np.ndarray, noise: float) -> tuple[np.ndarray, Sensitivity]:
+def _evaluation(
+    problem: Problem, first: Problem, frequency: np.ndarray, effects: Sequence[Effect] = ()
+) -> Evaluation:
+    """A predicted sweep of the first specimen's material, by a model that serves some effects as well."""
+    free, top = _material(first)[0].material.free, float(frequency[-1])
+    model = problem.model(top, _ACCURACY)
+    reduced = extend_model(model, free.training_sets(free.start, 0.05), effects, top, accuracy=1e-4)
+    return Evaluation(reduced, 2 * np.pi * frequency)
+
+
+def _jacobian(evaluation: Evaluation, name: str, first: Problem, noise: float) -> tuple[np.ndarray, Sensitivity]:
     """Whitened Jacobian of one predicted sweep in the unknowns of the first specimen's material."""
     unknowns, x = _material(first)
-    free, top = unknowns.material.free, float(frequency[-1])
-    model = problem.model(top, _ACCURACY)
-    reduced = extend_model(model, free.training_sets(free.start, 0.05), (), top, accuracy=1e-4)
-    evaluation = Evaluation(reduced, 2 * np.pi * frequency)
     z, slopes = evaluation.with_jacobian(unknowns, x)
-    data = SweepData(frequency, z, np.full(frequency.size, noise), noise_known=True)
-    return data.whitened(z, slopes)[1], sensitivity_with_effects(problem.specimen.name, evaluation, unknowns, x)
+    data = SweepData(evaluation.omega / (2 * np.pi), z, np.full(z.size, noise), noise_known=True)
+    return data.whitened(z, slopes)[1], sensitivity_with_effects(name, evaluation, unknowns, x)
 
 
 def _candidates(problems: list[Problem]) -> list[tuple[str, Problem, np.ndarray]]:

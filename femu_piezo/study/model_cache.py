@@ -72,19 +72,15 @@ class Bases:
         effects: Sequence[Effect],
         one: Measured,
         accuracy: float,
-        smaller: ExtendedModel | None = None,
     ) -> ExtendedModel:
-        """Basis that serves all effects of a list, within `accuracy` of Z at the training constants.
-
-        smaller : one with the same constants and accuracy for fewer effects
-        """
+        """Basis that serves all effects of a list, within `accuracy` of Z at the training constants."""
         band, accuracy = self._rung(one.problem, one.band_Hz, _FINE_RUNG), self._rung_below(accuracy)
         key = (band, accuracy, *(_bits(item.vector()) for item in training), Needs.of(effects))
         return self._basis(
             "extended",
             model,
             key,
-            lambda: extend_model(model, training, effects, band, accuracy=accuracy, smaller=smaller),
+            lambda: extend_model(model, training, effects, band, accuracy=accuracy),
         )
 
     def _rung(self, problem: Problem, frequency_Hz: float, step: float) -> float:

@@ -99,24 +99,13 @@ class Posterior:
             for effect, values in one.freed
         ]
 
-    def enlarged(self, candidates: Sequence[Effect], current: Fit) -> tuple[Posterior, Fit]:
-        """Models that serve further candidates, and a fit without causes by them."""
-        other = Posterior(self.several, self._clock, self._bases, candidates)
-        other.full, other._around = self.full, self._around
-        other._prepare(self._around, self.models)
-        self._clock.step("fit")
-        return other, fit(other.evaluation, current.data, current.parameters, [current.x], loss=self.loss)
-
-    def _prepare(self, constants: PiezoConstants, smaller: Sequence[ExtendedModel | None] = ()) -> None:
-        """Reduced models around given constants; `smaller` ones of fewer effects around the same serve as a start."""
+    def _prepare(self, constants: PiezoConstants) -> None:
+        """Reduced models around given constants."""
         self._clock.step("reduce")
         self._around = self._bases.around(self.problem, constants)
         training = _training(self._around, self.problem.free(self._around))
         self.models = tuple(
-            self._reduced(one, model, training, less)
-            for one, model, less in zip(
-                self.several, self.full, smaller or [None] * len(self.several), strict=True
-            )
+            self._reduced(one, model, training) for one, model in zip(self.several, self.full, strict=True)
         )
 
     def _serves(self, constants: PiezoConstants) -> bool:
@@ -124,17 +113,13 @@ class Posterior:
         return bool(np.all(np.abs(found - around) <= _LEAVE * np.abs(around)))
 
     def _reduced(
-        self,
-        one: Subject,
-        model: ElectroelasticModel,
-        training: Sequence[PiezoConstants],
-        smaller: ExtendedModel | None,
+        self, one: Subject, model: ElectroelasticModel, training: Sequence[PiezoConstants]
     ) -> ExtendedModel:
         wanted = dict.fromkeys(effect for effect in (*self.tolerances, *self._candidates))
         effects = [effect for effect in wanted if effect.specimen in ("", one.name)]
         effects += [effect for effect, _ in one.fixed]
         accuracy = _share_of_noise(one, _BASIS_SHARE, _BASIS_RANGE)
-        return self._bases.extended(model, training, effects, one.measured, accuracy, smaller)
+        return self._bases.extended(model, training, effects, one.measured, accuracy)
 
     @property
     def evaluation(self) -> Evaluation | Ensemble:
@@ -165,6 +150,7 @@ class Posterior:
                     for own, model in zip(noise, self.models, strict=True)
                 ]
             ),
+            mesh_error=np.concatenate([_mesh_error(*both) for both in zip(several, self.models, strict=True)]),
         )
 
     def _unknowns(self, constants: PiezoConstants) -> Unknowns:
@@ -201,6 +187,18 @@ def _mesh_accuracy(one: Subject) -> float:
     """Relative error of eigenvalues that the mesh may have: a share of the noise, no more than the file asks for."""
     asked = (one.measured.problem.specimen.update or Update()).accuracy
     return min(asked, _share_of_noise(one, _MESH_SHARE, _MESH_RANGE))
+
+
+def _mesh_error(one: Subject, model: ExtendedModel) -> np.ndarray:
+    """(k,) relative error of eigenvalues that the mesh may have at the points of a fit.
+
+    As measured; where it was not, what was asked for at the end of the sweep, falling as ω⁴.
+    """
+    if model.mesh_error is not None:
+        return model.mesh_error.at(one.measured.fitted.frequency)
+    accuracy, measured = _mesh_accuracy(one), one.measured
+    end = measured.problem.equivalent_frequency(measured.band_Hz, accuracy)
+    return accuracy * (measured.fitted.frequency / end) ** 4
 
 
 def _share_of_noise(one: Subject, share: float, limits: tuple[float, float]) -> float:

@@ -29,7 +29,9 @@ def mesh_words(model: ElectroelasticModel, reduced: ExtendedModel) -> str:
     part = "the whole body" if copies == 1 else f"1/{copies} of the body, cut at its mirror planes"
     kind = "hexahedra" if "Hex" in type(mesh).__name__ else "tetrahedra"
     what = f"{mesh.nelements} {kind} of order {model.order} in {part}"
-    return f"{what}; {model.size} unknowns, reduced to {reduced.size}"
+    error = reduced.mesh_error
+    words = "" if error is None else f", eigenvalues within {error.error.max():.0e} by a step of the order"
+    return f"{what}; {model.size} unknowns, reduced to {reduced.size}{words}"
 
 
 @dataclass(frozen=True)

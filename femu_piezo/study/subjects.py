@@ -27,13 +27,14 @@ class Subject:
     Attributes
     ----------
     name : of the specimen where there are several, "" for the only one
+    measured : its sweep; None before there is one (`femu_piezo.study.expectation`)
     noise : (k,) relative noise of the whole sweep, no less than the error of the model
     fixed : the effects of its file with their values;  freed : those whose values are where a fit starts
     effects : what it may have beside those; the library where None
     """
 
     name: str
-    measured: Measured
+    measured: Measured | None
     noise: np.ndarray
     context: EffectContext
     fixed: tuple[tuple[Effect, np.ndarray], ...]

@@ -11,6 +11,7 @@ import pytest
 from diagnosis.conftest import FREQUENCY
 from femu_piezo.diagnosis.confounding import parallel, tangents
 from femu_piezo.diagnosis.selection import compare
+from femu_piezo.diagnosis.starts import starts
 from femu_piezo.diagnosis.verdict import judge
 from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.sweeps import SweepData
@@ -29,7 +30,7 @@ def run(setup, data):
     start = setup.x * (1 + 0.02 * np.cos(np.arange(setup.x.size)))
     library = list(setup.library.values())
     result = compare(setup.evaluation, data, setup.unknowns, start, library)
-    return result, judge(result, tangents(setup.evaluation, result.base, library), FREQUENCY)
+    return result, judge(result, FREQUENCY)
 
 
 def test_two_effects_are_both_named(setup):
@@ -134,7 +135,8 @@ def test_evidence_learns_the_noise(setup, known):
 def test_likeness_of_an_effect_with_itself_and_with_another(setup):
     data = data_with(setup, {}, 6)
     base = fit(setup.evaluation, data, setup.unknowns, [setup.x])
-    found = {t.effect.key: t for t in tangents(setup.evaluation, base, list(setup.library.values()))}
+    alone = [starts(setup.evaluation, base, effect)[0] for effect in setup.library.values()]
+    found = {t.effect.key: t for t in tangents(base, alone)}
     assert parallel(found["series_resistance"], found["series_resistance"], 1.0)
     assert not parallel(found["series_resistance"], found["wrong_width"], 1.0)
     assert found["stray_capacitance"].hidden and not found["wrong_width"].hidden

@@ -9,7 +9,6 @@ import pytest
 
 from diagnosis.conftest import FREQUENCY
 from diagnosis.test_compare import data_with
-from femu_piezo.diagnosis.confounding import tangents
 from femu_piezo.diagnosis.selection import compare
 from femu_piezo.diagnosis.starts import promises_together, start_together, starts
 from femu_piezo.diagnosis.verdict import judge
@@ -37,7 +36,7 @@ def test_slopes_of_two_effects_together_promise_what_both_in_one_fit_do(setup):
 def test_pair_of_which_neither_is_the_best_single_effect(setup, smooth):
     data = data_with(setup, TRUTH, 1)
     result = compare(setup.evaluation, data, setup.unknowns, setup.x, smooth)
-    verdict = judge(result, tangents(setup.evaluation, result.base, smooth), FREQUENCY)
+    verdict = judge(result, FREQUENCY)
     fitted = [trial for trial in result.singles if trial.fit is not None]
     assert max(fitted, key=lambda trial: trial.fit.log_evidence).effect.key not in TRUTH
     assert {cause.effect.key for cause in verdict.causes} == set(TRUTH) and verdict.word == "effect"

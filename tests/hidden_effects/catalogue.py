@@ -144,12 +144,10 @@ def wrong_insensitive_parameter(build, rng, variant) -> Hidden:
 
 def _wrong(name: str, axis: int, low: float, high: float) -> Entry:
     def entry(build, rng, variant) -> Hidden:
-        """Variant: the sides are not quite parallel; the size is that of the mean."""
+        """No variant: a side that is not parallel is another cause, and a dimension follows no law."""
         size = log_uniform(rng, low, high) * float(rng.choice([-1, 1]))
         build.size[axis] *= 1 + size
-        if variant:
-            build.taper += float(rng.uniform(0.002, 0.006))
-        return Hidden(f"wrong_{name}", {"relative_error": size}, variant="sides not parallel" * variant)
+        return Hidden(f"wrong_{name}", {"relative_error": size})
 
     return entry
 

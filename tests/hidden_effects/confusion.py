@@ -12,6 +12,14 @@ from scipy.stats import beta
 from hidden_effects.judge import Outcome
 
 
+def clopper_pearson(count: int, total: int, level: float = 0.95) -> tuple[float, float]:
+    """Interval of a share of which `count` of `total` were seen."""
+    tail = (1 - level) / 2
+    low = beta.ppf(tail, count, total - count + 1) if count else 0.0
+    high = beta.ppf(1 - tail, count + 1, total - count) if count < total else 1.0
+    return float(low), float(high)
+
+
 @dataclass(frozen=True)
 class Rate:
     """How often something held, against what is asked for."""
@@ -30,8 +38,7 @@ class Rate:
         """With the 95 % Clopper-Pearson interval of the share."""
         if not self.total:
             return f"      {self.words}: none drawn"
-        low = beta.ppf(0.025, self.count, self.total - self.count + 1) if self.count else 0.0
-        high = beta.ppf(0.975, self.count + 1, self.total - self.count) if self.count < self.total else 1.0
+        low, high = clopper_pearson(self.count, self.total)
         share = self.count / self.total
         return (
             f"{'holds' if self.holds else 'FAILS'} {self.words}: {self.count} of {self.total} = {share:.1%} "

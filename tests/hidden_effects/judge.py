@@ -8,6 +8,7 @@ library's candidate of the effect fits.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -23,6 +24,8 @@ from hidden_effects.draws import Draw
 
 #: Misfit in σ above which an effect counts as detectable.
 DETECTABLE = 8.0
+#: Estimated, standard deviation, true; SI.
+Known = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,8 @@ class Outcome:
     bias : constant → (value after extension − true)/std, "tan_…" likewise
     ratio : rms of the unseen points after extension over the true noise, and before
     misfit : the same after over what noise makes of such a prediction by a right model
+    chances : every candidate → its probability, as the comparison of all sets has it
+    constants, causes : what `bias` and `sizes` are made of, each (estimated, std, true), SI
     """
 
     name: str
@@ -56,6 +61,9 @@ class Outcome:
     ratio: tuple[float, float] = (0.0, 0.0)
     misfit: float = 0.0
     seconds: float = 0.0
+    chances: dict[str, float] = field(default_factory=dict)
+    constants: dict[str, Known] = field(default_factory=dict)
+    causes: dict[str, Known] = field(default_factory=dict)
 
     @property
     def detectable(self) -> bool:
@@ -111,7 +119,7 @@ def judge_draw(draw: Draw, folder: Path, bases: Bases | None = None) -> Outcome:
         result = diagnose(read_specimen(draw.write(folder)), bases=bases)
     except FemuPiezoError as error:
         return Outcome(draw.name, draw.seed, kind, truth, (np.inf,) * len(truth), "refused", {}, {}, str(error))
-    causes = result.verdict.causes
+    causes, constants, found = result.verdict.causes, _constants(draw, result), _sizes(draw, result)
     return Outcome(
         name=draw.name,
         seed=draw.seed,
@@ -122,11 +130,14 @@ def judge_draw(draw: Draw, folder: Path, bases: Bases | None = None) -> Outcome:
         said={cause.effect.title: cause.probability for cause in causes},
         alike={cause.effect.title: list(cause.indistinguishable_from) for cause in causes},
         variant=", ".join(hidden.variant for hidden in draw.key if hidden.variant),
-        sizes=_sizes(draw, result),
-        bias=_bias(draw, result),
+        sizes=_in_deviations(found),
+        bias=_in_deviations(constants),
         ratio=(result.gain["held_out_after"] / draw.noise, result.gain["held_out_before"] / draw.noise),
         misfit=result.gain["over_expected"] * result.gain["noise_floor"] / draw.noise,
         seconds=sum(result.seconds.values()),
+        chances=dict(sorted(result.comparison.probabilities.items(), key=lambda item: -item[1])),
+        constants=constants,
+        causes=found,
     )
 
 
@@ -157,7 +168,11 @@ def _root(error: np.ndarray, noise: float, unknowns: int) -> float:
     return float(np.sqrt(max(0.0, 2 * np.sum(np.abs(error) ** 2) / noise**2 - unknowns)))
 
 
-def _sizes(draw: Draw, result: Diagnosis) -> dict[str, float]:
+def _in_deviations(known: Mapping[str, Known]) -> dict[str, float]:
+    return {name: (value - truth) / std for name, (value, std, truth) in known.items()}
+
+
+def _sizes(draw: Draw, result: Diagnosis) -> dict[str, Known]:
     """Of the effects named rightly whose sizes the key has; signs that no sweep can tell are left out."""
     found = {}
     for hidden in draw.key:
@@ -167,15 +182,15 @@ def _sizes(draw: Draw, result: Diagnosis) -> dict[str, float]:
             for parameter, value, std in zip(cause.effect.parameters, cause.values, cause.std, strict=True):
                 if parameter.name in hidden.sizes:
                     truth = hidden.sizes[parameter.name]
-                    found[f"{hidden.title}.{parameter.name}"] = float((value - truth) / std)
+                    found[f"{hidden.title}.{parameter.name}"] = (float(value), float(std), float(truth))
     return found
 
 
-def _bias(draw: Draw, result: Diagnosis) -> dict[str, float]:
-    """Of the constants after extension, at the frequency where the diagnosis anchors laws."""
+def _constants(draw: Draw, result: Diagnosis) -> dict[str, Known]:
+    """The constants after extension, at the frequency where the diagnosis anchors laws."""
     truth, found = draw.build.constants(result.reference_Hz), {}
     for name, estimate in result.constants(result.comparison.final).items():
-        value = truth[NAMES.index(name)]
-        found[name] = float((estimate.value - value.real) / estimate.std)
-        found[f"tan_{name}"] = float((estimate.tan + value.imag / value.real) / estimate.tan_std)
+        value = complex(truth[NAMES.index(name)])
+        found[name] = (estimate.value, estimate.std, value.real)
+        found[f"tan_{name}"] = (estimate.tan, estimate.tan_std, -value.imag / value.real)
     return found

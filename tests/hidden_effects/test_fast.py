@@ -35,8 +35,15 @@ def test_hidden_effect_is_named(effect, tmp_path, bases):
         assert outcome.confident
         assert outcome.ratio[0] < 1.3 < outcome.ratio[1]
         assert outcome.misfit == pytest.approx(1.0, abs=0.15)
+        assert outcome.chances["wrong_width"] >= outcome.said["wrong_width"] > 0.9
+        value, std, truth = outcome.causes["wrong_width.relative_error"]
+        assert (value - truth) / std == outcome.sizes["wrong_width.relative_error"]
     else:
         assert outcome.sigma == () and not outcome.said
+        assert max(outcome.chances.values()) < 0.5
+    assert len(outcome.chances) > 15 and all(0 <= chance <= 1 + 1e-12 for chance in outcome.chances.values())
+    value, std, truth = outcome.constants["tan_s11"]
+    assert truth == pytest.approx(0.016, abs=0.0041) and (value - truth) / std == outcome.bias["tan_s11"]
 
 
 def test_command_names_the_cause_and_the_extended_specimen_has_none(tmp_path):

@@ -5,7 +5,8 @@ HIDDEN_DRAWS=3 HIDDEN_NULLS=10 HIDDEN_ONLY=point_mass,mounting HIDDEN_PROCESSES=
 
 HIDDEN_DRAWS (of each effect), HIDDEN_NULLS, HIDDEN_PAIRS, HIDDEN_UNDESCRIBED, HIDDEN_SEED: numbers;
 HIDDEN_LABORATORY=1: specimen and instrument are off by their tolerances; HIDDEN_ONLY: some of the effects;
-HIDDEN_RESULTS: file of finished draws, with which a study goes on where it ended.
+HIDDEN_RESULTS: file of finished draws, with which a study goes on where it ended. Whether the probabilities and
+deviations in it are worth what they say: python -m tests.hidden_effects.calibration study.jsonl --out DIR
 """
 
 from __future__ import annotations

@@ -129,3 +129,23 @@ def test_what_matters_is_what_physics_says(lab, found):
     assert 0.7 * whole < parts["geometry"][4] < 1.02 * whole
     assert parts["geometry"][4] == max(part[4] for part in parts.values())
     assert 0.5 * TOLERANCES["accuracy"] < parts["instrument"][4] < 2 * TOLERANCES["accuracy"]
+
+
+def test_mesh_error_moves_what_is_fitted_as_a_shift_of_frequency_does(lab):
+    """The part of the mesh against refits of sweeps that are off by half the error along frequency, band by band."""
+    error, ideal = 2e-4, lab.ideal
+    x = lab.material.x_of(lab.free.start)
+    data = lab.measured(lab.evaluation.impedance(ideal, x), 1, noise=1e-5)
+    plain = fit(lab.evaluation, data, ideal, [x])
+    found = fit(lab.evaluation, replace(data, mesh_error=np.full(data.frequency.size, error)), ideal, [x])
+    shifted_sweep = data.impedance * (
+        lab.evaluation.at(1 - error / 2).impedance(ideal, x) / lab.evaluation.impedance(ideal, x)
+    )
+    moved = []
+    for band in data.bands():
+        impedance = data.impedance.copy()
+        impedance[band] = shifted_sweep[band]
+        moved.append(fit(lab.evaluation, replace(data, impedance=impedance), ideal, [x]).x - plain.x)
+    np.testing.assert_allclose(budget(found)["mesh"], np.linalg.norm(moved, axis=0), rtol=0.05)
+    np.testing.assert_allclose(sum_of_squares(budget(found)), found.std**2, rtol=1e-9)
+    assert np.all(budget(plain)["mesh"] == 0)

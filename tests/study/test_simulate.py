@@ -165,6 +165,33 @@ def test_a_larger_disk_of_a_given_mass_is_lighter(tmp_path):
     assert body.density == pytest.approx(larger.density, rel=1e-12)
 
 
+@pytest.mark.parametrize("dimension", ["length", "width", "thickness"])
+def test_a_trapezoid_has_wrong_dimensions_as_well(tmp_path, dimension):
+    """Stretched by 2 %, it has the curve and the modes of one that is meshed so; both widths go together."""
+    sizes = {"length": 20e-3, "width": 6e-3, "width_end": 4e-3, "thickness": 2e-3}
+
+    def simulated(sizes, tail=""):
+        geometry = "".join(f"{name} = {size!r}\n" for name, size in sizes.items())
+        text = f'[geometry]\nshape = "trapezoid"\n{geometry}[material]\nbase = "pzt-5h"\n'
+        (tmp_path / "body.toml").write_text(text + '[simulation]\nstop = "120 kHz"\npoints = 301\n' + tail)
+        return simulate(read_specimen(tmp_path / "body.toml"))
+
+    larger = {name: size * (1.02 if name.startswith(dimension) else 1) for name, size in sizes.items()}
+    meshed, before = simulated(larger), simulated(sizes)
+    stretched = simulated(sizes, f"[effects.wrong_{dimension}]\nrelative_error = 0.02\n")
+    low = before.spectrum.frequency < 60e3  # the first pole is at 71 kHz
+    wanted, start, found = (one.spectrum.impedance[low] for one in (meshed, before, stretched))
+    assert np.max(np.abs(wanted / start - 1)) > 0.015
+    np.testing.assert_allclose(found, wanted, rtol=1e-4)
+    for one, other in ((meshed.poles, stretched.poles), (meshed.zeros, stretched.zeros)):
+        assert len(one) > 0
+        np.testing.assert_allclose(eigenvalues(one), eigenvalues(other), rtol=1e-4)
+    body, _ = body_as_simulated(
+        prepare(stretched.specimen), effects_as_simulated(prepare(stretched.specimen), (1e3, 1e5))
+    )
+    assert body.plate.volume == pytest.approx(prepare(meshed.specimen).plate.volume, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("tail", "told"),
     [
@@ -173,7 +200,10 @@ def test_a_larger_disk_of_a_given_mass_is_lighter(tmp_path):
         ("[fitted.material]\ns11 = -17e-12\n", "fitted.material: s11 = -1.7e-11 must be positive"),
         ("[fitted.ghost]\nsize = 1\n", "fitted.ghost is no effect"),
         ("[fitted.wrong_length]\nrelative_error = 0.2\n", "fitted.wrong_length.relative_error = 0.2 is outside"),
-        ("[effects.leakage]\nconductance = 1e-6\nfree = ['resistance']\n", "is no list of parameters of its table"),
+        (
+            "[effects.leakage]\nconductance = 1e-6\nfree = ['resistance']\n",
+            '.free = ["resistance"] is no list of parameters of its table, such as ["conductance"]',
+        ),
         ("[effects.leakage]\nconductance = 1e-6\nfree = 'conductance'\n", "is no list of parameters of its table"),
         ("[effects.leakage]\nconductance = 1e-6\nfree = 1.0\n", "is no list of parameters of its table"),
         ("[effects.leakage]\nconductance = 1e-6\nfree = true\n", "effects.leakage.free = True cannot be used"),

@@ -22,6 +22,7 @@ PICTURES = {
     "measured_disk": ("poisson_and_q.png", "impedance.png", "diagnosis.png"),
     "trapezoid": ("impedance.png", "modes.png", "mode_01.png", "mode_02.png"),
     "full_set": ("determined.png", "sensitivity_k31.png", "sensitivity_k33.png", "sensitivity_k15.png"),
+    "stated_uncertainty": ("intervals.png", "budget.png"),
     "hidden_effect": ("bias.png", "diagnosis.png"),
     "own_effect": ("end_mass.png", "diagnosis.png"),
 }

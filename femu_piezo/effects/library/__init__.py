@@ -71,6 +71,8 @@ def with_library(offered: Iterable[Maker] | None) -> tuple[Maker, ...]:
     return makers if offered is None else tuple(dict.fromkeys((*offered, *makers)))
 
 
+#: Most characters of a list in a message.
+_LONGEST = 60
 #: Frequencies of any sweep, Hz.
 _ANY_BAND = (1.0, 1e9)
 #: Keys of an [effects.NAME] table: where a law over frequency is anchored, and the parameters that fits find anew.
@@ -106,8 +108,8 @@ def from_table(
             raise InputError(f"{where}: {kind}.{name} is no effect that this specimen can have; known are {names}")
         if not isinstance(free, tuple) or not set(free) <= set(values):
             raise InputError(
-                f"{where}: {kind}.{name}.{FREE} = {shown(free)} is no list of parameters of its table, such as "
-                f"{shown([key for key in values if key not in (FREE, REFERENCE)])}"
+                f"{where}: {kind}.{name}.{FREE} = {_as_written(free)} is no list of parameters of its table, such as "
+                f"{_as_written([key for key in values if key not in (FREE, REFERENCE)])}"
             )
         for effect in variants:
             if {parameter.name for parameter in effect.parameters if not parameter.optional} <= set(left):
@@ -119,6 +121,14 @@ def from_table(
             words = "; or ".join(", ".join(f"{p.name} ({p.unit})" for p in effect.parameters) for effect in variants)
             raise InputError(f"{where}: {kind}.{name} has {sorted(left) or 'nothing'}; give {words}")
     return tuple(found)
+
+
+def _as_written(value: object) -> str:
+    """A value for a message, a list as the specimen file has it: ["resistance"]."""
+    if not isinstance(value, (list, tuple)):
+        return shown(value)
+    text = f"[{', '.join(map(shown, value))}]"
+    return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
 
 
 def _value(parameter: EffectParameter, value: float | str, key: str) -> float:

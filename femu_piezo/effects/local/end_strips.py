@@ -20,7 +20,7 @@ import skfem
 from scipy.interpolate import BarycentricInterpolator
 
 from femu_piezo.effects.local.blocks import Blocks
-from femu_piezo.effects.local.symmetry_sectors import DRIVEN, Sectors
+from femu_piezo.effects.local.symmetry_sectors import Sectors
 from femu_piezo.forward.box_interpolation import interpolation
 from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products
 from femu_piezo.forward.linear_solver import factorize
@@ -61,23 +61,21 @@ class BareEnds:
         value, slope = (self.matrices.combined(weights) for weights in shares)
         return value, slope
 
-    def select(self, keep: np.ndarray) -> BareEnds:
-        """The same for some of the unknowns (indices)."""
-        return BareEnds(self.widths, self.matrices.select(keep))
+    def among(self, numbers: np.ndarray, size: int) -> BareEnds:
+        """The same over `size` unknowns, of which those so far are the given ones (indices)."""
+        return BareEnds(self.widths, self.matrices.among(numbers, size))
 
 
-def measure_bare_ends(model: ElectroelasticModel, sectors: Sectors, constants: ElasticForm) -> BareEnds:
+def measure_bare_ends(model: ElectroelasticModel, driven: Sectors, constants: ElasticForm) -> BareEnds:
     """S of strips up to a tenth of the length of a plate whose electrodes are on the large faces.
 
+    driven : the driven sector alone
     constants : lossless reference
     """
-    own = np.flatnonzero(sectors.member == sectors.names.index(DRIVEN))
-    fields, kept = _condensed(
-        model, sectors.fields[:, :, own], np.count_nonzero(own < sectors.displacements), constants
-    )
+    fields, kept = _condensed(model, driven.fields(driven.names), driven.displacements, constants)
     widths = _NODES * WIDEST * 2 * model.domain.mesh.p[0].max()
     inner = np.array(list(in_parallel(lambda width: _freed(model, fields, constants, float(width)), widths)))
-    return BareEnds(widths, Blocks(inner, own[kept], sectors.member.size))
+    return BareEnds(widths, Blocks(inner, kept, driven.size))
 
 
 def _condensed(

@@ -8,7 +8,7 @@ has the product of their parities; on the part, with its share 1/copies of the w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeVar
@@ -18,11 +18,11 @@ from numpy.polynomial import legendre
 
 from femu_piezo.effects.local.blocks import Blocks
 from femu_piezo.effects.local.end_strips import BareEnds, measure_bare_ends
-from femu_piezo.effects.local.symmetry_sectors import SLICES, SPOT, Sectors, flipped_axes
-from femu_piezo.effects.local.weighted_forms import WeightedProducts
+from femu_piezo.effects.local.symmetry_sectors import DRIVEN, SLICES, SPOT, Flipped, Sectors, flipped_axes
 from femu_piezo.forward.box_interpolation import interpolation
+from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.material.constants import ElasticForm
+from femu_piezo.threads import Once
 
 Made = TypeVar("Made")
 
@@ -94,9 +94,9 @@ class Slices:
     matrices: Blocks
     lateral: Blocks
 
-    def select(self, keep: np.ndarray) -> Slices:
-        """The same for some of the unknowns (indices)."""
-        return replace(self, matrices=self.matrices.select(keep), lateral=self.lateral.select(keep))
+    def among(self, numbers: np.ndarray, size: int) -> Slices:
+        """The same over `size` unknowns, of which those so far are the given ones (indices)."""
+        return replace(self, matrices=self.matrices.among(numbers, size), lateral=self.lateral.among(numbers, size))
 
 
 @dataclass(frozen=True)
@@ -113,39 +113,27 @@ class Taper:
     second: Blocks
     inertia: Blocks
 
-    def select(self, keep: np.ndarray) -> Taper:
-        """The same for some of the unknowns (indices)."""
-        return Taper(*(blocks.select(keep) for blocks in (self.first, self.second, self.inertia)))
+    def among(self, numbers: np.ndarray, size: int) -> Taper:
+        """The same over `size` unknowns, of which those so far are the given ones (indices)."""
+        return Taper(*(blocks.among(numbers, size) for blocks in (self.first, self.second, self.inertia)))
 
 
-@dataclass(frozen=True)
 class Places:
-    """Everything, each made once when it is first asked for.
+    """Operators on some of the sectors of a reduced plate, each made once when it is first asked for.
 
     Parameters
     ----------
-    weighted : of a part of a plate with all three mirror planes
     sectors : the unknowns
-    constants : lossless reference
-    whole, keep : where these are some of the unknowns of others, those and the indices there
+    shared : operators on the sectors that each of them concerns, for all selections of sectors that hold those
     """
 
-    weighted: WeightedProducts = field(repr=False)
-    sectors: Sectors = field(repr=False)
-    constants: ElasticForm
-    whole: Places | None = None
-    keep: np.ndarray | None = field(default=None, repr=False)
+    def __init__(self, sectors: Sectors, shared: Once) -> None:
+        self.sectors, self._shared = sectors, shared
 
     @property
     def size(self) -> int:
         """Number of unknowns r, u of them displacements."""
-        return self.sectors.member.size
-
-    def select(self, names: Sequence[str]) -> Places:
-        """The same on some of the sectors."""
-        sectors, keep = self.sectors.select(names)
-        whole, keep = (self, keep) if self.whole is None else (self.whole, self.keep[keep])
-        return Places(self.weighted, sectors, self.constants, whole, keep)
+        return self.sectors.size
 
     def of_displacements(self, matrix: np.ndarray) -> np.ndarray:
         """(u, u) of a matrix (r, r)."""
@@ -155,74 +143,83 @@ class Places:
     @cached_property
     def face(self) -> Face:
         """Displacements on one face."""
-        return _face(self.weighted.model, self.sectors)
+        sectors = self.sectors
+        model = sectors.all_fields.weighted.model
+        parts = [
+            self._shared.get(("face", name), lambda name=name: _on_face(model, sectors.all_fields.of(name)))
+            for name in sectors.names
+        ]
+        classes = [flipped_axes(name) for name in sectors.names]
+        group = np.repeat([classes.index(one) for one in classes], [part.shape[3] for part in parts])
+        ends = model.domain.mesh.p.max(axis=1)
+        return Face((float(ends[0]), float(ends[1])), np.concatenate(parts, axis=3), group, model.domain.copies)
 
-    @cached_property
+    @property
     def spot(self) -> np.ndarray:
         """(3,) unknowns that are the displacement of an attached body; empty where the sector is not there."""
-        return np.flatnonzero(np.array(self.sectors.names)[self.sectors.member] == SPOT)
+        return self.sectors.spot
 
-    @cached_property
+    @property
     def slices(self) -> Slices:
-        """Slices across the plate."""
-        return self._made("slices", lambda: _slices(self.weighted, self.sectors, self.constants))
+        """Slices across the plate, on the driven class and that whose parity differs about x."""
+        return self._made(_slices, lambda flipped, name: flipped in ((), (0,)))
 
-    @cached_property
+    @property
     def ramp(self) -> Blocks:
         """[2, 3] (r, r) per unit of e31 e33 e15, weighted by 2x/L and by (2x/L)² − 1/3 over the whole plate."""
-        return self._made("ramp", lambda: _ramp(self.weighted, self.sectors))
+        return self._made(_ramp, lambda flipped, name: not name.endswith(SLICES))
 
-    @cached_property
+    @property
     def bare_ends(self) -> BareEnds:
         """Bare strips at both ends of a thickness-poled plate."""
-        return self._made("bare_ends", lambda: measure_bare_ends(self.weighted.model, self.sectors, self.constants))
+        return self._made(_bare_ends, lambda flipped, name: name == DRIVEN)
 
-    @cached_property
+    @property
     def taper(self) -> Taper:
         """A width that varies along the plate."""
-        return self._made("taper", lambda: _taper(self.weighted, self.sectors))
+        return self._made(_taper, lambda flipped, name: flipped in ((), (0,)) and not name.endswith(SLICES))
 
-    @cached_property
+    @property
     def films(self) -> Blocks:
         """[...] (r, r) ∫ v·u over one electrode, m² per unit of displacement².
 
         Between the driven class and that whose parity differs about the plane between the electrodes.
         """
-        return self._made("films", lambda: _films(self.weighted, self.sectors))
+        return self._made(_films, lambda flipped, name: flipped in ((), (2,)) and not name.endswith(SLICES))
 
-    def _made(self, name: str, make: Callable[[], Made]) -> Made:
-        return make() if self.whole is None else getattr(self.whole, name).select(self.keep)
+    def _made(self, make: Callable[[Sectors], Made], concerns: Callable[[Flipped, str], bool]) -> Made:
+        """An operator made on the sectors it concerns, spots apart, over all unknowns."""
+        own = tuple(name for name in self.sectors.names if name != SPOT and concerns(flipped_axes(name), name))
+        few = Sectors(own, self.sectors.all_fields)
+        found = self._shared.get((make, own), lambda: make(few))
+        return found if own == self.sectors.names else found.among(self.sectors.numbers(own), self.size)
 
 
-def _face(model: ElectroelasticModel, sectors: Sectors) -> Face:
+def _on_face(model: ElectroelasticModel, fields: np.ndarray) -> np.ndarray:
+    """(nx, ny, 3, k) coefficients of `Face` of displacements in fields (4, n, k)."""
     ends = model.domain.mesh.p.max(axis=1)
-    half = (float(ends[0]), float(ends[1]))
     nodes = [legendre.leggauss(count)[0] for count in _SAMPLES]
-    x, y = ((node + 1) / 2 * length for node, length in zip(nodes, half, strict=True))
+    x, y = ((node + 1) / 2 * length for node, length in zip(nodes, ends, strict=False))
     grid = np.array([*(axis.ravel() for axis in np.meshgrid(x, y, indexing="ij")), np.full(x.size * y.size, ends[2])])
     probe = interpolation(model, grid)
-    u = sectors.displacements
-    values = np.stack([probe @ sectors.fields[axis][:, :u] for axis in range(3)])
-    values = values.reshape(3, x.size, y.size, u)
+    values = np.stack([probe @ fields[axis] for axis in range(3)]).reshape(3, x.size, y.size, -1)
     left, right = (np.linalg.inv(legendre.legvander(node, node.size - 1)) for node in nodes)
-    coefficients = np.einsum("ia,jb,cabu->ijcu", left, right, values, optimize=True)
-    group = np.zeros(u, dtype=int)
-    for number, own in enumerate(sectors.classes.values()):
-        group[own[own < u]] = number
-    return Face(half, coefficients, group, model.domain.copies)
+    return np.einsum("ia,jb,cabu->ijcu", left, right, values, optimize=True)
 
 
-def _slices(weighted: WeightedProducts, sectors: Sectors, constants: ElasticForm) -> Slices:
-    axes = [flipped_axes(name) for name in sectors.names]
-    own = np.flatnonzero(np.isin(sectors.member, [i for i, a in enumerate(axes) if a in ((), (0,))]))
-    fields, size = sectors.fields[:, :, own], sectors.member.size
-    units = weighted.model.unit_tensors
+def _slices(sectors: Sectors) -> Slices:
+    """On all unknowns of the sectors."""
+    weighted, constants = sectors.all_fields.weighted, sectors.all_fields.constants
+    own, units = np.arange(sectors.size), weighted.model.unit_tensors
+    fields = np.empty((FIELDS, weighted.model.basis.N, own.size))
+    for names in sectors.classes.values():
+        fields[:, :, sectors.numbers(names)] = sectors.fields(names)
     whole = np.tensordot(constants.vector().real, units, axes=1)
     tensors = [*units[ELASTIC.start : ELASTIC.stop], lateral_tensor(whole)]
     # the slice at x > 0 alone is half an even and half an odd weight
     inner = np.array([0.5 * products.within(fields, tensors) for products in weighted.slices])
     ends = weighted.slice_ends
-    matrices, lateral = Blocks(inner[:, :-1], own, size), Blocks(inner[:, -1] / constants.c11.real, own, size)
+    matrices, lateral = Blocks(inner[:, :-1], own, own.size), Blocks(inner[:, -1] / constants.c11.real, own, own.size)
     return Slices((ends[1:] + ends[:-1]) / 2, float(ends[-1] / len(inner)), matrices, lateral)
 
 
@@ -235,25 +232,33 @@ def lateral_tensor(whole: np.ndarray) -> np.ndarray:
     return found
 
 
-def _smooth_classes(sectors: Sectors) -> dict[tuple[int, ...], np.ndarray]:
-    """The unknowns of each parity class but those of spots and slices, which what varies slowly hardly moves."""
-    rough = [i for i, name in enumerate(sectors.names) if name.endswith((SPOT, SLICES))]
-    return {group: own[~np.isin(sectors.member[own], rough)] for group, own in sectors.classes.items()}
+def _bare_ends(sectors: Sectors) -> BareEnds:
+    return measure_bare_ends(sectors.all_fields.weighted.model, sectors, sectors.all_fields.constants)
 
 
-def _ramp(weighted: WeightedProducts, sectors: Sectors) -> Blocks:
-    """The odd weight couples classes whose parities differ about x alone, the even one each class with itself."""
-    size = sectors.member.size
-    found = np.zeros((2, len(PIEZOELECTRIC), size, size))
-    groups, units = _smooth_classes(sectors), weighted.model.unit_tensors[PIEZOELECTRIC.start : PIEZOELECTRIC.stop]
-    for flipped, own in groups.items():
-        partner = tuple(sorted(set(flipped) ^ {0}))
-        if partner in groups:
-            _put(found[1], weighted.even.within(sectors.fields[:, :, own], units), own)
+def _ramp(sectors: Sectors) -> Blocks:
+    """The odd weight couples classes whose parities differ about x alone, the even one each class with itself.
+
+    What varies slowly hardly moves slices, so these are left out of ramps, films and tapers.
+    """
+    weighted, size = sectors.all_fields.weighted, sectors.size
+    found, concerned = np.zeros((2, len(PIEZOELECTRIC), size, size)), []
+    units = weighted.model.unit_tensors[PIEZOELECTRIC.start : PIEZOELECTRIC.stop]
+    for flipped, names in sectors.classes.items():
+        partner = sectors.classes.get(tuple(sorted(set(flipped) ^ {0})))
+        if partner is not None:
+            own, fields = sectors.numbers(names), sectors.fields(names)
+            concerned.append(own)
+            _put(found[1], weighted.even.within(fields, units), own)
             if 0 not in flipped:
-                left, right = (sectors.fields[:, :, one] for one in (own, groups[partner]))
-                _put(found[0], weighted.odd.between(left, right, units), own, groups[partner])
-    return Blocks.of(found, np.flatnonzero(np.any(found, axis=(0, 1, 2))))
+                across = weighted.odd.between(fields, sectors.fields(partner), units)
+                _put(found[0], across, own, sectors.numbers(partner))
+    return _compact(found, np.sort(np.concatenate([np.zeros(0, dtype=int), *concerned])))
+
+
+def _compact(matrices: np.ndarray, own: np.ndarray) -> Blocks:
+    """Of full matrices (…, r, r) that are zero outside the unknowns `own` (k,)."""
+    return Blocks(np.ascontiguousarray(matrices[(..., *np.ix_(own, own))]), own, matrices.shape[-1])
 
 
 def _put(found: np.ndarray, block: np.ndarray, rows: np.ndarray, columns: np.ndarray | None = None) -> None:
@@ -263,25 +268,29 @@ def _put(found: np.ndarray, block: np.ndarray, rows: np.ndarray, columns: np.nda
         found[(..., *np.ix_(columns, rows))] = np.swapaxes(block, -1, -2)
 
 
-def _films(weighted: WeightedProducts, sectors: Sectors) -> Blocks:
-    groups = _smooth_classes(sectors)
-    left, right = (sectors.fields[:, :, own].reshape(-1, own.size) for own in (groups[()], groups[2,]))
-    found = np.zeros((sectors.member.size, sectors.member.size))
-    _put(found, left.T @ (weighted.film @ right), groups[()], groups[2,])
-    return Blocks.of(found, np.sort(np.concatenate([groups[()], groups[2,]])))
+def _coupled(sectors: Sectors, flipped: Flipped) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Numbers (k,) and fields (4, n, k) of the driven class and of another."""
+    both = [sectors.classes[one] for one in ((), flipped)]
+    return [sectors.numbers(names) for names in both], [sectors.fields(names) for names in both]
 
 
-def _taper(weighted: WeightedProducts, sectors: Sectors) -> Taper:
+def _films(sectors: Sectors) -> Blocks:
+    (rows, columns), fields = _coupled(sectors, (2,))
+    left, right = (one.reshape(-1, one.shape[2]) for one in fields)
+    found = np.zeros((sectors.size, sectors.size))
+    _put(found, left.T @ (sectors.all_fields.weighted.film @ right), rows, columns)
+    return Blocks(found, np.arange(sectors.size), sectors.size)
+
+
+def _taper(sectors: Sectors) -> Taper:
     """The first order couples the driven class to that whose parity differs about x, the second each with itself."""
-    groups, size = _smooth_classes(sectors), sectors.member.size
-    units, (first, second) = weighted.model.unit_tensors, weighted.tapered
-    rows, columns = groups[()], groups[0,]
+    model, (first, second) = sectors.all_fields.weighted.model, sectors.all_fields.weighted.tapered
+    (rows, columns), (left, right) = _coupled(sectors, (0,))
+    size, units = sectors.size, model.unit_tensors
     found, inertia = np.zeros((2, len(units), size, size)), np.zeros((size, size))
-    left, right = (sectors.fields[:, :, own] for own in (rows, columns))
     _put(found[0], first.between(left, right, units), rows, columns)
     _put(found[1], second.within(left, units), rows)
     _put(found[1], second.within(right, units), columns)
-    left, right = (fields.reshape(-1, fields.shape[2]) for fields in (left, right))
-    _put(inertia, left.T @ (first.mass_matrix(weighted.model.density) @ right), rows, columns)
-    both = np.sort(np.concatenate([rows, columns]))
-    return Taper(*(Blocks.of(matrices, both) for matrices in (*found, inertia)))
+    heavy = sectors.all_fields.weighted.tapered_mass(right[:3])
+    _put(inertia, left[:3].reshape(-1, rows.size).T @ heavy.reshape(-1, columns.size), rows, columns)
+    return Taper(*(Blocks(matrices, np.arange(size), size) for matrices in (*found, inertia)))

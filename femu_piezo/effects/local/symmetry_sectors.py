@@ -6,14 +6,15 @@ local response of the driven and of the x class to a yielding slice across the p
 to driven fields whose piezoelectric coupling varies along x, "x taper" that of the x class to driven fields whose
 width varies along x, "z film" that of the z class to driven fields with a film on one electrode; "spot" has three
 unknowns without field or inertia, the displacement of a body that is attached at a place. Vectors of further sectors
-tie a potential to each displacement: they are modes at the reference constants, and enter at second order only. A taper
-is orthonormal to the ramp of its class, slices are so to all, and an effect that asks for one asks for those before.
+tie a potential to each displacement: they are modes at the reference constants, and enter at second order only. The
+local responses of a class are orthonormal to its modes and to those before them in the order ramp, taper, film, slices.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -21,15 +22,15 @@ from femu_piezo.effects.local.weighted_forms import WeightedProducts
 from femu_piezo.forward.box_interpolation import interpolation
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.forward.parity import ParityClass, full_operators
+from femu_piezo.forward.parity import ParityClass
 from femu_piezo.forward.reduced_basis import new_directions
 from femu_piezo.forward.reduction import ReducedModel
 from femu_piezo.geometry.boxes import grid_lines, tensor_box
 from femu_piezo.material.constants import ElasticForm, PiezoConstants
-from femu_piezo.threads import in_parallel
+from femu_piezo.threads import Once, in_parallel
 
 DRIVEN, SLICES, RAMP, TAPER, FILM, SPOT = "driven", "slices", "ramp", "taper", "film", "spot"
-#: Sectors of local responses.
+#: Sectors of local responses, in the order in which they are made.
 _LOCAL = (RAMP, TAPER, FILM, SLICES)
 #: Modes of the other classes are kept up to this multiple of the band's ω².
 _BEYOND = 2.5
@@ -40,8 +41,11 @@ _FOLLOWED = 1e-3
 #: Frequency of the local responses, as a share of the band's ω².
 _SHIFT = 0.3
 
+#: Axes about whose mirror plane the parity of a class is flipped.
+Flipped = tuple[int, ...]
 
-def flipped_axes(sector: str) -> tuple[int, ...]:
+
+def flipped_axes(sector: str) -> Flipped:
     """Axes about whose mirror plane the parity is flipped: "xz" → (0, 2), "x slices" → (0,), "driven" → ()."""
     name = sector
     for ending in _LOCAL:
@@ -49,101 +53,193 @@ def flipped_axes(sector: str) -> tuple[int, ...]:
     return () if name in ("", DRIVEN, SPOT) else tuple("xyz".index(letter) for letter in name)
 
 
-@dataclass(frozen=True)
-class Sectors:
-    """Fields of all reduced unknowns on the part: displacement unknowns, inner potentials, the hot potential.
-
-    Attributes
-    ----------
-    names : of the sectors, "driven" first
-    member : (r,) index of each unknown's sector
-    fields : (4, n, r) displacement (m) and potential (V) at the degrees of freedom of the scalar basis
-    displacements : number of displacement unknowns, in which uᵗMu = 1 (0 for those of a spot)
-    """
-
-    names: tuple[str, ...]
-    member: np.ndarray = field(repr=False)
-    fields: np.ndarray = field(repr=False)
-    displacements: int
-
-    @property
-    def classes(self) -> dict[tuple[int, ...], np.ndarray]:
-        """Flipped axes → the unknowns (indices) of that parity class."""
-        axes = [flipped_axes(name) for name in self.names]
-        groups = dict.fromkeys(axes)
-        return {
-            group: np.flatnonzero(np.isin(self.member, [i for i, own in enumerate(axes) if own == group]))
-            for group in groups
-        }
-
-
-    def select(self, wanted: Sequence[str]) -> tuple[Sectors, np.ndarray]:
-        """Some of the sectors, and the unknowns (indices) that they have, the electric ones among them."""
-        keep, member = unknowns_of(self.names, self.member, wanted)
-        moving = int(np.count_nonzero(keep < self.displacements))
-        return Sectors(tuple(wanted), member, self.fields[:, :, keep], moving), keep
-
-
-def unknowns_of(names: Sequence[str], member: np.ndarray, wanted: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-    """The unknowns (indices) of some of the sectors, in the order of `names`, and their sectors by number there.
-
-    member : (r,) index of each unknown's sector among `names`
-    """
-    chosen = np.array([names.index(name) for name in wanted])
-    keep = np.flatnonzero(np.isin(member, chosen))
-    return keep, np.searchsorted(chosen, member[keep])
+def _letters(flipped: Flipped) -> str:
+    return "".join("xyz"[axis] for axis in flipped)
 
 
 @dataclass(frozen=True)
-class ClassBasis:
+class _ClassBasis:
     """What of one parity class depends on no driven state.
 
     Attributes
     ----------
     modes : (4, n, k); none of the driven class
-    respond : sets of loads (4n, j) → the response (4n, j) to each; None where no local responses are wanted
+    respond : loads (4n, j) → the response (4n, j) to them; None where no local responses are wanted
     """
 
     modes: np.ndarray = field(repr=False)
-    respond: Callable[[list[np.ndarray]], list[np.ndarray]] | None = field(repr=False)
+    respond: Callable[[np.ndarray], np.ndarray] | None = field(repr=False)
 
 
-#: Flipped axes → what is known of that parity class.
-Classes = dict[tuple[int, ...], ClassBasis]
+class SectorFields:
+    """Fields of every sector on the part, each made when it is first asked for.
 
+    Parameters
+    ----------
+    weighted : of the part of a plate;  reduced : its driven class
+    training : constants; modes and responses belong to the first of them, lossless, and modes of a class that a ramp or
+        a taper drives in first order follow the others too
+    wanted : the sectors that effects may ask for
 
-def prepare_classes(
-    weighted: WeightedProducts, wanted: Sequence[str], training: Sequence[PiezoConstants], band_Hz: float
-) -> Classes:
-    """Modes and factors of all classes that the wanted sectors name, at the first of the training constants, lossless.
-
-    Modes of a class that a ramp or a taper drives in first order follow the other training constants too.
+    Attributes
+    ----------
+    names : all of them in the order of their unknowns, "driven" first
+    reference, constants : lossless reference, in the d-form and in the e-form
     """
-    model, top = weighted.model, (2 * np.pi * band_Hz) ** 2
-    constants, *others_trained = (one.lossless().to_e_form() for one in training)
-    flips = list(dict.fromkeys(flipped_axes(name) for name in wanted if name != SPOT))
-    local = {flipped_axes(name) for name in wanted if name.endswith(_LOCAL)}
-    followed = {flipped_axes(name) for name in wanted if name.endswith((RAMP, TAPER))} - {()}
-    others = _OtherClasses(weighted, constants, _BEYOND * top) if any(flips) else None
-    operators = full_operators(model, constants) if local else ()
 
-    def one(flipped: tuple[int, ...]) -> ClassBasis:
-        modes = others.modes(flipped) if flipped else np.zeros((FIELDS, model.basis.N, 0))
-        if flipped not in local:
-            return ClassBasis(modes, None)
-        own = ParityClass(model, *operators, flipped)
-        factor = own.factor(_SHIFT * top)
+    def __init__(
+        self,
+        weighted: WeightedProducts,
+        reduced: ReducedModel,
+        training: Sequence[PiezoConstants],
+        wanted: Iterable[str],
+    ) -> None:
+        self.weighted, self.reduced = weighted, reduced
+        self.reference = training[0].lossless()
+        self.constants, *self._others_trained = (one.lossless().to_e_form() for one in training)
+        self._top = (2 * np.pi * reduced.band_Hz) ** 2
+        self._once = Once()
+        wanted = set(wanted) - {DRIVEN, SPOT}
+        classes = sorted({flipped_axes(name) for name in wanted}, key=lambda flipped: (len(flipped), flipped))
+        self._local = {
+            flipped: [name for name in (f"{_letters(flipped)} {one}".strip() for one in _LOCAL) if name in wanted]
+            for flipped in classes
+        }
+        further = [[_letters(flipped)] * bool(flipped) + local for flipped, local in self._local.items()]
+        self.names = (DRIVEN, SPOT, *(name for own in further for name in own))
 
-        def respond(loads: list[np.ndarray]) -> list[np.ndarray]:
-            return [own.prolongation @ factor.solve(own.prolongation.T @ load) for load in loads]
+    def select(self, wanted: Iterable[str]) -> Sectors:
+        """The unknowns of the driven sector and of those that are wanted."""
+        wanted = {DRIVEN, *wanted}
+        names = tuple(name for name in self.names if name in wanted)
+        tuple(in_parallel(self._prepare, dict.fromkeys(flipped_axes(name) for name in names if name != DRIVEN)))
+        return Sectors(names, self)
 
-        if flipped in followed and others_trained:
-            loads = _moved_mode_loads(weighted, modes, others_trained, top)
+    def of(self, name: str) -> np.ndarray:
+        """(4, n, k) displacement (m) and potential (V) of a sector's unknowns; of "driven" the displacements alone."""
+        if name == DRIVEN:
+            return self._driven[:, :, : self.reduced.displacements]
+        if name == SPOT:
+            return np.zeros((FIELDS, self.weighted.model.basis.N, 3))
+        if not name.endswith(_LOCAL):
+            return self._class(flipped_axes(name)).modes
+        return self._once.get(name, lambda: self._response(name))
+
+    @property
+    def potentials(self) -> np.ndarray:
+        """(4, n, k) of the inner potentials, and of the hot potential last."""
+        return self._driven[:, :, self.reduced.displacements :]
+
+    @cached_property
+    def _driven(self) -> np.ndarray:
+        model = self.weighted.model
+        return (model.prolongation @ self.reduced.basis).reshape(FIELDS, model.basis.N, -1)
+
+    @cached_property
+    def _states(self) -> np.ndarray:
+        """(4, n, k) driven states that local responses are made for."""
+        return self._driven @ _driven_states(self.reduced, self.constants, self._top)
+
+    def _prepare(self, flipped: Flipped) -> None:
+        if flipped in self._local:
+            self._class(flipped)
+
+    def _class(self, flipped: Flipped) -> _ClassBasis:
+        return self._once.get(flipped, lambda: self._new_class(flipped))
+
+    def _new_class(self, flipped: Flipped) -> _ClassBasis:
+        weighted, model = self.weighted, self.weighted.model
+        modes = np.zeros((FIELDS, model.basis.N, 0))
+        if flipped:
+            others = self._once.get("others", lambda: _OtherClasses(weighted, self.constants, _BEYOND * self._top))
+            modes = others.modes(flipped)
+        if not self._local[flipped]:
+            return _ClassBasis(modes, None)
+        own = ParityClass(model, self.constants, flipped)
+        factor = own.factor(_SHIFT * self._top)
+
+        def respond(loads: np.ndarray) -> np.ndarray:
+            return own.prolongation @ factor.solve(own.prolongation.T @ loads)
+
+        driven_in_first_order = any(name.endswith((RAMP, TAPER)) for name in self._local[flipped])
+        if flipped and driven_in_first_order and self._others_trained:
+            loads = _moved_mode_loads(weighted, modes, self._others_trained, self._top)
             if loads.shape[1]:
-                modes = np.concatenate([modes, _outside(weighted, *respond([loads]), modes, least=_FOLLOWED)], axis=2)
-        return ClassBasis(modes, respond)
+                modes = np.concatenate([modes, _outside(weighted, respond(loads), modes, least=_FOLLOWED)], axis=2)
+        return _ClassBasis(modes, respond)
 
-    return dict(zip(flips, in_parallel(one, flips), strict=True))
+    def _response(self, name: str) -> np.ndarray:
+        """Orthonormal to the modes of its class and to the local responses before it."""
+        flipped = flipped_axes(name)
+        before = self._local[flipped][: self._local[flipped].index(name)]
+        known = [self.of(_letters(flipped) or DRIVEN), *(self.of(other) for other in before)]
+        loads = _loads(name.split()[-1], self.weighted, self.constants, flipped, self._states)
+        return _outside(self.weighted, self._class(flipped).respond(loads), np.concatenate(known, axis=2))
+
+
+@dataclass(frozen=True)
+class Sectors:
+    """Some sectors and their r unknowns: displacements, inner potentials, the hot potential.
+
+    Attributes
+    ----------
+    names : of the sectors, "driven" first
+    """
+
+    names: tuple[str, ...]
+    all_fields: SectorFields = field(repr=False)
+
+    @cached_property
+    def member(self) -> np.ndarray:
+        """(r,) index of each unknown's sector."""
+        counts = [self.all_fields.of(name).shape[2] for name in self.names]
+        potentials = np.zeros(self.all_fields.potentials.shape[2], dtype=int)
+        return np.concatenate([np.repeat(np.arange(len(self.names)), counts), potentials])
+
+    @property
+    def size(self) -> int:
+        """r"""
+        return self.member.size
+
+    @property
+    def displacements(self) -> int:
+        """Number of displacement unknowns, in which uᵗMu = 1 (0 for those of a spot)."""
+        return self.size - self.all_fields.potentials.shape[2]
+
+    @property
+    def spot(self) -> np.ndarray:
+        """The unknowns (indices) of a spot; none where there is none."""
+        return np.flatnonzero(np.array(self.names)[self.member] == SPOT)
+
+    @cached_property
+    def classes(self) -> dict[Flipped, tuple[str, ...]]:
+        """Flipped axes → the sectors of that parity class that have fields."""
+        found: dict[Flipped, tuple[str, ...]] = {}
+        for name in self.names:
+            if name != SPOT:
+                found[flipped_axes(name)] = (*found.get(flipped_axes(name), ()), name)
+        return found
+
+    def numbers(self, names: Iterable[str]) -> np.ndarray:
+        """The unknowns (indices) of some of the sectors; the potentials come with the driven one."""
+        return np.flatnonzero(np.isin(self.member, [self.names.index(name) for name in names]))
+
+    def fields(self, names: Iterable[str]) -> np.ndarray:
+        """(4, n, k) of the same unknowns."""
+        names = tuple(names)
+        parts = [self.all_fields.of(name) for name in self.names if name in names]
+        return np.concatenate([*parts, self.all_fields.potentials] if DRIVEN in names else parts, axis=2)
+
+
+def _loads(
+    kind: str, weighted: WeightedProducts, constants: ElasticForm, flipped: Flipped, states: np.ndarray
+) -> np.ndarray:
+    """(4n, k) loads on a class, of one kind of local responses to driven states (4, n, j)."""
+    if kind == RAMP:
+        return _ramp_loads(weighted, constants, states, 0 in flipped)
+    if kind == TAPER:
+        return _taper_loads(weighted, constants, states)
+    return _film_loads(weighted, states) if kind == FILM else _slice_loads(weighted, constants)
 
 
 def _moved_mode_loads(
@@ -155,9 +251,8 @@ def _moved_mode_loads(
     """
     model, flat, found = weighted.model, modes.reshape(-1, modes.shape[2]), []
     units = model.products.applied(model.unit_tensors, modes).reshape(len(model.unit_tensors), *flat.shape)
-    heavy = np.zeros_like(modes)
-    heavy[:3] = [model.density * model.products.mass_times(one) for one in modes[:3]]
-    heavy = heavy.reshape(flat.shape)
+    heavy = np.zeros_like(flat)
+    heavy[: weighted.mass.shape[0]] = weighted.mass @ flat[: weighted.mass.shape[0]]
     for constants in training:
         image = np.tensordot(constants.vector().real, units, axes=1)
         values, vectors = np.linalg.eigh(flat.T @ image)
@@ -165,61 +260,6 @@ def _moved_mode_loads(
         found.append(image @ vectors[:, inside] - heavy @ vectors[:, inside] * values[inside])
     return np.hstack(found)
 
-
-def build_sectors(
-    weighted: WeightedProducts, reduced: ReducedModel, wanted: Sequence[str], constants: ElasticForm, classes: Classes
-) -> Sectors:
-    """The driven class of a reduced model and the further sectors that are wanted, at lossless constants.
-
-    classes : as `prepare_classes` gives them
-    """
-    model = weighted.model
-    driven = (model.prolongation @ reduced.basis).reshape(FIELDS, model.basis.N, -1)
-    u = reduced.displacements
-    states = driven @ _driven_states(reduced, constants, (2 * np.pi * reduced.band_Hz) ** 2)
-
-    def local(flipped: tuple[int, ...]) -> list[tuple[str, np.ndarray]]:
-        own = classes[flipped]
-        if own.respond is None:
-            return []
-        known = own.modes if flipped else driven[:, :, :u]
-        loads = _local_loads(weighted, constants, wanted, flipped, states)
-        found = []
-        for name, response in zip(loads, own.respond(list(loads.values())), strict=True):
-            found.append((name, _outside(weighted, response, known)))
-            known = np.concatenate([known, found[-1][1]], axis=2)
-        return found
-
-    parts = [(DRIVEN, driven[:, :, :u])]
-    if SPOT in wanted:
-        parts.append((SPOT, np.zeros((FIELDS, model.basis.N, 3))))
-    for flipped, further in zip(classes, in_parallel(local, classes), strict=True):
-        parts += [(_letters(flipped), classes[flipped].modes)] if flipped else []
-        parts += further
-    counts = [part.shape[2] for _, part in parts]
-    member = np.concatenate([np.repeat(np.arange(len(parts)), counts), np.zeros(driven.shape[2] - u, dtype=int)])
-    fields = np.concatenate([*(part for _, part in parts), driven[:, :, u:]], axis=2)
-    return Sectors(tuple(name for name, _ in parts), member, fields, int(sum(counts)))
-
-
-def _letters(flipped: tuple[int, ...]) -> str:
-    return "".join("xyz"[axis] for axis in flipped)
-
-
-def _local_loads(
-    weighted: WeightedProducts, constants: ElasticForm, wanted: Sequence[str], flipped: tuple[int, ...], states
-) -> dict[str, np.ndarray]:
-    """Sector → loads (4n, k) on a class, of the local responses that are wanted, in the order of `_LOCAL`."""
-    loads, (ramp, taper, film, slices) = {}, (f"{_letters(flipped)} {ending}".strip() for ending in _LOCAL)
-    if ramp in wanted:
-        loads[ramp] = _ramp_loads(weighted, constants, states, 0 in flipped)
-    if taper in wanted:
-        loads[taper] = _taper_loads(weighted, constants, states)
-    if film in wanted:
-        loads[film] = _film_loads(weighted, states)
-    if slices in wanted:
-        loads[slices] = _slice_loads(weighted, constants)
-    return loads
 
 
 class _OtherClasses:
@@ -232,12 +272,12 @@ class _OtherClasses:
         fine, self._mass, self._top = weighted.model, weighted.mass, top
         lines = [np.linspace(line[0], line[-1], line.size // 2 + 1) for line in grid_lines(fine.domain.mesh)]
         self._rough = ElectroelasticModel(replace(fine.domain, mesh=tensor_box(lines)), fine.density)
-        self._operators = full_operators(self._rough, constants)
+        self._constants = constants
         self._probe = interpolation(self._rough, fine.basis.doflocs)
 
     def modes(self, flipped: tuple[int, ...]) -> np.ndarray:
         """(4, n, k) modes with ω² below the top, uᵗMu = 1 on the fine mesh."""
-        fields = ParityClass(self._rough, *self._operators, flipped).modes(self._top)
+        fields = ParityClass(self._rough, self._constants, flipped).modes(self._top)
         fine = np.stack([self._probe @ part for part in np.split(fields, FIELDS)])
         u = fine[:3].reshape(self._mass.shape[0], -1)
         lower = np.linalg.cholesky(u.T @ (self._mass @ u))
@@ -276,8 +316,9 @@ def _taper_loads(weighted: WeightedProducts, constants: ElasticForm, states: np.
     """(4n, k) forces, charges and inertia of a width that varies, on states (4, n, k)."""
     first, whole = weighted.tapered[0], np.tensordot(constants.vector().real, weighted.model.unit_tensors, axes=1)
     flat = states.reshape(-1, states.shape[2])
-    stiff = first.applied([whole], states).reshape(flat.shape)
-    loads = np.hstack([stiff, (first.mass_matrix(weighted.model.density) @ flat)[:, 1:]])
+    stiff, heavy = first.applied([whole], states).reshape(flat.shape), np.zeros_like(states)
+    heavy[:3] = weighted.tapered_mass(states[:3])
+    loads = np.hstack([stiff, heavy.reshape(flat.shape)[:, 1:]])
     return loads / np.linalg.norm(loads, axis=0)
 
 

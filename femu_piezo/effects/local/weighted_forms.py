@@ -1,21 +1,51 @@
-"""Gradient products of a part with weights along its length, and its films, assembled once for all that needs them."""
+"""Forms on a part of a plate with weights along its length and width, as Kronecker products of one-dimensional ones.
+
+A weight that is a product of polynomials of x and of y only changes the factors along these axes, so no weighted
+operator is assembled or kept.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
-import skfem
+import scipy.sparse.linalg as spla
 
 from femu_piezo.forward.electrodes import electrode_film
-from femu_piezo.forward.gradient_products import GradientProducts, assemble_gradient_products
+from femu_piezo.forward.gradient_products import ScalarProducts
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.geometry.boxes import elements_of, grid_lines
+from femu_piezo.forward.tensor_grid import kronecker_times, line_products
 
 #: Slices across the part along its length, at least.
 _SLICES = 16
+#: Coefficient and the factors along x, y, z of one Kronecker product.
+Kronecker = tuple[float, tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class SeparableProducts(ScalarProducts):
+    """Gradient products that are sums of Kronecker products on some planes of nodes across x.
+
+    Attributes
+    ----------
+    size : number n of nodes of the whole part;  nodes : (m,) those concerned, the last axis fastest
+    terms : (a, b) → the products that G_ab is the sum of; none where it is zero
+    """
+
+    size: int
+    nodes: np.ndarray
+    terms: Mapping[tuple[int, int], Sequence[Kronecker]]
+
+    def times(self, a: int, b: int, vectors: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+        """G_ab times vectors (m, k)."""
+        found = np.zeros_like(vectors)
+        for coefficient, factors in self.terms.get((a, b), ()):
+            found += coefficient * kronecker_times(factors, vectors)
+        return found if rows is None else found[rows]
 
 
 class WeightedProducts:
@@ -29,72 +59,82 @@ class WeightedProducts:
     def __init__(self, model: ElectroelasticModel) -> None:
         self.model = model
 
+    @property
+    def _grid(self):
+        return self.model.products.grid
+
     @cached_property
-    def slices(self) -> list[GradientProducts]:
+    def slices(self) -> list[SeparableProducts]:
         """Of every slice across the part alone, by growing x; a long element holds several."""
-        mesh, whole, found = self.model.domain.mesh, self.model.basis, []
-        points, weights = whole.quadrature
-        axis, grows = self._along_length
-        for slab in (np.sort(slab.ravel()) for slab in elements_of(mesh)):
-            for number in range(self._per_element):
-                place = number if grows else self._per_element - 1 - number
-                own = points.copy()
-                own[axis] = (place + own[axis]) / self._per_element
-                quadrature = (own, weights / self._per_element)
-                part = skfem.Basis(mesh, whole.elem, elements=slab, quadrature=quadrature)
-                found.append(assemble_gradient_products(part))
+        grid, found = self._grid, []
+        planes = grid.order.reshape(grid.places[0].size, -1)
+        order = (grid.places[0].size - 1) // (grid.lines[0].size - 1)
+        for left, right in pairwise(self.slice_ends):
+            element = int(np.searchsorted(grid.lines[0], (left + right) / 2)) - 1
+            own = slice(element * order, element * order + order + 1)
+            along = line_products(grid.places[0][own], left, right)
+            terms = {(a, b): [self._term(a, b, x=along)] for a in range(3) for b in range(3)}
+            found.append(SeparableProducts(self.model.basis.N, planes[own].ravel(), terms))
         return found
 
     @property
     def slice_ends(self) -> np.ndarray:
         """(slices + 1,) places along x where the slices meet, m."""
-        line = grid_lines(self.model.domain.mesh)[0]
-        return np.interp(np.arange(0, line.size - 1 + 1e-9, 1 / self._per_element), np.arange(line.size), line)
-
-    @property
-    def _per_element(self) -> int:
-        """Slices in each element along x."""
-        return -(-_SLICES // (grid_lines(self.model.domain.mesh)[0].size - 1))
-
-    @property
-    def _along_length(self) -> tuple[int, bool]:
-        """Axis of the reference cell that lies along x, alike in every cell of a box, and whether it points to +x."""
-        middle = np.full((3, 1), 0.5)
-        jacobian = self.model.basis.mapping.DF(middle, tind=np.arange(1))[0, :, 0, 0]
-        axis = int(np.argmax(np.abs(jacobian)))
-        return axis, bool(jacobian[axis] > 0)
+        line = self._grid.lines[0]
+        each = -(-_SLICES // (line.size - 1))
+        return np.interp(np.arange(0, line.size - 1 + 1e-9, 1 / each), np.arange(line.size), line)
 
     @cached_property
-    def odd(self) -> GradientProducts:
+    def odd(self) -> SeparableProducts:
         """With the weight 2x/L."""
-        return assemble_gradient_products(self.model.basis, self._share[0])
+        return self._all({(a, b): [self._term(a, b, x=self._power(0, 1))] for a in range(3) for b in range(3)})
 
     @cached_property
-    def even(self) -> GradientProducts:
+    def even(self) -> SeparableProducts:
         """With the weight (2x/L)² − 1/3, whose mean is zero."""
-        return assemble_gradient_products(self.model.basis, self._share[0] ** 2 - 1 / 3)
+        weight = self._grid.weighted(0, lambda x: (x / self._half) ** 2 - 1 / 3)
+        return self._all({(a, b): [self._term(a, b, x=weight)] for a in range(3) for b in range(3)})
 
     @cached_property
-    def tapered(self) -> tuple[GradientProducts, GradientProducts]:
+    def tapered(self) -> tuple[SeparableProducts, SeparableProducts]:
         """Parts of first and second order in t where the width is W (1 + t ξ), ξ = 2x/L.
 
         The map y → y (1 + t ξ) turns ∂_x into ∂_x − t η/(1 + tξ) ∂_y with η = 2y/L, ∂_y into ∂_y/(1 + tξ), and dV into
         (1 + tξ) dV.
         """
-        part = self.model.basis
-        xi, eta = self._share
-        along, across = self.odd.gradients, assemble_gradient_products(part, eta).gradients
-        first, second = np.zeros_like(along), np.zeros_like(along)
-        first[0, 0] = along[0, 0] - across[0, 1] - across[1, 0]
-        first[1, 1], first[2, 2] = -along[1, 1], along[2, 2]
-        first[0, 1] = first[1, 0] = -across[1, 1]
-        first[0, 2], first[2, 0] = along[0, 2] - across[1, 2], along[2, 0] - across[2, 1]
-        second[0, 0], mixed, second[1, 1] = (
-            assemble_gradient_products(part, weight).gradients[1, 1] for weight in (eta**2, xi * eta, xi**2)
-        )
-        second[0, 1] = second[1, 0] = mixed
-        none = np.zeros_like(self.odd.mass)
-        return replace(self.odd, gradients=first), replace(self.odd, gradients=second, mass=none)
+        xi, eta = self._power(0, 1), self._power(1, 1)
+
+        def along(a: int, b: int, sign: float = 1.0) -> Kronecker:
+            return self._term(a, b, sign, x=xi)
+
+        def across(a: int, b: int) -> Kronecker:
+            return self._term(a, b, -1.0, y=eta)
+
+        first = {
+            (0, 0): [along(0, 0), across(0, 1), across(1, 0)],
+            (1, 1): [along(1, 1, -1.0)],
+            (2, 2): [along(2, 2)],
+            (0, 1): [across(1, 1)],
+            (1, 0): [across(1, 1)],
+            (0, 2): [along(0, 2), across(1, 2)],
+            (2, 0): [along(2, 0), across(2, 1)],
+        }
+        mixed = [self._term(1, 1, x=xi, y=eta)]
+        second = {
+            (0, 0): [self._term(1, 1, y=self._power(1, 2))],
+            (1, 1): [self._term(1, 1, x=self._power(0, 2))],
+            (0, 1): mixed,
+            (1, 0): mixed,
+        }
+        return self._all(first), self._all(second)
+
+    def tapered_mass(self, displacements: np.ndarray) -> np.ndarray:
+        """∫ ρ ξ v·u on displacements (3, n, k), the part of first order in t of the mass: (3, n, k), kg."""
+        grid, found = self._grid, np.empty_like(displacements)
+        factors = (self._power(0, 1)[0, 0], *(axis[0, 0] for axis in grid.axes[1:]))
+        for own, image in zip(displacements, found, strict=True):
+            image[grid.order] = self.model.density * kronecker_times(factors, own[grid.order])
+        return found
 
     @cached_property
     def film(self) -> sp.csr_matrix:
@@ -102,12 +142,30 @@ class WeightedProducts:
         return electrode_film(self.model)
 
     @cached_property
-    def mass(self) -> sp.csr_matrix:
+    def mass(self) -> spla.LinearOperator:
         """(3n, 3n) mass of all displacements, symmetry planes not held, kg."""
-        n = 3 * self.model.basis.N
-        return self.model.products.mass_matrix(self.model.density)[:n, :n]
+
+        def times(displacements: np.ndarray) -> np.ndarray:
+            parts = displacements.reshape(3, self.model.basis.N, -1)
+            return self.model.density * np.concatenate([self.model.products.mass_times(part) for part in parts])
+
+        return spla.LinearOperator((3 * self.model.basis.N,) * 2, matvec=times, matmat=times, dtype=float)
 
     @property
-    def _share(self) -> np.ndarray:
-        """(2, elements, points) 2x/L and 2y/L at the points of integration."""
-        return np.asarray(self.model.basis.global_coordinates())[:2] / self.model.domain.mesh.p[0].max()
+    def _half(self) -> float:
+        """L/2, m."""
+        return float(self._grid.lines[0][-1])
+
+    def _power(self, axis: int, power: int) -> np.ndarray:
+        """One-dimensional products with the weight (2x/L)^power or (2y/L)^power."""
+        return self._grid.weighted(axis, lambda place: (place / self._half) ** power)
+
+    def _term(
+        self, a: int, b: int, coefficient: float = 1.0, x: np.ndarray | None = None, y: np.ndarray | None = None
+    ) -> Kronecker:
+        """coefficient · ∫ w ∂_aφ_i ∂_bφ_j with the one-dimensional products of a weight along x, along y."""
+        lines = [plain if own is None else own for own, plain in zip((x, y, None), self._grid.axes, strict=True)]
+        return coefficient, tuple(line[int(a == i), int(b == i)] for i, line in enumerate(lines))
+
+    def _all(self, terms: Mapping[tuple[int, int], Sequence[Kronecker]]) -> SeparableProducts:
+        return SeparableProducts(self.model.basis.N, self._grid.order, terms)

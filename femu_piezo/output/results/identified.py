@@ -16,7 +16,11 @@ if TYPE_CHECKING:
 
 
 class Identified(Result, IdentifyResult):
-    """What `identify` returns: how well sweeps determine each of the ten constants, and `recommendations`."""
+    """What `identify` returns: how well sweeps determine each of the ten constants, and `recommendations`.
+
+    `expected.parameters` are the free constants as an update would state them, `expected.improvements` the tolerances,
+    the first one the one to improve.
+    """
 
     _index = "constant"
 
@@ -46,8 +50,12 @@ class Identified(Result, IdentifyResult):
         ]
 
     def save(self, folder: Path | str) -> Path:
-        """Write identifiability.json and of every sweep sensitivity.png; the folder."""
+        """Write identifiability.json, budget.png and of every sweep sensitivity.png; the folder."""
+        from femu_piezo.output.budget_chart import budget_figure
+
         out = prepare_folder(Path(folder))
+        title = f"{' + '.join(self.names)}: where the deviations will come from"
+        write_figure(out / "budget.png", budget_figure(title, self.expected.parameters))
         for number, suffix in enumerate(suffixes(len(self.sensitivities))):
             write_figure(out / f"sensitivity{suffix}.png", self.plot(number))
         write_json(out / "identifiability.json", self.to_json())

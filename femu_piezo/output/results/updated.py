@@ -51,8 +51,11 @@ class Updated(Result, UpdateResult):
     def save(self, folder: Path | str, *, report: bool = False) -> Path:
         """Write update.json and of every specimen impedance.png, iterations.png, sensitivity.png and updated.csv.
 
+        budget.png as well, where the deviations have a budget.
+
         report : report.html as well, which holds all of it
         """
+        from femu_piezo.output.budget_chart import budget_figure, budget_shares
         from femu_piezo.output.curves import iteration_figure
         from femu_piezo.output.records import update_record
         from femu_piezo.output.sensitivity import sensitivity_figure
@@ -65,6 +68,9 @@ class Updated(Result, UpdateResult):
             updated = ImpedanceSpectrum(one.measured.spectrum.frequency, one.updated_curve)
             write_spectrum(updated, out / f"updated{suffix}.csv")
             write_figure(out / f"sensitivity{suffix}.png", sensitivity_figure(one.sensitivity))
+        if budget_shares(self.parameters):
+            title = f"{self.name}: where the deviations come from"
+            write_figure(out / "budget.png", budget_figure(title, self.parameters))
         write_json(out / "update.json", update_record(self))
         if report:
             from femu_piezo.output.report_update import write_update_report

@@ -1,0 +1,69 @@
+"""Picture of an uncertainty budget: for every constant and tangent, which share of the variance comes from what."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from matplotlib.figure import Figure
+
+from femu_piezo.inference.budget import SOURCES
+from femu_piezo.inference.unknowns import Estimate
+from femu_piezo.output.picture import Picture
+
+#: Colour of each source, the same in every picture.
+SOURCE_COLOURS = dict(
+    zip(
+        SOURCES,
+        ("#8c8c8c", "#c8c8c8", "#b03a2e", "#e59866", "#1f4e79", "#5dade2", "#7dcea0", "#f5b041", "#a569bd"),
+        strict=True,
+    )
+)
+#: What a reader calls them.
+_WORDS = {"held": "held constants", "geometry": "dimensions", "law": "law of a cause", "mesh": "mesh and basis"}
+#: Share of the variance below which a source is left out of every bar's legend, and from which a bar says its number.
+_SEEN, _NUMBERED = 0.005, 0.07
+#: Colours on which a number is written in black.
+_LIGHT = ("#c8c8c8", "#e59866", "#7dcea0", "#f5b041", "#5dade2")
+
+
+def budget_shares(parameters: Mapping[str, Estimate]) -> dict[str, dict[str, float]]:
+    """"s11", "tan s11", … → source → its share of the variance; those that have a budget."""
+    found = {}
+    for name, one in parameters.items():
+        for label, parts, std in ((name, one.budget, one.std), (f"tan {name}", one.tan_budget, one.tan_std)):
+            if parts and std:
+                found[label] = {source: (part / std) ** 2 for source, part in parts.items()}
+    return found
+
+
+def budget_figure(title: str, parameters: Mapping[str, Estimate]) -> Figure:
+    """Bars of 100 %, one a constant and one a tangent, their deviations beside them."""
+    shares = budget_shares(parameters)
+    figure = Picture(figsize=(8.0, 1.3 + 0.36 * len(shares)), layout="constrained")
+    axes = figure.subplots()
+    shown = [source for source in SOURCES if any(one.get(source, 0.0) >= _SEEN for one in shares.values())]
+    starts = dict.fromkeys(shares, 0.0)
+    for source in shown:
+        widths = [100 * one.get(source, 0.0) for one in shares.values()]
+        colour = SOURCE_COLOURS[source]
+        name = _WORDS.get(source, source)
+        bars = axes.barh(list(shares), widths, left=list(starts.values()), color=colour, label=name, height=0.72)
+        numbers = [f"{width:.0f}" if width >= 100 * _NUMBERED else "" for width in widths]
+        ink = "black" if colour in _LIGHT else "white"
+        axes.bar_label(bars, numbers, label_type="center", color=ink, fontsize=8.5)
+        starts = {label: start + width for (label, start), width in zip(starts.items(), widths, strict=True)}
+    for row, label in enumerate(shares):
+        axes.text(101, row, _deviation(label, parameters), va="center", fontsize=9)
+    axes.set(xlim=(0, 100), xlabel="share of the variance (%)")
+    axes.set_title(title, fontsize=11, loc="left")
+    axes.invert_yaxis()
+    axes.tick_params(axis="y", length=0)
+    for side in ("top", "right", "left"):
+        axes.spines[side].set_visible(False)
+    figure.legend(loc="outside lower center", ncols=min(len(shown), 5), frameon=False, fontsize=9)
+    return figure
+
+
+def _deviation(label: str, parameters: Mapping[str, Estimate]) -> str:
+    one = parameters[label.removeprefix("tan ")]
+    return f"± {one.tan_std:.2g}" if label.startswith("tan ") else f"± {100 * one.std / abs(one.value):.2g} %"

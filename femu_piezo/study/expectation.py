@@ -1,0 +1,227 @@
+"""What an update of planned sweeps would state, and which tolerance to improve first.
+
+For the free constants of the file, with everything that an update counts: noise, dimensions, density, held constants,
+instrument. Every tolerance is then halved, and then taken away, and the deviations are computed anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from femu_piezo.effects.effect import Effect
+from femu_piezo.inference.budget import estimates_of
+from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common
+from femu_piezo.inference.expectation import EXACT, expected_budget, expected_std
+from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.sweeps import SweepData
+from femu_piezo.inference.unknowns import Estimate, MaterialParameters, Unknowns, material_prior
+from femu_piezo.specimen.file import Measurement
+from femu_piezo.study.effects import effect_context, known_effects
+from femu_piezo.study.problem import Problem
+from femu_piezo.study.subjects import LEAST_ERROR, Subject, shared_library
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """A tolerance, and what the deviations would be if it were smaller.
+
+    Attributes
+    ----------
+    tolerance : its key in the specimen file ("std_length", "residue.resistance"), or "noise"
+    specimen : whose it is, of several; "" where all share it
+    today : standard deviation in `unit` of SI
+    before, halved, exact : "s11", "tan_s11", … → standard deviation (SI) with the tolerance of today, half of it, none;
+        a sweep without noise is none, so that `exact` is empty for it
+    """
+
+    tolerance: str
+    specimen: str
+    today: float
+    unit: str
+    before: Mapping[str, float]
+    halved: Mapping[str, float]
+    exact: Mapping[str, float]
+
+    def shrinks(self, label: str) -> float:
+        """Share by which the deviation of "s11" or "tan_s11" falls if the tolerance is halved."""
+        return 1 - self.halved[label] / self.before[label]
+
+    def best(self, *, tangents: bool = False) -> tuple[str, float]:
+        """The constant, or the tangent, that gains most if it is halved, and the share by which its deviation falls."""
+        label = max((one for one in self.before if one.startswith("tan_") == tangents), key=self.shrinks)
+        return label, self.shrinks(label)
+
+    def to_json(self) -> dict:
+        """An item of "improvements" in identifiability.json."""
+        return {
+            "tolerance": self.tolerance,
+            "specimen": self.specimen,
+            "unit": self.unit,
+            "today": self.today,
+            "halved": self.today / 2,
+            "std": {
+                label: {"today": std, "halved": self.halved[label], "exact": self.exact.get(label)}
+                for label, std in self.before.items()
+            },
+        }
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What an update would state.
+
+    Attributes
+    ----------
+    parameters : free constant → value of the file with expected deviations and their budgets
+    improvements : every tolerance, the one first whose halving shrinks the deviation of a constant most; tangents,
+        which phase and noise tell, follow their own order (`Improvement.best`)
+    """
+
+    parameters: dict[str, Estimate]
+    improvements: tuple[Improvement, ...]
+
+    def to_json(self) -> dict:
+        """"expected" and "improvements" of identifiability.json."""
+        return {
+            "expected": {name: one.to_json() for name, one in self.parameters.items()},
+            "improvements": [one.to_json() for one in self.improvements],
+        }
+
+
+def planned(problems: Sequence[Problem], bands_Hz: Sequence[tuple[float, float]]) -> tuple[Subject, ...]:
+    """What an update would know of each specimen before its sweep; names are made different where two are alike."""
+    names = [problem.specimen.name for problem in problems]
+    if len(set(names)) < len(names):
+        names = [f"{name} ({number})" for number, name in enumerate(names, 1)]
+    names = names if len(names) > 1 else [""]
+    return tuple(_planned(*item) for item in zip(problems, names, bands_Hz, strict=True))
+
+
+def _planned(problem: Problem, name: str, band_Hz: tuple[float, float]) -> Subject:
+    specimen = problem.specimen
+    measured = specimen.model_copy(update={"measurement": specimen.measurement or Measurement()})
+    capacitance = abs(problem.constants.eps33T) * problem.plate.electrode_area / problem.plate.electrode_gap
+    typical = 1 / (2 * np.pi * problem.expected_pole_Hz * capacitance)
+    context = effect_context(replace(problem, specimen=measured), problem.expected_pole_Hz, typical, band_Hz)
+    known = known_effects(problem, context)
+    fixed = tuple((replace(effect, specimen=name), values) for effect, values in known if not effect.freed)
+    freed = tuple(item for item in known if item[0].freed)
+    return Subject(name, None, np.zeros(0), context, fixed, None, freed)
+
+
+def served(subjects: Sequence[Subject], one: Subject) -> list[Effect]:
+    """The effects that the model of one specimen must serve: its tolerances, and those of its file."""
+    return [e for e in _tolerances(subjects) if e.specimen in ("", one.name)] + [effect for effect, _ in one.fixed]
+
+
+def _tolerances(subjects: Sequence[Subject]) -> tuple[Effect, ...]:
+    return tuple(effect for effect in shared_library(subjects) if effect.has_tolerance)
+
+
+def expect(
+    problems: Sequence[Problem], subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise: float
+) -> Expectation:
+    """Deviations of the free constants of the first specimen, and what every tolerance adds to them.
+
+    Parameters
+    ----------
+    subjects : of `planned`;  evaluations : of each specimen over its sweep, by a model that serves `served`
+    noise : relative standard deviation of every point
+    """
+    unknowns, x = _unknowns(problems[0], subjects)
+    jacobian = _jacobian(unknowns, x, subjects, evaluations, noise)
+    std = expected_std(jacobian, unknowns.prior_std)
+    labels = _labels(unknowns.material)
+    before = {label: float(std[column] * size) for label, (column, size) in labels.items()}
+    found = []
+    for (name, owner), columns in {("noise", ""): None, **_columns(unknowns, subjects)}.items():
+        shares = (0.5,) if columns is None else (0.5, EXACT)
+        smaller = [_smaller(jacobian, unknowns.prior_std, columns, share) for share in shares]
+        after = [{label: float(one[column] * size) for label, (column, size) in labels.items()} for one in smaller]
+        if columns is None:
+            found.append(Improvement("noise", "", noise, "1", before, after[0], {}))
+            continue
+        number = next((index for index, one in enumerate(subjects) if one.name == owner), 0)
+        key, today, unit = _in_file(name, problems[number], subjects[number])
+        found.append(Improvement(key, owner, today, unit, before, *after))
+    parameters = estimates_of(unknowns.material, x, std, expected_budget(jacobian, unknowns))
+    return Expectation(parameters, tuple(sorted(found, key=lambda one: -one.best()[1])))
+
+
+def _unknowns(first: Problem, subjects: Sequence[Subject]) -> tuple[Unknowns, np.ndarray]:
+    """The unknowns of an update, and where they are expected (n_x,): as the file says, the rest at rest."""
+    free, material = first.free(first.constants), first.specimen.material
+    unknowns = Unknowns(
+        material=MaterialParameters.around(free, free.start),
+        prior=material_prior(free, material.priors, material.tangent_priors),
+        effects=_tolerances(subjects),
+        fixed=tuple(item for one in subjects for item in one.fixed),
+    )
+    x = unknowns.prior_mean.copy()
+    x[: unknowns.of_material] = unknowns.material.x_of(free.start)
+    for one in subjects:
+        for effect, values in one.freed:
+            own = belonging_to(effect, one.name) if one.name and not is_common(effect) else effect
+            if unknowns.has(own):
+                x[unknowns.columns(unknowns.index(own.key))] = values / own.scale
+    return unknowns, x
+
+
+def _jacobian(unknowns: Unknowns, x: np.ndarray, subjects, evaluations, noise: float) -> np.ndarray:
+    """(2k, n_x) of all sweeps, whitened."""
+    parts = tuple((one.name, evaluation) for one, evaluation in zip(subjects, evaluations, strict=True))
+    response = Ensemble(parts) if len(parts) > 1 else evaluations[0]
+    z, slopes = response.with_jacobian(unknowns, x)
+    data = SweepData(response.omega / (2 * np.pi), z, np.full(z.size, np.hypot(noise, LEAST_ERROR)), noise_known=True)
+    return data.whitened(z, slopes)[1]
+
+
+def _labels(material: MaterialParameters) -> dict[str, tuple[int, float]]:
+    """ "s11", "tan_s11", … → where it stands in x, and its SI value per unit there."""
+    sizes = np.stack([np.abs(material.scale), np.ones(material.scale.size)], axis=1).ravel()
+    return {name: (column, float(size)) for column, (name, size) in enumerate(zip(material.names, sizes, strict=True))}
+
+
+def _columns(unknowns: Unknowns, subjects: Sequence[Subject]) -> dict[tuple[str, str], list[int]]:
+    """(name in `EffectContext.tolerances`, specimen) → the unknowns that keep to this tolerance."""
+    found: dict[tuple[str, str], list[int]] = {}
+    known = {name for one in subjects for name, std in one.context.tolerances.items() if std > 0}
+    for number, effect in enumerate(unknowns.effects):
+        for column, parameter in enumerate(effect.parameters, unknowns.columns(number).start):
+            name = _tolerance_of(effect, parameter.name)
+            if name in known and parameter.tolerance > 0 and not effect.freed:
+                found.setdefault((name, effect.specimen), []).append(column)
+    return found
+
+
+def _tolerance_of(effect: Effect, parameter: str) -> str:
+    """The name in `EffectContext.tolerances` of what a parameter keeps to."""
+    if effect.name == "instrument":
+        return "accuracy" if parameter.startswith("magnitude") else "phase_accuracy"
+    return effect.name.removeprefix("wrong_") if parameter == "relative_error" and not effect.variant else parameter
+
+
+def _smaller(jacobian: np.ndarray, prior_std: np.ndarray, columns: list[int] | None, share: float) -> np.ndarray:
+    """(n_x,) deviations with a share of a tolerance; of the noise where `columns` is None."""
+    if columns is None:
+        return expected_std(jacobian / share, prior_std)
+    smaller = prior_std.copy()
+    smaller[columns] *= share
+    return expected_std(jacobian, smaller)
+
+
+def _in_file(name: str, problem: Problem, one: Subject) -> tuple[str, float, str]:
+    """Key, value and unit of a tolerance as the specimen file has them."""
+    today, geometry = one.context.tolerances[name], problem.specimen.geometry
+    if name in one.context.axes:
+        return f"std_{name}", today * getattr(geometry, name), "m"
+    if name == "density":
+        weighed = geometry.mass is not None
+        return ("std_mass", today * geometry.mass, "kg") if weighed else ("std_density", today, "1")
+    if name in ("accuracy", "phase_accuracy"):
+        return name, today, "rad" if name == "phase_accuracy" else "1"
+    units = {"resistance": "ohm", "inductance": "H", "capacitance": "F"}
+    return (f"residue.{name}", today, units[name]) if name in units else (f"std_{name}", today, "1")

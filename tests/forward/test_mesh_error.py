@@ -1,0 +1,45 @@
+"""The measured error of a mesh against elements of a higher order, for bodies of all kinds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from femu_piezo.forward.mesh_error import mesh_error
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.reduction import driven_modal
+from femu_piezo.geometry import catalogue
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.material.library import library_material
+
+CONSTANTS, DENSITY = library_material("pzt-5h").constants, 7500.0
+#: Slowest shear wave, m/s.
+SPEED = float(np.sqrt(CONSTANTS.to_e_form().c44.real / DENSITY))
+BODIES = {
+    "plate, to 300 kHz": (Plate(40e-3, 5e-3, 1e-3), 300e3, 3e-4),
+    "bar poled along its length": (Plate(23e-3, 5e-3, 5e-3, "length"), 250e3, 1e-4),
+    "square": (Plate(20e-3, 20e-3, 2e-3), 120e3, 1e-4),
+    "disk": (catalogue.disk(20e-3, 1e-3), 300e3, 1e-5),
+    "thick disk": (catalogue.disk(10e-3, 2e-3), 800e3, 1e-4),
+    "ring": (catalogue.ring(20e-3, 8e-3, 1e-3), 300e3, 1e-4),
+    "trapezoid": (catalogue.trapezoid(30e-3, 8e-3, 4e-3, 1e-3), 150e3, 1e-3),
+}
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_no_eigenvalue_is_farther_off_than_stated(name):
+    body, band_Hz, accuracy = BODIES[name]
+    model = ElectroelasticModel(body.domain_for(accuracy, band_Hz, SPEED), DENSITY)
+    stated = mesh_error(model, CONSTANTS, band_Hz)
+    better = ElectroelasticModel(model.domain, DENSITY, order=model.order + 2)
+    squares = driven_modal(better, CONSTANTS, 1.05 * band_Hz).eigenvalues.real
+    exact = np.sqrt(squares[squares > 0]) / (2 * np.pi)
+    own = np.array([2 * np.abs(f / exact - 1).min() for f in stated.frequency])
+    assert np.all(own < 1.2 * stated.error + 1e-10), own / stated.error
+    assert stated.error.max() < 20 * max(own.max(), 1e-8)  # and says something
+    np.testing.assert_array_equal(stated.at(stated.frequency * 1.0001), stated.error)
+
+
+def test_elements_too_low_to_compare_state_nothing():
+    model = ElectroelasticModel(Plate(20e-3, 5e-3, 1e-3).domain((8, 2, 1), order=2), DENSITY)
+    assert mesh_error(model, CONSTANTS, 100e3) is None

@@ -1,0 +1,154 @@
+"""`identify`: what an update will state, and what a smaller tolerance brings, held against doing it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import femu_piezo as fp
+from femu_piezo.cli import main
+from femu_piezo.specimen.file import read_specimen
+
+#: A plate with the usual tolerances and sweeps of twelve pieces of it, by spectral elements (make_sweep.py there).
+FOLDER = Path(__file__).resolve().parents[2] / "tutorials" / "stated_uncertainty"
+PLATE = (FOLDER / "plate.toml").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def specimen(tmp_path):
+    def written(text: str = PLATE, name: str = "plate.toml"):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        return read_specimen(tmp_path / name)
+
+    return written
+
+
+@pytest.fixture(scope="module")
+def today():
+    return fp.identify(FOLDER / "plate.toml", recommend=False).expected
+
+
+def promise(expected, tolerance: str):
+    (one,) = (one for one in expected.improvements if one.tolerance == tolerance)
+    return one
+
+
+def relative(parameters) -> dict[str, float]:
+    pairs = ((f"{kind}{n}", std) for n, p in parameters.items() for kind, std in (("", p.std), ("tan_", p.tan_std)))
+    return dict(pairs)
+
+
+HALVED = {
+    "std_density": ("geometry]", "geometry]\nstd_density = 0.0025"),
+    "std_width": ("geometry]", 'geometry]\nstd_width = "0.01 mm"'),
+    "std_tan_s12": ("material]", "material]\nstd_tan_s12 = 0.0025"),
+    "phase_accuracy": ("measurement]", 'measurement]\nphase_accuracy = "0.4 mrad"'),
+    "accuracy": ("measurement]", "measurement]\naccuracy = 0.0004"),
+    "residue.resistance": ("measurement]", 'measurement]\nresidue = { resistance = "10 mohm" }'),
+    "noise": ("noise = 0.001", "noise = 0.0005"),
+}
+
+
+@pytest.mark.parametrize("tolerance", HALVED)
+def test_promise_is_what_a_file_with_half_the_tolerance_gives(tolerance, today, specimen):
+    """Every kind of tolerance written into the file and all computed anew, to rounding."""
+    again = fp.identify(specimen(PLATE.replace(*HALVED[tolerance])), recommend=False).expected
+    one = promise(today, tolerance)
+    assert promise(again, tolerance).today == pytest.approx(one.today / 2, rel=1e-12)
+    assert relative(again.parameters) == pytest.approx(one.halved, rel=1e-5 if tolerance == "noise" else 1e-9)
+    assert max(one.shrinks(label) for label in one.before) > 1e-5  # it is about something
+
+
+@pytest.mark.parametrize(("piece", "tolerance"), [(1, "std_width"), (2, "std_density"), (12, "phase_accuracy")])
+def test_promise_is_what_an_update_of_a_sweep_states(piece, tolerance, today, specimen):
+    """Of a sweep by another discretisation, whose constants are not those of the plan; the deviations and their fall.
+
+    The plan is linear, at constants 3 % off and tangents up to 0.004 off, and of the noise in the mean: 8 % in the
+    deviations themselves, 3 % in what halving the tolerance makes of them.
+    """
+    columns = np.loadtxt(FOLDER / "sweep.csv", delimiter=",", skiprows=1, unpack=True)
+    sweep = fp.ImpedanceSpectrum.from_resistance_reactance(columns[0], columns[2 * piece - 1], columns[2 * piece])
+    one = promise(today, tolerance)
+    before, after = (
+        relative(fp.update(specimen(text), sweep).parameters) for text in (PLATE, PLATE.replace(*HALVED[tolerance]))
+    )
+    assert one.shrinks(one.best(tangents=tolerance == "phase_accuracy")[0]) > 0.15  # the case has something to show
+    for label in ("s11", "d31", "eps33T", "tan_d31", "tan_eps33T"):
+        assert before[label] == pytest.approx(one.before[label], rel=0.08), label
+        assert after[label] / before[label] == pytest.approx(1 - one.shrinks(label), rel=0.03), label
+
+
+def test_budget_adds_up_and_the_order_is_that_of_the_gains(today):
+    for one in today.parameters.values():
+        assert {"noise", "geometry", "density", "held", "instrument", "prior"} == set(one.budget)
+        assert np.sqrt(sum(part**2 for part in one.budget.values())) == pytest.approx(one.std, rel=1e-9)
+        assert np.sqrt(sum(part**2 for part in one.tan_budget.values())) == pytest.approx(one.tan_std, rel=1e-9)
+    gains = [one.best()[1] for one in today.improvements]
+    assert gains == sorted(gains, reverse=True)
+    # held constants with tangents, dimensions and density, instrument, fixture, noise
+    assert len({one.tolerance for one in today.improvements}) == len(today.improvements) == 2 * 7 + 4 + 2 + 3 + 1
+    # s11 follows from ρ L² f², so its deviation is hypot(0.5 %, 2 · 0.02/12); d31 and ε33T have width and thickness too
+    assert today.parameters["s11"].std / 16.5e-12 == pytest.approx(np.hypot(0.005, 2 * 0.02 / 12), rel=0.02)
+    # what is exactly known adds nothing: the length alone is left
+    exact = promise(today, "std_density").exact["s11"] / 16.5e-12
+    assert exact == pytest.approx(2 * 0.02 / 12, rel=0.03)
+
+
+def test_noise_only_leaves_noise(specimen):
+    expected = fp.identify(specimen(PLATE + "\n[update]\nnoise_only = true\n"), recommend=False).expected
+    (noise,) = expected.improvements
+    assert noise.tolerance == "noise" and not noise.exact
+    assert noise.halved == pytest.approx({label: std / 2 for label, std in noise.before.items()}, rel=1e-3)
+    assert all(one.std / abs(one.value) < 1e-4 for one in expected.parameters.values())
+
+
+def test_tolerances_of_a_piece_that_was_weighed_and_of_two_specimens(specimen):
+    """A mass in kg; each specimen has its own dimensions, the fixture is common to both."""
+    weighed = PLATE.replace('density = "7500 kg/m^3"', 'mass = "0.27 g"')
+    long = PLATE.replace('"12 mm"', '"18 mm"').replace('"plate"\n\n', '"long"\n\n')
+    expected = fp.identify([specimen(weighed), specimen(long, "long.toml")], recommend=False).expected
+    by_name = {(one.tolerance, one.specimen): one for one in expected.improvements}
+    assert ("std_mass", "plate") in by_name and ("std_density", "long") in by_name
+    assert by_name["std_mass", "plate"].today == pytest.approx(0.27e-6) and by_name["std_mass", "plate"].unit == "kg"
+    assert by_name["std_length", "long"].today == by_name["std_length", "plate"].today == 20e-6
+    assert ("residue.resistance", "") in by_name and ("std_s12", "") in by_name
+    alone = fp.identify(specimen(weighed), recommend=False).expected
+    assert expected.parameters["eps33T"].std < 0.8 * alone.parameters["eps33T"].std  # two pieces tell more than one
+
+
+def test_a_cause_that_the_file_leaves_free_is_no_tolerance(specimen, today):
+    """Its prior is that of a cause: tangents are known less well, the fixture's resistance is not on the list."""
+    leads = PLATE + '\n[effects.series_resistance]\nresistance = "1.5 ohm"\nfree = ["resistance"]\n'
+    expected = fp.identify(specimen(leads), recommend=False).expected
+    names = {one.tolerance for one in expected.improvements}
+    assert {one.tolerance for one in today.improvements} - names == {"residue.resistance"}
+    assert expected.parameters["d31"].tan_std > 1.2 * today.parameters["d31"].tan_std
+    known = fp.identify(specimen(leads.replace('free = ["resistance"]', "")), recommend=False).expected
+    assert known.parameters["d31"].tan_std < 1.1 * today.parameters["d31"].tan_std
+
+
+def test_a_file_without_losses_has_the_usual_ones(specimen):
+    """Without, every constant would be known without limit; they are no tolerance and no statement of the file."""
+    bare = "".join(line for line in PLATE.splitlines(keepends=True) if not line.startswith("tan_"))
+    expected = fp.identify(specimen(bare), recommend=False).expected.parameters
+    assert [one.tan for one in expected.values()] == pytest.approx([0.02] * 3)
+
+
+def test_command_prints_and_writes_them(tmp_path):
+    answer = CliRunner().invoke(main, ["identify", str(FOLDER / "plate.toml"), "--out", str(tmp_path / "out")])
+    assert answer.exit_code == 0, answer.output
+    assert "what a sweep with 0.1 % noise tells" in answer.output  # the noise of the file
+    assert "201 points from 20 kHz to 200 kHz" in answer.output
+    (line,) = (line for line in answer.output.splitlines() if "std_density" in line)
+    assert "0.5 % -> 0.25 %" in line and "s11 0.61 % -> 0.42 %" in line
+    assert "phase_accuracy" in answer.output and "0.8 mrad -> 0.4 mrad" in answer.output
+    record = json.loads((tmp_path / "out" / "identifiability.json").read_text(encoding="utf-8"))
+    first = record["improvements"][0]
+    assert (first["tolerance"], first["today"], first["halved"]) == ("std_density", 0.005, 0.0025)
+    assert first["std"]["s11"]["today"] == record["expected"]["s11"]["std"]
+    assert first["std"]["s11"]["exact"] < first["std"]["s11"]["halved"] < first["std"]["s11"]["today"]
+    assert (tmp_path / "out" / "budget.png").stat().st_size > 10000
