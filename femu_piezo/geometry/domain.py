@@ -26,6 +26,8 @@ class Domain:
     voltage_factor : terminal voltage of the specimen / potential of `hot` in the part
     poling : (3,) direction of poling in specimen axes
     order : polynomial order of the elements that the mesh is made for
+    rim_error : relative error of eigenvalues from the singular field where electrodes end inside faces, as expected; 0
+        where none does
     """
 
     mesh: skfem.Mesh
@@ -36,6 +38,7 @@ class Domain:
     voltage_factor: float = 1.0
     poling: tuple[float, float, float] = (0.0, 0.0, 1.0)
     order: int = 2
+    rim_error: float = 0.0
 
     def __post_init__(self) -> None:
         known = self.mesh.boundaries or {}

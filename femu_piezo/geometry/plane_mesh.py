@@ -43,13 +43,11 @@ class PlaneMesh:
     p : (2, n) vertices, m;  quads : (4, cells) vertices, counterclockwise
     middles : (2, 4, cells) point halfway along each side, in the order of `SIDES`: a side is the arc through its ends
         and this point
-    pieces : (cells,) number of the piece of the region that a cell belongs to; rims lie between pieces
     """
 
     p: np.ndarray
     quads: np.ndarray
     middles: np.ndarray
-    pieces: np.ndarray | None = None
 
 
 def _nowhere(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -105,9 +103,9 @@ def blended(sides: np.ndarray) -> np.ndarray:
     return found
 
 
-def least_jacobian(mesh: PlaneMesh, on_rim: OnRim) -> float:
+def least_jacobian(mesh: PlaneMesh) -> float:
     """The least determinant of the map of a cell over its mean there; below 0 where one is folded."""
-    maps = blended(side_maps(mesh, on_rim))
+    maps = blended(side_maps(mesh, _nowhere))
     at = chebyshev.chebvander(np.linspace(-1, 1, 9), GEOMETRY_ORDER)
     slopes = [chebyshev.chebder(maps, axis=axis) for axis in (2, 3)]
     dx, dy = (np.einsum("icab,pa,qb->icpq", d, at[:, : d.shape[2]], at[:, : d.shape[3]]) for d in slopes)
@@ -196,78 +194,51 @@ def graded_lines(stops: np.ndarray, rims: np.ndarray, edge: float, near: float, 
     return found[np.append(True, np.diff(found) > 1e-9 * (stops[-1] - stops[0]))]
 
 
-def pillowed(mesh: PlaneMesh, on_rim: OnRim, mirrored: OnRim, depth: float) -> PlaneMesh:
-    """A layer of cells inside every piece, along those sides of it that are rims or arcs, or touch arcs.
+def pillowed(mesh: PlaneMesh) -> PlaneMesh:
+    """A layer of cells along those sides of a region that are arcs or go on from arcs.
 
     A quadrangle with two sides on one arc has no angle between them: its map is singular there. A layer keeps the cells
-    of a mesh generator off arcs (it is called a pillow), and makes a rim's cells as low as the field needs.
-
-    Parameters
-    ----------
-    mirrored : which points x, y (n,), m, lie on mirror lines, along which no layer goes
-    depth : of the layer at most, m; elsewhere 0.35 of the shortest side of the cells there
-
-    Raises
-    ------
-    ValueError : the sides of a piece are no closed loops
+    of a mesh generator off arcs (it is called a pillow). Its height is 0.35 of the shortest side of the cells there.
     """
-    for piece in np.unique(mesh.pieces):
-        mesh = _pillowed_piece(mesh, piece, on_rim, mirrored, depth)
-    return mesh
-
-
-def _pillowed_piece(mesh: PlaneMesh, piece: int, on_rim: OnRim, mirrored: OnRim, depth: float) -> PlaneMesh:
-    own = np.flatnonzero(mesh.pieces == piece)
-    ends, middles = _boundary(mesh, own)  # (2, m) counterclockwise, (2, m)
-    if not np.array_equal(np.sort(ends[0]), np.unique(ends[1])):
-        raise ValueError(f"the sides of piece {piece} are no closed loops")
-    rim = on_rim(*middles)
-    wanted = _wanted(mesh.p, ends, middles, rim, mirrored(*middles))
+    ends, middles = _boundary(mesh)  # (2, m) counterclockwise, (2, m)
+    wanted = _wanted(mesh.p, ends, middles)
     if not wanted.any():
         return mesh
-    step = _steps(mesh, own, ends, wanted, rim, depth)
+    step = _steps(mesh, ends, wanted)
     moved = np.array(sorted(step))
-    copy = np.full(mesh.p.shape[1], -1)
+    copy = np.arange(mesh.p.shape[1])
     copy[moved] = mesh.p.shape[1] + np.arange(moved.size)
     p = np.hstack([mesh.p, np.array([mesh.p[:, v] + step[v] for v in moved]).T])
-    quads, places = mesh.quads.copy(), mesh.middles.copy()
-    inner = quads[:, own]
-    quads[:, own] = np.where(copy[inner] >= 0, copy[inner], inner)
-    for i, (a, b) in enumerate(SIDES):
-        shifted = own[np.any(quads[[a, b]][:, own] != inner[[a, b]], axis=0)]
-        places[:, i, shifted] = (p[:, quads[a, shifted]] + p[:, quads[b, shifted]]) / 2
+    quads, places = copy[mesh.quads], mesh.middles.copy()
     start, end = ends[:, wanted]
     added = np.array([start, end, copy[end], copy[start]])
     sides = np.stack([(p[:, added[a]] + p[:, added[b]]) / 2 for a, b in SIDES], axis=1)
     sides[:, 2] += (middles[:, wanted] - sides[:, 0]) / 2  # half as bent: between the arc and what lies inside
+    sides[:, 0] = middles[:, wanted]
     bent = {frozenset(pair): sides[:, 2, i] for i, pair in enumerate(added[2:].T.tolist())}
     for i, (a, b) in enumerate(SIDES):
-        for cell in own:
-            places[:, i, cell] = bent.get(frozenset((quads[a, cell], quads[b, cell])), places[:, i, cell])
-    sides[:, 0] = middles[:, wanted]
-    return PlaneMesh(
-        p,
-        np.hstack([quads, added]),
-        np.concatenate([places, sides], axis=2),
-        np.append(mesh.pieces, np.full(added.shape[1], piece)),
-    )
+        shifted = np.any(quads[[a, b]] != mesh.quads[[a, b]], axis=0)
+        places[:, i, shifted] = (p[:, quads[a, shifted]] + p[:, quads[b, shifted]]) / 2
+        for cell, pair in enumerate(quads[[a, b]].T.tolist()):
+            places[:, i, cell] = bent.get(frozenset(pair), places[:, i, cell])
+    return PlaneMesh(p, np.hstack([quads, added]), np.concatenate([places, sides], axis=2))
 
 
-def _boundary(mesh: PlaneMesh, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sides of only one of some cells: their ends, the inside on the left, and their middles."""
+def _boundary(mesh: PlaneMesh) -> tuple[np.ndarray, np.ndarray]:
+    """Sides of only one cell: their ends, the inside on the left, and their middles."""
     loop = ((0, 1), (1, 2), (2, 3), (3, 0))
-    ends = np.concatenate([mesh.quads[list(pair)][:, own] for pair in loop], axis=1)
-    middles = np.concatenate([mesh.middles[:, i, own] for i in range(4)], axis=1)
+    ends = np.concatenate([mesh.quads[list(pair)] for pair in loop], axis=1)
+    middles = np.concatenate([mesh.middles[:, i] for i in range(4)], axis=1)
     _, number, count = np.unique(np.sort(ends, axis=0), axis=1, return_inverse=True, return_counts=True)
     once = count[number.ravel()] == 1
     return ends[:, once], middles[:, once]
 
 
-def _wanted(p: np.ndarray, ends: np.ndarray, middles: np.ndarray, rim: np.ndarray, mirrored: np.ndarray) -> np.ndarray:
-    """Which sides of a piece get a layer: rims, arcs, and lines that go on from them nearly straight."""
+def _wanted(p: np.ndarray, ends: np.ndarray, middles: np.ndarray) -> np.ndarray:
+    """Which sides get a layer: arcs, and lines that go on from them nearly straight."""
     chord = p[:, ends[1]] - p[:, ends[0]]
     rise = np.linalg.norm(middles - (p[:, ends[0]] + p[:, ends[1]]) / 2, axis=0)
-    wanted = (rim | (rise > 1e-6 * np.linalg.norm(chord, axis=0))) & ~mirrored
+    wanted = rise > 1e-6 * np.linalg.norm(chord, axis=0)
     unit = chord / np.linalg.norm(chord, axis=0)
     after = {v: i for i, v in enumerate(ends[0])}
     following = np.array([after[v] for v in ends[1]])
@@ -276,31 +247,25 @@ def _wanted(p: np.ndarray, ends: np.ndarray, middles: np.ndarray, rim: np.ndarra
         more = wanted.copy()
         more[following[wanted & smooth]] = True
         more |= wanted[following] & smooth
-        more &= ~mirrored
         if np.array_equal(more, wanted):
-            break
+            return wanted
         wanted = more
-    return wanted
 
 
-def _steps(
-    mesh: PlaneMesh, own: np.ndarray, ends: np.ndarray, wanted: np.ndarray, rim: np.ndarray, depth: float
-) -> dict[int, np.ndarray]:
+def _steps(mesh: PlaneMesh, ends: np.ndarray, wanted: np.ndarray) -> dict[int, np.ndarray]:
     """By vertex of the sides that get a layer: the way (2,) to its copy, m."""
-    p, room = mesh.p, {}
+    p, room = mesh.p, np.full(mesh.p.shape[1], np.inf)
     for a, b in SIDES:
-        length = np.linalg.norm(p[:, mesh.quads[a, own]] - p[:, mesh.quads[b, own]], axis=0)
-        for vertices in (mesh.quads[a, own], mesh.quads[b, own]):
-            for v, value in zip(vertices, length, strict=True):
-                room[v] = min(room.get(v, np.inf), 0.35 * value)
+        length = np.linalg.norm(p[:, mesh.quads[a]] - p[:, mesh.quads[b]], axis=0)
+        for vertices in (mesh.quads[a], mesh.quads[b]):
+            np.minimum.at(room, vertices, 0.35 * length)
     chord = p[:, ends[1]] - p[:, ends[0]]
     unit = chord / np.linalg.norm(chord, axis=0)
     normal = np.array([-unit[1], unit[0]])
     before, after = ({v: i for i, v in enumerate(ends[k])} for k in (1, 0))
     found = {}
     for v in np.unique(ends[:, wanted]):
-        i, j = before[v], after[v]
-        size = min(room[v], depth) if rim[i] or rim[j] else room[v]
+        i, j, size = before[v], after[v], room[v]
         if wanted[i] and wanted[j]:
             found[v] = size * (normal[:, i] + normal[:, j]) / (1 + normal[:, i] @ normal[:, j])
         else:

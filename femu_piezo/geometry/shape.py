@@ -74,9 +74,10 @@ def unit_direction(direction: Iterable[float]) -> tuple[float, float, float]:
     return tuple(float(value) for value in vector / length)
 
 
-def check_size(volumes: float) -> None:
-    """InputError where quadratic tetrahedra, filling so many cubes of their edge, would be too many for a few GB."""
-    check_unknowns(volumes * 48)  # about eight in a cube, of 6 unknowns each
+def check_size(volumes: float, kind: str) -> None:
+    """InputError where quadratic elements, filling so many cubes of their edge, would be too many for a few GB."""
+    # one hexahedron of 32 unknowns, or about eight tetrahedra of 6 unknowns each
+    check_unknowns(volumes * (32 if kind == "hexahedron" else 48))
 
 
 def fits(unknowns: float, entries: float = 0.0) -> bool:

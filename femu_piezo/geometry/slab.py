@@ -1,12 +1,14 @@
 """`Slab`: a plane outline of constant thickness with holes, chamfers and any electrodes on its two faces.
 
 Disks, rings, trapezoids, plates with rounded corners or holes are outlines; `femu_piezo.geometry.catalogue` makes
-them in one line each. `femu_piezo.geometry.slab_mesh` meshes them by a few curved hexahedra of high order; slabs with
-chamfers, and those that ask for it, are quadratic tetrahedra of gmsh.
+them in one line each. `femu_piezo.geometry.slab_mesh` meshes them by a few curved hexahedra of high order. Bodies that
+are neither grids nor concentric are quadratic hexahedra of gmsh where electrodes end inside their faces; slabs with
+chamfers, and those that ask for it, are quadratic tetrahedra.
 """
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -23,18 +25,24 @@ from femu_piezo.geometry.quality import check_electrodes, check_elements
 from femu_piezo.geometry.regions import Circle, Footprint, Region
 from femu_piezo.geometry.round_body import divisions_for, round_domain
 from femu_piezo.geometry.shape import check_size, driven_mirrors, unit_direction
-from femu_piezo.geometry.slab_cad import draw_chamfered, draw_extruded, grade_to_rims, partial_footprints
-from femu_piezo.geometry.slab_mesh import is_round, mesh_for, mesh_of_edge
+from femu_piezo.geometry.slab_cad import (
+    divide_curves,
+    draw_chamfered,
+    draw_extruded,
+    grade_to_rims,
+    partial_footprints,
+)
+from femu_piezo.geometry.slab_mesh import NoQuadrangles, is_grid, is_round, mesh_for, mesh_of_edge
 
-#: Eigenvalue error of quadratic tetrahedra of edge h at shear wavenumber k: at most this times (k h)^4
+#: Eigenvalue error of quadratic elements of edge h at shear wavenumber k: at most this times (k h)^4
 #: (tests/geometry/test_slab.py holds it as an upper bound).
 _ERROR_CONSTANT = 1e-3
 #: Drawing units per metre.
 _DRAWING_UNIT = 1e3
-#: Tetrahedra of a full circle at least.
+#: Quadratic elements of a full circle at least.
 _PER_CIRCLE = 12
 #: Tetrahedra at electrode rims, relative to the others. The singularity there leaves a relative error of λ of a few
-#: 1e-4, whatever the accuracy asked for.
+#: 1e-4 with them, up to 1e-3 with quadratic hexahedra, whatever the accuracy asked for.
 _AT_RIMS = 0.25
 
 Elements = Literal["hexahedron", "tetrahedron"]
@@ -237,13 +245,19 @@ class Slab:
 
     @property
     def element_order(self) -> int:
-        """About what is chosen for hexahedra; tetrahedra are quadratic."""
-        return 5 if self.element_shape == "hexahedron" else 2
+        """About what is chosen for curved hexahedra; other elements are quadratic."""
+        return 5 if self.is_curved else 2
 
     @property
     def element_shape(self) -> Elements:
         """ "hexahedron" or "tetrahedron", as asked for or as the shape allows."""
         return self.elements or ("tetrahedron" if self.chamfer else "hexahedron")
+
+    @property
+    def is_curved(self) -> bool:
+        """Whether it is meshed by hexahedra of high order, with cells that are graded towards electrode rims."""
+        regular = is_grid(self) or is_round(self)
+        return self.element_shape == "hexahedron" and (regular or not partial_footprints(self))
 
     @property
     def rims_x(self) -> tuple[float, ...]:
@@ -273,7 +287,7 @@ class Slab:
         return found
 
     def edge_length(self, accuracy: float, frequency_Hz: float, shear_speed: float) -> float:
-        """Edge of quadratic tetrahedra that keep eigenvalues within `accuracy` of converged at `frequency_Hz`, m."""
+        """Edge of quadratic elements that keep eigenvalues within `accuracy` of converged at `frequency_Hz`, m."""
         return (accuracy / _ERROR_CONSTANT) ** 0.25 * shear_speed / (2 * np.pi * frequency_Hz)
 
     def domain_for(
@@ -286,33 +300,34 @@ class Slab:
     ) -> Domain:
         """The computed part with elements fine enough; see `femu_piezo.geometry.shape.Shape`.
 
-        Hexahedra are few and of high order; tetrahedra are quadratic.
+        Curved hexahedra are few and of high order; other elements are quadratic.
         """
         mirrors, wavenumber = self.mirrors if symmetric else (), 2 * np.pi * frequency_Hz / shear_speed
-        if self.element_shape == "tetrahedron":
-            edge = self.edge_length(accuracy, frequency_Hz, shear_speed)
-            check_size(self.volume / 2 ** len(mirrors) / edge**3)
-            return self.domain(edge, symmetric, order or 2)
         if self.radii is not None:
             height = self.thickness / 2 if 2 in mirrors else self.thickness
             along = abs(self.poling_direction[2]) == 1.0
             found = divisions_for(self.radii, self.thickness, height, wavenumber, accuracy, along, order)
             return round_domain(self.radii, self.thickness, found, mirrors, self.poling_direction)
-        mesh, order = mesh_for(self, accuracy, wavenumber, mirrors, order)
-        return self._domain(mesh, mirrors, order)
+        if self.is_curved:
+            with contextlib.suppress(NoQuadrangles):
+                mesh, order, at_rims = mesh_for(self, accuracy, wavenumber, mirrors, order)
+                return replace(self._domain(mesh, order, mirrors), rim_error=at_rims)
+        edge = self.edge_length(accuracy, frequency_Hz, shear_speed)
+        check_size(self.volume / 2 ** len(mirrors) / edge**3, self.element_shape)
+        return self._domain(self._quadratic(edge, mirrors), order or 2, mirrors)
 
     def domain(self, edge: float, symmetric: bool = True, order: int = 2) -> Domain:
         """The computed part with elements of a given edge (m) at most, cut at its mirror planes where `symmetric`.
 
-        order : of the elements; at most 2 for tetrahedra
+        order : of the elements; at most 2 where they are not curved hexahedra
         """
         mirrors = self.mirrors if symmetric else ()
-        if self.element_shape == "hexahedron":
-            return self._domain(mesh_of_edge(self, edge, mirrors), mirrors, order)
-        drawn = self.scaled(_DRAWING_UNIT)  # the tolerances of OpenCASCADE are made for drawings in mm
-        return self._domain(drawn._tetrahedra(edge * _DRAWING_UNIT, mirrors).scaled(1 / _DRAWING_UNIT), mirrors, order)
+        if self.is_curved:
+            with contextlib.suppress(NoQuadrangles):
+                return self._domain(mesh_of_edge(self, edge, mirrors), order, mirrors)
+        return self._domain(self._quadratic(edge, mirrors), order, mirrors)
 
-    def _domain(self, mesh: skfem.Mesh, mirrors: tuple[int, ...], order: int) -> Domain:
+    def _domain(self, mesh: skfem.Mesh, order: int, mirrors: tuple[int, ...]) -> Domain:
         """The part with its boundaries named."""
         mesh = labelled(mesh, self._places(mirrors))
         check_elements(mesh, "the mesh of the slab")
@@ -327,6 +342,7 @@ class Slab:
             voltage_factor=2.0 if 2 in mirrors else 1.0,
             poling=self.poling_direction,
             order=order,
+            rim_error=1e-3 if partial_footprints(self) else 0.0,
         )
 
     def scaled(self, factor: float) -> Slab:
@@ -340,22 +356,35 @@ class Slab:
             chamfer=self.chamfer * factor,
         )
 
+    def _quadratic(self, edge: float, mirrors: tuple[int, ...]) -> skfem.Mesh:
+        """Quadratic elements of gmsh of an edge at most, m."""
+        drawn = self.scaled(_DRAWING_UNIT)  # the tolerances of OpenCASCADE are made for drawings in mm
+        make = drawn._hexahedra if self.element_shape == "hexahedron" else drawn._tetrahedra
+        return make(edge * _DRAWING_UNIT, mirrors).scaled(1 / _DRAWING_UNIT)
+
     def _tetrahedra(self, edge: float, mirrors: tuple[int, ...]) -> skfem.Mesh:
-        """Quadratic tetrahedra of gmsh, four times finer at electrode rims."""
+        """Tetrahedra, four times finer at electrode rims."""
         edge = min(edge, self.thickness if 2 in mirrors else 2 * self.thickness)
-        options = {
-            "Mesh.MeshSizeMax": edge,
-            "Mesh.MeshSizeFromCurvature": _PER_CIRCLE,
-            "Mesh.ElementOrder": 2,
-            "Mesh.HighOrderOptimize": 1,
-        }
+        draw = draw_chamfered if self.chamfer else draw_extruded
 
         def build(gmsh) -> None:
-            (draw_chamfered if self.chamfer else draw_extruded)(gmsh, self, mirrors)
+            draw(gmsh, self, mirrors, None)
             grade_to_rims(gmsh, self, mirrors, edge, edge * _AT_RIMS, self.thickness / 2)
 
-        raw = mesh_drawing(build, options, "the slab")
-        return skfem.io.meshio.from_meshio(raw, force_meshio_type="tetra10", ignore_orientation=True)
+        return _from_gmsh(build, edge, "tetra10", {})
+
+    def _hexahedra(self, edge: float, mirrors: tuple[int, ...]) -> skfem.Mesh:
+        """Layers of hexahedra, two of them at least where there are electrode rims on one face only."""
+        height, rims = self.thickness / (2 if 2 in mirrors else 1), bool(partial_footprints(self))
+        edge = min(edge, 2 * height) if rims else edge  # flat hexahedra follow smooth fields well
+        layers = max(2 if rims and 2 not in mirrors else 1, int(np.ceil(height / edge - 1e-9)))
+
+        def build(gmsh) -> None:
+            draw_extruded(gmsh, self, mirrors, layers)
+            divide_curves(gmsh, edge, _PER_CIRCLE)
+
+        options = {"Mesh.RecombineAll": 1, "Mesh.RecombinationAlgorithm": 3, "Mesh.Algorithm": 8}
+        return _from_gmsh(build, edge, "hexahedron27", options)
 
     def _places(self, mirrors: tuple[int, ...]) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
         """Tests of the centres of facets (3, n), m, by name: hot, ground, mirror_x, mirror_y, mirror_z."""
@@ -385,3 +414,18 @@ class Slab:
                 in_hole |= hole.depth(x[0], x[1]) > -1e-3 * hole.diameter
             return side & (x[0] < x_min + self.electrodes.wrap[0]) & ~in_hole
         return side & (np.abs(x[0] - x_min) < 1e-6 * (x_max - x_min))
+
+
+def _from_gmsh(build: Callable[[object], None], edge: float, kind: str, more: dict[str, float]) -> skfem.Mesh:
+    """A drawing in quadratic elements of one kind; `edge` and the mesh in units of the drawing."""
+    options = {
+        "Mesh.MeshSizeMax": edge,
+        "Mesh.MeshSizeFromCurvature": _PER_CIRCLE,
+        "Mesh.ElementOrder": 2,
+        "Mesh.SecondOrderIncomplete": 0,
+        "Mesh.HighOrderOptimize": 1,
+    }
+    raw = mesh_drawing(build, options | more, "the slab")
+    if {cell.type for cell in raw.cells} & {"wedge18", "hexahedron27", "tetra10"} != {kind}:
+        raise InputError("gmsh left elements of another kind than hexahedra in the slab; use tetrahedra")
+    return skfem.io.meshio.from_meshio(raw, force_meshio_type=kind, ignore_orientation=True)

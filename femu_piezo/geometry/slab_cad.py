@@ -29,16 +29,17 @@ def draw_plane(gmsh, slab: Slab, mirrors: tuple[int, ...]) -> list[tuple[int, in
     return pieces
 
 
-def draw_extruded(gmsh, slab: Slab, mirrors: tuple[int, ...]) -> None:
-    """The computed part as a prism over its plane."""
+def draw_extruded(gmsh, slab: Slab, mirrors: tuple[int, ...], layers: int | None) -> None:
+    """The computed part as a prism over its plane, in so many layers of hexahedra; None for tetrahedra."""
     pieces = draw_plane(gmsh, slab, mirrors)
     low, height = (0.0, slab.thickness / 2) if 2 in mirrors else (-slab.thickness / 2, slab.thickness)
     gmsh.model.occ.translate(pieces, 0, 0, low)
-    gmsh.model.occ.extrude(pieces, 0, 0, height)
+    division = {} if layers is None else {"numElements": [layers], "recombine": True}
+    gmsh.model.occ.extrude(pieces, 0, 0, height, **division)
     gmsh.model.occ.synchronize()
 
 
-def draw_chamfered(gmsh, slab: Slab, mirrors: tuple[int, ...]) -> None:
+def draw_chamfered(gmsh, slab: Slab, mirrors: tuple[int, ...], layers: int | None = None) -> None:
     """The computed part with 45° bevels along the outer edges of its faces; electrode edges imprinted."""
     occ = gmsh.model.occ
     outline = [(2, slab.outline.add(occ))]
@@ -140,9 +141,9 @@ def _rim_curves(gmsh, slab: Slab, mirrors: tuple[int, ...], z: float) -> list[in
 
 
 def divide_curves(gmsh, edge: float, per_circle: int) -> None:
-    """Segments of every curve: at most `edge` long (m), at least `per_circle` in a full turn; their number is even.
+    """Segments of every curve: at most `edge` long (m), at least `per_circle` in a full turn.
 
-    The recombination into quadrangles needs that.
+    The recombination into quadrangles needs even numbers.
     """
     for _, tag in gmsh.model.getEntities(1):
         length = gmsh.model.occ.getMass(1, tag)

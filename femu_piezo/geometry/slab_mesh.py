@@ -1,8 +1,8 @@
 """Curved hexahedra of high order for slabs: which grid, how fine, and what error of λ is to be expected.
 
 Rectangles and trapezoids are grids, disks and rings are polar; both have a line at every electrode rim and, on both
-sides of it and below the faces, cells that shrink geometrically towards it. What has round corners or holes is a plane
-mesh of gmsh in layers: its quadrangles are finer near rims, its layers are graded as those of the grids.
+sides of it and below the faces, cells that shrink geometrically towards it. What has round corners or holes, and no rims,
+is a plane mesh of gmsh in layers.
 
 The error of λ is that of waves and edges (`shapes.eigenvalue_error`, `round_body.divisions_for`), and what the
 singularity at a rim leaves with n graded cells on each side, at order p. Measured over plates and disks with partial
@@ -10,12 +10,15 @@ electrodes (tests/verification/test_slab_meshes.py holds some to it) that is at 
 
     0.007 · 2⁻ᵖ · 0.15ⁿ⁻¹ + 0.07 · 8⁻ᵖ,
 
-the singularity in the innermost cell, and the smooth field in its graded map.
+the singularity in the innermost cell, and the smooth field in its graded map. 1e-5 of λ takes order 5 or 6 and two or
+three graded cells, in grids as in polar cells, where the body is small enough for so many. At the holes of a drawn
+body, whose cells span an eighth of a circle, 5 · 20⁻ᵖ is left.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -49,8 +52,8 @@ _ORDERS = range(3, 8)
 #: Error at a rim, see above: of the singularity and of the smooth field, each c and b in c b⁻ᵖ. Graded cells on a side
 #: of a rim at most, and share of the accuracy that waves and edges may leave beside it.
 _SINGULAR, _GRADED, _MOST_LAYERS, _SMOOTH = (7e-3, 2.0), (0.07, 8.0), 4, 0.5
-#: Order of elements where no order keeps the accuracy.
-_AT_RIMS = 5
+#: Error at a hole in cells of gmsh, c b⁻ᵖ, measured as those at rims.
+_HOLES = (5.0, 20.0)
 #: Reach of the graded cells on both sides of a rim and below the faces, over the thickness.
 _REACH = 0.5
 #: What gmsh is tried with: shares of the edge, cells of a full circle; least share of a plane cell's Jacobian in its
@@ -74,6 +77,10 @@ class Fineness:
     rim_layers: int = 1
 
 
+class NoQuadrangles(InputError):
+    """gmsh divides a plane into no quadrangles of a good shape."""
+
+
 def is_grid(slab: Slab) -> bool:
     """Whether the outline has four straight sides and no holes."""
     plain = isinstance(slab.outline, Trapezoid) or (
@@ -91,8 +98,10 @@ def is_round(slab: Slab) -> bool:
 
 def mesh_for(
     slab: Slab, accuracy: float, wavenumber: float, mirrors: tuple[int, ...], order: int | None
-) -> tuple[CurvedHexahedra, int]:
-    """The cheapest cells that keep λ within `accuracy`, and the order of their elements.
+) -> tuple[CurvedHexahedra, int, float]:
+    """The cheapest cells that keep λ within `accuracy`, the order of their elements, and the error of λ at rims.
+
+    Where those at rims would be too many, the best that are few enough.
 
     Parameters
     ----------
@@ -101,24 +110,20 @@ def mesh_for(
 
     Raises
     ------
-    InputError : the mesh would be too large, or gmsh cannot make it
+    InputError : the mesh would be too large;  NoQuadrangles : gmsh cannot make it
     """
     found = []
     for p in _ORDERS if order is None else (order,):
-        fine, enough = _fineness(slab, p, accuracy, wavenumber, mirrors)
-        plane = _plane(slab, fine, mirrors)
-        layers, squares = _heights(slab, fine, mirrors).size - 1, plane.quads.shape[1]
-        unknowns = int(4 * (p * layers + 1) * (squares * p**2 + 2 * p * np.sqrt(squares)))
-        size = unknowns, 16.0 * squares * layers * (p + 1) ** 6
-        found.append((not enough, solution_cost(p, squares * layers, unknowns), size, fine, plane))
-    small = [one for one in found if fits(*one[2])]
-    if small and all(one[0] for one in found):  # a rim in a mesh of gmsh: higher orders gain little there
-        small = [one for one in small if one[3].order <= _AT_RIMS][-1:] or small[:1]
-    elif all(one[0] for one in small):
-        small = []
-    _, _, size, fine, plane = min(small or found, key=lambda one: one[:2])
+        for fine, error in _choices(slab, p, accuracy, wavenumber, mirrors):
+            plane = _plane(slab, fine, mirrors)
+            layers, squares = _heights(slab, fine, mirrors).size - 1, plane.quads.shape[1]
+            unknowns = int(4 * (p * layers + 1) * (squares * p**2 + 2 * p * np.sqrt(squares)))
+            size = unknowns, 16.0 * squares * layers * (p + 1) ** 6
+            rank = max(error, accuracy * (1 - _SMOOTH)), solution_cost(p, squares * layers, unknowns)
+            found.append((rank, size, fine, plane, error))
+    _, size, fine, plane, error = min([one for one in found if fits(*one[1])] or found, key=lambda one: one[0])
     check_unknowns(*size)
-    return _in_layers(slab, plane, fine, mirrors), fine.order
+    return _in_layers(slab, plane, fine, mirrors), fine.order, error if partial_footprints(slab) else 0.0
 
 
 def mesh_of_edge(slab: Slab, edge: float, mirrors: tuple[int, ...]) -> CurvedHexahedra:
@@ -129,34 +134,37 @@ def mesh_of_edge(slab: Slab, edge: float, mirrors: tuple[int, ...]) -> CurvedHex
     return slab_mesh(slab, Fineness(4, (edge, edge, edge)), mirrors)
 
 
-def _fineness(
+def _choices(
     slab: Slab, p: int, accuracy: float, wavenumber: float, mirrors: tuple[int, ...]
-) -> tuple[Fineness, bool]:
-    """The coarsest cells of an order within an accuracy, and whether they are: meshes of gmsh have one rim layer."""
-    rims, height = bool(partial_footprints(slab)), slab.thickness / (2 if 2 in mirrors else 1)
-    smooth = accuracy * _SMOOTH if rims else accuracy
-    regular, layers = is_grid(slab) or is_round(slab), 1
+) -> Iterator[tuple[Fineness, float]]:
+    """The coarsest cells of an order that follow waves within an accuracy, and the error that they leave at rims and
+    holes, with more and more graded cells until that is within its share."""
+    rims, holes = bool(partial_footprints(slab)), bool(slab.holes) and not is_round(slab)
+    share = accuracy * (1 - _SMOOTH) if rims or holes else 0.0
+    edge = _edges(slab, p, accuracy - share, wavenumber, mirrors)
+    at_holes, singular, graded = (c * b**-p for c, b in (_HOLES, _SINGULAR, _GRADED))
+    for layers in range(1, _MOST_LAYERS + 1):
+        error = at_holes * holes + (singular * RATIO ** (layers - 1) + graded) * rims
+        yield Fineness(p, edge, layers), error
+        if error <= share or not rims:
+            break
 
-    def left(layers: int) -> float:
-        singular, graded = (c * b**-p for c, b in (_SINGULAR, _GRADED))
-        return singular * RATIO ** (layers - 1) + graded if rims else 0.0
 
-    while regular and layers < _MOST_LAYERS and left(layers) > accuracy - smooth:
-        layers += 1
-    enough = left(layers) <= accuracy - smooth or not rims
+def _edges(
+    slab: Slab, p: int, accuracy: float, wavenumber: float, mirrors: tuple[int, ...]
+) -> tuple[float, float, float]:
+    """Edges of the cells as in `Fineness`, for the error of waves and of the edges of the body."""
     if is_round(slab):
-        radii = _radii(slab)
+        radii, height = _radii(slab), slab.thickness / (2 if 2 in mirrors else 1)
         along = abs(slab.poling_direction[2]) == 1.0
-        found = divisions_for(radii, slab.thickness, height, wavenumber, smooth, along, p)
-        edge = (radii[1] - radii[0]) / found.radial, np.pi / 2 / found.around, height / found.layers
-        return Fineness(p, edge, layers), enough
+        found = divisions_for(radii, slab.thickness, height, wavenumber, accuracy, along, p)
+        return (radii[1] - radii[0]) / found.radial, np.pi / 2 / found.around, height / found.layers
     x_min, x_max, y_min, y_max = slab.outline.extents
-    if not regular:  # cells of gmsh are no cubes; they left up to 1.2 of the error of those
-        smooth /= 2
+    if not is_grid(slab):  # cells of gmsh are no cubes; they left up to 1.2 of the error of those
+        accuracy /= 2
     box = Plate(x_max - x_min, y_max - y_min, slab.thickness, "thickness", slab.direction)
     size = box.part(tuple(axis for axis in mirrors if axis in box.mirrors))
-    divisions = fewest_divisions(p, wavenumber * size, smooth)
-    return Fineness(p, tuple((size / divisions).tolist()), layers), enough
+    return tuple((size / fewest_divisions(p, wavenumber * size, accuracy)).tolist())
 
 
 def slab_mesh(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> CurvedHexahedra:
@@ -246,26 +254,20 @@ def _polar_lines(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> tuple[
 
 
 def _drawn_plane(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> PlaneMesh:
-    """Quadrangles of gmsh with layers of our own along curves and rims, the best of several tries."""
+    """Quadrangles of gmsh with a layer of our own along curves, the best of several tries."""
     best, quality = None, 0.0
     for shrunk, per_circle, subdivided in itertools.product(_SHRUNK, _PER_CIRCLE, (False, True)):
         raw = _drawing(slab, min(fine.edge[:2]) * shrunk, mirrors, per_circle, subdivided)
         if {one.type for one in raw.cells} & {"triangle", "triangle6"}:
             continue
-        try:
-            mesh = _with_layers(_plane_mesh(raw), slab, fine, mirrors)
-        except ValueError:
-            continue
-        found = least_jacobian(mesh, slab.on_rim)
+        mesh = pillowed(_plane_mesh(raw))
+        found = least_jacobian(mesh)
         if found > quality:
             best, quality = mesh, found
         if quality > _GOOD:
             break
     if best is None:
-        raise InputError(
-            "gmsh divides the slab into no quadrangles of a good shape; check its dimensions against each other, or "
-            'use elements = "tetrahedron"'
-        )
+        raise NoQuadrangles("gmsh divides the slab into no quadrangles of a good shape")
     return best
 
 
@@ -296,25 +298,7 @@ def _plane_mesh(raw: meshio.Mesh) -> PlaneMesh:
     turned = _signed_area(points[:, cells[:4]]) < 0
     quads[:, turned] = quads[[0, 3, 2, 1]][:, turned]
     middles[:, :, turned] = middles[:, [3, 2, 1, 0]][:, :, turned]
-    return PlaneMesh(points[:, corners], quads, middles, _pieces(raw))
-
-
-def _pieces(raw) -> np.ndarray:
-    """(cells,) number of the drawn surface that each quadrangle belongs to."""
-    return np.concatenate(
-        [tags for one, tags in zip(raw.cells, raw.cell_data["gmsh:geometrical"], strict=True) if one.type == "quad9"]
-    )
-
-
-def _with_layers(mesh: PlaneMesh, slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> PlaneMesh:
-    """A layer of cells along every curve, so that no cell has two sides on one arc, and graded ones along rims."""
-    near = 1e-6 * slab.thickness
-
-    def mirrored(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        on = [np.abs((x, y)[axis]) < near for axis in mirrors if axis < 2]
-        return np.any(on, axis=0) if on else np.zeros(x.shape, dtype=bool)
-
-    return pillowed(mesh, lambda x, y: slab.on_rim(x, y) & ~mirrored(x, y), mirrored, _REACH * slab.thickness)
+    return PlaneMesh(points[:, corners], quads, middles)
 
 
 def _signed_area(corners: np.ndarray) -> np.ndarray:

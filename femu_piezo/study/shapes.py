@@ -12,10 +12,11 @@ from femu_piezo.geometry.regions import Circle
 from femu_piezo.geometry.shape import Shape
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Electrodes, Slab
-from femu_piezo.geometry.slab_mesh import is_grid, is_round
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.specimen.geometry import Geometry
+
+_FINER = '; elements = "tetrahedron" in [geometry] leaves a third of it'
 
 
 def shape_of(specimen: Specimen) -> Shape:
@@ -77,12 +78,12 @@ def electrode_notes(specimen: Specimen) -> tuple[str, ...]:
     geometry = specimen.geometry
     partial = (geometry.electrode_margin, geometry.electrode_length, geometry.wrap_length)
     body = shape_of(specimen) if any(partial) else None
-    if not isinstance(body, Slab) or (body.element_shape == "hexahedron" and (is_grid(body) or is_round(body))):
+    if not isinstance(body, Slab) or body.is_curved:
         return ()
-    size = "a few 1e-4" if body.element_shape == "tetrahedron" else "some 1e-4"
+    size, words = ("a few 1e-4", "") if body.element_shape == "tetrahedron" else ("up to 1e-3", _FINER)
     return (
         f"{specimen.name}: the field is singular where an electrode ends inside a face, which may leave a relative "
-        f"error of {size} in λ (half of it in frequency) whatever the accuracy asked for",
+        f"error of {size} in λ (half of it in frequency) whatever the accuracy asked for{words}",
     )
 
 

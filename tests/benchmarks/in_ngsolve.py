@@ -2,7 +2,7 @@
 
     PYTHON_WITH_NGSOLVE in_ngsolve.py < problem.json > result.json
 
-It stands alone (NGSolve, numpy and scipy, not femu_piezo), so that NGSolve may live in another environment. "problem" is
+It stands alone (NGSolve, numpy and scipy, not femu_piezo), so that NGSolve may live in another environment. Problems:
 
     "sweep"  impedance of one eighth of a k31 plate, quadratic hexahedra of a grid (tests.benchmarks.forward)
     "poles"  λ of one eighth of a plate or bar on a grid at some order (tests.benchmarks.elements)
@@ -105,11 +105,11 @@ def slab(task: dict) -> dict:
     stiffness, mass = (full(one.mat) for one in forms(space, np.array(task["constants"]), task["density"] * 1e-6))
     keep = sp.identity(space.ndof, format="csc")[:, np.flatnonzero(np.array(space.FreeDofs()))]
     first = space.components[0].ndof
-    vertices = {v.nr for element in mesh.Boundaries("hot").Elements() for v in element.vertices}
-    together = sp.csc_matrix((np.ones(len(vertices)), ([first + v for v in vertices], [0] * len(vertices))), (space.ndof, 1))
+    together = np.zeros((space.ndof, 1))  # the constant on the hot electrode, of the functions of its vertices
+    together[[first + v.nr for element in mesh.Boundaries("hot").Elements() for v in element.vertices]] = 1.0
     return {
         "short": eigenvalues(stiffness, mass, keep, task),
-        "open": eigenvalues(stiffness, mass, sp.hstack([keep, together], format="csc"), task),
+        "open": eigenvalues(stiffness, mass, sp.hstack([keep, sp.csc_matrix(together)], format="csc"), task),
         "unknowns": keep.shape[1],
         "volume": ng.Integrate(ng.CF(1), mesh),
         "hot": ng.Integrate(ng.CF(1), mesh.Boundaries("hot")),

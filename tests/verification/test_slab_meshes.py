@@ -41,14 +41,9 @@ BODIES: dict[str, tuple[Slab, float]] = {
     ),
     "disk, margin": (disk(10 * MM, 1 * MM, electrodes=MARGIN), 10 * (1 + PINHOLE) * np.pi * MM),
     "ring, margin": (ring(10 * MM, 4 * MM, 1 * MM, electrodes=MARGIN), 14 * np.pi * MM),
-    "half disk": (disk(10 * MM, 1 * MM, electrodes=HALF), 10 * np.pi * MM),
     "rounded": (plate(10 * MM, 6 * MM, 1 * MM, **ROUND), (24 + 2 * np.pi) * MM),
-    "rounded, half": (plate(10 * MM, 6 * MM, 1 * MM, electrodes=HALF, **ROUND), (24 + 2 * np.pi) * MM),
     "holed": (plate(10 * MM, 6 * MM, 1 * MM, **HOLE), (32 + 2 * np.pi) * MM),
-    "rounded, holed, margin": (
-        plate(10 * MM, 6 * MM, 1 * MM, electrodes=MARGIN, **ROUND, **HOLE),
-        (24 + 4 * np.pi) * MM,
-    ),
+    "rounded, holed": (plate(10 * MM, 6 * MM, 1 * MM, **ROUND, **HOLE), (24 + 4 * np.pi) * MM),
     "eccentric ring": (ring(10 * MM, 3 * MM, 1 * MM, holes=(Circle(1 * MM, (3.2 * MM, 0.0)),)), 14 * np.pi * MM),
 }
 
@@ -61,19 +56,18 @@ def test_volume_surface_and_electrodes_are_those_of_the_drawing(name, layers):
     across = np.pi / 4 if is_round(shape) else 2 * MM
     layers = layers if is_round(shape) or is_grid(shape) else 1
     mesh = slab_mesh(shape, Fineness(4, (2 * MM, across, MM), layers), ())
-    domain = shape._domain(mesh, (), 4)
+    domain = shape._domain(mesh, 4, ())
     assert domain.volume == pytest.approx(shape.volume, rel=1e-8)
     sides = skfem.FacetBasis(mesh, mesh.elem(), facets=mesh.boundary_facets(), intorder=12).dx.sum()
     assert sides == pytest.approx(perimeter * shape.thickness + 2 * shape.volume / shape.thickness, rel=1e-8)
-    exact = 5e-5 if name in ("half disk", "rounded, half") else 1e-8  # areas that are found by counting points
-    assert boundary_area(domain.mesh, "hot") == pytest.approx(shape.electrode_area, rel=exact)
+    assert boundary_area(domain.mesh, "hot") == pytest.approx(shape.electrode_area, rel=1e-8)
 
 
-@pytest.mark.parametrize("name", ["half trapezoid", "rounded, holed, margin"])
+@pytest.mark.parametrize("name", ["half trapezoid", "rounded, holed"])
 def test_free_bodies_move_rigidly(name):
     """Six motions without energy, translations exactly, rotations as far as the order follows the maps."""
     shape = BODIES[name][0]
-    model = ElectroelasticModel(shape.domain(3 * MM, symmetric=False, order=4), DENSITY)
+    model = ElectroelasticModel(shape.domain(3 * MM, symmetric=False, order=5), DENSITY)
     stiffness, places = model.stiffness(FORM), model.basis.doflocs
     for axis in range(3):
         for kind in ("translation", "rotation"):
