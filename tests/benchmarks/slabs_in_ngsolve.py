@@ -78,7 +78,7 @@ def main() -> None:
         print("  NGSolve, Hz:", *(f"{value:.3f}" for value in hertz(theirs)), flush=True)
         for accuracy in given.accuracy:
             domain = shape.domain_for(accuracy, band, SHEAR)
-            values = driven(shape, domain, band)
+            values = driven(domain, band)
             off = [f"{hertz(value):.3f} {np.min(np.abs(value / theirs - 1)):.1e}," for value in values]
             cells = f"order {domain.order}, {domain.mesh.nelements} cells"
             print(f"  ours at {accuracy:g}, Hz and error of λ:", *off, cells, flush=True)
