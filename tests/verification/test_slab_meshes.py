@@ -109,8 +109,8 @@ SMALL = {
 
 
 #: Driven modes below that by NGSolve 6.2 on curved tetrahedra, Hz: orders 5 and 6, and 4 with two geometric refinements
-#: at the rim. `python -m tests.benchmarks.slabs_in_ngsolve PYTHON --only rounded --order 5`, holed --order 6 --edge 0.6, "half
-#: plate" --edge 0.5. With one order less they are within 6e-7, 1.2e-5 and (0.8 mm, order 5) 1.3e-5 of that in λ.
+#: at the rim. `python -m tests.benchmarks.slabs_in_ngsolve PYTHON --only rounded --order 5`, holed --order 6 --edge
+#: 0.6, "half plate" --edge 0.5. With one order less they are within 6e-7, 1.2e-5 and (0.8 mm, order 5) 1.3e-5 of that in λ.
 BY_NGSOLVE = {
     "rounded": ([236923.394], [248801.768]),
     "holed": ([188588.138, 322591.944], [194088.650, 334095.676]),
@@ -143,7 +143,14 @@ def against_finer(shape: Slab, band: float, accuracies: tuple[float, ...]) -> li
     return [error / accuracy for error, accuracy in zip(found, accuracies, strict=True)]
 
 
-@pytest.mark.parametrize("name", ["disk, margin", "ring, margin", "trapezoid, wrapped"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "disk, margin",
+        "ring, margin",
+        pytest.param("trapezoid, wrapped", marks=pytest.mark.slow),
+    ],
+)
 def test_the_accuracy_asked_for_is_kept(name):
     assert max(against_finer(*SMALL[name], (1e-3, 1e-4))) < 1
 
@@ -166,13 +173,13 @@ def random_body(seed: int) -> tuple[Slab, float]:
     return kinds[seed % len(kinds)], 2.2e3 / length
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_rule_for_rims_holds_for_bodies_it_was_not_fitted_to(seed):
     assert max(against_finer(*random_body(seed), (1e-3, 3e-4))) < 1
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3, 15))
+@pytest.mark.parametrize("seed", range(2, 15))
 def test_the_rule_for_rims_holds_for_many_bodies(seed):
     assert max(against_finer(*random_body(seed), (1e-3, 3e-4, 1e-4))) < 1
 
