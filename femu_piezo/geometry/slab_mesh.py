@@ -1,8 +1,8 @@
 """Curved hexahedra of high order for slabs: which grid, how fine, and what error of λ is to be expected.
 
 Rectangles and trapezoids are grids, disks and rings are polar; both have a line at every electrode rim and, on both
-sides of it and below the faces, cells that shrink geometrically towards it. What has round corners or holes, and no rims,
-is a plane mesh of gmsh in layers.
+sides of it and below the faces, cells that shrink geometrically towards it. What has round corners or holes, and no
+rims, is a plane mesh of gmsh in layers.
 
 The error of λ is that of waves and edges (`shapes.eigenvalue_error`, `round_body.divisions_for`), and what the
 singularity at a rim leaves with n graded cells on each side, at order p. Measured over plates and disks with partial
