@@ -109,8 +109,8 @@ SMALL = {
 
 
 #: Driven modes below that by NGSolve 6.2 on curved tetrahedra, Hz: `python -m tests.benchmarks.slabs_in_ngsolve PYTHON
-#: --only rounded --order 5`, `--only holed --order 6 --edge 0.6`, `--only "half plate" --edge 0.5` (order 4, two
-#: geometric refinements at the rim). With an order less (half plate: 5 on 0.8 mm) they are within 6e-7, 1.2e-5 and 1.3e-5 in λ.
+#: --only rounded --order 5`, `--only holed --order 6 --edge 0.6`, `--only "half plate" --edge 0.5` (order 4, the rim
+#: refined twice). With an order less (half plate: 5 on 0.8 mm) they are within 6e-7, 1.2e-5 and 1.3e-5 in λ.
 BY_NGSOLVE = {
     "rounded": ([236923.394], [248801.768]),
     "holed": ([188588.138, 322591.944], [194088.650, 334095.676]),
