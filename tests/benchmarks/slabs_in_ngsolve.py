@@ -2,7 +2,8 @@
 
     OMP_NUM_THREADS=1 python -m tests.benchmarks.slabs_in_ngsolve PYTHON_WITH_NGSOLVE [--only rounded …] [--order 4]
 
-from the repository root. A wrapped electrode is not drawn there. tests/verification/test_slab_meshes.py holds our meshes to the numbers printed here.
+from the repository root. Wrapped electrodes are not drawn there. tests/verification/test_slab_meshes.py holds our meshes
+to numbers printed here.
 """
 
 from __future__ import annotations
