@@ -2,7 +2,7 @@
 
     OMP_NUM_THREADS=1 python -m tests.benchmarks.slabs_in_ngsolve PYTHON_WITH_NGSOLVE [--only rounded …] [--order 4]
 
-from the repository root. Wrapped electrodes are not drawn there. tests/verification/test_slab_meshes.py holds our meshes
+from the repository root. No wraps are drawn. tests/verification/test_slab_meshes.py holds our meshes
 to numbers printed here.
 """
 
