@@ -18,7 +18,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from femu_piezo import effects
-    from femu_piezo.api import diagnose, extract, identify, modes, simulate, update
+    from femu_piezo.api import circuit, diagnose, export, extract, identify, modes, simulate, standard_figures, update
     from femu_piezo.errors import ConvergenceError, InputError
     from femu_piezo.measurement.readers import read_spectrum, write_spectrum
     from femu_piezo.measurement.spectrum import ImpedanceSpectrum
@@ -29,8 +29,10 @@ __all__ = [
     "ImpedanceSpectrum",
     "InputError",
     "Specimen",
+    "circuit",
     "diagnose",
     "effects",
+    "export",
     "extract",
     "identify",
     "modes",
@@ -38,12 +40,23 @@ __all__ = [
     "read_specimens",
     "read_spectrum",
     "simulate",
+    "standard_figures",
     "update",
     "write_spectrum",
 ]
 
 _HOMES = {
-    "femu_piezo.api": ("diagnose", "extract", "identify", "modes", "simulate", "update"),
+    "femu_piezo.api": (
+        "circuit",
+        "diagnose",
+        "export",
+        "extract",
+        "identify",
+        "modes",
+        "simulate",
+        "standard_figures",
+        "update",
+    ),
     "femu_piezo.errors": ("ConvergenceError", "InputError"),
     "femu_piezo.measurement.readers": ("read_spectrum", "write_spectrum"),
     "femu_piezo.measurement.spectrum": ("ImpedanceSpectrum",),

@@ -25,8 +25,10 @@ from femu_piezo.specimen.file import Specimen, read_specimens, with_measurement
 if TYPE_CHECKING:
     from femu_piezo.diagnosis.rules import Rules
     from femu_piezo.effects.library import Maker
+    from femu_piezo.output.results.circuit import EquivalentCircuit
     from femu_piezo.output.results.diagnosed import Diagnosed
     from femu_piezo.output.results.extracted import Extracted
+    from femu_piezo.output.results.figures import Figures
     from femu_piezo.output.results.identified import Identified
     from femu_piezo.output.results.modes import Modes
     from femu_piezo.output.results.simulated import Simulated
@@ -67,6 +69,97 @@ def extract(spectrum: AnySweep, *, correct_phase: bool = False, mask_faults: boo
     given = _sweep(spectrum)
     accept = read_spectrum if isinstance(given, Path) else accept_spectrum
     return Extracted.of_study(find(accept(given, correct_phase=correct_phase, mask_faults=mask_faults)))
+
+
+def circuit(
+    source: AnySweep | Specimen, *, correct_phase: bool = False, mask_faults: bool = False
+) -> EquivalentCircuit:
+    """An equivalent circuit (Butterworth and Van Dyke) of a measured sweep, or of a specimen as described.
+
+    One branch for each mode from its residue, elements for C0, its loss and the modes outside.
+
+    Parameters
+    ----------
+    source : a sweep, or a specimen; a path that ends in .toml is one of a specimen
+    correct_phase, mask_faults : of a sweep, as in `extract`
+
+    Raises
+    ------
+    InputError : a file or a sweep cannot serve, or holds no resonance
+    """
+    from femu_piezo.output.results.circuit import EquivalentCircuit
+    from femu_piezo.study.circuit import circuit_of_specimen, circuit_of_sweep
+
+    if isinstance(source, Specimen) or (isinstance(source, (str, Path)) and Path(source).suffix.lower() == ".toml"):
+        return EquivalentCircuit.of_study(circuit_of_specimen(_one(source)))
+    given = _sweep(source)
+    accept = read_spectrum if isinstance(given, Path) else accept_spectrum
+    spectrum = accept(given, correct_phase=correct_phase, mask_faults=mask_faults)
+    return EquivalentCircuit.of_study(circuit_of_sweep(spectrum))
+
+
+def export(
+    result: Updated | Path | str,
+    to: str,
+    *,
+    density: float | None = None,
+    poling: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    folder: Path | str | None = None,
+) -> str:
+    """The material of an update for another program, as text.
+
+    Parameters
+    ----------
+    result : of `update`, or the path of an update.json
+    to : "comsol", "ansys", "abaqus", "opencfs", "sfepy" or "json"
+    density : kg/m³; that of the first specimen where None
+    poling : direction of the poling in the axes of the other program
+    folder : where the text is written as well, into material.txt, material.inp, …; nowhere where None
+
+    Raises
+    ------
+    InputError : the file is no update.json, the program is not known, or the density is missing
+    """
+    from femu_piezo.study.export import constants_of_record, export_text
+
+    if isinstance(result, (Path, str)):
+        constants, known, name = constants_of_record(Path(result))
+    else:
+        constants, known, name = result.constants, result.outcomes[0].measured.problem.density, result.name
+    text = export_text(constants, known if density is None else density, name, to, poling)
+    if folder is not None:
+        from femu_piezo.files import write_atomically
+        from femu_piezo.material.programs.writers import program
+        from femu_piezo.output.folder import prepare_folder
+
+        write_atomically(prepare_folder(Path(folder)) / f"material.{program(to).suffix}", text)
+    return text
+
+
+def standard_figures(spectrum: AnySweep, specimen: AnySpecimen | None = None) -> Figures:
+    """Standard figures of a measured sweep (IEEE 176-1987, EN 50324-2): fs, fp, k, Qm, C^T, N, d, s.
+
+    Without a specimen those that need no body. With one also those by the formulas of its shape, each beside the value
+    of the finite element model of the specimen as its file describes it, and what the formulas get wrong for this
+    piece. `fp.update` has the same beside the updated model: `result.figures`.
+
+    Raises
+    ------
+    InputError : a file, a key or a sweep cannot serve, or no pole with its zero is in the sweep
+    """
+    from femu_piezo.output.results.figures import Figures
+
+    if specimen is None:
+        found = extract(spectrum)
+        if found.figures is None:
+            raise InputError(
+                f"{found.spectrum.source}: no pole with its zero was found, so there are no standard figures; measure "
+                "a band that holds both"
+            )
+        return Figures((found.figures,))
+    from femu_piezo.study.standard_figures import figures_of_specimen
+
+    return Figures(figures_of_specimen(_one(specimen), _sweep(spectrum)))
 
 
 def update(

@@ -30,8 +30,11 @@ Smart Mater. Struct. 31, 2022, 125010).
 \b
   femu-piezo simulate plate.toml --out results    poles, zeros and a sweep of the specimen as described
   femu-piezo extract sweep.csv --out results      poles and zeros of a measured sweep, without any model
+  femu-piezo circuit sweep.csv --out results      an equivalent circuit of it, for SPICE
   femu-piezo modes plate.toml --out results       pictures of the driven modes
   femu-piezo update plate.toml --out results      the constants that explain the measured sweep
+  femu-piezo datasheet plate.toml --out results   one page with constants, standard figures and curves
+  femu-piezo export update.json --to comsol --out results    the material for another program
   femu-piezo batch lot --out results              update every specimen of a folder, one table and a lot report
   femu-piezo diagnose plate.toml --out results    what the simulation gets wrong, and the named cause
   femu-piezo identify plate.toml --out results    which constants such a sweep tells, which tolerance to improve
@@ -151,18 +154,55 @@ def simulate(specimen: Path, out: Path, full_order: bool) -> None:
 @_out
 @_correct_phase
 @_mask_faults
-def extract(file: Path, out: Path, correct_phase: bool, mask_faults: bool) -> None:
+@click.option(
+    "--connection",
+    type=click.Choice(["reflection", "series", "shunt"]),
+    help="of the piece in a Touchstone file  [default: found out]",
+)
+@click.option(
+    "--columns", metavar="NAMES", help='what the columns are, in place of a header: "f (Hz), R (Ohm), X (Ohm)"'
+)
+def extract(
+    file: Path, out: Path, correct_phase: bool, mask_faults: bool, connection: str | None, columns: str | None
+) -> None:
     """Extract poles and zeros with uncertainties from the sweep FILE.
 
-    Reads CSV and delimited text whose header names the columns (|Z| and phase, R and X, G and B), HP 4294A and
-    Keysight E4990A exports. Writes extraction.json and extraction.png.
+    Reads CSV and delimited text whose header names the columns (|Z| and phase, R and X, G and B, Cp and D; decimal
+    points or commas), such as Bode 100, WaveForms and LCR meters write, HP 4294A, Keysight E4990A and E5061B exports,
+    and Touchstone of one or two ports (.s1p, .s2p in series or shunt). Writes extraction.json and extraction.png. Both
+    have the standard figures that need no body (fs, fp, fm, fn, fr, fa, k_eff, Qm, capacitance, tan δ; IEEE 176-1987,
+    EN 50324-2).
     """
     from femu_piezo.api import extract as run
     from femu_piezo.measurement.readers import read_spectrum
 
-    spectrum = read_spectrum(file, correct_phase=correct_phase, mask_faults=mask_faults)
+    names = None if columns is None else [name.strip() for name in columns.split(",")]
+    spectrum = read_spectrum(
+        file, correct_phase=correct_phase, mask_faults=mask_faults, connection=connection, columns=names
+    )
     _prepare(out)
     result = run(spectrum)
+    result.save(out)
+    _show(result)
+
+
+@main.command()
+@click.argument("source", type=click.Path(path_type=Path), metavar="SWEEP|SPEC")
+@_out
+@_correct_phase
+@_mask_faults
+def circuit(source: Path, out: Path, correct_phase: bool, mask_faults: bool) -> None:
+    """Make an equivalent circuit of a measured sweep, or of a specimen file (*.toml) as it describes the piece.
+
+    One branch (Butterworth, Van Dyke) for each mode, exact for its complex residue: L, R and C with a resistance across
+    C, with standard deviations; a capacitor, relaxations for its loss, and the modes outside the sweep. Writes
+    circuit.cir (a SPICE subcircuit for ngspice and LTspice), circuit.json, circuit.png, and the curve of the circuit as
+    circuit.s1p (Touchstone) and circuit.csv.
+    """
+    from femu_piezo.api import circuit as run
+
+    result = run(source, correct_phase=correct_phase, mask_faults=mask_faults)
+    _prepare(out)
     result.save(out)
     _show(result)
 
@@ -189,7 +229,9 @@ def update(
     Several SPEC files, or a study file with specimens = ["a.toml", "b.toml"], are specimens of one material, fitted
     together: the [material] and [update] tables of the first rule. Writes update.json, impedance.png (measured,
     baseline and updated), iterations.png, sensitivity.png and updated.csv (the updated model at the measured
-    frequencies); numbered where there are several specimens. With --report also report.html, which holds all of it.
+    frequencies); numbered where there are several specimens. The standard figures (k31, Qm, N, s, d by the formulas
+    of IEEE 176-1987 for the shape) stand beside the finite element values, with what the formulas get wrong for this
+    piece. With --report also report.html, which holds all of it.
     """
     from femu_piezo.api import update as run
     from femu_piezo.specimen.file import read_specimens
@@ -323,18 +365,83 @@ def diagnose(
 @main.command()
 @_specimen
 @_out
+@_data
+@_correct_phase
+@_mask_faults
+def datasheet(specimen: Path, out: Path, data: Path | None, correct_phase: bool, mask_faults: bool) -> None:
+    """Make a data sheet of the specimen SPEC from its measured sweep: one page, A4.
+
+    Updates the free constants as `update` does and writes datasheet.pdf and datasheet.png (constants with deviations,
+    standard figures by IEEE 176-1987 and EN 50324-2 beside the finite element values, what the formulas get wrong for
+    this piece, curves) and update.json.
+    """
+    from femu_piezo.api import update as run
+    from femu_piezo.specimen.file import read_specimens
+
+    wanted = read_specimens([specimen], data)
+    _prepare(out)
+    with _steps_shown() as progress:
+        result = run(wanted, correct_phase=correct_phase, mask_faults=mask_faults, progress=progress)
+    result.save_data_sheet(out)
+    _show(result)
+
+
+@main.command()
+@click.argument("file", type=click.Path(path_type=Path), metavar="UPDATE.json")
+@click.option(
+    "--to",
+    required=True,
+    type=click.Choice(["comsol", "ansys", "abaqus", "opencfs", "sfepy", "json"]),
+    help="program that the material is for",
+)
+@_out
+@click.option("--density", type=click.FloatRange(1, 1e5), help="kg/m³  [default: that of the specimen]")
+@click.option(
+    "--poling",
+    nargs=3,
+    type=float,
+    default=(0.0, 0.0, 1.0),
+    metavar="X Y Z",
+    help="direction of the poling in the axes of the program  [default: 0 0 1]",
+)
+def export(file: Path, to: str, out: Path, density: float | None, poling: tuple[float, float, float]) -> None:
+    """Write the constants of UPDATE.json, which `update` wrote, as a material of another program.
+
+    Writes material.txt (COMSOL parameters), .mac (ANSYS), .inp (Abaqus), .xml (openCFS), .py (SfePy) or .json: the full
+    stress-charge matrices with notes on order, sign and loss. COMSOL, openCFS, SfePy and JSON get complex constants,
+    ANSYS and Abaqus real ones and the loss factors that they take.
+    """
+    from femu_piezo.api import export as run
+
+    run(file, to, density=density, poling=poling, folder=out)
+    click.echo(f"the material of {file} for {to} is in {out}")
+
+
+@main.command()
+@_specimen
+@_out
 @click.option("--count", type=click.IntRange(1, 200), help="only so many modes, the lowest ones")
 @click.option("--band", nargs=2, type=float, metavar="LOW HIGH", help="only modes with poles in this band, Hz")
 @click.option("--animate", is_flag=True, help="an animated GIF of every mode as well")
 @click.option("--html", "scene", is_flag=True, help="an interactive scene as well (one HTML file, no network)")
+@click.option("--vtu", is_flag=True, help="every mode in the whole body for ParaView as well (VTU)")
+@click.option("--mesh", is_flag=True, help="the mesh with its electrodes as well (gmsh .msh and Abaqus .inp)")
 def modes(
-    specimen: Path, out: Path, count: int | None, band: tuple[float, float] | None, animate: bool, scene: bool
+    specimen: Path,
+    out: Path,
+    count: int | None,
+    band: tuple[float, float] | None,
+    animate: bool,
+    scene: bool,
+    vtu: bool,
+    mesh: bool,
 ) -> None:
     """Draw the driven modes of the specimen SPEC: poles and zeros, what the body does, k_eff.
 
     Writes modes.json, mode_01.png, mode_02.png … and the sheet modes.png; with --animate mode_01.gif …, with
-    --html modes.html. The band ends by default at 3.5 times the expected fundamental. Constants, dimensions and density
-    are those of the specimen with its [effects], where a fit left it ([fitted]).
+    --html modes.html, with --vtu mode_01.vtu …, with --mesh mesh.msh and mesh.inp. The band ends by default at 3.5
+    times the expected fundamental. Constants, dimensions and density are those of the specimen with its [effects],
+    where a fit left it ([fitted]).
     """
     from femu_piezo.api import modes as run
     from femu_piezo.specimen.file import read_specimen
@@ -342,7 +449,7 @@ def modes(
     wanted = read_specimen(specimen)
     _prepare(out)
     result = run(wanted, band=band, count=count)
-    result.save(out, animate=animate, scene=scene)
+    result.save(out, animate=animate, scene=scene, vtu=vtu, mesh=mesh)
     _show(result)
     click.echo(f"{len(result.modes)} modes, {result.model.size} unknowns → {out / 'modes.png'}")
 

@@ -10,9 +10,10 @@ run.
 from __future__ import annotations
 
 import os
+from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
+from functools import lru_cache, wraps
 from threading import Lock, RLock
 from typing import Any, TypeVar
 
@@ -36,6 +37,17 @@ def blas_limit(threads: int = 1):
     return _blas().limit(limits=min([threads, *current]))
 
 
+def with_blas_limit(work: Callable[..., Result]) -> Callable[..., Result]:
+    """The function within `blas_limit`: threads of a BLAS that wait for work take the cores from those that do it."""
+
+    @wraps(work)
+    def limited(*given, **named) -> Result:
+        with blas_limit():
+            return work(*given, **named)
+
+    return limited
+
+
 def available_cores() -> int:
     """Cores that this process may use; no more than OMP_NUM_THREADS where that is set."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -49,22 +61,36 @@ def useful_threads(unknowns: int) -> int:
 
 
 class Once:
-    """Values by key, each made once however many threads ask for it."""
+    """Values by key, each made once however many threads ask for it.
 
-    def __init__(self) -> None:
-        self._values: dict[Hashable, Any] = {}
+    Parameters
+    ----------
+    latest : how many are kept, those used last; all where None
+    """
+
+    def __init__(self, latest: int | None = None) -> None:
+        self._values: OrderedDict[Hashable, Any] = OrderedDict()
         self._locks: dict[Hashable, RLock] = {}
-        self._guard = Lock()
+        self._guard, self._latest = Lock(), latest
 
     def get(self, key: Hashable, make: Callable[[], Result]) -> Result:
         """The value of a key, made by the first thread that asks for it."""
-        if key not in self._values:
-            with self._guard:
-                lock = self._locks.setdefault(key, RLock())
-            with lock:
-                if key not in self._values:
-                    self._values[key] = make()
-        return self._values[key]
+        with self._guard:
+            if key in self._values:
+                self._values.move_to_end(key)
+                return self._values[key]
+            lock = self._locks.setdefault(key, RLock())
+        with lock:
+            if key not in self._values:
+                return self._keep(key, make())
+        return self.get(key, make)
+
+    def _keep(self, key: Hashable, value: Result) -> Result:
+        with self._guard:
+            self._values[key] = value
+            while self._latest is not None and len(self._values) > self._latest:
+                self._values.popitem(last=False)
+        return value
 
 
 def in_parallel(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:

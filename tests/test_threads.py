@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from femu_piezo.threads import in_parallel
+from femu_piezo.threads import Once, in_parallel
 
 
 @pytest.mark.parametrize("cores", ["1", "2"])
@@ -34,3 +35,20 @@ def test_an_error_comes_through(monkeypatch):
     monkeypatch.setattr("femu_piezo.threads.available_cores", lambda: 2)
     with pytest.raises(ZeroDivisionError):
         list(in_parallel(lambda i: 1 / i, [1, 0, 2]))
+
+
+def test_values_are_made_once_by_many_threads_and_the_latest_kept():
+    made, values = [], Once(latest=2)
+
+    def make(key):
+        made.append(key)
+        time.sleep(0.01)
+        return key.upper()
+
+    with ThreadPoolExecutor(8) as pool:
+        found = list(pool.map(lambda key: values.get(key, lambda: make(key)), "aaaabbbb"))
+    assert found == [*"AAAABBBB"] and sorted(made) == ["a", "b"]
+    values.get("c", lambda: make("c"))
+    values.get("a", lambda: make("a"))
+    assert sorted(made) == ["a", "a", "b", "c"]  # a was the oldest
+    assert values.get("c", lambda: make("c")) == "C" and len(made) == 4

@@ -234,14 +234,18 @@ class _Search:
             for current in beam:
                 self._keep(f for _, f in self._expand(current.fit))
             if size == 1 and self._rules.most_causes > 1:
-                self._keep(self._pairs())
-            best, tried = self._best().log_posterior, bool(beam)
-            beam = sorted((h for h in self._known.values() if len(h.keys) == size), key=lambda h: -h.log_posterior)
-            beam = [one for one in beam[: self._rules.beam] if one.log_posterior > best - self._rules.contender]
+                self._keep(self._pairs(frozenset().union(*(one.keys for one in self._beam(1)))))
+            best, tried, beam = self._best().log_posterior, bool(beam), self._beam(size)
             if tried and best <= before:
                 break
         while self._exchange():
             pass
+
+    def _beam(self, size: int) -> list[Hypothesis]:
+        """The best sets of so many causes, those that may yet become the best of all."""
+        found = sorted((h for h in self._known.values() if len(h.keys) == size), key=lambda h: -h.log_posterior)
+        least = self._best().log_posterior - self._rules.contender
+        return [one for one in found[: self._rules.beam] if one.log_posterior > least]
 
     def _best(self) -> Hypothesis:
         return max(self._known.values(), key=lambda one: one.log_posterior)
@@ -313,7 +317,7 @@ class _Search:
             worth = [n for n in by_promise[first : first + _AT_ONCE] if promised[n] > reach()]
             rough.update(zip(worth, in_parallel(roughly, worth), strict=True))
             settled.update({n: odds(rough[n], candidates[n]) for n in worth if rough[n] is not None})
-        least = reach()
+        least = max(settled.values(), default=-np.inf) - self._rules.contender
 
         def hoped(number: int, one: Fit) -> float:
             """Log odds of a rough fit brought to its end; the first cause may yet reach what linearisation promised."""
@@ -351,22 +355,26 @@ class _Search:
             return rough
         return self._fitted(places[0].linear.parameters, further if rough is None else [rough.x, *further])
 
-    def _pairs(self) -> list[Fit | None]:
-        """The two causes that linearisation finds best together, fitted: each may explain little by itself."""
+    def _pairs(self, enlarged: frozenset[str]) -> list[Fit | None]:
+        """The pairs that linearisation finds best, fitted: each cause may explain little by itself.
+
+        enlarged : causes that are enlarged by every other one anyhow
+        """
         current, alone = self._base.fit, self._smooth_starts
         promised: dict[frozenset[str], tuple[float, int, int]] = {}
         promises = promises_together(current, alone)
         for first, second in combinations(range(len(alone)), 2):
             causes = alone[first].cause, alone[second].cause
-            if causes[0].title != causes[1].title:
-                keys = frozenset(cause.key for cause in causes)
+            keys = frozenset(cause.key for cause in causes)
+            if causes[0].title != causes[1].title and not keys & enlarged:
                 promise = promises[first, second] + sum(self._log_prior[cause.key] for cause in causes)
                 promised[keys] = max(promised.get(keys, (-np.inf, 0, 0)), (float(promise), first, second))
         best = sorted(promised.items(), key=lambda item: -item[1][0])[:_PAIRS]
+        least = self._best().log_posterior - self._reach([self._best().fit])
         worth = [
             start_together(current, alone[first], alone[second])
             for keys, (promise, first, second) in best
-            if promise > self._best().log_posterior + self._rules.promise and keys not in self._known
+            if promise > least and keys not in self._known
         ]
         self._tell("pairs")
         return list(in_parallel(lambda s: self._fitted(s.linear.parameters, [s.x, s.alone()]), worth))

@@ -93,20 +93,23 @@ def judge(comparison: Comparison, frequency: np.ndarray) -> Verdict:
     )
     unexplained = _unexplained(comparison.base, comparison.final) if comparison.discrepant else 0.0
     causes = tuple(_cause(found, comparison, moves, 1 - unexplained) for found in comparison.found)
-    discrepant = comparison.discrepant and _beyond_noise(comparison.final)
+    discrepant = comparison.discrepant and _beyond_noise(comparison.final, comparison.rules.significant)
     unknown = discrepant and (not causes or unexplained > comparison.rules.unexplained)
     word = "unknown" if unknown else "effect" if causes else "none"
     hidden = tuple((t.effect, t.nearest) for t in moves if t.hidden)
     return Verdict(word, causes, before, after, unexplained, hidden)
 
 
-def _beyond_noise(final: Fit) -> bool:
+def _beyond_noise(final: Fit, significant: float) -> bool:
     """Whether a discrepancy changes log Z by more than the noise of a point; a smaller one is noise that is correlated.
 
-    It widens the intervals all the same. The noise is that which is left beside the discrepancy: an estimate from the
-    roughness of the sweep is too low where neighbours err alike.
+    It widens the intervals all the same. The noise is that which is left beside the discrepancy, as far as it is
+    uncertain: an estimate from the roughness of the sweep is too low where neighbours err alike.
+
+    significant : deviations of its logarithm by which a noise level may be off
     """
-    return final.learned.sigma > final.noise_scale * float(np.sqrt(np.mean(final.data.relative_noise**2)))
+    level = min(final.noise_scale, float(np.exp(significant * final.data.level_std)))
+    return final.learned.sigma > max(level, 1.0) * float(np.sqrt(np.mean(final.data.relative_noise**2)))
 
 
 def _unexplained(base: Fit, final: Fit) -> float:

@@ -8,6 +8,7 @@ An effect changes the affine model A = Σ c_q A_q − ω² M at one or more of t
     terms       further stiffness or inertia terms on the mesh          + c(ω, p) A_extra, − ω² m(p) M_extra
     local       terms at a place that is itself a parameter             + c(ω, p) A(p), on the reduced plate
     circuit     a two-port around the terminals                         Z → Z'(ω, p)
+    acquisition how the sweep was taken                                 Z(·) → Z'(ω, p)
 
 Effects compose in an order of their own (`Effect.place`), whatever list they stand in. Each file of
 `femu_piezo.effects.library` holds one cause; it needs no change anywhere else.
@@ -17,7 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -39,6 +41,22 @@ DensityHook = Callable[[np.ndarray], tuple[float, np.ndarray]]
 CoefficientHook = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 #: (ω (k,), Z (k,), p (n,)) → Z' (k,), ∂Z'/∂Z (k,), ∂Z'/∂p (k, n)
 CircuitHook = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+class Reached(Protocol):
+    """What an acquisition acts on: Z as it is inside of it, at any frequencies."""
+
+    def __call__(
+        self, omega: np.ndarray, *beside: tuple[Effect, np.ndarray], slopes: bool = True
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Z (k,) and ∂Z/∂x (k, n_x) at frequencies (k,) rad/s, with further effects at given values beside.
+
+        slopes : whether they are wanted; else (k, 0)
+        """
+
+
+#: (Z inside, ω (k,), p (n,)) → Z' (k,), ∂Z'/∂x (k, n_x), ∂Z'/∂p (k, n)
+AcquisitionHook = Callable[[Reached, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -140,7 +158,7 @@ class Effect:
     sites : (m, n) parameters to start a fit from: the size, then where it sits. How Z moves with a small size tells
         how promising each is and what size it asks for
     onset : terms whose slopes in the size hold at size zero, where those of `local` do not
-    outward : place of the circuit on the way from the body to the instrument, the lowest first
+    outward : place of the circuit or acquisition on the way from the body to the instrument, the lowest first
     freed : whether every fit has it with the prior of a cause, as the specimen file asks
     """
 
@@ -158,6 +176,7 @@ class Effect:
     terms: tuple[ExtraTerm, ...] = ()
     local: LocalHook | None = None
     circuit: CircuitHook | None = None
+    acquisition: AcquisitionHook | None = None
     dispersive: bool = False
     sectors: tuple[str, ...] = ()
     sites: np.ndarray | None = None
@@ -189,12 +208,12 @@ class Effect:
         follow outward, the instrument is last."""
         return self.outward, self.dispersive
 
-    @property
+    @cached_property
     def key(self) -> str:
         """Name, variant, specimen and law, unique in the library."""
         return f"{self.title}/{self.law}" if self.law else self.title
 
-    @property
+    @cached_property
     def title(self) -> str:
         """The cause in words of the library: its name, with the constant it is about and the specimen that has it."""
         name = f"{self.name}:{self.variant}" if self.variant else self.name
@@ -254,6 +273,7 @@ class EffectContext:
         relative "accuracy" and "phase_accuracy" (rad) of the instrument. What has none is known exactly.
     weighed : whether the density follows from a mass, so that a larger body is a lighter material
     band_Hz : lowest and highest frequency of the sweep
+    pace_Hz : frequencies of the sweep after even shares of its time, rising; `band_Hz` at an even pace where empty
     dimensions : length, width, thickness of a plate with three mirror planes, m; None for other bodies
     poling : "thickness" (k31) or "length" (k33)
     """
@@ -270,3 +290,4 @@ class EffectContext:
     tolerances: Mapping[str, float] = field(default_factory=dict)
     band_Hz: tuple[float, float] = (100.0, 1e6)
     weighed: bool = False
+    pace_Hz: tuple[float, ...] = ()

@@ -25,6 +25,8 @@ from femu_piezo.forward.reduction import ReducedModel, reduce_model
 from femu_piezo.material.constants import E_FORM, ElasticForm, PiezoConstants
 from femu_piezo.threads import Once, blas_limit
 
+#: Selections of sectors whose terms are kept, a large one 100 MB; the terms of their classes, a tenth of that, all are.
+_MODELS = 4
 #: Relative stretch of each dimension that the basis is trained for.
 _STRETCH = 0.02
 
@@ -115,7 +117,7 @@ class ExtendedModel:
             return diagonalise(stiffness, driven.bulk, driven.displacements, driven.admittance_factor)
 
     def restricted(self, wanted: Iterable[str]) -> ExtendedModel:
-        """The model with the driven sector and those that are wanted alone; kept for the next call."""
+        """The model with the driven sector and those that are wanted alone; the latest are kept."""
         return self._source.model(wanted)
 
     def _by_class(self, block: Callable[[tuple[str, ...]], np.ndarray]) -> np.ndarray:
@@ -134,7 +136,7 @@ class _Source:
 
     def __init__(self, fields: SectorFields, matrices: Mapping[str, sp.spmatrix], stretching: bool) -> None:
         self._fields, self._matrices = fields, dict(matrices)
-        self.reduced, self.shared = fields.reduced, Once()
+        self.reduced, self.shared, self._models = fields.reduced, Once(), Once(_MODELS)
         tensors = fields.weighted.model.unit_tensors
         self._parts, self.owner, self.exponents = _strata(tensors) if stretching else _whole(tensors)
 
@@ -148,7 +150,7 @@ class _Source:
         """With the driven sector and those that are wanted."""
         wanted = {DRIVEN, *wanted}
         names = tuple(name for name in self._fields.names if name in wanted)
-        return self.shared.get(names, lambda: ExtendedModel(self, self._fields.select(names)))
+        return self._models.get(names, lambda: ExtendedModel(self, self._fields.select(names)))
 
     def strata(self, names: tuple[str, ...]) -> np.ndarray:
         """(n_s, k, k) on the sectors of one parity class."""

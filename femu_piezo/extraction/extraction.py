@@ -70,7 +70,7 @@ def _extract(spectrum: ImpedanceSpectrum, max_modes: int | None, method: Method)
     band = (float(spectrum.frequency[0]), float(spectrum.frequency[-1]))
     if method == "prony_ss":
         roots, result, data = _prony_ss(sweep)
-        noise, tried, phi = noise_of(result, sweep), (), 0j
+        noise, tried, phi, reported = noise_of(result, sweep), (), 0j, None
     else:
         estimate = maximum_likelihood(sweep, MAX_MODES if max_modes is None else max_modes)
         result, data, noise, tried = estimate.fit, estimate.data, estimate.noise, estimate.orders
@@ -78,7 +78,8 @@ def _extract(spectrum: ImpedanceSpectrum, max_modes: int | None, method: Method)
         scale = result.scale if noise.origin == "residual" else _inflation(result, findings)
         spread = jackknife_spread(result, data) if phi else None
         fisher = fisher_spread(result.model, data, scale)
-        roots = resonances(result.model, fisher, spread or fisher, band)
+        reported = spread or fisher
+        roots = resonances(result.model, fisher, reported, band)
     findings = gravest_first(findings + find_systematic(phi) + find_reversed(data) + find_missing(roots, spectrum))
     impedance = 1 / result.model.admittance(spectrum.omega)
     residual = np.full(n, complex("nan+nanj"))
@@ -99,6 +100,7 @@ def _extract(spectrum: ImpedanceSpectrum, max_modes: int | None, method: Method)
         orders=tried,
         findings=findings,
         method=method,
+        spread=reported,
     )
 
 

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
+from femu_piezo.extraction.covariance import Spread
 from femu_piezo.extraction.limitations import Finding
 from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.noise_level import NoiseUsed
 from femu_piezo.extraction.order import Candidate
-from femu_piezo.extraction.roots import Pair
+from femu_piezo.extraction.roots import Pair, fundamental
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.resonances import Resonance, ResonanceSet
+from femu_piezo.standards.figures import StandardFigures, read_curve, standard_figures
+from femu_piezo.standards.piece import Piece
 
 Method = Literal["maximum_likelihood", "prony_ss"]
 
@@ -37,6 +41,7 @@ class Extraction:
     orders : every model order tried, with its evidence
     findings : what is missing or doubtful, each a code and a sentence
     method : how the resonances were obtained
+    spread : of the parameters of `model`, None where no covariance is known
     """
 
     spectrum: ImpedanceSpectrum
@@ -52,6 +57,18 @@ class Extraction:
     orders: tuple[Candidate, ...]
     findings: tuple[Finding, ...]
     method: Method = "maximum_likelihood"
+    spread: Spread | None = None
+
+    @cached_property
+    def figures(self) -> StandardFigures | None:
+        """Standard figures of the fundamental, without any body; None where there is no pole with its zero."""
+        pair = fundamental(self.pairs)
+        if pair is None or self.model is None:
+            return None
+        piece = Piece("other", 1.0, None, None, 1.0)
+        points = (self.spectrum.frequency, self.spectrum.impedance)
+        reading = read_curve(self.model.admittance, points, pair.pole, pair.zero, piece)
+        return standard_figures(piece, reading, pair.pole, pair.zero)
 
     @property
     def status(self) -> str:
@@ -112,6 +129,7 @@ class Extraction:
             "points_used": int(np.count_nonzero(self.used)),
             "method": self.method,
             "status": self.status,
+            "standard_figures": None if self.figures is None else self.figures.to_json(),
             "notes": list(self.notes),
             "remarks": list(self.remarks),
         }

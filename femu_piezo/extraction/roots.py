@@ -14,6 +14,7 @@ from femu_piezo.resonances import Kind, Resonance, ResonanceSet, effective_coupl
 
 MAX_RELATIVE_STD_LOSS = 0.35  # a resonance has its loss known to better than this
 MIN_RESIDUE_SIGMA = 4.0  # |residue| in units of its standard deviation
+_STRONG = 0.6  # share of the strongest coupling from which a pair may be the fundamental
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,19 @@ def pair(found: ResonanceSet) -> tuple[Pair, ...]:
     gap = np.array([[z.frequency_Hz - p.frequency_Hz for z in found.zeros] for p in found.poles])
     rows, columns = linear_sum_assignment(np.sqrt(np.abs(gap)))
     return tuple(_coupled(found, i, j) for i, j in zip(rows, columns, strict=True))
+
+
+def fundamental(pairs: tuple[Pair, ...]) -> Pair | None:
+    """The lowest pair that is coupled at least 0.6 times as strongly as the strongest; None where there is no pair.
+
+    Length modes lose coupling with the square of their order, but a width mode may be coupled as strongly as the
+    fundamental; flexural and lateral intruders are weak.
+    """
+    sound = [pair for pair in pairs if np.isfinite(pair.k_eff)]
+    if not sound:
+        return None
+    strongest = max(pair.k_eff for pair in sound)
+    return min((pair for pair in sound if pair.k_eff >= _STRONG * strongest), key=lambda pair: pair.pole.frequency_Hz)
 
 
 def _coupled(found: ResonanceSet, i: int, j: int) -> Pair:

@@ -52,19 +52,56 @@ def prolongation(basis: skfem.Basis, domain: Domain, potential_scale: float) -> 
     return sp.csr_matrix((values, (rows, columns)), shape=(FIELDS * n, free.size + 1))
 
 
-def electrode_film(model: ElectroelasticModel) -> sp.csr_matrix:
-    """∫ v·u over the electrodes of the computed part that are real faces, (4n, 4n), m² per unit of displacement².
+class _Faces:
+    """The electrodes of the computed part that are real faces, with the shapes of a scalar basis on them.
 
     A plane of antisymmetric potential is a ground of the part but no face of the body.
     """
-    basis, domain = model.basis, model.domain
-    faces = [name for name in (*domain.hot, *domain.ground) if name not in domain.symmetry]
-    facets = np.concatenate([basis.mesh.boundaries[face] for face in faces])
-    on = skfem.FacetBasis(basis.mesh, basis.elem, facets=facets, intorder=2 * model.order + 2)
-    value = np.stack([np.broadcast_to(shape[0], on.dx.shape) for shape in on.basis], axis=1)
-    local = (value * on.dx[:, None]) @ value.transpose(0, 2, 1)  # (facets, shapes, shapes)
-    dofs = np.asarray(on.element_dofs).T
-    rows, columns = np.broadcast_to(dofs[:, :, None], local.shape), np.broadcast_to(dofs[:, None], local.shape)
-    some = local != 0
-    block = sp.csr_matrix((local[some], (rows[some], columns[some])), shape=(basis.N, basis.N))
-    return sp.block_diag([block, block, block, sp.csr_matrix(block.shape)], format="csr")
+
+    def __init__(self, model: ElectroelasticModel) -> None:
+        basis, domain = model.basis, model.domain
+        faces = [name for name in (*domain.hot, *domain.ground) if name not in domain.symmetry]
+        facets = np.concatenate([basis.mesh.boundaries[face] for face in faces])
+        on = skfem.FacetBasis(basis.mesh, basis.elem, facets=facets, intorder=2 * model.order + 2)
+        self._dofs, self._dx, self._size, self._shapes = np.asarray(on.element_dofs).T, on.dx, basis.N, on.basis
+
+    def values(self) -> np.ndarray:
+        """(facets, shapes, points) values of the shapes."""
+        return np.stack([np.broadcast_to(shape[0], self._dx.shape) for shape in self._shapes], axis=1)
+
+    def slopes(self, axis: int) -> np.ndarray:
+        """(facets, shapes, points) their derivatives along an axis."""
+        return np.stack([np.broadcast_to(shape[0].grad[axis], self._dx.shape) for shape in self._shapes], axis=1)
+
+    def product(self, left: np.ndarray, right: np.ndarray) -> sp.csr_matrix:
+        """∫ left_i right_j dS (n, n)."""
+        local = (left * self._dx[:, None]) @ right.transpose(0, 2, 1)  # (facets, shapes, shapes)
+        rows, columns = (np.broadcast_to(own, local.shape) for own in (self._dofs[:, :, None], self._dofs[:, None]))
+        some = local != 0
+        return sp.csr_matrix((local[some], (rows[some], columns[some])), shape=(self._size, self._size))
+
+
+def electrode_film(model: ElectroelasticModel, directions: tuple[int, ...] = (0, 1, 2)) -> sp.csr_matrix:
+    """∫ v·u over the electrodes that are real faces, (4n, 4n), m² per unit of displacement².
+
+    directions : components of u that take part
+    """
+    faces = _Faces(model)
+    block = faces.product(faces.values(), faces.values())
+    none = sp.csr_matrix(block.shape)
+    return sp.block_diag([block if axis in directions else none for axis in range(FIELDS)], format="csr")
+
+
+def electrode_membrane(model: ElectroelasticModel, poisson: float) -> sp.csr_matrix:
+    """Plane stress of a film on electrodes normal to z, (4n, 4n), per N/m of E h/(1 − ν²).
+
+    ∫ ε_xx² + ε_yy² + 2ν ε_xx ε_yy + (1 − ν)/2 γ_xy² dS as a quadratic form
+    """
+    faces = _Faces(model)
+    x, y = faces.slopes(0), faces.slopes(1)
+    shear = (1 - poisson) / 2
+    mixed = poisson * faces.product(x, y) + shear * faces.product(y, x)
+    along, across = faces.product(x, x), faces.product(y, y)
+    none = sp.csr_matrix((2 * along.shape[0],) * 2)
+    plane = sp.bmat([[along + shear * across, mixed], [mixed.T, across + shear * along]])
+    return sp.block_diag([plane, none], format="csr")

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -67,6 +68,13 @@ class Discrepancy:
 
 def components(log_frequency: np.ndarray, length: float) -> np.ndarray:
     """(k, m) values of the principal components of a process of unit variance at log f (k,), scaled by their σ."""
+    return _components(np.ascontiguousarray(log_frequency, dtype=float).tobytes(), length)
+
+
+@lru_cache(maxsize=32)
+def _components(frequencies: bytes, length: float) -> np.ndarray:
+    """Of the same, kept: the fits of a sweep ask for them again and again."""
+    log_frequency = np.frombuffer(frequencies)
     low, high = float(log_frequency.min()), float(log_frequency.max())
     at = np.linspace(low, high, int(np.ceil(6 / length)) + 1)
     kernel = np.exp(-0.5 * ((at[:, None] - at) / (length * (high - low))) ** 2)
@@ -120,14 +128,14 @@ def learn_discrepancy(
         values, vectors = np.linalg.eigh(columns.T @ columns - inside.T @ inside)
         values = np.maximum(values, 0.0)
         along = (vectors.T @ (columns.T @ residual[:rows])) ** 2
-        for size in _SIGMAS:
-            shrunk = size**2 / (1 + size**2 * values)
-            left = chi_square - float(along @ shrunk)
-            price = 0.5 * float(np.sum(np.log1p(size**2 * values)))
-            found.append(profiled(left, rows, data.level_std) - price - plain)
-            if found[-1] > best[0]:
-                best = found[-1], left, size, length, share, columns
-    gain = float(logsumexp(found) - np.log(len(found)))
+        grown = 1 + _SIGMAS[:, None] ** 2 * values
+        left = chi_square - (_SIGMAS[:, None] ** 2 / grown) @ along
+        gains = profiled(left, rows, data.level_std) - 0.5 * np.sum(np.log(grown), axis=1) - plain
+        found.append(gains)
+        most = int(np.argmax(gains))
+        if gains[most] > best[0]:
+            best = gains[most], left[most], _SIGMAS[most], length, share, columns
+    gain = float(logsumexp(found) - np.log(np.size(found)))
     _, left, size, length, share, columns = best
     sigma = float(size * noise_level(left, rows, data.level_std))
     return Discrepancy(sigma, length, share, gain, size * columns)
@@ -137,36 +145,36 @@ def learn_discrepancy(
 _FLOOR = 3.0
 
 
-def noise_level(chi_square: float, freedom: float, level_std: float) -> float:
+def noise_level(chi_square: np.ndarray | float, freedom: float, level_std: float) -> np.ndarray | float:
     """Factor s on the noise: the most probable one, its logarithm known beforehand to `level_std`.
+
+    chi_square : one, or (m,), each of which has its own factor
 
     Maximises −n log s − χ²/(2 s²) + log p(log s). The prior p is Gaussian near 1. Its tail above is that of Cauchy's
     distribution, since a stated noise may be a mere guess; below it ends at −3 level_std, since what was seen between
     neighbours, and the error of the model, is there.
     """
-    floor = -_FLOOR * level_std
-    found = []
-    for level in (0.0, 0.5 * np.log(max(chi_square, 1e-12) / freedom)):
-        for _ in range(60):
-            pull, hold = chi_square * np.exp(-2 * level), 2 / (2 * level_std**2 + level**2)
-            step = (pull - freedom - hold * level) / (2 * pull + hold)
-            level = max(level + step, floor)
-            if abs(step) < 1e-12 or level == floor:
-                break
-        found.append((_log_likelihood(level, chi_square, freedom, level_std), level))
-    return float(np.exp(max(found)[1]))
+    given, floor = np.asarray(chi_square, dtype=float), -_FLOOR * level_std
+    level = np.stack([np.zeros_like(given), 0.5 * np.log(np.maximum(given, 1e-12) / freedom)])
+    for _ in range(60):
+        pull, hold = given * np.exp(-2 * level), 2 / (2 * level_std**2 + level**2)
+        old, level = level, np.maximum(level + (pull - freedom - hold * level) / (2 * pull + hold), floor)
+        if np.max(np.abs(level - old)) < 1e-12:
+            break
+    first, second = (_log_likelihood(one, given, freedom, level_std) for one in level)
+    return np.exp(np.where(first > second, *level))[()]
 
 
-def log_level_prior(level: float, level_std: float) -> float:
-    """log p of the logarithm of a noise level, up to a constant."""
-    return -float(np.log1p(0.5 * (level / level_std) ** 2))
+def log_level_prior(level: np.ndarray | float, level_std: float) -> np.ndarray | float:
+    """log p of the logarithm of a noise level (one, or an array (m,) of them), up to a constant."""
+    return -np.log1p(0.5 * (level / level_std) ** 2)
 
 
-def _log_likelihood(level: float, chi_square: float, freedom: float, level_std: float) -> float:
+def _log_likelihood(level, chi_square, freedom: float, level_std: float):
     return -freedom * level - 0.5 * chi_square * np.exp(-2 * level) + log_level_prior(level, level_std)
 
 
-def profiled(chi_square: float, freedom: float, level_std: float) -> float:
-    """log likelihood of a χ² at its most probable noise level, up to a constant."""
+def profiled(chi_square: np.ndarray | float, freedom: float, level_std: float) -> np.ndarray | float:
+    """log likelihood of χ² (one, or (m,)) at its most probable noise level, up to a constant."""
     level = np.log(noise_level(chi_square, freedom, level_std))
-    return float(_log_likelihood(level, chi_square, freedom, level_std))
+    return _log_likelihood(level, chi_square, freedom, level_std)

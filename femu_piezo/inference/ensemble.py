@@ -17,8 +17,11 @@ from femu_piezo.inference.unknowns import Unknowns
 
 
 def is_common(effect: Effect) -> bool:
-    """Whether all specimens share it with one size: laws of the material, and what the fixture adds."""
-    return effect.circuit is not None or effect.constants is not None
+    """Whether all specimens share it with one size: laws of the material, and what the fixture adds.
+
+    Circuits that are nearer to the body than any fixture, such as a gap under an electrode, are a specimen's own.
+    """
+    return (effect.circuit is not None and effect.outward >= 1) or effect.constants is not None
 
 
 def belonging_to(effect: Effect, specimen: str) -> Effect:

@@ -23,7 +23,7 @@ from scipy.linalg import solve_triangular
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, noise_level
 from femu_piezo.inference.laws import law_misses
-from femu_piezo.inference.passivity import passivity_wall
+from femu_piezo.inference.passivity import wall_and_readings
 from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.threads import blas_limit
@@ -68,7 +68,7 @@ class Fit:
     x : (n_x,) solution
     residual : (2k,) whitened (log Z_model − log Z)/σ, Re then Im
     jacobian : (2k, n_x) of it
-    further_residual, further_jacobian : (m,), (m, n_x) rows of the priors and of the passivity wall
+    further_residual, further_jacobian : (m,), (m, n_x) rows of the priors, of the passivity wall and of readings
     log_slope : (k,) ∂log Z/∂log f of the model
     on_bound : names of the unknowns that ended on a bound
     level : factor on the noise that the fit was made with
@@ -287,7 +287,7 @@ class _Posterior:
     def parts(self, x: np.ndarray) -> _Parts:
         """Residuals and Jacobians at x (n_x,)."""
         std = self.parameters.prior_std
-        wall, slopes = passivity_wall(self.parameters, x)
+        wall, slopes = wall_and_readings(self.parameters, x)
         return (
             *self.data.whitened(*self.response.with_jacobian(self.parameters, x)),
             np.concatenate([(x - self.parameters.prior_mean) / std, wall]),
@@ -480,7 +480,7 @@ class _Descent:
         def wall(step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             x = self.x.copy()
             x[moving] = np.clip(x[moving] + std * step, self._low[moving], self._high[moving])
-            rows, slopes = passivity_wall(parameters, x)
+            rows, slopes = wall_and_readings(parameters, x)
             return rows, slopes[:, moving] * std
 
         def residual(step: np.ndarray, rows: np.ndarray) -> np.ndarray:

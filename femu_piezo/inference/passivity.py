@@ -17,6 +17,16 @@ TOLERANCE = 1e-5
 _NOTICED = 1e-3
 
 
+def wall_and_readings(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (m,) and slopes (m, n_x) that a fit has beside data and priors: the wall, then a row for each reading."""
+    rows, slopes = passivity_wall(parameters, x)
+    read = [one.row(parameters, x) for one in parameters.readings]
+    return (
+        np.concatenate([rows, [row for row, _ in read]]),
+        np.concatenate([slopes, *(slope[None] for _, slope in read)]),
+    )
+
+
 def passivity_wall(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows (m,) and slopes (m, n_x) of the wall: ½ |rows|² = ½ Σ min(0, λ)²/TOLERANCE² over all eigenvalues λ.
 

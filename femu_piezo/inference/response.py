@@ -29,7 +29,7 @@ _SAMPLES, _WORTHWHILE = 32, 2
 #: Modes up to this multiple of the end of the sweep in ω² are taken one by one; nodes that carry all others.
 _NEAR, _SMOOTH = 2.0, 10
 #: Share of the largest amplitude below which the state at the resonance of a mode is left out of slopes.
-_FAINT = 1e-5
+_FAINT = 1e-6
 #: Share of the largest singular value of those states below which a direction is left out.
 _NEGLIGIBLE = 1e-10
 
@@ -56,16 +56,41 @@ class Evaluation:
 
     def with_jacobian(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Z (k,) and ∂Z/∂x (k, n_x), ohm."""
-        active = active_effects(parameters, x)
+        return self._reached(parameters, x, active_effects(parameters, x))
+
+    def _reached(
+        self, parameters: Unknowns, x: np.ndarray, active: list[Active], wanted: bool = True
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Z and its tangents with the effects of a list, in its order; no tangents (k, 0) where none are wanted."""
+        last = max((n for n, item in enumerate(active) if item.effect.acquisition is not None), default=None)
+        if last is None:
+            return self._through_circuits(active, *self._body(parameters, x, active, wanted))
+
+        def inside(omega: np.ndarray, *beside: tuple[Effect, np.ndarray], slopes: bool = True):
+            more = [Active(effect, values, None) for effect, values in beside]
+            own = [*active[:last], *more] if slopes and wanted else _frozen([*active[:last], *more])
+            own = sorted(own, key=lambda item: item.effect.place)
+            return replace(self, omega=omega)._reached(parameters, x, own, slopes and wanted)
+
+        item = active[last] if wanted else _frozen(active[last : last + 1])[0]
+        z, tangents, own = item.effect.acquisition(inside, self.omega, item.values)
+        item.put(tangents, own)
+        return self._through_circuits(active[last + 1 :], z, tangents)
+
+    def _body(
+        self, parameters: Unknowns, x: np.ndarray, active: list[Active], wanted: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Z and its tangents of the body itself."""
         model = self.model.restricted([name for item in active for name in item.effect.sectors])
         with blas_limit():
             if any(item.effect.dispersive for item in active):
                 nodes, weights = _nodes(self.omega)
-                y, slopes = _solved(model, self.omega, collect(model, parameters, x, active, nodes), weights)
+                c = _wanted(collect(model, parameters, x, active, nodes), wanted)
+                y, slopes = _solved(model, self.omega, c, weights)
             else:
-                y, slopes = _closed(model, self.omega, collect(model, parameters, x, active, self.omega[:1]))
-        z, tangents = 1 / y, -slopes / y[:, None] ** 2
-        return self._through_circuits(active, z, tangents)
+                c = _wanted(collect(model, parameters, x, active, self.omega[:1]), wanted)
+                y, slopes = _closed(model, self.omega, c)
+        return 1 / y, -slopes / y[:, None] ** 2
 
     def modal(self, parameters: Unknowns, x: np.ndarray) -> ModalModel:
         """Closed forms of the body at x (n_x,), circuits apart; laws over frequency as in the middle of the sweep."""
@@ -77,7 +102,7 @@ class Evaluation:
 
     def terminals(self, parameters: Unknowns, x: np.ndarray, omega: np.ndarray, kind: str) -> np.ndarray:
         """Z at the terminals ("pole": it vanishes there) or Y ("zero") at complex ω (m,); laws as `modal`."""
-        frozen = [replace(item, columns=None) for item in active_effects(parameters, x)]
+        frozen = _frozen(active_effects(parameters, x))
         z = 1 / self.modal(parameters, x).admittance(omega)
         z = replace(self, omega=omega)._through_circuits(frozen, z, np.zeros((omega.size, 0)))[0]
         return z if kind == "pole" else 1 / z
@@ -106,8 +131,20 @@ class Evaluation:
             e_form = e_form_constants(parameters, x, [], middle)[0][0]
             found = np.array([_site_slope(model, effect, site, self.omega, span, e_form) for site in effect.sites]).T
         along = 1j * (self.omega * model.admittance_factor)[:, None] * found / y[:, None] ** 2
-        frozen = [replace(item, columns=None) for item in active]
+        frozen = _frozen(active)
         return self._through_circuits(frozen, 1 / y, along)[1]
+
+
+def _frozen(active: list[Active]) -> list[Active]:
+    """The same without slopes in their parameters."""
+    return [replace(item, columns=None) for item in active]
+
+
+def _wanted(c: Coefficients, slopes: bool) -> Coefficients:
+    """The same, without tangents where they are not wanted."""
+    if slopes:
+        return c
+    return replace(c, stiffness_tangents=c.stiffness_tangents[:, :, :0], inertia_tangents=c.inertia_tangents[:, :, :0])
 
 
 def _site_slope(model, effect: Effect, site: np.ndarray, omega, span, e_form) -> np.ndarray:

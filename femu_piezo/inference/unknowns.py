@@ -18,6 +18,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import accumulate
+from typing import Protocol
 
 import numpy as np
 
@@ -262,6 +264,13 @@ def material_prior(
     return prior
 
 
+class Read(Protocol):
+    """One number that another instrument has read (`femu_piezo.inference.readings`)."""
+
+    def row(self, parameters: Unknowns, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """(predicted − value)/std at x (n_x,), and its slopes (n_x,)."""
+
+
 @dataclass(frozen=True)
 class Unknowns:
     """The real unknowns x of a fit: those of the material, then each effect's parameters over their scales.
@@ -274,6 +283,7 @@ class Unknowns:
     candidates : keys of those effects whose prior is that of a cause (`Effect.spread`); the others keep to their
         tolerance
     fixed : effects with known values, which the model has in any case
+    readings : of other instruments, which count in every fit
     """
 
     material: MaterialParameters
@@ -281,6 +291,7 @@ class Unknowns:
     effects: tuple[Effect, ...] = ()
     candidates: tuple[str, ...] = ()
     fixed: tuple[tuple[Effect, np.ndarray], ...] = ()
+    readings: tuple[Read, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -336,11 +347,23 @@ class Unknowns:
 
     def index(self, key: str) -> int:
         """Number of the effect of that key; ValueError where there is none."""
-        return [effect.key for effect in self.effects].index(key)
+        if key not in self._numbers:
+            raise ValueError(f"no effect {key} among {sorted(self._numbers)}")
+        return self._numbers[key]
+
+    @cached_property
+    def _numbers(self) -> dict[str, int]:
+        """Key → number of the effect."""
+        return {effect.key: number for number, effect in enumerate(self.effects)}
+
+    @cached_property
+    def _ends(self) -> tuple[int, ...]:
+        """Where the unknowns of each effect begin in x, and where the last ones end."""
+        return tuple(accumulate((len(effect.parameters) for effect in self.effects), initial=self.of_material))
 
     def has(self, effect: Effect) -> bool:
         """Whether the effect is among the unknowns, as a tolerance or as a cause."""
-        return any(own.key == effect.key for own in self.effects)
+        return effect.key in self._numbers
 
     def with_candidate(self, effect: Effect) -> Unknowns:
         """The same with one more cause: a tolerance that is lifted, or an effect that was not there."""
@@ -367,5 +390,4 @@ class Unknowns:
 
     def columns(self, index: int) -> slice:
         """Where the unknowns of the effect number `index` stand in x."""
-        start = self.of_material + sum(len(effect.parameters) for effect in self.effects[:index])
-        return slice(start, start + len(self.effects[index].parameters))
+        return slice(self._ends[index], self._ends[index + 1])

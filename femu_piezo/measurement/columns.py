@@ -1,7 +1,8 @@
 """What the columns of an impedance table mean, from their names: quantity, unit and sign.
 
-Understood are a frequency and one of the pairs |Z| and phase, R and X, |Y| and phase, G and B, with units such as
-kHz, kOhm, mS, deg or rad in brackets, after a slash, an underscore or a space.
+Understood are a frequency and one of the pairs |Z| and phase, R and X, |Y| and phase, G and B, or what LCR meters
+measure (Cp, Cs, Ls, Lp with D, Q, Rs, Rp or G), with units such as kHz, kOhm, pF, mS, deg or rad in brackets, after a
+slash, an underscore or a space.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ import numpy as np
 from femu_piezo.errors import InputError
 
 UNDERSTOOD = (
-    "understood are a frequency with R and X, |Z| and theta, G and B, or |Y| and theta, each with its unit, "
-    'such as "frequency_Hz,resistance_ohm,reactance_ohm" or "Frequency (kHz), |Z| (Ohm), theta (deg)"'
+    "understood are a frequency with R and X, |Z| and theta, G and B, |Y| and theta, or Cp and D, each with its unit, "
+    'such as "frequency_Hz,resistance_ohm,reactance_ohm" or "Frequency (kHz), |Z| (Ohm), theta (deg)"; '
+    'columns = ["Frequency (Hz)", "R (Ohm)", "X (Ohm)"] in [measurement] names those of a file that does not'
 )
 
 _LABELS = {
@@ -26,17 +28,25 @@ _LABELS = {
     "phase_y": "thetay phiy phasey phase(y) yphase argy arg(y) angley angle(y) yangle admittancephase admittanceangle",
     "phase": "theta phi phase angle phaseangle arg",
     "r": "r rs resistance rez re(z) realz real(z) zreal zre zr z' impedancereal reimpedance",
-    "x": "x xs reactance imz im(z) imagz imag(z) zimag zim z'' impedanceimag imimpedance",
+    "x": "x xs reactance imz im(z) imagz imag(z) zimag zim z'' impedanceimag impedanceimaginary imimpedance",
     "g": "g gp conductance rey re(y) realy real(y) yreal yre y' admittancereal",
-    "b": "b bp susceptance imy im(y) imagy imag(y) yimag yim y'' admittanceimag",
+    "b": "b bp susceptance imy im(y) imagy imag(y) yimag yim y'' admittanceimag admittanceimaginary",
     "magnitude": "magnitude mag abs modulus",
     "real": "real re realpart",
     "imag": "imag im imaginary imagpart imaginarypart",
     "noise": "noise std noisestd",
+    "cp": "cp",
+    "cs": "cs",
+    "ls": "ls",
+    "lp": "lp",
+    "rp": "rp",
+    "d": "d",
+    "q": "q",
 }
 _KINDS = {label: kind for kind, labels in _LABELS.items() for label in labels.split()}
 _FAMILY = {"frequency": "hertz", "phase": "angle", "phase_z": "angle", "phase_y": "angle"}
 _FAMILY |= dict.fromkeys(("abs_z", "r", "x", "noise"), "ohm") | dict.fromkeys(("abs_y", "g", "b"), "siemens")
+_FAMILY |= {"cp": "farad", "cs": "farad", "ls": "henry", "lp": "henry", "rp": "ohm", "d": "number", "q": "number"}
 _BY_UNIT = {
     ("magnitude", "ohm"): "abs_z",
     ("magnitude", "siemens"): "abs_y",
@@ -48,6 +58,22 @@ _BY_UNIT = {
 _SIGNED = ("x", "b", "phase", "phase_z", "phase_y")
 _PREFIX = {"": 1.0, "p": 1e-12, "n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "k": 1e3, "K": 1e3, "M": 1e6, "G": 1e9}
 _PAIRS = (("r", "x"), ("abs_z", "phase_z"), ("g", "b"), ("abs_y", "phase_y"))
+#: What LCR meters measure beside these, and Z (n,) or 1/Y (n,) of it at ω (n,).
+_LCR = {
+    ("cp", "d"): lambda w, c, d: 1 / (w * c * (1j + d)),
+    ("cp", "q"): lambda w, c, q: 1 / (w * c * (1j + 1 / q)),
+    ("cp", "rp"): lambda w, c, r: 1 / (1j * w * c + 1 / r),
+    ("cp", "g"): lambda w, c, g: 1 / (1j * w * c + g),
+    ("cs", "d"): lambda w, c, d: (d - 1j) / (w * c),
+    ("cs", "q"): lambda w, c, q: (1 / q - 1j) / (w * c),
+    ("cs", "r"): lambda w, c, r: r - 1j / (w * c),
+    ("ls", "d"): lambda w, h, d: w * h * (1j + d),
+    ("ls", "q"): lambda w, h, q: w * h * (1j + 1 / q),
+    ("ls", "r"): lambda w, h, r: r + 1j * w * h,
+    ("lp", "d"): lambda w, h, d: 1 / ((d - 1j) / (w * h)),
+    ("lp", "q"): lambda w, h, q: 1 / ((1 / q - 1j) / (w * h)),
+    ("lp", "rp"): lambda w, h, r: 1 / (1 / r - 1j / (w * h)),
+}
 
 
 @dataclass(frozen=True)
@@ -67,10 +93,11 @@ def parse_column(name: str) -> Column | None:
     if len(text) > 80 or re.search(r"mem(ory)?$", text, re.IGNORECASE):
         return None
     text = re.sub(r"[\s_-]*data$", "", text, flags=re.IGNORECASE)
+    text = re.sub(r"^trace\s*\d*\s*:?\s+(?=\S)", "", text, flags=re.IGNORECASE)  # Bode 100, WaveForms
     label, unit = _split_unit(text)
     for greek, word in (("θ", "theta"), ("Θ", "theta"), ("φ", "phi"), ("ϕ", "phi"), ("∠", "angle")):
         label = label.replace(greek, word)
-    key = re.sub(r"[\s_.\-]", "", label.lower())
+    key = re.sub(r"[\s_.:\-]", "", label.lower())
     kind = _KINDS.get(key)
     if kind is None:
         return None
@@ -82,6 +109,12 @@ def parse_column(name: str) -> Column | None:
     if kind not in _FAMILY or (sign < 0 and kind not in _SIGNED):
         return None
     return Column(kind, sign * (unit[1] if unit else 1.0), unit is not None)
+
+
+def is_lcr(name: str) -> bool:
+    """Whether a column is one of a capacitance, an inductance, D or Q."""
+    column = parse_column(name)
+    return column is not None and any(column.kind in pair and column.kind not in ("r", "g") for pair in _LCR)
 
 
 def is_unit(name: str) -> bool:
@@ -108,6 +141,10 @@ def _parse_unit(text: str) -> tuple[str, float] | None:
         return "ohm", _PREFIX[found[1]]
     if found := re.fullmatch(r"([pnuµmk]?)(?i:s|siemens|mho)", text):
         return "siemens", _PREFIX[found[1]]
+    if found := re.fullmatch(r"([pnuµm]?)(?:F|farad)", text):
+        return "farad", _PREFIX[found[1]]
+    if found := re.fullmatch(r"([pnuµm]?)(?:H|henry)", text):
+        return "henry", _PREFIX[found[1]]
     if re.fullmatch(r"(?i:deg|degs|degrees?|°)", text):
         return "angle", np.pi / 180
     if found := re.fullmatch(r"(m?)(?i:rad|radians?)", text):
@@ -137,7 +174,7 @@ def choose_columns(names: list[str], columns: list[Column | None], source: str) 
         raise InputError(f"{source}: no column of ({shown}) is known to be the frequency; {UNDERSTOOD}")
     owner = "phase_z" if "abs_z" in kinds else "phase_y"
     kinds = [owner if kind == "phase" and owner not in kinds else kind for kind in kinds]
-    for pair in _PAIRS:
+    for pair in (*_PAIRS, *_LCR):
         if pair[0] in kinds and pair[1] in kinds:
             break
     else:
@@ -177,11 +214,22 @@ def angle_scale(values: np.ndarray, column: Column, source: str) -> float:
     return column.scale
 
 
-def to_impedance(pair: tuple[str, str], first: np.ndarray, second: np.ndarray, source: str) -> np.ndarray:
-    """(n,) complex ohm from a pair of columns in SI (angles in radian).
+def to_impedance(
+    pair: tuple[str, str], first: np.ndarray, second: np.ndarray, frequency: np.ndarray, source: str
+) -> np.ndarray:
+    """(n,) complex ohm from a pair of columns (n,) in SI (angles in radian) at frequencies (n,), Hz.
 
     Raises InputError where a magnitude is negative or an admittance is zero.
     """
+    if pair in _LCR:
+        with np.errstate(all="ignore"):  # zeros give infinities, which are refused
+            values = _LCR[pair](2 * np.pi * frequency, first, second).astype(complex)
+        if not np.all(np.isfinite(values)):
+            raise InputError(
+                f"{source}: {pair[0]} and {pair[1]} give no impedance at {int(np.sum(~np.isfinite(values)))} points, "
+                "where one of them is zero; remove these points"
+            )
+        return values
     if pair[0].startswith("abs"):
         if np.any(first < 0):
             raise InputError(

@@ -3,16 +3,18 @@
 4294A: a head of settings in quotes, then one block of rows for each trace ("TRACE: A", "TRACE: B"); what the traces
 hold stands in "MEASURE PARAMETER". E4990A: comment lines with "!", then for each channel a table between
 "BEGIN CH1_DATA" and "END" (Keysight E4990A help, "Saving trace data to a file").
+E5061B: frequency and the two numbers of the display format (Keysight E5061B help, the same page).
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
 from femu_piezo.errors import InputError
-from femu_piezo.measurement.columns import parse_column
+from femu_piezo.measurement.columns import is_lcr, parse_column
 from femu_piezo.measurement.tables import Table, read_table
 
 _PARAMETERS = (
@@ -32,6 +34,31 @@ def is_4294a(lines: list[str]) -> bool:
 def is_keysight(lines: list[str]) -> bool:
     """Whether the text is a CSV export of an E4990A or of a relative with the same frame."""
     return any(re.match(r"\s*BEGIN CH\d+_DATA", line) for line in lines[:60])
+
+
+def is_formatted_trace(lines: list[str]) -> bool:
+    """Whether the text is a trace saved by an E5061B or E5071C, whose header does not say what was measured."""
+    return any(line.lower().count("formatted data") >= 2 for line in lines[:20])
+
+
+def read_formatted_trace(lines: list[str], source: str, names: Sequence[str] | None) -> Table:
+    """A trace saved by an E5061B: frequency and the two numbers of its display format, which the user must name.
+
+    Raises InputError where nobody says what they are, or the second is nothing but zeros.
+    """
+    if names is None:
+        raise InputError(
+            f"{source}: a trace of an E5061B has the columns Frequency, Formatted Data, Formatted Data and does not "
+            'say what they are; write columns = ["Frequency (Hz)", "R (Ohm)", "X (Ohm)"] in [measurement] for a trace '
+            "of R + jX, or save S11 as Touchstone"
+        )
+    table = read_table(lines, source, names=names)
+    if not np.any(table.values[:, -1]):
+        raise InputError(
+            f"{source}: the second Formatted Data are zeros: the trace was shown in a rectangular format, which has "
+            "half of an impedance; save it in the format of R + jX, G + jB or |Z| and phase"
+        )
+    return table
 
 
 def read_4294a(lines: list[str], source: str) -> Table:
@@ -113,7 +140,8 @@ def read_keysight(lines: list[str], source: str) -> tuple[Table, tuple[str, ...]
         table = read_table([*lines[start + 1 : end], ""], source, start + 2)
         tables.append(table)
     whole = [t for t in tables if sum(parse_column(name) is not None for name in t.names) >= 3] or tables
+    direct = [t for t in whole if not any(is_lcr(name) for name in t.names)] or whole
     notes = ()
     if len(tables) > 1:
         notes = (f"{len(tables)} channels in the file; the first with an impedance was taken",)
-    return whole[0], notes
+    return direct[0], notes

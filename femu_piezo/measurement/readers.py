@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,23 +12,40 @@ from femu_piezo.errors import InputError
 from femu_piezo.files import read_bytes, write_atomically
 from femu_piezo.measurement.checks import FEWEST_POINTS, check_spectrum, order_points
 from femu_piezo.measurement.columns import Layout, angle_scale, choose_columns, parse_column, to_impedance
+from femu_piezo.measurement.compensation import Compensation
 from femu_piezo.measurement.data_fault import DataFault
 from femu_piezo.measurement.faults import MASKABLE, without_faults
-from femu_piezo.measurement.instruments import is_4294a, is_keysight, read_4294a, read_keysight
+from femu_piezo.measurement.instruments import (
+    is_4294a,
+    is_formatted_trace,
+    is_keysight,
+    read_4294a,
+    read_formatted_trace,
+    read_keysight,
+)
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.tables import Table, decode, read_table
+from femu_piezo.measurement.touchstone import Connection, is_touchstone, read_touchstone
 
 _LARGEST_FILE = 300_000_000
 _HEADER = "frequency_Hz,resistance_ohm,reactance_ohm"
 
 
 def read_spectrum(
-    path: Path | str, *, correct_phase: bool = False, mask_faults: bool = False, noise: float | None = None
+    path: Path | str,
+    *,
+    correct_phase: bool = False,
+    mask_faults: bool = False,
+    noise: float | None = None,
+    connection: Connection | None = None,
+    columns: Sequence[str] | None = None,
+    compensation: Compensation | None = None,
 ) -> ImpedanceSpectrum:
     """The impedance spectrum of a measured sweep.
 
     Formats: CSV `frequency_Hz,resistance_ohm,reactance_ohm[,noise_ohm]`; other delimited text whose header says what
-    the columns are; HP 4294A text and Keysight E4990A CSV exports.
+    the columns are (Bode 100, WaveForms, list sweeps of LCR meters); HP 4294A text, Keysight E4990A and E5061B CSV
+    exports; Touchstone 1 and 2 of one or two ports, with scikit-rf.
 
     Parameters
     ----------
@@ -35,6 +53,9 @@ def read_spectrum(
     correct_phase : turn a phase that is wrong by 180° (Re Z < 0) back
     mask_faults : leave out the points of spikes, mains lines and negative resistance, and the shorter side of a jump
     noise : relative standard deviation of the complex impedance, where it is known; goes before that of the file
+    connection : of the piece, for Touchstone: "reflection", "series" or "shunt"; found out where None
+    columns : what the columns are, in place of a header, as a header would name them; "" for one that is not meant
+    compensation : raw sweeps of the fixture (`read_raw`), which are taken out
 
     Returns
     -------
@@ -44,19 +65,36 @@ def read_spectrum(
     ------
     InputError : the file or its data cannot be used; the sentence says what to do
     """
-    path = Path(path)
+    spectrum, hertz_stated = _read(Path(path), connection, columns)
+    if compensation is not None:
+        spectrum = compensation.applied(spectrum)
+    return _checked(_with_noise(spectrum, noise), correct_phase, mask_faults, hertz_stated)
+
+
+def read_raw(
+    path: Path | str, *, connection: Connection | None = None, columns: Sequence[str] | None = None
+) -> ImpedanceSpectrum:
+    """The impedance of a raw file, of an open or shorted fixture, whose physics is not checked; as `read_spectrum`."""
+    return _read(Path(path), connection, columns)[0]
+
+
+def _read(path: Path, connection: Connection | None, columns: Sequence[str] | None) -> tuple[ImpedanceSpectrum, bool]:
+    """The spectrum of a file, unchecked; whether the file states the unit of the frequency."""
     source = str(path)
-    lines = decode(read_bytes(path, _LARGEST_FILE), source).split("\n")
+    text = decode(read_bytes(path, _LARGEST_FILE), source)
+    if is_touchstone(path):
+        return read_touchstone(text, source, connection), True
+    lines = text.split("\n")
     notes: tuple[str, ...] = ()
     if is_4294a(lines):
         table = read_4294a(lines, source)
     elif is_keysight(lines):
         table, notes = read_keysight(lines, source)
+    elif is_formatted_trace(lines):
+        table = read_formatted_trace(lines, source, columns)
     else:
-        table = read_table(lines, source)
-    del lines
-    spectrum, hertz_stated = _spectrum(table, source, notes)
-    return _checked(_with_noise(spectrum, noise), correct_phase, mask_faults, hertz_stated)
+        table = read_table(lines, source, names=columns)
+    return _spectrum(table, source, notes)
 
 
 def accept_spectrum(
@@ -105,7 +143,7 @@ def _spectrum(table: Table, source: str, notes: tuple[str, ...]) -> tuple[Impeda
         values, column = table.values[:, index], columns[index]
         scale = angle_scale(values, column, source) if kind.startswith("phase") else column.scale
         pair.append(values * scale)
-    impedance = to_impedance(layout.pair, *pair, source)
+    impedance = to_impedance(layout.pair, *pair, frequency, source)
     noise = None
     if layout.noise is not None:
         noise = table.values[:, layout.noise] * columns[layout.noise].scale

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import csv
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,11 +56,12 @@ def decode(raw: bytes, source: str) -> str:
     return text
 
 
-def read_table(lines: list[str], source: str, first_line: int = 1) -> Table:
+def read_table(lines: list[str], source: str, first_line: int = 1, names: Sequence[str] | None = None) -> Table:
     """The one table in `lines`: a header that names the columns, then rows of numbers to the end.
 
     Comment lines (#, %, !, //) and blank lines are skipped; the header may be the last comment.
-    `first_line` is the number of the first line in the file, for messages.
+    `first_line` is the number of the first line in the file, for messages; `names` are those of the columns, in place
+    of a header, "" for a column that is not meant.
 
     Raises InputError where there is no header, no table, or a line that does not fit it.
     """
@@ -80,8 +82,14 @@ def read_table(lines: list[str], source: str, first_line: int = 1) -> Table:
     numbers = np.array([number for number, _ in numbered])
     values = _parse_rows(body, delimiter, numbers, source)
     _refuse_cut_last_line(lines, body, delimiter, int(numbers[-1]), source)
-    names = _find_names(lines[max(0, start - _HEADER_LINES) : start], delimiter, values.shape[1], source)
-    return Table(names, values, numbers)
+    if names is None:
+        names = _find_names(lines[max(0, start - _HEADER_LINES) : start], delimiter, values.shape[1], source)
+    elif len(names) != values.shape[1]:
+        raise InputError(
+            f"{source}: columns names {len(names)} columns ({', '.join(names)[:80]}), and the rows have "
+            f'{values.shape[1]} numbers; name each, "" for one that is not meant'
+        )
+    return Table(list(names), values, numbers)
 
 
 def _split(line: str, delimiter: str | None) -> list[str]:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from femu_piezo.diagnosis.selection import Comparison
 from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.effects.effect import Effect
+from femu_piezo.inference.readings import read_beside
 from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
 from femu_piezo.output.picture import Picture
 from femu_piezo.study.diagnose import DiagnosedSweep, Diagnosis
@@ -48,6 +49,7 @@ def diagnosis_record(result: Diagnosis) -> dict:
         },
         "discrepancy": _discrepancy(comparison),
         "tolerances": _tolerances(result),
+        "readings": read_beside(comparison.final),
         "rules": comparison.rules.to_json(),
         "model": {
             "unknowns": result.unknowns,

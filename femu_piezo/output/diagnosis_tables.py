@@ -6,6 +6,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 
 from femu_piezo.diagnosis.selection import Trial
+from femu_piezo.inference.readings import reading_words
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.diagnosis_words import answer
 from femu_piezo.output.tables import number, text_of, told
@@ -33,6 +34,7 @@ def diagnosis_table(result: Diagnosis) -> RenderableType:
     if verdict.causes and verdict.after.structured:
         bands = ", ".join(f"{low / 1e3:.4g}-{high / 1e3:.4g} kHz" for low, high in verdict.after.worst_Hz[:3])
         lines.append(f"left over: {percent(verdict.unexplained)} of the misfit, most of it at {bands or 'all over'}")
+    lines += reading_words(result.comparison.final)
     tables = (_candidate_table(result), _constant_table(result), _resonance_table(result))
     tail = [*(f"measure: {words}" for words in verdict.measurements), *told(result.notes)]
     return Group(text_of(lines), *tables, text_of(tail))

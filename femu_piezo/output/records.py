@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from femu_piezo.inference.readings import read_beside
 from femu_piezo.resonances import Resonance
+from femu_piezo.standards.figures import StandardFigures
 from femu_piezo.study.results import Outcome, UpdateResult
 
 
@@ -22,7 +24,10 @@ def update_record(result: UpdateResult) -> dict:
             name: {"value": value.real, "tan": result.constants.tangent(name)}
             for name, value in result.constants.as_dict().items()
         },
-        "specimens": [_specimen_record(outcome, result) for outcome in result.outcomes],
+        "specimens": [
+            _specimen_record(outcome, result, figures)
+            for outcome, figures in zip(result.outcomes, result.figures, strict=True)
+        ],
         "notes": list(result.notes),
         "seconds": result.seconds,
     }
@@ -32,6 +37,8 @@ def update_record(result: UpdateResult) -> dict:
             "noise_scale": result.fit.noise_scale,
             "discrepancy": None if result.fit.discrepancy is None else result.fit.discrepancy.sigma,
         }
+        if result.fit.parameters.readings:
+            record["readings"] = read_beside(result.fit)
     if result.provenance is not None:
         record["provenance"] = result.provenance
     if result.known is not None:
@@ -44,9 +51,10 @@ def update_record(result: UpdateResult) -> dict:
     return record
 
 
-def _specimen_record(outcome: Outcome, result: UpdateResult) -> dict:
+def _specimen_record(outcome: Outcome, result: UpdateResult, figures: tuple[StandardFigures, ...]) -> dict:
     return {
         "name": outcome.measured.problem.specimen.name,
+        "density": outcome.measured.problem.density,
         "poles": outcome.records("pole"),
         "zeros": outcome.records("zero"),
         "rms_log_error": {"baseline": outcome.rms_before, "updated": outcome.rms_after},
@@ -63,6 +71,7 @@ def _specimen_record(outcome: Outcome, result: UpdateResult) -> dict:
             if len(outcome.history) > 1
         ],
         "unknowns": outcome.unknowns,
+        "standard_figures": [one.to_json() for one in figures],
     }
 
 

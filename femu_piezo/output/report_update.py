@@ -22,6 +22,7 @@ from femu_piezo.output.report import (
     write_report,
 )
 from femu_piezo.output.report_curves import curve_charts, sensitivity_chart
+from femu_piezo.output.report_figures import standard_figures_html
 from femu_piezo.output.report_modes import mode_section
 from femu_piezo.output.tables import number
 from femu_piezo.study.results import Outcome, UpdateResult
@@ -51,19 +52,24 @@ def write_update_report(path: Path, result: UpdateResult, command: str = "femu-p
 
 
 def update_sections(result: UpdateResult) -> list[Section]:
-    """Summary, parameters, curves, resonances, identifiability, sensitivity, mode shapes."""
+    """Summary, parameters, curves, resonances, standard figures, identifiability, sensitivity, mode shapes."""
     many = len(result.outcomes) > 1
-    curves, resonances, sensitivities = "", "", ""
+    curves, resonances, sensitivities, figures = "", "", "", ""
     for index, outcome in enumerate(result.outcomes):
         heading = f"<h3>{index + 1}: {_escaped(outcome)}</h3>" if many else ""
         curves += heading + "".join(chart.html() for chart in curve_charts(outcome))
         resonances += heading + _resonances(outcome, index)
+        figures += heading + "".join(
+            standard_figures_html(one, f"specimens.{index}.standard_figures.{mode}")
+            for mode, one in enumerate(result.figures[index])
+        )
         sensitivities += heading + sensitivity_chart(outcome).html()
     return [
         Section("summary", "Summary", _summary(result)),
         Section("parameters", "Parameters", _parameters(result)),
         Section("curves", "Curves", curves),
         Section("resonances", "Poles and zeros", resonances),
+        Section("figures", "Standard figures", figures),
         Section("identifiability", "What the data cannot tell", _identifiability(result)),
         Section("sensitivity", "Sensitivity", sensitivities),
         mode_section(result),

@@ -12,11 +12,14 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from femu_piezo.inference.readings import reading_words
 from femu_piezo.inference.unknowns import Estimate
+from femu_piezo.material.constants import EPS0
 from femu_piezo.output.curves import PRINTED
 
 if TYPE_CHECKING:
     from femu_piezo.extraction import Extraction
+    from femu_piezo.standards.figures import Figure, StandardFigures
     from femu_piezo.study.expectation import Expectation, Improvement
     from femu_piezo.study.identify import IdentifyResult
     from femu_piezo.study.modes import ModesResult
@@ -33,6 +36,17 @@ _WRITTEN = {
     "ohm": (1e3, "mohm"),
     "H": (1e9, "nH"),
     "F": (1e12, "pF"),
+}
+#: The same for the figures of a data sheet.
+_DATA_SHEET = {
+    "Hz": (1e-3, "kHz"),
+    "1": (1.0, ""),
+    "F": (1e12, "pF"),
+    "Hz m": (1.0, "Hz m"),
+    "m^2/N": (1e12, "10⁻¹² m²/N"),
+    "Pa": (1e-9, "GPa"),
+    "C/N": (1e12, "10⁻¹² C/N"),
+    "F/m": (1 / EPS0, "ε₀"),
 }
 #: Width of text that goes to no terminal, characters.
 _WIDTH = 110
@@ -64,6 +78,8 @@ def update_table(result: UpdateResult) -> RenderableType:
         cells = (f"{before:.6g}", number(estimate.value * factor, std), number(estimate.tan, estimate.tan_std))
         constants.add_row(name, unit, *cells, _share_words(estimate))
     parts = [constants, *(_resonance_table(outcome) for outcome in result.outcomes)]
+    for outcome, several in zip(result.outcomes, result.figures, strict=True):
+        parts += [figures_lines(one, outcome.measured.problem.specimen.name) for one in several]
     lines = [f"method: {result.method}, {result.iterations} pole-zero iterations; eps33T: {result.permittivity_source}"]
     lines += [
         f"{outcome.measured.problem.specimen.name}: rms |Δ log Z| baseline {100 * outcome.rms_before:.3g} %, updated "
@@ -72,7 +88,53 @@ def update_table(result: UpdateResult) -> RenderableType:
     ]
     if result.provenance is not None and len(result.outcomes) > 1:
         lines += [f"{name} from {_shares(shares)}" for name, shares in result.provenance.items()]
-    return Group(*parts, text_of([*lines, *told(result.notes)]))
+    return Group(*parts, text_of([*lines, *reading_words(result.fit), *told(result.notes)]))
+
+
+def figures_table(figures: StandardFigures, name: str = "") -> RenderableType:
+    """Standard figures beside those of the finite element model, and what the formulas get wrong."""
+    title = f"{name}: standard figures, {figures.title}" if name else f"standard figures, {figures.title}"
+    table = Table(title=title, title_justify="left")
+    with_model = any(one.model is not None for one in figures.figures)
+    for heading in ("figure", "by standard", *(("finite elements", "deviation") if with_model else ())):
+        table.add_column(heading, justify="left" if heading == "figure" else "right")
+    table.add_column("meaning")
+    for one in figures.figures:
+        cells = [one.name, figure_words(one)]
+        if with_model:
+            cells += [figure_words(one, model=True), deviation_percent(one.deviation)]
+        table.add_row(*cells, one.meaning)
+    sentences = [figures.formula_words] if figures.formula_words else []
+    return Group(table, text_of([*sentences, *told(figures.notes)]))
+
+
+def figures_lines(figures: StandardFigures, name: str) -> RenderableType:
+    """Standard figures in short, and what the formulas get wrong; data sheet, report and JSON have the whole table."""
+    short = ("fs", "fp", "k_eff", "Qm_3dB", "Qm_pole", "C_T", "tan_delta")
+    told_ = [one for one in figures.figures if one.name in short or one.formula_error is not None]
+    words = ", ".join(f"{one.name} {figure_words(one)}" for one in told_)
+    sentences = [figures.formula_words] if figures.formula_words else []
+    return text_of([f"{name}: standard figures: {words}", *sentences])
+
+
+def figure_words(one: Figure, model: bool = False) -> str:
+    """A figure, or that of the model beside it, in the unit of a data sheet; "-" where it has none."""
+    value, std = (one.model, None) if model else (one.value, one.std)
+    if value is None:
+        return "-"
+    factor, unit = figure_unit(one)
+    text = number(value * factor, None if std is None else std * factor)
+    return f"({text}) {unit}" if unit and "±" in text else f"{text} {unit}".strip()
+
+
+def figure_unit(one: Figure) -> tuple[float, str]:
+    """Factor from SI and unit in which a data sheet writes a figure."""
+    return PRINTED.get(one.name) or _DATA_SHEET[one.unit]
+
+
+def deviation_percent(share: float | None) -> str:
+    """A relative deviation in per cent, "" where there is none."""
+    return "" if share is None else f"{100 * share:+.2g} %" if abs(share) >= 5e-8 else "0 %"
 
 
 def _share_words(estimate: Estimate) -> str:
@@ -154,7 +216,8 @@ def extraction_table(result: Extraction) -> RenderableType:
         lines.append(
             f"{one.kind} {one.frequency_Hz:14.3f}{std} Hz   loss {one.loss:.6f}{std_loss}   Q {one.quality_factor:.4g}"
         )
-    return text_of([*lines, *told((*result.spectrum.notes, *result.notes))])
+    text = text_of([*lines, *told((*result.spectrum.notes, *result.notes))])
+    return text if result.figures is None else Group(text, figures_table(result.figures))
 
 
 def modes_table(result: ModesResult) -> RenderableType:

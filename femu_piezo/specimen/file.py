@@ -22,6 +22,7 @@ from pydantic import ConfigDict, model_validator
 from femu_piezo.errors import InputError
 from femu_piezo.files import read_bytes, write_atomically
 from femu_piezo.specimen.geometry import Geometry as Geometry
+from femu_piezo.specimen.geometry import Mass
 from femu_piezo.specimen.schema import LIST, PAIR, PATH, Table, quantity
 from femu_piezo.units import EPS0, shown
 
@@ -54,6 +55,15 @@ Capacitance = Annotated[float, quantity("F", 0, 1e-3, 'a residue is a capacitanc
 RelativeNoise = Annotated[
     float, quantity("1", 0, 1, 'noise is the relative standard deviation, such as 0.001 or "0.1 %"')
 ]
+ReadCapacitance = Annotated[
+    float, quantity("F", 1e-15, 1e-3, 'the capacitance at 1 kHz is one such as "1.23 nF"; is the unit right?')
+]
+Speed = Annotated[float, quantity("m/s", 100, 20000, 'a sound velocity is one such as "4500 m/s"; is the unit right?')]
+ReadStd = Annotated[
+    float, quantity("1", 1e-6, 1, 'the deviation of a reading is relative, such as 0.01 or "1 %", and not zero')
+]
+#: Readings by name → relative standard deviation where the file says none.
+READ = {"mass": 1e-3, "capacitance": 0.01, "d33": 0.05, "sound_velocity": 0.01}
 Accuracy = Annotated[float, quantity("1", 1e-9, 0.1, "give the relative eigenvalue error, such as 1e-4")]
 
 
@@ -163,6 +173,25 @@ class Residue(Table):
     capacitance: Capacitance | None = None
 
 
+class LoadStandard(Table):
+    """The load of a compensation: its raw sweep `file` and what it is.
+
+    resistance, with an inductance in series and a capacitance across both; std : relative, of its impedance
+    """
+
+    model_config = ConfigDict(title="measurement.load")
+    missing: ClassVar[dict[str, str]] = {
+        "file": 'give the raw sweep of the load, such as file = "load.csv"',
+        "resistance": 'say what the load is, such as resistance = "100 ohm"',
+    }
+
+    file: Annotated[Path, PATH]
+    resistance: Resistance
+    inductance: Inductance | None = None
+    capacitance: Capacitance | None = None
+    std: MagnitudeStd | None = None
+
+
 class Measurement(Table):
     """A measured sweep: `file` (absolute once read), None where the sweep is given otherwise.
 
@@ -171,6 +200,8 @@ class Measurement(Table):
     correct_phase: turn the phase by 180°; mask_faults: leave out spikes, mains lines and the shorter side of jumps.
     accuracy, phase_accuracy: of |Z| (relative) and phase (rad), standard deviations smooth over frequency.
     residue: of the fixture after its compensation.
+    open, short, load: raw sweeps of the fixture, which are taken out of a raw sweep.
+    connection: of the piece in a Touchstone file; columns: what those of a file are, in place of its header.
     """
 
     model_config = ConfigDict(title="measurement")
@@ -183,13 +214,52 @@ class Measurement(Table):
     accuracy: MagnitudeStd | None = None
     phase_accuracy: PhaseStd | None = None
     residue: Residue | None = None
+    open: Annotated[Path | None, PATH] = None
+    short: Annotated[Path | None, PATH] = None
+    load: LoadStandard | None = None
+    connection: Literal["reflection", "series", "shunt"] | None = None
+    columns: Annotated[tuple[str, ...] | None, LIST] = None
 
     def problem(self) -> str | None:
         if self.held_out is not None and not self.held_out[0] < self.held_out[1]:
             low, high = self.held_out
             return f"measurement.held_out = [{low:g}, {high:g}] Hz is no band; give the lower frequency first"
+        if self.load is not None and (self.open is None or self.short is None):
+            return "measurement.load compensates only together with open and short; give the files of these as well"
         if self.noise == 0:
             return "measurement.noise = 0 claims exact data; leave the key out to have the noise estimated"
+        return None
+
+
+class Readings(Table):
+    """What other instruments read of the specimen, each with its relative standard deviation (`std_mass`, …).
+
+    mass; capacitance at 1 kHz without the fixture; d33 of a d33 meter; sound_velocity along the poling
+    """
+
+    model_config = ConfigDict(title="readings")
+
+    mass: Mass | None = None
+    capacitance: ReadCapacitance | None = None
+    d33: Charge | None = None
+    sound_velocity: Speed | None = None
+    std_mass: ReadStd | None = None
+    std_capacitance: ReadStd | None = None
+    std_d33: ReadStd | None = None
+    std_sound_velocity: ReadStd | None = None
+
+    @property
+    def given(self) -> dict[str, tuple[float, float]]:
+        """Name → value, SI, and relative standard deviation."""
+        found = {name: (getattr(self, name), getattr(self, f"std_{name}")) for name in READ}
+        return {name: (v, READ[name] if std is None else std) for name, (v, std) in found.items() if v is not None}
+
+    def problem(self) -> str | None:
+        for name in READ:
+            if getattr(self, f"std_{name}") is not None and getattr(self, name) is None:
+                return f"readings.std_{name} has no reading to go with; give readings.{name}, or take it out"
+        if self.d33 == 0:
+            return "readings.d33 = 0 is of a body that is not poled; leave it out"
         return None
 
 
@@ -258,6 +328,7 @@ class Specimen(Table):
     geometry: Geometry
     material: Material
     measurement: Measurement | None = None
+    readings: Readings | None = None
     simulation: Simulation | None = None
     update: Update | None = None
     effects: Effects | None = None
@@ -267,6 +338,8 @@ class Specimen(Table):
     def problem(self) -> str | None:
         if not 0 < len(self.name) <= 200 or not self.name.isprintable():
             return f"name = {shown(self.name)} is not a line of 1 to 200 characters; give a short name"
+        if self.geometry.mass is not None and self.readings is not None and self.readings.mass is not None:
+            return "readings.mass and geometry.mass both say how heavy the specimen is; give one of the two"
         for key, value in self.fitted_constants.items():
             if key.removeprefix("tan_") not in CONSTANTS:
                 return f"fitted.material.{key} is no constant; known are {', '.join(CONSTANTS)}, each also with tan_"
@@ -331,7 +404,20 @@ def read_specimen(path: Path | str, data_file: Path | str | None = None) -> Spec
         table = data.get(section)
         if isinstance(table, dict) and isinstance(table.get("file"), str):
             table["file"] = _resolve(table["file"], path, f"{path}: {section}.file")
+    _resolve_fixture(data.get("measurement"), path)
     return Specimen.model_validate(data | {"path": path}, context={"file": str(path)})
+
+
+def _resolve_fixture(measurement: Any, path: Path) -> None:
+    """Absolute paths of the raw sweeps of the fixture, in place."""
+    if not isinstance(measurement, dict):
+        return
+    for key in ("open", "short"):
+        if isinstance(measurement.get(key), str):
+            measurement[key] = _resolve(measurement[key], path, f"{path}: measurement.{key}")
+    load = measurement.get("load")
+    if isinstance(load, dict) and isinstance(load.get("file"), str):
+        load["file"] = _resolve(load["file"], path, f"{path}: measurement.load.file")
 
 
 def with_measurement(specimens: Sequence[Specimen], **wishes: bool) -> list[Specimen]:
@@ -386,14 +472,18 @@ def write_specimen(specimen: Specimen, path: Path | str) -> None:
     """
     path = Path(path)
     lines = [f"name = {_toml(specimen.name)}"]
-    for section in ("geometry", "material", "measurement", "simulation", "update"):
+    for section in ("geometry", "material", "measurement", "readings", "simulation", "update"):
         table = getattr(specimen, section)
         if table is None:
             continue
         lines += ["", f"[{section}]"]
         for key, value in table:
             if isinstance(value, Table):
-                inner = ", ".join(f"{name} = {_toml(one)}" for name, one in value if one is not None)
+                inner = ", ".join(
+                    f"{name} = {_toml(_relative(one, path) if isinstance(one, Path) else one)}"
+                    for name, one in value
+                    if one is not None
+                )
                 lines.append(f"{key} = {{ {inner} }}")
             elif value is not None:
                 lines.append(f"{key} = {_toml(_relative(value, path) if isinstance(value, Path) else value)}")

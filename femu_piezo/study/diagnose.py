@@ -33,6 +33,7 @@ from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.results import mesh_words
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.study.subjects import LEAST_ERROR, Subject, shared_library, subjects
+from femu_piezo.threads import with_blas_limit
 
 #: Most resonances of a linear body that is fitted for comparison.
 _FEW = 4
@@ -180,6 +181,7 @@ class Diagnosis:
         return constants_of(fit)
 
 
+@with_blas_limit
 def diagnose(
     specimens: Specimen | Sequence[Specimen],
     progress: Progress | None = None,

@@ -32,8 +32,16 @@ _AXES = {
 }
 
 
+#: Shares of a sweep that tell how fast it went where.
+_PACE = 4097
+
+
 def effect_context(
-    problem: Problem, fundamental_Hz: float, impedance: float, band_Hz: tuple[float, float]
+    problem: Problem,
+    fundamental_Hz: float,
+    impedance: float,
+    band_Hz: tuple[float, float],
+    frequency: np.ndarray | None = None,
 ) -> EffectContext:
     """What the library of effects must know of a specimen.
 
@@ -41,7 +49,10 @@ def effect_context(
     ----------
     impedance : typical |Z|, ohm, which bounds the parameters of circuits
     band_Hz : lowest and highest frequency of the sweep
+    frequency : (k,) its points, Hz, each of which took as long; evenly spaced over the band where None
     """
+    points = np.array(band_Hz) if frequency is None else frequency
+    pace = np.interp(np.linspace(0, 1, _PACE), np.linspace(0, 1, points.size), points)
     plate = problem.plate
     whole = isinstance(plate, Plate) and plate.mirrors == EIGHTH
     return EffectContext(
@@ -57,6 +68,7 @@ def effect_context(
         tolerances=tolerances(problem),
         band_Hz=band_Hz,
         weighed=problem.specimen.geometry.mass is not None,
+        pace_Hz=tuple(pace.tolist()),
     )
 
 

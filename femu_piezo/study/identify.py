@@ -28,6 +28,7 @@ from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.progress import Progress
 from femu_piezo.study.resonances_with_effects import sensitivity_with_effects
 from femu_piezo.study.simulate import sweep_frequencies
+from femu_piezo.threads import with_blas_limit
 
 #: Eigenvalue error of the mesh: sensitivities need not be better.
 _ACCURACY = 1e-3
@@ -115,6 +116,7 @@ class IdentifyResult:
         }
 
 
+@with_blas_limit
 def identify(
     specimens: Specimen | Sequence[Specimen],
     noise: float | None = None,

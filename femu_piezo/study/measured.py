@@ -10,12 +10,13 @@ import numpy as np
 
 from femu_piezo.errors import InputError
 from femu_piezo.extraction import Extraction, extract
-from femu_piezo.extraction.roots import Pair
+from femu_piezo.extraction.roots import Pair, fundamental
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.starts.pole_zero import static_permittivity
 from femu_piezo.inference.starts.thin_body import bar_coupling
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.measurement.readers import accept_spectrum, read_spectrum
+from femu_piezo.measurement.compensation import Compensation, Load
+from femu_piezo.measurement.readers import accept_spectrum, read_raw, read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Measurement, Specimen
 from femu_piezo.study.problem import Problem, prepare
@@ -26,8 +27,6 @@ from femu_piezo.study.starts import has_uniform_field, start_permittivity, start
 LOW_FREQUENCY_SHARE = 0.03
 #: Points below this share of the pole enter the mean; the known rise of a bar, 2e-3 k² there, is taken out.
 LOW_POINTS_SHARE = 0.05
-#: Share of the strongest coupling from which a pair may be the fundamental.
-_STRONG = 0.6
 
 
 @dataclass(frozen=True)
@@ -127,8 +126,10 @@ def measure(specimen: Specimen, spectrum: Sweep | None = None) -> Measured:
         )
     options = {"correct_phase": wish.correct_phase, "mask_faults": wish.mask_faults, "noise": wish.noise}
     if spectrum is None:
-        spectrum = read_spectrum(wish.file, **options)
+        layout = {"connection": wish.connection, "columns": wish.columns}
+        spectrum = read_spectrum(wish.file, **options, **layout, compensation=_compensation(wish))
     else:
+        spectrum = spectrum if (fixture := _compensation(wish)) is None else fixture.applied(spectrum)
         wish, spectrum = wish.model_copy(update={"file": None}), accept_spectrum(spectrum, **options)
     problem = prepare(specimen.model_copy(update={"measurement": wish}), check=False)
     fitted = spectrum
@@ -139,22 +140,32 @@ def measure(specimen: Specimen, spectrum: Sweep | None = None) -> Measured:
     return Measured(problem, spectrum, fitted, extraction, pair, _low_permittivity(problem, fitted, pair))
 
 
-def fundamental_pair(extraction: Extraction, spectrum: ImpedanceSpectrum) -> Pair:
-    """The lowest pole-zero pair that is coupled at least 0.6 times as strongly as the strongest in the sweep.
+def _compensation(wish: Measurement) -> Compensation | None:
+    """The raw sweeps of the fixture, read; None where the file names none."""
+    if wish.open is None and wish.short is None:
+        return None
+    layout = {"connection": wish.connection, "columns": wish.columns}
+    sweeps = {
+        name: None if file is None else read_raw(file, **layout)
+        for name, file in (("open", wish.open), ("short", wish.short), ("load", wish.load and wish.load.file))
+    }
+    known = None
+    if wish.load is not None:
+        given = {key: value for key, value in wish.load if key != "file" and value is not None}
+        known = Load(**given)
+    return Compensation(**sweeps, standard=known)
 
-    Length modes lose coupling with the square of their order, but a width mode may be coupled as strongly as the
-    fundamental; flexural and lateral intruders are weak. InputError where there is no pair.
-    """
-    sound = [pair for pair in extraction.pairs if np.isfinite(pair.k_eff)]
-    if not sound:
+
+def fundamental_pair(extraction: Extraction, spectrum: ImpedanceSpectrum) -> Pair:
+    """The fundamental of the sweep (`femu_piezo.extraction.roots.fundamental`); InputError where there is no pair."""
+    found = fundamental(extraction.pairs)
+    if found is None:
         reasons = f" ({'; '.join(extraction.notes)})" if extraction.notes else ""
         raise InputError(
             f"{spectrum.source}: no resonance with both its pole and its zero was found between "
             f"{spectrum.frequency[0]:.6g} and {spectrum.frequency[-1]:.6g} Hz{reasons}; measure a band that holds both"
         )
-    strongest = max(pair.k_eff for pair in sound)
-    strong = [pair for pair in sound if pair.k_eff >= _STRONG * strongest]
-    return min(strong, key=lambda pair: pair.pole.frequency_Hz)
+    return found
 
 
 def _low_permittivity(problem: Problem, spectrum: ImpedanceSpectrum, pair: Pair) -> complex | None:

@@ -18,6 +18,7 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import Update
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.progress import Clock
+from femu_piezo.study.readings import readings_of
 from femu_piezo.study.subjects import LEAST_ERROR, Subject, shared_library
 
 #: Mesh error (relative, of eigenvalues at the end of the sweep) and error of the reduced model, as shares of the noise,
@@ -162,6 +163,7 @@ class Posterior:
             prior=material_prior(of_file, material.priors, material.tangent_priors),
             effects=self.tolerances,
             fixed=tuple(item for one in self.several for item in one.fixed),
+            readings=readings_of(self.several),
         )
 
     def curve(self, index: int, fit_: Fit) -> np.ndarray:

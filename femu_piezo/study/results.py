@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -15,7 +16,9 @@ from femu_piezo.inference.starts.pole_zero import Step
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.resonances import Resonance
+from femu_piezo.standards.figures import StandardFigures
 from femu_piezo.study.measured import Measured
+from femu_piezo.study.standard_figures import figures_of
 
 
 def rms_log_error(model: np.ndarray, data: np.ndarray) -> float:
@@ -102,6 +105,14 @@ class UpdateResult:
     provenance: dict[str, dict[str, float]] | None
     notes: tuple[str, ...]
     seconds: dict[str, float]
+
+    @cached_property
+    def figures(self) -> tuple[tuple[StandardFigures, ...], ...]:
+        """Standard figures of each specimen, one for each mode that the standards know; see `standard_figures`."""
+        return tuple(
+            figures_of(one.measured, self.constants, (one.measured.spectrum.frequency, one.updated_curve))
+            for one in self.outcomes
+        )
 
     @property
     def iterations(self) -> int:

@@ -20,7 +20,7 @@ from femu_piezo.specimen.file import Simulation, Specimen
 from femu_piezo.study.effects import effects_as_simulated, simulated_with_effects
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.shapes import electrode_notes
-from femu_piezo.threads import blas_limit
+from femu_piezo.threads import blas_limit, with_blas_limit
 
 #: Share of the strongest mode's |a²/λ| below which a mode is not listed: the terminals do not see it.
 _VISIBLE = 1e-4
@@ -106,6 +106,7 @@ def _listed(kind: Kind, values: np.ndarray, strengths: np.ndarray, band_Hz: floa
     return tuple(Resonance(kind, complex(value)) for value in sorted(values[strong], key=lambda value: value.real))
 
 
+@with_blas_limit
 def simulate(
     specimen: Specimen, *, full_order: bool = False, effects: Iterable[Maker] | None = None
 ) -> SimulationResult:

@@ -89,7 +89,7 @@ def _subject(measured: Measured, name: str, effects: tuple[Maker, ...] | None) -
     frequency = measured.spectrum.frequency
     typical = float(np.median(np.abs(measured.spectrum.impedance)))
     band = (float(frequency[0]), float(frequency[-1]))
-    context = effect_context(measured.problem, measured.pair.pole.frequency_Hz, typical, band)
+    context = effect_context(measured.problem, measured.pair.pole.frequency_Hz, typical, band, frequency)
     known = known_effects(measured.problem, context, effects)
     fixed = tuple((belonging_to(effect, name), values) for effect, values in known if not effect.freed)
     freed = tuple(item for item in known if item[0].freed)

@@ -36,6 +36,7 @@ from femu_piezo.study.results import Outcome, UpdateResult, mesh_words
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.study.starts import pair_names
 from femu_piezo.study.subjects import Subject, subjects
+from femu_piezo.threads import with_blas_limit
 
 #: rms |Δ log Z| of an updated model that a note warns about where it is also well above the noise.
 _POOR = 0.01
@@ -75,6 +76,7 @@ def update(
     return update_measured(measure_each(specimens, spectra), clock, bases, effects)
 
 
+@with_blas_limit
 def update_measured(
     measured: Sequence[Measured], clock: Clock, bases: Bases | None = None, effects: Iterable[Maker] | None = None
 ) -> UpdateResult:

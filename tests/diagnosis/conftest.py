@@ -22,6 +22,7 @@ FUNDAMENTAL = 117e3
 AXES = {"length": (0,), "width": (1,), "thickness": (2,)}
 #: Up to the third resonance, with its pole and zero well sampled.
 FREQUENCY = np.concatenate([np.linspace(5e3, 110e3, 12), np.linspace(112e3, 126e3, 15), np.linspace(130e3, 225e3, 30)])
+BAND = (float(FREQUENCY[0]), float(FREQUENCY[-1]))
 
 
 class Setup:
@@ -34,7 +35,7 @@ class Setup:
         self.material = MaterialParameters.around(free, free.start)
         self.x = self.material.x_of(free.start)
         self.unknowns = Unknowns(self.material, material_prior(free, {}, {}))
-        context = EffectContext(FUNDAMENTAL, free.names, constants, AXES, DENSITY, SIZE[2], 2e3, SIZE)
+        context = EffectContext(FUNDAMENTAL, free.names, constants, AXES, DENSITY, SIZE[2], 2e3, SIZE, band_Hz=BAND)
         self.library = {effect.key: effect for effect in library(context)}
         model = self.model_of_part = ElectroelasticModel(Plate(*SIZE).domain((16, 9, 2)), DENSITY)
         training = [constants, *free.training_sets(free.start, 0.04, 3)[1:]]

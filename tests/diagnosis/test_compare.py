@@ -19,11 +19,11 @@ from femu_piezo.inference.sweeps import SweepData
 NOISE = 1e-3
 
 
-def data_with(setup, sizes: dict[str, float], seed: int, known: bool = True) -> SweepData:
+def data_with(setup, sizes: dict[str, float], seed: int, known: bool = True, noise: float = NOISE) -> SweepData:
     """A noisy sweep with effects of given sizes."""
     z = setup.evaluation.impedance(*setup.with_effects(sizes))
     normal = np.random.default_rng(seed).standard_normal((2, z.size))
-    return setup.data(z * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2)), NOISE, known)
+    return setup.data(z * (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2)), noise, known)
 
 
 def run(setup, data):

@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hidden_effects.body import Surface
+from hidden_effects.build import Build
 from hidden_effects.ritz import RitzPlate
 
-from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
+from diagnosis.conftest import BAND, DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
 from femu_piezo.effects.effect import EffectContext
 from femu_piezo.effects.library import from_table
 from femu_piezo.effects.library.losses import partner
@@ -24,16 +26,22 @@ SIZES = {
     "series_inductance": 5e-6,
     "stray_capacitance": 20e-12,
     "leakage": 2e-5,
+    "contact_gap": 1 / 20e-9,
+    "cable": (1.5, 75.0),
+    "relaxation": (0.05, 90e3, 0.35),
     "dielectric_dispersion": 0.03,
     "frequency_dependent_elastic_loss": 0.7,
     "frequency_dependent_elastic_loss/causal": -0.6,
     "wrong_insensitive_parameter:s12": 0.06,
     "wrong_insensitive_parameter:s13": (0.04, 0.03),
+    "temperature_drift": 0.004,
     "wrong_density": -0.02,
     "wrong_length": 0.012,
     "wrong_width": -0.012,
     "wrong_thickness": 0.015,
     "electrode_mass": 0.15,
+    "film_stiffness": (1.2e6, 0.06),
+    "fluid_load": (20.0, 5e4, 0.02),
 }
 #: Effects at a place, with all their parameters.
 PLACED = {
@@ -45,6 +53,8 @@ PLACED = {
     "tapered_width": (0.03,),
     "unequal_electrode_mass": (0.6,),
 }
+#: Effects with an independent solution of their own, in a file of theirs.
+APART = {"electrode_resistance": (3.0, 2e-3), "sweep_too_fast": 2e4, "drive_level": (4e-3, 0.5)}
 
 
 def evaluate(setup, key: str, size: float | np.ndarray):
@@ -74,6 +84,27 @@ def reference(key: str, size: float, theta: np.ndarray, bare) -> np.ndarray:
         grown = np.array(SIZE)
         grown[("length", "width", "thickness").index(name)] *= 1 + size
         return bare(theta, size=grown)
+    if key == "temperature_drift":
+        low, high = BAND
+
+        def warmed(f):
+            return theta / np.where(np.arange(10) < 5, 1 + size * (f - FUNDAMENTAL) / (high - low), 1.0) ** 2
+
+        return bare(warmed)
+    if key in ("film_stiffness", "fluid_load"):
+        built, faces = Build(np.array(SIZE), DENSITY, theta, FUNDAMENTAL), (1, -1)
+        if key == "film_stiffness":
+            stiff, loss = size
+            built.surfaces = [
+                Surface(*built.whole_face, faces, lambda w: stiff * (1 + 1j * loss) + 0 * w, membrane=0.35)
+            ]
+        else:
+            shear, wave, heavy = size
+            built.surfaces = [
+                Surface(*built.whole_face, faces, lambda w: 1j * w * (1 + 1j) * np.sqrt(w / 2) * shear, (0, 1)),
+                Surface(*built.whole_face, faces, lambda w: 1j * w * wave - w**2 * heavy, (2,)),
+            ]
+        return built.impedance(FREQUENCY)
     if key == "electrode_mass":
         return bare(theta, film=size)
     if key == "dielectric_dispersion":
@@ -90,8 +121,20 @@ def reference(key: str, size: float, theta: np.ndarray, bare) -> np.ndarray:
             return real + 1j * theta.imag * np.where(elastic, ratio**size, 1.0)
 
         return bare(law)
+    if key == "relaxation":
+        strength, centre, width = size
+
+        def cole(f):
+            return 1 / (1 + (1j * f / centre) ** (1 - width))
+
+        return bare(lambda f: theta * (1 + strength * (cole(f) - cole(FUNDAMENTAL).real) * (np.arange(10) == 9)))
     z = bare(theta)
+    if key == "cable":
+        length, own = size
+        beta = OMEGA * length / (0.66 * 299792458)
+        return own * (z + 1j * own * np.tan(beta)) / (own + 1j * z * np.tan(beta))
     return {
+        "contact_gap": z + size / (1j * OMEGA),
         "series_resistance": z + size,
         "series_inductance": z + 1j * OMEGA * size,
         "stray_capacitance": 1 / (1 / z + 1j * OMEGA * size),
@@ -116,7 +159,7 @@ def test_impedance_against_independent_solution(setup, bare, key):
 def test_every_jacobian_against_richardson_differences(setup):
     rng = np.random.default_rng(5)
     for key, effect in setup.library.items():
-        values = np.atleast_1d(PLACED.get(key, SIZES.get(key, 0.05)))
+        values = np.atleast_1d({**PLACED, **SIZES, **APART}.get(key, 0.05))
         values = np.append(values, 0.8 * effect.scale[values.size :])
         parameters, x = setup.with_effects({key: values})
         x[: setup.x.size] *= 1 + 0.01 * rng.standard_normal(setup.x.size)

@@ -107,23 +107,97 @@ def frequency_dependent_elastic_loss(build, rng, variant) -> Hidden:
 
 
 def dielectric_dispersion(build, rng, variant) -> Hidden:
-    """Variant: a broad relaxation (Cole-Cole) with its losses."""
-    size = log_uniform(rng, 0.01, 0.05)
-    relaxation = float(rng.uniform(60e3, 150e3))
-
-    def cole(frequency):
-        return 3 * size / (1 + (1j * frequency / relaxation) ** 0.7)
+    """Variant: the fall steepens with frequency."""
+    size, bend = log_uniform(rng, 0.01, 0.05), 0.4 if variant else 0.0
 
     def law(theta, frequency):
-        found = theta.copy()
-        if variant:
-            found[9] *= 1 + cole(frequency) - cole(build.fundamental).real
-        else:
-            found[9] *= 1 - size * np.log10(frequency / build.fundamental)
+        found, decades = theta.copy(), np.log10(frequency / build.fundamental)
+        found[9] *= 1 - size * decades * (1 + bend * decades)
         return found
 
     build.laws.append(law)
-    return Hidden("dielectric_dispersion", {"fall_per_decade": size}, variant="relaxation" * variant, sized=not variant)
+    return Hidden("dielectric_dispersion", {"fall_per_decade": size}, variant="steeper" * variant, sized=not variant)
+
+
+def relaxation(build, rng, variant) -> Hidden:
+    """Cole and Cole. Variant: skewed as Havriliak and Negami have it."""
+    size, width = log_uniform(rng, 0.02, 0.15), float(rng.uniform(0.15, 0.45))
+    centre, skew = float(rng.uniform(60e3, 150e3)), 0.7 if variant else 1.0
+
+    def share(frequency):
+        return (1 + (1j * frequency / centre) ** (1 - width)) ** -skew
+
+    def law(theta, frequency):
+        found = theta.copy()
+        found[9] *= 1 + size * (share(frequency) - share(build.fundamental).real)
+        return found
+
+    build.laws.append(law)
+    sizes = {"strength": size, "relaxation_frequency": centre}
+    return Hidden("relaxation", sizes, variant="skewed" * variant, sized=not variant)
+
+
+def contact_gap(build, rng, variant) -> Hidden:
+    """A capacitance in series. Variant: the gap leaks."""
+    value, anchor = log_uniform(rng, 1e-8, 2e-7), 2 * np.pi * build.fundamental
+    loss = 0.05 * anchor * value if variant else 0.0
+    build.circuits.append(lambda w, z: z + 1 / (1j * w * value + loss))
+    return Hidden("contact_gap", {"inverse_capacitance": 1 / value}, variant="leaking" * variant, sized=not variant)
+
+
+def cable(build, rng, variant) -> Hidden:
+    """A line of ten pieces of inductance and capacitance. Variant: with the resistance of its core."""
+    length, own = log_uniform(rng, 0.3, 3.0), float(rng.choice([50.0, 75.0]))
+    delay, pieces = length / (0.66 * 299792458.0), 10
+    core = 0.2 * length if variant else 0.0
+
+    def circuit(w, z):
+        for _ in range(pieces):
+            half = (core + 1j * w * own * delay) / pieces / 2
+            z = half + 1 / (1 / (z + half) + 1j * w * delay / own / pieces)
+        return z
+
+    build.circuits.append(circuit)
+    return Hidden("cable", {"length": length}, variant="lossy" * variant, sized=not variant)
+
+
+def temperature_drift(build, rng, variant) -> Hidden:
+    """Compliances change evenly from 20 to 240 kHz. Variant: towards a balance."""
+    size, early = log_uniform(rng, 5e-4, 5e-3) * float(rng.choice([-1, 1])), float(rng.uniform(60e3, 120e3))
+
+    def time(frequency):
+        if variant:
+            return (1 - np.exp(-(frequency - 20e3) / early)) / (1 - np.exp(-220e3 / early))
+        return (frequency - 20e3) / 220e3
+
+    def law(theta, frequency):
+        found = theta.copy()
+        found[:5] /= (1 + size * (time(frequency) - time(build.fundamental))) ** 2
+        return found
+
+    build.laws.append(law)
+    return Hidden("temperature_drift", {"drift": size}, variant="saturating" * variant, sized=not variant)
+
+
+def film_stiffness(build, rng, variant) -> Hidden:
+    """Layers on both faces. Variant: glue on one face alone."""
+    thickness, modulus = log_uniform(rng, 10e-6, 60e-6), log_uniform(rng, 5e9, 5e10)
+    loss, heavy, faces = float(rng.uniform(0.01, 0.08)), 1200.0 * thickness, (-1,) if variant else (1, -1)
+    stiff = modulus * thickness / (1 - 0.35**2)
+    build.surfaces.append(
+        Surface(*build.whole_face, faces, lambda w: stiff * (1 + 1j * loss) * np.ones_like(w), membrane=0.35)
+    )
+    build.surfaces.append(Surface(*build.whole_face, faces, lambda w: -(w**2) * heavy))
+    return Hidden("film_stiffness", {"membrane_stiffness": stiff}, variant="one face" * variant, sized=not variant)
+
+
+def fluid_load(build, rng, variant) -> Hidden:
+    """Both faces in an oil. Variant: one face alone."""
+    shear, pressure = log_uniform(rng, 5.0, 30.0), log_uniform(rng, 1e4, 2e5)
+    faces, face = (1,) if variant else (1, -1), build.whole_face
+    build.surfaces.append(Surface(*face, faces, lambda w: 1j * w * (1 + 1j) * np.sqrt(w / 2) * shear, (0, 1)))
+    build.surfaces.append(Surface(*face, faces, lambda w: 1j * w * pressure, (2,)))
+    return Hidden("fluid_load", {"shear_load": shear}, variant="one face" * variant, sized=not variant)
 
 
 def wrong_insensitive_parameter(build, rng, variant) -> Hidden:
@@ -255,6 +329,12 @@ EFFECTS: Mapping[str, Entry] = {
     "leakage": leakage,
     "frequency_dependent_elastic_loss": frequency_dependent_elastic_loss,
     "dielectric_dispersion": dielectric_dispersion,
+    "relaxation": relaxation,
+    "contact_gap": contact_gap,
+    "cable": cable,
+    "temperature_drift": temperature_drift,
+    "film_stiffness": film_stiffness,
+    "fluid_load": fluid_load,
     "wrong_insensitive_parameter": wrong_insensitive_parameter,
     "wrong_length": _wrong("length", 0, 0.003, 0.015),
     "wrong_width": _wrong("width", 1, 0.003, 0.015),

@@ -29,7 +29,7 @@ FREE = {2: ("s11", "d31", "eps33T"), 0: ("s33", "d33", "eps33T")}
 BARS = ("none", "leakage", "frequency_dependent_elastic_loss", "wrong_insensitive_parameter", "wrong_length")
 DENSITY = 7500.0
 #: Draws of one specimen until its sweep is passive.
-_ATTEMPTS = 10
+_ATTEMPTS = 60
 #: Set-ups of plates in a lot, beside that of a bar; a noise of each is from a share of its own of the range.
 _SETUPS, _NOISE = 6, (5e-4, 3e-3)
 #: Start of the name of a draw whose specimen and instrument are off by their tolerances.

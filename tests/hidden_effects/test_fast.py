@@ -127,8 +127,8 @@ def test_counts_of_the_study():
     assert not weak.detectable and not second.first and not second.in_class
     pair = _outcome("pair", ("a", "b"), 9, "effect", {"b": 0.9, "c": 0.8}, alike=("a",))
     assert not pair.first and pair.in_class
-    strange = _outcome("undescribed", ("liquid",), 50, "effect", {"leakage": 0.91})
-    doubt = _outcome("undescribed", ("liquid",), 50, "unknown", {"leakage": 0.91})
+    strange = _outcome("undescribed", ("second_piece",), 50, "effect", {"leakage": 0.91})
+    doubt = _outcome("undescribed", ("second_piece",), 50, "unknown", {"leakage": 0.91})
     assert strange.confident and not doubt.confident
     null = _outcome("null", (), 0, "none", {})
     found = {rate.words: rate for rate in rates([right, beside, weak, second, pair, strange, doubt, null])}

@@ -158,7 +158,7 @@ def test_a_row_of_units_below_the_names(tmp_path: Path) -> None:
         ("", "header must say"),
         ("frequency_Hz,resistance_ohm", "header must say"),
         ("frequency_Hz,R (kHz),X (ohm)", "no whole pair"),
-        ("frequency_Hz,Cp (F),D", "no whole pair"),
+        ("frequency_Hz,Cp (F),X (ohm)", "no whole pair"),
         ("frequency_Hz,R (ohm),R (ohm)", "no whole pair"),
         ("Hz,R (ohm),X (ohm)", "to be the frequency"),
         ("frequency_Hz,Magnitude,theta (deg)", "no whole pair"),
@@ -195,3 +195,80 @@ def test_a_last_line_without_end_is_whole_or_refused(tmp_path: Path, form: str) 
     assert_same(read_text(tmp_path, text), 1e-7)
     with pytest.raises(InputError, match=r"line 42: .*(file ends|numbers where)"):
         read_text(tmp_path, text[:-7])
+
+
+BODE_100 = "Frequency (Hz);Trace 1: Impedance: Magnitude (Ω);Trace 2: Impedance: Phase (°)"
+WAVEFORMS = "Frequency (Hz),Trace θ (deg),Trace |Z| (Ohm)"
+
+
+def _rows(columns, delimiter: str, comma: bool = False) -> list[str]:
+    rows = [delimiter.join(repr(float(value)) for value in row) for row in zip(*columns, strict=True)]
+    return [row.replace(".", ",") for row in rows] if comma else rows
+
+
+def test_bode_100_with_decimal_commas(tmp_path: Path) -> None:
+    z, theta = columns_of(FREQUENCY, IMPEDANCE, "z_deg")
+    assert_same(read_text(tmp_path, "\n".join([BODE_100, *_rows((FREQUENCY, z, theta), ";", True), ""])))
+    real = BODE_100.replace("Magnitude", "Real").replace("Phase (°)", "Imaginary (Ω)")
+    r, x = columns_of(FREQUENCY, IMPEDANCE, "rx")
+    assert_same(read_text(tmp_path, "\n".join([real, *_rows((FREQUENCY, r, x), ";", True), ""])))
+
+
+def test_waveforms(tmp_path: Path) -> None:
+    z, theta = columns_of(FREQUENCY, IMPEDANCE, "z_deg")
+    r, x = columns_of(FREQUENCY, IMPEDANCE, "rx")
+    head = ["#Digilent WaveForms Impedance Analyzer", "#Device Name: Discovery2", "#Reference: 1 kOhm", ""]
+    assert_same(read_text(tmp_path, "\n".join([*head, WAVEFORMS, *_rows((FREQUENCY, theta, z), ","), ""])))
+    every = WAVEFORMS + ",Trace Rs (Ohm),Trace Xs (Ohm)"
+    assert_same(read_text(tmp_path, "\n".join([*head, every, *_rows((FREQUENCY, theta, z, r, x), ","), ""])))
+
+
+OMEGA = 2 * np.pi * FREQUENCY
+Y = 1 / IMPEDANCE
+LCR = {
+    "Cp (pF),D": (Y.imag / OMEGA * 1e12, Y.real / Y.imag),
+    "Cp[F],Q": (Y.imag / OMEGA, Y.imag / Y.real),
+    "Cp (nF),Rp (kOhm)": (Y.imag / OMEGA * 1e9, 1e-3 / Y.real),
+    "Cp (F),G (uS)": (Y.imag / OMEGA, 1e6 * Y.real),
+    "Cs (nF),D": (-1e9 / (OMEGA * IMPEDANCE.imag), -IMPEDANCE.real / IMPEDANCE.imag),
+    "Cs (F),Q": (-1 / (OMEGA * IMPEDANCE.imag), -IMPEDANCE.imag / IMPEDANCE.real),
+    "Cs (uF),Rs (Ohm)": (-1e6 / (OMEGA * IMPEDANCE.imag), IMPEDANCE.real),
+    "Ls (mH),D": (1e3 * IMPEDANCE.imag / OMEGA, IMPEDANCE.real / IMPEDANCE.imag),
+    "Ls (H),Q": (IMPEDANCE.imag / OMEGA, IMPEDANCE.imag / IMPEDANCE.real),
+    "Ls (uH),Rs (Ohm)": (1e6 * IMPEDANCE.imag / OMEGA, IMPEDANCE.real),
+    "Lp (H),D": (-1 / (OMEGA * Y.imag), -Y.real / Y.imag),
+    "Lp (H),Q": (-1 / (OMEGA * Y.imag), -Y.imag / Y.real),
+    "Lp (mH),Rp (Ohm)": (-1e3 / (OMEGA * Y.imag), 1 / Y.real),
+}
+
+
+@pytest.mark.parametrize("names", LCR)
+def test_list_sweeps_of_lcr_meters(tmp_path: Path, names: str) -> None:
+    """The definitions of an LCR meter: Cp = B/ω, Cs = −1/(ωX), Ls = X/ω, Lp = −1/(ωB), D = 1/Q = R/|X| = G/|B|."""
+    table = _rows((FREQUENCY / 1e3, *LCR[names]), ",")
+    assert_same(read_text(tmp_path, "\n".join([f"Freq[kHz],{names}", *table, ""])), 1e-11)
+
+
+def _formatted(second) -> str:
+    rows = [f"{f:+.11e}, {p:+.15e}, {q:+.15e}" for f, p, q in zip(FREQUENCY, IMPEDANCE.real, second, strict=True)]
+    return "\n".join(['"# Channel 1"', '"# Trace 1"', "Frequency, Formatted Data, Formatted Data", *rows, ""])
+
+
+def test_e5061b_trace_needs_to_be_told_what_it_is(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"Frequency, Formatted Data, Formatted Data and does not say"):
+        read_text(tmp_path, _formatted(IMPEDANCE.imag))
+    names = ["Frequency (Hz)", "R (Ohm)", "X (Ohm)"]
+    assert_same(read_text(tmp_path, _formatted(IMPEDANCE.imag), columns=names), 1e-10)
+    with pytest.raises(InputError, match="half of an impedance"):
+        read_text(tmp_path, _formatted(0 * FREQUENCY), columns=names)
+
+
+def test_columns_name_those_of_any_table(tmp_path: Path) -> None:
+    r, x = columns_of(FREQUENCY, IMPEDANCE, "rx")
+    table = _rows((np.arange(41), FREQUENCY / 1e3, r, x), "\t", True)
+    text = "\n".join(["no name", "u\tv\tw\ty", *table, ""])
+    with pytest.raises(InputError, match=r"no column of \(u, v, w, y\) .*columns = \["):
+        read_text(tmp_path, text)
+    assert_same(read_text(tmp_path, text, columns=["", "f (kHz)", "R (Ohm)", "X (Ohm)"]))
+    with pytest.raises(InputError, match=r"names 3 columns .* 4 numbers"):
+        read_text(tmp_path, text, columns=["f (kHz)", "R (Ohm)", "X (Ohm)"])

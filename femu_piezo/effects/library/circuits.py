@@ -2,9 +2,14 @@
 
     series_resistance   Z' = Z + R            stray_capacitance   Y' = Y + jωC
     series_inductance   Z' = Z + jωL          leakage             Y' = Y + G
+    contact_gap         Z' = Z + E/(jω)       cable               Z' = Z0 (Z + jZ0 tan β)/(Z0 + jZ tan β), β = ωℓ/v
 
-What a fixture leaves after its compensation (`residue` of the specimen file) is the tolerance of all but the leakage,
-which is nearest to the body; then come the leads, and the cable.
+E = 1/C is the inverse of the capacitance of a gap between a face and its electrode, C = ε0 A/g where the gap g is even.
+A cable of length ℓ is lossless, with the wave speed v of solid polyethylene (velocity factor 0.66, as RG-58 has): ℓ is
+the length of such a cable. What is short against the wave is ℓ/(v Z0) of stray capacitance and Z0 ℓ/v of inductance.
+
+What a fixture leaves after its compensation (`residue` of the specimen file) is the tolerance of those that it has. The
+gap is nearest to the body, then the leakage; then come the leads, the fixture, and the cable.
 """
 
 from __future__ import annotations
@@ -43,6 +48,25 @@ def _constant(omega: np.ndarray) -> np.ndarray:
 
 def _derivative(omega: np.ndarray) -> np.ndarray:
     return 1j * omega
+
+
+def _integral(omega: np.ndarray) -> np.ndarray:
+    return 1 / (1j * omega)
+
+
+#: Wave speed in a cable, m/s, and its usual wave impedance, ohm.
+_WAVE_SPEED, _WAVE_IMPEDANCE = 0.66 * 299792458.0, 50.0
+
+
+def _cable(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
+    """A lossless line of length p[0] and wave impedance p[1]: Z' = (Z cos β + jZ0 sin β)/(cos β + jZ/Z0 sin β)."""
+    length, own = p
+    cos, sin = np.cos(omega * length / _WAVE_SPEED), np.sin(omega * length / _WAVE_SPEED)
+    below = cos + 1j * z / own * sin
+    found = (z * cos + 1j * own * sin) / below
+    along = 1j * (own - found**2 / own) * omega / _WAVE_SPEED  # dZ'/dℓ: a Riccati equation along the line
+    wave = (1j * sin + found * 1j * z * sin / own**2) / below
+    return found, 1 / below**2, np.stack([along, wave], axis=1)
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
@@ -128,5 +152,44 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             ),
             circuit=_in_parallel(_constant),
             outward=1.0,
+        ),
+        Effect(
+            name="contact_gap",
+            sentence="an electrode or contact stands off its face: the gap is a capacitance in series",
+            parameters=(
+                EffectParameter(
+                    "inverse_capacitance",
+                    "1/F",
+                    0.0,
+                    10 / typical_capacitance,
+                    1e-3 / typical_capacitance,
+                    0.05 / typical_capacitance,
+                ),
+            ),
+            confusable_with=("eps33T", "d31", "series_inductance"),
+            advice=(
+                "measure again with electrodes sputtered or painted onto the faces",
+                "press the contacts harder, or move them: a gap changes, the material does not",
+                "measure a second specimen of the same material and other thickness: ε33T is common to both",
+            ),
+            circuit=_in_series(_integral),
+            outward=0.5,
+        ),
+        Effect(
+            name="cable",
+            sentence="a length of cable between instrument and specimen was not compensated",
+            parameters=(
+                EffectParameter("length", "m", -20.0, 100.0, 0.05, 1.0),
+                EffectParameter(
+                    "wave_impedance", "ohm", 20.0, 200.0, 10.0, 15.0, rest=_WAVE_IMPEDANCE, optional=True
+                ),
+            ),
+            confusable_with=("stray_capacitance", "series_inductance", "eps33T"),
+            advice=(
+                "sweep the open and the shorted end of the cable: one shows its capacitance, the other its inductance",
+                "measure again at the terminals of the instrument, or compensate with the cable in place",
+            ),
+            circuit=_cable,
+            outward=5.0,
         ),
     )

@@ -12,7 +12,7 @@ local responses of a class are orthonormal to its modes and to those before them
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -55,20 +55,6 @@ def flipped_axes(sector: str) -> Flipped:
 
 def _letters(flipped: Flipped) -> str:
     return "".join("xyz"[axis] for axis in flipped)
-
-
-@dataclass(frozen=True)
-class _ClassBasis:
-    """What of one parity class depends on no driven state.
-
-    Attributes
-    ----------
-    modes : (4, n, k); none of the driven class
-    respond : loads (4n, j) → the response (4n, j) to them; None where no local responses are wanted
-    """
-
-    modes: np.ndarray = field(repr=False)
-    respond: Callable[[np.ndarray], np.ndarray] | None = field(repr=False)
 
 
 class SectorFields:
@@ -121,9 +107,7 @@ class SectorFields:
             return self._driven[:, :, : self.reduced.displacements]
         if name == SPOT:
             return np.zeros((FIELDS, self.weighted.model.basis.N, 3))
-        if not name.endswith(_LOCAL):
-            return self._class(flipped_axes(name)).modes
-        return self._once.get(name, lambda: self._response(name))
+        return self._class(flipped_axes(name))[name]
 
     @property
     def potentials(self) -> np.ndarray:
@@ -144,37 +128,34 @@ class SectorFields:
         if flipped in self._local:
             self._class(flipped)
 
-    def _class(self, flipped: Flipped) -> _ClassBasis:
+    def _class(self, flipped: Flipped) -> dict[str, np.ndarray]:
+        """Sector → its fields (4, n, k), of a parity class: modes, but for the driven one, and local responses."""
         return self._once.get(flipped, lambda: self._new_class(flipped))
 
-    def _new_class(self, flipped: Flipped) -> _ClassBasis:
-        weighted, model = self.weighted, self.weighted.model
-        modes = np.zeros((FIELDS, model.basis.N, 0))
+    def _new_class(self, flipped: Flipped) -> dict[str, np.ndarray]:
+        """All sectors of a class at once: its factor, which is large, is not kept."""
+        weighted, local, known = self.weighted, self._local[flipped], self.of(DRIVEN) if not flipped else None
         if flipped:
             others = self._once.get("others", lambda: _OtherClasses(weighted, self.constants, _BEYOND * self._top))
-            modes = others.modes(flipped)
-        if not self._local[flipped]:
-            return _ClassBasis(modes, None)
-        own = ParityClass(model, self.constants, flipped)
+            known = others.modes(flipped)
+        if not local:
+            return {_letters(flipped): known}
+        own = ParityClass(weighted.model, self.constants, flipped)
         factor = own.factor(_SHIFT * self._top)
 
         def respond(loads: np.ndarray) -> np.ndarray:
             return own.prolongation @ factor.solve(own.prolongation.T @ loads)
 
-        driven_in_first_order = any(name.endswith((RAMP, TAPER)) for name in self._local[flipped])
-        if flipped and driven_in_first_order and self._others_trained:
-            loads = _moved_mode_loads(weighted, modes, self._others_trained, self._top)
+        if flipped and self._others_trained and any(name.endswith((RAMP, TAPER)) for name in local):
+            loads = _moved_mode_loads(weighted, known, self._others_trained, self._top)
             if loads.shape[1]:
-                modes = np.concatenate([modes, _outside(weighted, respond(loads), modes, least=_FOLLOWED)], axis=2)
-        return _ClassBasis(modes, respond)
-
-    def _response(self, name: str) -> np.ndarray:
-        """Orthonormal to the modes of its class and to the local responses before it."""
-        flipped = flipped_axes(name)
-        before = self._local[flipped][: self._local[flipped].index(name)]
-        known = [self.of(_letters(flipped) or DRIVEN), *(self.of(other) for other in before)]
-        loads = _loads(name.split()[-1], self.weighted, self.constants, flipped, self._states)
-        return _outside(self.weighted, self._class(flipped).respond(loads), np.concatenate(known, axis=2))
+                known = np.concatenate([known, _outside(weighted, respond(loads), known, least=_FOLLOWED)], axis=2)
+        found = {_letters(flipped): known} if flipped else {}
+        for name in local:
+            loads = _loads(name.split()[-1], weighted, self.constants, flipped, self._states)
+            found[name] = _outside(weighted, respond(loads), known)
+            known = np.concatenate([known, found[name]], axis=2)
+        return found
 
 
 @dataclass(frozen=True)

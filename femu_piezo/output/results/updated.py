@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.output.folder import prepare_folder, write_figure, write_json
+from femu_piezo.output.folder import prepare_folder, write_binary, write_figure, write_json
 from femu_piezo.output.results.result import Result, suffixes
 from femu_piezo.output.tables import update_table
 from femu_piezo.study.results import UpdateResult
@@ -76,4 +76,17 @@ class Updated(Result, UpdateResult):
             from femu_piezo.output.report_update import write_update_report
 
             write_update_report(out / "report.html", self)
+        return out
+
+    def save_data_sheet(self, folder: Path | str) -> Path:
+        """Write of every specimen datasheet.pdf, one page, and datasheet.png; and update.json; the folder."""
+        from femu_piezo.output.data_sheet import as_pdf, data_sheet
+        from femu_piezo.output.records import update_record
+
+        out = prepare_folder(Path(folder))
+        for number, suffix in enumerate(suffixes(len(self.outcomes))):
+            page = data_sheet(self, number)
+            write_binary(out / f"datasheet{suffix}.pdf", as_pdf(page))
+            write_figure(out / f"datasheet{suffix}.png", page)
+        write_json(out / "update.json", update_record(self))
         return out

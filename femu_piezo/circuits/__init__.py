@@ -1,0 +1,1 @@
+"""Equivalent circuits of a piezoelectric one-port: branches from residues, text for SPICE."""

@@ -1,0 +1,195 @@
+"""`Circuit`: the branches of the modes, and elements for what is left: C0, its loss, modes outside the sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import nnls
+
+from femu_piezo.circuits.branch import UNITS, Branch
+
+#: Points at which what is left over is fitted, and relative share of Y below which an element of it is left out.
+_POINTS, _SMALL = 400, 1e-9
+#: Relative misfit beyond which a note says why.
+_MISSED = 1e-3
+#: Corner frequencies of relaxations per decade, and how far they reach beyond the band.
+_PER_DECADE, _REACH = 3, 10.0
+#: Resonances of modes outside the sweep, over its end; over its beginning the inverse.
+_OUTSIDE = (1.02, 1.05, 1.1, 1.2, 1.35, 1.6, 2.0, 3.0, 5.0)
+
+
+@dataclass(frozen=True)
+class Static:
+    """One element or pair that holds no mode of the sweep.
+
+    Attributes
+    ----------
+    kind : "C", "R", "RC" in series, or "LC" in series, a mode outside the sweep
+    values : SI: C, R or L
+    """
+
+    kind: Literal["C", "R", "RC", "LC"]
+    values: dict[str, float]
+
+    def admittance(self, omega: np.ndarray) -> np.ndarray:
+        """Y (n,) in siemens at ω (n,) in rad/s."""
+        s = 1j * omega
+        if self.kind == "R":
+            return np.full(omega.shape, 1 / self.values["R"], dtype=complex)
+        capacitance = 1 / (s * self.values["C"])
+        if self.kind == "C":
+            return 1 / capacitance
+        return 1 / (capacitance + (self.values["R"] if self.kind == "RC" else s * self.values["L"]))
+
+
+@dataclass(frozen=True)
+class Circuit:
+    """An equivalent circuit: all parts in parallel between the two terminals.
+
+    Attributes
+    ----------
+    name : of the sweep or specimen
+    branches : one for each mode, in order of frequency;  static : C0, its loss, modes outside the sweep
+    frequency : (n,) Hz, of the curve that the circuit stands for;  curve : (n,) its impedance, ohm
+    notes : sentences
+    """
+
+    name: str
+    branches: tuple[Branch, ...]
+    static: tuple[Static, ...]
+    frequency: np.ndarray
+    curve: np.ndarray
+    notes: tuple[str, ...] = ()
+
+    def admittance(self, omega: np.ndarray) -> np.ndarray:
+        """Y (n,) in siemens of all elements at ω (n,) in rad/s."""
+        return sum((part.admittance(omega) for part in (*self.branches, *self.static)), np.zeros(omega.shape, complex))
+
+    @property
+    def impedance(self) -> np.ndarray:
+        """(n,) Z of the circuit at `frequency`, ohm."""
+        return 1 / self.admittance(2 * np.pi * self.frequency)
+
+    @property
+    def misfit(self) -> tuple[float, float]:
+        """(rms, largest) of |Z_circuit/Z − 1| against the curve that it stands for."""
+        wrong = np.abs(self.impedance / self.curve - 1)
+        return float(np.sqrt(np.mean(wrong**2))), float(np.max(wrong))
+
+    @property
+    def static_capacitance(self) -> float:
+        """C0: the capacitor of the circuit without a resistance of its own, F; 0 where there is none."""
+        return sum(part.values["C"] for part in self.static if part.kind == "C")
+
+    def to_json(self) -> dict:
+        """JSON types only, SI."""
+        return {
+            "name": self.name,
+            "branches": [
+                {
+                    "frequency_Hz": branch.frequency_Hz,
+                    "quality_factor": branch.quality_factor if np.isfinite(branch.quality_factor) else None,
+                    "residue_phase": branch.residue_phase,
+                    "elements": {
+                        key: {
+                            "value": value if np.isfinite(value) else None,
+                            "std": branch.std.get(key),
+                            "unit": UNITS[key],
+                        }
+                        for key, value in branch.elements.items()
+                    },
+                }
+                for branch in self.branches
+            ],
+            "static": [{"kind": part.kind, **part.values} for part in self.static],
+            "band_Hz": [float(self.frequency[0]), float(self.frequency[-1])],
+            "misfit": dict(zip(("rms", "largest"), self.misfit, strict=True)),
+            "notes": list(self.notes),
+        }
+
+
+def fit_circuit(name: str, branches: Sequence[Branch], frequency: np.ndarray, curve: np.ndarray) -> Circuit:
+    """The circuit of given branches, what they leave of a curve by further elements.
+
+    The branches stay as their residues have them. What is left is smooth: a capacitor, relaxations (R and C in series),
+    lossless modes outside the sweep, each at least zero, and a resistor, which is negative where it takes back the
+    direct current through the Rp of the branches; by least squares relative to |Y| (nonnegative: Lawson and Hanson
+    1974). A circuit of R, L and C is causal, so that its C falls by (2/π) tan δ per e-fold of frequency (Kramers and
+    Kronig), which a model of constant complex moduli does not do: over a wide band they differ by that.
+
+    Parameters
+    ----------
+    frequency : (n,) Hz;  curve : (n,) impedance that the circuit stands for, ohm, without noise
+    """
+    ordered = tuple(sorted(branches, key=lambda one: one.frequency_Hz))
+    omega = 2 * np.pi * frequency
+    units = _dictionary(omega)
+    units += [_scaled(unit, -1.0) for unit in units if unit.kind == "R"]
+    circuit = Circuit(name, ordered, _rest(ordered, units, omega, curve), frequency, curve)
+    return replace(circuit, notes=tuple(_notes(circuit)))
+
+
+def _rest(branches: Sequence[Branch], units: list[Static], omega: np.ndarray, curve: np.ndarray) -> tuple[Static, ...]:
+    """Multiples of unit elements that, together with the branches, come nearest to the curve.
+
+    Points count by the share of the band that they stand for, on a linear and on a logarithmic scale alike.
+    """
+    at = np.unique(np.linspace(0, omega.size - 1, min(_POINTS, omega.size)).astype(int))
+    omega, y = omega[at], 1 / curve[at]
+    weight = _weights(omega) / np.abs(y)
+    left = (y - sum((one.section(omega) for one in branches), np.zeros(omega.shape, complex))) * weight
+    matrix = np.array([unit.admittance(omega) * weight for unit in units]).T
+    size = np.linalg.norm(matrix, axis=0)
+    rows = np.vstack([matrix.real, matrix.imag]) / size
+    amounts = nnls(rows, np.concatenate([left.real, left.imag]), maxiter=100 * len(units))[0] / size
+    shares = np.max(np.abs(matrix / weight[:, None] / y[:, None]), axis=0) * amounts
+    return tuple(_scaled(unit, n) for unit, n, share in zip(units, amounts, shares, strict=True) if share > _SMALL)
+
+
+def _weights(omega: np.ndarray) -> np.ndarray:
+    """(n,) square roots of the shares of the band that points stand for, linear and logarithmic."""
+    shares = [np.gradient(scale) / (scale[-1] - scale[0]) for scale in (omega, np.log(omega))]
+    return np.sqrt(shares[0] + shares[1])
+
+
+def _dictionary(omega: np.ndarray) -> list[Static]:
+    """Elements of 1 F or 1 ohm, of which some multiples are the rest of the circuit."""
+    low, high = float(omega[0]), float(omega[-1])
+    count = int(np.ceil(_PER_DECADE * np.log10(high * _REACH**2 / low))) + 1
+    corners = np.geomspace(low / _REACH, high * _REACH, count)
+    outside = [high * factor for factor in _OUTSIDE] + [low / factor for factor in _OUTSIDE]
+    return [
+        Static("C", {"C": 1.0}),
+        Static("R", {"R": 1.0}),
+        *(Static("RC", {"R": float(1 / corner), "C": 1.0}) for corner in corners),
+        *(Static("LC", {"L": float(1 / place**2), "C": 1.0}) for place in outside),
+    ]
+
+
+def _scaled(unit: Static, amount: float) -> Static:
+    """An element with its admittance times `amount`."""
+    return Static(unit.kind, {key: float(v * amount if key == "C" else v / amount) for key, v in unit.values.items()})
+
+
+def _notes(circuit: Circuit) -> list[str]:
+    found = []
+    negative = [one for one in circuit.branches if min(one.elements["R"], one.elements["Rp"]) < 0]
+    if negative:
+        places = ", ".join(f"{one.frequency_Hz:.6g} Hz" for one in negative)
+        found.append(
+            f"the residue at {places} is turned so far that a resistance of its branch is negative: right as a part of "
+            "the circuit, in SPICE too, but not to be bought"
+        )
+    if any(part.values["R"] < 0 for part in circuit.static if part.kind == "R"):
+        found.append("the negative resistor takes back the direct current which the Rp of the branches let through")
+    rms, largest = circuit.misfit
+    found.append(f"the circuit follows its curve within {100 * rms:.2g} % rms and {100 * largest:.2g} % at most")
+    if largest > _MISSED:
+        found.append(
+            "a circuit of R, L and C is causal and passive; constant loss tangents over a wide band (Kramers and "
+            "Kronig) and what a sweep has of errors are not, and stay outside it"
+        )
+    return found

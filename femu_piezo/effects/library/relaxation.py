@@ -1,0 +1,65 @@
+"""A relaxation of the permittivity after Cole and Cole (J. Chem. Phys. 9 (1941) 341), causal and with its loss.
+
+    ε33T(ω) = ε33T [1 + Δ (c(ω) − Re c(ω0))],    c(ω) = 1/(1 + (jω/ωr)^(1−α)),
+
+Δ the strength as a share of ε33T, ωr/2π the relaxation frequency, α the width: 0 is that of Debye, with one relaxation
+time. At the fundamental ω0 the real part keeps its value. With time as e^(+jωt) a loss is Im ε < 0, which Im c is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
+from femu_piezo.material.constants import D_FORM
+
+_EPS33T = D_FORM.index("eps33T")
+
+
+def _cole(logs: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
+    """c (k,) at logs = ln(ω/ωr), and its slopes (k, 2) in ln ωr and α."""
+    phase = logs + 0.5j * np.pi  # ln(jω/ωr)
+    power = np.exp((1 - width) * phase)
+    fall = power / (1 + power) ** 2
+    return 1 / (1 + power), np.stack([(1 - width) * fall, phase * fall], axis=1)
+
+
+def _hook(anchor: float):
+    def constants(theta, tangents, omega, p):
+        strength, frequency, width = p
+        law, slopes = _cole(np.log(omega / (2 * np.pi * frequency)), width)
+        at, at_slopes = _cole(np.log(np.array([anchor / frequency])), width)
+        change, moved = law - at.real, (slopes - at_slopes.real) / np.array([frequency, 1.0])
+        own = np.zeros((*theta.shape, 3), dtype=complex)
+        own[:, _EPS33T] = theta[:, _EPS33T, None] * np.column_stack([change, strength * moved])
+        theta, tangents = theta.copy(), tangents.copy()
+        theta[:, _EPS33T] *= 1 + strength * change
+        tangents[:, _EPS33T] *= (1 + strength * change)[:, None]
+        return theta, tangents, own
+
+    return constants
+
+
+def candidates(context: EffectContext) -> tuple[Effect, ...]:
+    """For every body; relaxations far outside the band are a constant permittivity or a constant loss."""
+    own = context.fundamental_Hz
+    return (
+        Effect(
+            name="relaxation",
+            sentence="the permittivity relaxes: it falls over some decade of frequency, with a peak of its loss",
+            parameters=(
+                EffectParameter("strength", "1", 0.0, 3.0, 0.01, 0.1),
+                EffectParameter(
+                    "relaxation_frequency", "Hz", 1e-3 * own, 1e3 * own, 0.2 * own, 2 * own, (0.1 * own,), rest=own
+                ),
+                EffectParameter("width", "1", 0.0, 0.9, 0.1, 0.2, rest=0.3, optional=True),
+            ),
+            confusable_with=("dielectric_dispersion", "tan_eps33T", "leakage"),
+            advice=(
+                "measure over two more decades towards low frequency, where no resonance disturbs",
+                "measure once more at another temperature: a relaxation moves along frequency, an electrode does not",
+            ),
+            constants=_hook(own),
+            dispersive=True,
+        ),
+    )

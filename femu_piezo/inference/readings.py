@@ -1,0 +1,158 @@
+"""Readings of other instruments as data of a fit: mass, capacitance at 1 kHz, d33, sound velocity along the poling.
+
+    row = (predicted(x) − value)/std,    one beside the rows of the priors, with its exact slopes in the unknowns
+
+    mass            ρV of the body as stretched and as dense as it is, films and a spot of mass on it included
+    capacitance     ε33T A/t of a body with a uniform field, at 1 kHz with laws over frequency, gaps and electrodes
+    d33             Re d33, far below any relaxation
+    sound_velocity  √(c33D/ρ) of a wave along the poling that is wide against the wavelength, c33D = c33E + e33²/ε33S
+
+They are of the specimen alone: what a fixture adds to a sweep is not in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from femu_piezo.inference.coefficients import Active, active_effects, d_form_constants, e_form_constants
+from femu_piezo.inference.ensemble import own_parameters
+from femu_piezo.inference.fit import Fit
+from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.material.constants import D_FORM, E_FORM
+
+#: Where a capacitance is read, rad/s; circuits nearer to the body than this place belong to the specimen.
+_KILOHERTZ, _FIXTURE = 2 * np.pi * np.array([1e3]), 1.0
+_EPS33T, _D33 = D_FORM.index("eps33T"), D_FORM.index("d33")
+_C33, _E33, _EPS33S = (E_FORM.index(name) for name in ("c33", "e33", "eps33S"))
+#: Films by the name of their effect → number of the parameter that is their mass per area; a spot has mass itself.
+_FILMS, _SPOT = {"electrode_mass": 0}, "point_mass"
+#: Units of the readings, as they are printed.
+UNITS = {"mass": "kg", "capacitance": "F", "d33": "C/N", "sound_velocity": "m/s"}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One reading of one specimen.
+
+    Attributes
+    ----------
+    name : of the key in `[readings]`;  value, std : SI
+    specimen : as effects name it; "" where there is one alone
+    density, volume, area, gap : of the body as the file says, SI;  normal : axis of the electrodes' normal
+    """
+
+    name: str
+    value: float
+    std: float
+    specimen: str
+    density: float
+    volume: float
+    area: float
+    gap: float
+    normal: int
+
+    def row(self, parameters: Unknowns, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """(predicted − value)/std at the unknowns x (n_x,), and its slopes (n_x,)."""
+        own, columns = own_parameters(parameters, self.specimen)
+        predicted, slopes = self._predicted(own, x[columns])
+        found = np.zeros(x.size)
+        found[columns] = slopes / self.std
+        return (predicted - self.value) / self.std, found
+
+    def _predicted(self, parameters: Unknowns, x: np.ndarray) -> tuple[float, np.ndarray]:
+        active = active_effects(parameters, x)
+        return {
+            "mass": self._mass,
+            "capacitance": self._capacitance,
+            "d33": self._d33,
+            "sound_velocity": self._sound_velocity,
+        }[self.name](parameters, x, active)
+
+    def _mass(self, parameters: Unknowns, x: np.ndarray, active: list[Active]) -> tuple[float, np.ndarray]:
+        factor, slopes = _scaled(active, x.size, np.ones(3), 1)
+        found, slopes = self.density * self.volume * factor, self.density * self.volume * factor * slopes
+        for item in active:
+            own = np.zeros(item.values.size)
+            if item.effect.name in _FILMS:
+                own[_FILMS[item.effect.name]] = 2 * self.area
+            elif item.effect.name == _SPOT:
+                own[0] = 1.0
+            found += float(own @ item.values)
+            item.put(slopes, own)
+        return found, slopes
+
+    def _capacitance(self, parameters: Unknowns, x: np.ndarray, active: list[Active]) -> tuple[float, np.ndarray]:
+        powers = np.where(np.arange(3) == self.normal, -1.0, 1.0)
+        factor, slopes = _scaled(active, x.size, powers, 0)
+        theta, tangents = d_form_constants(parameters, x, active, _KILOHERTZ)
+        c = theta[0, _EPS33T] * self.area / self.gap * factor
+        moved = tangents[0, _EPS33T] * self.area / self.gap * factor + c * slopes
+        z, dz = 1 / (1j * _KILOHERTZ * c), (-moved / (1j * _KILOHERTZ * c**2))[None]
+        for item in active:
+            if item.effect.circuit is not None and item.effect.outward < _FIXTURE:
+                z, ratio, own = item.effect.circuit(_KILOHERTZ, z, item.values)
+                dz = dz * ratio[:, None]
+                item.put(dz, own)
+        return float((1 / z[0]).imag / _KILOHERTZ[0]), (-dz[0] / z[0] ** 2).imag / _KILOHERTZ[0]
+
+    def _d33(self, parameters: Unknowns, x: np.ndarray, active: list[Active]) -> tuple[float, np.ndarray]:
+        theta, tangents = d_form_constants(parameters, x, _plain(active), _KILOHERTZ)
+        return float(theta[0, _D33].real), tangents[0, _D33].real
+
+    def _sound_velocity(self, parameters: Unknowns, x: np.ndarray, active: list[Active]) -> tuple[float, np.ndarray]:
+        values, tangents = (part[0] for part in e_form_constants(parameters, x, _plain(active), _KILOHERTZ))
+        c, e, eps = values[[_C33, _E33, _EPS33S]]
+        stiff = c + e**2 / eps
+        moved = tangents[_C33] + 2 * e / eps * tangents[_E33] - (e / eps) ** 2 * tangents[_EPS33S]
+        factor, slopes = _scaled(active, x.size, np.zeros(3), 1)
+        speed = np.sqrt(stiff.real / (self.density * factor))
+        return float(speed), speed / 2 * (moved.real / stiff.real - slopes)
+
+
+def _plain(active: list[Active]) -> list[Active]:
+    """Those without laws over frequency, which hold in the sweep."""
+    return [item for item in active if not item.effect.dispersive]
+
+
+def _scaled(active: list[Active], unknowns: int, powers: np.ndarray, density: int) -> tuple[float, np.ndarray]:
+    """Product of the factors on the dimensions to given powers (3,) and on the density, and its logarithmic slopes."""
+    found, slopes = 1.0, np.zeros(unknowns)
+    for item in active:
+        if item.effect.stretch is not None:
+            factors, own = item.effect.stretch(item.values)
+            found *= float(np.prod(factors**powers))
+            item.put(slopes, (powers / factors) @ own)
+        if density and item.effect.density is not None:
+            factor, own = item.effect.density(item.values)
+            found *= factor
+            item.put(slopes, own / factor)
+    return found, slopes
+
+
+def read_beside(fit: Fit) -> dict[str, dict[str, float]]:
+    """Every reading of a fit as in its record: value, std and what the fit says, SI, and the difference in σ."""
+    found = {}
+    for reading in fit.parameters.readings:
+        sigma = reading.row(fit.parameters, fit.x)[0]
+        title = f"{reading.name} ({reading.specimen})" if reading.specimen else reading.name
+        found[title] = {
+            "value": reading.value,
+            "std": reading.std,
+            "unit": UNITS[reading.name],
+            "fitted": reading.value + sigma * reading.std,
+            "sigma": sigma,
+        }
+    return found
+
+
+def reading_words(fit: Fit | None) -> Sequence[str]:
+    """A line for each reading: what it was, what the fit says, and by how many of its deviations it differs."""
+    rows = read_beside(fit) if fit is not None else {}
+    return [
+        f"reading: {name} {one['value']:.5g} ± {one['std']:.2g} {one['unit']}, fitted {one['fitted']:.5g} "
+        f"({one['sigma']:+.1f} σ)"
+        for name, one in rows.items()
+    ]

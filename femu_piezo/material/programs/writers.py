@@ -1,0 +1,315 @@
+"""What every program gets: full stress-charge matrices, density and a name; and notes on order, sign and loss.
+
+Every writer takes a `StressCharge` in IEEE order and gives text; every reader takes that text and gives the matrices
+back. Losses are those of value (1 − j tan) under exp(+jωt): Im c > 0, Im e and Im ε of the sign of −Re.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from femu_piezo.errors import InputError
+from femu_piezo.material.constants import EPS0
+from femu_piezo.material.conversion import StressCharge
+
+_TRIANGLE = [(i, j) for i in range(6) for j in range(i, 6)]
+_COLUMNS = [(i, j) for j in range(6) for i in range(j + 1)]
+_SIX = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+
+
+@dataclass(frozen=True)
+class Program:
+    """A program that takes piezoelectric materials.
+
+    Attributes
+    ----------
+    title : its name;  suffix : of its file
+    complex : whether it takes complex constants, so that the losses come along element by element
+    write : (matrices, density kg/m³, name) → text;  read : text → (matrices, density), real where not `complex`
+    """
+
+    title: str
+    suffix: str
+    complex: bool
+    write: Callable[[StressCharge, float, str], str]
+    read: Callable[[str], tuple[StressCharge, float]]
+
+
+def _notes(order: str, more: Sequence[str]) -> list[str]:
+    return [
+        "Made by femu-piezo. Stress-charge form: stiffness at constant field, e, permittivity at constant strain.",
+        f"Order of components: {order}; engineering shear strain; SI units.",
+        "Time factor exp(+j omega t): a lossy stiffness is c (1 + j eta), a lossy e or permittivity value (1 - j tan).",
+        *more,
+    ]
+
+
+def _mean_loss(matrix: np.ndarray, sign: float) -> float:
+    """One loss factor for a matrix (n, n): of its trace."""
+    trace = np.trace(matrix)
+    return float(sign * trace.imag / trace.real)
+
+
+def _symmetric(values: Sequence[complex], places: Sequence[tuple[int, int]], size: int) -> np.ndarray:
+    matrix = np.zeros((size, size), dtype=complex)
+    for value, (i, j) in zip(values, places, strict=True):
+        matrix[i, j] = matrix[j, i] = value
+    return matrix
+
+
+def _numbers(lines: Sequence[str]) -> list[float]:
+    return [float(cell) for line in lines for cell in line.split(",") if cell.strip()]
+
+
+# COMSOL Multiphysics: a text file of parameters, one a line: name, expression without blanks, description
+
+
+def _comsol(material: StressCharge, density: float, name: str) -> str:
+    m = material.reordered("comsol")
+    told = _notes(
+        "xx, yy, zz, yz, xz, xy, that of COMSOL's piezoelectric material (IEEE)",
+        [
+            "Load under Parameters (Load from File); enter cE11 ... in the elasticity matrix cE, e11 ... in the",
+            "coupling matrix eES, epsr11 ... in the relative permittivity epsilonrS of the stress-charge form. The",
+            "losses are in the imaginary parts: add no damping subnodes.",
+        ],
+    )
+    rows = [f"% {line}" for line in (f"Material: {name}", *told)]
+
+    def line(key: str, value: complex, unit: str, words: str) -> str:
+        return f"{key} {value.real!r}{unit}{value.imag:+.17g}{unit}*i {words}"
+
+    for i, j in _TRIANGLE:
+        rows.append(line(f"cE{i + 1}{j + 1}", complex(m.stiffness[i, j]), "[Pa]", "stiffness"))
+    for i in range(3):
+        rows += [line(f"e{i + 1}{j + 1}", complex(m.piezoelectric[i, j]), "[C/m^2]", "coupling") for j in range(6)]
+    for i, j in _SIX:
+        a, b = sorted((i, j))
+        rows.append(line(f"epsr{a + 1}{b + 1}", complex(m.relative_permittivity[i, j]), "", "relative_permittivity"))
+    return "\n".join([*rows, f"rho {density!r}[kg/m^3] density", ""])
+
+
+def _read_comsol(text: str) -> tuple[StressCharge, float]:
+    number = r"[+-]?[\d.]+(?:[eE][+-]?\d+)?"
+    found = {
+        key: complex(float(real), float(imag))
+        for key, real, imag in re.findall(
+            rf"^(\w+) ({number})(?:\[[^\]]*\])?({number})(?:\[[^\]]*\])?\*i", text, re.MULTILINE
+        )
+    }
+    c = _symmetric([found[f"cE{i + 1}{j + 1}"] for i, j in _TRIANGLE], _TRIANGLE, 6)
+    e = np.array([[found[f"e{i + 1}{j + 1}"] for j in range(6)] for i in range(3)])
+    pairs = [tuple(sorted(pair)) for pair in _SIX]
+    eps = _symmetric([found[f"epsr{i + 1}{j + 1}"] for i, j in pairs], pairs, 3)
+    density = float(re.search(rf"^rho ({number})", text, re.MULTILINE)[1])
+    return StressCharge(c, e, eps * EPS0, "comsol"), density
+
+
+# ANSYS Mechanical APDL
+
+
+def _ansys(material: StressCharge, density: float, name: str) -> str:
+    m = material.reordered("ansys")
+    told = _notes(
+        "x, y, z, xy, yz, xz, that of ANSYS",
+        [
+            "Real parts; the program takes one loss factor for the stiffness (TB,SDAMP) and one tangent for the",
+            "permittivity (MP,LSST), those of the traces. The loss of e has no place there: a harmonic response",
+            "differs from that of the complex constants by it.",
+        ],
+    )
+    rows = [f"! {line}" for line in (f"Material: {name}", *told)]
+    rows += [f"MP,DENS,1,{density!r}", "TB,ANEL,1,1,21,0"]
+    rows += _table([float(m.stiffness[i, j].real) for i, j in _TRIANGLE])
+    rows += ["TB,PIEZ,1,,18,0", *_table([float(v) for v in m.piezoelectric.real.T.ravel()])]
+    rows += ["TB,DPER,1,,6,0", *_table([float(m.relative_permittivity[i, j].real) for i, j in _SIX])]
+    rows += ["TB,SDAMP,1,1,1,STRU", f"TBDATA,1,{_mean_loss(m.stiffness, 1.0)!r}"]
+    return "\n".join([*rows, f"MP,LSST,1,{_mean_loss(m.permittivity, -1.0)!r}", ""])
+
+
+def _table(values: list[float]) -> list[str]:
+    return [
+        f"TBDATA,{start + 1},{','.join(map(repr, values[start : start + 6]))}" for start in range(0, len(values), 6)
+    ]
+
+
+def _read_ansys(text: str) -> tuple[StressCharge, float]:
+    tables: dict[str, list[float]] = {}
+    current = ""
+    for line in text.splitlines():
+        if line.startswith("TB,"):
+            current = line.split(",")[1]
+            tables[current] = []
+        elif line.startswith("TBDATA,"):
+            tables[current] += [float(cell) for cell in line.split(",")[2:]]
+    density = float(re.search(r"^MP,DENS,1,(\S+)", text, re.MULTILINE)[1])
+    c, eps = _symmetric(tables["ANEL"], _TRIANGLE, 6), _symmetric(tables["DPER"], _SIX, 3)
+    return StressCharge(c, np.reshape(tables["PIEZ"], (6, 3)).T.astype(complex), eps * EPS0, "ansys"), density
+
+
+# Abaqus
+
+
+def _abaqus(material: StressCharge, density: float, name: str) -> str:
+    m = material.reordered("abaqus")
+    told = _notes(
+        "11, 22, 33, 12, 13, 23, that of Abaqus",
+        ["Real parts; the program takes one structural loss factor (*DAMPING), that of the trace of the stiffness."],
+    )
+    rows = [f"** {line}" for line in told]
+    rows += [f"*MATERIAL, NAME={re.sub(r'[^A-Za-z0-9_]', '_', name)}", "*DENSITY", repr(density)]
+    rows += ["*ELASTIC, TYPE=ANISOTROPIC", *_eights([float(m.stiffness[i, j].real) for i, j in _COLUMNS])]
+    rows += ["*PIEZOELECTRIC, TYPE=S", *_eights([float(v) for v in m.piezoelectric.real.ravel()])]
+    three = [(i, j) for i, j in _COLUMNS if j < 3]
+    rows += ["*DIELECTRIC, TYPE=ANISO", *_eights([float(m.permittivity[i, j].real) for i, j in three])]
+    return "\n".join([*rows, f"*DAMPING, STRUCTURAL={_mean_loss(m.stiffness, 1.0)!r}", ""])
+
+
+def _eights(values: list[float]) -> list[str]:
+    return [", ".join(map(repr, values[start : start + 8])) for start in range(0, len(values), 8)]
+
+
+def _read_abaqus(text: str) -> tuple[StressCharge, float]:
+    blocks: dict[str, list[str]] = {}
+    current = ""
+    for line in text.splitlines():
+        if line.startswith("**"):
+            continue
+        if line.startswith("*"):
+            current = line[1:].split(",")[0]
+            blocks[current] = []
+        else:
+            blocks[current].append(line)
+    c = _symmetric(_numbers(blocks["ELASTIC"]), _COLUMNS, 6)
+    eps = _symmetric(_numbers(blocks["DIELECTRIC"]), [(i, j) for i, j in _COLUMNS if j < 3], 3)
+    e = np.reshape(_numbers(blocks["PIEZOELECTRIC"]), (3, 6)).astype(complex)
+    return StressCharge(c, e, eps, "abaqus"), _numbers(blocks["DENSITY"])[0]
+
+
+# openCFS: a material of mat.xml, real and imaginary parts
+
+
+def _opencfs(material: StressCharge, density: float, name: str) -> str:
+    m = material.reordered("ieee")
+    root = ET.Element("material", name=name)
+    told = _notes("xx, yy, zz, yz, xz, xy (IEEE)", ["Put this element into the materials file of the simulation."])
+    root.append(ET.Comment(" ".join(told)))
+    mechanical, electric, piezo = (ET.SubElement(root, key) for key in ("mechanical", "electric", "piezo"))
+    ET.SubElement(ET.SubElement(ET.SubElement(mechanical, "density"), "linear"), "real").text = repr(density)
+    for parent, key, matrix in (
+        (mechanical, "elasticity", m.stiffness),
+        (electric, "permittivity", m.permittivity),
+        (piezo, "piezoCouplingTensor", m.piezoelectric),
+    ):
+        linear = ET.SubElement(ET.SubElement(parent, key), "linear")
+        tensor = ET.SubElement(linear, "tensor", dim1=str(matrix.shape[0]), dim2=str(matrix.shape[1]))
+        for part, values in (("real", matrix.real), ("imag", matrix.imag)):
+            ET.SubElement(tensor, part).text = "\n".join(" ".join(map(repr, row)) for row in values.tolist())
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _read_opencfs(text: str) -> tuple[StressCharge, float]:
+    root = ET.fromstring(text)
+
+    def tensor(path: str) -> np.ndarray:
+        found = root.find(f"{path}/linear/tensor")
+        shape = int(found.get("dim1")), int(found.get("dim2"))
+        real, imag = (np.reshape([float(v) for v in found.find(key).text.split()], shape) for key in ("real", "imag"))
+        return real + 1j * imag
+
+    c, eps, e = (tensor(p) for p in ("mechanical/elasticity", "electric/permittivity", "piezo/piezoCouplingTensor"))
+    return StressCharge(c, e, eps, "ieee"), float(root.find("mechanical/density/linear/real").text)
+
+
+# SfePy: a Python module of plain lists
+
+
+def _sfepy(material: StressCharge, density: float, name: str) -> str:
+    m = material.reordered("abaqus")
+    told = _notes(
+        "11, 22, 33, 12, 13, 23, that of SfePy's symmetric storage",
+        [
+            "Use stiffness_real as D of dw_lin_elastic, coupling_real as g of dw_piezo_coupling, permittivity_real as",
+            "K of dw_diffusion; SfePy computes with real materials, the imaginary parts are for terms of one's own.",
+        ],
+    )
+    rows = [f"# {line}" for line in (f"Material: {name}", *told)]
+    rows.append(f"density = {density!r}")
+    for key, matrix in (
+        ("stiffness", m.stiffness),
+        ("coupling", m.piezoelectric),
+        ("permittivity", m.permittivity),
+    ):
+        for part, values in (("real", matrix.real), ("imag", matrix.imag)):
+            inner = ",\n".join(f"    {row}" for row in values.tolist())
+            rows.append(f"{key}_{part} = [\n{inner},\n]")
+    return "\n".join([*rows, ""])
+
+
+def _read_sfepy(text: str) -> tuple[StressCharge, float]:
+    found = {
+        node.targets[0].id: ast.literal_eval(node.value)
+        for node in ast.parse(text).body
+        if isinstance(node, ast.Assign)
+    }
+    c, e, eps = (
+        np.array(found[f"{key}_real"]) + 1j * np.array(found[f"{key}_imag"])
+        for key in ("stiffness", "coupling", "permittivity")
+    )
+    return StressCharge(c, e, eps, "abaqus"), float(found["density"])
+
+
+# JSON
+
+
+def _json(material: StressCharge, density: float, name: str) -> str:
+    m = material.reordered("ieee")
+    record = {
+        "name": name,
+        "notes": _notes("11, 22, 33, 23, 13, 12 (IEEE 176)", []),
+        "density_kg_m3": density,
+        **{
+            f"{key}_{part}": values.tolist()
+            for key, matrix in (
+                ("stiffness_Pa", m.stiffness),
+                ("piezoelectric_C_m2", m.piezoelectric),
+                ("permittivity_F_m", m.permittivity),
+            )
+            for part, values in (("real", matrix.real), ("imag", matrix.imag))
+        },
+    }
+    return json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _read_json(text: str) -> tuple[StressCharge, float]:
+    found = json.loads(text)
+    c, e, eps = (
+        np.array(found[f"{key}_real"]) + 1j * np.array(found[f"{key}_imag"])
+        for key in ("stiffness_Pa", "piezoelectric_C_m2", "permittivity_F_m")
+    )
+    return StressCharge(c, e, eps, "ieee"), float(found["density_kg_m3"])
+
+
+PROGRAMS: dict[str, Program] = {
+    "comsol": Program("COMSOL Multiphysics", "txt", True, _comsol, _read_comsol),
+    "ansys": Program("ANSYS Mechanical APDL", "mac", False, _ansys, _read_ansys),
+    "abaqus": Program("Abaqus", "inp", False, _abaqus, _read_abaqus),
+    "opencfs": Program("openCFS", "xml", True, _opencfs, _read_opencfs),
+    "sfepy": Program("SfePy", "py", True, _sfepy, _read_sfepy),
+    "json": Program("JSON", "json", True, _json, _read_json),
+}
+
+
+def program(name: str) -> Program:
+    """A program by its name in `PROGRAMS`; InputError where there is none of that name."""
+    if name not in PROGRAMS:
+        raise InputError(f"materials are not written for {name!r}; give one of {', '.join(PROGRAMS)}")
+    return PROGRAMS[name]

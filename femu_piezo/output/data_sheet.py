@@ -1,0 +1,155 @@
+"""One page about a piece: constants with deviations, standard figures, curves; A4, made by matplotlib."""
+
+from __future__ import annotations
+
+import io
+import textwrap
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib import metadata
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from femu_piezo.output.curves import MEASURED, PRINTED, UPDATED, frequency_axis
+from femu_piezo.output.picture import Picture
+from femu_piezo.output.tables import deviation_percent, figure_words, number
+from femu_piezo.standards.figures import StandardFigures
+from femu_piezo.study.results import Outcome, UpdateResult
+
+_A4 = (8.27, 11.69)
+_DARK, _ACCENT = "#222222", "#c0392b"
+#: Places on the page: first line of the tables, lowest line of them, top of the notes; distance of lines, size of their
+#: letters, and lines that a table has beside its rows.
+_TOP, _CURVES, _NOTES, _STEP, _SIZE, _HEAD = 0.905, 0.37, 0.145, 0.0145, 7.6, 3.3
+_OF_FURTHER = ("fs", "fp", "k_eff", "Qm_pole", "kt", "Nt", "c33", "c33D")
+#: Characters of a line of notes, and how many lines of them have room.
+_WIDTH, _LINES = 118, 6
+
+
+def data_sheet(result: UpdateResult, index: int = 0) -> Figure:
+    """The page of one specimen of an update."""
+    outcome, modes = result.outcomes[index], result.figures[index]
+    page = Picture(figsize=_A4)
+    page.text(0.07, 0.955, outcome.measured.problem.specimen.name, size=16, weight="bold", color=_DARK)
+    page.text(0.07, 0.938, _body_words(outcome), size=8, color="#555555")
+    page.add_artist(_rule(page, 0.93))
+    constants, figures = _constants(result), _figures(modes)
+    step = min(_STEP, (_TOP - _CURVES) / (len(constants) + len(figures) + 2 * _HEAD))
+    _table(page, _TOP, step, "Material constants", ("", "value", "loss tangent", "mostly from"), constants)
+    below = _TOP - step * (len(constants) + _HEAD)
+    headings = ("", "by standard", "finite elements", "dev.", "")
+    _table(page, below, step, f"Standard figures: {modes[0].title}", headings, figures)
+    _curves(page, outcome, below - step * (len(figures) + _HEAD))
+    _footer(page, result, modes)
+    return page
+
+
+def as_pdf(page: Figure) -> bytes:
+    """The page as a PDF file."""
+    buffer = io.BytesIO()
+    page.savefig(buffer, format="pdf")
+    return buffer.getvalue()
+
+
+def _rule(page: Figure, height: float) -> Line2D:
+    return Line2D([0.07, 0.93], [height, height], color=_ACCENT, linewidth=1.6, transform=page.transFigure)
+
+
+def _body_words(outcome: Outcome) -> str:
+    problem, spectrum = outcome.measured.problem, outcome.measured.spectrum
+    geometry = problem.specimen.geometry
+    sizes = [
+        f"{key.replace('_', ' ')} {1e3 * value:.5g} mm"
+        for key, value in geometry
+        if isinstance(value, float)
+        and key in ("length", "width", "width_end", "thickness", "diameter", "inner_diameter")
+    ]
+    low, high = spectrum.frequency[[0, -1]]
+    sweep = f"{len(spectrum)} points, {low / 1e3:.5g} to {high / 1e3:.5g} kHz"
+    return f"{geometry.shape}: {', '.join(sizes)}; density {problem.density:.5g} kg/m³; sweep of {sweep}"
+
+
+def _constants(result: UpdateResult) -> list[tuple[str, ...]]:
+    rows = []
+    for name, one in result.parameters.items():
+        factor, unit = PRINTED[name]
+        value = number(one.value * factor, None if one.std is None else one.std * factor)
+        source = one.largest_part
+        rows.append(
+            (
+                name,
+                f"({value}) {unit}" if "±" in value else f"{value} {unit}",
+                number(one.tan, one.tan_std),
+                source or "",
+            )
+        )
+    return rows
+
+
+def _figures(modes: Sequence[StandardFigures]) -> list[tuple[str, ...]]:
+    """All of the fundamental, of a further mode what the body gives and where it is."""
+    told = [*modes[0].figures, *(one for mode in modes[1:] for one in mode.figures if one.name in _OF_FURTHER)]
+    return [
+        (one.name, figure_words(one), figure_words(one, model=True), deviation_percent(one.deviation), one.meaning)
+        for one in told
+    ]
+
+
+def _table(page: Figure, top: float, step: float, title: str, headings: Sequence[str], rows) -> None:
+    """Rows of text, `step` of the page apart: names and words to the left, numbers to the right."""
+    left, size = 0.07, _SIZE * step / _STEP
+    page.text(left, top, title, size=9.5, weight="bold", color=_DARK)
+    places = {4: (0.0, 0.30, 0.48, 0.50), 5: (0.0, 0.27, 0.46, 0.55, 0.57)}[len(headings)]
+    sides = ("left", "right", "right", *(("left",) if len(headings) == 4 else ("right", "left")))
+    for line, row in enumerate([headings, *rows]):
+        height = top - step * (1.2 + line)
+        for place, side, cell in zip(places, sides, row, strict=True):
+            page.text(left + place, height, cell, size=size, ha=side, color=_DARK if line else "#555555")
+
+
+def _curves(page: Figure, outcome: Outcome, top: float) -> None:
+    """|Z| and phase, measured and by finite elements, from `top` of the page down to the notes."""
+    spectrum = outcome.measured.spectrum
+    factor, label, scale = frequency_axis(spectrum.frequency)
+    x, height = spectrum.frequency * factor, min(top, 0.5) - _NOTES - 0.06
+    magnitude = page.add_axes((0.13, _NOTES + 0.055, 0.34, height))
+    phase = page.add_axes((0.59, _NOTES + 0.055, 0.34, height))
+    for impedance, name, style in (
+        (spectrum.impedance, "measured", MEASURED),
+        (outcome.updated_curve, "finite elements", UPDATED),
+    ):
+        magnitude.semilogy(x, np.abs(impedance), label=name, **style)
+        phase.plot(x, np.degrees(np.angle(impedance)), **style)
+    _dress(magnitude, label, "|Z| (Ω)", scale)
+    _dress(phase, label, "phase of Z (°)", scale)
+    phase.set_yticks([-90, -45, 0, 45, 90])
+    magnitude.legend(frameon=False, fontsize=7, loc="best")
+
+
+def _dress(axes: Axes, label: str, words: str, scale: str) -> None:
+    axes.set_xscale(scale)
+    axes.set_xlabel(label, fontsize=8)
+    axes.set_ylabel(words, fontsize=8)
+    axes.tick_params(labelsize=7)
+    axes.grid(True, color="#e6e6e6", linewidth=0.6)
+
+
+def _footer(page: Figure, result: UpdateResult, modes: Sequence[StandardFigures]) -> None:
+    """What the formulas get wrong, the notes as far as there is room, and where the page is from."""
+    sentences = [one.formula_words for one in modes if one.formula_words]
+    sentences += [*(note for one in modes for note in one.notes), *result.notes]
+    sentences.insert(0, "± is one standard deviation; a constant is value (1 − j tan), time factor exp(jωt)")
+    lines, left = [], list(sentences)
+    while left:
+        wrapped = textwrap.wrap(f"{left[0][0].upper()}{left[0][1:]}.", _WIDTH)
+        if len(lines) + len(wrapped) > _LINES - (len(left) > 1):
+            lines.append(f"Further notes: {len(left)}, in update.json.")
+            break
+        lines += wrapped
+        left.pop(0)
+    page.text(0.07, _NOTES, "\n".join(lines), size=7, va="top", color="#333333", linespacing=1.35)
+    made = f"femu-piezo {metadata.version('femu-piezo')}, {datetime.now(UTC):%Y-%m-%d %H:%M UTC}"
+    page.text(0.07, 0.03, made, size=6.5, color="#777777")

@@ -1,0 +1,88 @@
+"""`EquivalentCircuit`: branches for the modes of a sweep or a specimen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.console import Group
+from rich.table import Table
+
+from femu_piezo.circuits.circuit import Circuit
+from femu_piezo.circuits.spice import spice_text
+from femu_piezo.files import write_atomically
+from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.measurement.touchstone import touchstone_text
+from femu_piezo.output.curves import MEASURED, UPDATED, frequency_axis
+from femu_piezo.output.folder import prepare_folder, write_figure, write_json
+from femu_piezo.output.picture import Picture
+from femu_piezo.output.results.result import Result
+from femu_piezo.output.tables import number, text_of, told
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import RenderableType
+
+_PRINTED = {"L": (1e3, "L (mH)"), "R": (1.0, "R (Ω)"), "C": (1e12, "C (pF)"), "Rp": (1e-3, "Rp (kΩ)")}
+
+
+class EquivalentCircuit(Result, Circuit):
+    """What `circuit` returns: `branches`, `static` and the `impedance` of both together."""
+
+    def table(self) -> RenderableType:
+        """The elements of every branch with their deviations, and what lies beside the branches."""
+        table = Table(title=f"{self.name}: equivalent circuit", title_justify="left")
+        for heading in ("mode (Hz)", "Q", *(heading for _, heading in _PRINTED.values())):
+            table.add_column(heading, justify="right")
+        for branch in self.branches:
+            cells = [f"{branch.frequency_Hz:.6g}", f"{branch.quality_factor:.5g}"]
+            for key, (factor, _) in _PRINTED.items():
+                std = branch.std.get(key)
+                cells.append(number(branch.elements[key] * factor, None if std is None else std * factor))
+            table.add_row(*cells)
+        counts = ", ".join(f"{sum(part.kind == kind for part in self.static)} {kind}" for kind in ("R", "RC", "LC"))
+        beside = f"beside the branches: C0 = {1e12 * self.static_capacitance:.6g} pF, {counts} (circuit.cir)"
+        return Group(table, text_of([beside, *told(self.notes)]))
+
+    def plot(self, number: int | None = None) -> Figure:
+        """|Z| and phase of the curve and of the circuit, and their difference."""
+        figure = Picture(figsize=(8.0, 7.0), layout="constrained")
+        magnitude, phase, misfit = figure.subplots(3, 1, sharex=True, height_ratios=[3, 2, 2])
+        factor, label, scale = frequency_axis(self.frequency)
+        x = self.frequency * factor
+        for impedance, name, style in ((self.curve, "curve", MEASURED), (self.impedance, "circuit", UPDATED)):
+            magnitude.semilogy(x, np.abs(impedance), label=name, **style)
+            phase.plot(x, np.degrees(np.angle(impedance)), **style)
+        misfit.semilogy(x, 100 * np.abs(self.impedance / self.curve - 1), **UPDATED)
+        magnitude.set(ylabel="|Z| (Ω)", xscale=scale, title=f"{self.name}: equivalent circuit")
+        phase.set(ylabel="phase of Z (°)", yticks=[-90, -45, 0, 45, 90])
+        misfit.set(ylabel="difference (%)", xlabel=label)
+        figure.legend(*magnitude.get_legend_handles_labels(), loc="outside upper center", ncols=2, frameon=False)
+        for axes in (magnitude, phase, misfit):
+            axes.grid(True, color="#e6e6e6", linewidth=0.6)
+        return figure
+
+    def rows(self) -> list[dict[str, Any]]:
+        """One row for each branch, SI."""
+        return [
+            {
+                "frequency_Hz": one.frequency_Hz,
+                "quality_factor": one.quality_factor,
+                "residue_phase": one.residue_phase,
+                **one.elements,
+                **{f"std_{key}": one.std.get(key) for key in one.elements},
+            }
+            for one in self.branches
+        ]
+
+    def save(self, folder: Path | str) -> Path:
+        """Write circuit.json, circuit.cir (SPICE), circuit.s1p, circuit.csv (its curve) and circuit.png; the folder."""
+        out = prepare_folder(Path(folder))
+        write_figure(out / "circuit.png", self.plot())
+        write_atomically(out / "circuit.cir", spice_text(self))
+        write_spectrum(ImpedanceSpectrum(self.frequency, self.impedance), out / "circuit.csv")
+        write_atomically(out / "circuit.s1p", touchstone_text(self.frequency, self.impedance))
+        write_json(out / "circuit.json", self.to_json())
+        return out

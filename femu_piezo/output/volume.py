@@ -1,0 +1,242 @@
+"""The body as small cells with displacement and potential, mirrored to the whole: VTU of modes, meshes for others."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import meshio
+import numpy as np
+import skfem
+from scipy.spatial import cKDTree
+
+from femu_piezo.errors import InputError
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry.curved_mesh import CurvedHexahedra
+
+#: Corners of a cube in the order of VTK, Abaqus and gmsh.
+_CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
+#: Middles of the edges of a tetrahedron in the order of VTK, Abaqus and meshio.
+_EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+#: Opposite sides of a cube, corner above corner.
+_SIDES = (((0, 1, 2, 3), (4, 5, 6, 7)), ((0, 3, 7, 4), (1, 2, 6, 5)), ((0, 4, 5, 1), (3, 7, 6, 2)))
+#: The order that a mirror image needs, so that cells are not inside out.
+_MIRRORED = {"hexahedron": (4, 5, 6, 7, 0, 1, 2, 3), "tetra10": (0, 2, 1, 3, 6, 5, 4, 7, 9, 8)}
+#: Share of the longest side within which nodes are one.
+_SAME = 1e-7
+
+
+@dataclass(frozen=True)
+class Volume:
+    """Cells of the whole body.
+
+    Attributes
+    ----------
+    points : (p, 3) m;  kind : "hexahedron" or "tetra10" of meshio;  cells : (c, 8) or (c, 10) indices of points
+    fields : (k, p, 4) complex of k modes: displacement, m, and potential, V
+    hot, ground : indices of the points on the electrodes
+    """
+
+    points: np.ndarray
+    kind: str
+    cells: np.ndarray
+    fields: np.ndarray
+    hot: np.ndarray
+    ground: np.ndarray
+
+
+def volume_of(model: ElectroelasticModel, vectors: np.ndarray) -> Volume:
+    """The whole body with the modes `vectors` (m, k) of the model's free unknowns; nodes of neighbours are one.
+
+    Hexahedra are cut into as many linear ones along each edge as their order (twice that where curved), tetrahedra
+    keep their ten nodes.
+    """
+    mesh, domain = model.domain.mesh, model.domain
+    reference, pattern, kind = _pattern(model)
+    weights = np.full(reference.shape[1], 1.0)
+    basis = skfem.Basis(mesh, model.basis.elem, quadrature=(reference, weights))
+    points = np.asarray(basis.global_coordinates()).reshape(3, -1).T
+    fields = np.stack([_sampled(basis, model, vector) for vector in vectors.T]) if vectors.size else None
+    fields = np.zeros((0, len(points), 4), complex) if fields is None else fields
+    per_cell = reference.shape[1]
+    cells = (pattern[None] + per_cell * np.arange(mesh.nelements)[:, None, None]).reshape(-1, pattern.shape[1])
+    hot = _near_facets(points, mesh, model, domain.hot)
+    ground = _near_facets(points, mesh, model, [name for name in domain.ground if name not in domain.symmetry])
+    cells = _right_way_round(points, cells, kind)
+    for name, axis in domain.symmetry.items():
+        plane = float(mesh.p[axis, mesh.facets[0, mesh.boundaries[name][0]]])
+        sign = -1.0 if name in domain.ground else 1.0
+        flip = np.ones(3)
+        flip[axis] = -1.0
+        image = points * flip
+        image[:, axis] += 2 * plane
+        cells = np.vstack([cells, cells[:, _MIRRORED[kind]] + len(points)])
+        fields = np.concatenate([fields, fields * np.array([*flip * 1.0, sign])], axis=1)
+        hot, ground = (
+            (np.r_[hot, np.zeros_like(hot)], np.r_[ground, hot])
+            if sign < 0
+            else (np.r_[hot, hot], np.r_[ground, ground])
+        )
+        points = np.vstack([points, image])
+    return _merged(points, kind, cells, fields, hot, ground)
+
+
+def _pattern(model: ElectroelasticModel) -> tuple[np.ndarray, np.ndarray, str]:
+    """Reference points (3, p), the small cells (c, 8 or 10) between them, their kind."""
+    mesh = model.domain.mesh
+    if mesh.elem.refdom.nnodes == 8:
+        n = max(1, model.order) * (2 if isinstance(mesh, CurvedHexahedra) else 1)
+        grid = np.stack(np.meshgrid(*[np.arange(n + 1)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+        number = np.arange((n + 1) ** 3).reshape((n + 1,) * 3)
+        starts = np.stack(np.meshgrid(*[np.arange(n)] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 3)
+        return grid.T / n, number[tuple(np.moveaxis(starts + _CORNERS, -1, 0))], "hexahedron"
+    corners = mesh.elem.refdom.p.T.astype(float)
+    middles = [(corners[i] + corners[j]) / 2 for i, j in _EDGES]
+    return np.vstack([corners, middles]).T, np.arange(10)[None], "tetra10"
+
+
+def _sampled(basis: skfem.Basis, model: ElectroelasticModel, vector: np.ndarray) -> np.ndarray:
+    """(p, 4) complex displacement and potential at the points of a basis."""
+    nodal = [*model.displacement(vector), model.potential(vector)]
+    values = [
+        np.asarray(basis.interpolate(np.ascontiguousarray(part.real)))
+        + 1j * np.asarray(basis.interpolate(np.ascontiguousarray(part.imag)))
+        for part in nodal
+    ]
+    return np.array(values).reshape(4, -1).T
+
+
+def _near_facets(points: np.ndarray, mesh: skfem.Mesh, model: ElectroelasticModel, names) -> np.ndarray:
+    """(p,) bool: points that lie on the named boundaries, at the places where their facets are sampled."""
+    on = np.zeros(len(points), bool)
+    facets = np.unique(np.concatenate([mesh.boundaries[name] for name in names])) if names else []
+    if not len(facets):
+        return on
+    n = max(1, model.order) * (2 if isinstance(mesh, CurvedHexahedra) else 1)
+    if mesh.elem.refdom.nnodes == 8:
+        at = np.stack(np.meshgrid(*[np.arange(n + 1)] * 2), axis=-1).reshape(-1, 2).T / n
+    else:
+        at = np.array([(0, 0), (1, 0), (0, 1), (0.5, 0), (0.5, 0.5), (0, 0.5)]).T
+    basis = skfem.FacetBasis(mesh, mesh.elem(), facets=facets, quadrature=(at, np.ones(at.shape[1])))
+    places = np.asarray(basis.global_coordinates()).reshape(3, -1).T
+    distance, _ = cKDTree(places).query(points)
+    return distance < 1e-9 * np.ptp(points)
+
+
+def _right_way_round(points: np.ndarray, cells: np.ndarray, kind: str) -> np.ndarray:
+    """The cells, those whose volume is negative turned."""
+    corner = points[cells[:, [0, 1, 3, 4] if kind == "hexahedron" else [0, 1, 2, 3]]]
+    edges = corner[:, 1:] - corner[:, :1]
+    wrong = np.linalg.det(edges) < 0
+    return np.where(wrong[:, None], cells[:, _MIRRORED[kind]], cells)
+
+
+def _merged(points, kind: str, cells, fields, hot, ground) -> Volume:
+    """The volume with nodes that coincide made one."""
+    step = _SAME * float(np.ptp(points, axis=0).max())
+    _, first, where = np.unique(
+        np.round((points - points.min(axis=0)) / step), axis=0, return_index=True, return_inverse=True
+    )
+    where = where.ravel()
+
+    def nodes(on: np.ndarray) -> np.ndarray:
+        return np.unique(where[np.flatnonzero(on)])
+
+    return Volume(points[first], kind, where[cells], fields[:, first], nodes(hot), nodes(ground))
+
+
+def blocks_of(volume: Volume) -> list[tuple[str, np.ndarray]]:
+    """The cells by their kind in meshio; hexahedra with an edge of no length, as at the axis of a disk, as wedges."""
+    if volume.kind != "hexahedron":
+        return [(volume.kind, volume.cells)]
+    ordered = np.sort(volume.cells, axis=1)
+    whole = (np.diff(ordered, axis=1) > 0).all(axis=1)
+    wedges = [_wedge(cell) for cell in volume.cells[~whole]]
+    found = [("hexahedron", volume.cells[whole])]
+    return [*found, ("wedge", np.array(wedges))] if wedges else found
+
+
+def _wedge(cell: np.ndarray) -> list[int]:
+    """The six nodes of a hexahedron with one edge of no length on each of two opposite sides."""
+    for bottom, top in _SIDES:
+        nodes = [list(dict.fromkeys(cell[list(side)].tolist())) for side in (bottom, top)]
+        if [len(one) for one in nodes] == [3, 3]:
+            return nodes[0] + nodes[1]
+    raise InputError("a cell of this body is neither a hexahedron nor a wedge; write its mesh with tetrahedra")
+
+
+def vtu_of_mode(volume: Volume, named: dict[str, np.ndarray]) -> bytes:
+    """A VTU file of the body with fields: name → (p, 4) complex; displacements and potentials, Re and Im apart.
+
+    Each is scaled to a largest displacement of 1.
+    """
+    data = {}
+    for name, values in named.items():
+        scaled = values / np.max(np.linalg.norm(values[:, :3], axis=1))
+        for part, numbers in (("re", scaled.real), ("im", scaled.imag)):
+            data[f"displacement_{name}_{part}"] = np.ascontiguousarray(numbers[:, :3])
+            data[f"potential_{name}_{part}"] = np.ascontiguousarray(numbers[:, 3])
+    return _written(meshio.Mesh(volume.points, blocks_of(volume), point_data=data), "vtu")
+
+
+def mesh_msh(volume: Volume) -> bytes:
+    """A gmsh 2.2 file, coordinates in m, with the physical surfaces "hot" and "ground" and the volume "body"."""
+    tagged = [(3, block) for block in blocks_of(volume)]
+    tagged += [(tag, face) for tag, on in ((1, volume.hot), (2, volume.ground)) for face in _faces(volume, on)]
+    blocks = [block for _, block in tagged]
+    tags = [np.full(len(cells), tag) for tag, (_, cells) in tagged]
+    mesh = meshio.Mesh(
+        volume.points,
+        blocks,
+        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+        field_data={"hot": np.array([1, 2]), "ground": np.array([2, 2]), "body": np.array([3, 3])},
+    )
+    return _written(mesh, "gmsh22", binary=False)
+
+
+def mesh_inp(volume: Volume) -> bytes:
+    """An Abaqus file, coordinates in m, with the node sets "hot" and "ground" and the element set "body"."""
+    mesh = meshio.Mesh(
+        volume.points,
+        blocks_of(volume),
+        point_sets={"hot": volume.hot, "ground": volume.ground},
+        cell_sets={"body": [np.arange(len(cells)) for _, cells in blocks_of(volume)]},
+    )
+    return _written(mesh, "abaqus")
+
+
+def _faces(volume: Volume, nodes: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    """Faces of the surface all of whose nodes are among those given, by their kind in meshio."""
+    sides = {
+        "hexahedron": [("quad", side) for pair in _SIDES for side in (pair[0], pair[1][::-1])],
+        "wedge": [
+            *(("triangle", side) for side in ((0, 1, 2), (3, 5, 4))),
+            *(("quad", side) for side in ((0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))),
+        ],
+        "tetra10": [
+            ("triangle6", side)
+            for side in ((0, 2, 1, 6, 5, 4), (0, 1, 3, 4, 8, 7), (1, 2, 3, 5, 9, 8), (0, 3, 2, 7, 9, 6))
+        ],
+    }
+    every: dict[str, list[np.ndarray]] = {}
+    for kind, cells in blocks_of(volume):
+        for flat, side in sides[kind]:
+            every.setdefault(flat, []).append(cells[:, list(side)])
+    found = []
+    for flat, several in every.items():
+        faces = np.vstack(several)
+        _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+        outer = np.zeros(len(faces), bool)
+        outer[first[count == 1]] = True
+        chosen = faces[outer & np.isin(faces, nodes).all(axis=1)]
+        if len(chosen):
+            found.append((flat, chosen))
+    return found
+
+
+def _written(mesh: meshio.Mesh, form: str, **options) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "file"
+        meshio.write(path, mesh, file_format=form, **options)
+        return path.read_bytes()

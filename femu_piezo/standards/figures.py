@@ -1,0 +1,289 @@
+"""`StandardFigures`: what a data sheet states of a piece, by the definitions and formulas of the standards.
+
+Each figure stands beside the value of the finite element model where there is one. The formulas take one dimension of
+the body for infinite or for nothing; `formula_error` is what that costs for this piece: the formula applied to the
+curve of the finite element model, against the constants which that curve was computed from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from femu_piezo.resonances import Resonance
+from femu_piezo.standards.formulas import disk_poisson
+from femu_piezo.standards.frequencies import Admittance, CharacteristicFrequencies, characteristic_frequencies
+from femu_piezo.standards.piece import WORDS, Piece, material_figures
+
+#: Hz at which data sheets state capacitance and loss.
+STATED = 1e3
+#: Share of fs below which a body is taken for a free capacitor.
+_LOW = 0.1
+#: Loss below which a computed curve has none.
+LEAST_LOSS = 1e-8
+#: Overtones of a disk that belong to the second radial mode: fs2/fs1 is 2.5 to 2.75 for σ = 0.1 to 0.5.
+_SECOND_RADIAL = (2.4, 2.9)
+
+MEANING = {
+    "fs": ("series resonance, largest conductance", "Hz"),
+    "fp": ("parallel resonance, largest resistance", "Hz"),
+    "fm": ("largest |Y|", "Hz"),
+    "fn": ("largest |Z|", "Hz"),
+    "fr": ("resonance, zero reactance", "Hz"),
+    "fa": ("antiresonance, zero reactance", "Hz"),
+    "k_eff": ("effective coupling from fs, fp", "1"),
+    "Qm_3dB": ("mechanical quality, 3 dB of G", "1"),
+    "Qm_Z": ("mechanical quality by |Z| at fm", "1"),
+    "Qm_pole": ("mechanical quality of the pole, 1/eta", "1"),
+    "Qm_zero": ("mechanical quality of the zero, 1/eta", "1"),
+    "C_T": ("capacitance at 1 kHz", "F"),
+    "tan_delta": ("loss tangent at low frequency", "1"),
+    "k31": ("coupling across the poling", "1"),
+    "k33": ("coupling along the poling", "1"),
+    "kp": ("planar coupling", "1"),
+    "kt": ("thickness coupling", "1"),
+    "k15": ("shear coupling", "1"),
+    "poisson": ("planar Poisson ratio -s12/s11", "1"),
+    "N1": ("frequency constant fs l", "Hz m"),
+    "N3": ("frequency constant fp l", "Hz m"),
+    "Np": ("frequency constant fs d", "Hz m"),
+    "N_ring": ("frequency constant fs d, mean diameter", "Hz m"),
+    "Nt": ("frequency constant fp t", "Hz m"),
+    "N15": ("frequency constant fp t", "Hz m"),
+    "s11": ("compliance across the poling", "m^2/N"),
+    "s33": ("compliance along the poling", "m^2/N"),
+    "s33D": ("compliance along the poling, open", "m^2/N"),
+    "s44": ("shear compliance", "m^2/N"),
+    "c33": ("stiffness along the poling", "Pa"),
+    "c33D": ("stiffness along the poling, open", "Pa"),
+    "c44D": ("shear stiffness, open", "Pa"),
+    "d31": ("strain across the poling per field", "C/N"),
+    "d33": ("strain along the poling per field", "C/N"),
+    "d15": ("shear strain per field", "C/N"),
+    "eps33T": ("free permittivity along the poling", "F/m"),
+    "eps11T": ("free permittivity across the poling", "F/m"),
+}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """The figures of one curve: name → value, SI; `notes` say where the capacitance is from.
+
+    `poisson` is the σ that the formulas of a disk used.
+    """
+
+    values: dict[str, float]
+    notes: tuple[str, ...]
+    poisson: float
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure.
+
+    Attributes
+    ----------
+    name, meaning, unit : SI units, "1" for a pure number
+    value : from the sweep, by definition or by the formula of the standard; None where it has none
+    std : standard deviation by the noise of the sweep, None where unknown
+    model : of the finite element model: of its curve, or the constant itself
+    formula_error : relative error of the formula for this piece; None where no formula of a body is used
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    value: float | None
+    std: float | None = None
+    model: float | None = None
+    formula_error: float | None = None
+
+    @property
+    def deviation(self) -> float | None:
+        """value/model − 1."""
+        return None if self.value is None or not self.model else float(self.value / self.model - 1)
+
+
+@dataclass(frozen=True)
+class StandardFigures:
+    """The figures of one mode of a piece.
+
+    Attributes
+    ----------
+    title : what they are of, in words
+    figures : in the order of a data sheet
+    aspect : the ratio which the formulas take for large, ("length/width", 8.0), None where there is none
+    notes : sentences
+    """
+
+    title: str
+    figures: tuple[Figure, ...]
+    aspect: tuple[str, float] | None = None
+    notes: tuple[str, ...] = ()
+
+    def __getitem__(self, name: str) -> Figure:
+        """A figure by its name; KeyError where there is none."""
+        try:
+            return next(one for one in self.figures if one.name == name)
+        except StopIteration:
+            raise KeyError(name) from None
+
+    @property
+    def formula_words(self) -> str | None:
+        """What the formulas get wrong for this piece, as a sentence; None without a model or a formula."""
+        wrong = [one for one in self.figures if one.formula_error is not None]
+        if not wrong:
+            return None
+        ratio = f" ({self.aspect[0]} = {self.aspect[1]:.3g})" if self.aspect else ""
+        found = ", ".join(f"{one.name} {100 * one.formula_error:+.2g} %" for one in wrong)
+        return f"what the handbook formulas get wrong for this piece{ratio}: {found}"
+
+    def to_json(self) -> dict:
+        """JSON types only."""
+        return {
+            "title": self.title,
+            "aspect": None if self.aspect is None else {"ratio": self.aspect[0], "value": self.aspect[1]},
+            "figures": {
+                one.name: {
+                    "value": one.value,
+                    "std": one.std,
+                    "unit": one.unit,
+                    "model": one.model,
+                    "deviation": one.deviation,
+                    "formula_error": one.formula_error,
+                    "meaning": one.meaning,
+                }
+                for one in self.figures
+            },
+            "notes": list(self.notes),
+        }
+
+
+def read_curve(
+    admittance: Admittance,
+    points: tuple[np.ndarray, np.ndarray],
+    pole: Resonance,
+    zero: Resonance,
+    piece: Piece,
+    overtone: Resonance | None = None,
+) -> Reading:
+    """The figures of one curve about one pole and its zero.
+
+    Parameters
+    ----------
+    admittance : Y (n,) in siemens at ω (n,) in rad/s, smooth
+    points : frequencies (n,) Hz and impedances (n,) ohm, for capacitance and loss at low frequency
+    overtone : pole of the second radial mode of a disk, which tells σ; that of `piece` is taken where None
+    """
+    band = (float(points[0][0]), float(points[0][-1]))
+    lossy = pole.loss > LEAST_LOSS and zero.loss > LEAST_LOSS
+    if lossy:
+        found = characteristic_frequencies(admittance, pole.eigenvalue, zero.eigenvalue, band)
+    else:  # without loss there is no maximum, and the three of each coincide
+        low, high = pole.frequency_Hz, zero.frequency_Hz
+        found = CharacteristicFrequencies(low, high, low, high, low, high, None, None, None)
+    fs, fp = found.fs or pole.frequency_Hz, found.fp or zero.frequency_Hz
+    piece, notes = _with_poisson(piece, pole, overtone)
+    values = {name: getattr(found, name) for name in found.names()}
+    values["k_eff"] = float(np.sqrt(1 - (fs / fp) ** 2)) if fp > fs else None
+    free, low = _free_capacitance(points, piece, fs, fp)
+    stated = None if free is None else free * piece.share(STATED, fs, fp)
+    values |= {
+        "Qm_3dB": found.Q_series,
+        "Qm_Z": _quality(found, fs, fp, free),
+        "Qm_pole": pole.quality_factor if lossy else None,
+        "Qm_zero": zero.quality_factor if lossy else None,
+        "C_T": stated,
+        "tan_delta": low.tangent,
+        **piece.figures(fs, fp, free),
+    }
+    return Reading(
+        {name: float(value) for name, value in values.items() if value is not None}, notes + low.notes, piece.poisson
+    )
+
+
+def standard_figures(
+    piece: Piece, reading: Reading, pole: Resonance, zero: Resonance, model: Reading | None = None, constants=None
+) -> StandardFigures:
+    """The figures of a sweep beside those of a finite element model.
+
+    Parameters
+    ----------
+    reading : of the measured curve;  model : of the computed curve, None where there is none
+    pole, zero : measured, whose standard deviations those of the frequencies are to first order in the loss
+    constants : `PiezoConstants` from which the model's curve was computed
+    """
+    material = {} if constants is None else material_figures(constants)
+    deviations = _deviations(reading, pole, zero)
+    names = [*reading.values, *(name for name in (model.values if model else {}) if name not in reading.values)]
+    by_formula = set(piece.figures(1.0, 1.2, 1.0)) if piece.kind != "other" else set()
+    figures = []
+    for name in sorted(names, key=list(MEANING).index):
+        own = name in by_formula and name in material
+        computed = None if model is None else model.values.get(name)
+        told = own and computed is not None and material[name] and computed != material[name]  # σ may be given
+        error = computed / material[name] - 1 if told else None
+        beside = material[name] if own else computed
+        value, std = reading.values.get(name), deviations.get(name)
+        figures.append(Figure(name, *MEANING[name], value, std, beside, error))
+    return StandardFigures(WORDS[piece.kind], tuple(figures), piece.aspect, reading.notes)
+
+
+def _deviations(reading: Reading, pole: Resonance, zero: Resonance) -> dict[str, float]:
+    """Standard deviations of the frequencies and of 1/η, as those of pole and zero."""
+    found = {}
+    for one, names, quality in ((pole, ("fs", "fm", "fr"), "Qm_pole"), (zero, ("fp", "fn", "fa"), "Qm_zero")):
+        if one.std_Hz is not None:
+            found |= {name: one.std_Hz for name in names if name in reading.values}
+            found[quality] = float(one.std_loss / one.loss**2)
+    return found
+
+
+@dataclass(frozen=True)
+class _Low:
+    """What the low end of a sweep says: loss tangent (None where it does not reach low), and notes."""
+
+    tangent: float | None
+    notes: tuple[str, ...]
+
+
+def _free_capacitance(points, piece: Piece, fs: float, fp: float) -> tuple[float | None, _Low]:
+    """C^T, F, carried to zero frequency by the formula of the body, and what else the low end tells."""
+    frequency, impedance = points
+    if frequency[0] >= 0.97 * fs:
+        return None, _Low(None, ("the sweep starts at the resonance: no capacitance and nothing that follows from it",))
+    y = 1 / impedance
+    at = STATED if frequency[0] <= STATED <= min(_LOW * fs, frequency[-1]) else float(frequency[0])
+    capacitance = float(np.interp(at, frequency, y.imag / (2 * np.pi * frequency)))
+    tangent = float(np.interp(at, frequency, y.real / y.imag)) if at <= _LOW * fs else None
+    notes = ()
+    if at != STATED:
+        way = "the formula of the body" if piece.kind not in ("other", "thickness plate") else "that of a single mode"
+        notes = (f"the sweep does not hold 1 kHz: its capacitance at {at:.6g} Hz was carried there by {way}",)
+    if piece.kind == "thickness plate" and at > _LOW * fs:
+        return None, _Low(tangent, notes)  # the lateral modes lie between
+    return capacitance / piece.share(at, fs, fp), _Low(tangent, notes)
+
+
+def _quality(found: CharacteristicFrequencies, fs: float, fp: float, free: float | None) -> float | None:
+    """Qm = fp²/[2π fm |Z(fm)| C^T (fp² − fs²)] (EN 50324-2)."""
+    if free is None or found.Z_series is None or not fp > fs:
+        return None
+    return float(fp**2 / (2 * np.pi * found.fm * found.Z_series * free * (fp**2 - fs**2)))
+
+
+def _with_poisson(piece: Piece, pole: Resonance, overtone: Resonance | None) -> tuple[Piece, tuple[str, ...]]:
+    """The piece with σ from its second radial mode, where that was seen."""
+    if piece.kind != "disk":
+        return piece, ()
+    ratio = overtone.frequency_Hz / pole.frequency_Hz if overtone is not None else 0.0
+    poisson = disk_poisson(ratio) if _SECOND_RADIAL[0] < ratio < _SECOND_RADIAL[1] else None
+    if poisson is None:
+        return piece, (f"sigma = {piece.poisson:.4g} is that of the material: the sweep holds no second radial mode",)
+    return Piece(**{**piece.__dict__, "poisson": poisson}), ()
+
+
+def is_second_radial(pole: Resonance, other: Resonance) -> bool:
+    """Whether a pole may be the second radial mode of a disk with this first one."""
+    return _SECOND_RADIAL[0] < other.frequency_Hz / pole.frequency_Hz < _SECOND_RADIAL[1]

@@ -1,0 +1,42 @@
+"""`export`: the constants of an update as the material of another program."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from femu_piezo.errors import InputError
+from femu_piezo.files import read_bytes
+from femu_piezo.material.constants import D_FORM, PiezoConstants
+from femu_piezo.material.conversion import stress_charge
+from femu_piezo.material.programs.writers import program
+
+_LARGEST_FILE = 100_000_000
+Axis = tuple[float, float, float]
+
+
+def constants_of_record(path: Path) -> tuple[PiezoConstants, float | None, str]:
+    """Constants, density (kg/m³, None where it is not there) and name in an update.json; InputError otherwise."""
+    wrong = f"{path}: this is not the update.json of an update; give the file that `femu-piezo update` wrote"
+    try:
+        record = json.loads(read_bytes(path, _LARGEST_FILE).decode("utf-8"))
+        found = {name: record["constants"][name] for name in D_FORM}
+        values = {name: complex(one["value"] * (1 - 1j * one["tan"])) for name, one in found.items()}
+        density = record["specimens"][0].get("density")
+        return PiezoConstants(**values), None if density is None else float(density), str(record["specimen"])
+    except (UnicodeDecodeError, ValueError, KeyError, TypeError, IndexError, AttributeError):
+        raise InputError(wrong) from None
+
+
+def export_text(
+    constants: PiezoConstants, density: float | None, name: str, to: str, poling: Axis = (0.0, 0.0, 1.0)
+) -> str:
+    """The text of a material for the program `to`, poled along a direction; InputError where something is missing."""
+    target = program(to)
+    if density is None:
+        raise InputError(f"{name}: the density is not known; give it, such as --density 7800")
+    if not (np.all(np.isfinite(poling)) and np.linalg.norm(poling) > 0):
+        raise InputError(f"a poling direction needs three numbers that are not all zero, got {list(poling)}")
+    return target.write(stress_charge(constants, "ieee", poling), float(density), name)

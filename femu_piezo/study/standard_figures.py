@@ -1,0 +1,172 @@
+"""Standard figures of a specimen: those of its sweep by the handbook, beside those of the finite element model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from femu_piezo.extraction.roots import Pair
+from femu_piezo.forward.thin_limits import (
+    thin_bar_frequency,
+    thin_disk_frequency,
+    thin_ring_frequency,
+)
+from femu_piezo.geometry.shape import Shape
+from femu_piezo.geometry.shapes import Plate
+from femu_piezo.geometry.slab import Slab
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.resonances import Resonance
+from femu_piezo.specimen.file import Simulation, Specimen
+from femu_piezo.standards.figures import Reading, StandardFigures, is_second_radial, read_curve, standard_figures
+from femu_piezo.standards.piece import Piece, material_figures
+from femu_piezo.study.measured import Measured, Sweep, measure
+from femu_piezo.study.rational_curve import RationalCurve
+from femu_piezo.study.simulate import simulate
+
+#: A pair within this factor of the expected frequency may be the thickness mode, if coupled at least so.
+_NEAR, _COUPLED = 1.2, 0.15
+#: Ratio of two dimensions from which a plate counts as wide.
+_WIDE = 4.0
+#: The inner over the outer diameter from which a ring counts as narrow (`femu_piezo.study.shapes`).
+_NARROW = 0.3
+
+
+def figures_of_specimen(specimen: Specimen, spectrum: Sweep | None = None) -> tuple[StandardFigures, ...]:
+    """The figures of a measured sweep of a specimen, beside those of the specimen as its file describes it.
+
+    Of the fundamental, and of the thickness mode where the sweep holds it. InputError where the sweep cannot serve.
+    """
+    measured = measure(specimen, spectrum)
+    frequency = measured.spectrum.frequency
+    wish = Simulation(start=float(frequency[0]), stop=float(frequency[-1]), points=max(801, 2 * frequency.size))
+    curve = simulate(specimen.model_copy(update={"simulation": wish})).spectrum
+    return figures_of(measured, measured.problem.fitted, (curve.frequency, curve.impedance))
+
+
+def figures_of(
+    measured: Measured, constants: PiezoConstants, curve: tuple[np.ndarray, np.ndarray]
+) -> tuple[StandardFigures, ...]:
+    """The figures of a sweep beside those of a computed curve.
+
+    Parameters
+    ----------
+    constants : from which the curve was computed
+    curve : frequencies (k,) Hz and impedances (k,) ohm without noise
+    """
+    model = RationalCurve(*curve)
+    return tuple(_figures(measured, piece, pair, constants, model) for piece, pair in _modes_told(measured, constants))
+
+
+def _figures(
+    measured: Measured, piece: Piece, pair: Pair, constants: PiezoConstants, model: RationalCurve
+) -> StandardFigures:
+    spectrum, extraction = measured.spectrum, measured.extraction
+    overtone = _second_radial(pair.pole, [one.pole for one in extraction.pairs])
+    points = (spectrum.frequency, spectrum.impedance)
+    reading = read_curve(extraction.model.admittance, points, pair.pole, pair.zero, piece, overtone)
+    found = standard_figures(piece, reading, pair.pole, pair.zero, _model_reading(model, piece, pair), constants)
+    std = None if np.isnan(pair.std_k_eff) else pair.std_k_eff
+    figures = tuple(replace(one, std=std) if one.name == "k_eff" else one for one in found.figures)
+    return replace(found, figures=figures)
+
+
+def _model_reading(curve: RationalCurve, piece: Piece, pair: Pair) -> Reading | None:
+    """The figures of the mode nearest to a measured pair; None where the curve does not hold it."""
+    if not curve.poles or not curve.zeros:
+        return None
+    pole, zero = _nearest(curve.poles, pair.pole), _nearest(curve.zeros, pair.zero)
+    return read_curve(curve.admittance, curve.points, pole, zero, piece, _second_radial(pole, curve.poles))
+
+
+def _nearest(several: Sequence[Resonance], one: Resonance) -> Resonance:
+    return min(several, key=lambda other: abs(other.frequency_Hz - one.frequency_Hz))
+
+
+def _second_radial(pole: Resonance, several: Sequence[Resonance]) -> Resonance | None:
+    """The strongest of the poles where the second radial mode of a disk lies."""
+    found = [one for one in several if is_second_radial(pole, one)]
+    return max(found, key=lambda one: abs(one.residue or 0.0), default=None)
+
+
+def _modes_told(measured: Measured, constants: PiezoConstants) -> list[tuple[Piece, Pair]]:
+    """The fundamental with the formulas of its body, and the thickness mode where the sweep has it."""
+    pieces = pieces_of(measured.problem.plate, constants, measured.problem.density)
+    if not pieces:
+        return [(Piece("other", 1.0, None, None, 1.0), measured.pair)]
+
+    def distance(item: tuple[Piece, float]) -> float:
+        return abs(np.log(measured.pair.pole.frequency_Hz / item[1]))
+
+    main = min(pieces, key=distance)
+    told = [(main[0], measured.pair)]
+    for piece, expected in pieces:
+        near = [
+            pair
+            for pair in measured.extraction.pairs
+            if pair.k_eff > _COUPLED and 1 / _NEAR < pair.pole.frequency_Hz / expected < _NEAR
+        ]
+        if piece is not main[0] and piece.kind == "thickness plate" and near:
+            told.append((piece, max(near, key=lambda pair: pair.k_eff)))
+    return told
+
+
+def pieces_of(shape: Shape, constants: PiezoConstants, density: float) -> list[tuple[Piece, float]]:
+    """What of the standards applies to a body, and where its pole is expected, Hz; empty where nothing does."""
+    gap, area = shape.electrode_gap, shape.electrode_area
+    sigma = float((-constants.s12 / constants.s11).real)
+    common = {"gap": gap, "area": area, "density": density, "poisson": sigma}
+    axis = 0 if shape.poling == "length" else 2
+    along = abs(shape.poling_direction[axis])
+    if along < 1e-6 and isinstance(shape, Plate):
+        lateral = min(size for index, size in enumerate(shape.dimensions) if index != axis)
+        piece = Piece("shear plate", gap, **common, aspect=("width/thickness", lateral / gap))
+        return [(piece, thin_bar_frequency(constants.s44, density, gap))]
+    if along < 1 - 1e-6:
+        return []
+    if isinstance(shape, Plate):
+        return _of_plate(shape, constants, density, common)
+    if isinstance(shape, Slab) and shape.radii is not None:
+        return _of_round(shape, constants, density, common)
+    return []
+
+
+def _of_plate(shape: Plate, constants: PiezoConstants, density: float, common: dict) -> list[tuple[Piece, float]]:
+    length, width, thickness = shape.dimensions
+    if shape.poling == "length" or thickness > max(length, width):
+        extent, wide = (length, max(width, thickness)) if shape.poling == "length" else (thickness, max(length, width))
+        piece = Piece("k33 bar", extent, **common, aspect=("length/width", extent / wide))
+        return [(piece, thin_bar_frequency(constants.s33, density, extent))]
+    extent, wide = max(length, width), min(length, width)
+    bar = Piece("k31 bar", extent, **common, aspect=("length/width", extent / wide))
+    return [
+        (bar, thin_bar_frequency(constants.s11, density, extent)),
+        *_thickness(thickness, wide / thickness, constants, density, common),
+    ]
+
+
+def _of_round(shape: Slab, constants: PiezoConstants, density: float, common: dict) -> list[tuple[Piece, float]]:
+    inner, outer = shape.radii
+    if shape.thickness > 2 * outer:
+        piece = Piece("k33 bar", shape.thickness, **common, aspect=("length/diameter", shape.thickness / (2 * outer)))
+        return [(piece, thin_bar_frequency(constants.s33, density, shape.thickness))]
+    thick = _thickness(shape.thickness, (2 * outer) / shape.thickness, constants, density, common)
+    if inner > _NARROW * outer:
+        ratio = ("mean diameter/width", (inner + outer) / (outer - inner))
+        ring = Piece("ring", inner + outer, **common, aspect=ratio)
+        return [(ring, thin_ring_frequency(constants, density, (inner + outer) / 2)), *thick]
+    if inner > 0:
+        return thick
+    disk = Piece("disk", 2 * outer, **common, aspect=("diameter/thickness", 2 * outer / shape.thickness))
+    return [(disk, thin_disk_frequency(constants, density, outer)), *thick]
+
+
+def _thickness(size: float, ratio: float, constants: PiezoConstants, density: float, common: dict):
+    """The thickness mode of a wide plate and its expected pole, that of the free plate below its zero."""
+    if ratio < _WIDE:
+        return []
+    piece = Piece("thickness plate", size, **common, aspect=("width/thickness", ratio))
+    stiff = material_figures(constants)
+    zero = float(np.sqrt(stiff["c33D"] / density) / (2 * size))
+    return [(piece, zero * float(np.sqrt(1 - 8 / np.pi**2 * stiff["kt"] ** 2)))]

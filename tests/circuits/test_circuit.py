@@ -1,0 +1,190 @@
+"""Circuits against residues, against the curve they stand for, and against ngspice."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import femu_piezo as fp
+from femu_piezo.circuits.branch import Branch, element_deviations
+from femu_piezo.circuits.circuit import fit_circuit
+from femu_piezo.circuits.spice import spice_text, subcircuit_name
+from femu_piezo.cli import main
+from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests.extraction.bar import Bar
+
+NGSPICE = shutil.which("ngspice")
+FREQUENCY = np.linspace(5e3, 120e3, 2301)
+L1, R1, C1, C0 = 0.1, 60.0, 2.5e-11, 4e-10
+
+
+def bvd(frequency, branches=((L1, R1, C1), (0.04, 45.0, 1.2e-10)), c0=C0):
+    """Y of Butterworth and Van Dyke's circuit, S."""
+    s = 2j * np.pi * frequency
+    return s * c0 + sum(1 / (s * l1 + r1 + 1 / (s * c1)) for l1, r1, c1 in branches)
+
+
+def test_four_elements_are_the_section_of_pole_and_residue():
+    omega = 2 * np.pi * np.linspace(10e3, 200e3, 500)
+    for phase in (-0.05, 0.0, 0.02):
+        pole = -900 + 6.1e5j
+        branch = Branch(pole, 3.0 * np.exp(1j * phase), {})
+        np.testing.assert_allclose(branch.admittance(omega), branch.section(omega), rtol=1e-10)
+
+
+def test_a_butterworth_van_dyke_branch_has_its_own_elements():
+    """s/L over s² + (R/L) s + 1/(LC): the residue is p/(L (p − p*)), by partial fractions."""
+    pole = -R1 / (2 * L1) + 1j * np.sqrt(1 / (L1 * C1) - (R1 / (2 * L1)) ** 2)
+    found = Branch(pole, pole / (L1 * (pole - pole.conjugate())), {}).elements
+    assert [found[key] for key in "LRC"] == pytest.approx([L1, R1, C1], rel=1e-9)
+    assert abs(found["Rp"]) > 1e6 * np.sqrt(L1 / C1)
+
+
+def test_deviations_of_elements_against_draws():
+    """20000 draws of pole and residue: the spread of each element within 3 %."""
+    pole, residue = -900 + 6.1e5j, 3.0 * np.exp(0.01j)
+    rng = np.random.default_rng(2)
+    spread = rng.normal(size=(4, 4)) * np.array([3.0, 3.0, 0.01, 0.01])[:, None]
+    stated = element_deviations(pole, residue, spread @ spread.T)
+    draws = spread @ rng.normal(size=(4, 20000))
+    elements = [Branch(pole + complex(a, b), residue + complex(c, d), {}).elements for a, b, c, d in draws.T]
+    for key in ("L", "R", "C"):
+        assert stated[key] == pytest.approx(np.std([one[key] for one in elements]), rel=0.03), key
+
+
+def test_a_circuit_comes_back_from_its_own_sweep():
+    """Sweep of a circuit with two branches → the same elements; Rp belongs to nothing, so it is large."""
+    circuit = fp.circuit(ImpedanceSpectrum.from_impedance(FREQUENCY, 1 / bvd(FREQUENCY)))
+    assert len(circuit.branches) == 2
+    for branch, truth in zip(circuit.branches, ((0.04, 45.0, 1.2e-10), (L1, R1, C1)), strict=True):
+        assert [branch.elements[key] for key in "LRC"] == pytest.approx(truth, rel=1e-6)
+        assert abs(branch.elements["Rp"]) > 1e4 * np.sqrt(truth[0] / truth[2])
+    assert circuit.misfit[1] < 1e-6
+    assert circuit.static_capacitance == pytest.approx(C0, rel=1e-3)
+
+
+def test_stated_deviations_cover_the_truth():
+    """Noise of 0.1 %, 20 sweeps: L, C and R are within 3 of their deviations, and not all within a third of one."""
+    clean = 1 / bvd(FREQUENCY[::4])
+    far = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        noise = 1e-3 / np.sqrt(2) * (rng.normal(size=clean.size) + 1j * rng.normal(size=clean.size))
+        circuit = fp.circuit(ImpedanceSpectrum.from_impedance(FREQUENCY[::4], clean * (1 + noise)))
+        branch = min(circuit.branches, key=lambda one: abs(one.frequency_Hz - 1e5))
+        for key, truth in zip("LRC", (L1, R1, C1), strict=True):
+            far.append((branch.elements[key] - truth) / branch.std[key])
+    assert np.max(np.abs(far)) < 4
+    assert 0.6 < np.sqrt(np.mean(np.square(far))) < 1.5
+
+
+@pytest.fixture(scope="module")
+def bar() -> fp.ImpedanceSpectrum:
+    """The exact lossy bar, three modes: residues that no circuit of R, L, C alone has."""
+    frequency = np.linspace(1e3, 200e3, 4001)
+    return ImpedanceSpectrum(frequency, Bar().impedance(frequency), source="bar 40.csv")
+
+
+@pytest.fixture(scope="module")
+def circuit(bar):
+    return fp.circuit(bar)
+
+
+def test_residues_are_those_of_the_exact_bar(circuit):
+    """Y/(jω) = Σ R_n/(λ_n − ω²): L = 1/Re R_n to the first order in the loss, 2.6 % here squared."""
+    exact = Bar()
+    assert len(circuit.branches) == 3
+    for number, branch in enumerate(circuit.branches, 1):
+        assert branch.pole == pytest.approx(1j * np.sqrt(exact.pole(number)), rel=1e-7)
+        assert branch.residue == pytest.approx(exact.residue_of_charge(number) / 2, rel=1e-5)
+        assert branch.elements["L"] == pytest.approx(1 / exact.residue_of_charge(number).real, rel=1e-5)
+
+
+def test_the_circuit_follows_its_curve(circuit):
+    """Constant tan δ of 0.015 is not causal: C would have to fall by (2/π) tan δ ln(f2/f1) = 5 % over this band."""
+    assert circuit.misfit[1] < 2 / np.pi * 0.015 * np.log(200)
+    assert any("follows its curve within" in note for note in circuit.notes)
+    assert any("Kramers" in note for note in circuit.notes)
+
+
+def test_a_specimen_gives_the_circuit_of_its_model(tmp_path):
+    text = '[geometry]\nshape = "plate"\nlength = "20 mm"\nwidth = "3 mm"\nthickness = "1 mm"\n'
+    text += '[material]\nbase = "pzt-5h"\n'
+    text += "".join(f"tan_{name} = 0.01\n" for name in ("s11", "d31", "eps33T"))
+    (tmp_path / "plate.toml").write_text(text, encoding="utf-8")
+    found = fp.circuit(tmp_path / "plate.toml")
+    poles = [one.frequency_Hz for one in fp.simulate(tmp_path / "plate.toml").poles]
+    assert [one.frequency_Hz for one in found.branches] == pytest.approx(poles[: len(found.branches)], rel=1e-6)
+    assert found.misfit[1] < 2 / np.pi * 0.01 * np.log(found.frequency[-1] / found.frequency[0])
+
+
+def test_files(circuit, bar, tmp_path):
+    write_spectrum(bar, tmp_path / "bar 40.csv")
+    out = tmp_path / "out"
+    answer = CliRunner().invoke(main, ["circuit", str(tmp_path / "bar 40.csv"), "--out", str(out)])
+    assert answer.exit_code == 0, answer.output
+    assert sorted(one.name for one in out.iterdir()) == [
+        "circuit.cir", "circuit.csv", "circuit.json", "circuit.png", "circuit.s1p",
+    ]  # fmt: skip
+    record = json.loads((out / "circuit.json").read_text(encoding="utf-8"))
+    assert [one["elements"]["L"]["unit"] for one in record["branches"]] == ["H"] * 3
+    for name in ("circuit.csv", "circuit.s1p"):
+        back = fp.read_spectrum(out / name)
+        np.testing.assert_allclose(back.impedance, circuit.impedance, rtol=1e-5)
+    assert ".subckt BAR_40 a b" in (out / "circuit.cir").read_text(encoding="utf-8")
+
+
+def test_a_sweep_without_resonance_leaves_nothing(tmp_path):
+    frequency = np.linspace(1e3, 2e3, 60)
+    noise = 1 + 1e-4 * np.random.default_rng(1).normal(size=60)
+    write_spectrum(
+        ImpedanceSpectrum(frequency, noise * (1 - 0.02j) / (2j * np.pi * frequency * 1e-9)), tmp_path / "c.csv"
+    )
+    answer = CliRunner().invoke(main, ["circuit", str(tmp_path / "c.csv"), "--out", str(tmp_path / "out")])
+    assert answer.exit_code == 2 and "no resonance was found" in answer.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_names_that_spice_takes():
+    for name, told in (("bar 40", "BAR_40"), ("7 µm", "PIEZO_7_M"), ("---", "PIEZO")):
+        assert subcircuit_name(fit_circuit(name, [], FREQUENCY, 1 / bvd(FREQUENCY))) == told
+
+
+def in_ngspice(circuit, folder: Path, frequency: np.ndarray) -> np.ndarray:
+    """Y of the subcircuit by an AC analysis, S: the current that 1 V drives."""
+    (folder / "circuit.cir").write_text(spice_text(circuit), encoding="utf-8")
+    run = f"""* test
+.include {folder / "circuit.cir"}
+V1 1 0 dc 0 ac 1
+X1 1 0 {subcircuit_name(circuit)}
+.control
+set numdgt=16
+set wr_singlescale
+ac lin {frequency.size} {float(frequency[0])!r} {float(frequency[-1])!r}
+wrdata {folder / "out.txt"} real(i(v1)) imag(i(v1))
+quit
+.endc
+.end
+"""
+    (folder / "run.cir").write_text(run, encoding="utf-8")
+    answer = subprocess.run([NGSPICE, "-b", str(folder / "run.cir")], capture_output=True, text=True, timeout=60)
+    assert (folder / "out.txt").is_file(), answer.stdout + answer.stderr
+    columns = np.loadtxt(folder / "out.txt")
+    np.testing.assert_allclose(columns[:, 0], frequency, rtol=1e-9)
+    return -(columns[:, 1] + 1j * columns[:, 2])
+
+
+@pytest.mark.skipif(NGSPICE is None, reason="ngspice is not installed: apt-get install ngspice")
+@pytest.mark.parametrize("kind", ["bar", "circuit"])
+def test_ngspice_gives_the_same_admittance(kind, circuit, tmp_path):
+    one = circuit if kind == "bar" else fp.circuit(ImpedanceSpectrum.from_impedance(FREQUENCY, 1 / bvd(FREQUENCY)))
+    frequency = np.linspace(one.frequency[0], one.frequency[-1], 3001)
+    found = in_ngspice(one, tmp_path, frequency)
+    assert np.max(np.abs(found / one.admittance(2 * np.pi * frequency) - 1)) < 1e-6

@@ -1,0 +1,90 @@
+"""How a sweep was taken, on a circuit of one resonance whose answer is known otherwise: in time, at each amplitude."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import simpson
+from scipy.optimize import brentq
+
+from femu_piezo.effects.effect import EffectContext
+from femu_piezo.effects.library import drive_level, sweep_too_fast
+from femu_piezo.material.library import library_material
+
+#: Branch of L, R, 1/C beside C0: resonance at 100 kHz with Q = 80.
+OWN, QUALITY, STATIC = 2 * np.pi * 100e3, 80.0, 1e-9
+INDUCTANCE = 1 / (OWN**2 * 0.1 * STATIC)
+RESISTANCE = OWN * INDUCTANCE / QUALITY
+OMEGA = 2 * np.pi * np.linspace(96e3, 103e3, 141)
+
+
+def motional(omega, softer: complex = 0.0):
+    """Admittance of the branch whose capacitance has grown by a share."""
+    elastance = OWN**2 * INDUCTANCE / (1 + softer)
+    return 1j * omega / (elastance - omega**2 * INDUCTANCE + 1j * omega * RESISTANCE)
+
+
+def inside(omega, *beside, slopes=True):
+    return 1 / (motional(omega) + 1j * omega * STATIC), np.zeros((omega.size, 0), dtype=complex)
+
+
+@pytest.fixture(scope="module")
+def effects():
+    context = EffectContext(100e3, ("s11",), library_material("pzt-5h").constants, {}, 7500.0, 1e-3, 2e3)
+    return {e.name: e for module in (sweep_too_fast, drive_level) for e in module.candidates(context)}
+
+
+def swept(rate: float) -> np.ndarray:
+    """Y of the branch by its current in time, the convolution of its impulse response with a voltage exp(jφ(t)).
+
+    The frequency grows by `rate` (Hz/s): φ(t − τ) = φ(t) − ωτ + 2π rate τ²/2.
+    """
+    fade = RESISTANCE / (2 * INDUCTANCE)
+    ringing = np.sqrt(OWN**2 - fade**2)
+    time = np.linspace(0.0, 24 / fade, 60001)
+    impulse = np.exp(-fade * time) * (np.cos(ringing * time) - fade / ringing * np.sin(ringing * time)) / INDUCTANCE
+    bent = impulse * np.exp(1j * np.pi * rate * time**2)
+    return np.array([simpson(bent * np.exp(-1j * omega * time), x=time) for omega in OMEGA])
+
+
+def test_impulse_response_is_that_of_the_branch():
+    np.testing.assert_allclose(swept(0.0), motional(OMEGA), rtol=1e-4)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_current_of_a_sweep_in_time(effects, direction):
+    """At r = 0.03 γ² and twice that: what the law misses is of second order, and small against the change."""
+    half = OWN / (2 * QUALITY)
+    missed, changes = [], []
+    for share in (0.03, 0.06):
+        rate = direction * share * half**2 / (2 * np.pi)
+        z = effects["sweep_too_fast"].acquisition(inside, OMEGA, np.array([rate]))[0]
+        found, exact, still = 1 / z - 1j * OMEGA * STATIC, swept(rate), motional(OMEGA)
+        changes.append(np.max(np.abs(exact - still)))
+        missed.append(np.max(np.abs(found - exact)))
+    assert changes[0] > 0.02 * np.max(np.abs(motional(OMEGA)))
+    assert missed[0] < 3 * 0.03 * changes[0]
+    assert missed[1] / missed[0] == pytest.approx(4, rel=0.15)
+
+
+def leaning(softening: float, ratio: float) -> np.ndarray:
+    """Z with the branch softer at its own current, amplitude by amplitude; the larger solution."""
+    top = np.max(np.abs(motional(OMEGA) + 1j * OMEGA * STATIC)) ** 2
+    found = []
+    for omega in OMEGA:
+        def answer(level, omega=omega):
+            return motional(omega, softening * level * (1 - 1j * ratio)) + 1j * omega * STATIC
+
+        level = brentq(lambda level: abs(answer(level)) ** 2 / top - level, 0.0, 4.0, xtol=1e-14)
+        found.append(1 / answer(level))
+    return np.array(found)
+
+
+def test_resonance_leans_as_its_own_current_asks(effects):
+    """A lean of a third of the width: within half the error that the law states; the resonance is lower, weaker."""
+    softening, ratio = 0.7 / QUALITY, 0.4
+    z = effects["drive_level"].acquisition(inside, OMEGA, np.array([softening, ratio]))[0]
+    exact, bare = leaning(softening, ratio), inside(OMEGA)[0]
+    change = np.abs(np.log(exact / bare))
+    assert np.max(np.abs(np.log(z / exact))) < effects["drive_level"].parameters[0].law_error / 2 * np.max(change)
+    assert np.argmin(np.abs(z)) < np.argmin(np.abs(bare)) and np.min(np.abs(z)) > np.min(np.abs(bare))

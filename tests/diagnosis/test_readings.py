@@ -1,0 +1,120 @@
+"""Readings of other instruments in a fit: formulas by the compliance matrix, slopes, and what they narrow."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hidden_effects.ritz import RitzPlate
+
+from diagnosis.conftest import DENSITY, FREQUENCY, SIZE
+from femu_piezo.cli import main
+from femu_piezo.errors import InputError
+from femu_piezo.inference.fit import fit
+from femu_piezo.inference.readings import Reading, read_beside
+from femu_piezo.specimen.file import Readings
+
+VOLUME, AREA, GAP, NOISE = float(np.prod(SIZE)), SIZE[0] * SIZE[1], SIZE[2], 0.02
+NAMES = ("mass", "capacitance", "d33", "sound_velocity")
+
+
+def reading(name: str, value: float, std: float) -> Reading:
+    return Reading(name, value, std, "", DENSITY, VOLUME, AREA, GAP, 2)
+
+
+def known(theta: np.ndarray) -> dict[str, float]:
+    """The four numbers of the bare plate; c33D from the inverse of the compliances at constant displacement."""
+    s11, s12, s13, s33, _, d31, d33, _, _, eps = theta
+    s = np.array([[s11, s12, s13], [s12, s11, s13], [s13, s13, s33]])
+    d = np.array([d31, d31, d33])
+    stiff = np.linalg.inv(s - np.outer(d, d) / eps)
+    return {
+        "mass": DENSITY * VOLUME,
+        "capacitance": eps.real * AREA / GAP,
+        "d33": d33.real,
+        "sound_velocity": np.sqrt(stiff[2, 2].real / DENSITY),
+    }
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_readings_of_the_bare_plate(setup, name):
+    value = known(setup.theta)[name]
+    row, slopes = reading(name, value, 1e-2 * abs(value)).row(setup.unknowns, setup.x)
+    assert abs(row) < 1e-6 and slopes.shape == setup.x.shape
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_slopes_of_readings_with_causes(setup, name):
+    """Against differences, with what moves each: dimensions, density, films, a spot, gap, laws, held constants."""
+    causes = {
+        "wrong_length": 0.01, "wrong_thickness": -0.01, "wrong_density": 0.02, "electrode_mass": 0.1,
+        "point_mass": (2e-6, 4e-3, 2e-3, 5e-4), "contact_gap": 1e8, "relaxation": (0.05, 9e4, 0.3),
+        "wrong_insensitive_parameter:d33": 0.05,
+    }
+    parameters, x = setup.with_effects(causes)
+    value = known(setup.theta)[name]
+    one = reading(name, value, 1e-2 * abs(value))
+    row, slopes = one.row(parameters, x)
+    assert abs(row) > 0.1
+    for column in range(x.size):
+        step = np.zeros(x.size)
+        step[column] = 1e-4
+        numeric = (one.row(parameters, x + step)[0] - one.row(parameters, x - step)[0]) / 2e-4
+        assert slopes[column] == pytest.approx(numeric, rel=1e-5, abs=1e-6 * np.max(np.abs(slopes)))
+
+
+@pytest.mark.parametrize(
+    ("name", "cause"),
+    [
+        ("mass", "wrong_density"),
+        ("capacitance", "stray_capacitance"),
+        ("d33", "wrong_insensitive_parameter:d33"),
+    ],
+)
+def test_a_reading_narrows_by_the_right_amount(setup, name, cause):
+    """A cause that a constant hides: the refit has the posterior of sweep and reading, by Bayes' rule of normals."""
+    z = RitzPlate(SIZE, DENSITY, (13, 10, 5)).impedance(setup.theta, FREQUENCY)
+    normal = np.random.default_rng(3).standard_normal((2, z.size))
+    data = setup.data(z * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2)), NOISE)
+    parameters, x = setup.with_effects({cause: 0.0})
+    value = known(setup.theta)[name]
+    one = reading(name, value, 5e-4 * abs(value))
+    free = fit(setup.evaluation, data, parameters, [x])
+    told = fit(setup.evaluation, data, replace(parameters, readings=(one,)), [free.x])
+    row, h = one.row(parameters, free.x)
+    before = free.precision_inverse
+    gain = before @ h / (1 + h @ before @ h)
+    wanted = before - np.outer(gain, h @ before)
+    own = parameters.columns(0).start
+    assert told.precision_inverse[own, own] < before[own, own] / 10
+    np.testing.assert_allclose(np.diag(told.precision_inverse), np.diag(wanted), rtol=0.03)
+    assert np.all(np.abs(told.x - (free.x - gain * row)) < 0.1 * np.sqrt(np.diag(wanted)))
+    assert abs(read_beside(told)[name]["sigma"]) < 3
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ({"mass": "2 mm"}, "readings.mass"),
+        ({"d33": 0.0}, "readings.d33 = 0"),
+        ({"std_mass": 0.01}, "readings.std_mass has no reading"),
+        ({"capacity": 1e-9}, "did you mean 'capacitance'"),
+        ({"sound_velocity": 4.5}, "readings.sound_velocity"),
+    ],
+)
+def test_wrong_readings_are_one_sentence(table, words):
+    with pytest.raises(InputError, match=words):
+        Readings.model_validate(table)
+
+
+def test_two_masses_end_with_exit_code_2(tmp_path):
+    path = tmp_path / "plate.toml"
+    path.write_text(
+        '[geometry]\nshape = "plate"\npoling = "thickness"\nlength = 12e-3\nwidth = 6.5e-3\nthickness = 1.5e-3\n'
+        'mass = "0.9 g"\n[material]\nbase = "pzt-5h"\n[measurement]\nfile = "a.csv"\n[readings]\nmass = "0.9 g"\n',
+        encoding="utf-8",
+    )
+    answer = CliRunner().invoke(main, ["update", str(path), "--out", str(tmp_path / "out")])
+    assert answer.exit_code == 2 and "geometry.mass" in answer.output and answer.output.strip().count("\n") == 0

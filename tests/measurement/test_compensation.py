@@ -1,0 +1,142 @@
+"""Open, short and load compensation: a fixture of known circuit comes off exactly, and its noise comes along."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from femu_piezo.errors import InputError
+from femu_piezo.measurement.compensation import Compensation, Load, compensated, compensation_slopes
+from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.specimen.file import read_specimen, write_specimen
+from femu_piezo.study.measured import measure
+
+from .sweeps import SOFT, bar_impedance, with_noise
+
+FREQUENCY = np.linspace(30e3, 50e3, 201)
+OMEGA = 2 * np.pi * FREQUENCY
+TRUTH = bar_impedance(FREQUENCY, **SOFT)
+SERIES, STRAY = 1.5 + 1j * OMEGA * 3e-6, 1e-6 + 1j * OMEGA * 20e-12
+STANDARD = Load(100.0, inductance=2e-7, capacitance=3e-12)
+
+
+def fixture(z, kind: str):
+    """What the analyser reads of z behind a fixture: stray across the piece and a series lead, or any two-port."""
+    if kind == "general":
+        a, b, c, d = 1.1 + 0.05j, 20 + 30j, (2 + 5j) * 1e-4, 0.9 - 0.04j
+        return (a * z + b) / (c * z + d) if np.all(np.isfinite(z)) else np.full_like(OMEGA, a / c, complex)
+    inner = 1 / STRAY if not np.all(np.isfinite(z)) else z / (1 + STRAY * z)
+    return SERIES + inner
+
+
+def readings(kind: str):
+    open_, short = fixture(np.full_like(TRUTH, np.inf), kind), fixture(np.zeros_like(TRUTH), kind)
+    return fixture(TRUTH, kind), open_, short, fixture(STANDARD.impedance(OMEGA), kind)
+
+
+def test_load_is_its_circuit():
+    series = 100.0 + 1j * OMEGA * 2e-7
+    np.testing.assert_allclose(1 / STANDARD.impedance(OMEGA), 1 / series + 1j * OMEGA * 3e-12, rtol=1e-14)
+
+
+def test_formulas_take_the_fixture_off():
+    raw, open_, short, load = readings("simple")
+    np.testing.assert_allclose(compensated(raw, open_, short), TRUTH, rtol=1e-9)
+    np.testing.assert_allclose(compensated(TRUTH + SERIES, short=SERIES), TRUTH, rtol=1e-12)
+    np.testing.assert_allclose(compensated(1 / (1 / TRUTH + STRAY), open=1 / STRAY), TRUTH, rtol=1e-12)
+    np.testing.assert_allclose(compensated(raw, open_, short, load, STANDARD.impedance(OMEGA)), TRUTH, rtol=1e-9)
+
+
+def test_three_terms_take_any_two_port_off():
+    raw, open_, short, load = readings("general")
+    np.testing.assert_allclose(compensated(raw, open_, short, load, STANDARD.impedance(OMEGA)), TRUTH, rtol=1e-9)
+    assert np.max(np.abs(compensated(raw, open_, short) / TRUTH - 1)) > 0.01
+
+
+@pytest.mark.parametrize("names", [("short",), ("open",), ("open", "short"), ("open", "short", "load")])
+def test_slopes_against_differences(names):
+    raw, *others = readings("general" if "load" in names else "simple")
+    values = {"raw": raw} | {n: v for n, v in zip(("open", "short", "load"), others, strict=True) if n in names}
+    known = STANDARD.impedance(OMEGA)
+    slopes = compensation_slopes(**values, known=known)
+    assert set(slopes) == set(values)
+    for name, value in values.items():
+        step = 1e-6 * value
+        up, down = (compensated(**(values | {name: value + sign * step}), known=known) for sign in (1, -1))
+        np.testing.assert_allclose(slopes[name], (up - down) / (2 * step), rtol=2e-5, err_msg=name)
+
+
+def test_noise_of_all_readings_is_in_the_noise():
+    """200 draws: the spread of the compensated Z is the stated one within 25 % at every tenth point."""
+    clean = readings("general")
+    sizes = [1e-3, 2e-3, 3e-3, 1e-3]
+    found = []
+    for seed in range(200):
+        noisy = [
+            ImpedanceSpectrum(FREQUENCY, with_noise(z, s * np.abs(z), 4 * seed + i), s * np.abs(z))
+            for i, (z, s) in enumerate(zip(clean, sizes, strict=True))
+        ]
+        found.append(Compensation(*noisy[1:], STANDARD).applied(noisy[0]))
+    spread = np.sqrt(np.mean(np.abs([one.impedance - TRUTH for one in found]) ** 2, axis=0))
+    stated = np.mean([one.noise for one in found], axis=0)
+    np.testing.assert_allclose(stated[::10], spread[::10], rtol=0.25)
+    assert "compensated by open, short, load from raw files" in found[0].notes[-1]
+    loose = Compensation(*noisy[1:], Load(100.0, 2e-7, 3e-12, std=0.01)).applied(noisy[0])
+    np.testing.assert_allclose(
+        np.sqrt(loose.noise**2 - found[-1].noise ** 2), 0.01 * np.abs(loose.impedance), rtol=1e-6
+    )
+
+
+def write(folder: Path, name: str, impedance, frequency=FREQUENCY) -> None:
+    write_spectrum(ImpedanceSpectrum(frequency, impedance, 1e-4 * np.abs(impedance)), folder / f"{name}.csv")
+
+
+SPEC = """\
+name = "plate"
+[geometry]
+shape = "plate"
+length = "40 mm"
+width = "5 mm"
+thickness = "1 mm"
+[material]
+base = "tj52-hd"
+[measurement]
+file = "raw.csv"
+open = "open.csv"
+short = "short.csv"
+load = { file = "load.csv", resistance = "100 ohm", inductance = "0.2 uH", capacitance = "3 pF" }
+"""
+
+
+def test_from_a_specimen_file(tmp_path):
+    for name, z in zip(("raw", "open", "short", "load"), readings("general"), strict=True):
+        write(tmp_path, name, z)
+    (tmp_path / "plate.toml").write_text(SPEC, encoding="utf-8")
+    specimen = read_specimen(tmp_path / "plate.toml")
+    measured = measure(specimen)
+    np.testing.assert_allclose(measured.spectrum.impedance, TRUTH, rtol=1e-8)
+    (tmp_path / "below").mkdir()
+    write_specimen(specimen, tmp_path / "copy.toml")
+    assert read_specimen(tmp_path / "copy.toml").measurement == specimen.measurement
+
+
+def test_wrong_fixtures_are_told(tmp_path):
+    raw, open_, short, load = readings("simple")
+    for name, z in (("raw", raw), ("open", open_), ("load", load)):
+        write(tmp_path, name, z)
+    write(tmp_path, "short", short[20:], FREQUENCY[20:])
+    (tmp_path / "plate.toml").write_text(SPEC, encoding="utf-8")
+    with pytest.raises(InputError, match="measure the fixture over the whole sweep"):
+        measure(read_specimen(tmp_path / "plate.toml"))
+    (tmp_path / "plate.toml").write_text(SPEC.replace('short = "short.csv"\n', ""), encoding="utf-8")
+    with pytest.raises(InputError, match=r"measurement\.load compensates only together with open and short"):
+        read_specimen(tmp_path / "plate.toml")
+    (tmp_path / "plate.toml").write_text(SPEC.replace('resistance = "100 ohm", ', ""), encoding="utf-8")
+    with pytest.raises(InputError, match=r"measurement\.load\.resistance is missing; say what the load is"):
+        read_specimen(tmp_path / "plate.toml")
+    same = ImpedanceSpectrum(FREQUENCY, open_)
+    with pytest.raises(InputError, match="leaves no impedance"):
+        Compensation(open=same, short=same).applied(same)
