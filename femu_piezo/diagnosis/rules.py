@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 
-from femu_piezo.inference.discrepancy import PRIOR
+from femu_piezo.measurement.discrepancy import PRIOR
 
 
 def _rule(value: float, principle: str):

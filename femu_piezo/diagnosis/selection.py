@@ -25,8 +25,8 @@ from femu_piezo.diagnosis.starts import Start, promises_together, start_together
 from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.fit import CLOSE, COARSE, RANKED, Fit, fit, with_discrepancy
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import blas_limit, in_parallel
 
 #: Pairs of causes that are fitted, of all that linearisation ranks.
@@ -396,7 +396,8 @@ class _Search:
         final = self._settled(one)
         while weakest := self._insignificant(final):
             rest = self._finished(self._hypothesis(self._without(one.fit, weakest)))
-            if rest.log_posterior < one.log_posterior - self._rules.contender:
+            demanded = rest.log_posterior < one.log_posterior - self._rules.contender
+            if demanded and weakest != self._insignificant(one.fit):
                 break  # the data demand the cause, however uncertain a discrepancy makes its size
             one, final = rest, self._settled(rest)
         total = logsumexp([other.log_posterior for other in self._known.values()])

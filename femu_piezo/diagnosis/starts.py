@@ -9,9 +9,9 @@ from itertools import combinations
 import numpy as np
 
 from femu_piezo.effects.effect import Effect
-from femu_piezo.inference.discrepancy import noise_level, profiled
 from femu_piezo.inference.fit import Fit, linear_fit, stepped
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.measurement.discrepancy import noise_level, profiled
 
 #: Size, over its scale, at which a parameter starts "at rest": there every slope exists.
 _REST = 1e-3

@@ -91,9 +91,9 @@ def judge(comparison: Comparison, frequency: np.ndarray) -> Verdict:
         remaining(fit.residual, fit.determined, frequency, fit.data.noise_known, fit.data.sweeps)
         for fit in (comparison.base, comparison.final)
     )
-    unexplained = _unexplained(comparison.base, comparison.final) if comparison.discrepant else 0.0
-    causes = tuple(_cause(found, comparison, moves, 1 - unexplained) for found in comparison.found)
     discrepant = comparison.discrepant and _beyond_noise(comparison.final, comparison.rules.significant)
+    unexplained = _unexplained(comparison.base, comparison.final) if discrepant else 0.0
+    causes = tuple(_cause(found, comparison, moves, 1 - unexplained) for found in comparison.found)
     unknown = discrepant and (not causes or unexplained > comparison.rules.unexplained)
     word = "unknown" if unknown else "effect" if causes else "none"
     hidden = tuple((t.effect, t.nearest) for t in moves if t.hidden)

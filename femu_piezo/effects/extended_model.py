@@ -49,7 +49,7 @@ class ExtendedModel:
     """
 
     def __init__(self, source: _Source, sectors: Sectors) -> None:
-        self._source, self._sectors = source, sectors
+        self._source, self._sectors, self._extra = source, sectors, Once()
         self.owner, self.exponents = source.owner, source.exponents
         self.places = Places(sectors, source.shared)
 
@@ -91,16 +91,16 @@ class ExtendedModel:
     @cached_property
     def strata(self) -> np.ndarray:
         """(n_s, r, r) parts of equal exponents of the unit-constant matrices; those of one constant sum to its bulk."""
-        return self._by_class(lambda own: self._source.strata(own))
+        return self._by_class(self._source.strata)
 
     @cached_property
     def bulk(self) -> np.ndarray:
         """(10, r, r) the unit-constant matrices of the unstretched body."""
-        return self._by_class(lambda own: self._source.bulk(own))
+        return self._by_class(self._source.bulk)
 
     def extra(self, name: str) -> np.ndarray:
         """(r, r) of an extra term of an effect."""
-        return self._by_class(lambda own: self._source.extra(name, own))
+        return self._extra.get(name, lambda: self._by_class(lambda own: self._source.extra(name, own)))
 
     @property
     def mass(self) -> np.ndarray:
@@ -169,7 +169,7 @@ class _Source:
             flat = fields.reshape(-1, fields.shape[2])
             return flat.T @ (self._matrices[name] @ flat)
 
-        return self.shared.get((name, names), make)
+        return self.shared.get(("extra", name, names), make)
 
     def _project(self, names: tuple[str, ...]) -> np.ndarray:
         return self._fields.weighted.model.products.within(self._fields_of(names), self._parts)

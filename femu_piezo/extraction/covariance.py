@@ -1,17 +1,18 @@
-"""How far the parameters of a fit may be off: the Fisher information, or the delete-a-block jackknife."""
+"""How far the parameters of a fit may be off: by noise alone, and by what is smooth in frequency beside it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 
 import numpy as np
 
-from femu_piezo.extraction.fit import Fit, SweepData, fit
+from femu_piezo.extraction.fit import NormalisedSweep
 from femu_piezo.extraction.model import RationalModel
+from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, matern, profiled
+from femu_piezo.measurement.sweeps import SweepData, stacked
 
-PARTITIONS = (8, 12)
-MIN_BLOCK = 3
+LENGTHS = (1 / 4, 1 / 12, 1 / 40)  # correlation lengths of systematic errors that compete, shares of the sweep
+SHARES = (0.0, 1.0)  # of errors of frequency in them: none, or nothing else
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Spread:
         return out
 
 
-def fisher_spread(model: RationalModel, data: SweepData, scale: float = 1.0) -> Spread:
+def fisher_spread(model: RationalModel, data: NormalisedSweep, scale: float = 1.0) -> Spread:
     """scale²·(JᴴJ)⁻¹, the Cramér-Rao bound where `scale` is the rms of the residual (1: weights are true).
 
     The bound is for this model class: the complex residues and the complex background coefficients are nuisance
@@ -58,25 +59,42 @@ def fisher_spread(model: RationalModel, data: SweepData, scale: float = 1.0) -> 
     return Spread(scale * np.linalg.inv(np.linalg.qr(jac / size)[1]) / size[:, None], circular=True)
 
 
-def jackknife_spread(best: Fit, data: SweepData, partitions: tuple[int, ...] = PARTITIONS) -> Spread | None:
-    """Delete-a-block jackknife (Künsch 1989): the fit repeated with one block of the sweep left out at a time.
+def systematic_error(model: RationalModel, data: NormalisedSweep, sweep: SweepData) -> tuple[Discrepancy, float]:
+    """The smooth function of frequency that a fit leaves beside the noise, and the evidence of the fit with it.
 
-    cov = (B − 1)/B Σ_b (θ_b − θ̄)(θ_b − θ̄)ᵀ for B blocks, averaged over two partitions because the length over
-    which a systematic error keeps its sign is not known. It asks the data how far such an error moves the answer,
-    where the Fisher information would count correlated errors as independent; with so few blocks it is itself
-    known to a factor of about 1.5. None where a block would have fewer than 3 points or the rest fewer than the
-    parameters.
+    The evidence is the Bayesian information criterion, −2 log p(data) + k log(2n), less is better, with the discrepancy
+    of log Z marginalised (`femu_piezo.measurement.discrepancy`), correlated over `LENGTHS` of the sweep and no smoother
+    than instruments are (Matérn).
+
+    Parameters
+    ----------
+    sweep : the same points with the noise that neighbours show
     """
-    n, columns = len(data), []
-    for blocks in partitions:
-        if n < MIN_BLOCK * blocks or n - n // blocks - 1 < best.model.size:
-            return None
-        edges = np.linspace(0, n, blocks + 1).astype(int)
-        found = []
-        for low, high in pairwise(edges):
-            keep = np.r_[0:low, high:n]
-            rest = replace(data, x=data.x[keep], charge=data.charge[keep], weight=data.weight[keep])
-            found.append(fit(best.model, rest).model.parameters)
-        moved = np.array(found) - np.mean(found, axis=0)
-        columns.append(np.sqrt((blocks - 1) / blocks / len(partitions)) * moved.T)
-    return Spread(np.hstack(columns), circular=False)
+    residual = stacked((model.charge(data.x) / data.charge - 1) * sweep.weight)
+    found = learn_discrepancy(
+        sweep,
+        model.log_slope(data.x),
+        residual,
+        np.zeros((residual.size, 0)),
+        lengths=LENGTHS,
+        shares=SHARES,
+        kernel=matern,
+    )
+    likelihood = profiled(float(residual @ residual), residual.size, sweep.level_std) + found.log_evidence
+    return found, float(-2 * likelihood + 2 * model.size * np.log(2 * len(data)))
+
+
+def systematic_spread(model: RationalModel, data: NormalisedSweep, sweep: SweepData, error: Discrepancy) -> Spread:
+    """Second moments of the errors of a fit that leaves a systematic error beside the noise.
+
+    The parameters are off by A = (JᴴW²J)⁻¹JᴴW² times the relative errors of Z, J = ∂ log charge/∂θ and W the weights of
+    the fit: cov = A (N + K) Aᴴ, N of the noise and K of the error.
+    """
+    plain, k = model.jacobian(data.x) / data.charge[:, None], len(data)
+    size = np.linalg.norm(plain, axis=0)
+    q, upper = np.linalg.qr(data.weight[:, None] * plain / size)
+    moved = np.linalg.solve(upper, q.conj().T) * data.weight / size[:, None]
+    level = error.level / sweep.weight
+    smooth = (error.columns[:k] + 1j * error.columns[k:]) * level[:, None]
+    noise = moved * level
+    return Spread(np.hstack([noise, 1j * noise, moved @ smooth]), circular=False)

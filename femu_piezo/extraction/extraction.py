@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from femu_piezo.errors import InputError
-from femu_piezo.extraction.covariance import fisher_spread, jackknife_spread
-from femu_piezo.extraction.fit import Fit, SweepData, solve_linear
+from femu_piezo.extraction.covariance import fisher_spread, systematic_error, systematic_spread
+from femu_piezo.extraction.fit import ROUNDING, Fit, NormalisedSweep, refit, solve_linear
 from femu_piezo.extraction.likelihood import maximum_likelihood, noise_of
 from femu_piezo.extraction.limitations import (
     Finding,
     find_clipping,
+    find_doubtful,
     find_lossless,
     find_missing,
     find_reversed,
@@ -21,16 +23,20 @@ from femu_piezo.extraction.limitations import (
     too_few_points,
 )
 from femu_piezo.extraction.model import RationalModel
-from femu_piezo.extraction.order import MAX_BACKGROUND, evidence
+from femu_piezo.extraction.order import MAX_BACKGROUND, evidence, is_passive, without
 from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.extraction.result import Extraction, Method
-from femu_piezo.extraction.roots import Roots, pair, resonances
+from femu_piezo.extraction.roots import Roots, pair, resonances, unsettled_modes
+from femu_piezo.measurement.discrepancy import Discrepancy
+from femu_piezo.measurement.noise import estimate_noise
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.resonances import Resonance, ResonanceSet
 from femu_piezo.threads import blas_limit
 
-MAX_MODES = 12
+MAX_MODES = 40
 MIN_POINTS = 8
+CLOSE = 10.0  # times the misfit of the closest fit, up to which others are worth a comparison
 
 
 def extract(
@@ -45,7 +51,7 @@ def extract(
     Parameters
     ----------
     spectrum : the sweep; its `noise` is used where given, else learned from the residual of the fit
-    max_modes : most modes the evidence may ask for (12 where None)
+    max_modes : most modes the evidence may ask for (40 where None)
     method : "maximum_likelihood", or "prony_ss" for the paper's time-domain method (uniform grid): no
         covariance; the curve is the best one with those poles
 
@@ -70,17 +76,22 @@ def _extract(spectrum: ImpedanceSpectrum, max_modes: int | None, method: Method)
     band = (float(spectrum.frequency[0]), float(spectrum.frequency[-1]))
     if method == "prony_ss":
         roots, result, data = _prony_ss(sweep)
-        noise, tried, phi, reported = noise_of(result, sweep), (), 0j, None
+        noise, tried, reported = noise_of(result, sweep), (), None
     else:
         estimate = maximum_likelihood(sweep, MAX_MODES if max_modes is None else max_modes)
         result, data, noise, tried = estimate.fit, estimate.data, estimate.noise, estimate.orders
-        phi = estimate.correlation
         scale = result.scale if noise.origin == "residual" else _inflation(result, findings)
-        spread = jackknife_spread(result, data) if phi else None
-        fisher = fisher_spread(result.model, data, scale)
-        reported = spread or fisher
-        roots = resonances(result.model, fisher, reported, band)
-    findings = gravest_first(findings + find_systematic(phi) + find_reversed(data) + find_missing(roots, spectrum))
+        reported = fisher_spread(result.model, data, scale)
+        if estimate.is_systematic:
+            points = _points(sweep)
+            result, left = _most_probable((*estimate.way, result), data, points)
+            reported = systematic_spread(result.model, data, points, left)
+            noise = noise if noise.origin == "file" else replace(noise, relative=result.scale)
+            findings += find_systematic(left, result.residual / data.weight, points)
+        roots = resonances(result.model, reported, band, systematic=estimate.is_systematic)
+    findings = gravest_first(
+        findings + find_reversed(data) + find_missing(roots, spectrum) + find_doubtful(roots)
+    )
     impedance = 1 / result.model.admittance(spectrum.omega)
     residual = np.full(n, complex("nan+nanj"))
     sigma = sweep.noise if noise.origin == "file" else noise.std(impedance[used])
@@ -92,6 +103,7 @@ def _extract(spectrum: ImpedanceSpectrum, max_modes: int | None, method: Method)
         resonances=replace(roots.inside, notes=tuple(f.sentence for f in findings)),
         pairs=pair(roots.inside),
         outside=roots.outside,
+        doubtful=roots.doubtful,
         impedance=impedance,
         residual=residual,
         noise=noise,
@@ -104,11 +116,42 @@ def _extract(spectrum: ImpedanceSpectrum, max_modes: int | None, method: Method)
     )
 
 
-def _prony_ss(sweep: ImpedanceSpectrum) -> tuple[Roots, Fit, SweepData]:
+def _most_probable(fits: Sequence[Fit], data: NormalisedSweep, points: SweepData) -> tuple[Fit, Discrepancy]:
+    """The fit of most evidence beside a systematic error of the sweep, and this error.
+
+    How many modes there are is decided by the closest fits of each order; of that many the closest is taken, since an
+    omitted degree of the background biases and an idle one costs little. Then modes go that the error explains as well.
+    """
+
+    def judged(one: Fit) -> tuple[Fit, Discrepancy, float]:
+        return one, *systematic_error(one.model, data, points)
+
+    passive = sorted((one for one in fits if is_passive(one.model)), key=lambda one: one.misfit)
+    near = [one for one in passive if one.misfit < CLOSE**2 * passive[0].misfit]
+    orders = {(one.model.poles.size, one.model.background.size): one for one in near[::-1]}
+    each = [judged(one) for one in orders.values()]
+    modes = min(each, key=lambda one: one[2])[0].model.poles.size
+    best, error, level = min((one for one in each if one[0].model.poles.size == modes), key=lambda one: one[0].misfit)
+    while True:
+        spread = systematic_spread(best.model, data, points, error)
+        fewer = [without(best.model, mode) for mode in unsettled_modes(best.model, spread)]
+        rival = min((judged(refit(model, data)) for model in fewer), key=lambda one: one[2], default=None)
+        if rival is None or rival[2] >= level:
+            return best, error
+        best, error, level = rival
+
+
+def _points(sweep: ImpedanceSpectrum) -> SweepData:
+    """The sweep with its noise: its own, or what neighbouring points show."""
+    noise = estimate_noise(sweep).std(sweep.impedance) / np.abs(sweep.impedance)
+    return SweepData(sweep.frequency, sweep.impedance, np.maximum(noise, ROUNDING), sweep.noise is not None)
+
+
+def _prony_ss(sweep: ImpedanceSpectrum) -> tuple[Roots, Fit, NormalisedSweep]:
     """Poles and zeros of the stable columns, and the best curve with those poles held."""
     columns = {kind: prony_ss(sweep, kind).diagram.columns for kind in ("pole", "zero")}
     poles, zeros = (tuple(Resonance(kind, column.eigenvalue) for column in columns[kind]) for kind in ("pole", "zero"))
-    data = SweepData.of(sweep.omega, sweep.admittance, np.ones(len(sweep)))
+    data = NormalisedSweep.of(sweep.omega, sweep.admittance, np.ones(len(sweep)))
     at = np.array([(r.eigenvalue - data.axis.center) / data.axis.half_width for r in poles], complex)
     fits = [
         solve_linear(RationalModel(data.axis, data.scale, at, np.zeros_like(at), np.zeros(d, complex)), data)

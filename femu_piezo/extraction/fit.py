@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,8 +13,13 @@ ROUNDING = 1e-10
 MAX_DAMPING = 1e6  # a step this short that still does not lower the misfit: it is at its minimum
 
 
+def evenly(count: int, most: int) -> np.ndarray:
+    """(m,) places of at most so many points, evenly over `count`."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
+
+
 @dataclass(frozen=True)
-class SweepData:
+class NormalisedSweep:
     """A sweep in the variables of the fit.
 
     Attributes
@@ -25,6 +30,7 @@ class SweepData:
     scale : farad; negative where most readings have a negative conductance (reversed terminals)
     weight : (n,) 1/(relative standard deviation of the complex impedance); only its shape matters for the
         search, its size for the covariance
+    least : rms residual in units of `weight` below which it is evidence for nothing
     """
 
     axis: FrequencyAxis
@@ -32,18 +38,34 @@ class SweepData:
     charge: np.ndarray
     scale: float
     weight: np.ndarray
+    least: float = 0.0
 
     @classmethod
-    def of(cls, omega: np.ndarray, admittance: np.ndarray, weight: np.ndarray) -> SweepData:
+    def of(cls, omega: np.ndarray, admittance: np.ndarray, weight: np.ndarray, least: float = 0.0) -> NormalisedSweep:
         """Normalise Y (n,) S over ω (n,) rad/s; `scale` carries the sign of the conductance."""
         axis = FrequencyAxis.of(omega)
         charge = admittance / (1j * omega)
         sign = -1.0 if np.median(admittance.real) < 0 else 1.0
         scale = float(np.median(np.abs(charge)) * sign)
-        return cls(axis, axis.x(omega), charge / scale, scale, np.asarray(weight, float))
+        return cls(axis, axis.x(omega), charge / scale, scale, np.asarray(weight, float), least)
 
     def __len__(self) -> int:
         return self.x.size
+
+    @property
+    def negligible(self) -> float:
+        """Σ|residual|² that is rounding or far below the noise."""
+        return max(self.rounding, self.least**2 * len(self))
+
+    @property
+    def rounding(self) -> float:
+        """Σ|residual|² that rounding leaves."""
+        return ROUNDING**2 * float(np.sum(self.weight**2))
+
+    def thinned(self, most: int) -> NormalisedSweep:
+        """At most so many points, evenly over all."""
+        keep = evenly(len(self), most)
+        return replace(self, x=self.x[keep], charge=self.charge[keep], weight=self.weight[keep])
 
 
 @dataclass(frozen=True)
@@ -72,7 +94,7 @@ class Fit:
         return float(np.sqrt(2 * self.misfit / self.degrees_of_freedom))
 
 
-def residual(model: RationalModel, data: SweepData) -> np.ndarray:
+def residual(model: RationalModel, data: NormalisedSweep) -> np.ndarray:
     """(n,) complex weight · (Z_data/Z_model − 1) = weight · (charge_model/charge_data − 1).
 
     To first order in the noise the relative errors of Z and of Y = 1/Z are the same, so one residual serves
@@ -81,7 +103,7 @@ def residual(model: RationalModel, data: SweepData) -> np.ndarray:
     return data.weight * (model.charge(data.x) / data.charge - 1)
 
 
-def fit(model: RationalModel, data: SweepData, tolerance: float = 1e-5, max_steps: int = 60) -> Fit:
+def fit(model: RationalModel, data: NormalisedSweep, tolerance: float = 1e-5, max_steps: int = 60) -> Fit:
     """Levenberg-Marquardt over all parameters with the exact Jacobian, in complex arithmetic.
 
     The model is holomorphic in its complex parameters, so the complex Gauss-Newton step −(JᴴJ + μD²)⁻¹Jᴴr is the
@@ -93,8 +115,8 @@ def fit(model: RationalModel, data: SweepData, tolerance: float = 1e-5, max_step
     r = residual(model, data)
     cost, damping = _power(r), 1e-3
     for _ in range(max_steps):
-        q, upper = np.linalg.qr(row * model.jacobian(data.x))
-        target = -(q.conj().T @ r)
+        triangle = np.linalg.qr(np.column_stack([row * model.jacobian(data.x), r]), mode="r")
+        upper, target = triangle[: model.size, : model.size], -triangle[: model.size, model.size]
         lower = np.diag(np.linalg.norm(upper, axis=0))
         while damping < MAX_DAMPING:
             system = np.vstack([upper, np.sqrt(damping) * lower])
@@ -116,7 +138,7 @@ def _power(r: np.ndarray) -> float:
     return float(np.vdot(r, r).real)
 
 
-def solve_linear(model: RationalModel, data: SweepData) -> Fit:
+def solve_linear(model: RationalModel, data: NormalisedSweep) -> Fit:
     """Residues and background by linear least squares, poles held."""
     m = model.poles.size
     columns = (data.weight / data.charge)[:, None] * model.jacobian(data.x)[:, m:]
@@ -124,19 +146,25 @@ def solve_linear(model: RationalModel, data: SweepData) -> Fit:
     return _as_fit(model.with_parameters(np.concatenate([model.poles, linear])), data)
 
 
-def correlation(residual: np.ndarray) -> tuple[complex, float]:
-    """First-order autoregression of a residual (n,): φ by Burg (1967), |φ| ≤ 1, and the innovation.
+def refit(model: RationalModel, data: NormalisedSweep, tolerance: float = 1e-5, max_steps: int = 60) -> Fit:
+    """The fit from the poles of a model alone; what is linear is solved for first."""
+    linear = solve_linear(model, data)
+    return fit(linear.model, data, tolerance, max_steps) if model.poles.size else linear
 
-    φ = 2 Σ r_i r*_{i−1} / Σ (|r_i|² + |r_{i−1}|²). The innovation Σ|r_i − φ r_{i−1}|² is scaled by n/(n − 1) to
-    stand beside Σ|r_i|².
-    """
+
+def correlation(residual: np.ndarray) -> complex:
+    """φ of neighbouring residuals (n,) by Burg (1967): 2 Σ r_i r*_{i−1} / Σ (|r_i|² + |r_{i−1}|²), |φ| ≤ 1."""
     before, after = residual[:-1], residual[1:]
     power = float(np.sum(np.abs(before) ** 2 + np.abs(after) ** 2))
-    phi = complex(2 * np.sum(after * before.conj()) / power) if power > 0 else 0j
-    innovation = float(np.sum(np.abs(after - phi * before) ** 2))
-    return phi, innovation * residual.size / (residual.size - 1)
+    return complex(2 * np.sum(after * before.conj()) / power) if power > 0 else 0j
 
 
-def _as_fit(model: RationalModel, data: SweepData) -> Fit:
+def is_correlated(result: Fit, data: NormalisedSweep) -> bool:
+    """Whether neighbouring residuals are correlated beyond chance (1 in 10 000 white residuals) and not negligible."""
+    phi, size = correlation(result.residual), result.residual.size
+    return bool(result.misfit > max(100 * data.rounding, data.negligible) and abs(phi) ** 2 * size > np.log(1e4))
+
+
+def _as_fit(model: RationalModel, data: NormalisedSweep) -> Fit:
     r = residual(model, data)
     return Fit(model, r, float(np.sum(np.abs(r) ** 2)))

@@ -6,27 +6,29 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from femu_piezo.extraction.fit import ROUNDING, Fit, SweepData, correlation, fit
+from femu_piezo.extraction.fit import Fit, NormalisedSweep, fit, is_correlated
 from femu_piezo.extraction.noise_level import NoiseUsed, noise_from_residual, weight_of_file
 from femu_piezo.extraction.order import Candidate, evidence, search, widen
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 GUARD_DEGREES = 2  # background beyond the evidence: an omitted degree biases, an idle one costs 3 % of σ
+FAR_BELOW = 0.1  # of a noise that is given: a smaller residual, of a computed curve, is no evidence for modes
 FEW_POINTS = 200  # below, one sweep hardly tells relative from additive noise: both are tried as a start
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The fit, the data as it saw them, the noise used, every order tried, and the systematic error.
+    """The fit, the data as it saw them, the noise used, and every order tried.
 
-    `correlation` is φ of neighbouring residuals where it is beyond chance, 0 where the residual is white.
+    `is_systematic`: neighbouring residuals are correlated beyond chance; `way`: the fits on the way to this one.
     """
 
     fit: Fit
-    data: SweepData
+    data: NormalisedSweep
     noise: NoiseUsed
     orders: tuple[Candidate, ...]
-    correlation: complex
+    is_systematic: bool
+    way: tuple[Fit, ...]
 
 
 def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int) -> Estimate:
@@ -34,12 +36,13 @@ def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int) -> Estimate:
 
     Where the residual stays correlated, instrument or model err systematically. A noise learned from such a
     residual would give away the regions where the error is largest, so every point then counts alike (relative
-    weights), and the correlation is returned for the deviations to allow for it.
+    weights), and the deviations allow for it (`femu_piezo.extraction.covariance.systematic_spread`).
     """
     given = weight_of_file(sweep)
     weight = np.ones(len(sweep)) if given is None else given
-    data = SweepData.of(sweep.omega, sweep.admittance, weight)
-    best, tried = search(data, max_modes)
+    data = NormalisedSweep.of(sweep.omega, sweep.admittance, weight, 0.0 if given is None else FAR_BELOW)
+    first = search(data, max_modes)
+    best, tried, way = first.best, first.tried, first.way
     if given is None:
         plain, plain_data = best, data
         best, data, again = _learn_noise(sweep, max_modes, best, data)
@@ -47,43 +50,43 @@ def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int) -> Estimate:
         if is_correlated(best, data):
             best, data = plain, plain_data
     final = _guarded(best, data)
-    phi = correlation(final.residual)[0] if is_correlated(final, data) else 0j
+    systematic = is_correlated(final, data)
     if given is not None:
         noise = NoiseUsed(float(np.median(1 / given)), 0.0, "file")
-    elif phi:
+    elif systematic:
         noise = NoiseUsed(final.scale, 0.0, "residual")
     else:
         noise = noise_of(final, sweep)
-    return Estimate(final, data, noise, tuple(tried), phi)
+    return Estimate(final, data, noise, tried, systematic, way)
 
 
 def _learn_noise(
-    sweep: ImpedanceSpectrum, max_modes: int, best: Fit, data: SweepData
-) -> tuple[Fit, SweepData, list[Candidate]]:
+    sweep: ImpedanceSpectrum, max_modes: int, best: Fit, data: NormalisedSweep
+) -> tuple[Fit, NormalisedSweep, tuple[Candidate, ...]]:
     """The noise shape the residual shows, and the orders it supports; a second start from purely additive noise."""
     best, data, tried = _reweighted(sweep, max_modes, best, data)
     if len(sweep) < FEW_POINTS or np.ptp(data.weight) > 0 or is_correlated(best, data):
         size = np.abs(sweep.impedance)
         additive = replace(data, weight=size / np.median(size))
-        first, again = search(additive, max_modes)
-        other, other_data, more = _reweighted(sweep, max_modes, first, additive)
-        tried = tried + again + more
+        again = search(additive, max_modes, None if len(sweep) < FEW_POINTS else best.model)
+        other, other_data, more = _reweighted(sweep, max_modes, again.best, additive)
+        tried = (*tried, *again.tried, *more)
         if evidence(other, other_data) < evidence(best, data):
             best, data = other, other_data
     return best, data, tried
 
 
 def _reweighted(
-    sweep: ImpedanceSpectrum, max_modes: int, best: Fit, data: SweepData
-) -> tuple[Fit, SweepData, list[Candidate]]:
+    sweep: ImpedanceSpectrum, max_modes: int, best: Fit, data: NormalisedSweep
+) -> tuple[Fit, NormalisedSweep, tuple[Candidate, ...]]:
     """The search continued with the noise that the residual shows, if that differs in shape."""
     noise = noise_of(best, sweep)
     if noise.additive == 0 and np.ptp(data.weight) == 0:
-        return best, data, []
+        return best, data, ()
     impedance = 1 / best.model.admittance(sweep.omega)
     data = replace(data, weight=np.abs(impedance) / noise.std(impedance))
-    best, tried = search(data, max_modes, best.model)
-    return best, data, tried
+    found = search(data, max_modes, best.model)
+    return found.best, data, found.tried
 
 
 def noise_of(result: Fit, sweep: ImpedanceSpectrum) -> NoiseUsed:
@@ -92,15 +95,8 @@ def noise_of(result: Fit, sweep: ImpedanceSpectrum) -> NoiseUsed:
     return noise_from_residual(sweep.impedance - impedance, impedance, result.model.size)
 
 
-def _guarded(best: Fit, data: SweepData) -> Fit:
+def _guarded(best: Fit, data: NormalisedSweep) -> Fit:
     """The final fit, with `GUARD_DEGREES` more background than the evidence asks for."""
     if not best.model.poles.size or best.model.size + GUARD_DEGREES >= len(data):
         return best
     return fit(widen(best.model, GUARD_DEGREES), data, tolerance=1e-15)
-
-
-def is_correlated(result: Fit, data: SweepData) -> bool:
-    """Whether neighbouring residuals are correlated beyond chance (1 in 10 000 white residuals) and rounding."""
-    phi, _ = correlation(result.residual)
-    relative = np.linalg.norm(result.residual) / np.linalg.norm(data.weight)
-    return bool(relative > 10 * ROUNDING and abs(phi) ** 2 * result.residual.size > np.log(1e4))

@@ -6,11 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from femu_piezo.extraction.fit import SweepData
+from femu_piezo.extraction.fit import NormalisedSweep
 from femu_piezo.extraction.roots import Roots
+from femu_piezo.measurement.discrepancy import Discrepancy
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.measurement.sweeps import SweepData
 
 CLIPPED_RUN = 4  # so many equal extreme readings side by side are a clipped peak, not chance
+BANDS = 20  # of a sweep, the one of which with the largest misfit is told
 
 
 # Every code, the gravest first
@@ -24,6 +27,7 @@ CODES = (
     "negative_resistance",
     "noise_underestimated",
     "correlated_residual",
+    "doubtful",
 )
 
 
@@ -82,20 +86,47 @@ def find_clipping(spectrum: ImpedanceSpectrum) -> tuple[np.ndarray, list[Finding
     return clipped, findings
 
 
-def find_systematic(phi: complex) -> list[Finding]:
-    """A residual that is correlated from point to point."""
-    if phi == 0:
+def find_systematic(systematic: Discrepancy, error: np.ndarray, sweep: SweepData) -> list[Finding]:
+    """Something smooth in frequency that no passive linear body with the resonances found leaves, and where most of it.
+
+    Parameters
+    ----------
+    error : (n,) relative errors of the fitted Z;  sweep : its points, with the noise that neighbours show
+    """
+    if not systematic.probable:
         return []
+    noise = float(np.median(sweep.relative_noise)) * systematic.level
+    bands = np.array_split(np.arange(error.size), BANDS)
+    power = np.array([np.mean(np.abs(error[band]) ** 2) for band in bands])
+    low, high = sweep.frequency[bands[int(np.argmax(power))][[0, -1]]]
     return [
         Finding(
             "correlated_residual",
-            f"neighbouring residuals are correlated ({abs(phi):.2f}): instrument or model err systematically "
-            "beyond the noise; standard deviations are from leaving out parts of the sweep",
+            f"the best passive linear body misses the sweep by {100 * systematic.sigma:.2g} %, alike at neighbouring "
+            f"points, beside its noise of {100 * noise:.2g} %; most of it between {_hertz(low)} and {_hertz(high)} Hz: "
+            "drive level, drift, a moving contact, the instrument, or modes too close to be told; standard deviations "
+            "allow for it",
         )
     ]
 
 
-def find_reversed(data: SweepData) -> list[Finding]:
+def find_doubtful(roots: Roots) -> list[Finding]:
+    """Modes that the sweep asks for and does not tell well enough."""
+    poles = [r.frequency_Hz for r in roots.doubtful if r.kind == "pole"]
+    if not poles:
+        return []
+    what, verb = ("a mode", "is") if len(poles) == 1 else (f"{len(poles)} modes", "are")
+    places = ", ".join(_hertz(f) for f in poles)
+    return [
+        Finding(
+            "doubtful",
+            f"{what} at {places} Hz {verb} doubtful: the sweep asks for a resonance there, and does not tell its loss "
+            "or its strength",
+        )
+    ]
+
+
+def find_reversed(data: NormalisedSweep) -> list[Finding]:
     """A sweep whose conductance is negative at most points: −Z was recorded."""
     if data.scale > 0:
         return []
@@ -111,12 +142,12 @@ def find_reversed(data: SweepData) -> list[Finding]:
 def find_missing(roots: Roots, spectrum: ImpedanceSpectrum) -> list[Finding]:
     """No resonance at all, or poles without zeros and zeros without poles at the ends of the sweep."""
     low, high = spectrum.frequency[0], spectrum.frequency[-1]
-    poles, zeros = roots.inside.poles, roots.inside.zeros
+    poles, zeros = roots.every("pole"), roots.every("zero")
     if not poles and not zeros:
         return [
             Finding(
                 "no_resonance",
-                f"no resonance between {low:.6g} and {high:.6g} Hz stands out of the noise; "
+                f"no resonance between {_hertz(low)} and {_hertz(high)} Hz stands out of the noise; "
                 "measure another band, or average more",
             )
         ]
@@ -130,8 +161,12 @@ def find_missing(roots: Roots, spectrum: ImpedanceSpectrum) -> list[Finding]:
 
 def _outside(word: str, kind: str, roots: Roots, end: float) -> str:
     far = [r for r in roots.outside if r.kind == kind]
-    guess = f"; extrapolated to {far[0].frequency_Hz:.6g} Hz, not to be relied on" if far else ""
-    return f"a mode has its {word} ({kind}) outside the sweep, beyond {end:.6g} Hz{guess}; widen the sweep"
+    guess = f"; extrapolated to {_hertz(far[0].frequency_Hz)} Hz, not to be relied on" if far else ""
+    return f"a mode has its {word} ({kind}) outside the sweep, beyond {_hertz(end)} Hz{guess}; widen the sweep"
+
+
+def _hertz(frequency: float) -> str:
+    return f"{frequency:.6g}" if frequency < 1e6 else f"{frequency:.0f}"
 
 
 def _longest_run(flags: np.ndarray) -> int:

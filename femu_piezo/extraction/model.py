@@ -85,6 +85,11 @@ class RationalModel:
         modes = (self.residues / (self.poles - np.asarray(x)[..., None]) ** 2).sum(axis=-1)
         return modes + chebyshev.chebval(x, chebyshev.chebder(self.background))
 
+    def log_slope(self, x: np.ndarray) -> np.ndarray:
+        """∂ log Z/∂ log ω at normalised positions x (n,)."""
+        turning = 2 * self.axis.eigenvalue(x) / self.axis.half_width
+        return -1 - turning * self.charge_slope(x) / self.charge(x)
+
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """(n, 2M + d + 1) exact ∂charge/∂parameters (holomorphic, so complex numbers suffice)."""
         gap = 1.0 / (self.poles - np.asarray(x)[:, None])

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
 from femu_piezo.extraction.covariance import fisher_spread
-from femu_piezo.extraction.fit import ROUNDING, Fit, SweepData, correlation, fit, solve_linear
+from femu_piezo.extraction.fit import Fit, NormalisedSweep, evenly, is_correlated, refit
 from femu_piezo.extraction.model import RationalModel
+from femu_piezo.extraction.vector_fitting import DEGREE, relocated_poles
 
 MAX_BACKGROUND = 12
 MAX_LOSS = 0.3  # beyond η = 0.3 a term is background, not a resonance
-MAX_SYSTEMATIC = 0.05  # relative size up to which a smooth misfit may be the instrument's or the model's
 KEEP_SIGMA = 10.0  # a mode whose residue is beyond so many standard deviations needs no removal test
 MAX_PHASE = np.pi / 4  # of a residue: the loss angles of a material turn it by far less
+CROWDS = (12, 24, 48)  # poles that a crowded sweep is started with
+PLACES = 3  # for one more pole that are tried, until the model is passive
 SCAN_FREQUENCIES = 160
 SCAN_WIDTHS = 8
-MAX_SCAN_POINTS = 2000
+MAX_SCAN_POINTS, MANY_POINTS = 2000, 1601  # that one scan, and that the search, look at
 
 
 @dataclass(frozen=True)
@@ -40,64 +43,125 @@ class Candidate:
     poles: np.ndarray
 
 
-def evidence(result: Fit, data: SweepData) -> float:
+def evidence(result: Fit, data: NormalisedSweep) -> float:
     """Bayesian information criterion of a fit, N ln(S/n) + k ln(N) · N/(N − k − 1) − 2 Σ ln weight²; less is better.
 
-    N = 2n real data, k real parameters: −2 ln of the likelihood of the relative errors with the noise level
-    profiled out, plus Schwarz's penalty with the small-sample factor of Hurvich and Tsai (1989). S is Σ|r|² for
-    white noise, or the innovation of a first-order autoregression with two more parameters where that describes
-    the residual better (`correlation`) and is below `MAX_SYSTEMATIC` in size: a systematic error of instrument
-    or model is then not taken for modes.
+    N = 2n real data, k real parameters, S = Σ|r|²: −2 ln of the likelihood of the relative errors with the noise level
+    profiled out, plus Schwarz's penalty with the small-sample factor of Hurvich and Tsai (1989).
     Here r = weight · ln(charge_model/charge_data), whose noise is the same however wrong the model is.
-    Rounding of double precision counts as noise.
+    Rounding of double precision counts as noise, and so does what is far below a noise that is given.
     """
     n, k = len(data), 2 * result.model.size
+    if k + 1 >= 2 * n:
+        return np.inf
     r = data.weight * np.log(result.model.charge(data.x) / data.charge)
-    floor = ROUNDING**2 * float(np.sum(data.weight**2))
     shape = 2 * float(np.sum(np.log(data.weight**2)))
-    options = [(float(np.sum(np.abs(r) ** 2)), k)]
-    if np.mean(np.abs(r / data.weight) ** 2) < MAX_SYSTEMATIC**2:
-        options.append((correlation(r)[1], k + 2))
-    return min(
-        (
-            2 * n * np.log((misfit + floor) / n) + size * np.log(2 * n) * 2 * n / (2 * n - size - 1) - shape
-            for misfit, size in options
-            if size + 1 < 2 * n
-        ),
-        default=np.inf,
-    )
+    misfit = float(np.sum(np.abs(r) ** 2))
+    return 2 * n * np.log((misfit + data.negligible) / n) + k * np.log(2 * n) * 2 * n / (2 * n - k - 1) - shape
 
 
 def is_passive(model: RationalModel) -> bool:
-    """No pole inside the sweep draws power the wrong way: |arg| of its residue stays below `MAX_PHASE`.
+    """No pole inside the sweep draws power the wrong way (`_active`)."""
+    return not np.any(_active(model))
+
+
+def _active(model: RationalModel) -> np.ndarray:
+    """(M,) bool: poles inside the sweep with |arg| of the residue above `MAX_PHASE`.
 
     The residue of Y/(jω) in λ is a positive number turned by the loss angles of the material; a pole that only
     soaks up an error of the instrument has any phase. Broad terms (η > MAX_LOSS) are background and free.
     """
+    return _inside(model) & (np.abs(np.angle(model.residues)) > MAX_PHASE)
+
+
+def _inside(model: RationalModel) -> np.ndarray:
+    """(M,) bool: poles in the sweep that are no broader than a resonance."""
     value = model.axis.eigenvalue(model.poles)
-    inside = (np.abs(model.poles.real) <= 1) & (value.imag > 0) & (value.imag < MAX_LOSS * value.real)
-    residue = model.residues
-    return bool(np.all(np.abs(np.angle(residue[inside])) <= MAX_PHASE))
+    return (np.abs(model.poles.real) <= 1) & (value.imag > 0) & (value.imag < MAX_LOSS * value.real)
 
 
-def search(data: SweepData, max_modes: int, start: RationalModel | None = None) -> tuple[Fit, list[Candidate]]:
+@dataclass(frozen=True)
+class Search:
+    """What a search found.
+
+    Attributes
+    ----------
+    best : the fit of most evidence;  tried : every order
+    way : the fits that had the most evidence on the way there, among them those of fewer modes
+    """
+
+    best: Fit
+    tried: tuple[Candidate, ...]
+    way: tuple[Fit, ...]
+
+
+def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = None) -> Search:
     """Grow modes and background while the evidence grows, then try to remove each mode and degree again.
 
-    Returns the chosen fit and every order tried. At each step the moves "one more mode, where a scan of the
+    At each step the moves "one more mode, where a scan of the
     residual finds most to explain" and "one, two or three more background degrees" compete by `evidence`;
-    models that are not passive are not considered.
+    models that are not passive are not considered. Where that leaves neighbouring residuals alike, modes may overlap
+    too closely to be found one by one: starts with many poles at once (`relocated_poles`) then compete as well,
+    unless a start is given. A sweep of very many points is searched on some of them first.
     """
     tried: list[Candidate] = []
+    way: list[Fit] = []
+    if start is None and len(data) > MANY_POINTS:
+        few = search(data.thinned(MANY_POINTS), max_modes)
+        start, tried = few.best.model, list(few.tried)
+        way = [refit(one.model, data) for one in few.way]
     nothing = np.zeros(0, complex)
     first = start or RationalModel(data.axis, data.scale, nothing, nothing, np.zeros(2, complex))
-    best = _record(_refit(first, data), data, tried)
+    best = _grown(_record(refit(first, data), data, tried), data, max_modes, tried, way)
+    for count in CROWDS if start is None else ():
+        if not is_correlated(best, data) or 2 * count + DEGREE + 1 >= len(data) or count > 2 * max_modes:
+            break
+        crowd = _crowd(data, count, max_modes)
+        if crowd is not None:
+            rival = _grown(_prune(_record(crowd, data, tried), data, tried), data, max_modes, tried, way)
+            best = min(best, rival, key=lambda f: evidence(f, data))
+    return Search(best, tuple(tried), (*way, best))
+
+
+def _grown(best: Fit, data: NormalisedSweep, max_modes: int, tried: list[Candidate], way: list[Fit]) -> Fit:
+    """The fit with the modes and degrees that its evidence asks for, and without those that it does not."""
     while True:
+        way.append(best)
         moves = [_record(f, data, tried) for f in _moves(best, data, max_modes)]
         top = min(moves, key=lambda f: evidence(f, data), default=best)
         if evidence(top, data) >= evidence(best, data):
-            break
+            return _prune(best, data, tried)
         best = top
-    return _prune(best, data, tried), tried
+
+
+def _crowd(data: NormalisedSweep, count: int, max_modes: int) -> Fit | None:
+    """A passive fit that starts from many poles at once; None where there is none."""
+    poles = relocated_poles(data, count)
+    model = RationalModel(data.axis, data.scale, poles, np.zeros(count, complex), np.zeros(DEGREE + 1, complex))
+    keep = _inside(model)
+    best = _roughly(replace(model, poles=poles[keep], residues=model.residues[keep]), data)
+    while best.model.poles.size:
+        strength, active = _significance(best, data), _active(best.model) | ~_inside(best.model)
+        surplus = best.model.poles.size > max_modes
+        if not surplus and not np.any(active):
+            return best
+        weakest = int(np.argmin(np.where(active | surplus, strength, np.inf)))
+        best = _roughly(without(best.model, weakest), data)
+    return None
+
+
+def _roughly(model: RationalModel, data: NormalisedSweep) -> Fit:
+    """A fit for the sake of a decision that others follow."""
+    return refit(model, data, tolerance=1e-2, max_steps=6)
+
+
+def _with_pole(model: RationalModel, pole: complex) -> RationalModel:
+    return replace(model, poles=np.append(model.poles, pole), residues=np.append(model.residues, 0j))
+
+
+def without(model: RationalModel, mode: int) -> RationalModel:
+    """The model without one of its modes."""
+    return replace(model, poles=np.delete(model.poles, mode), residues=np.delete(model.residues, mode))
 
 
 def widen(model: RationalModel, extra: int) -> RationalModel:
@@ -105,27 +169,25 @@ def widen(model: RationalModel, extra: int) -> RationalModel:
     return replace(model, background=np.concatenate([model.background, np.zeros(extra, complex)]))
 
 
-def _moves(current: Fit, data: SweepData, max_modes: int) -> list[Fit]:
+def _moves(current: Fit, data: NormalisedSweep, max_modes: int) -> list[Fit]:
     model, n = current.model, len(data)
     out = []
     if model.poles.size < max_modes and model.size + 2 < n:
-        out.append(fit(_add_pole(current, data), data))
+        grown = (refit(_with_pole(model, z), data) for z in _likely_poles(current, data))
+        out += islice((f for f in grown if is_passive(f.model)), 1)
     for extra in (1, 2, 3):
         if model.background.size - 1 + extra <= MAX_BACKGROUND and model.size + extra < n:
-            out.append(_refit(widen(model, extra), data))
+            out.append(refit(widen(model, extra), data))
     return [f for f in out if is_passive(f.model)]
 
 
-def _prune(best: Fit, data: SweepData, tried: list[Candidate]) -> Fit:
+def _prune(best: Fit, data: NormalisedSweep, tried: list[Candidate]) -> Fit:
     while True:
         model = best.model
-        fewer = [
-            replace(model, poles=np.delete(model.poles, m), residues=np.delete(model.residues, m))
-            for m in np.flatnonzero(_significance(best, data) < KEEP_SIGMA)
-        ]
+        fewer = [without(model, int(m)) for m in np.flatnonzero(_significance(best, data) < KEEP_SIGMA)]
         if model.background.size > 1:
             fewer.append(replace(model, background=model.background[:-1]))
-        trials = [_record(_refit(m, data), data, tried) for m in fewer]
+        trials = [_record(refit(m, data), data, tried) for m in fewer]
         trials = [f for f in trials if is_passive(f.model)]
         top = min(trials, key=lambda f: evidence(f, data), default=best)
         if evidence(top, data) >= evidence(best, data):
@@ -133,40 +195,37 @@ def _prune(best: Fit, data: SweepData, tried: list[Candidate]) -> Fit:
         best = top
 
 
-def _significance(result: Fit, data: SweepData) -> np.ndarray:
+def _significance(result: Fit, data: NormalisedSweep) -> np.ndarray:
     """(M,) |residue| in units of its standard deviation."""
     m = result.model.poles.size
     factor = fisher_spread(result.model, data, result.scale).factor
     return np.abs(result.model.residues) / np.linalg.norm(factor[m : 2 * m], axis=1)
 
 
-def _refit(model: RationalModel, data: SweepData) -> Fit:
-    linear = solve_linear(model, data)
-    return fit(linear.model, data) if model.poles.size else linear
-
-
-def _add_pole(current: Fit, data: SweepData) -> RationalModel:
-    """The model with one more pole where the linearised misfit drops most (a score scan).
+def _likely_poles(current: Fit, data: NormalisedSweep) -> list[complex]:
+    """Up to `PLACES` places for one more pole, where the linearised misfit drops most first (a score scan).
 
     Every trial pole is an atom weight/(charge (z − x)); its gain is |⟨a⊥, r⟩|²/‖a⊥‖² after projection onto
-    the complement of what the current model can already follow.
+    the complement of what the current model can already follow. A place is the best of those nearer than its width.
     """
     model = current.model
-    pick = np.unique(np.linspace(0, len(data) - 1, min(len(data), MAX_SCAN_POINTS)).astype(int))
+    pick = evenly(len(data), MAX_SCAN_POINTS)
     x, row = data.x[pick], (data.weight / data.charge)[pick]
     basis, _ = np.linalg.qr(row[:, None] * model.jacobian(x))
     r = current.residual[pick]
     r = r - basis @ (basis.conj().T @ r)
-    best_gain, best_z = -1.0, 0j
-    for z in _trial_poles(x):
+    trials = _trial_poles(x)
+    gains = []
+    for z in trials:
         atoms = row[:, None] / (z - x[:, None])
         atoms = atoms - basis @ (basis.conj().T @ atoms)
-        gain = np.abs(atoms.conj().T @ r) ** 2 / np.sum(np.abs(atoms) ** 2, axis=0)
-        k = int(np.argmax(gain))
-        if gain[k] > best_gain:
-            best_gain, best_z = float(gain[k]), complex(z[k])
-    grown = replace(model, poles=np.append(model.poles, best_z), residues=np.append(model.residues, 0j))
-    return solve_linear(grown, data).model
+        gains.append(np.abs(atoms.conj().T @ r) ** 2 / np.sum(np.abs(atoms) ** 2, axis=0))
+    every, gain = np.concatenate(trials), np.concatenate(gains)
+    found: list[complex] = []
+    while len(found) < PLACES and np.any(gain > 0):
+        found.append(complex(every[np.argmax(gain)]))
+        gain = np.where(np.abs(every - found[-1]) < 2 * np.maximum(every.imag, found[-1].imag), 0.0, gain)
+    return found
 
 
 def _trial_poles(x: np.ndarray) -> list[np.ndarray]:
@@ -177,7 +236,7 @@ def _trial_poles(x: np.ndarray) -> list[np.ndarray]:
     return [centres + 1j * width for width in widths]
 
 
-def _record(result: Fit, data: SweepData, tried: list[Candidate]) -> Fit:
+def _record(result: Fit, data: NormalisedSweep, tried: list[Candidate]) -> Fit:
     model = result.model
     poles = data.axis.eigenvalue(model.poles)
     tried.append(Candidate(model.poles.size, model.background.size - 1, result.misfit, evidence(result, data), poles))

@@ -33,6 +33,7 @@ class Extraction:
     resonances : poles and zeros inside the sweep, joint covariance over (Re λ, Im λ)
     pairs : poles with their zeros, k_eff and its standard deviation
     outside : significant poles and zeros the fit places outside the sweep, extrapolated
+    doubtful : poles, then zeros, inside the sweep whose loss or residue it does not tell; not among `resonances`
     impedance : (n,) complex ohm, the fitted Z at the sweep's frequencies
     residual : (n,) complex, (Z_data − Z_fit)/σ_Z, E|·|² = 1 for a right model; nan where not used
     noise : the noise the fit used
@@ -58,6 +59,7 @@ class Extraction:
     findings: tuple[Finding, ...]
     method: Method = "maximum_likelihood"
     spread: Spread | None = None
+    doubtful: tuple[Resonance, ...] = ()
 
     @cached_property
     def figures(self) -> StandardFigures | None:
@@ -109,6 +111,7 @@ class Extraction:
                 "order": "Re λ, Im λ of the poles, then of the zeros, rad^4/s^4",
                 "matrix": self.resonances.covariance.tolist(),
             },
+            "doubtful": [{"kind": r.kind, **r.to_json()} for r in self.doubtful],
             "outside_sweep": [{"kind": r.kind, **r.to_json()} for r in self.outside],
             "noise": None
             if self.noise is None

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from scipy.sparse.csgraph import connected_components
 
 from femu_piezo.extraction.covariance import Spread
 from femu_piezo.extraction.model import RationalModel
@@ -14,6 +15,7 @@ from femu_piezo.resonances import Kind, Resonance, ResonanceSet, effective_coupl
 
 MAX_RELATIVE_STD_LOSS = 0.35  # a resonance has its loss known to better than this
 MIN_RESIDUE_SIGMA = 4.0  # |residue| in units of its standard deviation
+RESOLVED = 2 / np.sqrt(3)  # half-widths from which two equal Lorentz curves show two peaks
 _STRONG = 0.6  # share of the strongest coupling from which a pair may be the fundamental
 
 
@@ -56,42 +58,66 @@ class Pair:
 
 @dataclass(frozen=True)
 class Roots:
-    """Sound resonances inside the sweep, and the significant ones found outside it.
+    """Sound resonances inside the sweep, the significant ones found outside it, and the doubtful ones inside.
 
-    `outside` are extrapolations: their covariance holds only as far as the model does.
+    `outside` are extrapolations: their covariance holds only as far as the model does. `doubtful` are poles, then
+    zeros, that the evidence asks for and whose loss or residue the sweep does not tell.
     """
 
     inside: ResonanceSet
     outside: tuple[Resonance, ...]
+    doubtful: tuple[Resonance, ...] = ()
+
+    def every(self, kind: Kind) -> tuple[Resonance, ...]:
+        """The poles or zeros inside the sweep, sound and doubtful."""
+        sound = self.inside.poles if kind == "pole" else self.inside.zeros
+        return sound + tuple(r for r in self.doubtful if r.kind == kind)
 
 
 @dataclass(frozen=True)
 class _Root:
+    """A pole or zero, its slopes (p,) in the parameters, and those of a pole's strength Σ r in the charge.
+
+    `apart` is how far the poles that are told as one lie from their mean, rad²/s².
+    """
+
     kind: Kind
     eigenvalue: complex
     gradient: np.ndarray
     residue: complex
+    strength: complex = 0j
+    strength_gradient: np.ndarray | None = None
+    apart: float = 0.0
 
 
-def resonances(model: RationalModel, fisher: Spread, spread: Spread, band: tuple[float, float]) -> Roots:
+def resonances(model: RationalModel, spread: Spread, band: tuple[float, float], *, systematic: bool = False) -> Roots:
     """Poles and zeros of the model with their joint covariance (delta method).
 
     Parameters
     ----------
-    fisher : second moments of the errors of the model parameters from the noise alone; decides what is sound
-    spread : the ones to report, wider than `fisher` where systematic errors show. The strongest pole and zero
-        are kept however wide
+    spread : second moments of the errors of the model parameters
     band : lowest and highest frequency of the sweep, Hz
+    systematic : whether the fit leaves more than noise: poles that show as one peak are then told as one, without the
+        zeros between them, since such an error splits them as well
     """
-    roots = _poles(model) + _zeros(model)
-    sound = [root for root in roots if _is_physical(root, model) and _is_settled(root, model, fisher)]
-    strongest = {r.kind: r for r in sorted(sound, key=lambda r: abs(r.residue))}.values()
-    sound = [r for r in sound if r in strongest or _is_settled(r, model, spread)]
-    inside = _interlaced([r for r in sound if band[0] <= _frequency(r) <= band[1]])
+    groups = _merged_poles(model) if systematic else [[m] for m in range(model.poles.size)]
+    spans = [np.sort(model.axis.eigenvalue(model.poles[own]).real)[[0, -1]] for own in groups]
+    zeros = [one for one in _zeros(model) if not any(low < one.eigenvalue.real < high for low, high in spans)]
+    physical = [root for root in [_pole(model, own) for own in groups] + zeros if _is_physical(root, model)]
+    sound = [root for root in physical if _is_settled(root, spread)]
+    every = _interlaced([r for r in physical if band[0] <= _frequency(r) <= band[1]])
+    inside = [r for r in every if r in sound]
+    doubtful = _with_covariance([r for r in every if r not in sound], spread)
     poles, zeros, joint = _with_covariance(inside, spread)
-    outside = [r for r in sound if r not in inside and band[0] / 1.5 <= _frequency(r) <= band[1] * 1.5]
+    far = [r for r in sound if not band[0] <= _frequency(r) <= band[1]]
+    outside = [r for r in far if band[0] / 1.5 <= _frequency(r) <= band[1] * 1.5]
     far_poles, far_zeros, _ = _with_covariance(sorted(outside, key=_frequency), spread)
-    return Roots(ResonanceSet(poles, zeros, joint), far_poles + far_zeros)
+    return Roots(ResonanceSet(poles, zeros, joint), far_poles + far_zeros, doubtful[0] + doubtful[1])
+
+
+def unsettled_modes(model: RationalModel, spread: Spread) -> list[int]:
+    """Numbers of the modes of a model whose loss or residue is not known well enough to speak of a resonance."""
+    return [m for m in range(model.poles.size) if not _is_settled(_pole(model, [m]), spread)]
 
 
 def pair(found: ResonanceSet) -> tuple[Pair, ...]:
@@ -138,13 +164,26 @@ def _coupled(found: ResonanceSet, i: int, j: int) -> Pair:
     return Pair(pole, zero, k, std, phase, std_phase)
 
 
-def _poles(model: RationalModel) -> list[_Root]:
-    out, width = [], model.axis.half_width
-    for m, x in enumerate(model.poles):
-        # Y = s·Q and Q ≈ scale·width·r/(λ_m + s²) near s = p, λ_m = −p²: the residue of Y is scale·width·r/2
-        residue = complex(model.scale * width * model.residues[m] / 2)
-        out.append(_Root("pole", complex(model.axis.eigenvalue(x)), width * np.eye(model.size)[m], residue))
-    return out
+def _pole(model: RationalModel, members: list[int]) -> _Root:
+    """One mode, or several as one: their mean, each as strong as its residue."""
+    r, z, count, width = model.residues[members], model.poles[members], model.poles.size, model.axis.half_width
+    share = np.abs(r) / np.abs(r).sum()
+    mean = complex(share @ z)
+    gradient, strengths = np.zeros((2, model.size), complex)
+    gradient[members], strengths[[count + m for m in members]] = share, 1.0
+    apart = float(width * np.sqrt(share @ np.abs(z - mean) ** 2))
+    strength = complex(r.sum())
+    # Y = s·Q and Q ≈ scale·width·r/(λ + s²) near s = p, λ = −p²: the residue of Y is scale·width·r/2
+    residue = complex(model.scale * width * strength / 2)
+    return _Root("pole", complex(model.axis.eigenvalue(mean)), width * gradient, residue, strength, strengths, apart)
+
+
+def _merged_poles(model: RationalModel) -> list[list[int]]:
+    """The poles of the model in groups that show as one peak each: each is nearer than `RESOLVED` to another."""
+    x, width = model.poles.real, model.poles.imag
+    near = np.abs(x[:, None] - x) < RESOLVED * np.minimum(width[:, None], width)
+    count, group = connected_components(near, directed=False)
+    return [np.flatnonzero(group == number).tolist() for number in range(count)]
 
 
 def _zeros(model: RationalModel) -> list[_Root]:
@@ -183,15 +222,13 @@ def _is_physical(root: _Root, model: RationalModel) -> bool:
     return bool(real > 0 and 0 < imag <= MAX_LOSS * real and passive)
 
 
-def _is_settled(root: _Root, model: RationalModel, spread: Spread) -> bool:
+def _is_settled(root: _Root, spread: Spread) -> bool:
     """Loss and, for a pole, residue known well enough to speak of a resonance."""
     if spread.size(root.gradient) / np.sqrt(2) > MAX_RELATIVE_STD_LOSS * root.eigenvalue.imag:
         return False
     if root.kind == "zero":
         return True
-    m = int(np.argmax(np.abs(root.gradient)))
-    k = model.poles.size + m
-    return abs(model.residues[m]) >= MIN_RESIDUE_SIGMA * spread.size(np.eye(model.size)[k])
+    return abs(root.strength) >= MIN_RESIDUE_SIGMA * spread.size(root.strength_gradient)
 
 
 def _with_covariance(
@@ -200,6 +237,7 @@ def _with_covariance(
     if not roots:
         return (), (), np.zeros((0, 0))
     joint = spread.covariance(np.array([root.gradient for root in roots]))
+    joint += np.diag(np.repeat([root.apart**2 for root in roots], 2))
     made = [
         Resonance(root.kind, root.eigenvalue, joint[2 * i : 2 * i + 2, 2 * i : 2 * i + 2], root.residue)
         for i, root in enumerate(roots)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from femu_piezo.extraction.fit import SweepData
+from femu_piezo.extraction.fit import NormalisedSweep
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.resonances import Kind
 
@@ -110,7 +110,7 @@ def rational_stabilization(
     and reweighted by 1/|D| (Sanathanan and Koerner 1963). Quick and free of choices, but biased by noise: the
     diagram shows which modes are there, the maximum-likelihood fit says where.
     """
-    data = SweepData.of(spectrum.omega, spectrum.admittance, np.ones(len(spectrum)))
+    data = NormalisedSweep.of(spectrum.omega, spectrum.admittance, np.ones(len(spectrum)))
     low, high = (2 * np.pi * spectrum.frequency[0]) ** 2, (2 * np.pi * spectrum.frequency[-1]) ** 2
     poles, zeros = {}, {}
     for order in range(1, min(max_order, len(spectrum) // 3) + 1):
@@ -121,7 +121,7 @@ def rational_stabilization(
     return stabilize("pole", poles), stabilize("zero", zeros)
 
 
-def _sanathanan_koerner(data: SweepData, order: int) -> tuple[np.ndarray, np.ndarray]:
+def _sanathanan_koerner(data: NormalisedSweep, order: int) -> tuple[np.ndarray, np.ndarray]:
     top = chebyshev.chebvander(data.x, order + 1) / data.charge[:, None]
     bottom = chebyshev.chebvander(data.x, order)
     weight = np.ones(len(data))

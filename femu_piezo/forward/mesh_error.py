@@ -1,7 +1,7 @@
 """The error that the elements leave, measured by a step of their order.
 
 With h fixed, errors of eigenvalues fall with the order p: fast for waves, as p^-9.6 at edges and corners (measured,
-`femu_piezo.geometry.shapes.eigenvalue_error`). With ρ = ((p − 1)/p)^9.6 a step from p − 1 to p that changes λ by a
+`femu_piezo.geometry.shape.edge_error`). With ρ = ((p − 1)/p)^9.6 a step from p − 1 to p that changes λ by a
 relative d therefore leaves no more than
 
     ε = d ρ/(1 − ρ).
@@ -16,13 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from femu_piezo.forward.modal import ModalModel
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import driven_modal
+from femu_piezo.geometry.shape import EDGE_RATE
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.threads import in_parallel
 
-#: Power of the order with which errors at edges fall.
-_RATE = 9.6
 #: Ratio of errors at electrode rims from one order to the next.
 _AT_RIMS = 0.5
 #: Share of the largest step of the modes below that each mode has at least: single steps may vanish by chance.
@@ -71,11 +71,11 @@ def mesh_error(model: ElectroelasticModel, constants: PiezoConstants, band_Hz: f
         return None
     nearest = np.abs(rough[:, None] / fine - 1).min(axis=0)
     by_others = _SHARED * np.maximum.accumulate(nearest)
-    ratio = _AT_RIMS if model.domain.rim_error else (1 - 1 / model.order) ** _RATE
+    ratio = _AT_RIMS if model.domain.rim_error else (1 - 1 / model.order) ** EDGE_RATE
     return MeshError(np.sqrt(fine) / (2 * np.pi), ratio / (1 - ratio) * np.maximum(nearest, by_others))
 
 
-def _driven_squares(modal, band_Hz: float) -> np.ndarray:
+def _driven_squares(modal: ModalModel, band_Hz: float) -> np.ndarray:
     """(n,) ω² of the driven modes of a lossless body in a band, growing."""
     squares = modal.eigenvalues.real
     coupling = np.abs(modal.charges) ** 2 / np.abs(squares * modal.clamped_capacitance)

@@ -110,9 +110,9 @@ class TermImages:
         ku, size = u.shape[1], u.shape[1] + p.shape[1]
         result = np.zeros((len(self._images), size, size))
         for matrix, blocks, known in zip(result, self._images, self._projected, strict=True):
-            for block, own in {"uu": (u, u), "pu": (p, u), "pp": (p, p)}.items():
+            for block, rows in (("uu", u), ("pu", p), ("pp", p)):
                 if block in blocks:
-                    known[block] = _grown(known.get(block, np.zeros((0, 0))), own[0], blocks[block])
+                    known[block] = _grown(known.get(block, np.zeros((0, 0))), rows, blocks[block])
             matrix[:ku, :ku], matrix[ku:, ku:] = known.get("uu", 0.0), known.get("pp", 0.0)
             matrix[ku:, :ku] = known.get("pu", 0.0)
             matrix[:ku, ku:] = matrix[ku:, :ku].T

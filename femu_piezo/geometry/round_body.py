@@ -15,7 +15,7 @@ import numpy as np
 
 from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.plane_mesh import extruded, labelled, polar_plane
-from femu_piezo.geometry.shape import check_unknowns, solution_cost, wave_error
+from femu_piezo.geometry.shape import check_unknowns, edge_error, solution_cost, wave_error
 
 #: Radius of the pinhole of a disk, relative to that of the disk.
 PINHOLE = 1e-5
@@ -28,7 +28,7 @@ _RADIAL, _THIN, _THICK = (0.7, 1.0), 1.2, 2.5
 _ANGLE = 6.0
 #: Error from the 1/r in the field of a ring, over the geometric decay that the distance of a cell to r = 0 gives.
 _CURVATURE = 30.0
-#: Error from the edges of the rim, whose fields no polynomial follows: c min(1, k t/4)^4 (k h)^4.7 / p^9.6, as plates.
+#: Error from the edges of the rim over `edge_error`, by the inertia across half the thickness.
 _EDGES = 0.15
 #: Height of a cell over the width of the ring at most: fields at the edges of a tall ring decay over its width.
 _TALLEST = 0.5
@@ -87,7 +87,7 @@ def divisions_for(
     turn, weight = (np.pi / 2, _ANGLE) if axisymmetric else (wavenumber * outer * np.pi / 2, 1.0)
 
     def edges(p: int, edge: float) -> float:
-        return _EDGES * min(1.0, inertia / 2) ** 4 * (wavenumber * edge) ** 4.7 / p**9.6
+        return _EDGES * edge_error(p, wavenumber * edge, inertia)
 
     def along_radius(p: int, edge: float) -> float:
         return wave_error(p, radial_wave * edge) + _curvature_error(p, inner, edge) + edges(p, edge)

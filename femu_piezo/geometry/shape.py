@@ -13,6 +13,8 @@ from femu_piezo.geometry.domain import Domain
 
 #: Unknowns of the largest model that is attempted, and entries of its operator.
 MOST_UNKNOWNS, MOST_ENTRIES = 250_000, 100_000_000
+#: Power of the order with which the errors of eigenvalues that edges and corners leave fall.
+EDGE_RATE = 9.6
 
 
 class Shape(Protocol):
@@ -100,6 +102,18 @@ def wave_error(order: int, phase: np.ndarray | float) -> np.ndarray | float:
     [p!/(2p)!]² (k h)^(2p) / (2p + 1), twice that of the wavenumber (Ainsworth, SIAM J. Numer. Anal. 42, 2004, 553).
     """
     return (factorial(order) / factorial(2 * order)) ** 2 * phase ** (2 * order) / (2 * order + 1)
+
+
+def edge_error(order: int, phase: float, inertia: float) -> float:
+    """Relative eigenvalue error, over a factor of the body, that elements of order p leave at edges and corners.
+
+    min(1, g/2)^4 (k h)^4.7 / p^9.6: no polynomial follows the fields there; they grow with the inertia across the body.
+
+    Parameters
+    ----------
+    phase : k h of the longest edge of an element;  inertia : g, the wavenumber k times a dimension across the body
+    """
+    return min(1.0, inertia / 2) ** 4 * phase**4.7 / order**EDGE_RATE
 
 
 def solution_cost(order: int, cells: int, unknowns: int) -> float:

@@ -13,6 +13,7 @@ from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.shape import (
     check_unknowns,
     driven_mirrors,
+    edge_error,
     solution_cost,
     unit_direction,
     wave_error,
@@ -160,8 +161,8 @@ class Plate:
 def eigenvalue_error(order: int, divisions: tuple[int, int, int], size: np.ndarray) -> float:
     """Bound of the relative error of λ of a box whose faces are free or electrodes.
 
-    What waves of wavenumber k in elements of edges h leave (`wave_error`), and what edges and corners leave, whose
-    fields no polynomial follows; it grows with inertia across the two shorter sides:
+    What waves of wavenumber k in elements of edges h leave (`wave_error`), and what edges and corners leave
+    (`edge_error`), by the inertia across the two shorter sides:
 
         Σ_a wave_error(p, k h_a) + 1.2 min(1, g/2)^4 (k h)^4.7 / p^9.6
 
@@ -176,7 +177,7 @@ def eigenvalue_error(order: int, divisions: tuple[int, int, int], size: np.ndarr
     edges = size / divisions
     waves = np.sum(wave_error(order, edges))
     across = np.sqrt(np.prod(np.sort(size)[:2]))
-    return float(waves + 1.2 * min(1.0, across / 2) ** 4 * edges.max() ** 4.7 / order**9.6)
+    return float(waves + 1.2 * edge_error(order, edges.max(), across))
 
 
 def fewest_divisions(order: int, size: np.ndarray, accuracy: float) -> tuple[int, int, int]:

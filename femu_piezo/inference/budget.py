@@ -6,8 +6,8 @@ About the solution the estimate is linear in the data and in the prior means,
 
 So its covariance is the sum of what each source contributes (law of propagation, Guide to the Expression of
 Uncertainty in Measurement, 5.1): A N Aᵗ with A = H^-1 Jᵗ/s² from noise N, s² A K Aᵗ from the discrepancy,
-A L Lᵗ Aᵗ from what the laws of causes miss, the like from mesh and basis, and H^-1 Σ_g^-1 H^-1 from the prior means of
-the unknowns of group g.
+A L Lᵗ Aᵗ from what the laws of causes miss, the like from mesh and basis, H^-1 Rᵗ R H^-1 from readings of other
+instruments, and H^-1 Σ_g^-1 H^-1 from the prior means of the unknowns of group g.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from femu_piezo.inference.unknowns import Estimate, MaterialParameters, Unknowns
 
 #: Sources of uncertainty in the order they are listed; "law" is what the approximate laws of causes miss,
 #: "prior" what is believed of free constants and causes.
-SOURCES = ("noise", "mesh", "discrepancy", "law", "geometry", "density", "held", "instrument", "prior")
+SOURCES = ("noise", "readings", "mesh", "discrepancy", "law", "geometry", "density", "held", "instrument", "prior")
 
 
 def source_of(effect: Effect) -> str:
@@ -49,8 +49,11 @@ def budget(fit: Fit) -> dict[str, np.ndarray]:
     for source, columns in groups(fit.parameters).items():
         own = inverse[:, columns] / fit.parameters.prior_std[columns]
         parts[source] = parts.get(source, 0.0) + np.sum(own**2, axis=1)
-    wall = inverse @ fit.further_jacobian[fit.x.size :].T
-    parts["prior"] = parts["prior"] + np.sum(wall**2, axis=1)
+    further = (inverse @ fit.further_jacobian[fit.x.size :].T) ** 2
+    wall, read = np.split(further, [further.shape[1] - len(fit.parameters.readings)], axis=1)
+    parts["prior"] = parts["prior"] + np.sum(wall, axis=1)
+    if read.size:
+        parts["readings"] = np.sum(read, axis=1)
     return {source: np.sqrt(parts[source]) for source in SOURCES if source in parts}
 
 

@@ -1,13 +1,14 @@
 """The deviations that a sweep would leave, before it is measured, and what is gained where a tolerance is smaller.
 
 About the values that are expected the model is taken as linear (law of propagation, Guide to the Expression of
-Uncertainty in Measurement, 5.1): with J the Jacobian of the data whitened by noise and Σ the priors,
+Uncertainty in Measurement, 5.1): with J the Jacobian of the data whitened by noise, R that of the readings over their
+deviations, and Σ the priors,
 
-    H = Jᵗ J + Σ^-1,    covariance = H^-1 = H^-1 Jᵗ J H^-1 + Σ_g H^-1 Σ_g^-1 H^-1
+    H = Jᵗ J + Rᵗ R + Σ^-1,    covariance = H^-1 = H^-1 Jᵗ J H^-1 + H^-1 Rᵗ R H^-1 + Σ_g H^-1 Σ_g^-1 H^-1
 
-that is noise, and every group g of tolerances, as in `femu_piezo.inference.budget`. A smaller tolerance is a smaller
-prior deviation: H^-1 anew, so that a piece that is known better is also held to it better. What only data can tell, a
-discrepancy, an error of the mesh, is not in it.
+that is noise, readings, and every group g of tolerances, as in `femu_piezo.inference.budget`. A smaller tolerance is a
+smaller prior deviation: H^-1 anew, so that a piece that is known better is also held to it better. What only data can
+tell, a discrepancy, an error of the mesh, is not in it.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from femu_piezo.inference.budget import SOURCES, groups
+from femu_piezo.inference.fit import precision_inverse
 from femu_piezo.inference.unknowns import Unknowns
 
 #: Share of a tolerance at which what it is about counts as exactly known.
@@ -22,10 +24,8 @@ EXACT = 1e-6
 
 
 def expected_covariance(jacobian: np.ndarray, prior_std: np.ndarray) -> np.ndarray:
-    """H^-1 (n_x, n_x) of a whitened Jacobian (2k, n_x) and prior standard deviations (n_x,)."""
-    rows = np.concatenate([jacobian * prior_std, np.eye(prior_std.size)])
-    inverse = np.linalg.inv(np.linalg.qr(rows, mode="r"))
-    return (inverse @ inverse.T) * np.outer(prior_std, prior_std)
+    """H^-1 (n_x, n_x) of a whitened Jacobian (m, n_x) of data and readings, and prior standard deviations (n_x,)."""
+    return precision_inverse(np.concatenate([jacobian, np.diag(1 / prior_std)]), prior_std)
 
 
 def expected_std(jacobian: np.ndarray, prior_std: np.ndarray) -> np.ndarray:
@@ -33,10 +33,17 @@ def expected_std(jacobian: np.ndarray, prior_std: np.ndarray) -> np.ndarray:
     return np.sqrt(np.diag(expected_covariance(jacobian, prior_std)))
 
 
-def expected_budget(jacobian: np.ndarray, unknowns: Unknowns) -> dict[str, np.ndarray]:
-    """Source → (n_x,) its part of the expected deviation of every unknown; the squares add up to the variances."""
-    covariance = expected_covariance(jacobian, unknowns.prior_std)
-    parts = {"noise": np.linalg.norm(covariance @ jacobian.T, axis=1)}
+def expected_budget(sweeps: np.ndarray, readings: np.ndarray, unknowns: Unknowns) -> dict[str, np.ndarray]:
+    """Source → (n_x,) its part of the expected deviation of every unknown; the squares add up to the variances.
+
+    Parameters
+    ----------
+    sweeps, readings : (2k, n_x), (m, n_x) whitened Jacobians
+    """
+    covariance = expected_covariance(np.concatenate([sweeps, readings]), unknowns.prior_std)
+    parts = {"noise": np.linalg.norm(covariance @ sweeps.T, axis=1)}
+    if readings.size:
+        parts["readings"] = np.linalg.norm(covariance @ readings.T, axis=1)
     for source, columns in groups(unknowns).items():
         parts[source] = np.linalg.norm(covariance[:, columns] / unknowns.prior_std[columns], axis=1)
     return {source: parts[source] for source in SOURCES if source in parts}

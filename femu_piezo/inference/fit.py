@@ -21,11 +21,11 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from femu_piezo.errors import ConvergenceError
-from femu_piezo.inference.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, noise_level
 from femu_piezo.inference.laws import law_misses
 from femu_piezo.inference.passivity import wall_and_readings
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, noise_level
+from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import blas_limit
 
 #: Distance to a bound, relative to its range, that a start keeps.
@@ -148,9 +148,8 @@ class Fit:
     @cached_property
     def precision_inverse(self) -> np.ndarray:
         """H^-1 (n_x, n_x) of data, priors and wall at the noise level of the fit."""
-        rows = np.concatenate([self.jacobian / self.level, self.further_jacobian]) * self.parameters.prior_std
-        inverse = np.linalg.inv(np.linalg.qr(rows, mode="r"))
-        return (inverse @ inverse.T) * np.outer(self.parameters.prior_std, self.parameters.prior_std)
+        rows = np.concatenate([self.jacobian / self.level, self.further_jacobian])
+        return precision_inverse(rows, self.parameters.prior_std)
 
     @cached_property
     def gain(self) -> np.ndarray:
@@ -507,6 +506,15 @@ class _Descent:
         whole[moving] = step
         rest = left[: -moving.size]
         return whole, float(first @ first - rest @ rest)
+
+
+def precision_inverse(rows: np.ndarray, prior_std: np.ndarray) -> np.ndarray:
+    """(RᵗR)^-1 (n_x, n_x) of the rows R (m, n_x) of whitened data and priors.
+
+    By QR of the columns in prior standard deviations (n_x,), which leaves the product RᵗR unformed.
+    """
+    inverse = np.linalg.inv(np.linalg.qr(rows * prior_std, mode="r"))
+    return (inverse @ inverse.T) * np.outer(prior_std, prior_std)
 
 
 def with_discrepancy(plain: Fit, discrepancy: Discrepancy | None) -> Fit:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from femu_piezo.effects.effect import Effect
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.measurement.sweeps import SweepData
 
 if TYPE_CHECKING:
     from femu_piezo.inference.fit import Response

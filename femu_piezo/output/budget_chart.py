@@ -14,7 +14,7 @@ from femu_piezo.output.picture import Picture
 SOURCE_COLOURS = dict(
     zip(
         SOURCES,
-        ("#8c8c8c", "#c8c8c8", "#b03a2e", "#e59866", "#1f4e79", "#5dade2", "#7dcea0", "#f5b041", "#a569bd"),
+        ("#8c8c8c", "#566573", "#c8c8c8", "#b03a2e", "#e59866", "#1f4e79", "#5dade2", "#7dcea0", "#f5b041", "#a569bd"),
         strict=True,
     )
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,12 +12,15 @@ from femu_piezo.material.constants import EPS0
 from femu_piezo.output.picture import Picture
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from femu_piezo.study.results import Outcome
     from femu_piezo.study.simulate import SimulationResult
 
 MEASURED = {"color": "#222222", "marker": ".", "linestyle": "none", "markersize": 3.5}
 BASELINE = {"color": "#8c8c8c", "linewidth": 1.2, "linestyle": "--"}
 UPDATED = {"color": "#c0392b", "linewidth": 1.3}
+GRID = {"color": "#e6e6e6", "linewidth": 0.6}
 
 #: How each constant is printed: factor from SI, unit.
 PRINTED = {
@@ -34,6 +38,19 @@ def frequency_axis(frequency: np.ndarray) -> tuple[float, str, str]:
     return 1e-3, "frequency (kHz)", scale
 
 
+def draw_impedance(
+    magnitude: Axes, phase: Axes, x: np.ndarray, curves: Iterable[tuple[np.ndarray, str, Mapping]]
+) -> None:
+    """|Z| and phase of curves (impedance (k,) in ohm, name, style of the line) over x (k,)."""
+    for impedance, name, style in curves:
+        magnitude.semilogy(x, np.abs(impedance), label=name, **style)
+        phase.plot(x, np.degrees(np.angle(impedance)), **style)
+    magnitude.set(ylabel="|Z| (Ω)")
+    phase.set(ylabel="phase of Z (°)", yticks=[-90, -45, 0, 45, 90])
+    for axes in (magnitude, phase):
+        axes.grid(True, **GRID)
+
+
 def impedance_figure(outcome: Outcome) -> Figure:
     """Measured, baseline and updated |Z| and phase, and the relative misfit of both models."""
     figure = Picture(figsize=(8.0, 8.0), layout="constrained")
@@ -46,21 +63,17 @@ def impedance_figure(outcome: Outcome) -> Figure:
         (outcome.base_curve, "baseline", BASELINE),
         (outcome.updated_curve, "updated", UPDATED),
     )
-    for impedance, name, style in curves:
-        magnitude.semilogy(x, np.abs(impedance), label=name, **style)
-        phase.plot(x, np.degrees(np.angle(impedance)), **style)
+    draw_impedance(magnitude, phase, x, curves)
     for impedance, name, style in curves[1:]:
         misfit.semilogy(x, 100 * np.abs(np.log(impedance / spectrum.impedance)), label=name, **style)
     held_out = specimen.measurement.held_out
     if held_out is not None:
         for axes in (magnitude, phase, misfit):
             axes.axvspan(held_out[0] * factor, held_out[1] * factor, color="#f3e6c4", zorder=0)
-    magnitude.set(ylabel="|Z| (Ω)", xscale=scale, title=f"{specimen.name}: impedance, measured and simulated")
-    phase.set(ylabel="phase of Z (°)", yticks=[-90, -45, 0, 45, 90])
+    magnitude.set(xscale=scale, title=f"{specimen.name}: impedance, measured and simulated")
     misfit.set(ylabel="|Δ log Z| (%)", xlabel=label)
     figure.legend(*magnitude.get_legend_handles_labels(), loc="outside upper center", ncols=3, frameon=False)
-    for axes in (magnitude, phase, misfit):
-        axes.grid(True, color="#e6e6e6", linewidth=0.6)
+    misfit.grid(True, **GRID)
     return figure
 
 
@@ -83,7 +96,7 @@ def iteration_figure(outcome: Outcome, names: tuple[str, ...]) -> Figure:
     distance.set(ylabel="|λ − λ measured| / |λ|", title=title)
     values.set(ylabel="constant / its final value", xlabel="iteration")
     for axes in (distance, values):
-        axes.grid(True, color="#e6e6e6", linewidth=0.6)
+        axes.grid(True, **GRID)
         axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     values.xaxis.get_major_locator().set_params(integer=True)
     return figure
@@ -105,5 +118,5 @@ def simulation_figure(result: SimulationResult) -> Figure:
     phase.set(ylabel="phase of Z (°)", xlabel=label, yticks=[-90, -45, 0, 45, 90])
     figure.legend(*magnitude.get_legend_handles_labels(), loc="outside upper center", ncols=2, frameon=False)
     for axes in (magnitude, phase):
-        axes.grid(True, color="#e6e6e6", linewidth=0.6)
+        axes.grid(True, **GRID)
     return figure

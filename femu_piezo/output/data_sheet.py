@@ -8,12 +8,10 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib import metadata
 
-import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from femu_piezo.output.curves import MEASURED, PRINTED, UPDATED, frequency_axis
+from femu_piezo.output.curves import MEASURED, PRINTED, UPDATED, draw_impedance, frequency_axis
 from femu_piezo.output.picture import Picture
 from femu_piezo.output.tables import deviation_percent, figure_words, number
 from femu_piezo.standards.figures import StandardFigures
@@ -117,24 +115,14 @@ def _curves(page: Figure, outcome: Outcome, top: float) -> None:
     x, height = spectrum.frequency * factor, min(top, 0.5) - _NOTES - 0.06
     magnitude = page.add_axes((0.13, _NOTES + 0.055, 0.34, height))
     phase = page.add_axes((0.59, _NOTES + 0.055, 0.34, height))
-    for impedance, name, style in (
-        (spectrum.impedance, "measured", MEASURED),
-        (outcome.updated_curve, "finite elements", UPDATED),
-    ):
-        magnitude.semilogy(x, np.abs(impedance), label=name, **style)
-        phase.plot(x, np.degrees(np.angle(impedance)), **style)
-    _dress(magnitude, label, "|Z| (Ω)", scale)
-    _dress(phase, label, "phase of Z (°)", scale)
-    phase.set_yticks([-90, -45, 0, 45, 90])
+    curves = ((spectrum.impedance, "measured", MEASURED), (outcome.updated_curve, "finite elements", UPDATED))
+    draw_impedance(magnitude, phase, x, curves)
+    for axes in (magnitude, phase):
+        axes.set(xscale=scale, xlabel=label)
+        axes.tick_params(labelsize=7)
+        axes.xaxis.label.set_size(8)
+        axes.yaxis.label.set_size(8)
     magnitude.legend(frameon=False, fontsize=7, loc="best")
-
-
-def _dress(axes: Axes, label: str, words: str, scale: str) -> None:
-    axes.set_xscale(scale)
-    axes.set_xlabel(label, fontsize=8)
-    axes.set_ylabel(words, fontsize=8)
-    axes.tick_params(labelsize=7)
-    axes.grid(True, color="#e6e6e6", linewidth=0.6)
 
 
 def _footer(page: Figure, result: UpdateResult, modes: Sequence[StandardFigures]) -> None:

@@ -11,7 +11,7 @@ from femu_piezo.diagnosis.selection import Comparison
 from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.readings import read_beside
-from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
+from femu_piezo.output.curves import BASELINE, GRID, MEASURED, UPDATED, frequency_axis
 from femu_piezo.output.picture import Picture
 from femu_piezo.study.diagnose import DiagnosedSweep, Diagnosis
 
@@ -31,7 +31,14 @@ def diagnosis_record(result: Diagnosis) -> dict:
             "after": {name: e.to_json() for name, e in result.constants(comparison.final).items()},
         },
         **_pole_zero(result.sweeps[result.shown]),
-        "sweeps": [{"specimen": sweep.specimen.name, **_pole_zero(sweep)} for sweep in result.sweeps],
+        "sweeps": [
+            {
+                "specimen": sweep.specimen.name,
+                **_pole_zero(sweep),
+                "standard_figures": [one.to_json() for one in sweep.figures],
+            }
+            for sweep in result.sweeps
+        ],
         "recommended_measurements": list(verdict.measurements),
         "separations": [asdict(one) for one in result.separations],
         "remaining": {
@@ -178,5 +185,5 @@ def diagnosis_figure(result: Diagnosis) -> Figure:
     before.legend(frameon=False, fontsize=9, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderpad=0.1)
     after.set_xlabel(label)
     for axes in (magnitude, before, after):
-        axes.grid(True, color="#e6e6e6", linewidth=0.6)
+        axes.grid(True, **GRID)
     return figure

@@ -68,6 +68,9 @@ def _mark(extraction: Extraction, axes: Axes, factor: float) -> None:
     for found, colour in ((extraction.resonances.poles, POLE), (extraction.resonances.zeros, ZERO)):
         for resonance in found:
             axes.axvline(resonance.frequency_Hz * factor, color=colour, linewidth=0.8, zorder=0)
+    for one in extraction.doubtful:
+        colour = POLE if one.kind == "pole" else ZERO
+        axes.axvline(one.frequency_Hz * factor, color=colour, linewidth=0.8, linestyle=":", zorder=0)
 
 
 def _curves(extraction: Extraction, magnitude: Axes, phase: Axes, factor: float) -> None:
@@ -87,7 +90,9 @@ def _curves(extraction: Extraction, magnitude: Axes, phase: Axes, factor: float)
         _mark(extraction, axes, factor)
     magnitude.plot([], [], color=POLE, label="pole")
     magnitude.plot([], [], color=ZERO, label="zero")
-    magnitude.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=5, frameon=False, fontsize=9)
+    if extraction.doubtful:
+        magnitude.plot([], [], color="#777777", linewidth=0.8, linestyle=":", label="doubtful")
+    magnitude.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=6, frameon=False, fontsize=9)
     magnitude.set_ylabel("|Z| (Ω)")
     phase.set(ylabel="phase of Z (°)", yticks=np.arange(-180, 181, 90))
 
@@ -137,12 +142,14 @@ def _stabilization(extraction: Extraction, axes: Axes, diagram: StabilizationDia
 
 def _summary(extraction: Extraction) -> str:
     lines = [f"{'':5}{'frequency (Hz)':>22}{'loss η':>22}{'Q':>9}"]
-    found = sorted(extraction.resonances.poles + extraction.resonances.zeros, key=lambda r: r.frequency_Hz)
+    every = extraction.resonances.poles + extraction.resonances.zeros + extraction.doubtful
+    found = sorted(every, key=lambda r: r.frequency_Hz)
     for r in found[:LABELLED]:
         frequency, loss = f"{r.frequency_Hz:.1f}", f"{r.loss:.5f}"
         if r.covariance is not None:
             frequency, loss = f"{frequency} ± {r.std_Hz:.2g}", f"{loss} ± {r.std_loss:.1g}"
-        lines.append(f"{r.kind:5}{frequency:>22}{loss:>22}{r.quality_factor:>9.1f}")
+        mark = "?" if r in extraction.doubtful else ""
+        lines.append(f"{r.kind + mark:5}{frequency:>22}{loss:>22}{r.quality_factor:>9.1f}")
     if len(found) > LABELLED:
         lines.append(f"and {len(found) - LABELLED} more")
     for p in extraction.pairs[: LABELLED // 2]:

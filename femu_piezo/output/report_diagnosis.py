@@ -13,6 +13,7 @@ from femu_piezo.output.diagnosis_tables import difference, fitted_sizes, ranked
 from femu_piezo.output.diagnosis_words import Answer, answer, shifts
 from femu_piezo.output.report import Cell, Section, notes, paragraph, provenance_section, table, write_report
 from femu_piezo.output.report_diagnosis_charts import curve_charts, models, residual_charts
+from femu_piezo.output.report_figures import standard_figures_html
 from femu_piezo.output.report_modes import fundamental_picture
 from femu_piezo.output.tables import number
 from femu_piezo.output.wording import listed, spoken
@@ -41,6 +42,7 @@ def diagnosis_sections(result: Diagnosis) -> list[Section]:
         Section("curves", "Curves", "".join(chart.html() for chart in curves)),
         Section("resonances", "Poles and zeros", _resonances(result)),
         Section("constants", "Constants before and after", _constants(result)),
+        Section("figures", "Standard figures", _figures(result)),
         Section("candidates", "Candidates", _candidates(result)),
         Section("hidden", "What this sweep cannot show", _hidden(result)),
         Section("measurements", "What to measure next", _measurements(result)),
@@ -107,6 +109,14 @@ def _strangers(result: Diagnosis) -> list[str]:
     ):
         found += [f"{r.kind} at {r.frequency_Hz / 1e3:.6g} kHz, Q {r.quality_factor:.3g}: {words}" for r in resonances]
     return found
+
+
+def _figures(result: Diagnosis) -> str:
+    """The handbook's figures of the sweep shown, beside those of the final model, named causes in it."""
+    return "".join(
+        standard_figures_html(one, f"sweeps.{result.shown}.standard_figures.{mode}")
+        for mode, one in enumerate(result.sweeps[result.shown].figures)
+    )
 
 
 def _constants(result: Diagnosis) -> str:

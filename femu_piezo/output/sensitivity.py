@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from femu_piezo.inference.sensitivity import Sensitivity
 from femu_piezo.material.constants import D_FORM
-from femu_piezo.output.curves import MEASURED, frequency_axis
+from femu_piezo.output.curves import GRID, MEASURED, frequency_axis
 from femu_piezo.output.picture import Picture
 
 #: Colour of each constant, the same in every picture.
@@ -36,5 +36,5 @@ def sensitivity_figure(result: Sensitivity) -> Figure:
     slopes.set(ylabel="|∂ log Z / ∂ log θ|", xlabel=label, ylim=(1e-4 * size.max(), 2 * size.max()))
     slopes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     for axes in (magnitude, slopes):
-        axes.grid(True, color="#e6e6e6", linewidth=0.6)
+        axes.grid(True, **GRID)
     return figure

@@ -53,7 +53,7 @@ def surface_of(model: ElectroelasticModel, vectors: np.ndarray, subdivisions: in
         mesh, model.basis.elem, facets=outer, quadrature=(points, np.full(points.shape[1], 1.0 / points.shape[1]))
     )
     position = np.asarray(basis.global_coordinates()).reshape(3, -1).T
-    fields = np.stack([_at_points(basis, model, vector) for vector in vectors.T])
+    fields = np.stack([fields_at_points(basis, model, vector) for vector in vectors.T])
     offsets = points.shape[1] * np.arange(outer.size)
     electrode = np.full(outer.size, BARE)
     for names, label in ((domain.hot, HOT), (domain.ground, GROUND)):
@@ -71,8 +71,10 @@ def surface_of(model: ElectroelasticModel, vectors: np.ndarray, subdivisions: in
     return surface
 
 
-def _at_points(basis: skfem.FacetBasis, model: ElectroelasticModel, vector: np.ndarray) -> np.ndarray:
-    """(4, p) complex: u_x, u_y, u_z, φ at the points of a facet basis."""
+def fields_at_points(
+    basis: skfem.assembly.basis.AbstractBasis, model: ElectroelasticModel, vector: np.ndarray
+) -> np.ndarray:
+    """(4, p) complex: u_x, u_y, u_z, φ at the points of a basis."""
     nodal = [*model.displacement(vector), model.potential(vector)]
     values = [
         np.asarray(basis.interpolate(np.ascontiguousarray(part.real)))

@@ -19,6 +19,7 @@ from femu_piezo.output.curves import PRINTED
 
 if TYPE_CHECKING:
     from femu_piezo.extraction import Extraction
+    from femu_piezo.resonances import Resonance
     from femu_piezo.standards.figures import Figure, StandardFigures
     from femu_piezo.study.expectation import Expectation, Improvement
     from femu_piezo.study.identify import IdentifyResult
@@ -209,15 +210,17 @@ def simulation_table(result: SimulationResult) -> RenderableType:
 
 def extraction_table(result: Extraction) -> RenderableType:
     """Poles and zeros with standard deviations, and what to know about them."""
-    lines = []
-    for one in (*result.resonances.poles, *result.resonances.zeros):
-        std = "" if one.std_Hz is None else f" ± {one.std_Hz:.3g}"
-        std_loss = "" if one.std_loss is None else f" ± {one.std_loss:.2g}"
-        lines.append(
-            f"{one.kind} {one.frequency_Hz:14.3f}{std} Hz   loss {one.loss:.6f}{std_loss}   Q {one.quality_factor:.4g}"
-        )
+    sound = (*result.resonances.poles, *result.resonances.zeros)
+    lines = [_resonance_words(one) for one in sound]
+    lines += [f"{_resonance_words(one)}   doubtful" for one in result.doubtful]
     text = text_of([*lines, *told((*result.spectrum.notes, *result.notes))])
     return text if result.figures is None else Group(text, figures_table(result.figures))
+
+
+def _resonance_words(one: Resonance) -> str:
+    std = "" if one.std_Hz is None else f" ± {one.std_Hz:.3g}"
+    std_loss = "" if one.std_loss is None else f" ± {one.std_loss:.2g}"
+    return f"{one.kind} {one.frequency_Hz:14.3f}{std} Hz   loss {one.loss:.6f}{std_loss}   Q {one.quality_factor:.4g}"
 
 
 def modes_table(result: ModesResult) -> RenderableType:

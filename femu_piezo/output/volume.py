@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from femu_piezo.errors import InputError
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.curved_mesh import CurvedHexahedra
+from femu_piezo.output.surface import fields_at_points
 
 #: Corners of a cube in the order of VTK, Abaqus and gmsh.
 _CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
@@ -57,7 +58,7 @@ def volume_of(model: ElectroelasticModel, vectors: np.ndarray) -> Volume:
     weights = np.full(reference.shape[1], 1.0)
     basis = skfem.Basis(mesh, model.basis.elem, quadrature=(reference, weights))
     points = np.asarray(basis.global_coordinates()).reshape(3, -1).T
-    fields = np.stack([_sampled(basis, model, vector) for vector in vectors.T]) if vectors.size else None
+    fields = np.stack([fields_at_points(basis, model, vector).T for vector in vectors.T]) if vectors.size else None
     fields = np.zeros((0, len(points), 4), complex) if fields is None else fields
     per_cell = reference.shape[1]
     cells = (pattern[None] + per_cell * np.arange(mesh.nelements)[:, None, None]).reshape(-1, pattern.shape[1])
@@ -94,17 +95,6 @@ def _pattern(model: ElectroelasticModel) -> tuple[np.ndarray, np.ndarray, str]:
     corners = mesh.elem.refdom.p.T.astype(float)
     middles = [(corners[i] + corners[j]) / 2 for i, j in _EDGES]
     return np.vstack([corners, middles]).T, np.arange(10)[None], "tetra10"
-
-
-def _sampled(basis: skfem.Basis, model: ElectroelasticModel, vector: np.ndarray) -> np.ndarray:
-    """(p, 4) complex displacement and potential at the points of a basis."""
-    nodal = [*model.displacement(vector), model.potential(vector)]
-    values = [
-        np.asarray(basis.interpolate(np.ascontiguousarray(part.real)))
-        + 1j * np.asarray(basis.interpolate(np.ascontiguousarray(part.imag)))
-        for part in nodal
-    ]
-    return np.array(values).reshape(4, -1).T
 
 
 def _near_facets(points: np.ndarray, mesh: skfem.Mesh, model: ElectroelasticModel, names) -> np.ndarray:

@@ -7,10 +7,11 @@ curve of the finite element model, against the constants which that curve was co
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.resonances import Resonance
 from femu_piezo.standards.formulas import disk_poisson
 from femu_piezo.standards.frequencies import Admittance, CharacteristicFrequencies, characteristic_frequencies
@@ -67,7 +68,7 @@ MEANING = {
 
 
 @dataclass(frozen=True)
-class Reading:
+class CurveFigures:
     """The figures of one curve: name → value, SI; `notes` say where the capacitance is from.
 
     `poisson` is the σ that the formulas of a disk used.
@@ -167,7 +168,7 @@ def read_curve(
     zero: Resonance,
     piece: Piece,
     overtone: Resonance | None = None,
-) -> Reading:
+) -> CurveFigures:
     """The figures of one curve about one pole and its zero.
 
     Parameters
@@ -198,25 +199,30 @@ def read_curve(
         "tan_delta": low.tangent,
         **piece.figures(fs, fp, free),
     }
-    return Reading(
+    return CurveFigures(
         {name: float(value) for name, value in values.items() if value is not None}, notes + low.notes, piece.poisson
     )
 
 
 def standard_figures(
-    piece: Piece, reading: Reading, pole: Resonance, zero: Resonance, model: Reading | None = None, constants=None
+    piece: Piece,
+    measured: CurveFigures,
+    pole: Resonance,
+    zero: Resonance,
+    model: CurveFigures | None = None,
+    constants: PiezoConstants | None = None,
 ) -> StandardFigures:
     """The figures of a sweep beside those of a finite element model.
 
     Parameters
     ----------
-    reading : of the measured curve;  model : of the computed curve, None where there is none
+    measured, model : of the measured and of the computed curve; None where there is no computed one
     pole, zero : measured, whose standard deviations those of the frequencies are to first order in the loss
-    constants : `PiezoConstants` from which the model's curve was computed
+    constants : from which the model's curve was computed
     """
     material = {} if constants is None else material_figures(constants)
-    deviations = _deviations(reading, pole, zero)
-    names = [*reading.values, *(name for name in (model.values if model else {}) if name not in reading.values)]
+    deviations = _deviations(measured, pole, zero)
+    names = [*measured.values, *(name for name in (model.values if model else {}) if name not in measured.values)]
     by_formula = set(piece.figures(1.0, 1.2, 1.0)) if piece.kind != "other" else set()
     figures = []
     for name in sorted(names, key=list(MEANING).index):
@@ -225,17 +231,17 @@ def standard_figures(
         told = own and computed is not None and material[name] and computed != material[name]  # σ may be given
         error = computed / material[name] - 1 if told else None
         beside = material[name] if own else computed
-        value, std = reading.values.get(name), deviations.get(name)
+        value, std = measured.values.get(name), deviations.get(name)
         figures.append(Figure(name, *MEANING[name], value, std, beside, error))
-    return StandardFigures(WORDS[piece.kind], tuple(figures), piece.aspect, reading.notes)
+    return StandardFigures(WORDS[piece.kind], tuple(figures), piece.aspect, measured.notes)
 
 
-def _deviations(reading: Reading, pole: Resonance, zero: Resonance) -> dict[str, float]:
+def _deviations(measured: CurveFigures, pole: Resonance, zero: Resonance) -> dict[str, float]:
     """Standard deviations of the frequencies and of 1/η, as those of pole and zero."""
     found = {}
     for one, names, quality in ((pole, ("fs", "fm", "fr"), "Qm_pole"), (zero, ("fp", "fn", "fa"), "Qm_zero")):
         if one.std_Hz is not None:
-            found |= {name: one.std_Hz for name in names if name in reading.values}
+            found |= {name: one.std_Hz for name in names if name in measured.values}
             found[quality] = float(one.std_loss / one.loss**2)
     return found
 
@@ -281,7 +287,7 @@ def _with_poisson(piece: Piece, pole: Resonance, overtone: Resonance | None) -> 
     poisson = disk_poisson(ratio) if _SECOND_RADIAL[0] < ratio < _SECOND_RADIAL[1] else None
     if poisson is None:
         return piece, (f"sigma = {piece.poisson:.4g} is that of the material: the sweep holds no second radial mode",)
-    return Piece(**{**piece.__dict__, "poisson": poisson}), ()
+    return replace(piece, poisson=poisson), ()
 
 
 def is_second_radial(pole: Resonance, other: Resonance) -> bool:

@@ -12,9 +12,9 @@ from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.pole_zero import Step
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, start_constants
 from femu_piezo.study.model_cache import LEAVE, Bases

@@ -23,8 +23,9 @@ from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Specimen
+from femu_piezo.standards.figures import StandardFigures
 from femu_piezo.study.beginning import begin
-from femu_piezo.study.measured import Sweep, measure_each
+from femu_piezo.study.measured import Measured, Sweep, measure_each
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.planning import recommended, separations
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals, pole_zero_residuals
@@ -32,6 +33,7 @@ from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.results import mesh_words
 from femu_piezo.study.shapes import electrode_notes
+from femu_piezo.study.standard_figures import figures_of
 from femu_piezo.study.subjects import LEAST_ERROR, Subject, shared_library, subjects
 from femu_piezo.threads import with_blas_limit
 
@@ -55,6 +57,8 @@ class DiagnosedSweep:
     curves : Z of base and final model over the whole sweep
     reference_Hz : where laws over frequency are anchored
     mesh : what the mesh of its model is, and its error, in words
+    measured : the sweep with its poles and zeros
+    constants : of the final model
     """
 
     specimen: Specimen
@@ -64,16 +68,23 @@ class DiagnosedSweep:
     relative_noise: np.ndarray
     curves: tuple[np.ndarray, np.ndarray]
     reference_Hz: float
-    mesh: str = ""
+    mesh: str
+    measured: Measured
+    constants: PiezoConstants
 
     @cached_property
     def pole_zero(self) -> tuple[PoleZeroResiduals, PoleZeroResiduals]:
         """Base and final model against the poles and zeros of the whole sweep, held-out band included."""
-        measured = extract(self.spectrum)
+        measured = self.measured.extraction if np.all(self.fitted) else extract(self.spectrum)
         base = pole_zero_residuals(measured, self.relative_noise, self.curves[0])
         if np.array_equal(*self.curves):
             return base, base
         return base, pole_zero_residuals(measured, self.relative_noise, self.curves[1])
+
+    @cached_property
+    def figures(self) -> tuple[StandardFigures, ...]:
+        """Standard figures of the sweep, one for each mode that the standards know, beside those of the final model."""
+        return figures_of(self.measured, self.constants, (self.spectrum.frequency, self.curves[1]))
 
     @cached_property
     def linear_body(self) -> LinearBody | None:
@@ -219,9 +230,11 @@ def diagnose(
     clock.step("verdict")
     frequency = np.concatenate([one.measured.fitted.frequency for one in several])
     verdict = judge(comparison, frequency)
+    material = comparison.final.parameters.material
+    constants = material.constants(comparison.final.x[: comparison.final.parameters.of_material])
     sweeps = tuple(
         DiagnosedSweep(
-            specimen=one.measured.problem.specimen,
+            specimen=one.problem.specimen,
             name=one.name,
             spectrum=one.measured.spectrum,
             fitted=one.fitted,
@@ -229,6 +242,8 @@ def diagnose(
             curves=(posterior.curve(index, comparison.base), posterior.curve(index, comparison.final)),
             reference_Hz=one.context.fundamental_Hz,
             mesh=mesh_words(posterior.full[index], posterior.models[index]),
+            measured=one.measured,
+            constants=constants,
         )
         for index, one in enumerate(several)
     )
@@ -243,7 +258,7 @@ def diagnose(
         reduced_size=sum(model.size for model in posterior.models),
         notes=(
             *(note for one in several for note in one.measured.spectrum.notes),
-            *(note for one in several for note in electrode_notes(one.measured.problem.specimen)),
+            *(note for one in several for note in electrode_notes(one.problem.specimen)),
             *_accuracy_notes(several),
         ),
         seconds={step: round(value, 3) for step, value in clock.seconds.items()},

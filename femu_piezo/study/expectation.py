@@ -1,7 +1,7 @@
 """What an update of planned sweeps would state, and which tolerance to improve first.
 
-For the free constants of the file, with everything that an update counts: noise, dimensions, density, held constants,
-instrument. Every tolerance is then halved, and then taken away, and the deviations are computed anew.
+For the free constants of the file, with everything that an update counts: noise, readings, dimensions, density, held
+constants, instrument. Every tolerance is then halved, and then taken away, and the deviations are computed anew.
 """
 
 from __future__ import annotations
@@ -13,15 +13,16 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.budget import estimates_of
-from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common
+from femu_piezo.inference.ensemble import Ensemble
 from femu_piezo.inference.expectation import EXACT, expected_budget, expected_std
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.sweeps import SweepData
-from femu_piezo.inference.unknowns import Estimate, MaterialParameters, Unknowns, material_prior
+from femu_piezo.inference.unknowns import Estimate, MaterialParameters, Unknowns
+from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Measurement
-from femu_piezo.study.effects import effect_context, known_effects
+from femu_piezo.study.effects import effect_context
 from femu_piezo.study.problem import Problem
-from femu_piezo.study.subjects import LEAST_ERROR, Subject, shared_library
+from femu_piezo.study.subjects import LEAST_ERROR, Subject, subject
+from femu_piezo.study.unknowns import as_filed, unknowns_of
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Improvement:
 
     Attributes
     ----------
-    tolerance : its key in the specimen file ("std_length", "residue.resistance"), or "noise"
+    tolerance : its key in the specimen file ("std_length", "residue.resistance", "readings.std_d33"), or "noise"
     specimen : whose it is, of several; "" where all share it
     today : standard deviation in `unit` of SI
     before, halved, exact : "s11", "tan_s11", … → standard deviation (SI) with the tolerance of today, half of it, none;
@@ -106,77 +107,63 @@ def _planned(problem: Problem, name: str, band_Hz: tuple[float, float]) -> Subje
     capacitance = abs(problem.constants.eps33T) * problem.plate.electrode_area / problem.plate.electrode_gap
     typical = 1 / (2 * np.pi * problem.expected_pole_Hz * capacitance)
     context = effect_context(replace(problem, specimen=measured), problem.expected_pole_Hz, typical, band_Hz)
-    known = known_effects(problem, context)
-    fixed = tuple((replace(effect, specimen=name), values) for effect, values in known if not effect.freed)
-    freed = tuple(item for item in known if item[0].freed)
-    return Subject(name, None, np.zeros(0), context, fixed, None, freed)
+    return subject(name, problem, None, np.zeros(0), context)
 
 
-def served(subjects: Sequence[Subject], one: Subject) -> list[Effect]:
-    """The effects that the model of one specimen must serve: its tolerances, and those of its file."""
-    return [e for e in _tolerances(subjects) if e.specimen in ("", one.name)] + [effect for effect, _ in one.fixed]
-
-
-def _tolerances(subjects: Sequence[Subject]) -> tuple[Effect, ...]:
-    return tuple(effect for effect in shared_library(subjects) if effect.has_tolerance)
-
-
-def expect(
-    problems: Sequence[Problem], subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise: float
-) -> Expectation:
+def expect(subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise: float) -> Expectation:
     """Deviations of the free constants of the first specimen, and what every tolerance adds to them.
 
     Parameters
     ----------
-    subjects : of `planned`;  evaluations : of each specimen over its sweep, by a model that serves `served`
+    subjects : of `planned`
+    evaluations : of each specimen over its sweep, by a model that serves its tolerances
+        (`femu_piezo.study.unknowns.served`)
     noise : relative standard deviation of every point
     """
-    unknowns, x = _unknowns(problems[0], subjects)
-    jacobian = _jacobian(unknowns, x, subjects, evaluations, noise)
-    std = expected_std(jacobian, unknowns.prior_std)
+    unknowns = unknowns_of(subjects)
+    x = as_filed(subjects, unknowns)
+    sweeps, readings = _jacobian(unknowns, x, subjects, evaluations, noise)
+    std = expected_std(np.concatenate([sweeps, readings]), unknowns.prior_std)
     labels = _labels(unknowns.material)
     before = {label: float(std[column] * size) for label, (column, size) in labels.items()}
-    found = []
-    for (name, owner), columns in {("noise", ""): None, **_columns(unknowns, subjects)}.items():
-        shares = (0.5,) if columns is None else (0.5, EXACT)
-        smaller = [_smaller(jacobian, unknowns.prior_std, columns, share) for share in shares]
-        after = [{label: float(one[column] * size) for label, (column, size) in labels.items()} for one in smaller]
-        if columns is None:
-            found.append(Improvement("noise", "", noise, "1", before, after[0], {}))
-            continue
-        number = next((index for index, one in enumerate(subjects) if one.name == owner), 0)
-        key, today, unit = _in_file(name, problems[number], subjects[number])
-        found.append(Improvement(key, owner, today, unit, before, *after))
-    parameters = estimates_of(unknowns.material, x, std, expected_budget(jacobian, unknowns))
+
+    def after(*, sweep: float = 1.0, read: np.ndarray | float = 1.0, prior: np.ndarray | float = 1.0) -> dict:
+        """Deviations with noise, those of the readings (m,), and those of the priors (n_x,) times a share."""
+        rows = np.concatenate([sweeps / sweep, (readings.T / read).T])
+        smaller = expected_std(rows, unknowns.prior_std * prior)
+        return {label: float(smaller[column] * size) for label, (column, size) in labels.items()}
+
+    found = [Improvement("noise", "", noise, "1", before, after(sweep=0.5), {})]
+    for number, one in enumerate(unknowns.readings):
+        halved, exact = (after(read=_times(len(unknowns.readings), [number], share)) for share in (0.5, EXACT))
+        key, today = f"readings.std_{one.name}", one.std / abs(one.value)
+        found.append(Improvement(key, one.specimen, today, "1", before, halved, exact))
+    for (name, owner), columns in _columns(unknowns, subjects).items():
+        halved, exact = (after(prior=_times(unknowns.count, columns, share)) for share in (0.5, EXACT))
+        one = next((item for item in subjects if item.name == owner), subjects[0])
+        key, today, unit = _in_file(name, one)
+        found.append(Improvement(key, owner, today, unit, before, halved, exact))
+    parameters = estimates_of(unknowns.material, x, std, expected_budget(sweeps, readings, unknowns))
     return Expectation(parameters, tuple(sorted(found, key=lambda one: -one.best()[1])))
 
 
-def _unknowns(first: Problem, subjects: Sequence[Subject]) -> tuple[Unknowns, np.ndarray]:
-    """The unknowns of an update, and where they are expected (n_x,): as the file says, the rest at rest."""
-    free, material = first.free(first.constants), first.specimen.material
-    unknowns = Unknowns(
-        material=MaterialParameters.around(free, free.start),
-        prior=material_prior(free, material.priors, material.tangent_priors),
-        effects=_tolerances(subjects),
-        fixed=tuple(item for one in subjects for item in one.fixed),
-    )
-    x = unknowns.prior_mean.copy()
-    x[: unknowns.of_material] = unknowns.material.x_of(free.start)
-    for one in subjects:
-        for effect, values in one.freed:
-            own = belonging_to(effect, one.name) if one.name and not is_common(effect) else effect
-            if unknowns.has(own):
-                x[unknowns.columns(unknowns.index(own.key))] = values / own.scale
-    return unknowns, x
+def _times(count: int, places: list[int], share: float) -> np.ndarray:
+    """(count,) ones, and a share at some places."""
+    factors = np.ones(count)
+    factors[places] = share
+    return factors
 
 
-def _jacobian(unknowns: Unknowns, x: np.ndarray, subjects, evaluations, noise: float) -> np.ndarray:
-    """(2k, n_x) of all sweeps, whitened."""
+def _jacobian(
+    unknowns: Unknowns, x: np.ndarray, subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """(2k, n_x) of all sweeps, (m, n_x) of all readings, whitened."""
     parts = tuple((one.name, evaluation) for one, evaluation in zip(subjects, evaluations, strict=True))
     response = Ensemble(parts) if len(parts) > 1 else evaluations[0]
     z, slopes = response.with_jacobian(unknowns, x)
     data = SweepData(response.omega / (2 * np.pi), z, np.full(z.size, np.hypot(noise, LEAST_ERROR)), noise_known=True)
-    return data.whitened(z, slopes)[1]
+    readings = [reading.row(unknowns, x)[1] for reading in unknowns.readings]
+    return data.whitened(z, slopes)[1], np.reshape(readings, (-1, x.size))
 
 
 def _labels(material: MaterialParameters) -> dict[str, tuple[int, float]]:
@@ -204,18 +191,9 @@ def _tolerance_of(effect: Effect, parameter: str) -> str:
     return effect.name.removeprefix("wrong_") if parameter == "relative_error" and not effect.variant else parameter
 
 
-def _smaller(jacobian: np.ndarray, prior_std: np.ndarray, columns: list[int] | None, share: float) -> np.ndarray:
-    """(n_x,) deviations with a share of a tolerance; of the noise where `columns` is None."""
-    if columns is None:
-        return expected_std(jacobian / share, prior_std)
-    smaller = prior_std.copy()
-    smaller[columns] *= share
-    return expected_std(jacobian, smaller)
-
-
-def _in_file(name: str, problem: Problem, one: Subject) -> tuple[str, float, str]:
+def _in_file(name: str, one: Subject) -> tuple[str, float, str]:
     """Key, value and unit of a tolerance as the specimen file has them."""
-    today, geometry = one.context.tolerances[name], problem.specimen.geometry
+    today, geometry = one.context.tolerances[name], one.problem.specimen.geometry
     if name in one.context.axes:
         return f"std_{name}", today * getattr(geometry, name), "m"
     if name == "density":

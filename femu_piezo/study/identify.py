@@ -19,15 +19,16 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.identifiability import Identifiability, identifiability
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.sensitivity import Sensitivity
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import TANGENT, FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM
+from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Specimen
-from femu_piezo.study.expectation import Expectation, expect, planned, served
+from femu_piezo.study.expectation import Expectation, expect, planned
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.progress import Progress
 from femu_piezo.study.resonances_with_effects import sensitivity_with_effects
 from femu_piezo.study.simulate import sweep_frequencies
+from femu_piezo.study.unknowns import served, tolerances_of
 from femu_piezo.threads import with_blas_limit
 
 #: Eigenvalue error of the mesh: sensitivities need not be better.
@@ -155,12 +156,12 @@ def identify(
     blocks, pictures, evaluations = [], [], []
     for problem, subject, frequency in zip(problems, subjects, sweeps, strict=True):
         progress(problem.specimen.name)
-        evaluation = _evaluation(problem, first, frequency, served(subjects, subject))
+        evaluation = _evaluation(problem, first, frequency, served(subject, tolerances_of(subjects)))
         block, picture = _jacobian(evaluation, problem.specimen.name, first, noise)
         blocks.append(block)
         pictures.append(picture)
         evaluations.append(evaluation)
-    expected = expect(problems, subjects, evaluations, noise)
+    expected = expect(subjects, evaluations, noise)
     names, values, prior = _unknowns(first)
     blocks.append(prior)
     known = identifiability(np.concatenate(blocks), names, values)

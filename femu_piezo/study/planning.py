@@ -165,7 +165,7 @@ def _sweeps(now: Plan, several: Sequence[Subject], effects: Sequence[Effect], co
         return []
     effects = [effect for effect in effects if effect.local is None]
     highest = max(_WIDER)
-    models = [_coarse(one.measured.problem, one, effects, constants, highest * one.measured.band_Hz) for one in several]
+    models = [_coarse(one.problem, one, effects, constants, highest * one.measured.band_Hz) for one in several]
     plans = []
     for factor in _WIDER:
         parts, noise = [], []
@@ -184,12 +184,12 @@ def _sweeps(now: Plan, several: Sequence[Subject], effects: Sequence[Effect], co
 
 def _second_specimen(now: Plan, one: Subject, model: ExtendedModel, effects: Sequence[Effect], constants):
     """The same material half as long, swept over the same part of its resonances."""
-    geometry = one.measured.problem.specimen.geometry
+    geometry = one.problem.specimen.geometry
     dimension = next((name for name in ("length", "diameter") if getattr(geometry, name, None)), None)
     if dimension is None:
         return []
     try:
-        problem = prepare(_halved(one.measured.problem, dimension), check=False)
+        problem = prepare(_halved(one.problem, dimension), check=False)
         common = [effect for effect in effects if is_common(effect)]
         other = _coarse(problem, one, common, constants, 2 * one.measured.band_Hz)
     except (InputError, ConvergenceError):

@@ -9,17 +9,17 @@ import numpy as np
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common, own_parameters
+from femu_piezo.inference.ensemble import Ensemble, own_parameters
 from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.sweeps import SweepData
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
+from femu_piezo.inference.unknowns import FreeConstants, Unknowns
 from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Update
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.progress import Clock
-from femu_piezo.study.readings import readings_of
-from femu_piezo.study.subjects import LEAST_ERROR, Subject, shared_library
+from femu_piezo.study.subjects import LEAST_ERROR, Subject
+from femu_piezo.study.unknowns import as_filed, served, tolerances_of, unknowns_of
 
 #: Mesh error (relative, of eigenvalues at the end of the sweep) and error of the reduced model, as shares of the noise,
 #: and the ranges they are kept in.
@@ -51,8 +51,8 @@ class Posterior:
     ) -> None:
         self.several = tuple(several)
         self._clock, self._bases, self._candidates = clock, bases, tuple(candidates)
-        self.tolerances = tuple(effect for effect in shared_library(several) if effect.has_tolerance)
-        self.problem = several[0].measured.problem
+        self.tolerances = tolerances_of(several)
+        self.problem = several[0].problem
         self.models: tuple[ExtendedModel, ...] = ()
         self.full: tuple[ElectroelasticModel, ...] = ()
         self._around: PiezoConstants | None = None
@@ -75,30 +75,17 @@ class Posterior:
         constants, x = start, None
         for _ in range(_REDUCTIONS):
             self._prepare(constants)
-            unknowns = self._unknowns(constants)
-            if x is None:
-                x = unknowns.prior_mean.copy()
-                x[: unknowns.of_material] = unknowns.material.x_of(unknowns.material.free.start)
-                for effect, values in self._freed():
-                    if unknowns.has(effect):
-                        x[unknowns.columns(unknowns.index(effect.key))] = values / effect.scale
-            else:
-                x = np.concatenate([unknowns.material.x_of(unknowns.material.free.start), x[unknowns.of_material :]])
+            unknowns = unknowns_of(self.several, constants)
+            begin = as_filed(self.several, unknowns)
+            if x is not None:
+                begin[unknowns.of_material :] = x[unknowns.of_material :]
             self._clock.step("fit")
-            found = fit(self.evaluation, self.data, unknowns, [x], loss=self.loss)
-            x, own = found.x, found.x[: unknowns.of_material]
-            constants = unknowns.material.constants(own)
+            found = fit(self.evaluation, self.data, unknowns, [begin], loss=self.loss)
+            x = found.x
+            constants = unknowns.material.constants(x[: unknowns.of_material])
             if self._serves(constants):
                 break
         return found
-
-    def _freed(self) -> list[tuple[Effect, np.ndarray]]:
-        """Where the specimen files say that effects whose size is free are."""
-        return [
-            (belonging_to(effect, one.name) if one.name and not is_common(effect) else effect, values)
-            for one in self.several
-            for effect, values in one.freed
-        ]
 
     def _prepare(self, constants: PiezoConstants) -> None:
         """Reduced models around given constants."""
@@ -116,9 +103,7 @@ class Posterior:
     def _reduced(
         self, one: Subject, model: ElectroelasticModel, training: Sequence[PiezoConstants]
     ) -> ExtendedModel:
-        wanted = dict.fromkeys(effect for effect in (*self.tolerances, *self._candidates))
-        effects = [effect for effect in wanted if effect.specimen in ("", one.name)]
-        effects += [effect for effect, _ in one.fixed]
+        effects = served(one, (*self.tolerances, *self._candidates))
         accuracy = _share_of_noise(one, _BASIS_SHARE, _BASIS_RANGE)
         return self._bases.extended(model, training, effects, one.measured, accuracy)
 
@@ -154,18 +139,6 @@ class Posterior:
             mesh_error=np.concatenate([_mesh_error(*both) for both in zip(several, self.models, strict=True)]),
         )
 
-    def _unknowns(self, constants: PiezoConstants) -> Unknowns:
-        """Constants and tolerances, the priors centred on the specimen file."""
-        free, of_file = self.problem.free(constants), self.problem.free(self.problem.constants)
-        material = self.problem.specimen.material
-        return Unknowns(
-            material=MaterialParameters.around(free, free.start),
-            prior=material_prior(of_file, material.priors, material.tangent_priors),
-            effects=self.tolerances,
-            fixed=tuple(item for one in self.several for item in one.fixed),
-            readings=readings_of(self.several),
-        )
-
     def curve(self, index: int, fit_: Fit) -> np.ndarray:
         """Z (k,) of one specimen over its whole sweep, ohm."""
         evaluation, own, columns = self.whole_sweep(index, fit_)
@@ -187,7 +160,7 @@ class Posterior:
 
 def _mesh_accuracy(one: Subject) -> float:
     """Relative error of eigenvalues that the mesh may have: a share of the noise, no more than the file asks for."""
-    asked = (one.measured.problem.specimen.update or Update()).accuracy
+    asked = (one.problem.specimen.update or Update()).accuracy
     return min(asked, _share_of_noise(one, _MESH_SHARE, _MESH_RANGE))
 
 
@@ -199,7 +172,7 @@ def _mesh_error(one: Subject, model: ExtendedModel) -> np.ndarray:
     if model.mesh_error is not None:
         return model.mesh_error.at(one.measured.fitted.frequency)
     accuracy, measured = _mesh_accuracy(one), one.measured
-    end = measured.problem.equivalent_frequency(measured.band_Hz, accuracy)
+    end = one.problem.equivalent_frequency(measured.band_Hz, accuracy)
     return accuracy * (measured.fitted.frequency / end) ** 4
 
 

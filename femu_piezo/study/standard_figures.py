@@ -19,7 +19,7 @@ from femu_piezo.geometry.slab import Slab
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.resonances import Resonance
 from femu_piezo.specimen.file import Simulation, Specimen
-from femu_piezo.standards.figures import Reading, StandardFigures, is_second_radial, read_curve, standard_figures
+from femu_piezo.standards.figures import CurveFigures, StandardFigures, is_second_radial, read_curve, standard_figures
 from femu_piezo.standards.piece import Piece, material_figures
 from femu_piezo.study.measured import Measured, Sweep, measure
 from femu_piezo.study.rational_curve import RationalCurve
@@ -65,14 +65,14 @@ def _figures(
     spectrum, extraction = measured.spectrum, measured.extraction
     overtone = _second_radial(pair.pole, [one.pole for one in extraction.pairs])
     points = (spectrum.frequency, spectrum.impedance)
-    reading = read_curve(extraction.model.admittance, points, pair.pole, pair.zero, piece, overtone)
-    found = standard_figures(piece, reading, pair.pole, pair.zero, _model_reading(model, piece, pair), constants)
+    read = read_curve(extraction.model.admittance, points, pair.pole, pair.zero, piece, overtone)
+    found = standard_figures(piece, read, pair.pole, pair.zero, _model_figures(model, piece, pair), constants)
     std = None if np.isnan(pair.std_k_eff) else pair.std_k_eff
     figures = tuple(replace(one, std=std) if one.name == "k_eff" else one for one in found.figures)
     return replace(found, figures=figures)
 
 
-def _model_reading(curve: RationalCurve, piece: Piece, pair: Pair) -> Reading | None:
+def _model_figures(curve: RationalCurve, piece: Piece, pair: Pair) -> CurveFigures | None:
     """The figures of the mode nearest to a measured pair; None where the curve does not hold it."""
     if not curve.poles or not curve.zeros:
         return None

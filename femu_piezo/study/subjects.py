@@ -15,6 +15,7 @@ from femu_piezo.inference.ensemble import belonging_to, is_common
 from femu_piezo.measurement.noise import estimate_noise
 from femu_piezo.study.effects import effect_context, known_effects
 from femu_piezo.study.measured import Measured
+from femu_piezo.study.problem import Problem
 
 #: Relative error of Z that meshes and bases leave at least: sweeps are not taken to be more exact than the model.
 LEAST_ERROR = 1e-5
@@ -27,6 +28,7 @@ class Subject:
     Attributes
     ----------
     name : of the specimen where there are several, "" for the only one
+    problem : the specimen as computed
     measured : its sweep; None before there is one (`femu_piezo.study.expectation`)
     noise : (k,) relative noise of the whole sweep, no less than the error of the model
     fixed : the effects of its file with their values;  freed : those whose values are where a fit starts
@@ -34,6 +36,7 @@ class Subject:
     """
 
     name: str
+    problem: Problem
     measured: Measured | None
     noise: np.ndarray
     context: EffectContext
@@ -90,10 +93,23 @@ def _subject(measured: Measured, name: str, effects: tuple[Maker, ...] | None) -
     typical = float(np.median(np.abs(measured.spectrum.impedance)))
     band = (float(frequency[0]), float(frequency[-1]))
     context = effect_context(measured.problem, measured.pair.pole.frequency_Hz, typical, band, frequency)
-    known = known_effects(measured.problem, context, effects)
+    noise = np.hypot(_relative_noise(measured), LEAST_ERROR)
+    return subject(name, measured.problem, measured, noise, context, effects)
+
+
+def subject(
+    name: str,
+    problem: Problem,
+    measured: Measured | None,
+    noise: np.ndarray,
+    context: EffectContext,
+    effects: tuple[Maker, ...] | None = None,
+) -> Subject:
+    """The specimen with the effects of its file; arguments as the attributes of `Subject`."""
+    known = known_effects(problem, context, effects)
     fixed = tuple((belonging_to(effect, name), values) for effect, values in known if not effect.freed)
     freed = tuple(item for item in known if item[0].freed)
-    return Subject(name, measured, np.hypot(_relative_noise(measured), LEAST_ERROR), context, fixed, effects, freed)
+    return Subject(name, problem, measured, noise, context, fixed, effects, freed)
 
 
 def shared_library(several: Sequence[Subject]) -> tuple[Effect, ...]:

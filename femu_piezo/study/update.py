@@ -275,7 +275,7 @@ def _notes(
         noise = float(np.median(one.noise))
         if outcome.rms_after > max(_POOR, 5 * noise):
             notes.append(
-                f"{one.measured.problem.specimen.name}: the updated model still misses the sweep by "
+                f"{one.problem.specimen.name}: the updated model still misses the sweep by "
                 f"{100 * outcome.rms_after:.2g} % rms where its noise is {100 * noise:.2g} %: look at "
                 "the curve before using the constants"
             )

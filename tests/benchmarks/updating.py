@@ -29,13 +29,13 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.pole_zero import update_pair
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.material.simplified import simplify
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.update import update
 

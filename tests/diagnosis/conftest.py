@@ -11,10 +11,10 @@ from femu_piezo.effects.library import library
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
+from femu_piezo.measurement.sweeps import SweepData
 
 SIZE, DENSITY = (12e-3, 6.5e-3, 1.5e-3), 7500.0
 TANGENTS = np.array([15, 13, 12, 16, 20, 13, 12, 14, 18, 17]) * 1e-3

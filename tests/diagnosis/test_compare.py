@@ -14,7 +14,7 @@ from femu_piezo.diagnosis.selection import compare
 from femu_piezo.diagnosis.starts import starts
 from femu_piezo.diagnosis.verdict import judge
 from femu_piezo.inference.fit import Fit, fit
-from femu_piezo.inference.sweeps import SweepData
+from femu_piezo.measurement.sweeps import SweepData
 
 NOISE = 1e-3
 

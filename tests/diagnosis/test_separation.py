@@ -13,7 +13,7 @@ from femu_piezo.diagnosis.readings import readings
 from femu_piezo.effects.effect import EffectContext
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.sweeps import SweepData
+from femu_piezo.measurement.sweeps import SweepData
 
 NOISE = 1e-3
 

@@ -22,10 +22,10 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common, own_parameters
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.library import library_material
+from femu_piezo.measurement.sweeps import SweepData
 
 NOISE = 1e-3
 #: Length, width, thickness (m), fundamental and band (Hz): the first length mode alone.

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from femu_piezo.extraction.covariance import Spread, fisher_spread, jackknife_spread
-from femu_piezo.extraction.fit import SweepData, correlation, fit, residual, solve_linear
+from femu_piezo.extraction.covariance import Spread, fisher_spread, systematic_error, systematic_spread
+from femu_piezo.extraction.fit import NormalisedSweep, correlation, fit, residual, solve_linear
 from femu_piezo.extraction.model import FrequencyAxis, RationalModel
+from femu_piezo.measurement.sweeps import SweepData
 
 from .bar import Bar, sweep
 
@@ -65,7 +66,7 @@ def test_zeros_are_every_root_and_move_as_their_derivative_says():
 
 def test_fit_returns_the_model_that_made_the_data():
     truth = made()
-    data = SweepData.of(OMEGA, truth.admittance(OMEGA), np.full(OMEGA.size, 1e3))
+    data = NormalisedSweep.of(OMEGA, truth.admittance(OMEGA), np.full(OMEGA.size, 1e3))
     start = replace(truth, scale=data.scale, poles=truth.poles * (1 + 0.02j))
     found = fit(solve_linear(start, data).model, data, tolerance=1e-15)
     assert found.model.poles == pytest.approx(truth.poles, rel=1e-10)
@@ -75,7 +76,7 @@ def test_fit_returns_the_model_that_made_the_data():
 
 def test_residual_is_the_relative_error_of_the_impedance():
     truth = made()
-    data = SweepData.of(OMEGA, truth.admittance(OMEGA), np.full(OMEGA.size, 1e3))
+    data = NormalisedSweep.of(OMEGA, truth.admittance(OMEGA), np.full(OMEGA.size, 1e3))
     off = replace(truth, scale=data.scale, poles=truth.poles + 0.01)
     z_data, z_model = 1 / truth.admittance(OMEGA), 1 / off.admittance(OMEGA)
     assert residual(off, data) == pytest.approx(1e3 * (z_data / z_model - 1), rel=1e-9)
@@ -89,9 +90,7 @@ def test_correlation_of_a_first_order_error():
     error[0] = white[0] / np.sqrt(1 - abs(phi) ** 2)
     for i in range(1, n):
         error[i] = phi * error[i - 1] + white[i]
-    found, innovation = correlation(error)
-    assert found == pytest.approx(phi, abs=4 * np.sqrt((1 - abs(phi) ** 2) / n))
-    assert innovation == pytest.approx(np.sum(np.abs(white) ** 2), rel=1e-2)
+    assert correlation(error) == pytest.approx(phi, abs=4 * np.sqrt((1 - abs(phi) ** 2) / n))
 
 
 def test_fisher_spread_is_the_scatter_of_repeated_fits():
@@ -99,7 +98,7 @@ def test_fisher_spread_is_the_scatter_of_repeated_fits():
     poles = []
     for seed in range(150):
         data = sweep(bar, frequency, relative=noise, seed=seed)
-        rows = SweepData.of(data.omega, data.admittance, np.full(101, 1 / noise))
+        rows = NormalisedSweep.of(data.omega, data.admittance, np.full(101, 1 / noise))
         at = (bar.pole(1) - rows.axis.center) / rows.axis.half_width
         start = RationalModel(rows.axis, rows.scale, np.array([at]), np.zeros(1, complex), np.zeros(3, complex))
         found = fit(solve_linear(start, rows).model, rows, tolerance=1e-12)
@@ -121,17 +120,49 @@ def test_sample_spread_is_a_plain_covariance():
     assert Spread(columns, circular=False).covariance(gradient) == pytest.approx(parts @ parts.T)
 
 
-def test_jackknife_of_white_noise_is_near_the_fisher_spread():
-    bar, frequency = Bar(), np.linspace(28e3, 48e3, 801)
-    ratios = []
-    for seed in range(10):
-        data = sweep(bar, frequency, relative=1e-3, seed=seed)
-        rows = SweepData.of(data.omega, data.admittance, np.full(801, 1e3))
+@pytest.mark.parametrize("length", [1 / 12, 1 / 40])
+def test_stated_deviations_hold_beside_a_smooth_error(length):
+    """Poles of a bar under a smooth error of 0.1 % of log Z, fits that start at the truth: pulls of about 1.
+
+    Some of the error looks like pole and background, which no residual shows, and what it is like is learned from what
+    is left: deviations may be too wide, and may not be too small.
+    """
+    bar, frequency, noise, draws = Bar(), np.linspace(28e3, 48e3, 301), 1e-5, 10
+    share = np.linspace(0, 1, frequency.size)
+    root = np.linalg.cholesky(np.exp(-0.5 * ((share[:, None] - share) / length) ** 2) + 1e-9 * np.eye(share.size))
+    pulls = []
+    for seed in range(draws):
+        rng = np.random.default_rng([5, seed])
+        smooth = 1e-3 * root @ (rng.normal(size=share.size) + 1j * rng.normal(size=share.size)) / np.sqrt(2)
+        measured = sweep(bar, frequency, relative=noise, seed=seed)
+        z = measured.impedance * np.exp(smooth)
+        rows = NormalisedSweep.of(measured.omega, 1 / z, np.ones(frequency.size))
         at = (bar.pole(1) - rows.axis.center) / rows.axis.half_width
-        start = RationalModel(rows.axis, rows.scale, np.array([at]), np.zeros(1, complex), np.zeros(3, complex))
-        found = fit(solve_linear(start, rows).model, rows)
-        pole = np.eye(found.model.size)[0]
-        ratios.append(jackknife_spread(found, rows).size(pole) / fisher_spread(found.model, rows).size(pole))
-    assert 0.6 < np.mean(ratios) < 2.0
-    short = SweepData.of(OMEGA[:30], made().admittance(OMEGA[:30]), np.ones(30))
-    assert jackknife_spread(solve_linear(made(), short), short) is None
+        start = RationalModel(rows.axis, rows.scale, np.array([at]), np.zeros(1, complex), np.zeros(6, complex))
+        found = fit(solve_linear(start, rows).model, rows, tolerance=1e-10)
+        points = SweepData(frequency, z, np.full(frequency.size, noise), noise_known=True)
+        error, _ = systematic_error(found.model, rows, points)
+        spread = systematic_spread(found.model, rows, points, error)
+        pulls.append(abs(found.model.poles[0] - at) / spread.size(np.eye(found.model.size)[0]))
+    # of |δ| over its standard deviation; 20 squared Gaussian errors have a mean of at most 1 + 3 √(2/20)
+    assert 0.1 < np.sqrt(np.mean(np.square(pulls))) < np.sqrt(1 + 3 * np.sqrt(2 / (2 * draws)))
+
+
+def test_a_mode_that_a_smooth_error_explains_as_well_has_the_worse_evidence():
+    """Six ripples of 0.5 % beside one true mode: a mode more follows one of them, the error follows all."""
+    bar, frequency = Bar(), np.linspace(28e3, 48e3, 301)
+    share = np.linspace(0, 1, frequency.size)
+    measured = sweep(bar, frequency, relative=1e-5)
+    z = measured.impedance * np.exp(5e-3 * np.sin(2 * np.pi * 12 * share) * (1 + 1j))
+    rows = NormalisedSweep.of(measured.omega, 1 / z, np.ones(frequency.size))
+    points = SweepData(frequency, z, np.full(frequency.size, 1e-5), noise_known=True)
+    at = (bar.pole(1) - rows.axis.center) / rows.axis.half_width
+    levels = []
+    for poles in ([at], [at, 0.62 + 0.05j]):
+        nothing = np.zeros(len(poles), complex)
+        start = RationalModel(rows.axis, rows.scale, np.array(poles), nothing, np.zeros(6, complex))
+        levels.append(systematic_error(fit(solve_linear(start, rows).model, rows).model, rows, points)[1])
+    assert levels[0] < levels[1]
+    # and a true mode is not given up for such an error
+    none = RationalModel(rows.axis, rows.scale, np.zeros(0, complex), np.zeros(0, complex), np.zeros(6, complex))
+    assert levels[0] < systematic_error(solve_linear(none, rows).model, rows, points)[1]

@@ -261,7 +261,7 @@ def reliability_figure(found: Calibration) -> Figure:
     means = [one.mean for one in bins]
     right.plot(places, means, "_", color=_GREY, markersize=28, markeredgewidth=2, label="mean stated")
     _points(right, places, bins)
-    labels = [f"{one.low:g} to {one.high:g}\nn = {one.total}" for one in bins]
+    labels = [f"{one.low:g}\nto {one.high:g}\nn = {one.total}" for one in bins]
     right.set(xticks=places, xticklabels=labels, xlim=(-0.6, max(len(bins), 1) - 0.4), ylim=(-0.03, 1.03))
     right.set(xlabel="stated probability", ylabel="share that was there")
     right.set_title("causes that were named", fontsize=11, loc="left")

@@ -12,10 +12,10 @@ from femu_piezo.effects.library import library
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.library import library_material
+from femu_piezo.measurement.sweeps import SweepData
 
 SIZE, DENSITY, FUNDAMENTAL = (12e-3, 3e-3, 1e-3), 7500.0, 118e3
 AXES = {"length": (0,), "width": (1,), "thickness": (2,)}

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from laboratory import FREQUENCY
 
-from femu_piezo.inference.discrepancy import (
+from femu_piezo.inference.fit import Fit, fit, with_discrepancy
+from femu_piezo.measurement.discrepancy import (
     PRIOR,
     Discrepancy,
     components,
@@ -18,8 +19,7 @@ from femu_piezo.inference.discrepancy import (
     log_level_prior,
     noise_level,
 )
-from femu_piezo.inference.fit import Fit, fit, with_discrepancy
-from femu_piezo.inference.sweeps import SweepData
+from femu_piezo.measurement.sweeps import SweepData
 
 LENGTHS, SHARES, SIZES = (1 / 4, 1 / 12, 1 / 40), (0.0, 0.5, 1.0), np.geomspace(1e-6, 0.3, 23)
 #: Ratio of neighbouring sizes that the discrepancy may have.
@@ -220,7 +220,7 @@ def test_each_sweep_of_several_has_its_own():
 def test_the_factor_is_that_of_noise_and_discrepancy():
     """L Lᵗ = I + Φ Φᵗ."""
     columns = np.random.default_rng(1).standard_normal((20, 3))
-    factor = Discrepancy(1.0, 0.1, 0.0, 0.0, columns).factor
+    factor = Discrepancy(1.0, 0.1, 0.0, 1.0, 0.0, columns).factor
     np.testing.assert_allclose(factor @ factor.T, np.eye(20) + columns @ columns.T, atol=1e-12)
     assert np.all(np.triu(factor, 1) == 0)
 
@@ -245,7 +245,7 @@ def test_covariance_is_the_scatter_of_the_estimate():
         np.diag(1 / std),
         np.zeros(FREQUENCY.size),
         level=level,
-        discrepancy=Discrepancy(1.0, 0.1, 0.0, 0.0, columns),
+        discrepancy=Discrepancy(1.0, 0.1, 0.0, 1.0, 0.0, columns),
     )
     assert one.noise_scale == pytest.approx(level, rel=0.2)
     scale = one.noise_scale / level

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from laboratory import FREQUENCY, NOISE
 
-from femu_piezo.inference.discrepancy import log_level_prior
 from femu_piezo.inference.fit import fit, linear_fit
 from femu_piezo.inference.passivity import TOLERANCE, passivity_wall
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
 from femu_piezo.material.library import library_material
+from femu_piezo.measurement.discrepancy import log_level_prior
+from femu_piezo.measurement.sweeps import SweepData
 
 #: Weights of the central difference of eighth order at ±1, ±2, ±3, ±4 steps.
 WEIGHTS = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])

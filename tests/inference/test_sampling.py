@@ -8,9 +8,9 @@ import pytest
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.sampling import sample_posterior
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
 from femu_piezo.material.library import library_material
+from femu_piezo.measurement.sweeps import SweepData
 
 emcee = pytest.importorskip("emcee")
 NOISE = 1e-3

@@ -16,11 +16,11 @@ from femu_piezo.inference.matching import match
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.pole_zero import propagate_covariance, update_pair
 from femu_piezo.inference.starts.thin_body import k31_bar_admittance
-from femu_piezo.inference.sweeps import SweepData
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.resonances import Resonance
 
 PZT = library_material("pzt-5h").constants

@@ -54,3 +54,19 @@ def test_sample_of_the_4294a(measured_folder):
     assert pole.frequency_Hz == pytest.approx(28.1e3, abs=3 * pole.std_Hz)
     assert zero.frequency_Hz == pytest.approx(30.03e3, abs=30)
     assert "correlated_residual" in [f.code for f in found.findings]
+
+
+def test_thickness_mode_among_lateral_overtones(measured_folder):
+    """Resonances and antiresonances that anyone sees in the curves (README), with intervals, and what is left over."""
+    found = extract(read_spectrum(measured_folder / "e4990a_thickness_mode.csv"))
+    poles = [*found.resonances.poles, *(r for r in found.doubtful if r.kind == "pole")]
+    zeros = [*found.resonances.zeros, *(r for r in found.doubtful if r.kind == "zero")]
+    for seen, group in (((958.5e3, 994.0e3, 1012e3, 1057e3), poles), ((959e3, 1009e3, 1047e3, 1097e3), zeros)):
+        for one in seen:
+            near = min(group, key=lambda r, one=one: abs(r.frequency_Hz - one))
+            assert abs(near.frequency_Hz - one) < 500 + 2 * near.std_Hz  # read off to half a kilohertz
+    assert len(poles) == 4
+    assert len(zeros) == 4
+    assert len(found.resonances.poles) >= 3
+    assert found.status == "correlated_residual"
+    assert " Hz: drive level" in found.notes[0]

@@ -179,7 +179,8 @@ def test_numbers_are_those_of_diagnosis_json(name, request):
     case = request.getfixturevalue(name)
     embedded = next(text for attributes, text in case.page.scripts if attributes.get("id") == "record")
     assert json.loads(embedded) == case.record
-    assert {key.split(".")[0] for key in case.page.cells} >= {"parameters", "poles", "zeros"}
+    assert {key.split(".")[0] for key in case.page.cells} >= {"parameters", "poles", "zeros", "sweeps"}
+    assert {f"sweeps.0.standard_figures.0.figures.k31.{what}" for what in ("value", "model")} <= set(case.page.cells)
     for key, (value, _) in case.page.cells.items():
         found = case.record
         for part in key.split("."):

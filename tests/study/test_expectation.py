@@ -82,6 +82,28 @@ def test_promise_is_what_an_update_of_a_sweep_states(piece, tolerance, today, sp
         assert after[label] / before[label] == pytest.approx(1 - one.shrinks(label), rel=0.03), label
 
 
+READ = PLATE + """
+[readings]
+mass = "0.27 g"
+std_mass = 0.003
+"""
+
+
+def test_a_reading_is_counted_and_what_a_better_one_would_bring(today, specimen):
+    """A mass weighed to 0.3 %: held against a file with half of that, and against an update that has it."""
+    planned = fp.identify(specimen(READ), recommend=False).expected
+    better = fp.identify(specimen(READ.replace("0.003", "0.0015")), recommend=False).expected
+    one = promise(planned, "readings.std_mass")
+    assert relative(better.parameters) == pytest.approx(one.halved, rel=1e-9)
+    assert planned.parameters["s11"].std < 0.9 * today.parameters["s11"].std
+    columns = np.loadtxt(FOLDER / "sweep.csv", delimiter=",", skiprows=1, unpack=True)
+    sweep = fp.ImpedanceSpectrum.from_resistance_reactance(*columns[:3])
+    found, expected = fp.update(specimen(READ), sweep).parameters["s11"], planned.parameters["s11"]
+    assert found.std == pytest.approx(expected.std, rel=0.08)
+    assert found.budget["readings"] == pytest.approx(expected.budget["readings"], rel=0.08)
+    assert np.sqrt(sum(part**2 for part in found.budget.values())) == pytest.approx(found.std, rel=1e-6)
+
+
 def test_budget_adds_up_and_the_order_is_that_of_the_gains(today):
     for one in today.parameters.values():
         assert {"noise", "geometry", "density", "held", "instrument", "prior"} == set(one.budget)

@@ -159,27 +159,27 @@ class Places:
         """(3,) unknowns that are the displacement of an attached body; empty where the sector is not there."""
         return self.sectors.spot
 
-    @property
+    @cached_property
     def slices(self) -> Slices:
         """Slices across the plate, on the driven class and that whose parity differs about x."""
         return self._made(_slices, lambda flipped, name: flipped in ((), (0,)))
 
-    @property
+    @cached_property
     def ramp(self) -> Blocks:
         """[2, 3] (r, r) per unit of e31 e33 e15, weighted by 2x/L and by (2x/L)² − 1/3 over the whole plate."""
         return self._made(_ramp, lambda flipped, name: not name.endswith(SLICES))
 
-    @property
+    @cached_property
     def bare_ends(self) -> BareEnds:
         """Bare strips at both ends of a thickness-poled plate."""
         return self._made(_bare_ends, lambda flipped, name: name == DRIVEN)
 
-    @property
+    @cached_property
     def taper(self) -> Taper:
         """A width that varies along the plate."""
         return self._made(_taper, lambda flipped, name: flipped in ((), (0,)) and not name.endswith(SLICES))
 
-    @property
+    @cached_property
     def films(self) -> Blocks:
         """[...] (r, r) ∫ v·u over one electrode, m² per unit of displacement².
 
@@ -253,12 +253,8 @@ def _ramp(sectors: Sectors) -> Blocks:
             if 0 not in flipped:
                 across = weighted.odd.between(fields, sectors.fields(partner), units)
                 _put(found[0], across, own, sectors.numbers(partner))
-    return _compact(found, np.sort(np.concatenate([np.zeros(0, dtype=int), *concerned])))
-
-
-def _compact(matrices: np.ndarray, own: np.ndarray) -> Blocks:
-    """Of full matrices (…, r, r) that are zero outside the unknowns `own` (k,)."""
-    return Blocks(np.ascontiguousarray(matrices[(..., *np.ix_(own, own))]), own, matrices.shape[-1])
+    few = np.sort(np.concatenate([np.zeros(0, dtype=int), *concerned]))
+    return Blocks(np.ascontiguousarray(found[(..., *np.ix_(few, few))]), few, size)
 
 
 def _put(found: np.ndarray, block: np.ndarray, rows: np.ndarray, columns: np.ndarray | None = None) -> None:

@@ -98,7 +98,7 @@ class SectorFields:
         """The unknowns of the driven sector and of those that are wanted."""
         wanted = {DRIVEN, *wanted}
         names = tuple(name for name in self.names if name in wanted)
-        tuple(in_parallel(self._prepare, dict.fromkeys(flipped_axes(name) for name in names if name != DRIVEN)))
+        tuple(in_parallel(self._class, {flipped_axes(name) for name in names if name not in (DRIVEN, SPOT)}))
         return Sectors(names, self)
 
     def of(self, name: str) -> np.ndarray:
@@ -123,10 +123,6 @@ class SectorFields:
     def _states(self) -> np.ndarray:
         """(4, n, k) driven states that local responses are made for."""
         return self._driven @ _driven_states(self.reduced, self.constants, self._top)
-
-    def _prepare(self, flipped: Flipped) -> None:
-        if flipped in self._local:
-            self._class(flipped)
 
     def _class(self, flipped: Flipped) -> dict[str, np.ndarray]:
         """Sector → its fields (4, n, k), of a parity class: modes, but for the driven one, and local responses."""
@@ -240,7 +236,6 @@ def _moved_mode_loads(
         inside = values < top
         found.append(image @ vectors[:, inside] - heavy @ vectors[:, inside] * values[inside])
     return np.hstack(found)
-
 
 
 class _OtherClasses:

@@ -73,8 +73,7 @@ class WeightedProducts:
             element = int(np.searchsorted(grid.lines[0], (left + right) / 2)) - 1
             own = slice(element * order, element * order + order + 1)
             along = line_products(grid.places[0][own], left, right)
-            terms = {(a, b): [self._term(a, b, x=along)] for a in range(3) for b in range(3)}
-            found.append(SeparableProducts(self.model.basis.N, planes[own].ravel(), terms))
+            found.append(SeparableProducts(self.model.basis.N, planes[own].ravel(), self._along_x(along)))
         return found
 
     @property
@@ -87,13 +86,13 @@ class WeightedProducts:
     @cached_property
     def odd(self) -> SeparableProducts:
         """With the weight 2x/L."""
-        return self._all({(a, b): [self._term(a, b, x=self._power(0, 1))] for a in range(3) for b in range(3)})
+        return self._all(self._along_x(self._power(0, 1)))
 
     @cached_property
     def even(self) -> SeparableProducts:
         """With the weight (2x/L)² − 1/3, whose mean is zero."""
         weight = self._grid.weighted(0, lambda x: (x / self._half) ** 2 - 1 / 3)
-        return self._all({(a, b): [self._term(a, b, x=weight)] for a in range(3) for b in range(3)})
+        return self._all(self._along_x(weight))
 
     @cached_property
     def tapered(self) -> tuple[SeparableProducts, SeparableProducts]:
@@ -166,6 +165,10 @@ class WeightedProducts:
         """coefficient · ∫ w ∂_aφ_i ∂_bφ_j with the one-dimensional products of a weight along x, along y."""
         lines = [plain if own is None else own for own, plain in zip((x, y, None), self._grid.axes, strict=True)]
         return coefficient, tuple(line[int(a == i), int(b == i)] for i, line in enumerate(lines))
+
+    def _along_x(self, weighted: np.ndarray) -> dict[tuple[int, int], list[Kronecker]]:
+        """Every product with the one-dimensional products of a weight along x."""
+        return {(a, b): [self._term(a, b, x=weighted)] for a in range(3) for b in range(3)}
 
     def _all(self, terms: Mapping[tuple[int, int], Sequence[Kronecker]]) -> SeparableProducts:
         return SeparableProducts(self.model.basis.N, self._grid.order, terms)

@@ -1,28 +1,28 @@
 """Start values from the one-dimensional bar formulas of the IEEE standard, so that no user has to guess.
 
-Thin k31 bar: the pole is that of s11, and k31²/(1 − k31²) = (π/2)(f_z/f_p) tan[(π/2)(f_z − f_p)/f_p].
-Slender k33 bar: the zero is that of s33^D, and k33² = (π/2)(f_p/f_z) tan[(π/2)(f_z − f_p)/f_z].
-(IEEE Std 176-1987, sections 6.4.1 and 6.4.2.)
-Thin disk: with σ = −s12/s11 and η = ω a sqrt(ρ s11 (1 − σ²)), the pole is η J0(η) = (1 − σ) J1(η), and at the zero
-kp²/(1 − kp²) = [(1 − σ) − η J0(η)/J1(η)]/(1 + σ)  (the same, section 4.1.3; `femu_piezo.forward.thin_limits`).
+The pole of a thin k31 bar is that of s11, the zero of a slender k33 bar that of s33^D, and the pole of a thin disk that
+of s11 and σ = −s12/s11; the couplings follow from pole and zero (`femu_piezo.standards.formulas`).
 """
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import jv
 
 from femu_piezo.material.simplified import Poling
+from femu_piezo.standards.formulas import (
+    disk_root,
+    longitudinal_coupling,
+    longitudinal_share,
+    planar_coupling,
+    planar_share,
+    transverse_coupling,
+    transverse_share,
+)
 
 
 def bar_coupling(poling: Poling, pole_Hz: float, zero_Hz: float) -> float:
     """k31² (poling "thickness") or k33² ("length") of a bar with this pole and zero."""
-    half = np.pi / 2
-    if poling == "length":
-        return float(half * pole_Hz / zero_Hz * np.tan(half * (zero_Hz - pole_Hz) / zero_Hz))
-    ratio = half * zero_Hz / pole_Hz * np.tan(half * (zero_Hz - pole_Hz) / pole_Hz)
-    return float(ratio / (1 + ratio))
+    return (longitudinal_coupling if poling == "length" else transverse_coupling)(pole_Hz, zero_Hz)
 
 
 def bar_start(
@@ -51,16 +51,13 @@ def bar_permittivity(
 ) -> float:
     """ε33T of a bar with this pole and zero from one point of its sweep away from both, F/m.
 
-    Solves the bar formulas below for ε33T: Im Y = ω ε33T A/d [1 − k² + k² tan X/X] with X = (π/2) f/f_p for k31,
-    Im Y = ω ε33T A/d (1 − k²)/[1 − k² tan X/X] with X = (π/2) f/f_z for k33.
+    Solves Im Y = ω ε33T A/d C(f)/C^T for ε33T, with `transverse_share` for k31 and `longitudinal_share` for k33.
     """
     k2 = bar_coupling(poling, pole_Hz, zero_Hz)
     if poling == "thickness":
-        x = np.pi / 2 * frequency_Hz / pole_Hz
-        share = 1 - k2 + k2 * np.tan(x) / x
+        share = transverse_share(np.pi / 2 * frequency_Hz / pole_Hz, k2)
     else:
-        x = np.pi / 2 * frequency_Hz / zero_Hz
-        share = (1 - k2) / (1 - k2 * np.tan(x) / x)
+        share = longitudinal_share(np.pi / 2 * frequency_Hz / zero_Hz, k2)
     return float(admittance.imag * gap / (2 * np.pi * frequency_Hz * area * share))
 
 
@@ -77,7 +74,7 @@ def disk_start(
     -------
     name → SI value; s12 = −σ s11, d31 negative
     """
-    root, kp2 = _disk_root_and_coupling(poisson, zero_Hz / pole_Hz)
+    root, kp2 = disk_root(poisson), planar_coupling(poisson, pole_Hz, zero_Hz)
     s11 = (root / (2 * np.pi * pole_Hz * radius)) ** 2 / (density * (1 - poisson**2))
     return {
         "s11": float(s11),
@@ -91,20 +88,11 @@ def disk_permittivity(
 ) -> float:
     """ε33T of a thin disk with this pole and zero from one point of its sweep away from both, F/m.
 
-    Im Y = ω ε33T A/d [1 − kp² + kp² (1 + σ) J1(η)/(η J0(η) − (1 − σ) J1(η))].
+    Solves Im Y = ω ε33T A/d C(f)/C^T for ε33T, with `planar_share`.
     """
-    root, kp2 = _disk_root_and_coupling(poisson, zero_Hz / pole_Hz)
-    eta = root * frequency_Hz / pole_Hz
-    share = 1 - kp2 + kp2 * (1 + poisson) * jv(1, eta) / (eta * jv(0, eta) - (1 - poisson) * jv(1, eta))
+    eta = disk_root(poisson) * frequency_Hz / pole_Hz
+    share = planar_share(eta, poisson, planar_coupling(poisson, pole_Hz, zero_Hz))
     return float(admittance.imag * gap / (2 * np.pi * frequency_Hz * area * share))
-
-
-def _disk_root_and_coupling(poisson: float, ratio: float) -> tuple[float, float]:
-    """η of the first pole, and kp² from the zero at `ratio` times its frequency."""
-    root = brentq(lambda eta: eta * jv(0, eta) - (1 - poisson) * jv(1, eta), 0.5, 2.4048)
-    eta = root * ratio
-    odds = ((1 - poisson) - eta * jv(0, eta) / jv(1, eta)) / (1 + poisson)
-    return float(root), float(odds / (1 + odds))
 
 
 def k31_bar_admittance(

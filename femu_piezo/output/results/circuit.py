@@ -15,7 +15,7 @@ from femu_piezo.files import write_atomically
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.touchstone import touchstone_text
-from femu_piezo.output.curves import MEASURED, UPDATED, frequency_axis
+from femu_piezo.output.curves import GRID, MEASURED, UPDATED, draw_impedance, frequency_axis
 from femu_piezo.output.folder import prepare_folder, write_figure, write_json
 from femu_piezo.output.picture import Picture
 from femu_piezo.output.results.result import Result
@@ -52,16 +52,14 @@ class EquivalentCircuit(Result, Circuit):
         magnitude, phase, misfit = figure.subplots(3, 1, sharex=True, height_ratios=[3, 2, 2])
         factor, label, scale = frequency_axis(self.frequency)
         x = self.frequency * factor
-        for impedance, name, style in ((self.curve, "curve", MEASURED), (self.impedance, "circuit", UPDATED)):
-            magnitude.semilogy(x, np.abs(impedance), label=name, **style)
-            phase.plot(x, np.degrees(np.angle(impedance)), **style)
+        draw_impedance(
+            magnitude, phase, x, ((self.curve, "curve", MEASURED), (self.impedance, "circuit", UPDATED))
+        )
         misfit.semilogy(x, 100 * np.abs(self.impedance / self.curve - 1), **UPDATED)
-        magnitude.set(ylabel="|Z| (Ω)", xscale=scale, title=f"{self.name}: equivalent circuit")
-        phase.set(ylabel="phase of Z (°)", yticks=[-90, -45, 0, 45, 90])
+        magnitude.set(xscale=scale, title=f"{self.name}: equivalent circuit")
         misfit.set(ylabel="difference (%)", xlabel=label)
         figure.legend(*magnitude.get_legend_handles_labels(), loc="outside upper center", ncols=2, frameon=False)
-        for axes in (magnitude, phase, misfit):
-            axes.grid(True, color="#e6e6e6", linewidth=0.6)
+        misfit.grid(True, **GRID)
         return figure
 
     def rows(self) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ the larger, ½.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -23,7 +23,7 @@ from itertools import product
 import numpy as np
 from scipy.special import logsumexp
 
-from femu_piezo.inference.sweeps import SweepData, stacked
+from femu_piezo.measurement.sweeps import SweepData, stacked
 
 #: Correlation lengths, as shares of the sweep in log f, and standard deviations that compete (equal prior weight each).
 _LENGTHS, _SIGMAS = (1 / 4, 1 / 12, 1 / 40), np.geomspace(1e-6, 0.3, 23)
@@ -35,6 +35,10 @@ PRIOR = 0.1
 _NEGLIGIBLE = 1e-4
 
 
+#: Correlation of a process at distances (…) in correlation lengths.
+Kernel = Callable[[np.ndarray], np.ndarray]
+
+
 @dataclass(frozen=True)
 class Discrepancy:
     """A discrepancy with its learned size.
@@ -44,6 +48,7 @@ class Discrepancy:
     sigma : rms over a sweep of the change of log Z that it makes, at the noise level found with it
     length : correlation length as a share of the sweep in log f
     share : of its variance that is an error of the frequency
+    level : factor on the noise found with it
     log_evidence : gain over none, averaged over sizes, lengths and shares
     columns : (2k, m) change by every coefficient at its standard deviation, whitened and over the noise level: a fit
         whose noise has the level s has the discrepancy s² Σ columns columnsᵗ
@@ -52,6 +57,7 @@ class Discrepancy:
     sigma: float
     length: float
     share: float
+    level: float
     log_evidence: float
     columns: np.ndarray
 
@@ -66,30 +72,41 @@ class Discrepancy:
         return np.linalg.cholesky(np.eye(len(self.columns)) + self.columns @ self.columns.T)
 
 
-def components(log_frequency: np.ndarray, length: float) -> np.ndarray:
+def squared_exponential(distance: np.ndarray) -> np.ndarray:
+    """(k, m) correlation exp(−d²/2) of a process without any roughness, d (k, m) in correlation lengths."""
+    return np.exp(-0.5 * distance**2)
+
+
+def matern(distance: np.ndarray) -> np.ndarray:
+    """(k, m) correlation (1 + √3 d) exp(−√3 d) of a process with a slope and no curvature (Matérn, 3/2)."""
+    return (1 + np.sqrt(3) * distance) * np.exp(-np.sqrt(3) * distance)
+
+
+def components(log_frequency: np.ndarray, length: float, kernel: Kernel = squared_exponential) -> np.ndarray:
     """(k, m) values of the principal components of a process of unit variance at log f (k,), scaled by their σ."""
-    return _components(np.ascontiguousarray(log_frequency, dtype=float).tobytes(), length)
+    return _components(np.ascontiguousarray(log_frequency, dtype=float).tobytes(), length, kernel)
 
 
 @lru_cache(maxsize=32)
-def _components(frequencies: bytes, length: float) -> np.ndarray:
+def _components(frequencies: bytes, length: float, kernel: Kernel) -> np.ndarray:
     """Of the same, kept: the fits of a sweep ask for them again and again."""
     log_frequency = np.frombuffer(frequencies)
     low, high = float(log_frequency.min()), float(log_frequency.max())
     at = np.linspace(low, high, int(np.ceil(6 / length)) + 1)
-    kernel = np.exp(-0.5 * ((at[:, None] - at) / (length * (high - low))) ** 2)
-    values, vectors = np.linalg.eigh(kernel)
+    scale = length * (high - low)
+    values, vectors = np.linalg.eigh(kernel(np.abs(at[:, None] - at) / scale))
     kept = values > _NEGLIGIBLE * values[-1]
-    cross = np.exp(-0.5 * ((log_frequency[:, None] - at) / (length * (high - low))) ** 2)
-    return cross @ vectors[:, kept] / np.sqrt(values[kept])
+    return kernel(np.abs(log_frequency[:, None] - at) / scale) @ vectors[:, kept] / np.sqrt(values[kept])
 
 
-def _features(data: SweepData, log_slope: np.ndarray) -> Iterator[tuple[float, float, np.ndarray]]:
+def _features(
+    data: SweepData, log_slope: np.ndarray, lengths: Sequence[float], shares: Sequence[float], kernel: Kernel
+) -> Iterator[tuple[float, float, np.ndarray]]:
     """ℓ, w and whitened columns (2k, m) of both processes at σ = 1, for every ℓ and w; each sweep has its own."""
-    for length, share in product(_LENGTHS, _SHARES):
+    for length, share in product(lengths, shares):
         blocks = []
         for sweep in data.sweeps:
-            own, slope = components(np.log(data.frequency[sweep]), length), log_slope[sweep, None]
+            own, slope = components(np.log(data.frequency[sweep]), length, kernel), log_slope[sweep, None]
             steep = np.sqrt(np.mean(np.abs(slope) ** 2)) or 1.0
             parts = [np.sqrt(1 - share) * own] if share < 1 else []
             parts += [np.sqrt(share) / steep * own * slope] if share > 0 else []
@@ -105,6 +122,9 @@ def learn_discrepancy(
     residual: np.ndarray,
     span: np.ndarray,
     weight: np.ndarray | float = 1.0,
+    lengths: Sequence[float] = _LENGTHS,
+    shares: Sequence[float] = _SHARES,
+    kernel: Kernel = squared_exponential,
 ) -> Discrepancy:
     """The discrepancy that the residual of a fit asks for, all unknowns of the fit marginalised (linear).
 
@@ -118,11 +138,14 @@ def learn_discrepancy(
     log_slope : (k,) complex ∂log Z/∂log f of the model
     residual : (2k + m,) r, whitened, the data first;  span : (2k, n) Q, the rows of the data
     weight : (2k,) that a robust loss gives the readings, in squares of residual and span
+    lengths : correlation lengths that compete, as shares of the sweep in log f
+    shares : of the variance that errors of frequency have, which compete
+    kernel : correlation over the distance in correlation lengths
     """
     rows, chi_square = len(span), float(residual @ residual)
     found, plain = [], profiled(chi_square, rows, data.level_std)
     best = (-np.inf,)
-    for length, share, columns in _features(data, log_slope):
+    for length, share, columns in _features(data, log_slope, lengths, shares, kernel):
         columns = columns * np.reshape(np.sqrt(weight), (-1, 1))
         inside = span.T @ columns
         values, vectors = np.linalg.eigh(columns.T @ columns - inside.T @ inside)
@@ -137,8 +160,8 @@ def learn_discrepancy(
             best = gains[most], left[most], _SIGMAS[most], length, share, columns
     gain = float(logsumexp(found) - np.log(np.size(found)))
     _, left, size, length, share, columns = best
-    sigma = float(size * noise_level(left, rows, data.level_std))
-    return Discrepancy(sigma, length, share, gain, size * columns)
+    level = float(noise_level(left, rows, data.level_std))
+    return Discrepancy(float(size * level), length, share, level, gain, size * columns)
 
 
 #: Standard deviations of its logarithm below which a noise level is not taken to be.
