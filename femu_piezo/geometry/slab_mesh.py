@@ -59,6 +59,9 @@ _SINGULAR, _GRADED, _MOST_LAYERS, _SMOOTH = (7e-3, 2.0), (0.07, 8.0), 4, 0.5
 _HOLES = (5.0, 20.0)
 #: Reach of the graded cells on both sides of a rim and below the faces, over the thickness.
 _REACH = 0.5
+#: Seconds, as `solution_cost` counts them, that the cells at rims may take, and the accuracy beyond which it is not
+#: relaxed for them: about 25 000 unknowns.
+_MOST_SECONDS, _LEAST_ACCURACY = 8.0, 1e-3
 #: What gmsh is tried with: shares of the edge, cells of a full circle; least share of a plane cell's Jacobian in its
 #: mean that is good enough to look no further. Drawing units per metre.
 _SHRUNK, _PER_CIRCLE, _GOOD, _DRAWING_UNIT = (1.0, 0.7, 0.5, 0.35), (8, 12, 16), 0.05, 1e3
@@ -104,7 +107,7 @@ def mesh_for(
 ) -> tuple[CurvedHexahedra, int, float]:
     """The cheapest cells that keep λ within `accuracy`, the order of their elements, and the error of λ at rims.
 
-    Where those at rims would be too many, the best that are few enough.
+    Where electrode rims would take more than `_MOST_SECONDS`, the accuracy is relaxed until they do not.
 
     Parameters
     ----------
@@ -115,18 +118,48 @@ def mesh_for(
     ------
     InputError : the mesh would be too large;  NoQuadrangles : gmsh cannot make it
     """
-    found = []
+    rims = bool(partial_footprints(slab))
+    while True:
+        best = min(_candidates(slab, accuracy, wavenumber, mirrors, order), key=lambda one: one.rank(accuracy))
+        if not rims or best.seconds < _MOST_SECONDS or accuracy > _LEAST_ACCURACY:
+            break
+        accuracy *= 2
+    check_unknowns(best.unknowns, best.entries)
+    return _in_layers(slab, best.plane, best.fine, mirrors), best.fine.order, best.error if rims else 0.0
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A mesh in the plane and its fineness.
+
+    Attributes
+    ----------
+    error : of λ at rims and holes;  unknowns, entries : of the model and of its operator;  seconds : its cost, roughly
+    """
+
+    fine: Fineness
+    plane: PlaneMesh
+    error: float
+    unknowns: int
+    entries: float
+    seconds: float
+
+    def rank(self, accuracy: float) -> tuple[bool, float, float]:
+        """What grows from the best: those that are too large last, then by error beyond its share, then by cost."""
+        return not fits(self.unknowns, self.entries), max(self.error, accuracy * (1 - _SMOOTH)), self.seconds
+
+
+def _candidates(
+    slab: Slab, accuracy: float, wavenumber: float, mirrors: tuple[int, ...], order: int | None
+) -> Iterator[_Candidate]:
+    """Meshes of every order and number of graded cells."""
     for p in _ORDERS if order is None else (order,):
         for fine, error in _choices(slab, p, accuracy, wavenumber, mirrors):
             plane = _plane(slab, fine, mirrors)
             layers, squares = _heights(slab, fine, mirrors).size - 1, plane.quads.shape[1]
             unknowns = int(4 * (p * layers + 1) * (squares * p**2 + 2 * p * np.sqrt(squares)))
-            size = unknowns, 16.0 * squares * layers * (p + 1) ** 6
-            rank = max(error, accuracy * (1 - _SMOOTH)), solution_cost(p, squares * layers, unknowns)
-            found.append((rank, size, fine, plane, error))
-    _, size, fine, plane, error = min([one for one in found if fits(*one[1])] or found, key=lambda one: one[0])
-    check_unknowns(*size)
-    return _in_layers(slab, plane, fine, mirrors), fine.order, error if partial_footprints(slab) else 0.0
+            entries, cost = 16.0 * squares * layers * (p + 1) ** 6, solution_cost(p, squares * layers, unknowns)
+            yield _Candidate(fine, plane, error, unknowns, entries, cost)
 
 
 def mesh_of_edge(slab: Slab, edge: float, mirrors: tuple[int, ...]) -> CurvedHexahedra:
