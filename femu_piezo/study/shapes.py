@@ -73,7 +73,7 @@ def _electrodes(geometry: Geometry) -> Electrodes:
 def electrode_notes(specimen: Specimen) -> tuple[str, ...]:
     """What to know of the accuracy of a body whose electrodes end inside its faces, as sentences.
 
-    Nothing where its cells are a grid or polar: these are graded towards rims, and results state the error that is left.
+    Nothing where its cells are a grid or polar: these are graded towards rims, and results state the error left.
     """
     geometry = specimen.geometry
     partial = (geometry.electrode_margin, geometry.electrode_length, geometry.wrap_length)
