@@ -15,6 +15,7 @@ from femu_piezo.forward.electrodes import prolongation
 from femu_piezo.forward.free_pattern import FreePattern
 from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products, unit_tensors
 from femu_piezo.forward.hex_element import ElementHexP, node_places
+from femu_piezo.forward.linear_solver import Analysis
 from femu_piezo.geometry.domain import Domain
 from femu_piezo.material.constants import E_FORM, ElasticForm
 from femu_piezo.material.voigt import axes_with_poling
@@ -42,6 +43,7 @@ class ElectroelasticModel:
     tensor_terms : name → extended tensor (4, 3, 4, 3) of a further term (`with_terms`)
     order : polynomial order of the elements
     size : number of free unknowns m, the hot electrode's potential last
+    analysis : the symbolic factorisation that K − ω² M share, of copies with further terms too
     """
 
     def __init__(
@@ -59,6 +61,7 @@ class ElectroelasticModel:
         self.rotation = axes_with_poling(np.array(domain.poling))
         self.unit_tensors = unit_tensors(self.rotation)
         self.prolongation = prolongation(self.basis, domain, POTENTIAL_SCALE)
+        self.analysis = Analysis()
         self.tensor_terms: dict[str, np.ndarray] = {}
         self.extra_terms = {name: self._constrained(matrix) for name, matrix in (extra_terms or {}).items()}
 

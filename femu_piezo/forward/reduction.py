@@ -17,7 +17,7 @@ import scipy.sparse as sp
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.krylov import LOSS, driven_krylov
-from femu_piezo.forward.linear_solver import Analysis, Factorization
+from femu_piezo.forward.linear_solver import Factorization
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
 from femu_piezo.forward.reduced_basis import ReducedBasis
@@ -273,7 +273,7 @@ class _DrivenVectors:
     """
 
     def __init__(self, model: ElectroelasticModel, reference: np.ndarray, top: float, accuracy: float) -> None:
-        self._model, self._top, self._accuracy, self._analysis = model, top, accuracy, Analysis()
+        self._model, self._top, self._accuracy = model, top, accuracy
         stiffness = self._stiffness(reference)
         self.scale = np.abs(stiffness.diagonal())
         for share in _SHIFTS:
@@ -295,7 +295,7 @@ class _DrivenVectors:
 
     def _static(self, stiffness: sp.csr_matrix, share: float) -> tuple[Factorization, np.ndarray]:
         """Factor of K − σM at a share of the band's highest ω², and its response to a charge."""
-        factor = self._analysis.factorize(stiffness - share * self._top * self._model.mass)
+        factor = self._model.analysis.factorize(stiffness - share * self._top * self._model.mass)
         load = np.zeros(self._model.size)
         load[-1] = -1.0
         return factor, factor.solve(load)

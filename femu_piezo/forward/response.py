@@ -22,7 +22,7 @@ def driven_state(
     model: ElectroelasticModel, constants: ElasticForm, frequency_Hz: float, extra: Mapping[str, complex] | None = None
 ) -> np.ndarray:
     """(m,) complex unknowns for unit charge drawn from the hot electrode: the column −A^-1 e_h (scaled unknowns)."""
-    return _driven(model, model.stiffness(constants, extra), frequency_Hz, Analysis())
+    return _driven(model, model.stiffness(constants, extra), frequency_Hz, model.analysis)
 
 
 def _driven(model: ElectroelasticModel, stiffness: sp.spmatrix, frequency_Hz: float, analysis: Analysis) -> np.ndarray:
@@ -38,7 +38,7 @@ def full_impedance(
     extra: Mapping[str, complex] | None = None,
 ) -> np.ndarray:
     """Z of the specimen at each frequency by direct solves on one symbolic analysis, (n,) complex ohm."""
-    stiffness, analysis = model.stiffness(constants, extra), Analysis()
+    stiffness, analysis = model.stiffness(constants, extra), model.analysis
     inverse_capacitance = np.array([_driven(model, stiffness, f, analysis)[-1] for f in frequency_Hz])
     part = inverse_capacitance * POTENTIAL_SCALE**2 / (2j * np.pi * np.asarray(frequency_Hz))
     return part / model.domain.admittance_factor

@@ -1,7 +1,7 @@
-"""`CurvedHexahedra`: hexahedra whose cells are curved as exactly as polynomials of high order can be.
+"""`CurvedHexahedra`: plane cells with curved sides, extruded; as exact as polynomials of high order can be.
 
-scikit-fem keeps the vertices and their topology; how a cell fills the space between them is a tensor product of
-Chebyshev polynomials, so elements of any order find a geometry that is more exact than they are.
+scikit-fem keeps the vertices and their topology. How a cell fills the space between them is a plane map times a height,
+both in Chebyshev polynomials, so elements of any order find a geometry that is more exact than they are.
 """
 
 from __future__ import annotations
@@ -13,21 +13,19 @@ import skfem
 from numpy.polynomial import chebyshev
 from skfem.mapping import MappingIsoparametric
 
-#: Order of the polynomials along an arc: a quarter turn is followed to 1e-12 of its radius.
-GEOMETRY_ORDER = 10
-
 
 @dataclass(repr=False)
 class CurvedHexahedra(skfem.MeshHex1):
-    """A hexahedral mesh with a smooth map of each cell.
+    """A hexahedral mesh with a smooth map of each cell, x, y of the first two reference coordinates, z of the third.
 
     Attributes
     ----------
-    maps : (3, cells, i, j, k) Chebyshev coefficients of x, y, z in the reference coordinates 2X − 1 of each cell, m;
-        at the corners they are the vertices
+    plane : (2, cells, i, j) Chebyshev coefficients of x, y in 2X_0 − 1 and 2X_1 − 1, m; at the corners the vertices
+    height : (cells, k) Chebyshev coefficients of z in 2X_2 − 1, m
     """
 
-    maps: np.ndarray = field(default_factory=lambda: np.zeros((3, 0, 1, 1, 1)))
+    plane: np.ndarray = field(default_factory=lambda: np.zeros((2, 0, 1, 1)))
+    height: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
 
     def _mapping(self) -> CurvedMapping:
         if not hasattr(self, "_cached_mapping"):
@@ -46,11 +44,11 @@ class CurvedMapping(MappingIsoparametric):
 
     def F(self, X: np.ndarray, tind: np.ndarray | None = None) -> np.ndarray:
         """(3, cells, points) places of reference points (3, points), or (3, cells, points) of each cell, m."""
-        return self._sum(X, tind, None)
+        return self._maps(X, tind, None)
 
     def DF(self, X: np.ndarray, tind: np.ndarray | None = None, J=None) -> np.ndarray:
         """(3, 3, cells, points) ∂x_i/∂X_j."""
-        return np.array(J) if J is not None else np.stack([self._sum(X, tind, j) for j in range(3)], axis=1)
+        return np.array(J) if J is not None else np.stack([self._maps(X, tind, j) for j in range(3)], axis=1)
 
     def J(self, i: int, j: int, X: np.ndarray, tind: np.ndarray | None = None) -> np.ndarray:
         """(cells, points) ∂x_i/∂X_j; the last points asked for are kept."""
@@ -86,34 +84,19 @@ class CurvedMapping(MappingIsoparametric):
         along = [sum(corners[:, i, :, None] * slope[k] for i, (_, slope) in enumerate(shapes)) for k in range(2)]
         return cells, at, np.array(along)
 
-    def _sum(self, X: np.ndarray, tind: np.ndarray | None, derivative: int | None) -> np.ndarray:
-        """Σ c_abc T_a(X_0) T_b(X_1) T_c(X_2) of each cell, or its slope along one axis."""
-        maps = self.mesh.maps if tind is None else self.mesh.maps[:, tind]
-        if derivative is not None:
-            maps = 2 * chebyshev.chebder(maps, axis=derivative + 2)
+    def _maps(self, X: np.ndarray, tind: np.ndarray | None, derivative: int | None) -> np.ndarray:
+        """x, y = Σ c_ab T_a(X_0) T_b(X_1) and z = Σ c_k T_k(X_2) of each cell, or their slopes along one axis."""
+        plane, height = self.mesh.plane, self.mesh.height
+        if tind is not None:
+            plane, height = plane[:, tind], height[tind]
         at = 2 * np.asarray(X, dtype=float) - 1
-        at = np.broadcast_to(at.reshape(3, -1, at.shape[-1]), (3, maps.shape[1], at.shape[-1]))
-        lines = [chebyshev.chebvander(at[axis], maps.shape[axis + 2] - 1) for axis in range(3)]
-        return np.einsum("icabd,cpa,cpb,cpd->icp", maps, *lines, optimize=True)
-
-
-def polar_cells(radii: np.ndarray, angles: np.ndarray, heights: np.ndarray) -> CurvedHexahedra:
-    """Cells between growing radii (m, above 0), angles (rad, a full turn at most) and heights (m)."""
-    grid = (1 - np.cos(np.pi * np.arange(GEOMETRY_ORDER + 1) / GEOMETRY_ORDER)) / 2
-    inverse = np.linalg.inv(chebyshev.chebvander(2 * grid - 1, GEOMETRY_ORDER))
-    along = angles[:-1, None] + np.diff(angles)[:, None] * grid
-    arcs = np.array([np.cos(along), np.sin(along)]) @ inverse.T  # (2, cells around, order + 1)
-    linear = [np.array([line[1:] + line[:-1], np.diff(line)]).T / 2 for line in (radii, heights)]
-    shape = (radii.size - 1, angles.size - 1, heights.size - 1)
-    maps = np.zeros((3, *shape, 2, GEOMETRY_ORDER + 1, 2))
-    maps[:2, ..., 0] = np.einsum("ri,xaj->xraij", linear[0], arcs)[:, :, :, None]
-    maps[2, ..., 0, 0, :] = linear[1]
-    closed = angles[-1] - angles[0] > 2 * np.pi - 1e-9
-    around = np.arange(angles.size) % (angles.size - closed)
-    number = np.arange(radii.size * (angles.size - closed) * heights.size).reshape(radii.size, -1, heights.size)
-    ends = [np.array([line[:-1], line[1:]]) for line in (np.arange(radii.size), around, np.arange(heights.size))]
-    corners = CurvedHexahedra.elem.refdom.p.astype(int)
-    t = np.array([number[np.ix_(*(ends[axis][corner[axis]] for axis in range(3)))].ravel() for corner in corners.T])
-    r, angle, z = np.meshgrid(radii, angles[: angles.size - closed], heights, indexing="ij")
-    p = np.array([r * np.cos(angle), r * np.sin(angle), z]).reshape(3, -1)
-    return CurvedHexahedra(p, t, maps=maps.reshape(3, -1, *maps.shape[4:]))
+        at = np.broadcast_to(at.reshape(3, -1, at.shape[-1]), (3, height.shape[0], at.shape[-1]))
+        found = np.zeros(at.shape)
+        if derivative != 2:
+            plane = plane if derivative is None else 2 * chebyshev.chebder(plane, axis=derivative + 2)
+            lines = [chebyshev.chebvander(at[axis], plane.shape[axis + 2] - 1) for axis in range(2)]
+            found[:2] = np.einsum("icpb,cpb->icp", np.einsum("icab,cpa->icpb", plane, lines[0]), lines[1])
+        if derivative in (None, 2):
+            height = height if derivative is None else 2 * chebyshev.chebder(height, axis=1)
+            found[2] = np.einsum("ck,cpk->cp", height, chebyshev.chebvander(at[2], height.shape[1] - 1))
+        return found

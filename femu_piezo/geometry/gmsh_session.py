@@ -61,8 +61,10 @@ def gmsh_session(kernel: str = "occ") -> Iterator:
         gmsh.finalize()
 
 
-def mesh_solid(build: Callable[[object], None], options: Mapping[str, float], what: str) -> meshio.Mesh:
-    """Mesh the solid that `build(gmsh)` draws with the OpenCASCADE kernel.
+def mesh_drawing(
+    build: Callable[[object], None], options: Mapping[str, float], what: str, dimension: int = 3
+) -> meshio.Mesh:
+    """Mesh the solid, or in dimension 2 the surface, that `build(gmsh)` draws with the OpenCASCADE kernel.
 
     Parameters
     ----------
@@ -83,7 +85,7 @@ def mesh_solid(build: Callable[[object], None], options: Mapping[str, float], wh
             gmsh.model.occ.synchronize()
             for name, value in options.items():
                 gmsh.option.setNumber(name, value)
-            gmsh.model.mesh.generate(3)
+            gmsh.model.mesh.generate(dimension)
             gmsh.option.setNumber("Mesh.Binary", 1)
             pygmsh.write(str(path))
         except InputError:

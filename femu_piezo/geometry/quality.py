@@ -7,6 +7,7 @@ import scipy.sparse as sp
 import skfem
 
 from femu_piezo.errors import InputError
+from femu_piezo.geometry.curved_mesh import CurvedHexahedra
 
 #: An element whose Jacobian falls below this share of the mean over the element is degenerate.
 _DEGENERATE = 1e-6
@@ -49,7 +50,8 @@ def boundary_area(mesh: skfem.Mesh, name: str) -> float:
     facets = mesh.boundaries[name]
     if len(facets) == 0:
         return 0.0
-    return float(np.sum(skfem.FacetBasis(mesh, mesh.elem(), facets=facets).dx))
+    order = 12 if isinstance(mesh, CurvedHexahedra) else None
+    return float(np.sum(skfem.FacetBasis(mesh, mesh.elem(), facets=facets, intorder=order).dx))
 
 
 def check_electrodes(mesh: skfem.Mesh, hot: str, ground: str, what: str = "the mesh") -> None:

@@ -1,4 +1,4 @@
-"""Plain disks and rings as a few curved cells of high order in polar coordinates, without a mesh generator.
+"""Disks and rings as a few curved cells of high order in polar coordinates, without a mesh generator.
 
 A driven field of a body poled along its axis is axisymmetric: u_x = u_r(r, z) cos θ. One cell of order four or more
 follows a quarter turn of that, so the cells are spent along the radius. A disk is a ring with a pinhole, which changes
@@ -7,14 +7,14 @@ its eigenvalues by 1e-9 and keeps every cell a hexahedron.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
 
-from femu_piezo.geometry.curved_mesh import CurvedHexahedra, polar_cells
 from femu_piezo.geometry.domain import Domain
+from femu_piezo.geometry.plane_mesh import extruded, labelled, polar_plane
 from femu_piezo.geometry.shape import check_unknowns, edge_error, solution_cost, wave_error
 
 #: Radius of the pinhole of a disk, relative to that of the disk.
@@ -127,20 +127,20 @@ def round_domain(
     mirrors : axes whose mid-plane the part is cut at
     """
     mirrors = tuple(sorted(mirrors))
-    quarters = 4 // 2 ** len({0, 1} & set(mirrors))
-    cells = quarters * divisions.radial * divisions.around * divisions.layers
-    check_unknowns(divisions.unknowns(quarters), 16.0 * cells * (divisions.order + 1) ** 6)
+    check_unknowns(divisions.unknowns(quarters_of(mirrors)), 16.0 * _cells(divisions, mirrors))
     (inner, outer), half = radii, thickness / 2
-    start = 0.0 if 1 in mirrors or 0 not in mirrors else -np.pi / 2
-    mesh = polar_cells(
-        np.linspace(inner or PINHOLE * outer, outer, divisions.radial + 1),
-        start + np.pi / 2 * np.linspace(0, quarters, quarters * divisions.around + 1),
-        np.linspace(0.0 if 2 in mirrors else -half, half, divisions.layers + 1),
-    )
-    ground = "mirror_z" if 2 in mirrors else "ground"
     low = 0.0 if 2 in mirrors else -half
+    across = np.linspace(inner or PINHOLE * outer, outer, divisions.radial + 1)
+    plane = polar_plane(across, angles_of(mirrors, divisions.around))
+    mesh = extruded(plane, np.linspace(low, half, divisions.layers + 1))
+    ground, near = "mirror_z" if 2 in mirrors else "ground", 1e-9 * outer
+    places = {"hot": (2, half), ground: (2, low)} | {f"mirror_{'xyz'[axis]}": (axis, 0.0) for axis in mirrors}
+
+    def on(axis: int, place: float) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda x: np.abs(x[axis] - place) < near
+
     return Domain(
-        mesh=_labelled(mesh, {"hot": (2, half), ground: (2, low)} | {f"mirror_{'xyz'[a]}": (a, 0.0) for a in mirrors}),
+        mesh=labelled(mesh, {name: on(*place) for name, place in places.items()}),
         hot=("hot",),
         ground=(ground,),
         symmetry={f"mirror_{'xyz'[axis]}": axis for axis in mirrors},
@@ -151,9 +151,18 @@ def round_domain(
     )
 
 
-def _labelled(mesh: CurvedHexahedra, planes: dict[str, tuple[int, float]]) -> CurvedHexahedra:
-    """Boundaries by name: those facets of the surface that lie in a plane, given by its axis and place."""
-    corners, surface = mesh.p[:, mesh.facets], mesh.boundary_facets()
-    near = 1e-9 * np.ptp(mesh.p)
-    inside = {name: np.all(np.abs(corners[axis] - place) < near, axis=0) for name, (axis, place) in planes.items()}
-    return mesh.with_boundaries({name: surface[found[surface]] for name, found in inside.items()})
+def _cells(divisions: Divisions, mirrors: tuple[int, ...]) -> float:
+    """Entries of the element matrices of one field."""
+    count = quarters_of(mirrors) * divisions.radial * divisions.around * divisions.layers
+    return count * (divisions.order + 1.0) ** 6
+
+
+def quarters_of(mirrors: tuple[int, ...]) -> int:
+    """Quarter turns that a part cut at some mirror planes has."""
+    return 4 // 2 ** len({0, 1} & set(mirrors))
+
+
+def angles_of(mirrors: tuple[int, ...], around: int) -> np.ndarray:
+    """Growing angles between the cells of a part, `around` of them a quarter turn."""
+    start, quarters = (0.0 if 1 in mirrors or 0 not in mirrors else -np.pi / 2), quarters_of(mirrors)
+    return start + np.pi / 2 * np.linspace(0, quarters, quarters * around + 1)

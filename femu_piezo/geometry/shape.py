@@ -12,7 +12,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.geometry.domain import Domain
 
 #: Unknowns of the largest model that is attempted, and entries of its operator.
-MOST_UNKNOWNS, MOST_ENTRIES = 250_000, 80_000_000
+MOST_UNKNOWNS, MOST_ENTRIES = 250_000, 100_000_000
 #: Power of the order with which the errors of eigenvalues that edges and corners leave fall.
 EDGE_RATE = 9.6
 
@@ -76,15 +76,20 @@ def unit_direction(direction: Iterable[float]) -> tuple[float, float, float]:
     return tuple(float(value) for value in vector / length)
 
 
-def check_size(elements: float, kind: str) -> None:
-    """InputError where a mesh of quadratic elements would be too large for a factorisation in a few GB of memory."""
-    # cubes of one edge length hold one hexahedron of 32 unknowns or about eight tetrahedra of 6 unknowns each
-    check_unknowns(elements * (32 if kind == "hexahedron" else 48))
+def check_size(volumes: float, kind: str) -> None:
+    """InputError where quadratic elements, filling so many cubes of their edge, would be too many for a few GB."""
+    # one hexahedron of 32 unknowns, or about eight tetrahedra of 6 unknowns each
+    check_unknowns(volumes * (32 if kind == "hexahedron" else 48))
+
+
+def fits(unknowns: float, entries: float = 0.0) -> bool:
+    """Whether a model and the entries of its operator fit into a few GB of memory."""
+    return unknowns <= MOST_UNKNOWNS and entries <= MOST_ENTRIES
 
 
 def check_unknowns(unknowns: float, entries: float = 0.0) -> None:
     """InputError where a model, or the entries of its operator, would be too large for a few GB of memory."""
-    if unknowns > MOST_UNKNOWNS or entries > MOST_ENTRIES:
+    if not fits(unknowns, entries):
         raise InputError(
             f"the mesh would have about {unknowns:.2g} unknowns, too many to be solved; lower the highest frequency "
             "(simulation.stop, --band of modes) or ask for less accuracy (update.accuracy = 1e-3)"

@@ -105,7 +105,7 @@ class Plate:
         order : of the elements where it is given, else the one of `ORDERS` that costs least
         """
         size = 2 * np.pi * frequency_Hz / shear_speed * self.part(symmetric_axes)
-        choices = [(p, _divisions(p, size, accuracy)) for p in (ORDERS if order is None else (order,))]
+        choices = [(p, fewest_divisions(p, size, accuracy)) for p in (ORDERS if order is None else (order,))]
         found = min(choices, key=lambda choice: _cost(*choice))
         check_unknowns(*_unknowns(*found))
         return found
@@ -180,7 +180,7 @@ def eigenvalue_error(order: int, divisions: tuple[int, int, int], size: np.ndarr
     return float(waves + 1.2 * edge_error(order, edges.max(), across))
 
 
-def _divisions(order: int, size: np.ndarray, accuracy: float) -> tuple[int, int, int]:
+def fewest_divisions(order: int, size: np.ndarray, accuracy: float) -> tuple[int, int, int]:
     """The fewest elements, as near to cubes as the longest edge allows, within an accuracy."""
     count = 1
     while True:

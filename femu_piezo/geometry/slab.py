@@ -1,12 +1,15 @@
 """`Slab`: a plane outline of constant thickness with holes, chamfers and any electrodes on its two faces.
 
 Disks, rings, trapezoids, plates with rounded corners or holes are outlines; `femu_piezo.geometry.catalogue` makes
-them in one line each. Plain disks and rings are a few curved cells (`femu_piezo.geometry.round_body`), other slabs are
-meshed by gmsh, with quadratic elements that follow curved sides; a plain trapezoid is a tapered box.
+them in one line each. `femu_piezo.geometry.slab_mesh` meshes them by a few curved hexahedra of high order. Bodies that
+are neither grids nor concentric are quadratic hexahedra of gmsh where electrodes end inside their faces; slabs with
+chamfers, and those that ask for it, are quadratic tetrahedra.
 """
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -16,30 +19,31 @@ import skfem.io.meshio
 
 from femu_piezo.errors import InputError
 from femu_piezo.geometry.domain import Domain
-from femu_piezo.geometry.gmsh_session import mesh_solid
+from femu_piezo.geometry.gmsh_session import mesh_drawing
+from femu_piezo.geometry.plane_mesh import labelled
 from femu_piezo.geometry.quality import check_electrodes, check_elements
-from femu_piezo.geometry.regions import Circle, Footprint, Region, Trapezoid
+from femu_piezo.geometry.regions import Circle, Footprint, Region
 from femu_piezo.geometry.round_body import divisions_for, round_domain
 from femu_piezo.geometry.shape import check_size, driven_mirrors, unit_direction
-from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab_cad import (
     divide_curves,
     draw_chamfered,
     draw_extruded,
-    grade_to_electrodes,
+    grade_to_rims,
     partial_footprints,
 )
+from femu_piezo.geometry.slab_mesh import NoQuadrangles, is_grid, is_round, mesh_for, mesh_of_edge
 
 #: Eigenvalue error of quadratic elements of edge h at shear wavenumber k: at most this times (k h)^4
 #: (tests/geometry/test_slab.py holds it as an upper bound).
-_ERROR_CONSTANT = {"hexahedron": 1e-3, "tetrahedron": 1e-3}
+_ERROR_CONSTANT = 1e-3
 #: Drawing units per metre.
 _DRAWING_UNIT = 1e3
-#: Elements of a full circle at least.
+#: Quadratic elements of a full circle at least.
 _PER_CIRCLE = 12
-#: Tetrahedra at electrode edges inside a face, relative to the others. The edge singularity leaves a relative error
-#: of λ of a few 1e-4 with them, up to 1e-3 with hexahedra, whatever the accuracy asked for.
-_AT_ELECTRODES = 0.25
+#: Tetrahedra at electrode rims, relative to the others. The singularity there leaves a relative error of λ of a few
+#: 1e-4 with them, up to 1e-3 with quadratic hexahedra, whatever the accuracy asked for.
+_AT_RIMS = 0.25
 
 Elements = Literal["hexahedron", "tetrahedron"]
 
@@ -235,27 +239,56 @@ class Slab:
     @property
     def radii(self) -> tuple[float, float] | None:
         """Inner (0 for a disk) and outer radius of a plain disk or ring with full electrodes, m; None for others."""
-        if not (self.is_plain and isinstance(self.outline, Circle) and len(self.holes) <= 1):
-            return None
-        if any(circle.center != (0.0, 0.0) for circle in (self.outline, *self.holes)):
+        if not (self.is_plain and is_round(self)):
             return None
         return (self.holes[0].diameter / 2 if self.holes else 0.0), self.outline.diameter / 2
 
     @property
     def element_order(self) -> int:
-        """About what is chosen for a plain disk, ring or trapezoid; quadratic elements for other slabs."""
-        high = self.radii is not None or (self.is_plain and not self.holes and isinstance(self.outline, Trapezoid))
-        return 5 if high else 2
+        """About what is chosen for curved hexahedra; other elements are quadratic."""
+        return 5 if self.is_curved else 2
 
     @property
     def element_shape(self) -> Elements:
         """ "hexahedron" or "tetrahedron", as asked for or as the shape allows."""
         return self.elements or ("tetrahedron" if self.chamfer else "hexahedron")
 
+    @property
+    def is_curved(self) -> bool:
+        """Whether it is meshed by hexahedra of high order, with cells that are graded towards electrode rims."""
+        regular = is_grid(self) or is_round(self)
+        return self.element_shape == "hexahedron" and (regular or not partial_footprints(self))
+
+    @property
+    def rims_x(self) -> tuple[float, ...]:
+        """Places x of electrode rims that cross the plate, and of the ends of electrodes with a margin."""
+        x_min, x_max = self.outline.extents[:2]
+        margin = self.electrodes.margin
+        found = [x_min + margin, x_max - margin] if margin else []
+        for one in (self.hot, self.ground_top):
+            found += list(one.x_range) if one is not None and one.x_range is not None else []
+        return tuple(x for x in found if x_min < x < x_max)
+
+    def on_rim(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Which points (n,) lie where an electrode ends inside a face, m; the ends of such a rim among them."""
+        near = 1e-6 * self.thickness
+        found, (x_min, x_max) = np.zeros(x.shape, dtype=bool), self.outline.extents[:2]
+        for one in partial_footprints(self):
+            depth, edge = one.outline.depth(x, y), np.zeros(x.shape, dtype=bool)
+            depth = np.min([depth, *(-hole.depth(x, y) for hole in one.holes)], axis=0)
+            if self.electrodes.margin:
+                edge |= np.abs(depth) < near
+            inside = depth > -near
+            for place in one.x_range or ():
+                edge |= (np.abs(x - place) < near) & (x_min + near < place < x_max - near)
+            if one.x_range is not None:
+                inside &= (x > one.x_range[0] - near) & (x < one.x_range[1] + near)
+            found |= edge & inside
+        return found
+
     def edge_length(self, accuracy: float, frequency_Hz: float, shear_speed: float) -> float:
         """Edge of quadratic elements that keep eigenvalues within `accuracy` of converged at `frequency_Hz`, m."""
-        constant = _ERROR_CONSTANT[self.element_shape]
-        return (accuracy / constant) ** 0.25 * shear_speed / (2 * np.pi * frequency_Hz)
+        return (accuracy / _ERROR_CONSTANT) ** 0.25 * shear_speed / (2 * np.pi * frequency_Hz)
 
     def domain_for(
         self,
@@ -267,39 +300,36 @@ class Slab:
     ) -> Domain:
         """The computed part with elements fine enough; see `femu_piezo.geometry.shape.Shape`.
 
-        Plain disks, rings and trapezoids take few elements of high order, others meshes of gmsh for quadratic ones.
+        Curved hexahedra are few and of high order; other elements are quadratic.
         """
-        mirrors = self.mirrors if symmetric else ()
+        mirrors, wavenumber = self.mirrors if symmetric else (), 2 * np.pi * frequency_Hz / shear_speed
         if self.radii is not None:
             height = self.thickness / 2 if 2 in mirrors else self.thickness
-            wavenumber, along = 2 * np.pi * frequency_Hz / shear_speed, abs(self.poling_direction[2]) == 1.0
+            along = abs(self.poling_direction[2]) == 1.0
             found = divisions_for(self.radii, self.thickness, height, wavenumber, accuracy, along, order)
             return round_domain(self.radii, self.thickness, found, mirrors, self.poling_direction)
-        if self.element_order > 2:
-            return self._tapered_box(accuracy, frequency_Hz, shear_speed, mirrors, order)
+        if self.is_curved:
+            with contextlib.suppress(NoQuadrangles):
+                mesh, order, at_rims = mesh_for(self, accuracy, wavenumber, mirrors, order)
+                return replace(self._domain(mesh, order, mirrors), rim_error=at_rims)
         edge = self.edge_length(accuracy, frequency_Hz, shear_speed)
         check_size(self.volume / 2 ** len(mirrors) / edge**3, self.element_shape)
-        return replace(self.domain(edge, symmetric), order=order or 2)
+        return self._domain(self._quadratic(edge, mirrors), order or 2, mirrors)
 
-    def _tapered_box(
-        self, accuracy: float, frequency_Hz: float, shear_speed: float, mirrors: tuple[int, ...], order: int | None
-    ) -> Domain:
-        """The part of a plain trapezoid: that of the plate as wide as its wider end, its elements tapered."""
-        outline = self.outline
-        widest = max(outline.width, outline.width_end)
-        box = Plate(outline.length, widest, self.thickness, "thickness", self.direction)
-        order, divisions = box.elements(accuracy, frequency_Hz, shear_speed, mirrors, order)
-        domain = box.domain(divisions, mirrors, order)
-        x, y, z = domain.mesh.p
-        along = x / outline.length + 0.5
-        width = outline.width + (outline.width_end - outline.width) * along
-        return replace(domain, mesh=replace(domain.mesh, doflocs=np.array([x, y * width / widest, z])))
+    def domain(self, edge: float, symmetric: bool = True, order: int = 2) -> Domain:
+        """The computed part with elements of a given edge (m) at most, cut at its mirror planes where `symmetric`.
 
-    def domain(self, edge: float, symmetric: bool = True) -> Domain:
-        """The computed part with elements of a given edge (m), cut at its mirror planes where `symmetric`."""
+        order : of the elements; at most 2 where they are not curved hexahedra
+        """
         mirrors = self.mirrors if symmetric else ()
-        drawn = self.scaled(_DRAWING_UNIT)  # the tolerances of OpenCASCADE are made for drawings in mm
-        mesh = drawn._labelled(drawn._mesh(edge * _DRAWING_UNIT, mirrors), mirrors).scaled(1 / _DRAWING_UNIT)
+        if self.is_curved:
+            with contextlib.suppress(NoQuadrangles):
+                return self._domain(mesh_of_edge(self, edge, mirrors), order, mirrors)
+        return self._domain(self._quadratic(edge, mirrors), order, mirrors)
+
+    def _domain(self, mesh: skfem.Mesh, order: int, mirrors: tuple[int, ...]) -> Domain:
+        """The part with its boundaries named."""
+        mesh = labelled(mesh, self._places(mirrors))
         check_elements(mesh, "the mesh of the slab")
         ground = "mirror_z" if 2 in mirrors else "ground"
         check_electrodes(mesh, "hot", ground, "the slab")
@@ -311,6 +341,8 @@ class Slab:
             copies=2 ** len(mirrors),
             voltage_factor=2.0 if 2 in mirrors else 1.0,
             poling=self.poling_direction,
+            order=order,
+            rim_error=1e-3 if partial_footprints(self) else 0.0,
         )
 
     def scaled(self, factor: float) -> Slab:
@@ -324,45 +356,45 @@ class Slab:
             chamfer=self.chamfer * factor,
         )
 
-    def _mesh(self, edge: float, mirrors: tuple[int, ...]) -> skfem.Mesh:
-        hexahedra = self.element_shape == "hexahedron"
-        height = self.thickness / 2 if 2 in mirrors else self.thickness
-        if not hexahedra or partial_footprints(self):  # flat hexahedra follow smooth fields well
-            edge = min(edge, 2 * height)
-        options = {
-            "Mesh.MeshSizeMax": edge,
-            "Mesh.MeshSizeFromCurvature": _PER_CIRCLE,
-            "Mesh.ElementOrder": 2,
-            "Mesh.SecondOrderIncomplete": 0,
-            "Mesh.HighOrderOptimize": 1,
-        }
-        if hexahedra:
-            options |= {"Mesh.RecombineAll": 1, "Mesh.RecombinationAlgorithm": 3, "Mesh.Algorithm": 8}
+    def _quadratic(self, edge: float, mirrors: tuple[int, ...]) -> skfem.Mesh:
+        """Quadratic elements of gmsh of an edge at most, m."""
+        drawn = self.scaled(_DRAWING_UNIT)  # the tolerances of OpenCASCADE are made for drawings in mm
+        make = drawn._hexahedra if self.element_shape == "hexahedron" else drawn._tetrahedra
+        return make(edge * _DRAWING_UNIT, mirrors).scaled(1 / _DRAWING_UNIT)
+
+    def _tetrahedra(self, edge: float, mirrors: tuple[int, ...]) -> skfem.Mesh:
+        """Tetrahedra, four times finer at electrode rims."""
+        edge = min(edge, self.thickness if 2 in mirrors else 2 * self.thickness)
         draw = draw_chamfered if self.chamfer else draw_extruded
-        least = 2 if partial_footprints(self) and 2 not in mirrors else 1
-        layers = max(least, int(np.ceil(height / edge - 1e-9))) if hexahedra else None
 
         def build(gmsh) -> None:
-            draw(gmsh, self, mirrors, layers)
-            divide_curves(gmsh, edge, _PER_CIRCLE, even=hexahedra)
-            if not hexahedra:
-                grade_to_electrodes(gmsh, self, mirrors, edge, edge * _AT_ELECTRODES)
+            draw(gmsh, self, mirrors, None)
+            grade_to_rims(gmsh, self, mirrors, edge, edge * _AT_RIMS, self.thickness / 2)
 
-        raw = mesh_solid(build, options, "the slab")
-        kind = "hexahedron27" if hexahedra else "tetra10"
-        if {cell.type for cell in raw.cells} & {"wedge18", "hexahedron27", "tetra10"} != {kind}:
-            raise InputError("gmsh left elements of another kind than hexahedra in the slab; use tetrahedra")
-        return skfem.io.meshio.from_meshio(raw, force_meshio_type=kind, ignore_orientation=True)
+        return _from_gmsh(build, edge, "tetra10", {})
 
-    def _labelled(self, mesh: skfem.Mesh, mirrors: tuple[int, ...]) -> skfem.Mesh:
-        """The mesh with boundaries hot, ground and mirror_x, mirror_y, mirror_z by where their facets lie."""
+    def _hexahedra(self, edge: float, mirrors: tuple[int, ...]) -> skfem.Mesh:
+        """Layers of hexahedra, two of them at least where there are electrode rims on one face only."""
+        height, rims = self.thickness / (2 if 2 in mirrors else 1), bool(partial_footprints(self))
+        edge = min(edge, 2 * height) if rims else edge  # flat hexahedra follow smooth fields well
+        layers = max(2 if rims and 2 not in mirrors else 1, int(np.ceil(height / edge - 1e-9)))
+
+        def build(gmsh) -> None:
+            draw_extruded(gmsh, self, mirrors, layers)
+            divide_curves(gmsh, edge, _PER_CIRCLE)
+
+        options = {"Mesh.RecombineAll": 1, "Mesh.RecombinationAlgorithm": 3, "Mesh.Algorithm": 8}
+        return _from_gmsh(build, edge, "hexahedron27", options)
+
+    def _places(self, mirrors: tuple[int, ...]) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
+        """Tests of the centres of facets (3, n), m, by name: hot, ground, mirror_x, mirror_y, mirror_z."""
         near = 1e-6 * min(self.thickness, self.outline.extents[1])
         half = self.thickness / 2
         tests = {f"mirror_{'xyz'[axis]}": (lambda x, axis=axis: np.abs(x[axis]) < near) for axis in mirrors}
         tests["hot"] = lambda x: (np.abs(x[2] - half) < near) & self.hot.covers(x[0], x[1])
         if 2 not in mirrors:
             tests["ground"] = lambda x: self._is_ground(x, near)
-        return mesh.with_boundaries(tests)
+        return tests
 
     def _is_ground(self, x: np.ndarray, near: float) -> np.ndarray:
         half = self.thickness / 2
@@ -382,3 +414,18 @@ class Slab:
                 in_hole |= hole.depth(x[0], x[1]) > -1e-3 * hole.diameter
             return side & (x[0] < x_min + self.electrodes.wrap[0]) & ~in_hole
         return side & (np.abs(x[0] - x_min) < 1e-6 * (x_max - x_min))
+
+
+def _from_gmsh(build: Callable[[object], None], edge: float, kind: str, more: dict[str, float]) -> skfem.Mesh:
+    """A drawing in quadratic elements of one kind; `edge` and the mesh in units of the drawing."""
+    options = {
+        "Mesh.MeshSizeMax": edge,
+        "Mesh.MeshSizeFromCurvature": _PER_CIRCLE,
+        "Mesh.ElementOrder": 2,
+        "Mesh.SecondOrderIncomplete": 0,
+        "Mesh.HighOrderOptimize": 1,
+    }
+    raw = mesh_drawing(build, options | more, "the slab")
+    if {cell.type for cell in raw.cells} & {"wedge18", "hexahedron27", "tetra10"} != {kind}:
+        raise InputError("gmsh left elements of another kind than hexahedra in the slab; use tetrahedra")
+    return skfem.io.meshio.from_meshio(raw, force_meshio_type=kind, ignore_orientation=True)

@@ -13,13 +13,8 @@ if TYPE_CHECKING:
     from femu_piezo.geometry.slab import Slab
 
 
-def draw_extruded(gmsh, slab: Slab, mirrors: tuple[int, ...], layers: int | None) -> None:
-    """The computed part as a prism over the outline, cut along every electrode edge.
-
-    Parameters
-    ----------
-    layers : hexahedra through the part's thickness; None for tetrahedra
-    """
+def draw_plane(gmsh, slab: Slab, mirrors: tuple[int, ...]) -> list[tuple[int, int]]:
+    """(dim, tag) of the surfaces of the computed part in the plane z = 0, cut along every electrode edge."""
     occ = gmsh.model.occ
     outline = [(2, slab.outline.add(occ))]
     if slab.holes:
@@ -30,13 +25,18 @@ def draw_extruded(gmsh, slab: Slab, mirrors: tuple[int, ...], layers: int | None
         inside, _ = occ.intersect(outline, footprint.add(occ), removeObject=False)
         tools += inside
     pieces = occ.fragment(outline, tools)[0] if tools else outline
-    low, height = (0.0, slab.thickness / 2) if 2 in mirrors else (-slab.thickness / 2, slab.thickness)
-    occ.translate(pieces, 0, 0, low)
-    if layers is None:
-        occ.extrude(pieces, 0, 0, height)
-    else:
-        occ.extrude(pieces, 0, 0, height, numElements=[layers], recombine=True)
     occ.synchronize()
+    return pieces
+
+
+def draw_extruded(gmsh, slab: Slab, mirrors: tuple[int, ...], layers: int | None) -> None:
+    """The computed part as a prism over its plane, in so many layers of hexahedra; None for tetrahedra."""
+    pieces = draw_plane(gmsh, slab, mirrors)
+    low, height = (0.0, slab.thickness / 2) if 2 in mirrors else (-slab.thickness / 2, slab.thickness)
+    gmsh.model.occ.translate(pieces, 0, 0, low)
+    division = {} if layers is None else {"numElements": [layers], "recombine": True}
+    gmsh.model.occ.extrude(pieces, 0, 0, height, **division)
+    gmsh.model.occ.synchronize()
 
 
 def draw_chamfered(gmsh, slab: Slab, mirrors: tuple[int, ...], layers: int | None = None) -> None:
@@ -99,12 +99,12 @@ def _bevel(gmsh, volume: int, slab: Slab) -> list[tuple[int, int]]:
     return gmsh.model.occ.chamfer([volume], curves, faces, [slab.chamfer])
 
 
-def grade_to_electrodes(gmsh, slab: Slab, mirrors: tuple[int, ...], edge: float, edge_at_electrodes: float) -> None:
-    """Elements of `edge`, finer by a graded field around electrode edges that lie inside a face (m).
+def grade_to_rims(gmsh, slab: Slab, mirrors: tuple[int, ...], edge: float, edge_at_rims: float, z: float) -> None:
+    """Elements of `edge`, finer by a graded field around electrode rims that lie inside a face at heights ±z (m).
 
     There D has an inverse square-root singularity, which limits the accuracy of elements of any order.
     """
-    curves = _electrode_edges(gmsh, slab, mirrors)
+    curves = _rim_curves(gmsh, slab, mirrors, z)
     if not curves:
         return
     field = gmsh.model.mesh.field
@@ -113,42 +113,37 @@ def grade_to_electrodes(gmsh, slab: Slab, mirrors: tuple[int, ...], edge: float,
     field.setNumber(distance, "Sampling", 100)
     for name, value in {
         "InField": distance,
-        "SizeMin": edge_at_electrodes,
+        "SizeMin": edge_at_rims,
         "SizeMax": edge,
-        "DistMin": edge_at_electrodes,
-        "DistMax": edge_at_electrodes + 2.0 * (edge - edge_at_electrodes),
+        "DistMin": edge_at_rims,
+        "DistMax": edge_at_rims + 2.0 * (edge - edge_at_rims),
     }.items():
         field.setNumber(size, name, value)
     field.setAsBackgroundMesh(size)
 
 
-def _electrode_edges(gmsh, slab: Slab, mirrors: tuple[int, ...]) -> list[int]:
-    """Curves of a face that lie inside the outline, away from holes and mirror planes."""
+def _rim_curves(gmsh, slab: Slab, mirrors: tuple[int, ...], z: float) -> list[int]:
+    """Curves at heights ±z that are electrode rims, away from mirror planes."""
     near = 1e-3 * slab.thickness
     found = []
     for _, tag in gmsh.model.getEntities(1):
         x_min, y_min, z_min, x_max, y_max, z_max = gmsh.model.getBoundingBox(1, tag)
-        flat = z_max - z_min < near and abs(abs(z_max) - slab.thickness / 2) < near
+        flat = z_max - z_min < near and abs(abs(z_max) - z) < near
         on_plane = (max(abs(x_min), abs(x_max)) < near, max(abs(y_min), abs(y_max)) < near)
         mirror = any(on_plane[axis] for axis in mirrors if axis < 2)
         if not flat or mirror:
             continue
         low, high = gmsh.model.getParametrizationBounds(1, tag)
         x, y, _ = gmsh.model.getValue(1, tag, [(low[0] + high[0]) / 2])
-        point = np.array([x]), np.array([y])
-        rim = slab.chamfer + near
-        if slab.outline.depth(*point)[0] > rim and all(hole.depth(*point)[0] < -near for hole in slab.holes):
+        if slab.on_rim(np.array([x]), np.array([y]))[0]:
             found.append(tag)
     return found
 
 
-def divide_curves(gmsh, edge: float, per_circle: int, even: bool) -> None:
+def divide_curves(gmsh, edge: float, per_circle: int) -> None:
     """Segments of every curve: at most `edge` long (m), at least `per_circle` in a full turn.
 
-    Parameters
-    ----------
-    even : an even number on every curve, as the recombination into quadrilaterals needs; else only curves whose
-        bend asks for more than `edge` does are divided here
+    The recombination into quadrangles needs even numbers.
     """
     for _, tag in gmsh.model.getEntities(1):
         length = gmsh.model.occ.getMass(1, tag)
@@ -158,12 +153,7 @@ def divide_curves(gmsh, edge: float, per_circle: int, even: bool) -> None:
         ]
         turn = _angle(tangents[0], tangents[1]) + _angle(tangents[1], tangents[2])
         by_length, by_turn = length / edge, turn / (2 * np.pi) * per_circle
-        if even:
-            count = 2 * max(1, int(np.ceil(max(by_length, by_turn) / 2 - 1e-6)))
-        elif by_turn > by_length:
-            count = max(1, int(np.ceil(by_turn - 1e-6)))
-        else:
-            continue
+        count = 2 * max(1, int(np.ceil(max(by_length, by_turn) / 2 - 1e-6)))
         gmsh.model.mesh.setTransfiniteCurve(tag, count + 1)
 
 

@@ -21,7 +21,7 @@ from femu_piezo.study.model_cache import LEAVE, Bases
 from femu_piezo.study.pole_zero_update import pole_zero_update
 
 #: Errors of meshes and bases, and relative noise of the fits: their constants are only where to begin.
-_ACCURACY, _BASIS_ACCURACY, _NOISE = 1e-3, 1e-4, 1e-2
+_ACCURACY, _BASIS_ACCURACY, _NOISE = 5e-3, 1e-4, 1e-2
 #: rms |Δ log Z| of a fit above which another start is tried as well.
 _POOR = 0.05
 

@@ -71,15 +71,19 @@ def _electrodes(geometry: Geometry) -> Electrodes:
 
 
 def electrode_notes(specimen: Specimen) -> tuple[str, ...]:
-    """What to know of the accuracy of a body whose electrodes end inside its faces, as sentences."""
+    """What to know of the accuracy of a body whose electrodes end inside its faces, as sentences.
+
+    Nothing where its cells are a grid or polar: these are graded towards rims, and results state the error left.
+    """
     geometry = specimen.geometry
     partial = (geometry.electrode_margin, geometry.electrode_length, geometry.wrap_length)
-    if not any(partial):
+    body = shape_of(specimen) if any(partial) else None
+    if not isinstance(body, Slab) or body.is_curved:
         return ()
-    size, words = ("a few 1e-4", "") if geometry.elements == "tetrahedron" else ("up to 1e-3", _FINER)
+    size, words = ("a few 1e-4", "") if body.element_shape == "tetrahedron" else ("up to 1e-3", _FINER)
     return (
-        f"{specimen.name}: the field is singular where an electrode ends inside a face, which leaves a relative error "
-        f"of {size} in λ (half of it in frequency) whatever the accuracy asked for{words}",
+        f"{specimen.name}: the field is singular where an electrode ends inside a face, which may leave a relative "
+        f"error of {size} in λ (half of it in frequency) whatever the accuracy asked for{words}",
     )
 
 

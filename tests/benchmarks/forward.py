@@ -149,6 +149,7 @@ def side_by_side(python: str, repeats: int) -> None:
     coupling = e_form.piezoelectric()
     tensor = np.block([[e_form.stiffness(), coupling.T], [coupling, -e_form.permittivity()]])
     task = {
+        "problem": "sweep",
         "size": plate.dimensions.tolist(),
         "divisions": divisions,
         "threads": 1,
@@ -159,7 +160,7 @@ def side_by_side(python: str, repeats: int) -> None:
         "admittance_factor": model.domain.admittance_factor,
         "inverse": "sparsecholesky",
     }
-    script = Path(__file__).with_name("ngsolve_plate.py")
+    script = Path(__file__).with_name("in_ngsolve.py")
     answer = subprocess.run([python, str(script)], input=json.dumps(task), capture_output=True, text=True, check=False)
     if answer.returncode:
         row("NGSolve", f"not run: {(answer.stderr.strip().splitlines() or ['no message'])[-1][:60]}")

@@ -138,7 +138,7 @@ def test_meshing_is_silent_and_leaves_ctrl_c_alone(capfd: pytest.CaptureFixture[
 def test_missing_gmsh_is_one_sentence_and_boxes_do_without(monkeypatch: pytest.MonkeyPatch) -> None:
     import builtins
 
-    from femu_piezo.geometry.catalogue import disk
+    from femu_piezo.geometry.catalogue import disk, plate
 
     real = builtins.__import__
 
@@ -149,5 +149,6 @@ def test_missing_gmsh_is_one_sentence_and_boxes_do_without(monkeypatch: pytest.M
 
     monkeypatch.setattr(builtins, "__import__", without_gmsh)
     with pytest.raises(InputError, match=r"libGLU\.so\.1.*apt-get install libglu1-mesa"):
-        disk(10e-3, 1e-3).domain(2e-3)
+        plate(10e-3, 6e-3, 1e-3, corner_radius=1e-3).domain(2e-3)
+    assert disk(10e-3, 1e-3).domain(2e-3).mesh.nelements > 0
     assert Plate(40e-3, 5e-3, 1e-3).domain((5, 1, 1)).volume == pytest.approx(200e-9)

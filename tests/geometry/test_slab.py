@@ -1,5 +1,7 @@
 """Slabs of any outline against closed forms, reference codes, and themselves with and without symmetry."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -101,9 +103,11 @@ SHAPES = {
 def test_volume_and_electrode_area_are_those_of_the_drawing(name: str, symmetric: bool) -> None:
     shape = SHAPES[name]
     domain = shape.domain(1 * MM, symmetric)
-    assert domain.volume == pytest.approx(shape.volume, rel=5e-5)
+    exact = shape.element_shape == "hexahedron"  # of tetrahedra the sides are parabolas
+    assert domain.volume == pytest.approx(shape.volume, rel=1e-8 if exact else 5e-5)
     area = boundary_area(domain.mesh, "hot") * domain.copies / domain.voltage_factor
-    assert area == pytest.approx(shape.electrode_area, rel=1e-4)
+    by_grid = name == "wrapped disk"  # its electrode area is known by counting points
+    assert area == pytest.approx(shape.electrode_area, rel=1e-10 if exact and not by_grid else 1e-4)
     assert domain.copies == (2 ** len(shape.mirrors) if symmetric else 1)
 
 
@@ -120,9 +124,9 @@ def test_wrapped_ground_covers_lower_face_end_and_strip() -> None:
 def test_symmetric_part_has_the_driven_modes_of_the_whole(name: str, mirrors: tuple[int, ...]) -> None:
     shape = SHAPES[name]
     assert shape.mirrors == mirrors
-    part = ElectroelasticModel(shape.domain(0.8 * MM), PIC181.density)
+    part = ElectroelasticModel(shape.domain(1.5 * MM, order=4), PIC181.density)
     first = frequencies(part, PIC181.constants, "open", 6)[0]
-    whole = ElectroelasticModel(shape.domain(0.8 * MM, symmetric=False), PIC181.density)
+    whole = ElectroelasticModel(shape.domain(1.5 * MM, symmetric=False, order=4), PIC181.density)
     modes = solve_eigen(whole, PIC181.constants.to_e_form(), "open", 10, 0.999 * first)
     hertz = np.sqrt(np.abs(modes.eigenvalues.real)) / (2 * np.pi)
     nearest = int(np.argmin(np.abs(hertz - first)))
@@ -131,15 +135,15 @@ def test_symmetric_part_has_the_driven_modes_of_the_whole(name: str, mirrors: tu
 
 
 def test_plain_trapezoid_is_a_tapered_box() -> None:
-    """A few elements of high order with the modes of a gmsh mesh, and none of it where the electrode is partial."""
+    """A few elements of high order with the modes of quadratic tetrahedra of gmsh."""
     shape = SHAPES["trapezoid"]
-    few, many = shape.domain_for(1e-5, 250e3, 1947.0), shape.domain(0.5 * MM)
+    few, many = shape.domain_for(1e-5, 250e3, 1947.0), replace(shape, elements="tetrahedron").domain(0.5 * MM)
     assert few.order > 2 and few.mesh.nelements < 20 < many.mesh.nelements
     assert few.copies == many.copies == 4 and few.volume == pytest.approx(shape.volume, rel=1e-12)
     models = [ElectroelasticModel(part, PIC181.density) for part in (few, many)]
     found = [frequencies(model, PIC181.constants, "open", 5) for model in models]
     assert found[0] == pytest.approx(found[1], rel=1e-4)
-    assert shape.element_order > 2 == SHAPES["partial"].element_order == SHAPES["trapezoid margin"].element_order
+    assert shape.element_order > 2 == SHAPES["chamfered disk"].element_order
 
 
 def test_direction_of_poling_decides_the_mirrors() -> None:

@@ -16,7 +16,7 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.forward.thin_limits import thin_disk_eigenvalues
 from femu_piezo.geometry.catalogue import disk, ring
-from femu_piezo.geometry.curved_mesh import polar_cells
+from femu_piezo.geometry.plane_mesh import extruded, polar_plane
 from femu_piezo.geometry.quality import boundary_area, check_electrodes, check_elements
 from femu_piezo.geometry.round_body import Divisions, divisions_for, round_domain
 from femu_piezo.geometry.slab import Electrodes
@@ -161,7 +161,7 @@ def test_parts_have_volume_electrodes_and_planes(inner, mirrors):
 
 
 def test_the_whole_has_the_driven_modes_of_the_part():
-    """And a body poled along x, which has one mirror plane, is as the quadratic elements of gmsh find it."""
+    """And a body poled along x, which has one mirror plane, is as quadratic hexahedra of gmsh find it."""
     part, whole = (disk(10 * MM, 2 * MM).domain_for(1e-5, 3e5, 1947.0, symmetric) for symmetric in (True, False))
     assert (part.copies, whole.copies) == (8, 1)
     found = []
@@ -171,7 +171,8 @@ def test_the_whole_has_the_driven_modes_of_the_part():
         found.append(modes.eigenvalues[modes.dominant(226e3)].real)
     assert found[0] == pytest.approx(found[1], rel=1e-5)
     askew = disk(6 * MM, 2 * MM, direction=(1.0, 0.0, 0.0))
-    curved, plain = askew.domain_for(1e-4, 4e5, 1947.0), askew.domain(0.4 * MM)
+    curved = askew.domain_for(1e-4, 4e5, 1947.0)
+    plain = askew._domain(askew._quadratic(0.4 * MM, askew.mirrors), 2, askew.mirrors)
     assert curved.order > 2 and plain.order == 2 and curved.copies == plain.copies == 2
     models = (ElectroelasticModel(domain, PIC181.density) for domain in (curved, plain))
     values = [solve_eigen(model, e_form, "short", 9).eigenvalues for model in models]
@@ -180,7 +181,7 @@ def test_the_whole_has_the_driven_modes_of_the_part():
 
 def test_curved_cells_know_their_maps():
     """Places go back to reference points, areas of facets are those of the rim, and no vertex moves alone."""
-    mesh = polar_cells(np.array([1.0, 1.5, 3.0]), np.linspace(0, np.pi, 3), np.array([0.0, 0.5]))
+    mesh = extruded(polar_plane(np.array([1.0, 1.5, 3.0]), np.linspace(0, np.pi, 3)), np.array([0.0, 0.5]))
     rng, cells = np.random.default_rng(1), np.array([0, 3])
     at = rng.uniform(0, 1, (3, 2, 5))
     np.testing.assert_allclose(mesh.mapping().invF(mesh.mapping().F(at, cells), cells), at, atol=1e-9)

@@ -1,0 +1,345 @@
+"""Curved hexahedra of high order for slabs: which grid, how fine, and what error of λ is to be expected.
+
+Rectangles and trapezoids are grids, disks and rings are polar; both have a line at every electrode rim and, on both
+sides of it and below the faces, cells that shrink geometrically towards it. What has round corners or holes, and no
+rims, is a plane mesh of gmsh in layers.
+
+The error of λ is that of waves and edges (`shapes.eigenvalue_error`, `round_body.divisions_for`), and what the
+singularity at a rim leaves with n graded cells on each side, at order p. Measured over plates and disks with partial
+electrodes (tests/verification/test_slab_meshes.py holds some to it) that is at most
+
+    0.007 · 2⁻ᵖ · 0.15ⁿ⁻¹ + 0.07 · 8⁻ᵖ,
+
+the singularity in the innermost cell, and the smooth field in its graded map. 1e-5 of λ takes order 5 or 6 and two or
+three graded cells, in grids as in polar cells, where the body is small enough for so many. At the holes of a drawn
+body, whose cells span an eighth of a circle, 5 · 20⁻ᵖ is left.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import meshio
+import numpy as np
+
+from femu_piezo.errors import InputError
+from femu_piezo.geometry.curved_mesh import CurvedHexahedra
+from femu_piezo.geometry.gmsh_session import mesh_drawing
+from femu_piezo.geometry.plane_mesh import (
+    RATIO,
+    PlaneMesh,
+    extruded,
+    graded_lines,
+    grid_plane,
+    least_jacobian,
+    pillowed,
+    polar_plane,
+)
+from femu_piezo.geometry.regions import Circle, Rectangle, Trapezoid
+from femu_piezo.geometry.round_body import PINHOLE, angles_of, divisions_for
+from femu_piezo.geometry.shape import check_unknowns, fits, solution_cost
+from femu_piezo.geometry.shapes import Plate, fewest_divisions
+from femu_piezo.geometry.slab_cad import divide_curves, draw_plane, partial_footprints
+
+if TYPE_CHECKING:
+    from femu_piezo.geometry.slab import Slab
+
+#: Wavenumber of bending waves of a thin plate over √(k/t): 12^(1/4) √(c_shear/c_plate), of a plate wave 1.6 times as
+#: fast as the shear wave of wavenumber k. They are driven where the part has no mirror plane at mid-height.
+_BENDING = 1.47
+#: Orders that are tried where cells are not those of a plain body.
+_ORDERS = range(3, 8)
+#: Error at a rim, see above: of the singularity and of the smooth field, each c and b in c b⁻ᵖ. Graded cells on a side
+#: of a rim at most, and share of the accuracy that waves and edges may leave beside it.
+_SINGULAR, _GRADED, _MOST_LAYERS, _SMOOTH = (7e-3, 2.0), (0.07, 8.0), 4, 0.5
+#: Error at a hole in cells of gmsh, c b⁻ᵖ, measured as those at rims.
+_HOLES = (5.0, 20.0)
+#: Reach of the graded cells on both sides of a rim and below the faces, over the thickness.
+_REACH = 0.5
+#: Seconds, as `solution_cost` counts them, that the cells at rims may take, and the accuracy beyond which it is not
+#: relaxed for them: about 25 000 unknowns.
+_MOST_SECONDS, _LEAST_ACCURACY = 8.0, 1e-3
+#: What gmsh is tried with: shares of the edge, cells of a full circle; least share of a plane cell's Jacobian in its
+#: mean that is good enough to look no further. Drawing units per metre.
+_SHRUNK, _PER_CIRCLE, _GOOD, _DRAWING_UNIT = (1.0, 0.7, 0.5, 0.35), (8, 12, 16), 0.05, 1e3
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """How fine a mesh is.
+
+    Attributes
+    ----------
+    order : of the elements
+    edge : of the cells at most: along x, y, z, m; of a round body along the radius, the arc of one cell, and along z
+    rim_layers : graded cells within the reach of a rim
+    """
+
+    order: int
+    edge: tuple[float, float, float]
+    rim_layers: int = 1
+
+
+class NoQuadrangles(InputError):
+    """gmsh divides a plane into no quadrangles of a good shape."""
+
+
+def is_grid(slab: Slab) -> bool:
+    """Whether the outline has four straight sides and no holes."""
+    plain = isinstance(slab.outline, Trapezoid) or (
+        isinstance(slab.outline, Rectangle) and slab.outline.corner_radius == 0
+    )
+    return plain and not slab.holes
+
+
+def is_round(slab: Slab) -> bool:
+    """Whether body and electrodes are rings or disks about the origin."""
+    circles = (slab.outline, *slab.holes)
+    concentric = all(isinstance(one, Circle) and one.center == (0.0, 0.0) for one in circles)
+    return concentric and len(slab.holes) <= 1 and slab.electrodes.span is None and slab.electrodes.wrap is None
+
+
+def mesh_for(
+    slab: Slab, accuracy: float, wavenumber: float, mirrors: tuple[int, ...], order: int | None
+) -> tuple[CurvedHexahedra, int, float]:
+    """The cheapest cells that keep λ within `accuracy`, the order of their elements, and the error of λ at rims.
+
+    Where electrode rims would take more than `_MOST_SECONDS`, the accuracy is relaxed until they do not.
+
+    Parameters
+    ----------
+    wavenumber : of the slowest shear wave at the highest frequency, 1/m
+    order : of the elements where it is given
+
+    Raises
+    ------
+    InputError : the mesh would be too large;  NoQuadrangles : gmsh cannot make it
+    """
+    rims = bool(partial_footprints(slab))
+    while True:
+        best = min(_candidates(slab, accuracy, wavenumber, mirrors, order), key=lambda one: one.rank(accuracy))
+        if not rims or best.seconds < _MOST_SECONDS or accuracy > _LEAST_ACCURACY:
+            break
+        accuracy *= 2
+    check_unknowns(best.unknowns, best.entries)
+    return _in_layers(slab, best.plane, best.fine, mirrors), best.fine.order, best.error if rims else 0.0
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A mesh in the plane and its fineness.
+
+    Attributes
+    ----------
+    error : of λ at rims and holes;  unknowns, entries : of the model and of its operator;  seconds : its cost, roughly
+    """
+
+    fine: Fineness
+    plane: PlaneMesh
+    error: float
+    unknowns: int
+    entries: float
+    seconds: float
+
+    def rank(self, accuracy: float) -> tuple[bool, float, float]:
+        """What grows from the best: those that are too large last, then by error beyond its share, then by cost."""
+        return not fits(self.unknowns, self.entries), max(self.error, accuracy * (1 - _SMOOTH)), self.seconds
+
+
+def _candidates(
+    slab: Slab, accuracy: float, wavenumber: float, mirrors: tuple[int, ...], order: int | None
+) -> Iterator[_Candidate]:
+    """Meshes of every order and number of graded cells."""
+    for p in _ORDERS if order is None else (order,):
+        for fine, error in _choices(slab, p, accuracy, wavenumber, mirrors):
+            plane = _plane(slab, fine, mirrors)
+            layers, squares = _heights(slab, fine, mirrors).size - 1, plane.quads.shape[1]
+            unknowns = int(4 * (p * layers + 1) * (squares * p**2 + 2 * p * np.sqrt(squares)))
+            entries, cost = 16.0 * squares * layers * (p + 1) ** 6, solution_cost(p, squares * layers, unknowns)
+            yield _Candidate(fine, plane, error, unknowns, entries, cost)
+
+
+def mesh_of_edge(slab: Slab, edge: float, mirrors: tuple[int, ...]) -> CurvedHexahedra:
+    """Cells of an edge at most, m, an arc of 90° at most, graded once at electrode rims."""
+    if is_round(slab):
+        turn = np.pi / 2 / np.ceil(np.pi / 2 * slab.outline.diameter / 2 / edge / 2)
+        return slab_mesh(slab, Fineness(4, (edge, turn, edge)), mirrors)
+    return slab_mesh(slab, Fineness(4, (edge, edge, edge)), mirrors)
+
+
+def _choices(
+    slab: Slab, p: int, accuracy: float, wavenumber: float, mirrors: tuple[int, ...]
+) -> Iterator[tuple[Fineness, float]]:
+    """The coarsest cells of an order that follow waves within an accuracy, and the error that they leave at rims and
+    holes, with more and more graded cells until that is within its share."""
+    rims, holes = bool(partial_footprints(slab)), bool(slab.holes) and not is_round(slab)
+    share = accuracy * (1 - _SMOOTH) if rims or holes else 0.0
+    edge = _edges(slab, p, accuracy - share, wavenumber, mirrors)
+    at_holes, singular, graded = (c * b**-p for c, b in (_HOLES, _SINGULAR, _GRADED))
+    for layers in range(1, _MOST_LAYERS + 1):
+        error = at_holes * holes + (singular * RATIO ** (layers - 1) + graded) * rims
+        yield Fineness(p, edge, layers), error
+        if error <= share or not rims:
+            break
+
+
+def _edges(
+    slab: Slab, p: int, accuracy: float, wavenumber: float, mirrors: tuple[int, ...]
+) -> tuple[float, float, float]:
+    """Edges of the cells as in `Fineness`, for the error of waves and of the edges of the body."""
+    if is_round(slab):
+        radii, height = _radii(slab), slab.thickness / (2 if 2 in mirrors else 1)
+        along = abs(slab.poling_direction[2]) == 1.0
+        found = divisions_for(radii, slab.thickness, height, wavenumber, accuracy, along, p)
+        return (radii[1] - radii[0]) / found.radial, np.pi / 2 / found.around, height / found.layers
+    x_min, x_max, y_min, y_max = slab.outline.extents
+    if not is_grid(slab):  # cells of gmsh are no cubes; they left up to 1.2 of the error of those
+        accuracy /= 2
+    box = Plate(x_max - x_min, y_max - y_min, slab.thickness, "thickness", slab.direction)
+    size = box.part(tuple(axis for axis in mirrors if axis in box.mirrors))
+    bending = 0.0 if 2 in mirrors else _BENDING * np.sqrt(wavenumber / slab.thickness)
+    phase = size * np.array([max(wavenumber, bending), max(wavenumber, bending), wavenumber])
+    return tuple((size / fewest_divisions(p, phase, accuracy)).tolist())
+
+
+def slab_mesh(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> CurvedHexahedra:
+    """The computed part as a grid, in polar cells, or by gmsh, without names of boundaries."""
+    return _in_layers(slab, _plane(slab, fine, mirrors), fine, mirrors)
+
+
+def _plane(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> PlaneMesh:
+    if is_grid(slab):
+        return grid_plane(_grid(slab, fine, mirrors))
+    if is_round(slab):
+        return polar_plane(*_polar_lines(slab, fine, mirrors))
+    return _drawn_plane(slab, fine, mirrors)
+
+
+def _in_layers(slab: Slab, plane: PlaneMesh, fine: Fineness, mirrors: tuple[int, ...]) -> CurvedHexahedra:
+    return extruded(plane, _heights(slab, fine, mirrors), slab.on_rim, _rims(slab, mirrors))
+
+
+def _rims(slab: Slab, mirrors: tuple[int, ...]) -> tuple[bool, bool]:
+    """Whether there are rims on the lower and on the upper face of the part."""
+    partial = bool(partial_footprints(slab))
+    return partial and slab.electrodes.margin > 0 and 2 not in mirrors, partial
+
+
+def _heights(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> np.ndarray:
+    """Growing z of the layers, m."""
+    stops = np.array([0.0 if 2 in mirrors else -slab.thickness / 2, slab.thickness / 2])
+    reach = _REACH * slab.thickness
+    return graded_lines(stops, np.array(_rims(slab, mirrors)), fine.edge[2], reach, fine.rim_layers)
+
+
+def _grid(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> np.ndarray:
+    """(2, nx, ny) points of the grid: lines of constant x, and lines between the slanted sides."""
+    reach, layers = _REACH * slab.thickness, fine.rim_layers
+    outer, inner = slab.outline, slab.hot.outline
+    half = outer.length / 2
+    rims = [x for x in slab.rims_x if -half * (1 - 1e-9) < x < half * (1 - 1e-9)]
+    x = _lines(half, rims, 0 in mirrors, fine.edge[0], reach, layers)
+    wide, tilt = _half_widths(outer)
+    sides, tilts = [wide], [tilt]
+    if slab.electrodes.margin:
+        sides, tilts = [_half_widths(inner)[0], wide], [_half_widths(inner)[1], tilt]
+    if 1 not in mirrors:
+        sides, tilts = [-w for w in sides[::-1]] + sides, [-w for w in tilts[::-1]] + tilts
+    else:
+        sides, tilts = [0.0, *sides], [0.0, *tilts]
+    at = half if tilt > 0 else -half  # where it is widest, the lines are placed
+    stops = np.array(sides) + np.array(tilts) * at
+    flags = np.array([0.0 < abs(w) < wide for w in sides])
+    y = graded_lines(stops, flags, fine.edge[1], reach, layers)
+    cell = np.clip(np.searchsorted(stops, y, side="right") - 1, 0, stops.size - 2)
+    share = (y - stops[cell]) / (stops[cell + 1] - stops[cell])
+    both = np.array([np.array(sides), np.array(tilts)])
+    place, slope = both[:, cell] * (1 - share) + both[:, cell + 1] * share
+    return np.array([np.broadcast_to(x[:, None], (x.size, y.size)), place + slope * x[:, None]])
+
+
+def _lines(half: float, rims: list[float], mirrored: bool, edge: float, reach: float, layers: int) -> np.ndarray:
+    """Lines from −half or the mirror plane at 0 to half, with those of the rims."""
+    low = 0.0 if mirrored else -half
+    stops = np.array([low, *sorted(x for x in set(rims) if x > low), half])
+    flags = np.zeros(stops.size, dtype=bool)
+    flags[1:-1] = True
+    return graded_lines(stops, flags, edge, reach, layers)
+
+
+def _half_widths(outline: Rectangle | Trapezoid) -> tuple[float, float]:
+    """Half the width in the middle, and its slope along x."""
+    if isinstance(outline, Rectangle):
+        return outline.width / 2, 0.0
+    return (outline.width + outline.width_end) / 4, (outline.width_end - outline.width) / (2 * outline.length)
+
+
+def _radii(slab: Slab) -> tuple[float, float]:
+    return (slab.holes[0].diameter / 2 if slab.holes else 0.0), slab.outline.diameter / 2
+
+
+def _polar_lines(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Radii and angles of polar cells."""
+    (inner, outer), margin = _radii(slab), slab.electrodes.margin
+    rims = [r for r in (inner + margin if inner else 0.0, outer - margin) if margin and r > 0]
+    stops = np.array([inner or PINHOLE * outer, *rims, outer])
+    flags = np.isin(np.arange(stops.size), np.arange(1, stops.size - 1))
+    lines = graded_lines(stops, flags, fine.edge[0], _REACH * slab.thickness, fine.rim_layers)
+    return lines, angles_of(mirrors, round(np.pi / 2 / fine.edge[1]))
+
+
+def _drawn_plane(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> PlaneMesh:
+    """Quadrangles of gmsh with a layer of our own along curves, the best of several tries."""
+    best, quality = None, 0.0
+    for shrunk, per_circle, subdivided in itertools.product(_SHRUNK, _PER_CIRCLE, (False, True)):
+        raw = _drawing(slab, min(fine.edge[:2]) * shrunk, mirrors, per_circle, subdivided)
+        if {one.type for one in raw.cells} & {"triangle", "triangle6"}:
+            continue
+        mesh = pillowed(_plane_mesh(raw))
+        found = least_jacobian(mesh)
+        if found > quality:
+            best, quality = mesh, found
+        if quality > _GOOD:
+            break
+    if best is None:
+        raise NoQuadrangles("gmsh divides the slab into no quadrangles of a good shape")
+    return best
+
+
+def _drawing(slab: Slab, edge: float, mirrors: tuple[int, ...], per_circle: int, subdivided: bool) -> meshio.Mesh:
+    """Quadrangles about `edge` long (m), in mm, straight from gmsh or each of its cells subdivided."""
+    options = {
+        "Mesh.MeshSizeMax": edge * _DRAWING_UNIT * (2 if subdivided else 1),
+        "Mesh.ElementOrder": 2,
+        "Mesh.RecombineAll": 1,
+        "Mesh.RecombinationAlgorithm": 1 if subdivided else 3,
+        "Mesh.SubdivisionAlgorithm": int(subdivided),
+        "Mesh.Algorithm": 6 if subdivided else 8,
+    }
+    drawn = slab.scaled(_DRAWING_UNIT)  # the tolerances of OpenCASCADE are made for drawings in mm
+
+    def build(gmsh) -> None:
+        draw_plane(gmsh, drawn, mirrors)
+        divide_curves(gmsh, options["Mesh.MeshSizeMax"], per_circle // (2 if subdivided else 1))
+
+    return mesh_drawing(build, options, "the slab", dimension=2)
+
+
+def _plane_mesh(raw: meshio.Mesh) -> PlaneMesh:
+    """Quadrangles of second order from mm to m, counterclockwise; their sides are lines and arcs."""
+    cells, points = raw.cells_dict["quad9"].T, raw.points[:, :2].T / _DRAWING_UNIT
+    corners, vertex = np.unique(cells[:4], return_inverse=True)
+    quads, middles = vertex.reshape(4, -1), points[:, cells[4:8]]
+    turned = _signed_area(points[:, cells[:4]]) < 0
+    quads[:, turned] = quads[[0, 3, 2, 1]][:, turned]
+    middles[:, :, turned] = middles[:, [3, 2, 1, 0]][:, :, turned]
+    return PlaneMesh(points[:, corners], quads, middles)
+
+
+def _signed_area(corners: np.ndarray) -> np.ndarray:
+    """(cells,) of quadrangles (2, 4, cells) by their diagonals."""
+    a, b = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
+    return (a[0] * b[1] - a[1] * b[0]) / 2
