@@ -267,6 +267,7 @@ class Taken:
     number, count : which of how many it is
     rising : whether its frequency rose in time
     drive : its amplitude over the largest of all
+    fixture : what held the specimen, by name; "" where that is not said
     warmer_K : temperature of the specimen above the mean of all;  span_K : half the range of all, 0 where unknown
     """
 
@@ -274,6 +275,7 @@ class Taken:
     count: int = 1
     rising: bool = True
     drive: float = 1.0
+    fixture: str = ""
     warmer_K: float = 0.0
     span_K: float = 0.0
 

@@ -20,8 +20,8 @@ def diagnosis_record(result: Diagnosis) -> dict:
     """diagnosis.json."""
     verdict, comparison = result.verdict, result.comparison
     return {
-        "specimen": result.specimen.name,
-        "specimens": [sweep.specimen.name for sweep in result.sweeps],
+        "specimen": result.piece.name,
+        "specimens": list(dict.fromkeys(sweep.measured.piece.name for sweep in result.sweeps)),
         "verdict": verdict.word,
         "causes": [_cause_record(cause) for cause in verdict.causes],
         "candidates": _candidates(result),

@@ -21,7 +21,7 @@ _CANDIDATES = 8
 def diagnosis_table(result: Diagnosis) -> RenderableType:
     """Verdict in words, the best candidates, the constants before and after, what to measure."""
     verdict, gain = result.verdict, result.gain
-    lines = [f"{result.specimen.name}: {verdict.word}: {answer(result).headline}"]
+    lines = [f"{result.piece.name}: {verdict.word}: {answer(result).headline}"]
     for cause in verdict.causes:
         size = sizes(cause.effect, cause.values, cause.std)
         lines.append(f"  {cause.effect.title}: {cause.effect.sentence}; {size}; probability {cause.probability:.3f}")

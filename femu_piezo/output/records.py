@@ -39,6 +39,8 @@ def update_record(result: UpdateResult) -> dict:
         }
         if result.fit.parameters.readings:
             record["readings"] = read_beside(result.fit)
+    if result.temperature is not None:
+        record["temperature"] = result.temperature.to_json()
     if result.provenance is not None:
         record["provenance"] = result.provenance
     if result.known is not None:

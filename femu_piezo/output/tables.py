@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from femu_piezo.study.modes import ModesResult
     from femu_piezo.study.results import Outcome, UpdateResult
     from femu_piezo.study.simulate import SimulationResult
+    from femu_piezo.study.temperature import TemperatureSeries
 
 #: Share of a deviation whose loss is worth a word.
 _WORTH = 0.05
@@ -87,9 +88,20 @@ def update_table(result: UpdateResult) -> RenderableType:
         f"{100 * outcome.rms_after:.3g} %; k_eff = {outcome.measured.pair.k_eff:.4f}; {outcome.unknowns} unknowns"
         for outcome in result.outcomes
     ]
+    if result.temperature is not None:
+        lines += _per_kelvin(result.temperature)
     if result.provenance is not None and len(result.outcomes) > 1:
         lines += [f"{name} from {_shares(shares)}" for name, shares in result.provenance.items()]
     return Group(*parts, text_of([*lines, *reading_words(result.fit), *told(result.notes)]))
+
+
+def _per_kelvin(series: TemperatureSeries) -> list[str]:
+    """Temperature coefficients, relative and of tangents."""
+    lines = [f"these are the constants at {series.reference_C:.4g} °C; with temperature they change by"]
+    for name, one in series.coefficients.items():
+        real, tangent = number(1e6 * one.relative, 1e6 * one.std), number(1e6 * one.tangent, 1e6 * one.tangent_std)
+        lines.append(f"  {name} ({real}) ppm/K, its tangent ({tangent}) · 10⁻⁶/K")
+    return lines
 
 
 def figures_table(figures: StandardFigures, name: str = "") -> RenderableType:

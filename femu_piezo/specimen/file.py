@@ -376,6 +376,14 @@ class Specimen(Table):
             return "readings.mass and geometry.mass both say how heavy the specimen is; give one of the two"
         if self.sweep is not None and (wrong := self._wrong_sweeps(self.sweep)):
             return wrong
+        fixtures = {one.fixture for one in self.sweep or ()} - {None}
+        for kind, tables in (("effects", self.effects or {}), ("fitted", self.fitted or {})):
+            for title in tables:
+                if title.endswith(")") and not any(title.endswith(f" ({fixture})") for fixture in fixtures):
+                    return (
+                        f"{kind}.{title} is of no fixture that a [[sweep]] names; known are "
+                        f"{', '.join(sorted(fixtures)) or 'none'}"
+                    )
         for key, value in self.fitted_constants.items():
             if key.removeprefix("tan_") not in CONSTANTS:
                 return f"fitted.material.{key} is no constant; known are {', '.join(CONSTANTS)}, each also with tan_"
@@ -579,7 +587,8 @@ def write_specimen(specimen: Specimen, path: Path | str) -> None:
         lines += [f"{key} = {_toml(_relative(v, path) if isinstance(v, Path) else v)}" for key, v in given.items()]
     for kind in ("effects", "fitted"):
         for name, values in (getattr(specimen, kind) or {}).items():
-            lines += ["", f"[{kind}.{name}]", *(f"{key} = {_toml(value)}" for key, value in values.items())]
+            title = name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _toml(name)
+            lines += ["", f"[{kind}.{title}]", *(f"{key} = {_toml(value)}" for key, value in values.items())]
     write_atomically(path, "\n".join(lines) + "\n")
 
 

@@ -22,8 +22,8 @@ from femu_piezo.study.pole_zero_update import pole_zero_update
 
 #: Errors of meshes and bases, and relative noise of the fits: their constants are only where to begin.
 _ACCURACY, _BASIS_ACCURACY, _NOISE = 5e-3, 1e-4, 1e-2
-#: rms |Δ log Z| of a fit above which another start is tried as well.
-_POOR = 0.05
+#: rms |Δ log Z| of a fit above which another start is tried as well: over the noise, and where there is next to none.
+_POOR, _LEAST_POOR = 10.0, 5e-3
 
 
 @dataclass(frozen=True)
@@ -38,10 +38,10 @@ class Beginning:
 
 
 def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
-    """A fit of the curves from the pole-zero update, and from the file's constants where that is poor.
+    """A fit of the curves from the pole-zero update, and from the file's constants where that is poor; the better one.
 
-    The pole-zero update starts from thin-body formulas, which fail where the modes of two dimensions meet; the file's
-    constants may be far away.
+    The pole-zero update starts from thin-body formulas, which fail where the modes of two dimensions meet, and may take
+    another mode for the fundamental, of a body that is far too soft; the file's constants may be far away.
 
     Raises ConvergenceError where neither settles, and InputError where the specimen has effects, which the pole-zero
     update does not know, and the file's constants are no stable material.
@@ -58,6 +58,7 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     elif not attempts:
         where, told = problem.specimen.path or problem.specimen.name, "; ".join(map(str, faults))
         raise InputError(f"{where}: material: {told}; with [effects] the fit starts from these constants")
+    noise = float(np.median(np.concatenate([one.relative_noise for one in measured])))
     found = []
     for attempt in attempts:
         try:
@@ -65,7 +66,7 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
         except ConvergenceError as error:
             reason = error
             continue
-        if found[-1][0] <= _POOR:
+        if found[-1][0] <= max(_POOR * noise, _LEAST_POOR):
             break
     if not found:
         raise reason

@@ -35,6 +35,7 @@ from femu_piezo.study.results import mesh_words
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.study.standard_figures import figures_of
 from femu_piezo.study.subjects import LEAST_ERROR, Subject, shared_library, subjects
+from femu_piezo.study.temperature import constants_under
 from femu_piezo.threads import with_blas_limit
 
 #: Most resonances of a linear body that is fitted for comparison.
@@ -58,7 +59,7 @@ class DiagnosedSweep:
     reference_Hz : where laws over frequency are anchored
     mesh : what the mesh of its model is, and its error, in words
     measured : the sweep with its poles and zeros
-    constants : of the final model
+    constants : of the final model under the conditions of this sweep
     """
 
     specimen: Specimen
@@ -149,8 +150,13 @@ class Diagnosis:
 
     @property
     def specimen(self) -> Specimen:
-        """The specimen shown."""
+        """The specimen shown, of several sweeps as that of the one shown."""
         return self.sweeps[self.shown].specimen
+
+    @property
+    def piece(self) -> Specimen:
+        """The specimen shown with all its sweeps."""
+        return self.sweeps[self.shown].measured.piece
 
     @property
     def spectrum(self) -> ImpedanceSpectrum:
@@ -230,8 +236,6 @@ def diagnose(
     clock.step("verdict")
     frequency = np.concatenate([one.measured.fitted.frequency for one in several])
     verdict = judge(comparison, frequency)
-    material = comparison.final.parameters.material
-    constants = material.constants(comparison.final.x[: comparison.final.parameters.of_material])
     sweeps = tuple(
         DiagnosedSweep(
             specimen=one.problem.specimen,
@@ -243,7 +247,7 @@ def diagnose(
             reference_Hz=one.context.fundamental_Hz,
             mesh=mesh_words(posterior.full[index], posterior.models[index]),
             measured=one.measured,
-            constants=constants,
+            constants=_constants_under(posterior, index, comparison.final),
         )
         for index, one in enumerate(several)
     )
@@ -265,6 +269,12 @@ def diagnose(
         sweeps=sweeps,
         separations=planned,
     )
+
+
+def _constants_under(posterior: Posterior, index: int, final: Fit) -> PiezoConstants:
+    """The constants of a fit under the conditions of one sweep."""
+    _, own, columns = posterior.whole_sweep(index, final)
+    return constants_under(own, final.x[columns])
 
 
 def _compared(
@@ -347,6 +357,9 @@ def extended_specimen(diagnosis: Diagnosis) -> Specimen:
     anew, so that no data count twice.
     """
     final, specimen = diagnosis.comparison.final, diagnosis.specimen
+    owner, fixtures = diagnosis.sweeps[diagnosis.shown].name, set()
+    if diagnosis.piece.sweep is not None:
+        specimen, fixtures = diagnosis.piece, {one.fixture for one in diagnosis.piece.sweep}
     material = final.parameters.material
     constants = material.constants(final.x[: final.parameters.of_material])
     values = {}
@@ -358,10 +371,11 @@ def extended_specimen(diagnosis: Diagnosis) -> Specimen:
         "fitted": {"material": values},
     }
     for effect, own in zip(final.parameters.effects, final.parameters.values(final.x), strict=True):
-        if effect.specimen not in ("", diagnosis.sweeps[diagnosis.shown].name):
+        if effect.specimen not in {"", owner, *fixtures}:
             continue
         named = effect.freed or effect.key in final.parameters.candidates
-        table = tables["effects" if named else "fitted"].setdefault(effect.name, {})
+        title = f"{effect.name} ({effect.specimen})" if effect.specimen in fixtures else effect.name
+        table = tables["effects" if named else "fitted"].setdefault(title, {})
         found = {parameter.name: float(value) for parameter, value in zip(effect.parameters, own, strict=True)}
         table.update(found)
         if named:

@@ -15,7 +15,7 @@ from femu_piezo.geometry.shapes import EIGHTH, Plate
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.study.measured import Measured
+from femu_piezo.study.measured import Measured, taken_of
 from femu_piezo.study.problem import Problem
 from femu_piezo.study.shapes import shape_of
 from femu_piezo.study.tolerances import tolerances
@@ -97,12 +97,16 @@ def has_effects(measured: Sequence[Measured]) -> bool:
 def effects_as_simulated(
     problem: Problem, band_Hz: tuple[float, float], effects: Iterable[Maker] | None = None
 ) -> tuple[tuple[Effect, np.ndarray], ...]:
-    """Everything that a simulation of the specimen over a band has beside its constants: [effects] and [fitted]."""
+    """Everything that a simulation of the specimen over a band has beside its constants: [effects] and [fitted].
+
+    Of several sweeps the simulation is taken as the first.
+    """
     if not problem.specimen.effects and not set(problem.specimen.fitted or {}) - {"material"}:
         return ()
     capacitance = abs(problem.constants.eps33T) * problem.plate.electrode_area / problem.plate.electrode_gap
     typical = 1 / (2 * np.pi * problem.expected_pole_Hz * capacitance)
-    context = effect_context(problem, problem.expected_pole_Hz, typical, band_Hz)
+    taken = taken_of(problem.specimen)[0]
+    context = effect_context(problem, problem.expected_pole_Hz, typical, band_Hz, taken=taken)
     return known_effects(problem, context, effects, fitted=True)
 
 

@@ -60,12 +60,6 @@ class Measured:
         return self.pair in self.extraction.pairs
 
     @property
-    def fixture(self) -> str:
-        """What held the specimen, by the name in its file; "" where it has none."""
-        (sweep,) = self.problem.specimen.sweep or (None,)
-        return (sweep and sweep.fixture) or ""
-
-    @property
     def band_Hz(self) -> float:
         """Highest frequency the model must serve."""
         return float(max(self.spectrum.frequency[-1], 1.05 * self.pair.zero.frequency_Hz))
@@ -193,7 +187,7 @@ def _of_one_piece(piece: Specimen, sweeps: Sequence[_Analysed]) -> list[Measured
         fundamental_pair(sweeps[0].extraction, sweeps[0].spectrum)
     lowest = min((pair for pair in own if pair is not None), key=lambda pair: pair.pole.frequency_Hz)
     found = []
-    for one, pair, taken in zip(sweeps, own, _taken(piece), strict=True):
+    for one, pair, taken in zip(sweeps, own, taken_of(piece), strict=True):
         near = pair is not None and pair.pole.frequency_Hz < _SAME_MODE * lowest.pole.frequency_Hz
         pair = pair if near else lowest
         permittivity = _low_permittivity(one.problem, one.fitted, pair)
@@ -203,8 +197,8 @@ def _of_one_piece(piece: Specimen, sweeps: Sequence[_Analysed]) -> list[Measured
     return found
 
 
-def _taken(piece: Specimen) -> list[Taken]:
-    """How each sweep of a specimen was taken."""
+def taken_of(piece: Specimen) -> list[Taken]:
+    """How each sweep of a specimen was taken; one upwards where its file does not say."""
     sweeps = piece.sweep
     if sweeps is None:
         return [Taken()]
@@ -212,7 +206,7 @@ def _taken(piece: Specimen) -> list[Taken]:
     warm = np.array([one.temperature or 0.0 for one in sweeps])
     span = float(np.ptp(warm)) / 2
     return [
-        Taken(number, len(sweeps), one.direction != "down", volt / max(volts), float(kelvin), span)
+        Taken(number, len(sweeps), one.direction != "down", volt / max(volts), one.fixture or "", float(kelvin), span)
         for number, (one, volt, kelvin) in enumerate(zip(sweeps, volts, warm - warm.mean(), strict=True))
     ]
 

@@ -54,6 +54,8 @@ def separations(
         *_readings(now, several, tuple(effects.values())),
         *_sweeps(now, several, tuple(effects.values()), constants),
     ]
+    if len(several) == 1:
+        plans += _again(now, several[0], posterior.models[0])
     found: list[Separation] = []
     for pair in pairs:
         present = pair.sigma(now)
@@ -179,12 +181,11 @@ def _sweeps(now: Plan, several: Sequence[Subject], effects: Sequence[Effect], co
         plans.append(Plan(words, Ensemble(tuple(parts)), np.concatenate(noise), now.owner, new_sweeps=True))
     if len(several) == 1:
         plans += _second_specimen(now, several[0], models[0], effects, constants)
-        plans += _again(now, several[0], models[0])
     return plans
 
 
 def _again(now: Plan, one: Subject, model: ExtendedModel) -> list[Plan]:
-    """The same sweep in the other direction, and at a third of the voltage."""
+    """The same sweep in the other direction, and at a third of the voltage, by the model of the diagnosis."""
     frequency, taken = _thinned(one.measured.fitted.frequency), one.context.taken
     part, noise = Evaluation(model, 2 * np.pi * frequency), np.tile(_noise(one, frequency.size), 2)
     ways = {
@@ -195,7 +196,7 @@ def _again(now: Plan, one: Subject, model: ExtendedModel) -> list[Plan]:
     for words, way in ways.items():
         other = replace(one, context=replace(one.context, taken=way))
         parts = tuple((_share(sweep, now.owner), part) for sweep in (one, other))
-        plans.append(Plan(words, Ensemble(parts), noise, now.owner, new_sweeps=True))
+        plans.append(Plan(words, Ensemble(parts), noise, now.owner))
     return plans
 
 

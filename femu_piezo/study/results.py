@@ -19,6 +19,7 @@ from femu_piezo.resonances import Resonance
 from femu_piezo.standards.figures import StandardFigures
 from femu_piezo.study.measured import Measured
 from femu_piezo.study.standard_figures import figures_of
+from femu_piezo.study.temperature import TemperatureSeries
 
 
 def rms_log_error(model: np.ndarray, data: np.ndarray) -> float:
@@ -48,6 +49,7 @@ class Outcome:
     history : pole-zero iterations on its fundamental
     sensitivity : of Z to each of the ten constants at the solution
     unknowns : of the full model;  mesh : what it is, in words
+    constants : the ten constants under the conditions of this sweep
     """
 
     measured: Measured
@@ -58,6 +60,7 @@ class Outcome:
     sensitivity: Sensitivity
     unknowns: int
     mesh: str
+    constants: PiezoConstants
 
     @property
     def rms_before(self) -> float:
@@ -91,6 +94,7 @@ class UpdateResult:
     known : what the data tell about each unknown, None without a curve fit
     provenance : constant → share of each sweep and of the prior in what is known of it, None without a curve fit
     seconds : step → time
+    temperature : the constants over temperature, None where the sweeps are of one
     """
 
     name: str
@@ -105,12 +109,13 @@ class UpdateResult:
     provenance: dict[str, dict[str, float]] | None
     notes: tuple[str, ...]
     seconds: dict[str, float]
+    temperature: TemperatureSeries | None = None
 
     @cached_property
     def figures(self) -> tuple[tuple[StandardFigures, ...], ...]:
         """Standard figures of each specimen, one for each mode that the standards know; see `standard_figures`."""
         return tuple(
-            figures_of(one.measured, self.constants, (one.measured.spectrum.frequency, one.updated_curve))
+            figures_of(one.measured, one.constants, (one.measured.spectrum.frequency, one.updated_curve))
             for one in self.outcomes
         )
 

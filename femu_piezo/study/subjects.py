@@ -92,7 +92,7 @@ def subjects(measured: Sequence[Measured], effects: Iterable[Maker] | None = Non
     """
     effects = None if effects is None else tuple(effects)
     pieces = [one.piece for one in measured if one.taken.number == 0]
-    names, fixtures = [piece.name for piece in pieces], {one.fixture for one in measured}
+    names, fixtures = [piece.name for piece in pieces], {one.taken.fixture for one in measured}
     double = next((name for index, name in enumerate(names) if name in names[:index]), None)
     if double is not None:
         raise InputError(
@@ -105,7 +105,7 @@ def subjects(measured: Sequence[Measured], effects: Iterable[Maker] | None = Non
         _subject(
             one,
             one.piece.name if len(pieces) > 1 else "",
-            one.fixture if len(fixtures) > 1 else "",
+            one.taken.fixture if len(fixtures) > 1 else "",
             effects,
         )
         for one in measured
@@ -133,7 +133,11 @@ def subject(
 ) -> Subject:
     """The specimen with the effects of its file; arguments as the attributes of `Subject`."""
     known = known_effects(problem, context, effects)
-    fixed = tuple((belonging_to(effect, name), values) for effect, values in known if not effect.freed)
+    fixed = tuple(
+        (effect if effect.specimen else belonging_to(effect, name), values)
+        for effect, values in known
+        if not effect.freed
+    )
     freed = tuple(item for item in known if item[0].freed)
     return Subject(name, problem, measured, noise, context, fixed, effects, freed, fixture)
 

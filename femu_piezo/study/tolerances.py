@@ -26,7 +26,10 @@ def tolerances(problem: Problem) -> dict[str, float]:
     specimen = problem.specimen
     if (specimen.update or Update()).noise_only:
         return {}
-    return _geometry(specimen.geometry) | _held(problem) | _instrument(specimen.measurement)
+    measurement, repeats = specimen.measurement, {}
+    if specimen.sweep is not None:
+        measurement, repeats = measurement or Measurement(), {"repeatability": _REPEATABILITY}
+    return _geometry(specimen.geometry) | _held(problem) | _instrument(measurement) | repeats
 
 
 def _geometry(geometry: Geometry) -> dict[str, float]:
@@ -64,6 +67,5 @@ def _instrument(measurement: Measurement | None) -> dict[str, float]:
         for name, default in _RESIDUE.items()
     }
     found["accuracy"] = _ACCURACY if measurement.accuracy is None else measurement.accuracy
-    found["repeatability"] = _REPEATABILITY
     found["phase_accuracy"] = _PHASE if measurement.phase_accuracy is None else measurement.phase_accuracy
     return found

@@ -36,6 +36,7 @@ from femu_piezo.study.results import Outcome, UpdateResult, mesh_words
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.study.starts import pair_names
 from femu_piezo.study.subjects import Subject, subjects
+from femu_piezo.study.temperature import constants_under, temperature_series
 from femu_piezo.threads import with_blas_limit
 
 #: rms |Δ log Z| of an updated model that a note warns about where it is also well above the noise.
@@ -112,6 +113,7 @@ def update_measured(
         provenance=_provenance(found, measured),
         notes=(*baseline_notes, *_notes(several, constants, outcomes, found, known)),
         seconds=clock.seconds,
+        temperature=temperature_series(found, several),
     )
 
 
@@ -187,6 +189,7 @@ def _outcome(posterior: Posterior, index: int, found: Fit, base: PiezoConstants,
         sensitivity=sensitivity_with_effects(one.problem.specimen.name, evaluation, own, x),
         unknowns=model.size,
         mesh=mesh_words(model, posterior.models[index]),
+        constants=constants_under(own, x),
     )
 
 
@@ -214,6 +217,7 @@ def _pole_zero_outcome(subject: Subject, full, state: PoleZeroState, base: Piezo
         sensitivity=sensitivity_with_effects(one.problem.specimen.name, evaluation, unknowns, x),
         unknowns=full.size,
         mesh=mesh_words(full, model),
+        constants=state.constants,
     )
 
 

@@ -7,6 +7,7 @@ A new effect is a new file, or from outside one more function in such a list.
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -75,6 +76,8 @@ def with_library(offered: Iterable[Maker] | None) -> tuple[Maker, ...]:
 _LONGEST = 60
 #: Frequencies of any sweep, Hz.
 _ANY_BAND = (1.0, 1e9)
+#: The name of a table of what one of several fixtures adds: NAME (FIXTURE).
+_OF_FIXTURE = re.compile(r"(?P<name>[^ ]+) \((?P<fixture>.+)\)")
 #: Keys of an [effects.NAME] table: where a law over frequency is anchored, and the parameters that fits find anew.
 REFERENCE, FREE = "reference_frequency", "free"
 
@@ -88,14 +91,19 @@ def from_table(
 ) -> tuple[tuple[Effect, np.ndarray], ...]:
     """The effects of an [effects] table with their values: effect name → parameter name → SI number or "1 ohm".
 
-    Those with a parameter that `free` names are unknowns of every fit (`Effect.within_spread`).
+    Those with a parameter that `free` names are unknowns of every fit (`Effect.within_spread`). What fixtures add other
+    than that of the sweep is left out.
 
     offered : the effects that are known by name;  kind : name of the table in messages
 
     Raises InputError for an unknown effect or parameter, and for a missing one.
     """
     found: list[tuple[Effect, np.ndarray]] = []
-    for name, values in table.items():
+    for title, values in table.items():
+        split = _OF_FIXTURE.fullmatch(title)
+        name, fixture = (split["name"], split["fixture"]) if split else (title, "")
+        if fixture not in ("", context.taken.fixture):
+            continue
         left = dict(values)
         free = left.pop(FREE, ())
         anchor = left.pop(REFERENCE, context.fundamental_Hz)
@@ -116,6 +124,7 @@ def from_table(
                 key = f"{where}: {kind}.{name}"
                 given = [_value(p, left.pop(p.name, p.rest), f"{key}.{p.name}") for p in effect.parameters]
                 asked = any(parameter.name in free for parameter in effect.parameters)
+                effect = replace(effect, specimen=fixture)
                 found.append((effect.within_spread if asked else effect, np.array(given)))
         if left or not values:
             words = "; or ".join(", ".join(f"{p.name} ({p.unit})" for p in effect.parameters) for effect in variants)

@@ -1,6 +1,6 @@
 """What differs between the sweeps of one specimen: its temperature, as stated and as nobody noticed.
 
-    θ → θ (1 + a ΔT)(1 − j b ΔT)    for every free constant, ΔT from the mean temperature of the sweeps,
+    θ → θ (1 + a ΔT)(1 − j b ΔT)    for every constant, free or held, ΔT from the mean temperature of the sweeps,
 
 so that b is what the loss tangent grows with temperature. The thermal expansion of the body, some 1e-6/K, is in a. What
 the stated temperatures do not tell (a few tenths of a kelvin, a new grip) shifts the resonances of each further sweep
@@ -16,13 +16,19 @@ import numpy as np
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 from femu_piezo.material.constants import D_FORM
 
-#: What temperature coefficients of ceramics are, standard deviations: of real parts and of tangents, 1/K.
-_PER_KELVIN, _TANGENT_PER_KELVIN = 5e-3, 1e-3
+#: What temperature coefficients of ceramics are, standard deviations, 1/K: of compliances, of the other constants, and
+#: of all tangents.
+_ELASTIC, _ELECTRIC, _TANGENT = 1e-3, 5e-3, 1e-3
 _COMPLIANCES = [index for index, name in enumerate(D_FORM) if name.startswith("s")]
 
 
+def _constants(context: EffectContext) -> tuple[str, ...]:
+    """The names of those that are not zero."""
+    return tuple(name for name in D_FORM if getattr(context.constants, name) != 0)
+
+
 def _coefficients(context: EffectContext):
-    where, kelvin = [D_FORM.index(name) for name in context.free], context.taken.warmer_K
+    where, kelvin = [D_FORM.index(name) for name in _constants(context)], context.taken.warmer_K
 
     def constants(theta, tangents, omega, p):
         theta, tangents = theta.copy(), tangents.copy()
@@ -56,19 +62,16 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     """Present where there are several sweeps; never causes."""
     taken, found = context.taken, []
     if taken.span_K > 0:
-        real, tangent = _PER_KELVIN, _TANGENT_PER_KELVIN
         found.append(
             Effect(
                 name="temperature_coefficients",
                 sentence="the constants change with temperature",
                 parameters=tuple(
                     one
-                    for name in context.free
+                    for name in _constants(context)
                     for one in (
-                        EffectParameter(name, "1/K", -0.05, 0.05, 1e-3, real, optional=True, tolerance=real),
-                        EffectParameter(
-                            f"tan_{name}", "1/K", -0.01, 0.01, 1e-4, tangent, optional=True, tolerance=tangent
-                        ),
+                        _coefficient(name, 1e-3, _ELASTIC if name.startswith("s") else _ELECTRIC),
+                        _coefficient(f"tan_{name}", 1e-4, _TANGENT),
                     )
                 ),
                 constants=_coefficients(context),
@@ -92,3 +95,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             )
         )
     return tuple(found)
+
+
+def _coefficient(name: str, usual: float, std: float) -> EffectParameter:
+    return EffectParameter(name, "1/K", -0.05, 0.05, usual, std, optional=True, tolerance=std)

@@ -12,7 +12,7 @@ from femu_piezo.output.diagnosis import diagnosis_figure, diagnosis_record
 from femu_piezo.output.diagnosis_tables import diagnosis_table, ranked
 from femu_piezo.output.folder import prepare_folder, write_figure, write_json
 from femu_piezo.output.results.result import Result, suffixes
-from femu_piezo.specimen.file import Specimen, write_study
+from femu_piezo.specimen.file import Measurement, Specimen, write_study
 from femu_piezo.study.diagnose import Diagnosis, extended_specimen
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class Diagnosed(Result, Diagnosis):
         ]
 
     def save(self, folder: Path | str, *, report: bool = False) -> Path:
-        """Write diagnosis.json and of every specimen diagnosis.png and extended.toml; the folder.
+        """Write diagnosis.json, of every sweep diagnosis.png, and of every specimen extended.toml; the folder.
 
         Of several specimens extended.toml is the study file of all. A sweep in memory is written to measured.csv, so
         that the extended specimen has its data.
@@ -81,26 +81,44 @@ class Diagnosed(Result, Diagnosis):
         report : report.html as well, whose first page answers in plain words
         """
         out = prepare_folder(Path(folder))
-        names = suffixes(len(self.sweeps))
-        for index, suffix in enumerate(names):
+        pieces: dict[str, list[int]] = {}
+        for index, suffix in enumerate(suffixes(len(self.sweeps))):
             shown = self.of(index)
+            pieces.setdefault(shown.piece.name, []).append(index)
             write_figure(out / f"diagnosis{suffix}.png", shown.plot())
-            _with_data(shown, out / f"measured{suffix}.csv").write(out / f"extended{suffix}.toml")
             if report:
                 from femu_piezo.output.report_diagnosis import write_diagnosis_report
 
                 write_diagnosis_report(out / f"report{suffix}.html", shown)
+        names = suffixes(len(pieces))
+        for suffix, indices in zip(names, pieces.values(), strict=True):
+            self._with_data(indices, out).write(out / f"extended{suffix}.toml")
         if len(names) > 1:
             write_study([f"extended{suffix}.toml" for suffix in names], out / "extended.toml")
         write_json(out / "diagnosis.json", diagnosis_record(self))
         return out
 
+    def _with_data(self, indices: list[int], out: Path) -> Specimen:
+        """The extended specimen of some of the sweeps.
 
-def _with_data(shown: Diagnosed, path: Path) -> Specimen:
-    """The extended specimen; a sweep that has no file is written to `path`, as it was after its corrections."""
-    extended = shown.extended
-    if extended.measurement.file is not None:
-        return extended
-    write_spectrum(shown.spectrum, path)
-    table = {"file": path.absolute(), "correct_phase": False, "mask_faults": False}
-    return extended.model_copy(update={"measurement": extended.measurement.model_copy(update=table)})
+        Those that have no file are written as they were after their corrections.
+        """
+        extended, found, written = self.of(indices[0]).extended, [], False
+        for index in indices:
+            file = self.sweeps[index].specimen.measurement.file
+            if file is None:
+                file, written = (out / f"measured{suffixes(len(self.sweeps))[index]}.csv").absolute(), True
+                write_spectrum(self.sweeps[index].spectrum, file)
+            found.append(file)
+        table = {"correct_phase": False, "mask_faults": False} if written else {}
+        if extended.sweep is None:
+            table["file"] = found[0]
+        else:
+            sweeps = zip(extended.sweep, found, strict=True)
+            extended = extended.model_copy(
+                update={"sweep": tuple(one.model_copy(update={"file": file}) for one, file in sweeps)}
+            )
+        if not table:
+            return extended
+        measurement = extended.measurement or Measurement()
+        return extended.model_copy(update={"measurement": measurement.model_copy(update=table)})

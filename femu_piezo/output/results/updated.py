@@ -51,7 +51,7 @@ class Updated(Result, UpdateResult):
     def save(self, folder: Path | str, *, report: bool = False) -> Path:
         """Write update.json and of every specimen impedance.png, iterations.png, sensitivity.png and updated.csv.
 
-        budget.png as well, where the deviations have a budget.
+        budget.png as well, where the deviations have a budget, and temperature.png of sweeps at several temperatures.
 
         report : report.html as well, which holds all of it
         """
@@ -71,6 +71,10 @@ class Updated(Result, UpdateResult):
         if budget_shares(self.parameters):
             title = f"{self.name}: where the deviations come from"
             write_figure(out / "budget.png", budget_figure(title, self.parameters))
+        if self.temperature is not None:
+            from femu_piezo.output.temperature_chart import temperature_figure
+
+            write_figure(out / "temperature.png", temperature_figure(self.name, self.temperature))
         write_json(out / "update.json", update_record(self))
         if report:
             from femu_piezo.output.report_update import write_update_report
