@@ -1,0 +1,323 @@
+"""Several sweeps of one specimen: what they have in common, what a second one tells, and a series over temperature.
+
+The sweeps are made by the spectral code of the hidden effects, with constants that change from point to point and from
+sweep to sweep; the drive level by solving for the compliance that the motion itself leaves.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from functools import cache
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hidden_effects.build import Build
+from hidden_effects.draws import DENSITY, NAMES, PZT5H
+from hidden_effects.reduced import Plate
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+
+from femu_piezo import diagnose, read_specimen, simulate, update
+from femu_piezo.cli import main
+from femu_piezo.effects.library import circuits, drive_level, losses, sweep_too_fast, temperature_drift
+from femu_piezo.errors import InputError
+
+SIZE = np.array([12e-3, 6.7e-3, 1.6e-3])
+TANGENTS = {"s11": 0.016, "d31": 0.012, "eps33T": 0.018}
+FREQUENCY = np.linspace(20e3, 240e3, 601)
+#: True over assumed, of the free constants.
+OFF = {"s11": 1.03, "d31": 0.97, "eps33T": 1.05}
+
+
+def truth() -> np.ndarray:
+    theta = PZT5H.astype(complex)
+    for name, tangent in TANGENTS.items():
+        theta[NAMES.index(name)] *= OFF[name] * (1 - 1j * tangent)
+    return theta
+
+
+@cache
+def fundamental() -> float:
+    return Build(size=SIZE, density=DENSITY, theta=truth(), fundamental=0.0).pole(115e3)
+
+
+def sweep(law=None, theta=None, frequency=FREQUENCY, noise=1e-3, seed=0, circuits=()) -> np.ndarray:
+    """Rows of frequency, resistance and reactance."""
+    build = Build(SIZE, DENSITY, truth() if theta is None else theta, fundamental())
+    build.laws += [] if law is None else [law]
+    build.circuits += circuits
+    return noisy(frequency, build.impedance(frequency), noise, seed)
+
+
+def noisy(frequency, z, noise, seed) -> np.ndarray:
+    draw = np.random.default_rng(seed).standard_normal((2, z.size)) * noise / np.sqrt(2)
+    z = z * (1 + draw[0] + 1j * draw[1])
+    return np.column_stack([frequency, z.real, z.imag])
+
+
+def softer(share):
+    """All compliances over (1 + share(f))²."""
+
+    def law(theta, frequency):
+        found = theta.copy()
+        found[:5] /= (1 + share(frequency)) ** 2
+        return found
+
+    return law
+
+
+@dataclass
+class Bench:
+    """A folder with the specimen file of the plate and its sweeps."""
+
+    folder: object
+    lines: list[str] = field(default_factory=list)
+
+    def add(self, name: str, rows: np.ndarray, **keys) -> None:
+        self.lines += ["[[sweep]]", f'file = "{name}.csv"', *(f"{key} = {value!r}" for key, value in keys.items())]
+        self.put(name, rows)
+
+    def put(self, name: str, rows: np.ndarray) -> None:
+        header = "frequency_Hz,resistance_ohm,reactance_ohm"
+        np.savetxt(self.folder / f"{name}.csv", rows, delimiter=",", header=header, comments="")
+
+    def write(self, *more: str):
+        constants = [f"{name} = {value.real!r}" for name, value in zip(NAMES, PZT5H.tolist(), strict=True)]
+        body = [f"{key} = {value}" for key, value in zip(("length", "width", "thickness"), SIZE, strict=True)]
+        head = ['name = "piece"', "[geometry]", 'shape = "plate"', *body, f"density = {DENSITY}"]
+        text = [*head, "[material]", 'free = ["s11", "d31", "eps33T"]', *constants, *self.lines, *more]
+        path = self.folder / "piece.toml"
+        path.write_text("\n".join(text), encoding="utf-8")
+        return path
+
+
+@pytest.fixture
+def bench(tmp_path) -> Bench:
+    return Bench(tmp_path)
+
+
+def time(frequency):
+    return (frequency - FREQUENCY[0]) / np.ptp(FREQUENCY)
+
+
+DRIFT = 1.2e-3
+
+
+def up(frequency):
+    return DRIFT * (time(frequency) - time(fundamental()))
+
+
+def down(frequency):
+    """After the sweep up, without a pause."""
+    return DRIFT * (2 - time(frequency) - time(fundamental()))
+
+
+def test_a_drift_that_one_sweep_cannot_tell_is_told_by_the_recommended_second(bench):
+    """The plan says which second sweep and how far it will separate the two; that sweep does, and gives the drift."""
+    bench.put("up", sweep(softer(up), seed=1))
+    alone = diagnose(bench.write("[measurement]", 'file = "up.csv"'))
+    (cause,) = alone.causes
+    assert cause.effect.name == "temperature_drift"
+    assert cause.indistinguishable_from, "the case is too easy to show anything"
+    rows = [one for one in alone.separations if one.cause == "temperature_drift" and one.other != "s11"]
+    again = [one for one in rows if one.measurement == "sweep again in the opposite direction"]
+    assert again and max(one.now for one in again) < 4 and min(one.expected for one in again) > 8
+
+    bench.add("up", sweep(softer(up), seed=1), direction="up")
+    bench.add("down", sweep(softer(down), seed=2), direction="down")
+    both = diagnose(bench.write())
+    (cause,) = both.causes
+    assert cause.effect.name == "temperature_drift" and not cause.indistinguishable_from
+    drift, level = cause.parameters["drift"], cause.parameters["level_2"]
+    assert abs(drift.value - DRIFT) < 3 * drift.std
+    assert abs(level.value - down(fundamental())) < 3 * level.std
+    assert both.gain["over_expected"] < 1.2
+    others = [one.fit.left_out_misfit for one in both.comparison.singles if one.effect.title == again[0].other]
+    assert all(misfit > 8 for misfit in others)  # as far as the plan said
+
+
+#: Candidates that need no places: what differs from sweep to sweep, and what does not.
+FEW = tuple(one.candidates for one in (circuits, drive_level, losses, sweep_too_fast, temperature_drift))
+
+
+def test_what_is_alike_in_both_directions_is_no_drift(bench):
+    """Losses that depend on frequency and not on time; two quiet sweeps beside them."""
+
+    def lossy(theta, frequency):
+        found = theta.copy()
+        found[0] = theta[0].real + 1j * theta[0].imag * (frequency / fundamental()) ** 0.8
+        return found
+
+    for name, seed in (("up", 1), ("down", 2)):
+        bench.add(name, sweep(lossy, seed=seed), direction=name)
+    found = diagnose(bench.write(), effects=FEW)
+    assert [cause.effect.name for cause in found.causes] == ["frequency_dependent_elastic_loss"]
+    for name, seed in (("up", 3), ("down", 4)):
+        bench.put(name, sweep(seed=seed))
+    assert str(diagnose(bench.write(), effects=FEW).verdict) == "none"
+
+
+def test_one_body_one_fit(bench):
+    """A second sweep adds what its noise does not hide; dimensions are those of the one body."""
+    bench.put("one", sweep(seed=1))
+    alone = update(bench.write("[measurement]", 'file = "one.csv"'))
+    for number in (1, 2):
+        bench.add(f"sweep {number}", sweep(seed=number))
+    both = update(bench.write())
+    for name in OFF:
+        first, second = alone.parameters[name], both.parameters[name]
+        assert second.budget["noise"] < first.budget["noise"], name
+        assert second.budget["geometry"] == pytest.approx(first.budget["geometry"], rel=0.05), name
+        exact = truth()[NAMES.index(name)]
+        assert abs(second.value - exact.real) < 3 * second.std
+    tangents = (one.parameters["s11"].tan_budget["noise"] for one in (both, alone))
+    assert next(tangents) == pytest.approx(next(tangents) / np.sqrt(2), rel=0.1)
+    assert [one.measured.problem.specimen.name for one in both.outcomes] == ["piece, sweep 1", "piece, sweep 2"]
+    assert len({id(one.measured.piece) for one in both.outcomes}) == 1
+
+
+def test_fundamental_in_one_sweep_and_overtone_in_another(bench):
+    """Windows about two modes: the second alone holds no fundamental, and both give the constants of the whole."""
+    bench.add("fundamental", sweep(frequency=np.linspace(105e3, 130e3, 201), seed=1))
+    bench.add("higher", sweep(frequency=np.linspace(180e3, 240e3, 201), seed=2))
+    result = update(bench.write())
+    assert result.outcomes[0].measured.holds_fundamental and not result.outcomes[1].measured.holds_fundamental
+    for name in OFF:
+        one = result.parameters[name]
+        assert abs(one.value - truth()[NAMES.index(name)].real) < 3 * one.std, name
+    assert all(outcome.rms_after < 1.3e-3 for outcome in result.outcomes)
+    assert result.figures[1] == ()
+
+
+#: Relative and of the tangent, 1/K.
+COEFFICIENTS = {"s11": (4e-4, 2e-5), "d31": (1.5e-3, 3e-5), "eps33T": (3e-3, 4e-5)}
+
+
+def test_temperature_series(bench):
+    """Coefficients of constants and tangents within their deviations, and a line that passes through the truth."""
+    for number, celsius in enumerate((20.0, 45.0, 80.0)):
+        theta, kelvin = truth(), celsius - 145 / 3
+        for name, (real, tangent) in COEFFICIENTS.items():
+            theta[NAMES.index(name)] *= (1 + real * kelvin) * (1 - 1j * tangent * kelvin)
+        bench.add(f"at {celsius:g}", sweep(theta=theta, seed=number), temperature=f"{celsius + 273.15} K")
+    result = update(bench.write())
+    series = result.temperature
+    assert series.reference_C == pytest.approx(145 / 3) and series.measured_C == pytest.approx((20.0, 45.0, 80.0))
+    lines = series.over(np.array([20.0, 80.0]))
+    for name, (real, tangent) in COEFFICIENTS.items():
+        found, exact = series.coefficients[name], truth()[NAMES.index(name)]
+        assert abs(found.relative - real) < 3 * found.std and found.std < 0.02 * real, name
+        assert abs(found.tangent - tangent) < 3 * found.tangent_std and found.tangent_std < 0.1 * tangent, name
+        values, std = lines[name]
+        for value, deviation, kelvin in zip(values, std, np.array([20.0, 80.0]) - 145 / 3, strict=True):
+            assert abs(value - exact.real * (1 + real * kelvin)) < 3 * deviation, name
+        at_reference = series.over(np.array([series.reference_C]))[name]
+        assert at_reference[0][0] == pytest.approx(result.parameters[name].value, rel=1e-12)
+        assert at_reference[1][0] == pytest.approx(result.parameters[name].std, rel=1e-9)
+    out = result.save(bench.folder / "out")
+    assert (out / "temperature.png").stat().st_size > 10_000
+    record = json.loads((out / "update.json").read_text(encoding="utf-8"))["temperature"]
+    assert set(record["coefficients"]) == set(COEFFICIENTS)
+
+
+def leaning(drive: float, beta: float, ratio: float, frequency: np.ndarray) -> np.ndarray:
+    """Z of a plate whose compliances grow by β drive² |Y|²/max|Y₀|² at every frequency, loss by `ratio` of it."""
+    build = Build(SIZE, DENSITY, truth(), fundamental())
+    plate = Plate(build.body(), truth(), 240e3)
+    linear = plate.impedance(truth(), frequency)
+    growth, logs = np.linspace(0, beta, 7), []
+    for one in growth:
+        theta = truth()
+        theta[:5] *= 1 + one * (1 - 1j * ratio)
+        logs.append(np.log(plate.impedance(theta, frequency)))
+    table, top = CubicSpline(growth, np.array(logs)), np.max(np.abs(1 / linear))
+
+    def excess(one: float, index: int) -> float:
+        return one - beta * drive**2 * abs(np.exp(-table(one)[index])) ** 2 / top**2
+
+    found = [brentq(excess, 0, beta, args=(index,)) for index in range(frequency.size)]
+    return np.array([np.exp(table(one)[index]) for index, one in enumerate(found)])
+
+
+def test_lean_goes_with_the_square_of_the_voltage(bench):
+    """Two levels share one softening, at the higher of the two."""
+    frequency, beta = np.linspace(100e3, 140e3, 401), 6e-4
+    for name, drive in (("loud", 1.0), ("quiet", 1 / 3)):
+        rows = noisy(frequency, leaning(drive, beta, 0.4, frequency), 5e-4, seed=len(name))
+        bench.add(name, rows, drive_voltage=f"{0.9 * drive} V")
+    result = diagnose(bench.write(), effects=FEW)
+    (cause,) = [one for one in result.causes if one.effect.name == "drive_level"]
+    softening = cause.parameters["softening"]
+    assert abs(softening.value - beta) < 3 * softening.std and softening.std < 0.3 * beta
+    assert cause.probability > 0.9
+
+
+def test_a_stray_capacitance_is_that_of_its_fixture(bench):
+    """One fixture adds 40 pF, the other nothing: the cause is named with the fixture, and extended.toml keeps it."""
+    stray = 40e-12
+    bench.add("clips", sweep(seed=1, circuits=[lambda w, z: 1 / (1 / z + 1j * w * stray)]), fixture="clips")
+    bench.add("probes", sweep(seed=2), fixture="probes")
+    result = diagnose(bench.write(), effects=FEW)
+    (cause,) = result.causes
+    assert cause.effect.title == "stray_capacitance (clips)"
+    capacitance = cause.parameters["capacitance"]
+    assert abs(capacitance.value - stray) < 3 * capacitance.std
+    result.save(bench.folder / "out")
+    extended = read_specimen(bench.folder / "out/extended.toml")
+    assert extended.effects["stray_capacitance (clips)"]["capacitance"] == pytest.approx(capacitance.value)
+    assert [one.fixture for one in extended.sweep] == ["clips", "probes"]
+    again = diagnose(extended, effects=FEW)
+    assert str(again.verdict) == "none"
+    for name, one in result.parameters.items():
+        assert again.parameters[name].value == pytest.approx(one.value, rel=1e-4), name
+        assert again.parameters[name].std == pytest.approx(one.std, rel=0.1), name
+    simulate(extended)  # of no fixture
+
+
+def test_a_window_about_the_fundamental_of_a_wide_plate(bench):
+    """No body three times as soft, another mode of which is where the fundamental should be."""
+    bench.put("window", sweep(frequency=np.linspace(100e3, 140e3, 401), noise=5e-4, seed=5))
+    result = update(bench.write("[measurement]", 'file = "window.csv"'))
+    for name in OFF:
+        one = result.parameters[name]
+        assert abs(one.value - truth()[NAMES.index(name)].real) < 3 * one.std, name
+
+
+WRONG = {
+    "two ways": (['file = "a.csv"'], ["[measurement]", 'file = "b.csv"'], "measurement.file and [[sweep]]"),
+    "no file": (['direction = "up"'], [], "sweep.file is missing"),
+    "direction": (['file = "a.csv"', 'direction = "left"'], [], "direction"),
+    "temperature": (['file = "a.csv"', 'temperature = "25 bar"'], [], "is not a temperature"),
+    "hot": (['file = "a.csv"', "temperature = 3000"], [], "outside"),
+    "half told": (['file = "a.csv"', 'fixture = "clips"', "[[sweep]]", 'file = "b.csv"'], [], "not of b"),
+    "one name": (['file = "a.csv"', "[[sweep]]", 'file = "x/a.csv"'], [], "two sweeps"),
+    "no such fixture": (
+        ['file = "a.csv"'],
+        ['[effects."stray_capacitance (clips)"]', "capacitance = 1e-12"],
+        "of no fixture",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_wrong_sweeps_are_one_sentence(kind, bench):
+    lines, more, words = WRONG[kind]
+    bench.lines = ["[[sweep]]", *lines]
+    path = bench.write(*more)
+    with pytest.raises(InputError, match=words.replace("[", r"\[").replace("]", r"\]")):
+        read_specimen(path)
+    answer = CliRunner().invoke(main, ["update", str(path), "--out", str(bench.folder / "out")])
+    assert answer.exit_code == 2 and "Traceback" not in answer.output
+    assert not (bench.folder / "out").exists()
+
+
+def test_list_of_files_is_a_list_of_sweeps(bench):
+    for name in ("a", "b"):
+        bench.put(name, np.ones((4, 3)))
+    specimen = read_specimen(bench.write("[measurement]", 'file = ["a.csv", "b.csv"]'))
+    assert [one.file.name for one in specimen.sweep] == ["a.csv", "b.csv"]
+    assert [one.label for one in specimen.sweep] == ["a", "b"]
+    specimen.write(bench.folder / "copy.toml")
+    assert read_specimen(bench.folder / "copy.toml").sweep == specimen.sweep
