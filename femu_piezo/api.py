@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 from femu_piezo.errors import InputError
 from femu_piezo.measurement.readers import accept_spectrum, read_spectrum
@@ -55,20 +55,28 @@ def simulate(specimen: AnySpecimen, *, full_order: bool = False, effects: Iterab
     return Simulated.of_study(study.simulate(_one(specimen), full_order=full_order, effects=effects))
 
 
-def extract(spectrum: AnySweep, *, correct_phase: bool = False, mask_faults: bool = False) -> Extracted:
+def extract(
+    spectrum: AnySweep,
+    *,
+    correct_phase: bool = False,
+    mask_faults: bool = False,
+    method: Literal["maximum_likelihood", "prony_ss"] = "maximum_likelihood",
+) -> Extracted:
     """Poles and zeros of a measured sweep with uncertainties, without any model.
 
     Parameters
     ----------
     correct_phase : turn the phase of the sweep by 180°
     mask_faults : leave out spikes, mains lines and the shorter side of jumps
+    method : "prony_ss" for the paper's method in the time domain (evenly spaced points, no deviations)
     """
     from femu_piezo.extraction import extract as find
     from femu_piezo.output.results.extracted import Extracted
 
     given = _sweep(spectrum)
     accept = read_spectrum if isinstance(given, Path) else accept_spectrum
-    return Extracted.of_study(find(accept(given, correct_phase=correct_phase, mask_faults=mask_faults)))
+    accepted = accept(given, correct_phase=correct_phase, mask_faults=mask_faults)
+    return Extracted.of_study(find(accepted, method=method))
 
 
 def circuit(
@@ -169,6 +177,7 @@ def update(
     correct_phase: bool = False,
     mask_faults: bool = False,
     effects: Iterable[Maker] | None = None,
+    samples: int = 0,
     progress: Progress | None = None,
     bases: Bases | None = None,
 ) -> Updated:
@@ -181,6 +190,7 @@ def update(
         of [measurement] but the file counts: held_out, noise, accuracy, residue, correct_phase, mask_faults
     correct_phase, mask_faults : as in [measurement], for all sweeps
     effects : that the [effects] of the files may name beside those of the library
+    samples : of the posterior, drawn where the Gaussian about the best constants is not to be trusted (50 or more)
     progress : called with the name of each step
     bases : where models and reduced bases come from; made for these specimens alone where None
 
@@ -193,7 +203,7 @@ def update(
     from femu_piezo.study import update as study
 
     wanted, sweeps = _measured(specimens, spectra, correct_phase, mask_faults)
-    return Updated.of_study(study.update(wanted, progress, bases, spectra=sweeps, effects=effects))
+    return Updated.of_study(study.update(wanted, progress, bases, spectra=sweeps, effects=effects, samples=samples))
 
 
 def diagnose(

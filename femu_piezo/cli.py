@@ -162,8 +162,21 @@ def simulate(specimen: Path, out: Path, full_order: bool) -> None:
 @click.option(
     "--columns", metavar="NAMES", help='what the columns are, in place of a header: "f (Hz), R (Ohm), X (Ohm)"'
 )
+@click.option(
+    "--method",
+    type=click.Choice(["maximum-likelihood", "prony-ss"]),
+    default="maximum-likelihood",
+    show_default=True,
+    help="prony-ss: the paper's, in the time domain; needs evenly spaced points, has no deviations",
+)
 def extract(
-    file: Path, out: Path, correct_phase: bool, mask_faults: bool, connection: str | None, columns: str | None
+    file: Path,
+    out: Path,
+    correct_phase: bool,
+    mask_faults: bool,
+    connection: str | None,
+    columns: str | None,
+    method: str,
 ) -> None:
     """Extract poles and zeros with uncertainties from the sweep FILE.
 
@@ -171,7 +184,8 @@ def extract(
     points or commas), such as Bode 100, WaveForms and LCR meters write, HP 4294A, Keysight E4990A and E5061B exports,
     and Touchstone of one or two ports (.s1p, .s2p in series or shunt). Writes extraction.json and extraction.png. Both
     have the standard figures that need no body (fs, fp, fm, fn, fr, fa, k_eff, Qm, capacitance, tan δ; IEEE 176-1987,
-    EN 50324-2).
+    EN 50324-2). With --method prony-ss also prony_ss.png: impulse responses, singular values and stabilization diagrams
+    of poles and zeros.
     """
     from femu_piezo.api import extract as run
     from femu_piezo.measurement.readers import read_spectrum
@@ -181,7 +195,7 @@ def extract(
         file, correct_phase=correct_phase, mask_faults=mask_faults, connection=connection, columns=names
     )
     _prepare(out)
-    result = run(spectrum)
+    result = run(spectrum, method=method.replace("-", "_"))
     result.save(out)
     _show(result)
 
@@ -215,6 +229,12 @@ def circuit(source: Path, out: Path, correct_phase: bool, mask_faults: bool) -> 
 @_correct_phase
 @_mask_faults
 @click.option("--timings", is_flag=True, help="print where the time goes")
+@click.option(
+    "--sample",
+    type=click.IntRange(50),
+    metavar="N",
+    help="draw N samples of the posterior by as many fits, such as 400",
+)
 def update(
     specimens: tuple[Path, ...],
     out: Path,
@@ -223,6 +243,7 @@ def update(
     correct_phase: bool,
     mask_faults: bool,
     timings: bool,
+    sample: int | None,
 ) -> None:
     """Update the free constants of SPEC from its measured sweep.
 
@@ -231,7 +252,8 @@ def update(
     baseline and updated), iterations.png, sensitivity.png and updated.csv (the updated model at the measured
     frequencies); numbered where there are several specimens. The standard figures (k31, Qm, N, s, d by the formulas
     of IEEE 176-1987 for the shape) stand beside the finite element values, with what the formulas get wrong for this
-    piece. With --report also report.html, which holds all of it.
+    piece. With --report also report.html, which holds all of it. With --sample also samples.csv (every unknown, SI),
+    corner.png, and intervals in update.json that need no Gaussian.
     """
     from femu_piezo.api import update as run
     from femu_piezo.specimen.file import read_specimens
@@ -239,7 +261,9 @@ def update(
     wanted = read_specimens(specimens, data)
     _prepare(out)
     with _steps_shown() as progress:
-        result = run(wanted, correct_phase=correct_phase, mask_faults=mask_faults, progress=progress)
+        result = run(
+            wanted, correct_phase=correct_phase, mask_faults=mask_faults, samples=sample or 0, progress=progress
+        )
     drawing = time.perf_counter()
     imported = drawing - _STARTED - sum(result.seconds.values())
     result.save(out, report=report)

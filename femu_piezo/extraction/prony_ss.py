@@ -39,6 +39,7 @@ class PronySS:
     residues : (number of columns,) complex R of R/(λ − ω²) in Y/(jω) for poles, farad·rad²/s², and of
         R/(ω² − λ) in jωZ for zeros, ohm·rad³/s³, from the least-squares amplitudes of the signal
     singular_values : (min(rows, columns),) of the Hankel matrix H0, largest first
+    shift : angular frequency that was taken out of the signal, rad/s: 0 of a real one
     """
 
     diagram: StabilizationDiagram
@@ -47,6 +48,21 @@ class PronySS:
     start: float
     residues: np.ndarray
     singular_values: np.ndarray
+    shift: float = 0.0
+
+    @property
+    def time(self) -> np.ndarray:
+        """(K,) of the samples of `signal`, s."""
+        return self.start + self.time_step * np.arange(self.signal.size)
+
+    @property
+    def modelled(self) -> np.ndarray:
+        """(K,) the signal of the columns alone: Σ R Δt/(2p) exp((p − jω0) t), ω0 the shift, p = j√λ; of a real signal
+        with the conjugates."""
+        p = 1j * np.sqrt(np.array([column.eigenvalue for column in self.diagram.columns], complex))
+        sign = 1 if self.diagram.kind == "pole" else -1
+        found = np.exp(np.outer(self.time, p - 1j * self.shift)) @ (sign * self.residues * self.time_step / (2 * p))
+        return 2 * found.real if np.isrealobj(self.signal) else found
 
 
 def prony_ss(
@@ -126,7 +142,7 @@ def prony_ss(
     diagram = inside(stabilize(kind, by_order, min_column=MIN_COLUMN), low, high)
     start = dead * time_step
     columns, residues = _physical(used, diagram, time_step, start, shift)
-    return PronySS(replace(diagram, columns=columns), used, time_step, start, residues, singular)
+    return PronySS(replace(diagram, columns=columns), used, time_step, start, residues, singular, shift)
 
 
 def _response(

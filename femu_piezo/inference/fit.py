@@ -12,7 +12,7 @@ of data and priors, H = JᵗJ, the covariance is H^-1 and the evidence
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Protocol
@@ -36,6 +36,8 @@ COARSE, RANKED, CLOSE = 1.0, 0.03, 1e-6
 _FEW, _MANY = 12, 100
 #: Gain in χ² at the noise level that a close fit may still promise when it runs out of evaluations.
 _UNSETTLED = 10.0
+#: Full steps at the beginning of a fit to moved data.
+_LEAPS = 3
 #: Damping of the first step, in the precision of the prior, and the factors by which it falls and rises; shares of what
 #: a step promised, above which it falls and below which it rises.
 _DAMPING, _EASED, _RAISED, _KEPT, _BROKEN = 1e-3, 0.1, 10.0, 0.75, 0.25
@@ -286,12 +288,16 @@ class _Posterior:
     def parts(self, x: np.ndarray) -> _Parts:
         """Residuals and Jacobians at x (n_x,)."""
         std = self.parameters.prior_std
-        wall, slopes = wall_and_readings(self.parameters, x)
+        wall, slopes = self.beside(x)
         return (
             *self.data.whitened(*self.response.with_jacobian(self.parameters, x)),
             np.concatenate([(x - self.parameters.prior_mean) / std, wall]),
             np.concatenate([np.diag(1 / std), slopes]),
         )
+
+    def beside(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What needs no Z: residuals (m,) of the wall of passivity and of readings, and their slopes (m, n_x)."""
+        return wall_and_readings(self.parameters, x)
 
 
 def fit(
@@ -399,12 +405,13 @@ class _Descent:
 
     Attributes
     ----------
-    x : (n_x,) where it stands;  parts : residuals and Jacobians there;  level : factor on the noise
+    x : (n_x,) where it stands;  parts : residuals and Jacobians there
+    level : factor on the noise; `fixed` where that is given
     promise : gain in χ² that the next step promises
     """
 
-    def __init__(self, posterior: _Posterior, start: np.ndarray, loss: str) -> None:
-        self.posterior, self.loss = posterior, loss
+    def __init__(self, posterior: _Posterior, start: np.ndarray, loss: str, fixed: float | None = None) -> None:
+        self.posterior, self.loss, self._fixed = posterior, loss, fixed
         self._low, self._high = posterior.parameters.bounds.T
         margin = _MARGIN * (self._high - self._low)
         self.x = np.clip(start, self._low + margin, self._high - margin)
@@ -449,11 +456,23 @@ class _Descent:
                     break
         return self
 
+    def leap(self, count: int) -> None:
+        """Full steps, whatever they cost; back to where it stood unless the last one is the best."""
+        std, best = self.posterior.parameters.prior_std, (self.x, self.parts)
+        for _ in range(count):
+            moving, triangle = self._linear()
+            step, _ = self._step(triangle, moving)
+            self.x = np.clip(self.x + std * step, self._low, self._high)
+            self.parts = self.posterior.parts(self.x)
+        if not self.cost(self.parts, self.level) < self.cost(best[1], self.level):
+            self.x, self.parts = best
+
     def _linear(self) -> tuple[np.ndarray, np.ndarray]:
         """Unknowns that may move, and R of Jacobian and residual of data and priors at x, at the noise level there."""
         residual, jacobian, further, slopes = self.parts
         weight, free = _weight(self.loss, residual / self.level), residual.size - self._determined
-        self.level = _level_of(weight * residual**2, weight, self.loss, free, self.posterior.data.level_std)
+        std = self.posterior.data.level_std
+        self.level = self._fixed or _level_of(weight * residual**2, weight, self.loss, free, std)
         share = np.sqrt(_weight(self.loss, residual / self.level)) / self.level
         std = self.posterior.parameters.prior_std
         own = np.column_stack([jacobian * std, residual]) * share[:, None]
@@ -472,14 +491,14 @@ class _Descent:
 
         The wall costs nothing to evaluate, and it is there from one side only. Also the gain that the step promises.
         """
-        parameters, std = self.posterior.parameters, self.posterior.parameters.prior_std[moving]
+        std = self.posterior.parameters.prior_std[moving]
         factor, right = triangle[: moving.size, :-1], triangle[: moving.size, -1]
         damping = np.sqrt(self._damping) * np.eye(moving.size)
 
         def wall(step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             x = self.x.copy()
             x[moving] = np.clip(x[moving] + std * step, self._low[moving], self._high[moving])
-            rows, slopes = wall_and_readings(parameters, x)
+            rows, slopes = self.posterior.beside(x)
             return rows, slopes[:, moving] * std
 
         def residual(step: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -559,14 +578,32 @@ def stepped(at_x: Fit, moving: np.ndarray | None = None) -> Fit:
     return found
 
 
-def log_posterior(response: Response, solution: Fit) -> Callable[[np.ndarray], float]:
-    """log p(x | data) up to a constant for unknowns x (n_x,), noise level and discrepancy those of a fit."""
-    posterior, scale = _Posterior(response, solution.data, solution.parameters), solution.noise_scale
-    factor = None if solution.discrepancy is None else solution.discrepancy.factor
+@dataclass(frozen=True)
+class _Moved(_Posterior):
+    """What a fit minimises where the whitened data are moved by (2k,), and priors, wall and readings by (n_x + m,)."""
 
-    def density(x: np.ndarray) -> float:
-        own, _, further, _ = posterior.parts(x)
-        own = (own if factor is None else solve_triangular(factor, own, lower=True)) / scale
-        return float(-0.5 * (own @ own + further @ further))
+    moved: np.ndarray
+    pulled: np.ndarray
 
-    return density
+    def parts(self, x: np.ndarray) -> _Parts:
+        """Residuals and Jacobians at x (n_x,)."""
+        residual, jacobian, further, slopes = super().parts(x)
+        further[: x.size] += self.pulled[: x.size]
+        return residual + self.moved, jacobian, further, slopes
+
+    def beside(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What needs no Z, moved."""
+        rows, slopes = super().beside(x)
+        return rows + self.pulled[x.size :], slopes
+
+
+def refitted(response: Response, solution: Fit, moved: np.ndarray, pulled: np.ndarray) -> np.ndarray | None:
+    """(n_x,) the solution of a fit for moved data and priors at its noise level; None where it does not settle.
+
+    It begins with full steps of Gauss and Newton: one along a ridge that bends ends beside it, and the next comes back.
+    """
+    posterior = _Moved(response, solution.data, solution.parameters, moved, pulled)
+    found = _Descent(posterior, solution.x, solution.loss, solution.level)
+    found.leap(_LEAPS)
+    found.run(CLOSE, _MANY)
+    return found.x if found.promise <= _UNSETTLED else None

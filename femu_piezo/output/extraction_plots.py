@@ -116,6 +116,32 @@ def _diagrams(extraction: Extraction) -> tuple[StabilizationDiagram, Stabilizati
     return rational_stabilization(sweep)
 
 
+def prony_figure(extraction: Extraction) -> Figure:
+    """What Prony-SS decomposes, as the paper's figures 10 to 13: the impulse responses whose exponentials are the poles
+    and the zeros, the singular values of their Hankel matrices, and the stabilization diagrams.
+
+    A response of a band away from zero frequency is complex; its magnitude is drawn.
+    """
+    figure = Picture(figsize=(13.5, 7.6), layout="constrained")
+    axes = figure.subplots(2, 3, gridspec_kw={"width_ratios": [3, 1.6, 3]})
+    sweep, (factor, label) = extraction.spectrum.select(extraction.used), _frequency_unit(extraction)
+    for row, (kind, words) in enumerate((("pole", "Y/(jω)"), ("zero", "jωZ"))):
+        found, (impulse, singular, stable) = prony_ss(sweep, kind), axes[row]
+        real, colour = np.isrealobj(found.signal), POLE if kind == "pole" else ZERO
+        for values, style in ((found.signal, DATA), (found.modelled, FIT)):
+            shown = values if real else np.abs(values)
+            impulse.plot(1e3 * found.time, shown / np.max(np.abs(found.signal)), **style)
+        impulse.set(xlabel="time (ms)", ylabel=f"impulse response of {words}" + ("" if real else ", magnitude"))
+        modes = len(found.diagram.columns)
+        impulse.set_title(f"{found.signal.size} samples, {modes} mode{'s' * (modes != 1)} (line)", fontsize="medium")
+        singular.semilogy(found.singular_values[:60] / found.singular_values[0], ".", color=colour)
+        singular.set(xlabel="number", ylabel="singular values of the Hankel matrix")
+        _stabilization(extraction, stable, found.diagram, f"{kind}s", factor)
+        stable.set_xlabel(label)
+    figure.suptitle(f"{extraction.spectrum.source}: Prony-SS")
+    return figure
+
+
 def _stabilization(extraction: Extraction, axes: Axes, diagram: StabilizationDiagram, name: str, factor: float) -> None:
     spectrum, colour = extraction.spectrum, POLE if name == "poles" else ZERO
     frequency = np.sqrt(diagram.eigenvalue.real) / (2 * np.pi)

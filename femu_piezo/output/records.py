@@ -39,6 +39,15 @@ def update_record(result: UpdateResult) -> dict:
         }
         if result.fit.parameters.readings:
             record["readings"] = read_beside(result.fit)
+    if result.samples is not None:
+        record["samples"] = {
+            "count": len(result.samples.values),
+            "interval_68": {
+                label: list(result.samples.interval(label))
+                for name in result.parameters
+                for label in (name, f"tan_{name}")
+            },
+        }
     if result.temperature is not None:
         record["temperature"] = result.temperature.to_json()
     if result.provenance is not None:

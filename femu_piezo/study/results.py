@@ -11,6 +11,7 @@ from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.inference.fit import Fit
 from femu_piezo.inference.identifiability import Identifiability
+from femu_piezo.inference.sampling import Samples
 from femu_piezo.inference.sensitivity import Sensitivity
 from femu_piezo.inference.starts.pole_zero import Step
 from femu_piezo.inference.unknowns import Estimate
@@ -95,6 +96,7 @@ class UpdateResult:
     provenance : constant → share of each sweep and of the prior in what is known of it, None without a curve fit
     seconds : step → time
     temperature : the constants over temperature, None where the sweeps are of one
+    samples : of the posterior where they were asked for
     """
 
     name: str
@@ -110,6 +112,7 @@ class UpdateResult:
     notes: tuple[str, ...]
     seconds: dict[str, float]
     temperature: TemperatureSeries | None = None
+    samples: Samples | None = None
 
     @cached_property
     def figures(self) -> tuple[tuple[StandardFigures, ...], ...]:

@@ -20,6 +20,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.inference.budget import constants_of
 from femu_piezo.inference.fit import Fit, with_discrepancy
 from femu_piezo.inference.identifiability import Identifiability, identifiability
+from femu_piezo.inference.sampling import sample_posterior
 from femu_piezo.inference.starts.pole_zero import Step
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, estimates, material_prior
 from femu_piezo.material.constants import PiezoConstants
@@ -54,6 +55,7 @@ def update(
     *,
     spectra: Sequence[Sweep] | None = None,
     effects: Iterable[Maker] | None = None,
+    samples: int = 0,
 ) -> UpdateResult:
     """Update the free constants of a material from the measured sweeps of one or more specimens of it.
 
@@ -65,6 +67,7 @@ def update(
     bases : where models and reduced bases come from; made for these specimens alone where None
     spectra : the sweeps of the specimens, in memory or in other files than theirs; those of their files where None
     effects : that the [effects] of the files may name beside those of the library
+    samples : of the posterior that are drawn; 0 for none
 
     Raises
     ------
@@ -74,12 +77,16 @@ def update(
     specimens = [specimens] if isinstance(specimens, Specimen) else list(specimens)
     clock = Clock(progress)
     clock.step("read and extract")
-    return update_measured(measure_each(specimens, spectra), clock, bases, effects)
+    return update_measured(measure_each(specimens, spectra), clock, bases, effects, samples)
 
 
 @with_blas_limit
 def update_measured(
-    measured: Sequence[Measured], clock: Clock, bases: Bases | None = None, effects: Iterable[Maker] | None = None
+    measured: Sequence[Measured],
+    clock: Clock,
+    bases: Bases | None = None,
+    effects: Iterable[Maker] | None = None,
+    samples: int = 0,
 ) -> UpdateResult:
     """`update` of specimens whose sweeps have been read and analysed."""
     measured, bases = list(measured), bases or Bases()
@@ -92,6 +99,10 @@ def update_measured(
     posterior = Posterior(several, clock, bases)
     found = posterior.base(beginning.constants)
     found = settled(found)
+    drawn = None
+    if samples:
+        clock.step("sample")
+        drawn = sample_posterior(posterior.evaluation, found, samples, progress=clock.tell)
     clock.step("curves")
     known = _known(found)
     constants = found.parameters.material.constants(found.x[: found.parameters.of_material])
@@ -114,6 +125,7 @@ def update_measured(
         notes=(*baseline_notes, *_notes(several, constants, outcomes, found, known)),
         seconds=clock.seconds,
         temperature=temperature_series(found, several),
+        samples=drawn,
     )
 
 

@@ -1,12 +1,17 @@
 """Prony-SS on the exact 1-D bar: the paper's kind of sweep, from near DC on a uniform grid."""
 
+import json
+
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from femu_piezo.cli import main
 from femu_piezo.errors import InputError
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.extraction.stabilization import rational_stabilization, stabilize
+from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 from .bar import Bar, sweep
@@ -41,6 +46,25 @@ def test_residues_are_those_of_the_charge():
     zeros = prony_ss(data, "zero", band=(100.0, 100_000.0), dead_time=8.0)
     near = BAR.zero(1) * (1 + 1e-6)  # R/(λ − λ0) of 1/Q just beside the zero
     assert zeros.residues[0] == pytest.approx(BAR.zero(1) * 1e-6 / BAR.charge(np.sqrt(near)), rel=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["pole", "zero"])
+@pytest.mark.parametrize("low", [100.0, 10_000.0])
+def test_columns_make_up_the_signal(kind, low):
+    """Σ R Δt/(2p) exp((p − jω0) t) over the columns is what was decomposed, real or complex."""
+    found = prony_ss(sweep(BAR, PAPER), kind, band=(low, 100_000.0), dead_time=10.0)
+    assert np.isrealobj(found.signal) == (low == 100.0)
+    assert found.modelled == pytest.approx(found.signal, abs=1e-4 * np.max(np.abs(found.signal)))
+
+
+def test_command_draws_what_the_method_decomposes(tmp_path):
+    write_spectrum(sweep(BAR, np.linspace(20e3, 60e3, 801)), tmp_path / "sweep.csv")
+    arguments = ["extract", str(tmp_path / "sweep.csv"), "--method", "prony-ss", "--out", str(tmp_path / "out")]
+    answer = CliRunner().invoke(main, arguments)
+    assert answer.exit_code == 0, answer.output
+    assert (tmp_path / "out/prony_ss.png").stat().st_size > 20_000
+    record = json.loads((tmp_path / "out/extraction.json").read_text(encoding="utf-8"))
+    assert record["poles"][0]["frequency_Hz"] == pytest.approx(np.sqrt(BAR.pole(1).real) / (2 * np.pi), rel=1e-5)
 
 
 def test_narrow_band_agrees_with_the_rational_fit():

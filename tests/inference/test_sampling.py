@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from femu_piezo.errors import ConvergenceError
+from femu_piezo.errors import InputError
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.sampling import sample_posterior
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.sweeps import SweepData
 
-emcee = pytest.importorskip("emcee")
 NOISE = 1e-3
 PRIOR = {"s11": (17e-12, 0.2e-12), "tan_s11": (0.02, 0.003)}
 
@@ -53,19 +52,45 @@ def problem():
 
 def test_samples_have_the_known_mean_width_and_intervals(problem):
     response, solution, mean, covariance = problem
-    posterior = sample_posterior(response, solution, steps=6000)
+    posterior = sample_posterior(response, solution, 4000)
     assert posterior.names == ("s11", "tan_s11")
     scale = np.array([solution.parameters.material.scale[0], 1.0])
     for column, (exact, std) in enumerate(zip(mean * scale, np.sqrt(np.diag(covariance)) * scale, strict=True)):
-        values = posterior.samples[:, column]
-        assert values.mean() == pytest.approx(exact, abs=0.1 * std)
-        assert values.std() == pytest.approx(std, rel=0.08)
+        values = posterior.values[:, column]
+        assert values.mean() == pytest.approx(exact, abs=0.05 * std)
+        assert values.std() == pytest.approx(std, rel=0.04)
     low, high = posterior.interval("s11", 0.95)
-    assert (high - low) / (np.sqrt(covariance[0, 0]) * scale[0]) == pytest.approx(2 * 1.96, rel=0.1)
-    correlation = np.corrcoef(posterior.samples.T)[0, 1]
-    assert correlation == pytest.approx(covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]), abs=0.08)
+    assert (high - low) / (np.sqrt(covariance[0, 0]) * scale[0]) == pytest.approx(2 * 1.96, rel=0.06)
+    correlation = np.corrcoef(posterior.values.T)[0, 1]
+    assert correlation == pytest.approx(covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]), abs=0.05)
 
 
-def test_a_short_chain_is_refused_with_the_length_it_needs(problem):
-    with pytest.raises(ConvergenceError, match=r"ask for \d+ steps"):
-        sample_posterior(*problem[:2], steps=50)
+class Ridge(Exponential):
+    """The data tell the product of the two unknowns alone, to 1e-4 of what the prior leaves of each."""
+
+    def with_jacobian(self, parameters, x):
+        z = np.exp(self.slopes[:, 0] * (x[0] * x[1] - self.x0[0] * self.x0[1]))
+        return z, z[:, None] * self.slopes[:, :1] * np.array([x[1], x[0]])
+
+
+def test_a_ridge_far_narrower_than_it_bends_is_followed():
+    """Samples keep the product, and between them spread as the prior does; the Gaussian leaves the ridge by far."""
+    free = FreeConstants.of(library_material("pzt-5h").constants, ("s11",))
+    prior = {"s11": (17e-12, 1.7e-12), "tan_s11": (0.02, 0.004)}
+    unknowns = Unknowns(MaterialParameters.around(free, free.start), prior)
+    slopes = 20 * np.random.default_rng(5).standard_normal((40, 2)) * (1 + 0.5j)
+    start = unknowns.prior_mean
+    response = Ridge(slopes, start)
+    data = SweepData(np.linspace(1e3, 2e3, 40), np.ones(40, complex), np.full(40, 1e-5), True)
+    solution = fit(response, data, unknowns, [start])
+    found = sample_posterior(response, solution, 500).values / np.array([unknowns.material.scale[0], 1.0])
+    product, exact = found[:, 0] * found[:, 1], start[0] * start[1]
+    assert np.std(product) / exact < 1e-4
+    normal = np.random.default_rng(1).multivariate_normal(solution.x, solution.covariance, 500)
+    assert np.std(normal[:, 0] * normal[:, 1]) / exact > 50 * np.std(product) / exact
+    assert np.std(found[:, 0]) > 0.5 * unknowns.prior_std[0] / np.sqrt(2)
+
+
+def test_too_few_samples_are_refused(problem):
+    with pytest.raises(InputError, match="50 at least"):
+        sample_posterior(*problem[:2], 10)

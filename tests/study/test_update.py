@@ -118,6 +118,25 @@ def test_command_line_writes_the_contract(sweeps, write_specimen_of, tmp_path):
     assert not [path for path in out.iterdir() if path.name.endswith(".tmp")]
 
 
+def test_samples_of_a_sound_sweep_are_those_of_the_stated_deviations(sweeps, write_specimen_of, tmp_path):
+    """Every tolerance among them; the command writes corner picture, samples and intervals."""
+    spec = write_specimen_of("k31", noisy(sweeps["k31"], 1e-3, 1), TRIO)
+    out = tmp_path / "out"
+    answer = CliRunner().invoke(main, ["update", str(spec), "--out", str(out), "--sample", "150"])
+    assert answer.exit_code == 0, answer.output
+    record = json.loads((out / "update.json").read_text(encoding="utf-8"))
+    for name, one in record["parameters"].items():
+        for label, value, std in ((name, one["value"], one["std"]), (f"tan_{name}", one["tan"], one["tan_std"])):
+            low, high = record["samples"]["interval_68"][label]
+            assert (high - low) / 2 == pytest.approx(std, rel=0.3), label
+            assert (high + low) / 2 == pytest.approx(value, abs=0.3 * std), label
+    rows = (out / "samples.csv").read_text(encoding="utf-8").splitlines()
+    assert len(rows) >= 143 and rows[0].startswith("s11,tan_s11,d31,")
+    assert (out / "corner.png").stat().st_size > 20_000
+    few = CliRunner().invoke(main, ["update", str(spec), "--out", str(out), "--sample", "5"])
+    assert few.exit_code == 2 and "50" in few.output
+
+
 def test_simulate_then_extract_then_update(write_specimen_of, sweeps, tmp_path):
     """The commands fit each other: what simulate writes, extract and update read, and its poles are found."""
     spec = write_specimen_of("k31", sweeps["k31"], TRIO, lossy=True)

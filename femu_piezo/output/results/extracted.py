@@ -35,8 +35,12 @@ class Extracted(Result, Extraction):
         return [{**row, "doubtful": False} for row in sound] + [{**row, "doubtful": True} for row in doubtful]
 
     def save(self, folder: Path | str) -> Path:
-        """Write extraction.json and extraction.png; the folder."""
+        """Write extraction.json and extraction.png, of Prony-SS prony_ss.png as well; the folder."""
         out = prepare_folder(Path(folder))
         write_figure(out / "extraction.png", self.plot())
+        if self.method == "prony_ss" and self.model is not None:
+            from femu_piezo.output.extraction_plots import prony_figure
+
+            write_figure(out / "prony_ss.png", prony_figure(self))
         write_json(out / "extraction.json", self.to_json())
         return out

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from femu_piezo.files import write_atomically
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.output.folder import prepare_folder, write_binary, write_figure, write_json
@@ -52,6 +53,7 @@ class Updated(Result, UpdateResult):
         """Write update.json and of every specimen impedance.png, iterations.png, sensitivity.png and updated.csv.
 
         budget.png as well, where the deviations have a budget, and temperature.png of sweeps at several temperatures.
+        corner.png and samples.csv where samples were drawn.
 
         report : report.html as well, which holds all of it
         """
@@ -71,6 +73,12 @@ class Updated(Result, UpdateResult):
         if budget_shares(self.parameters):
             title = f"{self.name}: where the deviations come from"
             write_figure(out / "budget.png", budget_figure(title, self.parameters))
+        if self.samples is not None:
+            from femu_piezo.output.corner import corner_figure
+
+            write_figure(out / "corner.png", corner_figure(self.name, self.samples, self.parameters))
+            lines = [",".join(self.samples.names), *(",".join(map(repr, row)) for row in self.samples.values.tolist())]
+            write_atomically(out / "samples.csv", "\n".join(lines) + "\n")
         if self.temperature is not None:
             from femu_piezo.output.temperature_chart import temperature_figure
 
