@@ -334,7 +334,13 @@ def batch(
     type=float,
     help="relative noise of the sweep, standard deviation  [default: that of the specimen file, else 0.001]",
 )
-def identify(specimens: tuple[Path, ...], out: Path, noise: float | None) -> None:
+@click.option(
+    "--study",
+    type=click.IntRange(20),
+    metavar="N",
+    help="update N drawn specimens for each of several noises and numbers of points, such as 200",
+)
+def identify(specimens: tuple[Path, ...], out: Path, noise: float | None, study: int | None) -> None:
     """Predict which constants a sweep of SPEC can determine, before or without measuring.
 
     The sweep is that of the [simulation] table. First with all ten constants free and noise alone: which of them the
@@ -342,6 +348,7 @@ def identify(specimens: tuple[Path, ...], out: Path, noise: float | None) -> Non
     the file: the deviation that `update` would state for each, where it comes from, and which tolerance (a dimension,
     density or mass, a held constant, the instrument, the fixture, noise) to improve first and what that brings. Several
     SPEC files are sweeps of one material taken together. Writes identifiability.json, budget.png and sensitivity.png.
+    With --study also study.png: how far such updates are off the truth, and how often it is within what they state.
     """
     from femu_piezo.api import identify as run
     from femu_piezo.specimen.file import read_specimens
@@ -349,7 +356,7 @@ def identify(specimens: tuple[Path, ...], out: Path, noise: float | None) -> Non
     wanted = read_specimens(specimens)
     _prepare(out)
     with _steps_shown() as progress:
-        result = run(wanted, noise, progress=progress)
+        result = run(wanted, noise, study=study or 0, progress=progress)
     result.save(out)
     _show(result)
 

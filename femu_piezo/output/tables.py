@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from femu_piezo.study.expectation import Expectation, Improvement
     from femu_piezo.study.identify import IdentifyResult
     from femu_piezo.study.modes import ModesResult
+    from femu_piezo.study.noise_study import Setting
     from femu_piezo.study.results import Outcome, UpdateResult
     from femu_piezo.study.simulate import SimulationResult
     from femu_piezo.study.temperature import TemperatureSeries
@@ -269,8 +270,31 @@ def identifiability_table(result: IdentifyResult) -> RenderableType:
     for item in result.recommendations:
         gained = ", ".join(item.gained) or "no further constant"
         lines.append(f"measure {item.measurement}: determines {gained}")
-    lines += result.advice
+    lines += [*result.advice, *_study_lines(result.study)]
     return Group(table, text_of(lines), *expectation_tables(result.expected))
+
+
+def _study_lines(settings: Sequence[Setting]) -> list[str]:
+    """What the study found, a line for each noise and number of points."""
+    lines = [] if not settings else ["drawn specimens, off by their tolerances, updated with the values of the file:"]
+    for one in settings:
+        parts = []
+        for index, label in enumerate(one.labels):
+            if label.startswith("tan_"):
+                continue
+            size = abs(one.values[index])
+            stated = float(np.median(one.stated[:, index]))
+            parts.append(
+                f"{label} {100 * one.deviation[index] / size:.2g} % (stated {100 * stated / size:.2g} %, bias "
+                f"{one.bias[index]:+.1f} of its deviations)"
+            )
+        lost = f", {one.lost} fits lost" if one.lost else ""
+        inside = " and ".join(f"{100 * np.mean(one.inside(sigma)):.0f} %" for sigma in (1, 2))
+        lines.append(
+            f"  noise {100 * one.noise:.2g} %, {one.points} points: {', '.join(parts)}; {inside} within 1 and 2 stated "
+            f"deviations{lost}"
+        )
+    return lines
 
 
 def _sweep_words(name: str, frequency: np.ndarray) -> str:

@@ -24,6 +24,7 @@ from femu_piezo.material.constants import D_FORM
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.expectation import Expectation, expect, planned
+from femu_piezo.study.noise_study import Setting, noise_study
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.progress import Progress
 from femu_piezo.study.resonances_with_effects import sensitivity_with_effects
@@ -64,6 +65,7 @@ class IdentifyResult:
     noise : relative standard deviation of every point
     known : all ten constants by noise alone, each open to ±50 %
     expected : the free constants as an update would state them, and what every tolerance adds
+    study : updates of drawn specimens, for every noise and number of points; the second is the plan itself
     """
 
     names: tuple[str, ...]
@@ -72,6 +74,7 @@ class IdentifyResult:
     sensitivities: tuple[Sensitivity, ...]
     recommendations: tuple[Recommendation, ...]
     expected: Expectation
+    study: tuple[Setting, ...] = ()
 
     @property
     def advice(self) -> tuple[str, ...]:
@@ -114,6 +117,7 @@ class IdentifyResult:
             ],
             "advice": list(self.advice),
             **self.expected.to_json(),
+            **({"study": [one.to_json() for one in self.study]} if self.study else {}),
         }
 
 
@@ -124,6 +128,7 @@ def identify(
     progress: Progress | None = None,
     *,
     recommend: bool = True,
+    study: int = 0,
 ) -> IdentifyResult:
     """Predict the joint standard deviations of all ten constants from sweeps of one or more specimens of a material.
 
@@ -139,6 +144,7 @@ def identify(
         state none, or several
     progress : called with the name of each step
     recommend : compute what further measurements would add, which takes longer than the rest
+    study : specimens that are drawn and updated for each of several noises and numbers of points; 0 for none
 
     Raises
     ------
@@ -173,7 +179,8 @@ def identify(
         recommendations.append(_recommendation(words, known, joint))
     recommendations.sort(key=lambda item: (-len(item.gained), sum(np.log(list(item.std.values())))))
     names = tuple(problem.specimen.name for problem in problems)
-    return IdentifyResult(names, noise, known, tuple(pictures), tuple(recommendations), expected)
+    settings = noise_study(subjects, evaluations, noise, study, progress=progress) if study else ()
+    return IdentifyResult(names, noise, known, tuple(pictures), tuple(recommendations), expected, settings)
 
 
 def _lossy(problem: Problem) -> Problem:

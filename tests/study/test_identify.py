@@ -75,3 +75,34 @@ def test_noise_scales_the_prediction(record, tmp_path):
         if name in ("s11", "d31", "eps33T")  # the prior holds the others, whatever the noise
     ]
     np.testing.assert_allclose(ratios, 2.0, rtol=1e-3)
+
+
+def test_study_of_drawn_specimens(tmp_path):
+    """Updates of drawn specimens are off by what they state, and by less with less noise and more points."""
+    spec = tmp_path / "k31.toml"
+    text = BODY.format(name="k31", thickness="1 mm", poling="thickness", stop="90 kHz")
+    spec.write_text(text, encoding="utf-8")
+    run = ["identify", str(spec), "--out", str(tmp_path / "out"), "--noise", "0.001", "--study", "60"]
+    answer = CliRunner().invoke(main, run)
+    assert answer.exit_code == 0, answer.output
+    assert (tmp_path / "out/study.png").stat().st_size > 20_000
+    study = json.loads((tmp_path / "out/identifiability.json").read_text(encoding="utf-8"))["study"]
+    settings = {(round(one["noise"], 9), one["points"]): one for one in study}
+    assert set(settings) == {(1e-4, 301), (1e-3, 301), (1e-2, 301), (1e-3, 75), (1e-3, 1204)}
+    for one in study:
+        assert one["lost"] == 0 and one["draws"] == 60
+        for label, found in one["constants"].items():
+            assert found["deviation"] == pytest.approx(found["stated"], rel=0.35), (one["noise"], label)
+            assert abs(found["bias_over_its_std"]) < 3.5, (one["noise"], label)
+        inside = [found["inside_1_sigma"] for found in one["constants"].values()]
+        assert 0.55 < np.mean(inside) < 0.81
+    for better, worse in (((1e-3, 1204), (1e-3, 75)), ((1e-4, 301), (1e-2, 301))):
+        for label, found in settings[better]["constants"].items():
+            assert found["stated"] < 1.01 * settings[worse]["constants"][label]["stated"], label
+
+
+def test_a_study_needs_enough_draws(tmp_path):
+    spec = tmp_path / "k31.toml"
+    spec.write_text(BODY.format(name="k31", thickness="1 mm", poling="thickness", stop="90 kHz"), encoding="utf-8")
+    answer = CliRunner().invoke(main, ["identify", str(spec), "--out", str(tmp_path / "out"), "--study", "5"])
+    assert answer.exit_code == 2 and "20" in answer.output

@@ -50,7 +50,7 @@ class Identified(Result, IdentifyResult):
         ]
 
     def save(self, folder: Path | str) -> Path:
-        """Write identifiability.json, budget.png and of every sweep sensitivity.png; the folder."""
+        """Write identifiability.json, budget.png, of every sweep sensitivity.png, of a study study.png; the folder."""
         from femu_piezo.output.budget_chart import budget_figure
 
         out = prepare_folder(Path(folder))
@@ -58,5 +58,9 @@ class Identified(Result, IdentifyResult):
         write_figure(out / "budget.png", budget_figure(title, self.expected.parameters))
         for number, suffix in enumerate(suffixes(len(self.sensitivities))):
             write_figure(out / f"sensitivity{suffix}.png", self.plot(number))
+        if self.study:
+            from femu_piezo.output.noise_study import noise_study_figure
+
+            write_figure(out / "study.png", noise_study_figure(" + ".join(self.names), self.study))
         write_json(out / "identifiability.json", self.to_json())
         return out

@@ -1,0 +1,155 @@
+"""What updates of planned sweeps would return: bias, deviation and coverage against the noise and the number of points.
+
+Specimens are drawn whose dimensions, density, held constants and instrument are off by their tolerances, swept with
+noise, and updated with the values of the file. It tells whether the deviations that an update would state hold, for a
+sweep of few points and much noise as well; by the model of the plan itself, so that it says nothing of the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from femu_piezo.errors import ConvergenceError
+from femu_piezo.inference.ensemble import Ensemble
+from femu_piezo.inference.fit import fit
+from femu_piezo.inference.passivity import passivity_wall
+from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.measurement.sweeps import SweepData
+from femu_piezo.study.subjects import Subject
+from femu_piezo.study.unknowns import as_filed, unknowns_of
+
+#: Multiples of the noise, and of the number of points, that are tried beside the plan itself.
+_NOISES, _POINTS = (0.1, 1.0, 10.0), (0.25, 4.0)
+#: Points of a sweep at least, and specimens that are drawn until one is passive and within bounds.
+_FEWEST, _ATTEMPTS = 21, 100
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Updates with one noise and number of points.
+
+    Attributes
+    ----------
+    noise : relative, of a point;  points : of all sweeps together
+    labels : "s11", "tan_s11", … of the free constants;  values : (n,) their truth, SI
+    error : (m, n) of the estimates less the truth, SI;  stated : (m, n) standard deviations that were stated
+    lost : draws whose fit did not settle
+    """
+
+    noise: float
+    points: int
+    labels: tuple[str, ...]
+    values: np.ndarray
+    error: np.ndarray
+    stated: np.ndarray
+    lost: int
+
+    @property
+    def bias(self) -> np.ndarray:
+        """(n,) mean error over the deviation of that mean: below 2 to 3 where there is none."""
+        return self.error.mean(axis=0) / (self.deviation / np.sqrt(len(self.error)))
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """(n,) of the estimates about the truth, SI."""
+        return np.sqrt(np.mean(self.error**2, axis=0))
+
+    def inside(self, sigma: float) -> np.ndarray:
+        """(n,) share of the estimates within so many stated deviations of the truth."""
+        return np.mean(np.abs(self.error) < sigma * self.stated, axis=0)
+
+    def to_json(self) -> dict:
+        """An item of "study" in identifiability.json."""
+        columns = (self.bias, self.deviation, np.median(self.stated, axis=0), self.inside(1), self.inside(2))
+        keys = ("bias_over_its_std", "deviation", "stated", "inside_1_sigma", "inside_2_sigma")
+        return {
+            "noise": self.noise,
+            "points": self.points,
+            "draws": len(self.error),
+            "lost": self.lost,
+            "constants": {
+                label: {key: float(column[index]) for key, column in zip(keys, columns, strict=True)}
+                for index, label in enumerate(self.labels)
+            },
+        }
+
+
+def noise_study(
+    subjects: Sequence[Subject],
+    evaluations: Sequence[Evaluation],
+    noise: float,
+    draws: int,
+    *,
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda words: None,
+) -> tuple[Setting, ...]:
+    """Updates of `draws` specimens at the noise and points of a plan, at a tenth and ten times of the noise, and at a
+    quarter and four times the points.
+
+    Parameters
+    ----------
+    subjects, evaluations : as for `femu_piezo.study.expectation.expect`
+    noise : relative, of the plan
+    """
+    unknowns = unknowns_of(subjects)
+    start, count = as_filed(subjects, unknowns), unknowns.of_material
+    scale = np.stack([unknowns.material.scale, np.ones(count // 2)], axis=1).ravel()
+    rng, found = np.random.default_rng(seed), []
+    for share, times in [(1.0, one) for one in _NOISES] + [(one, 1.0) for one in _POINTS]:
+        swept = [_resampled(evaluation, share) for evaluation in evaluations]
+        parts = tuple((one.share, evaluation) for one, evaluation in zip(subjects, swept, strict=True))
+        response = Ensemble(parts) if len(parts) > 1 else swept[0]
+        sizes = tuple(one.omega.size for one in swept)
+        errors, stated, lost = [], [], 0
+        for number in range(draws):
+            progress(f"noise {times * noise:.2g}, {sum(sizes)} points: {number} of {draws}")
+            truth = _specimen(unknowns, start, rng)
+            z = response.with_jacobian(unknowns, truth)[0]
+            error = rng.standard_normal((2, z.size)) * times * noise / np.sqrt(2)
+            data = SweepData(
+                frequency=response.omega / (2 * np.pi),
+                impedance=z * (1 + error[0] + 1j * error[1]),
+                relative_noise=np.full(z.size, times * noise),
+                noise_known=False,
+                sizes=sizes,
+            )
+            try:
+                one = fit(response, data, unknowns, [start])
+            except ConvergenceError:
+                lost += 1
+                continue
+            errors.append((one.x - truth)[:count] * scale)
+            stated.append(one.std[:count] * np.abs(scale))
+        kept = (np.reshape(errors, (-1, count)), np.reshape(stated, (-1, count)))
+        found.append(Setting(times * noise, sum(sizes), unknowns.material.names, start[:count] * scale, *kept, lost))
+    return tuple(found)
+
+
+def _resampled(evaluation: Evaluation, share: float) -> Evaluation:
+    """With that share of its points, over the same band and spaced alike."""
+    if share == 1.0:
+        return evaluation
+    count = max(_FEWEST, round(share * evaluation.omega.size))
+    places = np.linspace(0, evaluation.omega.size - 1, count)
+    return Evaluation(evaluation.model, np.interp(places, np.arange(evaluation.omega.size), evaluation.omega))
+
+
+def _specimen(unknowns: Unknowns, start: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """(n_x,) a passive specimen with the constants of the file, everything else off by its tolerance."""
+    count, (low, high) = unknowns.of_material, unknowns.bounds.T
+    for _ in range(_ATTEMPTS):
+        x = start + unknowns.prior_std * rng.standard_normal(start.size)
+        x[:count] = start[:count]
+        if np.all((x > low) & (x < high)) and _is_passive(unknowns, x):
+            return x
+    raise ConvergenceError(
+        "no passive specimen was drawn within the tolerances of the held tangents; state them, as tan_ and std_tan_"
+    )
+
+
+def _is_passive(unknowns: Unknowns, x: np.ndarray) -> bool:
+    return not np.any(passivity_wall(unknowns, x)[0])
