@@ -230,6 +230,11 @@ def circuit(source: Path, out: Path, correct_phase: bool, mask_faults: bool) -> 
 @_mask_faults
 @click.option("--timings", is_flag=True, help="print where the time goes")
 @click.option(
+    "--method",
+    type=click.Choice(["curve", "pole-zero"]),
+    help="in place of update.method of the file; pole-zero: the paper's, from poles and zeros alone",
+)
+@click.option(
     "--sample",
     type=click.IntRange(50),
     metavar="N",
@@ -243,6 +248,7 @@ def update(
     correct_phase: bool,
     mask_faults: bool,
     timings: bool,
+    method: str | None,
     sample: int | None,
 ) -> None:
     """Update the free constants of SPEC from its measured sweep.
@@ -253,12 +259,16 @@ def update(
     frequencies); numbered where there are several specimens. The standard figures (k31, Qm, N, s, d by the formulas
     of IEEE 176-1987 for the shape) stand beside the finite element values, with what the formulas get wrong for this
     piece. With --report also report.html, which holds all of it. With --sample also samples.csv (every unknown, SI),
-    corner.png, and intervals in update.json that need no Gaussian.
+    corner.png, and intervals in update.json that need no Gaussian. With --method pole-zero the constants are those of
+    the extracted poles and zeros: of the fundamental of one specimen at a known eps33T as in the paper, else of all
+    modes, free constants and specimens together (its appendix A).
     """
     from femu_piezo.api import update as run
-    from femu_piezo.specimen.file import read_specimens
+    from femu_piezo.specimen.file import read_specimens, with_method
 
     wanted = read_specimens(specimens, data)
+    if method is not None:
+        wanted = with_method(wanted, method.replace("-", "_"))
     _prepare(out)
     with _steps_shown() as progress:
         result = run(

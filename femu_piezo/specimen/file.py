@@ -523,6 +523,12 @@ def with_measurement(specimens: Sequence[Specimen], **wishes: bool) -> list[Spec
     return [one.model_copy(update={"measurement": table}) for one, table in zip(specimens, tables, strict=True)]
 
 
+def with_method(specimens: Sequence[Specimen], method: str) -> list[Specimen]:
+    """The specimens updated by another method than their files say."""
+    tables = [(one.update or Update()).model_copy(update={"method": method}) for one in specimens]
+    return [one.model_copy(update={"update": table}) for one, table in zip(specimens, tables, strict=True)]
+
+
 def _parse_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file as they stand."""
     raw = read_bytes(path, _LARGEST_FILE)

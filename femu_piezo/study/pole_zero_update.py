@@ -1,4 +1,5 @@
-"""The paper's update: pole-zero iteration on the fundamental of each specimen, on reduced bases that follow it."""
+"""The paper's updates, on reduced bases that follow the constants: pole-zero iteration on the fundamental of each
+specimen, and all poles and zeros together for any free constants (appendix A)."""
 
 from __future__ import annotations
 
@@ -8,9 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from femu_piezo.effects.extended_model import ExtendedModel
-from femu_piezo.errors import ConvergenceError
+from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.forward.fundamental import reduced_source
 from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.inference.starts.many_modes import MeasuredModes, update_many
 from femu_piezo.inference.starts.pole_zero import (
     PoleZeroUpdate,
     Step,
@@ -18,7 +20,7 @@ from femu_piezo.inference.starts.pole_zero import (
     update_pair,
     update_simplified,
 )
-from femu_piezo.inference.unknowns import FreeConstants
+from femu_piezo.inference.unknowns import FreeConstants, material_prior
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.simplified import simplify
 from femu_piezo.study.measured import Measured
@@ -35,6 +37,8 @@ class PoleZeroState:
     free : the free constants around them;  covariance : (2n, 2n) over (Re θ_1, Im θ_1, …), None where unknown
     models : the rough basis of each specimen
     histories : iterations on each specimen's fundamental
+    left : rms of what all poles and zeros leave over their deviation, and how many of how many they followed; None
+        where it was the fundamental alone
     """
 
     constants: PiezoConstants
@@ -42,6 +46,49 @@ class PoleZeroState:
     covariance: np.ndarray | None
     models: tuple[ExtendedModel, ...]
     histories: tuple[tuple[Step, ...], ...]
+    left: tuple[float, int, int] | None = None
+
+
+def all_poles_and_zeros(
+    measured: Sequence[Measured],
+    full: Sequence[ElectroelasticModel],
+    bases: Bases,
+    start: PiezoConstants,
+    accuracy: float,
+) -> PoleZeroState:
+    """All free constants from all poles and zeros, from start constants on bases within `accuracy` of Z.
+
+    InputError where a sweep has no deviations of its poles and zeros; ConvergenceError where it does not settle.
+    """
+    problem, constants = measured[0].problem, start
+    material = problem.specimen.material
+    prior = material_prior(problem.free(problem.constants), material.priors, material.tangent_priors)
+    for one in measured:
+        if one.extraction.resonances.covariance is None:
+            raise InputError(f"{one.spectrum.source}: its poles and zeros have no deviations to weigh them by")
+    for _ in range(6):
+        free = problem.free(constants)
+        around = bases.anchor(problem, free)
+        models = tuple(bases.rough(model, around, one, accuracy) for model, one in zip(full, measured, strict=True))
+        modes = [_modes(one, model) for one, model in zip(measured, models, strict=True)]
+        found = update_many(modes, free, prior)
+        constants = found.constants
+        if np.max(np.abs(found.theta.real / around.start.real - 1)) <= LEAVE:
+            steps = ((Step(problem.constants, np.full(2, np.nan + 0j)),),) * len(measured)
+            every = sum(len(one.resonances.poles) + len(one.resonances.zeros) for one in modes)
+            left = (found.left, sum(map(len, found.used)), every)
+            return PoleZeroState(constants, free.at(found.theta), found.covariance, models, steps, left)
+    raise ConvergenceError(
+        "the constants kept leaving the range of the reduced model; start from a closer base material or free fewer"
+    )
+
+
+def _modes(one: Measured, model: ExtendedModel) -> MeasuredModes:
+    permittivity = None if one.permittivity is None else (one.permittivity, one.permittivity_covariance)
+    found, error = one.extraction.resonances, model.mesh_error
+    frequency = np.array([resonance.frequency_Hz for resonance in (*found.poles, *found.zeros)])
+    told = np.zeros(frequency.size) if error is None else error.at(frequency)
+    return MeasuredModes(found, lambda constants: model.modal(constants.to_e_form()), told, permittivity)
 
 
 def pole_zero_update(

@@ -79,7 +79,7 @@ class Posterior:
         """The fit of constants and tolerances alone, from start constants."""
         if not self.full:
             self._clock.step("mesh and assemble")
-            self.full = self._of_pieces(lambda one, several: self._bases.model(one.measured, _mesh_accuracy(several)))
+            self.full = self._of_pieces(lambda one, several: self._bases.model(one.measured, mesh_accuracy(several)))
         constants, x = start, None
         for _ in range(_REDUCTIONS):
             self._prepare(constants)
@@ -179,7 +179,7 @@ class Posterior:
         return evaluation, *one.share.of(fit_.parameters)
 
 
-def _mesh_accuracy(several: Sequence[Subject]) -> float:
+def mesh_accuracy(several: Sequence[Subject]) -> float:
     """Relative error of eigenvalues that the mesh may have: a share of the noise, no more than the file asks for."""
     asked = (several[0].problem.specimen.update or Update()).accuracy
     return min(asked, _share_of_noise(several, _MESH_SHARE, _MESH_RANGE))
@@ -192,7 +192,7 @@ def _mesh_error(one: Subject, model: ExtendedModel) -> np.ndarray:
     """
     if model.mesh_error is not None:
         return model.mesh_error.at(one.measured.fitted.frequency)
-    accuracy, measured = _mesh_accuracy([one]), one.measured
+    accuracy, measured = mesh_accuracy([one]), one.measured
     end = one.problem.equivalent_frequency(measured.band_Hz, accuracy)
     return accuracy * (measured.fitted.frequency / end) ** 4
 

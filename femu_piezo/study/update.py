@@ -5,7 +5,8 @@
 3. pole-zero iteration of the paper on each fundamental: (s11, d31) or (s33, d33);
 4. the most probable constants, all tolerances of the specimen file marginalised, by a fit of the curves from there.
 
-With method = "pole_zero" step 3 is the answer, as in the paper.
+With method = "pole_zero" step 3 is the answer, as in the paper; or all poles and zeros together (appendix A) where
+more is free, more specimens join, or ε33T is not known.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ from femu_piezo.study.beginning import begin
 from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, Sweep, baseline_constants, measure_each, start_constants
 from femu_piezo.study.model_cache import Bases
-from femu_piezo.study.pole_zero_update import PoleZeroState, pole_zero_update
-from femu_piezo.study.posterior import Posterior
+from femu_piezo.study.pole_zero_update import PoleZeroState, all_poles_and_zeros, pole_zero_update
+from femu_piezo.study.posterior import Posterior, mesh_accuracy
 from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.resonances_with_effects import matched_resonances, sensitivity_with_effects
 from femu_piezo.study.results import Outcome, UpdateResult, mesh_words
@@ -141,15 +142,21 @@ def _by_pole_zero(several: Sequence[Subject], clock: Clock, bases: Bases, origin
     start = start_constants(measured)
     baseline, baseline_notes = baseline_constants(measured, start)
     clock.step("mesh and assemble")
-    full = [bases.model(one, (one.problem.specimen.update or Update()).accuracy) for one in measured]
+    full = [bases.model(one.measured, mesh_accuracy([one])) for one in several]
     clock.step("pole-zero update")
-    state = pole_zero_update(measured, full, bases, start, _POLE_ZERO_BASIS)
+    if _is_the_papers(measured, origin):
+        state = pole_zero_update(measured, full, bases, start, _POLE_ZERO_BASIS)
+    else:
+        begun = begin(measured, bases).constants
+        state = all_poles_and_zeros(measured, full, bases, begun, _POLE_ZERO_BASIS)
     clock.step("curves")
-    outcomes = (_pole_zero_outcome(several[0], full[0], state, baseline),)
+    outcomes = tuple(
+        _pole_zero_outcome(one, full[index], state, baseline, index) for index, one in enumerate(several)
+    )
     clock.step(None)
     theta = state.free.start
     return UpdateResult(
-        name=measured[0].problem.specimen.name,
+        name=" + ".join(dict.fromkeys(one.piece.name for one in measured)),
         baseline=baseline,
         constants=state.constants,
         parameters=dict(zip(state.free.names, estimates(theta, state.covariance), strict=True)),
@@ -159,7 +166,7 @@ def _by_pole_zero(several: Sequence[Subject], clock: Clock, bases: Bases, origin
         fit=None,
         known=None,
         provenance=None,
-        notes=(*baseline_notes, *_notes(several, state.constants, outcomes)),
+        notes=(*baseline_notes, *_notes(several, state.constants, outcomes), *_modes_note(state)),
         seconds=clock.seconds,
     )
 
@@ -177,14 +184,29 @@ def _method(measured: list[Measured]) -> tuple[str, str]:
         origin = "curve"
     if (specimen.update or Update()).method != "pole_zero":
         return "curve", origin
-    plain = not has_effects(measured) and bool(names) and len(measured) == 1
-    if not (plain and free - {"eps33T"} == names and origin != "curve"):
+    if has_effects(measured) or (specimen.material.simplified and not _is_the_papers(measured, origin)):
         raise InputError(
-            f'{specimen.path or specimen.name}: update.method = "pole_zero" finds {" and ".join(sorted(names))} of one '
-            "specimen without [effects] at a known eps33T; the sweep does not reach low frequency or other constants "
-            'are free, so give eps33T and take it out of material.free, or use method = "curve"'
+            f'{specimen.path or specimen.name}: update.method = "pole_zero" knows no [effects], and of the simplified '
+            f'material only {" and ".join(sorted(names))} at a known eps33T; use method = "curve"'
         )
-    return "pole_zero", origin
+    return "pole_zero", "prior" if origin == "curve" else origin
+
+
+def _is_the_papers(measured: Sequence[Measured], origin: str) -> bool:
+    """Whether the fundamental of one specimen determines what is free at a known ε33T, as in the paper's main part."""
+    free = set(measured[0].problem.specimen.material.free)
+    names = set(pair_names(measured[0].problem.plate))
+    return len(measured) == 1 and bool(names) and free - {"eps33T"} == names and origin not in ("curve", "prior")
+
+
+def _modes_note(state: PoleZeroState) -> tuple[str, ...]:
+    if state.left is None:
+        return ()
+    left, used, every = state.left
+    words = f"{used} of {every} measured poles and zeros determine the constants"
+    if left > 1:
+        words += f"; they are {left:.2g} of their deviations away, by which the stated ones are widened"
+    return (words,)
 
 
 def _outcome(posterior: Posterior, index: int, found: Fit, base: PiezoConstants, history: tuple[Step, ...]) -> Outcome:
@@ -212,10 +234,10 @@ def _baseline_curve(evaluation, own: Unknowns, free) -> np.ndarray:
     return evaluation.impedance(unknowns, material.x_of(free.start))
 
 
-def _pole_zero_outcome(subject: Subject, full, state: PoleZeroState, base: PiezoConstants) -> Outcome:
+def _pole_zero_outcome(subject: Subject, full, state: PoleZeroState, base: PiezoConstants, index: int) -> Outcome:
     from femu_piezo.inference.response import Evaluation
 
-    one, model = subject.measured, state.models[0]
+    one, model = subject.measured, state.models[index]
     evaluation = Evaluation(model, one.spectrum.omega)
     material = MaterialParameters.around(state.free, state.free.start)
     unknowns = Unknowns(material, material_prior(state.free, {}, {}))
@@ -225,7 +247,7 @@ def _pole_zero_outcome(subject: Subject, full, state: PoleZeroState, base: Piezo
         matched=matched_resonances(one, evaluation, unknowns, x),
         base_curve=_baseline_curve(evaluation, unknowns, one.problem.free(base)),
         updated_curve=evaluation.impedance(unknowns, x),
-        history=state.histories[0],
+        history=state.histories[index],
         sensitivity=sensitivity_with_effects(one.problem.specimen.name, evaluation, unknowns, x),
         unknowns=full.size,
         mesh=mesh_words(full, model),
