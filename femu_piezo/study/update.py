@@ -166,7 +166,12 @@ def _by_pole_zero(several: Sequence[Subject], clock: Clock, bases: Bases, origin
         fit=None,
         known=None,
         provenance=None,
-        notes=(*baseline_notes, *_notes(several, state.constants, outcomes), *_modes_note(state)),
+        notes=(
+            *baseline_notes,
+            *_notes(several, state.constants, outcomes),
+            *_modes_note(state),
+            *_low_end_note(measured),
+        ),
         seconds=clock.seconds,
     )
 
@@ -197,6 +202,20 @@ def _is_the_papers(measured: Sequence[Measured], origin: str) -> bool:
     free = set(measured[0].problem.specimen.material.free)
     names = set(pair_names(measured[0].problem.plate))
     return len(measured) == 1 and bool(names) and free - {"eps33T"} == names and origin not in ("curve", "prior")
+
+
+def _low_end_note(measured: Sequence[Measured]) -> tuple[str, ...]:
+    """A word where ε33T is that of the low end of k33 sweeps alone, whose capacitance is not much above a fixture's."""
+    read = [one for one in measured if one.permittivity is not None and "eps33T" in one.problem.specimen.material.free]
+    if not read or any(one.problem.plate.poling == "thickness" for one in read):
+        return ()
+    plate, eps = read[0].problem.plate, abs(read[0].permittivity)
+    picofarad = 1e12 * eps * plate.electrode_area / plate.electrode_gap
+    return (
+        f"ε33T is read off the low end of a sweep along the poling, of {picofarad:.2g} pF, of which 1 pF of stray "
+        f"capacitance is {100 / picofarad:.1g} %: take it from a k31 plate of the lot, by eps33T and std_eps33T of its "
+        "update, or update both together",
+    )
 
 
 def _modes_note(state: PoleZeroState) -> tuple[str, ...]:

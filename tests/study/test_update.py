@@ -247,6 +247,15 @@ def test_a_bad_low_reading_is_left_out_or_told(sweeps, write_specimen_of, truth)
     assert any("still misses the sweep" in note for note in result.notes)
 
 
+def test_the_low_end_of_a_bar_is_told_to_be_no_good_source_of_the_permittivity(sweeps, write_specimen_of):
+    """Of a k33 bar alone; a k31 plate has a hundred times the capacitance."""
+    paper = '[update]\nmethod = "pole_zero"'
+    bar = update(read_specimen(write_specimen_of("k33", sweeps["k33"], ("s33", "d33", "eps33T"), more=paper)))
+    assert any("take it from a k31 plate" in note for note in bar.notes)
+    plate = update(read_specimen(write_specimen_of("k31", sweeps["k31"], TRIO, more=paper)))
+    assert not any("k31 plate" in note for note in plate.notes)
+
+
 def test_a_lossless_simulation_is_told_as_such(sweeps, write_specimen_of, tmp_path):
     sweep = sweeps["k31"]
     spec = write_specimen_of("k31", ImpedanceSpectrum(sweep.frequency, 1j * sweep.impedance.imag), TRIO)

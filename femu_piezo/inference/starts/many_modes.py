@@ -4,8 +4,8 @@
 
 solved by least squares in the metric of the measured λ, whose joint covariance an extraction gives, and of the errors
 of the mesh, beside what is known of the constants before: a permittivity from the low end of a sweep, and the weak
-prior of every fit, which holds what poles and zeros do not tell. Of one mode these tell d²/ε, and d and ε apart only by how
-far the modes between them are from those of a bar.
+prior of every fit, which holds what poles and zeros do not tell. Of one mode these tell d²/ε, and d and ε apart only
+by how far the modes between them are from those of a bar.
 """
 
 from __future__ import annotations
