@@ -45,8 +45,7 @@ class Job:
         except InputError as error:
             return Inputs(tuple(files), (), error)
         for one in specimens:
-            named = (one.path, one.measurement and one.measurement.file, one.geometry.file)
-            files += [path for path in named if path is not None]
+            files += one.files
         asked = {"correct_phase": self.correct_phase, "mask_faults": self.mask_faults}
         specimens = with_measurement(specimens, **asked)
         return Inputs(tuple(dict.fromkeys(files)), tuple(specimens), None)

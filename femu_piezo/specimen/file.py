@@ -425,6 +425,14 @@ class Specimen(Table):
         )
 
     @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that a result of the specimen depends on, its own first."""
+        table = self.measurement or Measurement()
+        named = [self.path, self.geometry.file, table.file, table.open, table.short, table.load and table.load.file]
+        named += [one.file for one in self.sweep or ()]
+        return tuple(path for path in named if path is not None)
+
+    @property
     def fitted_constants(self) -> dict[str, float]:
         """Where a fit left the free constants and their tangents, SI: "s11", "tan_s11", …; empty where none did."""
         return (self.fitted or {}).get("material", {})

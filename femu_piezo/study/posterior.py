@@ -79,7 +79,7 @@ class Posterior:
         """The fit of constants and tolerances alone, from start constants."""
         if not self.full:
             self._clock.step("mesh and assemble")
-            self.full = self._of_pieces(lambda one, several: self._bases.model(one.measured, mesh_accuracy(several)))
+            self.full = self._of_pieces(self._meshed)
         constants, x = start, None
         for _ in range(_REDUCTIONS):
             self._prepare(constants)
@@ -101,31 +101,34 @@ class Posterior:
         self._around = self._bases.around(self.problem, constants)
         spread = _FREE_SPREAD + _PER_KELVIN * max(one.context.taken.span_K for one in self.several)
         training = _training(self._around, self.problem.free(self._around), spread)
-        full = dict(zip(map(id, self.several), self.full, strict=True))
-        self.models = self._of_pieces(lambda one, several: self._reduced(one, several, full[id(one)], training))
+        self.models = self._of_pieces(lambda number, several: self._reduced(number, several, training))
 
     def _serves(self, constants: PiezoConstants) -> bool:
         around, found = (self.problem.free(one).start.real for one in (self._around, constants))
         return bool(np.all(np.abs(found - around) <= _LEAVE * np.abs(around)))
 
-    def _of_pieces(self, make: Callable[[Subject, Sequence[Subject]], Made]) -> tuple[Made, ...]:
+    def _of_pieces(self, make: Callable[[int, Sequence[Subject]], Made]) -> tuple[Made, ...]:
         """What is made once for all sweeps of a specimen, for every sweep.
 
-        make : of the sweep that reaches highest, and of all
+        make : of the number of the sweep that reaches highest, and of all of the specimen
         """
-        pieces: dict[str, list[Subject]] = {}
-        for one in self.several:
-            pieces.setdefault(one.name, []).append(one)
-        made = {name: make(max(own, key=lambda one: one.measured.band_Hz), own) for name, own in pieces.items()}
+        pieces: dict[str, list[int]] = {}
+        for number, one in enumerate(self.several):
+            pieces.setdefault(one.name, []).append(number)
+        made = {}
+        for name, own in pieces.items():
+            highest = max(own, key=lambda number: self.several[number].measured.band_Hz)
+            made[name] = make(highest, [self.several[number] for number in own])
         return tuple(made[one.name] for one in self.several)
 
-    def _reduced(
-        self, one: Subject, several: Sequence[Subject], model: ElectroelasticModel, training: Sequence[PiezoConstants]
-    ) -> ExtendedModel:
+    def _meshed(self, number: int, several: Sequence[Subject]) -> ElectroelasticModel:
+        return self._bases.model(self.several[number].measured, mesh_accuracy(several))
+
+    def _reduced(self, number: int, several: Sequence[Subject], training: Sequence[PiezoConstants]) -> ExtendedModel:
         offered = (*self.tolerances, *self._candidates)
         effects = list({effect.key: effect for own in several for effect in served(own, offered)}.values())
         accuracy = _share_of_noise(several, _BASIS_SHARE, _BASIS_RANGE)
-        return self._bases.extended(model, training, effects, one.measured, accuracy)
+        return self._bases.extended(self.full[number], training, effects, self.several[number].measured, accuracy)
 
     @property
     def evaluation(self) -> Evaluation | Ensemble:
@@ -151,10 +154,7 @@ class Posterior:
             noise_known=all(one.noise_known for one in several),
             sizes=tuple(len(one.measured.fitted) for one in several),
             model_share=np.concatenate(
-                [
-                    (model.estimated_error / own) ** 2
-                    for own, model in zip(noise, self.models, strict=True)
-                ]
+                [(model.estimated_error / own) ** 2 for own, model in zip(noise, self.models, strict=True)]
             ),
             mesh_error=np.concatenate([_mesh_error(*both) for both in zip(several, self.models, strict=True)]),
         )

@@ -247,3 +247,13 @@ def test_mutated_files_read_or_are_refused(tmp_path: Path, data: st.DataObject |
         assert specimen.geometry.thickness > 0
     except InputError as error:
         assert "\n" not in str(error)
+
+
+def test_files_that_a_result_depends_on(tmp_path):
+    """A job is done anew where any of them changes: the sweeps and what compensates them too."""
+    body = '[geometry]\nshape = "plate"\nlength = 0.02\nwidth = 0.004\nthickness = 0.001\n[material]\nbase = "pzt-5h"\n'
+    fixture = '[measurement]\nopen = "open.csv"\nshort = "short.csv"\nload = { file = "load.csv", resistance = 100 }\n'
+    path = tmp_path / "plate.toml"
+    path.write_text(body + fixture + '[[sweep]]\nfile = "up.csv"\n[[sweep]]\nfile = "down.csv"\n', encoding="utf-8")
+    names = ("plate.toml", "open.csv", "short.csv", "load.csv", "up.csv", "down.csv")
+    assert read_specimen(path).files == tuple(tmp_path / name for name in names)
