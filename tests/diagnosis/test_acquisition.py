@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 
 from femu_piezo.effects.effect import EffectContext
 from femu_piezo.effects.library import drive_level, sweep_too_fast
+from femu_piezo.effects.softening import softened
 from femu_piezo.material.library import library_material
 
 #: Branch of L, R, 1/C beside C0: resonance at 100 kHz with Q = 80.
@@ -26,6 +27,27 @@ def motional(omega, softer: complex = 0.0):
 
 def inside(omega, *beside, slopes=True):
     return 1 / (motional(omega) + 1j * omega * STATIC), np.zeros((omega.size, 0), dtype=complex)
+
+
+def bar(omega, share: float = 0.0, softer: float = 1.0):
+    """Z of a lossy thin k31 bar 20 x 2 x 1 mm, d times 1 + share, s times softer²."""
+    s, d, eps = 16e-12 * (1 - 0.015j) * softer**2, -2.7e-10 * (1 - 0.01j) * (1 + share), 3e-8 * (1 - 0.02j)
+    x = omega * 10e-3 * np.sqrt(7500 * s)
+    return 1 / (1j * omega * 0.04 * (eps - d**2 / s + d**2 / s * np.tan(x) / x))
+
+
+def test_softer_body_by_the_same_body_at_other_frequencies():
+    """Z(ω; s w²) = w Z(ωw; s, d/w), and its derivative in w as `softened` has it."""
+    omega, w = 2 * np.pi * np.linspace(60e3, 120e3, 61), 1.003
+    np.testing.assert_allclose(bar(omega, softer=w), w * bar(omega * w, share=1 / w - 1), rtol=1e-12)
+
+    def inside(omega, *beside, slopes=True):
+        share = float(beside[0][1][0]) if beside else 0.0
+        return bar(omega, share), np.zeros((omega.size, 0), dtype=complex)
+
+    exact = (bar(omega, softer=1 + 1e-5) - bar(omega, softer=1 - 1e-5)) / 2e-5
+    found = softened(inside, omega)[0]
+    np.testing.assert_allclose(found, exact, rtol=1e-3)
 
 
 @pytest.fixture(scope="module")

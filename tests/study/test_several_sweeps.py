@@ -243,15 +243,16 @@ def leaning(drive: float, beta: float, ratio: float, frequency: np.ndarray) -> n
 
 def test_lean_goes_with_the_square_of_the_voltage(bench):
     """Two levels share one softening, at the higher of the two."""
-    frequency, beta = np.linspace(100e3, 140e3, 401), 6e-4
+    frequency, beta = np.linspace(100e3, 140e3, 401), 2e-3
     for name, drive in (("loud", 1.0), ("quiet", 1 / 3)):
         rows = noisy(frequency, leaning(drive, beta, 0.4, frequency), 5e-4, seed=len(name))
         bench.add(name, rows, drive_voltage=f"{0.9 * drive} V")
     result = diagnose(bench.write(), effects=FEW)
-    (cause,) = [one for one in result.causes if one.effect.name == "drive_level"]
-    softening = cause.parameters["softening"]
+    (cause,) = result.causes
+    assert cause.effect.name == "drive_level" and cause.probability > 0.9
+    softening, ratio = cause.parameters["softening"], cause.parameters["loss_ratio"]
     assert abs(softening.value - beta) < 3 * softening.std and softening.std < 0.3 * beta
-    assert cause.probability > 0.9
+    assert abs(ratio.value - 0.4) < 2 * ratio.std and ratio.std < 0.1
 
 
 def test_a_stray_capacitance_is_that_of_its_fixture(bench):

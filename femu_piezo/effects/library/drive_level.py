@@ -6,12 +6,12 @@ At the amplitude of each frequency the body is taken as linear (describing funct
 
 with the constant voltage of the instrument. The strain of a resonance goes with its velocity and so with the current Y'
 that there is in the end, which the lean itself limits; the largest of the sweep were it linear, max |Y|, is the unit. β
-is the growth of the compliance there, q how much loss it has. As resonances go with 1/√s,
+is the growth of the compliance there, q how much loss it has. With compliances s w² (`femu_piezo.effects.softening`),
 
-    Z' = Z + β A (1 − jq)/2 · ω ∂Z/∂ω
+    Z' = Z + β A (1 − jq)/2 · ∂Z/∂w
 
 to first order; of several sweeps each has (V/V_max)² of β by its voltage V. Z is straight where A is large, at the
-zeros of Z. With g = β (1 − jq)/2 · ω ∂Z/∂ω/max|Y|² the square u = |Z'|² obeys
+zeros of Z. With g = β (1 − jq)/2 · ∂Z/∂w/max|Y|² the square u = |Z'|² obeys
 
     Z' = Z + g/u,    u³ = |Z|² u² + 2 Re(Z* g) u + |g|².
 """
@@ -21,11 +21,12 @@ from __future__ import annotations
 import numpy as np
 
 from femu_piezo.effects.effect import AcquisitionHook, Effect, EffectContext, EffectParameter, Reached
+from femu_piezo.effects.softening import softened
 
 #: Share of the lean that the law misses: strain that is not even, a current that is not all of motion.
 _LAW_ERROR = 0.1
-#: Relative step of the frequency, and Newton steps of the cubic.
-_STEP, _TURNS = 1e-5, 40
+#: Newton steps of the cubic.
+_TURNS = 40
 
 
 def _square(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -47,8 +48,7 @@ def _hook(drive: float) -> AcquisitionHook:
 
 
 def _leaning(inside: Reached, omega: np.ndarray, p: np.ndarray):
-    (z, slopes), ahead, behind = (inside(omega * factor) for factor in (1.0, 1 + _STEP, 1 - _STEP))
-    along, along_slopes = ((one - other) / (2 * _STEP) for one, other in zip(ahead, behind, strict=True))
+    (z, slopes), (along, along_slopes) = inside(omega), softened(inside, omega)
     top = int(np.argmin(np.abs(z)))
     unit, unit_slopes = np.abs(z[top]) ** 2, 2 * (np.conj(z[top]) * slopes[top]).real  # 1/max |Y|²
     factor = (1 - 1j * p[1]) / 2
@@ -76,7 +76,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             sentence="the drive is too high: the material softens where the strain is large, and resonances lean over",
             parameters=(
                 EffectParameter("softening", "1", 0.0, 0.1, 5e-4, 3e-3, law_error=_LAW_ERROR),
-                EffectParameter("loss_ratio", "1", 0.0, 3.0, 0.2, 0.4, rest=0.4, optional=True),
+                EffectParameter("loss_ratio", "1", 0.0, 3.0, 0.2, 0.4, rest=0.4, optional=True, law_error=_LAW_ERROR),
             ),
             confusable_with=("temperature_drift", "sweep_too_fast", "tan_s11"),
             advice=(

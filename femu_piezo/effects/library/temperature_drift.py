@@ -17,28 +17,12 @@ from __future__ import annotations
 import numpy as np
 
 from femu_piezo.effects.effect import AcquisitionHook, Effect, EffectContext, EffectParameter, Reached
-from femu_piezo.material.constants import D_FORM
+from femu_piezo.effects.softening import COUPLING
 
-_PIEZOELECTRIC = [D_FORM.index(name) for name in ("d31", "d33", "d15")]
 #: Share of the drift that the law misses: the coefficients of d and ε, and a pace of warming that was not even.
 _LAW_ERROR = 0.1
 #: Relative steps of d and of frequency.
 _SIDE, _STEP = 4e-3, 1e-6
-
-
-def _scaled(theta, tangents, omega, p):
-    """d (1 + p)."""
-    theta, tangents = theta.copy(), tangents.copy()
-    own = np.zeros((*theta.shape, 1), dtype=complex)
-    own[:, _PIEZOELECTRIC, 0] = theta[:, _PIEZOELECTRIC]
-    theta[:, _PIEZOELECTRIC] *= 1 + p[0]
-    tangents[:, _PIEZOELECTRIC] *= 1 + p[0]
-    return theta, tangents, own
-
-
-_SIDES = Effect(
-    "sides of d", "", (EffectParameter("share", "1", -0.1, 0.1, 1.0, 0.0),), constants=_scaled, dispersive=False
-)
 
 
 def _hook(context: EffectContext) -> AcquisitionHook:
@@ -57,7 +41,7 @@ def _hook(context: EffectContext) -> AcquisitionHook:
         def body(w: np.ndarray, slopes: bool = True):
             u, z, tangents = (w - 1) / _SIDE, 0.0, 0.0
             for side, share in ((-_SIDE, u * (u - 1) / 2), (0.0, 1 - u**2), (_SIDE, u * (u + 1) / 2)):
-                own = inside(omega / w, (_SIDES, np.array([side])), slopes=slopes)
+                own = inside(omega / w, (COUPLING, np.array([side])), slopes=slopes)
                 z, tangents = z + share * own[0] / w, tangents + (share / w)[:, None] * own[1]
             return z, tangents
 

@@ -1,0 +1,45 @@
+"""Bodies whose compliances all change alike, by the body as it is at other frequencies.
+
+A body of compliances s w², of d and ε unchanged, is that of s, d/w and ε at frequencies higher by w:
+
+    Z(ω; s w², d, ε) = w Z(ωw; s, d/w, ε).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from femu_piezo.effects.effect import Effect, EffectParameter, Reached
+from femu_piezo.material.constants import D_FORM
+
+_PIEZOELECTRIC = [D_FORM.index(name) for name in ("d31", "d33", "d15")]
+#: Relative steps of frequency and of d.
+_STEP, _SIDE = 1e-5, 4e-3
+
+
+def _scaled(theta, tangents, omega, p):
+    """d (1 + p)."""
+    theta, tangents = theta.copy(), tangents.copy()
+    own = np.zeros((*theta.shape, 1), dtype=complex)
+    own[:, _PIEZOELECTRIC, 0] = theta[:, _PIEZOELECTRIC]
+    theta[:, _PIEZOELECTRIC] *= 1 + p[0]
+    tangents[:, _PIEZOELECTRIC] *= 1 + p[0]
+    return theta, tangents, own
+
+
+#: d times 1 + share, set beside a body (`femu_piezo.effects.effect.Reached`).
+COUPLING = Effect(
+    "coupling", "", (EffectParameter("share", "1", -0.1, 0.1, 1.0, 0.0),), constants=_scaled, dispersive=False
+)
+
+
+def softened(inside: Reached, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """dZ/dw at w = 1 (k,) of compliances s w², and its slopes (k, n_x): Z + ω ∂Z/∂ω − d ∂Z/∂d."""
+    here = inside(omega)
+    ahead, behind = (inside(omega * (1 + sign * _STEP)) for sign in (1, -1))
+    more, less = (inside(omega, (COUPLING, np.array([sign * _SIDE]))) for sign in (1, -1))
+    value, slopes = (
+        here[part] + (ahead[part] - behind[part]) / (2 * _STEP) - (more[part] - less[part]) / (2 * _SIDE)
+        for part in (0, 1)
+    )
+    return value, slopes
