@@ -9,6 +9,7 @@ import numpy as np
 
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.output.budget_chart import budget_figure, budget_shares
+from femu_piezo.output.corner import corner_figure
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.records import update_record
 from femu_piezo.output.report import (
@@ -25,6 +26,7 @@ from femu_piezo.output.report_curves import curve_charts, sensitivity_chart
 from femu_piezo.output.report_figures import standard_figures_html
 from femu_piezo.output.report_modes import mode_section
 from femu_piezo.output.tables import number
+from femu_piezo.output.temperature_chart import temperature_figure
 from femu_piezo.study.results import Outcome, UpdateResult
 
 #: What each constant is, for readers who do not have the notation by heart.
@@ -52,7 +54,8 @@ def write_update_report(path: Path, result: UpdateResult, command: str = "femu-p
 
 
 def update_sections(result: UpdateResult) -> list[Section]:
-    """Summary, parameters, curves, resonances, standard figures, identifiability, sensitivity, mode shapes."""
+    """Summary, parameters, these over temperature and by samples, curves, resonances, standard figures,
+    identifiability, sensitivity, mode shapes."""
     many = len(result.outcomes) > 1
     curves, resonances, sensitivities, figures = "", "", "", ""
     for index, outcome in enumerate(result.outcomes):
@@ -67,6 +70,7 @@ def update_sections(result: UpdateResult) -> list[Section]:
     return [
         Section("summary", "Summary", _summary(result)),
         Section("parameters", "Parameters", _parameters(result)),
+        *_further_sections(result),
         Section("curves", "Curves", curves),
         Section("resonances", "Poles and zeros", resonances),
         Section("figures", "Standard figures", figures),
@@ -74,6 +78,20 @@ def update_sections(result: UpdateResult) -> list[Section]:
         Section("sensitivity", "Sensitivity", sensitivities),
         mode_section(result),
     ]
+
+
+def _further_sections(result: UpdateResult) -> list[Section]:
+    """The constants over temperature, and samples of the posterior, where there are any."""
+    found = []
+    if (series := result.temperature) is not None:
+        words = f"Constants over temperature; those of the other sections are at {series.reference_C:.4g} °C"
+        figure = temperature_figure(result.name, series)
+        found.append(Section("temperature", "Over temperature", picture(figure, words)))
+    if result.samples is not None:
+        words = "Samples of the posterior by fits to drawn data; the lines are the stated deviations"
+        figure = corner_figure(result.name, result.samples, result.parameters)
+        found.append(Section("samples", "Samples", picture(figure, words)))
+    return found
 
 
 def _escaped(outcome: Outcome) -> str:

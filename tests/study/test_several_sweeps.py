@@ -216,7 +216,8 @@ def test_temperature_series(bench):
         at_reference = series.over(np.array([series.reference_C]))[name]
         assert at_reference[0][0] == pytest.approx(result.parameters[name].value, rel=1e-12)
         assert at_reference[1][0] == pytest.approx(result.parameters[name].std, rel=1e-9)
-    out = result.save(bench.folder / "out")
+    out = result.save(bench.folder / "out", report=True)
+    assert "Constants over temperature" in (out / "report.html").read_text(encoding="utf-8")
     assert (out / "temperature.png").stat().st_size > 10_000
     record = json.loads((out / "update.json").read_text(encoding="utf-8"))["temperature"]
     assert set(record["coefficients"]) == set(COEFFICIENTS)
