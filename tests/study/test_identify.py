@@ -82,7 +82,7 @@ def test_study_of_drawn_specimens(tmp_path):
     spec = tmp_path / "k31.toml"
     text = BODY.format(name="k31", thickness="1 mm", poling="thickness", stop="90 kHz")
     spec.write_text(text, encoding="utf-8")
-    run = ["identify", str(spec), "--out", str(tmp_path / "out"), "--noise", "0.001", "--study", "60"]
+    run = ["identify", str(spec), "--out", str(tmp_path / "out"), "--noise", "0.001", "--study", "40"]
     answer = CliRunner().invoke(main, run)
     assert answer.exit_code == 0, answer.output
     assert (tmp_path / "out/study.png").stat().st_size > 20_000
@@ -90,12 +90,12 @@ def test_study_of_drawn_specimens(tmp_path):
     settings = {(round(one["noise"], 9), one["points"]): one for one in study}
     assert set(settings) == {(1e-4, 301), (1e-3, 301), (1e-2, 301), (1e-3, 75), (1e-3, 1204)}
     for one in study:
-        assert one["lost"] == 0 and one["draws"] == 60
+        assert one["lost"] == 0 and one["draws"] == 40
         for label, found in one["constants"].items():
-            assert found["deviation"] == pytest.approx(found["stated"], rel=0.35), (one["noise"], label)
+            assert found["deviation"] == pytest.approx(found["stated"], rel=0.45), (one["noise"], label)
             assert abs(found["bias_over_its_std"]) < 3.5, (one["noise"], label)
         inside = [found["inside_1_sigma"] for found in one["constants"].values()]
-        assert 0.55 < np.mean(inside) < 0.81
+        assert 0.52 < np.mean(inside) < 0.84
     for better, worse in (((1e-3, 1204), (1e-3, 75)), ((1e-4, 301), (1e-2, 301))):
         for label, found in settings[better]["constants"].items():
             assert found["stated"] < 1.01 * settings[worse]["constants"][label]["stated"], label

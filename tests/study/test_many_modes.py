@@ -53,16 +53,16 @@ def written(folder, seed: int, length: float = SIZE[0], noise: float = 1e-3, fre
 
 
 def test_four_constants_from_three_modes(tmp_path):
-    """Values and tangents of eight sweeps within what is stated: noise of λ and error of the mesh."""
+    """Values and tangents of six sweeps within what is stated: noise of λ and error of the mesh."""
     pulls = []
-    for seed in range(8):
+    for seed in range(6):
         result = update(read_specimen(written(tmp_path, seed)))
         assert result.method == "pole_zero" and result.fit is None
         for name, one in result.parameters.items():
             exact = TRUTH[NAMES.index(name)]
             pulls.append([(one.value - exact.real) / one.std, (one.tan + exact.imag / exact.real) / one.tan_std])
-    rms = np.sqrt(np.mean(np.reshape(pulls, (8, -1)) ** 2, axis=0))
-    assert np.all(rms < 1.8) and 0.7 < np.sqrt(np.mean(rms**2)) < 1.3, rms
+    rms = np.sqrt(np.mean(np.reshape(pulls, (6, -1)) ** 2, axis=0))
+    assert np.all(rms < 1.9) and 0.7 < np.sqrt(np.mean(rms**2)) < 1.3, rms
     assert result.parameters["s11"].std < 1e-5 * result.parameters["s11"].value
     assert any("6 of 6 measured poles and zeros" in note for note in result.notes)
 

@@ -26,7 +26,7 @@ from femu_piezo.errors import InputError
 
 SIZE = np.array([12e-3, 6.7e-3, 1.6e-3])
 TANGENTS = {"s11": 0.016, "d31": 0.012, "eps33T": 0.018}
-FREQUENCY = np.linspace(20e3, 240e3, 601)
+FREQUENCY = np.linspace(20e3, 240e3, 401)
 #: True over assumed, of the free constants.
 OFF = {"s11": 1.03, "d31": 0.97, "eps33T": 1.05}
 
@@ -270,8 +270,7 @@ def test_a_stray_capacitance_is_that_of_its_fixture(bench):
     extended = read_specimen(bench.folder / "out/extended.toml")
     assert extended.effects["stray_capacitance (clips)"]["capacitance"] == pytest.approx(capacitance.value)
     assert [one.fixture for one in extended.sweep] == ["clips", "probes"]
-    again = diagnose(extended, effects=FEW)
-    assert str(again.verdict) == "none"
+    again = update(extended)
     for name, one in result.parameters.items():
         assert again.parameters[name].value == pytest.approx(one.value, rel=1e-4), name
         assert again.parameters[name].std == pytest.approx(one.std, rel=0.1), name

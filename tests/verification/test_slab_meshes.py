@@ -173,13 +173,12 @@ def random_body(seed: int) -> tuple[Slab, float]:
     return kinds[seed % len(kinds)], 2.2e3 / length
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_the_rule_for_rims_holds_for_bodies_it_was_not_fitted_to(seed):
-    assert max(against_finer(*random_body(seed), (1e-3, 3e-4))) < 1
+def test_the_rule_for_rims_holds_for_a_body_it_was_not_fitted_to():
+    assert max(against_finer(*random_body(1), (1e-3, 3e-4))) < 1
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2, 15))
+@pytest.mark.parametrize("seed", [0, *range(2, 15)])
 def test_the_rule_for_rims_holds_for_many_bodies(seed):
     assert max(against_finer(*random_body(seed), (1e-3, 3e-4, 1e-4))) < 1
 
