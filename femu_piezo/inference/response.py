@@ -7,6 +7,7 @@ x(ω) the state driven by one volt the charge is stationary, so ∂(Q/V)/∂x_i 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -100,12 +101,15 @@ class Evaluation:
         with blas_limit():
             return _modal(model, collect(model, parameters, x, active, middle))
 
-    def terminals(self, parameters: Unknowns, x: np.ndarray, omega: np.ndarray, kind: str) -> np.ndarray:
-        """Z at the terminals ("pole": it vanishes there) or Y ("zero") at complex ω (m,); laws as `modal`."""
-        frozen = _frozen(active_effects(parameters, x))
-        z = 1 / self.modal(parameters, x).admittance(omega)
-        z = replace(self, omega=omega)._through_circuits(frozen, z, np.zeros((omega.size, 0)))[0]
-        return z if kind == "pole" else 1 / z
+    def terminals(self, parameters: Unknowns, x: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """Complex ω (m,) → Z at the terminals, which vanishes at a pole and is infinite at a zero; laws as `modal`."""
+        frozen, modal = _frozen(active_effects(parameters, x)), self.modal(parameters, x)
+
+        def impedance(omega: np.ndarray) -> np.ndarray:
+            at = replace(self, omega=omega)
+            return at._through_circuits(frozen, 1 / modal.admittance(omega), np.zeros((omega.size, 0)))[0]
+
+        return impedance
 
     def _through_circuits(self, active: list[Active], z: np.ndarray, tangents: np.ndarray):
         """Z and its tangents (k, n) at the terminals, of Z and tangents of the body."""

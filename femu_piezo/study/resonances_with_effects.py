@@ -44,9 +44,9 @@ def matched_resonances(
             (kind, (data,), values[[dominant_index(values, amplitudes, near)]])
             for kind, _, values, amplitudes, data in kinds
         ]
-    result = []
+    result, impedance = [], evaluation.terminals(unknowns, x)
     for kind, data, values in pairs:
-        roots = _roots(lambda omega, k=kind: evaluation.terminals(unknowns, x, omega, k), np.sqrt(values + 0j))
+        roots = _roots(impedance if kind == "pole" else lambda omega: 1 / impedance(omega), np.sqrt(values + 0j))
         result += [(r, Resonance(kind, complex(root**2))) for r, root in zip(data, roots, strict=True)]
     return tuple(result)
 
