@@ -488,6 +488,8 @@ def read_specimen(path: Path | str, data_file: Path | str | None = None) -> Spec
         if isinstance(measurement, dict):
             measurement["file"] = str(Path(data_file).absolute())
     _several_files(data, path)
+    if isinstance(data.get("sweep"), dict):
+        raise InputError(f"{path}: [sweep] is one of several tables; write [[sweep]] in place of [sweep]")
     tables = [("geometry", data.get("geometry")), ("measurement", data.get("measurement"))]
     tables += [("sweep", table) for table in data.get("sweep") or () if isinstance(data["sweep"], list)]
     for section, table in tables:

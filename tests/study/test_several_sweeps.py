@@ -314,6 +314,11 @@ def test_wrong_sweeps_are_one_sentence(kind, bench):
     assert not (bench.folder / "out").exists()
 
 
+def test_a_single_bracket_is_told(bench):
+    with pytest.raises(InputError, match=r"write \[\[sweep\]\] in place"):
+        read_specimen(bench.write("[sweep]", 'file = "a.csv"'))
+
+
 def test_list_of_files_is_a_list_of_sweeps(bench):
     for name in ("a", "b"):
         bench.put(name, np.ones((4, 3)))
