@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from femu_piezo.inference.ensemble import Ensemble, belonging_to, is_common
+from femu_piezo.inference.ensemble import Ensemble, is_common, owned_by
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Unknowns
 
@@ -52,7 +52,7 @@ class Plan:
         """The unknowns with every effect that is not common as that of its specimen."""
 
         def own(effect):
-            return effect if is_common(effect) or effect.specimen else belonging_to(effect, self.owner)
+            return owned_by(effect, self.owner)
 
         renamed = {effect.key: own(effect).key for effect in parameters.effects}
         return replace(

@@ -33,9 +33,13 @@ COUPLING = Effect(
 )
 
 
-def softened(inside: Reached, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """dZ/dw at w = 1 (k,) of compliances s w², and its slopes (k, n_x): Z + ω ∂Z/∂ω − d ∂Z/∂d."""
-    here = inside(omega)
+def softened(
+    inside: Reached, omega: np.ndarray, here: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """dZ/dw at w = 1 (k,) of compliances s w², and its slopes (k, n_x): Z + ω ∂Z/∂ω − d ∂Z/∂d.
+
+    here : what `inside` gives at the frequencies (k,), rad/s
+    """
     ahead, behind = (inside(omega * (1 + sign * _STEP)) for sign in (1, -1))
     more, less = (inside(omega, (COUPLING, np.array([sign * _SIDE]))) for sign in (1, -1))
     value, slopes = (

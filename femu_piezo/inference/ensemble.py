@@ -7,7 +7,7 @@ one specimen, and a warming during the sweep goes the other way in one that went
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -29,6 +29,11 @@ def is_common(effect: Effect) -> bool:
 def belonging_to(effect: Effect, specimen: str) -> Effect:
     """The effect as that of one specimen."""
     return replace(effect, specimen=specimen)
+
+
+def owned_by(effect: Effect, specimen: str) -> Effect:
+    """The effect as that of a specimen, unless all share it or it is of another."""
+    return effect if effect.specimen or is_common(effect) else belonging_to(effect, specimen)
 
 
 @dataclass(frozen=True)
@@ -110,3 +115,8 @@ class Ensemble:
             else:
                 found.append(np.zeros((part.omega.size, len(effect.sites)), dtype=complex))
         return np.concatenate(found)
+
+
+def together(parts: Sequence[tuple[Share, Evaluation]]) -> Evaluation | Ensemble:
+    """Z of one sweep, or of several; one alone has every unknown."""
+    return Ensemble(tuple(parts)) if len(parts) > 1 else parts[0][1]

@@ -84,7 +84,8 @@ def sample_posterior(
             f"{lost} of {count} fits to drawn data did not settle: the posterior has several maxima, or the data do "
             "not determine the free constants; free fewer"
         )
-    return Samples(solution.parameters.names, np.array(found) * _units(solution))
+    units = np.concatenate([solution.parameters.material.units, solution.parameters.scale])
+    return Samples(solution.parameters.names, np.array(found) * units)
 
 
 def _drawn(solution: Fit, rng: np.random.Generator) -> np.ndarray:
@@ -107,10 +108,3 @@ def _pulled(solution: Fit, rng: np.random.Generator) -> np.ndarray:
     if readings:
         pulled[-readings:] = rng.standard_normal(readings)
     return pulled
-
-
-def _units(solution: Fit) -> np.ndarray:
-    """(n_x,) SI value of every unknown that is 1."""
-    parameters = solution.parameters
-    material = np.stack([parameters.material.scale, np.ones(parameters.material.scale.size)], axis=1).ravel()
-    return np.concatenate([material, parameters.scale])

@@ -204,6 +204,11 @@ class MaterialParameters:
         return tuple(label for name in self.free.names for label in (name, f"tan_{name}"))
 
     @property
+    def units(self) -> np.ndarray:
+        """(2n,) SI value of an unknown that is 1."""
+        return np.stack([self.scale, np.ones(self.scale.size)], axis=1).ravel()
+
+    @property
     def bounds(self) -> np.ndarray:
         """(2n, 2) lower and upper bound of every unknown."""
         return np.tile([SCALE_RANGE, TANGENT_RANGE], (self.scale.size, 1)).astype(float)
@@ -312,22 +317,17 @@ class Unknowns:
     @cached_property
     def prior_mean(self) -> np.ndarray:
         """(n_x,) mean of the Gaussian prior."""
-        material = [self.prior[name][0] for name in self.material.names] / self._material_units
+        material = [self.prior[name][0] for name in self.material.names] / self.material.units
         return np.concatenate([material, *(effect.rest / effect.scale for effect in self.effects)])
 
     @cached_property
     def prior_std(self) -> np.ndarray:
         """(n_x,) standard deviation of the Gaussian prior."""
-        material = np.abs([self.prior[name][1] for name in self.material.names] / self._material_units)
+        material = np.abs([self.prior[name][1] for name in self.material.names] / self.material.units)
         own = [
             np.maximum((e.spread if e.key in self.candidates else e.tolerance) / e.scale, _HELD) for e in self.effects
         ]
         return np.concatenate([material, *own])
-
-    @property
-    def _material_units(self) -> np.ndarray:
-        """(2n,) SI value of a material unknown that is 1."""
-        return np.stack([self.material.scale, np.ones(self.material.scale.size)], axis=1).ravel()
 
     @cached_property
     def bounds(self) -> np.ndarray:

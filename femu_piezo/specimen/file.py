@@ -23,7 +23,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.files import read_bytes, write_atomically
 from femu_piezo.specimen.geometry import Geometry as Geometry
 from femu_piezo.specimen.geometry import Mass
-from femu_piezo.specimen.schema import LIST, PAIR, PATH, Table, quantity
+from femu_piezo.specimen.schema import LIST, PAIR, PATH, Table, key_in_file, quantity
 from femu_piezo.units import EPS0, parse_temperature, shown
 
 CONSTANTS = ("s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "eps33T")
@@ -233,9 +233,7 @@ class Measurement(Table):
 
 
 def _celsius(value: object, info: ValidationInfo) -> float | None:
-    file = (info.context or {}).get("file")
-    where = (f"{file}: " if file else "") + f"{info.config['title']}.{info.field_name}"
-    return None if value is None else parse_temperature(value, where)
+    return None if value is None else parse_temperature(value, key_in_file(info))
 
 
 class Sweep(Table):

@@ -67,14 +67,19 @@ def _sentence(error: Any, table: type[Table]) -> str:
     return f"{key} = {shown(error['input'])} cannot be used; {message}"
 
 
+def key_in_file(info: ValidationInfo) -> str:
+    """The file, where there is one, and the key of a value that is being read, for messages."""
+    file = (info.context or {}).get("file")
+    return (f"{file}: " if file else "") + f"{info.config['title']}.{info.field_name}"
+
+
 def quantity(unit: str, low: float, high: float, hint: str) -> BeforeValidator:
     """A validator: a number or "40 mm" to SI `unit`, low ≤ value ≤ high, else `hint` is said."""
 
     def parse(value: object, info: ValidationInfo) -> float | None:
         if value is None:
             return None
-        file = (info.context or {}).get("file")
-        where = (f"{file}: " if file else "") + f"{info.config['title']}.{info.field_name}"
+        where = key_in_file(info)
         number = parse_quantity(value, unit, where)
         if not low <= number <= high:
             unit_text = "" if unit == "1" else f" {unit}"

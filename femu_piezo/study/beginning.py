@@ -9,6 +9,7 @@ import numpy as np
 
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.errors import ConvergenceError, InputError
+from femu_piezo.inference.ensemble import Share, together
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.pole_zero import Step
@@ -17,8 +18,8 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, start_constants
-from femu_piezo.study.model_cache import LEAVE, Bases
-from femu_piezo.study.pole_zero_update import pole_zero_update
+from femu_piezo.study.model_cache import Bases
+from femu_piezo.study.pole_zero_update import no_history, pole_zero_update
 
 #: Errors of meshes and bases, and relative noise of the fits: their constants are only where to begin.
 _ACCURACY, _BASIS_ACCURACY, _NOISE = 5e-3, 1e-4, 1e-2
@@ -50,11 +51,11 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     measured = list(leading.values())
     problem = measured[0].problem
     full = [bases.model(one, _ACCURACY) for one in measured]
-    no_history = ((Step(problem.constants, np.full(2, np.nan + 0j)),),) * len(measured)
     attempts = [] if has_effects(measured) else [lambda: _from_pole_zero(measured, full, bases)]
     faults = problem.fitted.physical_faults(passive=False)
     if not faults:
-        attempts.append(lambda: (*_fitted(measured, full, bases, problem.fitted), no_history))
+        unled = (no_history(problem),) * len(measured)
+        attempts.append(lambda: (*_fitted(measured, full, bases, problem.fitted), unled))
     elif not attempts:
         where, told = problem.specimen.path or problem.specimen.name, "; ".join(map(str, faults))
         raise InputError(f"{where}: material: {told}; with [effects] the fit starts from these constants")
@@ -92,40 +93,21 @@ def _from_pole_zero(measured: list[Measured], full, bases: Bases):
 
 def _fitted(measured: list[Measured], full, bases: Bases, start: PiezoConstants) -> tuple[float, PiezoConstants]:
     """rms |Δ log Z| and constants of a fit of the curves from given constants."""
-    problem, constants = measured[0].problem, start
-    for _ in range(6):
-        free = problem.free(constants)
-        around = bases.anchor(problem, free)
-        models = [bases.rough(model, around, one, _BASIS_ACCURACY) for model, one in zip(full, measured, strict=True)]
+
+    def step(free: FreeConstants, models: Sequence[ExtendedModel]):
         rms, theta = _fit_curves(measured, models, free)
         constants = free.constants(theta)
-        if np.max(np.abs(theta.real / around.start.real - 1)) <= LEAVE:
-            return rms, constants
-    raise ConvergenceError(
-        "the constants kept leaving the range of the reduced model; start from a closer base material or free fewer"
-    )
+        return (rms, constants), constants
 
-
-class _Sweeps:
-    """Z of all sweeps by the constants alone."""
-
-    def __init__(self, parts: Sequence[Evaluation]) -> None:
-        self._parts = parts
-
-    def at(self, factor: float) -> _Sweeps:
-        return _Sweeps([part.at(factor) for part in self._parts])
-
-    def with_jacobian(self, unknowns: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Z (k,), ohm, and its slopes (k, n_x)."""
-        found = [part.with_jacobian(unknowns, x) for part in self._parts]
-        return np.concatenate([z for z, _ in found]), np.concatenate([slopes for _, slopes in found])
+    return bases.following(measured, full, start, _BASIS_ACCURACY, step)
 
 
 def _fit_curves(
     measured: list[Measured], models: Sequence[ExtendedModel], free: FreeConstants
 ) -> tuple[float, np.ndarray]:
     """rms |Δ log Z| and free constants (n,) complex."""
-    sweeps = _Sweeps([Evaluation(m, one.fitted.omega) for m, one in zip(models, measured, strict=True)])
+    pairs = zip(models, measured, strict=True)
+    sweeps = together([(Share(), Evaluation(model, one.fitted.omega)) for model, one in pairs])
     impedance = np.concatenate([one.fitted.impedance for one in measured])
     data = SweepData(
         frequency=np.concatenate([one.fitted.frequency for one in measured]),

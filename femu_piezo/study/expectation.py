@@ -13,7 +13,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.budget import estimates_of
-from femu_piezo.inference.ensemble import Ensemble
+from femu_piezo.inference.ensemble import together
 from femu_piezo.inference.expectation import EXACT, expected_budget, expected_std
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Estimate, MaterialParameters, Unknowns
@@ -160,8 +160,7 @@ def _jacobian(
     unknowns: Unknowns, x: np.ndarray, subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """(2k, n_x) of all sweeps, (m, n_x) of all readings, whitened."""
-    parts = tuple((one.share, evaluation) for one, evaluation in zip(subjects, evaluations, strict=True))
-    response = Ensemble(parts) if len(parts) > 1 else evaluations[0]
+    response = together([(one.share, evaluation) for one, evaluation in zip(subjects, evaluations, strict=True)])
     z, slopes = response.with_jacobian(unknowns, x)
     data = SweepData(response.omega / (2 * np.pi), z, np.full(z.size, np.hypot(noise, LEAST_ERROR)), noise_known=True)
     readings = [reading.row(unknowns, x)[1] for reading in unknowns.readings]
@@ -170,8 +169,8 @@ def _jacobian(
 
 def _labels(material: MaterialParameters) -> dict[str, tuple[int, float]]:
     """ "s11", "tan_s11", … → where it stands in x, and its SI value per unit there."""
-    sizes = np.stack([np.abs(material.scale), np.ones(material.scale.size)], axis=1).ravel()
-    return {name: (column, float(size)) for column, (name, size) in enumerate(zip(material.names, sizes, strict=True))}
+    named = zip(material.names, np.abs(material.units), strict=True)
+    return {name: (column, float(size)) for column, (name, size) in enumerate(named)}
 
 
 def _columns(unknowns: Unknowns, subjects: Sequence[Subject]) -> dict[tuple[str, str], list[int]]:

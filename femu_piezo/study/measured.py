@@ -183,9 +183,8 @@ def _of_one_piece(piece: Specimen, sweeps: Sequence[_Analysed]) -> list[Measured
     The fundamental is that of the sweep where it is lowest.
     """
     own = [fundamental(one.extraction.pairs) for one in sweeps]
-    if not any(own):
-        fundamental_pair(sweeps[0].extraction, sweeps[0].spectrum)
-    lowest = min((pair for pair in own if pair is not None), key=lambda pair: pair.pole.frequency_Hz)
+    pairs = [pair for pair in own if pair is not None] or [fundamental_pair(sweeps[0].extraction, sweeps[0].spectrum)]
+    lowest = min(pairs, key=lambda pair: pair.pole.frequency_Hz)
     found = []
     for one, pair, taken in zip(sweeps, own, taken_of(piece), strict=True):
         near = pair is not None and pair.pole.frequency_Hz < _SAME_MODE * lowest.pole.frequency_Hz

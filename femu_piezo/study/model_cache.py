@@ -17,6 +17,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel, Needs, extend_model
+from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.mesh_file import MeshFile
 from femu_piezo.inference.unknowns import FreeConstants
@@ -24,8 +25,9 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.study.measured import Measured
 from femu_piezo.study.problem import Problem
 
-#: Relative range of the free constants that one reduced basis covers, and how far they may leave it.
-SPREAD, LEAVE = 0.25, 0.3
+#: Relative range of the free constants that one reduced basis covers, how far they may leave it, and how many bases
+#: are made at most.
+SPREAD, _LEAVE, _BASES = 0.25, 0.3, 6
 #: A start within this of the specimen file's constants uses the basis around those, in an update and in a diagnosis.
 _NEAR, _CLOSE = 0.2, 0.05
 #: Rungs of the ladders of frequencies (relative to the expected first pole) of an update and of a diagnosis, whose
@@ -63,6 +65,37 @@ class Bases:
             model,
             key,
             lambda: extend_model(model, around.training_sets(around.start, SPREAD), (), band, accuracy=accuracy),
+        )
+
+    def following(
+        self,
+        measured: Sequence[Measured],
+        full: Sequence[ElectroelasticModel],
+        start: PiezoConstants,
+        accuracy: float,
+        step: Callable[[FreeConstants, Sequence[ExtendedModel]], tuple[Made, PiezoConstants]],
+    ) -> Made:
+        """What a step finds on rough bases, which are made anew about the constants it finds until these serve it.
+
+        Parameters
+        ----------
+        full : the model of each sweep
+        step : free constants to begin at and the basis of each sweep → what was found, and the constants there
+
+        Raises
+        ------
+        ConvergenceError : the constants keep leaving the range of the bases
+        """
+        problem, constants = measured[0].problem, start
+        for _ in range(_BASES):
+            free = problem.free(constants)
+            around = self.anchor(problem, free)
+            models = tuple(self.rough(model, around, one, accuracy) for model, one in zip(full, measured, strict=True))
+            found, constants = step(free, models)
+            if np.max(np.abs(problem.free(constants).start.real / around.start.real - 1)) <= _LEAVE:
+                return found
+        raise ConvergenceError(
+            "the constants kept leaving the range of the reduced model; start from a closer base material or free fewer"
         )
 
     def extended(

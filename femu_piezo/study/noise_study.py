@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femu_piezo.errors import ConvergenceError
-from femu_piezo.inference.ensemble import Ensemble
+from femu_piezo.inference.ensemble import together
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.passivity import passivity_wall
 from femu_piezo.inference.response import Evaluation
@@ -97,12 +97,11 @@ def noise_study(
     """
     unknowns = unknowns_of(subjects)
     start, count = as_filed(subjects, unknowns), unknowns.of_material
-    scale = np.stack([unknowns.material.scale, np.ones(count // 2)], axis=1).ravel()
+    scale = unknowns.material.units
     rng, found = np.random.default_rng(seed), []
     for share, times in [(1.0, one) for one in _NOISES] + [(one, 1.0) for one in _POINTS]:
         swept = [_resampled(evaluation, share) for evaluation in evaluations]
-        parts = tuple((one.share, evaluation) for one, evaluation in zip(subjects, swept, strict=True))
-        response = Ensemble(parts) if len(parts) > 1 else swept[0]
+        response = together([(one.share, evaluation) for one, evaluation in zip(subjects, swept, strict=True)])
         sizes = tuple(one.omega.size for one in swept)
         errors, stated, lost = [], [], 0
         for number in range(draws):

@@ -14,7 +14,7 @@ from femu_piezo.diagnosis.verdict import Verdict
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel, extend_model
 from femu_piezo.errors import ConvergenceError, InputError
-from femu_piezo.inference.ensemble import Ensemble, Share, belonging_to, is_common
+from femu_piezo.inference.ensemble import Ensemble, Share, is_common, owned_by
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import Specimen
@@ -153,7 +153,7 @@ def _hidden(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
 
 
 def _readings(now: Plan, several: Sequence[Subject], effects: Sequence[Effect]) -> list[Plan]:
-    owned = [e if is_common(e) or e.specimen else belonging_to(e, now.owner) for e in effects]
+    owned = [owned_by(effect, now.owner) for effect in effects]
     contexts = {one.name or now.owner: one.context for one in several}
     return [replace(now, words=words, readings=slopes) for words, slopes in readings(owned, contexts)]
 
@@ -202,10 +202,8 @@ def _again(now: Plan, one: Subject, model: ExtendedModel) -> list[Plan]:
 
 def _share(one: Subject, owner: str) -> Share:
     """What concerns a sweep of a plan, whose specimen is named `owner` where it has no name."""
-    share = one.share
-    forms = [effect if effect.specimen else belonging_to(effect, owner) for effect in share.forms.values()]
-    owned = {**share.forms, **{form.key: form for form in forms if form.constants is None}}
-    return Share((one.name or owner, one.fixture), owned)
+    forms = [owned_by(form, owner) for form in one.share.forms.values()]
+    return Share((one.name or owner, one.fixture), {form.key: form for form in forms})
 
 
 def _second_specimen(now: Plan, one: Subject, model: ExtendedModel, effects: Sequence[Effect], constants):

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from femu_piezo.effects.extended_model import ExtendedModel
-from femu_piezo.errors import ConvergenceError, InputError
+from femu_piezo.errors import InputError
 from femu_piezo.forward.fundamental import reduced_source
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.inference.starts.many_modes import MeasuredModes, update_many
@@ -24,7 +24,8 @@ from femu_piezo.inference.unknowns import FreeConstants, material_prior
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.simplified import simplify
 from femu_piezo.study.measured import Measured
-from femu_piezo.study.model_cache import LEAVE, Bases
+from femu_piezo.study.model_cache import Bases
+from femu_piezo.study.problem import Problem
 from femu_piezo.study.starts import pair_names
 
 
@@ -60,27 +61,33 @@ def all_poles_and_zeros(
 
     InputError where a sweep has no deviations of its poles and zeros; ConvergenceError where it does not settle.
     """
-    problem, constants = measured[0].problem, start
+    problem = measured[0].problem
     material = problem.specimen.material
     prior = material_prior(problem.free(problem.constants), material.priors, material.tangent_priors)
     for one in measured:
         if one.extraction.resonances.covariance is None:
             raise InputError(f"{one.spectrum.source}: its poles and zeros have no deviations to weigh them by")
-    for _ in range(6):
-        free = problem.free(constants)
-        around = bases.anchor(problem, free)
-        models = tuple(bases.rough(model, around, one, accuracy) for model, one in zip(full, measured, strict=True))
+
+    def step(free: FreeConstants, models: Sequence[ExtendedModel]) -> tuple[PoleZeroState, PiezoConstants]:
         modes = [_modes(one, model) for one, model in zip(measured, models, strict=True)]
         found = update_many(modes, free, prior)
-        constants = found.constants
-        if np.max(np.abs(found.theta.real / around.start.real - 1)) <= LEAVE:
-            steps = ((Step(problem.constants, np.full(2, np.nan + 0j)),),) * len(measured)
-            every = sum(len(one.resonances.poles) + len(one.resonances.zeros) for one in modes)
-            left = (found.left, sum(map(len, found.used)), every)
-            return PoleZeroState(constants, free.at(found.theta), found.covariance, models, steps, left)
-    raise ConvergenceError(
-        "the constants kept leaving the range of the reduced model; start from a closer base material or free fewer"
-    )
+        every = sum(len(one.resonances.poles) + len(one.resonances.zeros) for one in modes)
+        state = PoleZeroState(
+            constants=found.constants,
+            free=free.at(found.theta),
+            covariance=found.covariance,
+            models=tuple(models),
+            histories=(no_history(problem),) * len(measured),
+            left=(found.left, sum(map(len, found.used)), every),
+        )
+        return state, found.constants
+
+    return bases.following(measured, full, start, accuracy, step)
+
+
+def no_history(problem: Problem) -> tuple[Step, ...]:
+    """The one step of a specimen that no iteration on its fundamental led to."""
+    return (Step(problem.constants, np.full(2, np.nan + 0j)),)
 
 
 def _modes(one: Measured, model: ExtendedModel) -> MeasuredModes:
@@ -99,19 +106,14 @@ def pole_zero_update(
     accuracy: float,
 ) -> PoleZeroState:
     """Iterate from start constants on bases within `accuracy` of Z; ConvergenceError where it does not settle."""
-    problem, constants, histories = measured[0].problem, start, None
-    for _ in range(6):
-        free = problem.free(constants)
-        around = bases.anchor(problem, free)
-        models = tuple(bases.rough(model, around, one, accuracy) for model, one in zip(full, measured, strict=True))
+    histories = []  # of every basis; the first led to the constants
+
+    def step(free: FreeConstants, models: Sequence[ExtendedModel]) -> tuple[PoleZeroState, PiezoConstants]:
         state = _iterated(measured, models, free)
-        state = state if histories is None else replace(state, histories=histories)
-        constants, histories = state.constants, state.histories
-        if np.max(np.abs(state.free.start.real / around.start.real - 1)) <= LEAVE:
-            return state
-    raise ConvergenceError(
-        "the constants kept leaving the range of the reduced model; start from a closer base material or free fewer"
-    )
+        histories.append(state.histories)
+        return state, state.constants
+
+    return replace(bases.following(measured, full, start, accuracy, step), histories=histories[0])
 
 
 def _iterated(measured: Sequence[Measured], models: Sequence[ExtendedModel], free: FreeConstants) -> PoleZeroState:

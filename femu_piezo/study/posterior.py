@@ -13,7 +13,7 @@ import numpy as np
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.inference.ensemble import Ensemble
+from femu_piezo.inference.ensemble import Ensemble, together
 from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import FreeConstants, Unknowns
@@ -133,11 +133,8 @@ class Posterior:
     @property
     def evaluation(self) -> Evaluation | Ensemble:
         """Z of the points that fits see."""
-        parts = [
-            (one.share, Evaluation(model, one.measured.fitted.omega))
-            for one, model in zip(self.several, self.models, strict=True)
-        ]
-        return Ensemble(tuple(parts)) if len(parts) > 1 else parts[0][1]
+        pairs = zip(self.several, self.models, strict=True)
+        return together([(one.share, Evaluation(model, one.measured.fitted.omega)) for one, model in pairs])
 
     @property
     def data(self) -> SweepData:

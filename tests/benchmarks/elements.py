@@ -11,13 +11,11 @@ sweeps, each in a process of its own.
 from __future__ import annotations
 
 import argparse
-import json
 import resource
 import subprocess
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -30,6 +28,7 @@ from femu_piezo.geometry.shape import Shape
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Electrodes
 from femu_piezo.material.library import library_material
+from tests.benchmarks.ask_ngsolve import answer, coupled
 
 MM, ACCURACY, DENSITY = 1e-3, 1e-4, 7500.0
 PZT = library_material("pzt-5h").constants.lossless()
@@ -88,28 +87,21 @@ def ngsolve(python: str | None, shape: Shape, domain, band: float, strong: list[
         return ""
     extents = shape.part(shape.mirrors)
     lines = [np.unique(np.round(axis, 12)).size - 1 for axis in domain.mesh.p]
-    form = PZT.to_e_form()
     task = {
         "problem": "poles",
         "size": list(2 * extents),
         "divisions": lines,
         "order": domain.order,
         "field_axis": shape.poling_axis,
-        "constants": np.block(
-            [[form.stiffness(), form.piezoelectric().T], [form.piezoelectric(), -form.permittivity()]]
-        ).real.tolist(),
+        "constants": coupled(PZT.to_e_form()),
         "density": DENSITY,
         "near": 0.45 * band,
         "count": 12,
     }
-    script = Path(__file__).with_name("in_ngsolve.py")
     try:
-        answer = subprocess.run(
-            [python, str(script)], input=json.dumps(task), capture_output=True, text=True, timeout=200, check=True
-        )
+        found = answer(python, task, 200)
     except (OSError, subprocess.SubprocessError) as error:
         return f"NGSolve did not answer ({type(error).__name__})"
-    found = json.loads(answer.stdout)
     worst = max(np.min(np.abs(np.array(found["eigenvalues"]) / exact - 1)) for exact in strong[0])
     return f"{found['unknowns']:6d} {worst:8.1e} {found['seconds']:6.1f} s (poles)"
 

@@ -9,15 +9,13 @@ to numbers printed here.
 from __future__ import annotations
 
 import argparse
-import json
-import subprocess
-from pathlib import Path
 
 import numpy as np
 
 from femu_piezo.geometry.regions import Circle, Rectangle, Region
 from femu_piezo.geometry.slab import Slab
 from femu_piezo.geometry.slab_cad import partial_footprints
+from tests.benchmarks.ask_ngsolve import answer, coupled
 from tests.verification.test_slab_meshes import DENSITY, FORM, MM, SHEAR, SMALL, driven
 
 
@@ -47,19 +45,11 @@ def problem(shape: Slab, band: float, order: int, edge: float, levels: int) -> d
         "levels": levels if rims else 0,
         "order": order,
         "edge": edge,
-        "constants": np.block(
-            [[FORM.stiffness(), FORM.piezoelectric().T], [FORM.piezoelectric(), -FORM.permittivity()]]
-        ).real.tolist(),
+        "constants": coupled(FORM),
         "density": DENSITY,
         "near": 0.45 * band,
         "count": 10,
     }
-
-
-def answer(python: str, task: dict) -> dict:
-    script = Path(__file__).with_name("in_ngsolve.py")
-    done = subprocess.run([python, str(script)], input=json.dumps(task), capture_output=True, text=True, check=True)
-    return json.loads(done.stdout[done.stdout.index("{") :])
 
 
 def main() -> None:

@@ -79,8 +79,7 @@ def update_many(
     """
     material = MaterialParameters.around(free, free.start)
     x, means = material.x_of(free.start), np.array([prior[name] for name in material.names])
-    units = np.stack([material.scale, np.ones(material.scale.size)], axis=1).ravel()
-    mean, std = means[:, 0] / units, means[:, 1] / np.abs(units)
+    mean, std = means[:, 0] / material.units, means[:, 1] / np.abs(material.units)
     kept = [_near(one, free.constants(free.start)) for one in measured]
     if not any(np.any(own) for own in kept):
         raise ConvergenceError(

@@ -1,0 +1,29 @@
+"""Poses a problem to NGSolve in a Python of its own: a task as JSON to in_ngsolve.py, its answer back."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+
+from femu_piezo.material.constants import ElasticForm
+
+
+def answer(python: str, task: dict, seconds: float | None = None) -> dict:
+    """What in_ngsolve.py says to a task; OSError or SubprocessError where it does not within some seconds.
+
+    python : one that can import ngsolve
+    """
+    script = Path(__file__).with_name("in_ngsolve.py")
+    done = subprocess.run(
+        [python, str(script)], input=json.dumps(task), capture_output=True, text=True, timeout=seconds, check=True
+    )
+    return json.loads(done.stdout[done.stdout.index("{") :])
+
+
+def coupled(form: ElasticForm) -> list[list[float]]:
+    """(9, 9) real [[c, eᵗ], [e, −ε]], as tasks have the constants."""
+    rows = [[form.stiffness(), form.piezoelectric().T], [form.piezoelectric(), -form.permittivity()]]
+    return np.block(rows).real.tolist()
