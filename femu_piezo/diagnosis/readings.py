@@ -57,8 +57,8 @@ def _mass(effect: Effect, context: EffectContext) -> np.ndarray | None:
         slopes[:] = effect.stretch(effect.rest)[1].sum(axis=0)  # volume grows with every dimension that does
     elif effect.name == "electrode_mass":
         slopes[0] = 2 / (context.density * context.thickness)
-    elif effect.name == "point_mass" and context.dimensions is not None:
-        slopes[0] = 1 / (context.density * float(np.prod(context.dimensions)))
+    elif effect.name == "point_mass" and context.mass is not None:
+        slopes[0] = 1 / context.mass
     else:
         return None
     return slopes / _BALANCE

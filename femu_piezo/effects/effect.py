@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 import scipy.sparse as sp
 
+from femu_piezo.forward.electrodes import Faces, electrode_faces
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.material.constants import PiezoConstants
 
@@ -122,21 +123,27 @@ class EffectParameter:
 
 @dataclass(frozen=True)
 class ExtraTerm:
-    """A further term of the affine model.
+    """A further term of the affine model; builds A, (4n, 4n) sparse over all degrees of freedom, fields in turn.
 
     Attributes
     ----------
     kind : "stiffness" adds c A to the operator, "inertia" adds −ω² c A (c must not depend on ω then)
-    matrix : builds A, (4n, 4n) sparse over all degrees of freedom, fields one after another
+    matrix : A on a mesh; the Fourier orders of a body of revolution, which have none, go without it
     coefficient : c(ω, p) with slopes
     training : values of c that the reduced basis must serve
+    on_electrodes : A of something that lies on the electrodes, instead of `matrix`
     """
 
     name: str
     kind: Literal["stiffness", "inertia"]
-    matrix: Callable[[ElectroelasticModel], sp.spmatrix]
+    matrix: Callable[[ElectroelasticModel], sp.spmatrix] | None
     coefficient: CoefficientHook
     training: tuple[float, ...] = ()
+    on_electrodes: Callable[[Faces], sp.spmatrix] | None = None
+
+    def of(self, model: ElectroelasticModel) -> sp.spmatrix:
+        """(4n, 4n) on the mesh of a model."""
+        return self.matrix(model) if self.on_electrodes is None else self.on_electrodes(electrode_faces(model))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -154,7 +161,7 @@ class Effect:
     advice : further measurements that separate it from those
     dispersive : whether `constants` or a coefficient depends on ω
     sectors : groups of unknowns beyond the driven ones that the terms couple
-        (`femu_piezo.effects.local.symmetry_sectors`)
+        (`femu_piezo.effects.local.sectors`)
     sites : (m, n) parameters to start a fit from: the size, then where it sits. How Z moves with a small size tells
         how promising each is and what size it asks for
     onset : terms whose slopes in the size hold at size zero, where those of `local` do not
@@ -300,6 +307,7 @@ class EffectContext:
     band_Hz : lowest and highest frequency of the sweep
     pace_Hz : frequencies of the sweep after even shares of its time, rising; `band_Hz` at an even pace where empty
     dimensions : length, width, thickness of a plate with three mirror planes, m; None for other bodies
+    radii : inner and outer radius of a disk or ring with covered faces, poled along its axis, m; None for others
     poling : "thickness" (k31) or "length" (k33)
     taken : how the sweep was taken
     """
@@ -312,9 +320,17 @@ class EffectContext:
     thickness: float
     impedance: float = field(default=1e3)
     dimensions: tuple[float, float, float] | None = None
+    radii: tuple[float, float] | None = None
     poling: str = "thickness"
     tolerances: Mapping[str, float] = field(default_factory=dict)
     band_Hz: tuple[float, float] = (100.0, 1e6)
     weighed: bool = False
     pace_Hz: tuple[float, ...] = ()
     taken: Taken = field(default_factory=Taken)
+
+    @property
+    def mass(self) -> float | None:
+        """Of the body, kg; None for others than such plates, disks and rings."""
+        if self.radii is not None:
+            return float(np.pi * (self.radii[1] ** 2 - self.radii[0] ** 2) * self.thickness * self.density)
+        return None if self.dimensions is None else float(np.prod(self.dimensions) * self.density)

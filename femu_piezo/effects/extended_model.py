@@ -7,7 +7,7 @@ matrix is the sum of its parts of equal exponents ("strata"); with them any stre
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -15,8 +15,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from femu_piezo.effects.effect import Effect, ExtraTerm
+from femu_piezo.effects.local.box_fields import BoxFields
 from femu_piezo.effects.local.operators import Places
-from femu_piezo.effects.local.symmetry_sectors import DRIVEN, SectorFields, Sectors
+from femu_piezo.effects.local.round_fields import RoundFields
+from femu_piezo.effects.local.sectors import DRIVEN, Fields, Sectors
 from femu_piezo.effects.local.weighted_forms import WeightedProducts
 from femu_piezo.forward.mesh_error import MeshError, mesh_error
 from femu_piezo.forward.modal import ModalModel, diagonalise
@@ -55,7 +57,7 @@ class ExtendedModel:
 
     @property
     def sectors(self) -> tuple[str, ...]:
-        """Names of the groups of unknowns (`femu_piezo.effects.local.symmetry_sectors`)."""
+        """Names of the groups of unknowns (`femu_piezo.effects.local.sectors`)."""
         return self._sectors.names
 
     @property
@@ -121,7 +123,7 @@ class ExtendedModel:
         return self._source.model(wanted)
 
     def _by_class(self, block: Callable[[tuple[str, ...]], np.ndarray]) -> np.ndarray:
-        """(…, r, r) of a symmetric operator, which couples no two parity classes; block: sectors of one → (…, k, k)."""
+        """(…, r, r) of a symmetric operator, which couples no two classes; block: sectors of one → (…, k, k)."""
         found = None
         for names in self._sectors.classes.values():
             part, own = block(names), self._sectors.numbers(names)
@@ -132,19 +134,19 @@ class ExtendedModel:
 
 
 class _Source:
-    """Fields of all sectors, and the terms on each parity class, made when they are first asked for."""
+    """Fields of all sectors, and the terms on each class, made when they are first asked for."""
 
-    def __init__(self, fields: SectorFields, matrices: Mapping[str, sp.spmatrix], stretching: bool) -> None:
-        self._fields, self._matrices = fields, dict(matrices)
+    def __init__(self, fields: Fields, terms: Iterable[ExtraTerm], stretching: bool) -> None:
+        self._fields, self._terms = fields, {term.name: term for term in terms}
         self.reduced, self.shared, self._models = fields.reduced, Once(), Once(_MODELS)
-        tensors = fields.weighted.model.unit_tensors
+        tensors = fields.model.unit_tensors
         self._parts, self.owner, self.exponents = _strata(tensors) if stretching else _whole(tensors)
 
     @property
     def mesh_error(self) -> MeshError | None:
         """Measured when it is first asked for."""
         fields, band = self._fields, self.reduced.band_Hz
-        return self.shared.get("mesh error", lambda: mesh_error(fields.weighted.model, fields.reference, band))
+        return self.shared.get("mesh error", lambda: mesh_error(fields.model, fields.reference, band))
 
     def model(self, wanted: Iterable[str]) -> ExtendedModel:
         """With the driven sector and those that are wanted."""
@@ -153,29 +155,17 @@ class _Source:
         return self._models.get(names, lambda: ExtendedModel(self, self._fields.select(names)))
 
     def strata(self, names: tuple[str, ...]) -> np.ndarray:
-        """(n_s, k, k) on the sectors of one parity class."""
-        return self.shared.get(("strata", names), lambda: self._project(names))
+        """(n_s, k, k) on the sectors of one class."""
+        return self.shared.get(("strata", names), lambda: self._fields.projected(names, self._parts))
 
     def bulk(self, names: tuple[str, ...]) -> np.ndarray:
-        """(10, k, k) on the sectors of one parity class."""
+        """(10, k, k) on the sectors of one class."""
         strata = self.strata(names)
         return np.array([strata[self.owner == q].sum(axis=0) for q in range(len(E_FORM))])
 
     def extra(self, name: str, names: tuple[str, ...]) -> np.ndarray:
-        """(k, k) of an extra term on the sectors of one parity class."""
-
-        def make() -> np.ndarray:
-            fields = self._fields_of(names)
-            flat = fields.reshape(-1, fields.shape[2])
-            return flat.T @ (self._matrices[name] @ flat)
-
-        return self.shared.get(("extra", name, names), make)
-
-    def _project(self, names: tuple[str, ...]) -> np.ndarray:
-        return self._fields.weighted.model.products.within(self._fields_of(names), self._parts)
-
-    def _fields_of(self, names: tuple[str, ...]) -> np.ndarray:
-        return Sectors(names, self._fields).fields(names)
+        """(k, k) of an extra term on the sectors of one class."""
+        return self.shared.get(("extra", name, names), lambda: self._fields.extra(names, self._terms[name]))
 
 
 @dataclass(frozen=True)
@@ -223,10 +213,13 @@ def extend_model(
     accuracy : of Z, as `reduce_model`
     """
     needs = Needs.of(effects)
-    matrices = {term.name: term.matrix(model) for term in needs.terms}
+    matrices = {term.name: term.of(model) for term in needs.terms}
     reduced = _driven(model, training, needs, matrices, band_Hz, accuracy)
-    fields = SectorFields(WeightedProducts(model), reduced, training, needs.sectors)
-    return _Source(fields, matrices, needs.stretching).model(())
+    if model.domain.radii is not None:
+        fields = RoundFields(model, reduced, training[0], needs.sectors)
+    else:
+        fields = BoxFields(WeightedProducts(model), reduced, training, needs.sectors)
+    return _Source(fields, needs.terms, needs.stretching).model(())
 
 
 def _driven(
@@ -252,14 +245,16 @@ def _driven(
 
 
 def _stretches(model: ElectroelasticModel, coefficients: np.ndarray) -> dict[str, np.ndarray]:
-    """What a stretch s of each axis adds to Σ c_q H_q (4, 3, 4, 3): s − 1 of the part with no derivative along it, and
-    1/s − 1 of that with two."""
+    """What a stretch s adds to Σ c_q H_q (4, 3, 4, 3): along each axis, of bodies of revolution along x and y together.
+
+    A part with k derivatives along m stretched axes has s^(m − k) − 1 of it added.
+    """
     tensor, s = np.tensordot(coefficients, model.unit_tensors, axes=1), 1 + _STRETCH
     added = {}
-    for axis in range(3):
-        along = (np.arange(3) == axis).astype(int)
-        share = np.array([s - 1, 0.0, 1 / s - 1])[along[:, None] + along[None, :]]  # of H[f, a, g, b] by a, b
-        added[f"stretch_{axis}"] = tensor * share[None, :, None, :]
+    for axes in ((0,), (1,), (2,)) if model.domain.radii is None else ((0, 1), (2,)):
+        along = np.isin(np.arange(3), axes).astype(int)
+        share = s ** (len(axes) - along[:, None] - along[None, :].astype(float)) - 1  # of H[f, a, g, b] by a, b
+        added[f"stretch_{axes}"] = tensor * share[None, :, None, :]
     return added
 
 

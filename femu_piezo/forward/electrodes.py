@@ -8,6 +8,8 @@ and dielectric entries have one magnitude.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,56 +54,75 @@ def prolongation(basis: skfem.Basis, domain: Domain, potential_scale: float) -> 
     return sp.csr_matrix((values, (rows, columns)), shape=(FIELDS * n, free.size + 1))
 
 
-class _Faces:
-    """The electrodes of the computed part that are real faces, with the shapes of a scalar basis on them.
+@dataclass(frozen=True)
+class Faces:
+    """The electrodes of a computed part that are real faces, by Gauss points in a frame whose third axis is normal.
 
-    A plane of antisymmetric potential is a ground of the part but no face of the body.
+    Attributes
+    ----------
+    weights : (q,) of their area, m²
+    values : [f] (q, 4n) value of each field
+    slopes : [f][a] (q, 4n) its gradient along the two axes in the face
     """
 
-    def __init__(self, model: ElectroelasticModel) -> None:
-        basis, domain = model.basis, model.domain
-        faces = [name for name in (*domain.hot, *domain.ground) if name not in domain.symmetry]
-        facets = np.concatenate([basis.mesh.boundaries[face] for face in faces])
-        on = skfem.FacetBasis(basis.mesh, basis.elem, facets=facets, intorder=2 * model.order + 2)
-        self._dofs, self._dx, self._size, self._shapes = np.asarray(on.element_dofs).T, on.dx, basis.N, on.basis
+    weights: np.ndarray
+    values: Sequence[sp.csr_matrix]
+    slopes: Sequence[Sequence[sp.csr_matrix]]
 
-    def values(self) -> np.ndarray:
-        """(facets, shapes, points) values of the shapes."""
-        return np.stack([np.broadcast_to(shape[0], self._dx.shape) for shape in self._shapes], axis=1)
-
-    def slopes(self, axis: int) -> np.ndarray:
-        """(facets, shapes, points) their derivatives along an axis."""
-        return np.stack([np.broadcast_to(shape[0].grad[axis], self._dx.shape) for shape in self._shapes], axis=1)
-
-    def product(self, left: np.ndarray, right: np.ndarray) -> sp.csr_matrix:
-        """∫ left_i right_j dS (n, n)."""
-        local = (left * self._dx[:, None]) @ right.transpose(0, 2, 1)  # (facets, shapes, shapes)
-        rows, columns = (np.broadcast_to(own, local.shape) for own in (self._dofs[:, :, None], self._dofs[:, None]))
-        some = local != 0
-        return sp.csr_matrix((local[some], (rows[some], columns[some])), shape=(self._size, self._size))
+    def product(self, left: sp.csr_matrix, right: sp.csr_matrix) -> sp.csr_matrix:
+        """∫ left right dS (4n, 4n)."""
+        return (left.T @ sp.diags(self.weights) @ right).tocsr()
 
 
-def electrode_film(model: ElectroelasticModel, directions: tuple[int, ...] = (0, 1, 2)) -> sp.csr_matrix:
-    """∫ v·u over the electrodes that are real faces, (4n, 4n), m² per unit of displacement².
+def of_field(matrix: sp.csr_matrix, field: int) -> sp.csr_matrix:
+    """(q, 4n) what a matrix (q, n) makes of one of the fields."""
+    rows, n = matrix.shape
+    found = sp.csr_matrix(matrix)
+    return sp.csr_matrix((found.data, found.indices + field * n, found.indptr), shape=(rows, FIELDS * n))
+
+
+def electrode_faces(model: ElectroelasticModel) -> Faces:
+    """Of electrodes normal to z. A plane of antisymmetric potential is a ground of the part but no face of the body."""
+    basis, domain = model.basis, model.domain
+    faces = [name for name in (*domain.hot, *domain.ground) if name not in domain.symmetry]
+    facets = np.concatenate([basis.mesh.boundaries[face] for face in faces])
+    on = skfem.FacetBasis(basis.mesh, basis.elem, facets=facets, intorder=2 * model.order + 2)
+    dofs, points = np.asarray(on.element_dofs).T, on.dx.size  # (facets, shapes)
+
+    def matrix(part: Callable[[skfem.DiscreteField], np.ndarray]) -> sp.csr_matrix:
+        local = np.stack([np.broadcast_to(part(shape[0]), on.dx.shape) for shape in on.basis], axis=2)
+        rows = np.broadcast_to(np.arange(points).reshape(on.dx.shape)[:, :, None], local.shape)
+        columns, some = np.broadcast_to(dofs[:, None], local.shape), local != 0
+        return sp.csr_matrix((local[some], (rows[some], columns[some])), shape=(points, basis.N))
+
+    value = matrix(lambda shape: shape)
+    slopes = [matrix(lambda shape, axis=axis: shape.grad[axis]) for axis in range(2)]
+    return Faces(
+        on.dx.ravel(),
+        [of_field(value, field) for field in range(FIELDS)],
+        [[of_field(slope, field) for slope in slopes] for field in range(FIELDS)],
+    )
+
+
+def electrode_film(faces: Faces, directions: tuple[int, ...] = (0, 1, 2)) -> sp.csr_matrix:
+    """∫ v·u over the electrodes, (4n, 4n), m² per unit of displacement².
 
     directions : components of u that take part
     """
-    faces = _Faces(model)
-    block = faces.product(faces.values(), faces.values())
-    none = sp.csr_matrix(block.shape)
-    return sp.block_diag([block if axis in directions else none for axis in range(FIELDS)], format="csr")
+    return sum(faces.product(faces.values[f], faces.values[f]) for f in directions)
 
 
-def electrode_membrane(model: ElectroelasticModel, poisson: float) -> sp.csr_matrix:
-    """Plane stress of a film on electrodes normal to z, (4n, 4n), per N/m of E h/(1 − ν²).
+def electrode_membrane(faces: Faces, poisson: float) -> sp.csr_matrix:
+    """Plane stress of a film on the electrodes, (4n, 4n), per N/m of E h/(1 − ν²).
 
     ∫ ε_xx² + ε_yy² + 2ν ε_xx ε_yy + (1 − ν)/2 γ_xy² dS as a quadratic form
     """
-    faces = _Faces(model)
-    x, y = faces.slopes(0), faces.slopes(1)
-    shear = (1 - poisson) / 2
-    mixed = poisson * faces.product(x, y) + shear * faces.product(y, x)
-    along, across = faces.product(x, x), faces.product(y, y)
-    none = sp.csr_matrix((2 * along.shape[0],) * 2)
-    plane = sp.bmat([[along + shear * across, mixed], [mixed.T, across + shear * along]])
-    return sp.block_diag([plane, none], format="csr")
+    along, across = faces.slopes[0][0], faces.slopes[1][1]
+    shear = faces.slopes[0][1] + faces.slopes[1][0]
+    mixed = faces.product(along, across)
+    return (
+        faces.product(along, along)
+        + faces.product(across, across)
+        + poisson * (mixed + mixed.T)
+        + (1 - poisson) / 2 * faces.product(shear, shear)
+    )

@@ -55,36 +55,36 @@ class ParityClass:
 
     def modes(self, top: float) -> np.ndarray:
         """(4n, k) fields of all modes with ω² below `top`, rigid bodies among them, uᵗMu = 1 on the part."""
-        shift = 0.3 * top
-        factor = self.factor(shift)
-        inverse = spla.LinearOperator(self.stiffness.shape, matvec=factor.solve, dtype=float)
-        count = _COUNT
-        while True:
-            values, vectors = self._nearest(inverse, shift, count)
-            # shift-invert finds the nearest first: a mode as far below the shift as allowed ends the search
-            if values.max() > top:
-                break
-            if count >= self.stiffness.shape[0] // 4:
-                raise ConvergenceError("the mesh is too coarse for the modes of a parity class in this band")
-            count *= 2
-        return self.prolongation @ vectors[:, values < top]
+        return self.prolongation @ modes_below(self.stiffness, self.mass, top)
 
-    def _nearest(self, inverse, shift: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-        start = inverse @ (self.mass @ np.random.default_rng(1).standard_normal(self.mass.shape[0]))
+
+def modes_below(stiffness: sp.csr_matrix, mass: sp.csr_matrix, top: float) -> np.ndarray:
+    """(m, k) all modes of a real pencil (m, m) with ω² below `top`, uᵗMu = 1, rigid bodies among them.
+
+    Raises
+    ------
+    ConvergenceError : there are more of them than the mesh can tell
+    """
+    shift = 0.3 * top
+    factor = factorize(stiffness - shift * mass)
+    inverse = spla.LinearOperator(stiffness.shape, matvec=factor.solve, dtype=float)
+    start = inverse @ (mass @ np.random.default_rng(1).standard_normal(mass.shape[0]))
+    count = min(_COUNT, stiffness.shape[0] // 8)
+    while True:
         try:
             values, vectors = spla.eigsh(
-                self.stiffness,
-                count,
-                M=self.mass,
-                sigma=shift,
-                OPinv=inverse,
-                v0=start,
-                tol=_TOLERANCE,
-                ncv=2 * count + 4,
+                stiffness, count, M=mass, sigma=shift, OPinv=inverse, v0=start, tol=_TOLERANCE, ncv=2 * count + 4
             )
         except spla.ArpackNoConvergence as error:
-            raise ConvergenceError(f"modes of a parity class: {error}; ask for a narrower band") from error
-        return values, vectors / np.sqrt(np.einsum("ik,ik->k", vectors, self.mass @ vectors))
+            raise ConvergenceError(f"modes of a class: {error}; ask for a narrower band") from error
+        # shift-invert finds the nearest first: a mode as far above the shift as the top ends the search
+        if values.max() > top:
+            break
+        if count >= stiffness.shape[0] // 4:
+            raise ConvergenceError("the mesh is too coarse for the modes of a class in this band")
+        count *= 2
+    vectors = vectors[:, values < top]
+    return vectors / np.sqrt(np.einsum("ik,ik->k", vectors, mass @ vectors))
 
 
 def class_prolongation(model: ElectroelasticModel, flipped: tuple[int, ...]) -> sp.csr_matrix:

@@ -26,6 +26,8 @@ class Domain:
     voltage_factor : terminal voltage of the specimen / potential of `hot` in the part
     poling : (3,) direction of poling in specimen axes
     order : polynomial order of the elements that the mesh is made for
+    radii : inner (0 for a disk) and outer radius where this is an eighth of a disk or ring with covered faces that is
+        poled along its axis z, m; None for others
     rim_error : relative error of eigenvalues from the singular field where electrodes end inside faces, as expected; 0
         where none does
     """
@@ -39,6 +41,7 @@ class Domain:
     poling: tuple[float, float, float] = (0.0, 0.0, 1.0)
     order: int = 2
     rim_error: float = 0.0
+    radii: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         known = self.mesh.boundaries or {}

@@ -12,6 +12,7 @@ from femu_piezo.effects.extended_model import ExtendedModel, extend_model
 from femu_piezo.effects.library import Maker, from_table, with_library
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import EIGHTH, Plate
+from femu_piezo.geometry.slab import Slab
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
@@ -66,6 +67,7 @@ def effect_context(
         thickness=problem.plate.electrode_gap,
         impedance=impedance,
         dimensions=tuple(plate.dimensions.tolist()) if whole else None,
+        radii=plate.radii if isinstance(plate, Slab) and plate.mirrors == EIGHTH else None,
         poling=plate.poling,
         tolerances=tolerances(problem),
         band_Hz=band_Hz,

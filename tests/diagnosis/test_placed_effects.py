@@ -8,7 +8,7 @@ from hidden_effects.body import Surface
 from hidden_effects.build import Build
 
 from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
-from femu_piezo.effects.local.symmetry_sectors import flipped_axes
+from femu_piezo.effects.local.box_fields import flipped_axes
 
 
 def impedance(setup, key: str = "", values=()):

@@ -7,9 +7,10 @@ a and even else, φ odd along the poling and even else. Nothing of femu_piezo is
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 
@@ -44,6 +45,20 @@ class Body:
     profiles: Mapping[str, Callable[[np.ndarray], np.ndarray]] = field(default_factory=dict)
     taper: float = 0.0
     symmetric: bool = True
+
+    def classes(self, surfaces: Sequence[Surface]) -> list[tuple[int, int, int]]:
+        """Signs of the classes that surfaces couple, the driven one first; 0 where the body itself has no parity."""
+        signs = []
+        for axis in range(3):
+            if axis == 0 and not self.symmetric:
+                signs.append((0,))
+            else:
+                signs.append((1,) if all(surface.keeps()[axis] for surface in surfaces) else (1, -1))
+        return list(product(*signs))
+
+    def part(self, signs: tuple[int, int, int]) -> ParityClass:
+        """One class."""
+        return ParityClass(self, signs)
 
     @cached_property
     def gauss(self) -> list[tuple[np.ndarray, np.ndarray]]:

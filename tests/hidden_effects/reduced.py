@@ -9,7 +9,6 @@ constants. `cutoff=None` keeps all unknowns: the full solve that the tests compa
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import product
 
 import numpy as np
 import scipy.linalg as sl
@@ -18,7 +17,9 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from hidden_effects.body import Body, ParityClass, Surface
 from hidden_effects.ritz import e_form
+from hidden_effects.round_body import RoundBody, RoundClass, RoundSurface
 
+Part = ParityClass | RoundClass
 Theta = np.ndarray | Callable[[float], np.ndarray]
 #: Nodes of the interpolation over frequency, frequencies solved at once, unknowns from which Lanczos is the faster.
 _NODES, _BATCH, _MANY = 12, 32, 900
@@ -37,7 +38,7 @@ def _constants(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 class _Reduced:
     """One class on its basis: operator(θ) over (displacements, volt)."""
 
-    def __init__(self, part: ParityClass, theta, surfaces, top: float, cutoff: float | None, driven) -> None:
+    def __init__(self, part: Part, theta, surfaces, top: float, cutoff: float | None, driven) -> None:
         """driven : what the driven class has as `shapes`; empty for itself."""
         self.dielectric = part.dielectric
         factors = [part.factor(surface) for surface in surfaces]
@@ -67,7 +68,7 @@ def _condensed(elastic, coupling, dielectric, constants) -> np.ndarray:
     return found
 
 
-def _loads(part: ParityClass, theta: np.ndarray, states: np.ndarray) -> np.ndarray:
+def _loads(part: Part, theta: np.ndarray, states: np.ndarray) -> np.ndarray:
     """Forces (n, k + 1) of displacements (n, k) and of the volt at complex constants."""
     c, e, eps = _constants(theta)
     piezo, potential = np.tensordot(e, part.coupling, axes=1), -np.tensordot(eps, part.dielectric, axes=1)
@@ -76,7 +77,7 @@ def _loads(part: ParityClass, theta: np.ndarray, states: np.ndarray) -> np.ndarr
     return forces - piezo[:, :-1] @ sl.solve(potential[:-1, :-1], charges, assume_a="sym")
 
 
-def _basis(part: ParityClass, theta: np.ndarray, factors, top: float, cutoff: float, driven) -> tuple[np.ndarray, list]:
+def _basis(part: Part, theta: np.ndarray, factors, top: float, cutoff: float, driven) -> tuple[np.ndarray, list]:
     """(n, r), orthonormal in the mass; how its modes in the band move each surface, (g, k)."""
     constants = _constants(np.asarray(theta).real)
     lossless = _condensed(part.elastic, part.coupling, part.dielectric, constants)[:-1, :-1]
@@ -119,17 +120,6 @@ def _modes(lossless, mass, shifted, top: float, cutoff: float) -> tuple[np.ndarr
         count *= 2
 
 
-def _classes(body: Body, surfaces: Sequence[Surface]) -> list[tuple[int, int, int]]:
-    """Signs of the classes that the surfaces couple to the driven one; 0 where the body itself has no parity."""
-    signs = []
-    for axis in range(3):
-        if axis == 0 and not body.symmetric:
-            signs.append((0,))
-        else:
-            signs.append((1,) if all(surface.keeps()[axis] for surface in surfaces) else (1, -1))
-    return list(product(*signs))
-
-
 class Plate:
     """A body with surfaces, ready to be swept up to a frequency.
 
@@ -141,15 +131,20 @@ class Plate:
     """
 
     def __init__(
-        self, body: Body, theta: np.ndarray, top_Hz: float, surfaces: Sequence[Surface] = (), cutoff: float | None = 2.5
+        self,
+        body: Body | RoundBody,
+        theta: np.ndarray,
+        top_Hz: float,
+        surfaces: Sequence[Surface] | Sequence[RoundSurface] = (),
+        cutoff: float | None = 2.5,
     ) -> None:
         self._surfaces = tuple(surfaces)
         top = 2 * np.pi * top_Hz
-        signs = _classes(body, surfaces)
+        signs = body.classes(surfaces)
         self._parts: list[_Reduced] = []
         for own in signs:  # the driven class first
             shapes = self._parts[0].shapes if self._parts else []
-            self._parts.append(_Reduced(ParityClass(body, own), theta, surfaces, top, cutoff, shapes))
+            self._parts.append(_Reduced(body.part(own), theta, surfaces, top, cutoff, shapes))
         self.size = sum(part.size for part in self._parts)
         self._mass = sl.block_diag(*(part.mass for part in self._parts))
         self._forms = []

@@ -17,7 +17,7 @@ import numpy as np
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, ExtraTerm
 from femu_piezo.forward.electrodes import electrode_membrane
 
-_POISSON = 0.35
+_PLANE_STRESS = partial(electrode_membrane, poisson=0.35)
 
 
 def _membrane(omega: np.ndarray, p: np.ndarray):
@@ -44,6 +44,6 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 "look at a section of the edge under a microscope, and measure the thickness of the layers",
                 "dissolve the layer and sweep the bare body again",
             ),
-            terms=(ExtraTerm("membrane", "stiffness", partial(electrode_membrane, poisson=_POISSON), _membrane),),
+            terms=(ExtraTerm("membrane", "stiffness", None, _membrane, on_electrodes=_PLANE_STRESS),),
         ),
     )

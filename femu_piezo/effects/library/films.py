@@ -35,20 +35,20 @@ def _both(context: EffectContext) -> tuple[Effect, ...]:
             parameters=(EffectParameter("mass_per_area", "kg/m^2", -0.02 * own, 0.2 * own, 0.005 * own, 0.05 * own),),
             confusable_with=("wrong_length", "s11"),
             advice=("weigh the specimen and compare with density × volume", "measure the thickness of the electrodes"),
-            terms=(ExtraTerm("film", "inertia", electrode_film, _mass, (0.02 * own,)),),
+            terms=(ExtraTerm("film", "inertia", None, _mass, (0.02 * own,), on_electrodes=electrode_film),),
         ),
     )
 
 
 def _unequal(context: EffectContext) -> tuple[Effect, ...]:
-    """For plates with three mirror planes and electrodes on their faces; which one is the heavier cannot be told."""
-    if context.dimensions is None or context.poling != "thickness":
+    """For bodies with a plane of symmetry between their electrodes; which one is the heavier cannot be told."""
+    if context.mass is None or context.poling != "thickness":
         return ()
     own = context.density * context.thickness / 2
     return (
         Effect(
             name="unequal_electrode_mass",
-            sentence="one electrode is heavier than the other: the plate bends as it vibrates",
+            sentence="one electrode is heavier than the other: the body bends as it vibrates",
             parameters=(
                 EffectParameter(
                     "difference",
@@ -64,7 +64,7 @@ def _unequal(context: EffectContext) -> tuple[Effect, ...]:
             confusable_with=("electrode_mass", "point_mass"),
             advice=("measure the thickness of both electrodes", "compare with the simulation of a bare plate"),
             local=_difference,
-            sectors=("z", "z film"),
+            sectors=("film", "z", "z film"),
         ),
     )
 

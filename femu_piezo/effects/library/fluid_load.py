@@ -17,6 +17,8 @@ import numpy as np
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, ExtraTerm
 from femu_piezo.forward.electrodes import electrode_film
 
+_TANGENTIAL, _NORMAL = (partial(electrode_film, directions=own) for own in ((0, 1), (2,)))
+
 
 def _shear(omega: np.ndarray, p: np.ndarray):
     own = 1j * omega * (1 + 1j) * np.sqrt(omega / 2)
@@ -48,8 +50,8 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 "sweep it once more in vacuum: the load of air goes, losses of the material stay",
             ),
             terms=(
-                ExtraTerm("tangential film", "stiffness", partial(electrode_film, directions=(0, 1)), _shear),
-                ExtraTerm("normal film", "stiffness", partial(electrode_film, directions=(2,)), _pressure),
+                ExtraTerm("tangential film", "stiffness", None, _shear, on_electrodes=_TANGENTIAL),
+                ExtraTerm("normal film", "stiffness", None, _pressure, on_electrodes=_NORMAL),
             ),
             dispersive=True,
         ),

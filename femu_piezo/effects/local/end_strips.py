@@ -20,7 +20,7 @@ import skfem
 from scipy.interpolate import BarycentricInterpolator
 
 from femu_piezo.effects.local.blocks import Blocks
-from femu_piezo.effects.local.symmetry_sectors import Sectors
+from femu_piezo.effects.local.sectors import Sectors
 from femu_piezo.forward.box_interpolation import interpolation
 from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products
 from femu_piezo.forward.linear_solver import factorize
@@ -72,7 +72,7 @@ def measure_bare_ends(model: ElectroelasticModel, driven: Sectors, constants: El
     driven : the driven sector alone
     constants : lossless reference
     """
-    fields, kept = _condensed(model, driven.fields(driven.names), driven.displacements, constants)
+    fields, kept = _condensed(model, driven.all_fields.fields(driven.names), driven.displacements, constants)
     widths = _NODES * WIDEST * 2 * model.domain.mesh.p[0].max()
     inner = np.array(list(in_parallel(lambda width: _freed(model, fields, constants, float(width)), widths)))
     return BareEnds(widths, Blocks(inner, kept, driven.size))

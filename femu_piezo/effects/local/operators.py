@@ -8,73 +8,25 @@ has the product of their parities; on the part, with its share 1/copies of the w
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from numpy.polynomial import legendre
 
 from femu_piezo.effects.local.blocks import Blocks
+from femu_piezo.effects.local.box_fields import SLICES, Flipped
 from femu_piezo.effects.local.end_strips import BareEnds, measure_bare_ends
-from femu_piezo.effects.local.symmetry_sectors import DRIVEN, SLICES, SPOT, Flipped, Sectors, flipped_axes
-from femu_piezo.forward.box_interpolation import interpolation
+from femu_piezo.effects.local.faces import Face
+from femu_piezo.effects.local.sectors import DRIVEN, SPOT, Sectors
 from femu_piezo.forward.gradient_products import FIELDS
-from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.threads import Once
 
 Made = TypeVar("Made")
 
-#: Points along length and width at which the fields of a face are sampled for interpolation by polynomials.
-_SAMPLES = (18, 14)
 #: Constants (numbers in the e-form) of the elastic and of the piezoelectric terms.
 ELASTIC, PIEZOELECTRIC = range(5), range(5, 8)
-
-
-@dataclass(frozen=True)
-class Face:
-    """Displacements on the face z = +t/2 of the positive octant as polynomials in ξ = 4x/L − 1, η = 4y/W − 1.
-
-    Attributes
-    ----------
-    half : (L/2, W/2), m
-    coefficients : (nx, ny, 3, u) Legendre coefficients of every displacement unknown
-    group : (u,) number of the parity class of every displacement unknown
-    copies : parts of the whole
-    """
-
-    half: tuple[float, float]
-    coefficients: np.ndarray = field(repr=False)
-    group: np.ndarray = field(repr=False)
-    copies: int
-
-    @property
-    def same_class(self) -> np.ndarray:
-        """(u, u) which unknowns a symmetric operator may couple."""
-        return self.group[:, None] == self.group
-
-    def at(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
-        """N (3, u) and its slopes ∂N/∂x, ∂N/∂y (2, 3, u) at a point 0 ≤ x ≤ L/2, 0 ≤ y ≤ W/2."""
-        lines = [
-            _line(value, half, self.coefficients.shape[i])
-            for i, (value, half) in enumerate(zip((x, y), self.half, strict=True))
-        ]
-        (px, sx), (py, sy) = lines
-        along = np.tensordot(px, self.coefficients, axes=1)
-        n = np.tensordot(py, along, axes=1)
-        slopes = [
-            np.tensordot(py, np.tensordot(sx, self.coefficients, axes=1), axes=1),
-            np.tensordot(sy, along, axes=1),
-        ]
-        return n, np.array(slopes)
-
-
-def _line(value: float, half: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(count,) Legendre polynomials at 2·value/half − 1, and their slopes by value."""
-    at = 2 * value / half - 1
-    slopes = legendre.legval(at, legendre.legder(np.eye(count)))
-    return legendre.legvander(np.array([at]), count - 1)[0], slopes * 2 / half
 
 
 @dataclass(frozen=True)
@@ -143,16 +95,7 @@ class Places:
     @cached_property
     def face(self) -> Face:
         """Displacements on one face."""
-        sectors = self.sectors
-        model = sectors.all_fields.weighted.model
-        parts = [
-            self._shared.get(("face", name), lambda name=name: _on_face(model, sectors.all_fields.of(name)))
-            for name in sectors.names
-        ]
-        classes = [flipped_axes(name) for name in sectors.names]
-        group = np.repeat([classes.index(one) for one in classes], [part.shape[3] for part in parts])
-        ends = model.domain.mesh.p.max(axis=1)
-        return Face((float(ends[0]), float(ends[1])), np.concatenate(parts, axis=3), group, model.domain.copies)
+        return self.sectors.all_fields.face(self.sectors.names)
 
     @property
     def spot(self) -> np.ndarray:
@@ -187,24 +130,13 @@ class Places:
         """
         return self._made(_films, lambda flipped, name: flipped in ((), (2,)) and not name.endswith(SLICES))
 
-    def _made(self, make: Callable[[Sectors], Made], concerns: Callable[[Flipped, str], bool]) -> Made:
+    def _made(self, make: Callable[[Sectors], Made], concerns: Callable[[Hashable, str], bool]) -> Made:
         """An operator made on the sectors it concerns, spots apart, over all unknowns."""
-        own = tuple(name for name in self.sectors.names if name != SPOT and concerns(flipped_axes(name), name))
+        class_of = self.sectors.all_fields.class_of
+        own = tuple(name for name in self.sectors.names if name != SPOT and concerns(class_of(name), name))
         few = Sectors(own, self.sectors.all_fields)
         found = self._shared.get((make, own), lambda: make(few))
         return found if own == self.sectors.names else found.among(self.sectors.numbers(own), self.size)
-
-
-def _on_face(model: ElectroelasticModel, fields: np.ndarray) -> np.ndarray:
-    """(nx, ny, 3, k) coefficients of `Face` of displacements in fields (4, n, k)."""
-    ends = model.domain.mesh.p.max(axis=1)
-    nodes = [legendre.leggauss(count)[0] for count in _SAMPLES]
-    x, y = ((node + 1) / 2 * length for node, length in zip(nodes, ends, strict=False))
-    grid = np.array([*(axis.ravel() for axis in np.meshgrid(x, y, indexing="ij")), np.full(x.size * y.size, ends[2])])
-    probe = interpolation(model, grid)
-    values = np.stack([probe @ fields[axis] for axis in range(3)]).reshape(3, x.size, y.size, -1)
-    left, right = (np.linalg.inv(legendre.legvander(node, node.size - 1)) for node in nodes)
-    return np.einsum("ia,jb,cabu->ijcu", left, right, values, optimize=True)
 
 
 def _slices(sectors: Sectors) -> Slices:
@@ -213,7 +145,7 @@ def _slices(sectors: Sectors) -> Slices:
     own, units = np.arange(sectors.size), weighted.model.unit_tensors
     fields = np.empty((FIELDS, weighted.model.basis.N, own.size))
     for names in sectors.classes.values():
-        fields[:, :, sectors.numbers(names)] = sectors.fields(names)
+        fields[:, :, sectors.numbers(names)] = sectors.all_fields.fields(names)
     whole = np.tensordot(constants.vector().real, units, axes=1)
     tensors = [*units[ELASTIC.start : ELASTIC.stop], lateral_tensor(whole)]
     # the slice at x > 0 alone is half an even and half an odd weight
@@ -247,11 +179,11 @@ def _ramp(sectors: Sectors) -> Blocks:
     for flipped, names in sectors.classes.items():
         partner = sectors.classes.get(tuple(sorted(set(flipped) ^ {0})))
         if partner is not None:
-            own, fields = sectors.numbers(names), sectors.fields(names)
+            own, fields = sectors.numbers(names), sectors.all_fields.fields(names)
             concerned.append(own)
             _put(found[1], weighted.even.within(fields, units), own)
             if 0 not in flipped:
-                across = weighted.odd.between(fields, sectors.fields(partner), units)
+                across = weighted.odd.between(fields, sectors.all_fields.fields(partner), units)
                 _put(found[0], across, own, sectors.numbers(partner))
     few = np.sort(np.concatenate([np.zeros(0, dtype=int), *concerned]))
     return Blocks(np.ascontiguousarray(found[(..., *np.ix_(few, few))]), few, size)
@@ -267,14 +199,13 @@ def _put(found: np.ndarray, block: np.ndarray, rows: np.ndarray, columns: np.nda
 def _coupled(sectors: Sectors, flipped: Flipped) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Numbers (k,) and fields (4, n, k) of the driven class and of another."""
     both = [sectors.classes[one] for one in ((), flipped)]
-    return [sectors.numbers(names) for names in both], [sectors.fields(names) for names in both]
+    return [sectors.numbers(names) for names in both], [sectors.all_fields.fields(names) for names in both]
 
 
 def _films(sectors: Sectors) -> Blocks:
-    (rows, columns), fields = _coupled(sectors, (2,))
-    left, right = (one.reshape(-1, one.shape[2]) for one in fields)
+    both = [sectors.classes[one] for one in ((), (2,))]
     found = np.zeros((sectors.size, sectors.size))
-    _put(found, left.T @ (sectors.all_fields.weighted.film @ right), rows, columns)
+    _put(found, sectors.all_fields.film(*both), *(sectors.numbers(names) for names in both))
     return Blocks(found, np.arange(sectors.size), sectors.size)
 
 

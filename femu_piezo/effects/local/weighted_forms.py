@@ -15,7 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-from femu_piezo.forward.electrodes import electrode_film
+from femu_piezo.forward.electrodes import electrode_faces, electrode_film
 from femu_piezo.forward.gradient_products import ScalarProducts
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.tensor_grid import kronecker_times, line_products
@@ -138,7 +138,7 @@ class WeightedProducts:
     @cached_property
     def film(self) -> sp.csr_matrix:
         """(4n, 4n) ∫ v·u over the electrode of the part, m² per unit of displacement²."""
-        return electrode_film(self.model)
+        return electrode_film(electrode_faces(self.model))
 
     @cached_property
     def mass(self) -> spla.LinearOperator:

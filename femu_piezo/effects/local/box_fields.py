@@ -1,23 +1,24 @@
-"""`Sectors`: the unknowns of a reduced plate in groups, so that each effect brings only the groups it needs.
+"""`BoxFields`: the sectors of a plate with three mirror planes.
 
-The driven parity class alone serves every effect that keeps the mirror planes. A sector is named by the axes about
-whose mirror plane its parity is flipped, "x" to "xyz" (`femu_piezo.forward.parity`); "slices" and "x slices" hold the
-local response of the driven and of the x class to a yielding slice across the plate, "ramp" and "x ramp" theirs
-to driven fields whose piezoelectric coupling varies along x, "x taper" that of the x class to driven fields whose
-width varies along x, "z film" that of the z class to driven fields with a film on one electrode; "spot" has three
-unknowns without field or inertia, the displacement of a body that is attached at a place. Vectors of further sectors
-tie a potential to each displacement: they are modes at the reference constants, and enter at second order only. The
-local responses of a class are orthonormal to its modes and to those before them in the order ramp, taper, film, slices.
+A sector is named by the axes about whose mirror plane its parity is flipped, "x" to "xyz"
+(`femu_piezo.forward.parity`); "slices" and "x slices" hold the local response of the driven and of the x class to a
+yielding slice across the plate, "ramp" and "x ramp" theirs to driven fields whose piezoelectric coupling varies along
+x, "x taper" that of the x class to driven fields whose width varies along x, "z film" that of the z class to driven
+fields with a film on one electrode. The local responses of a class are orthonormal to its modes and to those before
+them in the order ramp, taper, film, slices.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
+from femu_piezo.effects.effect import ExtraTerm
+from femu_piezo.effects.local.faces import BoxFace, on_face
+from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Fields
 from femu_piezo.effects.local.weighted_forms import WeightedProducts
 from femu_piezo.forward.box_interpolation import interpolation
 from femu_piezo.forward.gradient_products import FIELDS
@@ -29,11 +30,9 @@ from femu_piezo.geometry.boxes import grid_lines, tensor_box
 from femu_piezo.material.constants import ElasticForm, PiezoConstants
 from femu_piezo.threads import Once, in_parallel
 
-DRIVEN, SLICES, RAMP, TAPER, FILM, SPOT = "driven", "slices", "ramp", "taper", "film", "spot"
+SLICES, RAMP, TAPER, FILM = "slices", "ramp", "taper", "film"
 #: Sectors of local responses, in the order in which they are made.
 _LOCAL = (RAMP, TAPER, FILM, SLICES)
-#: Modes of the other classes are kept up to this multiple of the band's ω².
-_BEYOND = 2.5
 #: Local responses smaller than this share of the largest, outside what is known, are dropped.
 _KEEP = 1e-3
 #: Part of a mode at other constants below which a correction is dropped: its eigenvalue errs by the square.
@@ -57,8 +56,8 @@ def _letters(flipped: Flipped) -> str:
     return "".join("xyz"[axis] for axis in flipped)
 
 
-class SectorFields:
-    """Fields of every sector on the part, each made when it is first asked for.
+class BoxFields(Fields):
+    """Of the part of a plate that its mirror planes cut.
 
     Parameters
     ----------
@@ -69,8 +68,7 @@ class SectorFields:
 
     Attributes
     ----------
-    names : all of them in the order of their unknowns, "driven" first
-    reference, constants : lossless reference, in the d-form and in the e-form
+    constants : the lossless reference in the e-form
     """
 
     def __init__(
@@ -80,7 +78,7 @@ class SectorFields:
         training: Sequence[PiezoConstants],
         wanted: Iterable[str],
     ) -> None:
-        self.weighted, self.reduced = weighted, reduced
+        self.weighted, self.model, self.reduced = weighted, weighted.model, reduced
         self.reference = training[0].lossless()
         self.constants, *self._others_trained = (one.lossless().to_e_form() for one in training)
         self._top = (2 * np.pi * reduced.band_Hz) ** 2
@@ -94,12 +92,46 @@ class SectorFields:
         further = [[_letters(flipped)] * bool(flipped) + local for flipped, local in self._local.items()]
         self.names = (DRIVEN, SPOT, *(name for own in further for name in own))
 
-    def select(self, wanted: Iterable[str]) -> Sectors:
-        """The unknowns of the driven sector and of those that are wanted."""
-        wanted = {DRIVEN, *wanted}
-        names = tuple(name for name in self.names if name in wanted)
-        tuple(in_parallel(self._class, {flipped_axes(name) for name in names if name not in (DRIVEN, SPOT)}))
-        return Sectors(names, self)
+    def prepare(self, names: Iterable[str]) -> None:
+        """All sectors of a class at once, and classes on several threads."""
+        tuple(in_parallel(self._class, {flipped_axes(name) for name in names}))
+
+    def further(self, name: str) -> int:
+        """Number of unknowns of a sector beyond the driven one."""
+        return self.of(name).shape[2]
+
+    def class_of(self, name: str) -> Flipped:
+        """The axes about whose mirror planes the parity is flipped."""
+        return flipped_axes(name)
+
+    def fields(self, names: Iterable[str]) -> np.ndarray:
+        """(4, n, k) of the unknowns of some sectors in their order, potentials with the driven one."""
+        names = tuple(names)
+        parts = [self.of(name) for name in self.names if name in names]
+        return np.concatenate([*parts, self._potentials] if DRIVEN in names else parts, axis=2)
+
+    def projected(self, names: tuple[str, ...], tensors: Sequence[np.ndarray]) -> np.ndarray:
+        """(n, k, k) forms of extended tensors on the sectors of one class."""
+        return self.model.products.within(self.fields(names), tensors)
+
+    def extra(self, names: tuple[str, ...], term: ExtraTerm) -> np.ndarray:
+        """(k, k) a further term on the sectors of one class."""
+        matrix = self._once.get(("term", term.name), lambda: term.of(self.model))
+        flat = (fields := self.fields(names)).reshape(-1, fields.shape[2])
+        return flat.T @ (matrix @ flat)
+
+    def film(self, left: tuple[str, ...], right: tuple[str, ...]) -> np.ndarray:
+        """(k, l) ∫ v·u over the electrode of the part between the unknowns of sectors."""
+        before, after = (self.fields(names) for names in (left, right))
+        return before.reshape(-1, before.shape[2]).T @ (self.weighted.film @ after.reshape(-1, after.shape[2]))
+
+    def face(self, names: tuple[str, ...]) -> BoxFace:
+        """Displacements on the face z = +t/2 of the part."""
+        parts = [self._once.get(("face", name), lambda name=name: on_face(self.model, self.of(name))) for name in names]
+        classes = [flipped_axes(name) for name in names]
+        group = np.repeat([classes.index(one) for one in classes], [part.shape[3] for part in parts])
+        ends = self.model.domain.mesh.p.max(axis=1)
+        return BoxFace((float(ends[0]), float(ends[1])), np.concatenate(parts, axis=3), group, self.model.domain.copies)
 
     def of(self, name: str) -> np.ndarray:
         """(4, n, k) displacement (m) and potential (V) of a sector's unknowns; of "driven" the displacements alone."""
@@ -110,7 +142,7 @@ class SectorFields:
         return self._class(flipped_axes(name))[name]
 
     @property
-    def potentials(self) -> np.ndarray:
+    def _potentials(self) -> np.ndarray:
         """(4, n, k) of the inner potentials, and of the hot potential last."""
         return self._driven[:, :, self.reduced.displacements :]
 
@@ -132,7 +164,7 @@ class SectorFields:
         """All sectors of a class at once: its factor, which is large, is not kept."""
         weighted, local, known = self.weighted, self._local[flipped], self.of(DRIVEN) if not flipped else None
         if flipped:
-            others = self._once.get("others", lambda: _OtherClasses(weighted, self.constants, _BEYOND * self._top))
+            others = self._once.get("others", lambda: _OtherClasses(weighted, self.constants, MODES_BEYOND * self._top))
             known = others.modes(flipped)
         if not local:
             return {_letters(flipped): known}
@@ -152,60 +184,6 @@ class SectorFields:
             found[name] = _outside(weighted, respond(loads), known)
             known = np.concatenate([known, found[name]], axis=2)
         return found
-
-
-@dataclass(frozen=True)
-class Sectors:
-    """Some sectors and their r unknowns: displacements, inner potentials, the hot potential.
-
-    Attributes
-    ----------
-    names : of the sectors, "driven" first
-    """
-
-    names: tuple[str, ...]
-    all_fields: SectorFields = field(repr=False)
-
-    @cached_property
-    def member(self) -> np.ndarray:
-        """(r,) index of each unknown's sector."""
-        counts = [self.all_fields.of(name).shape[2] for name in self.names]
-        potentials = np.zeros(self.all_fields.potentials.shape[2], dtype=int)
-        return np.concatenate([np.repeat(np.arange(len(self.names)), counts), potentials])
-
-    @property
-    def size(self) -> int:
-        """r"""
-        return self.member.size
-
-    @property
-    def displacements(self) -> int:
-        """Number of displacement unknowns, in which uᵗMu = 1 (0 for those of a spot)."""
-        return self.size - self.all_fields.potentials.shape[2]
-
-    @property
-    def spot(self) -> np.ndarray:
-        """The unknowns (indices) of a spot; none where there is none."""
-        return np.flatnonzero(np.array(self.names)[self.member] == SPOT)
-
-    @cached_property
-    def classes(self) -> dict[Flipped, tuple[str, ...]]:
-        """Flipped axes → the sectors of that parity class that have fields."""
-        found: dict[Flipped, tuple[str, ...]] = {}
-        for name in self.names:
-            if name != SPOT:
-                found[flipped_axes(name)] = (*found.get(flipped_axes(name), ()), name)
-        return found
-
-    def numbers(self, names: Iterable[str]) -> np.ndarray:
-        """The unknowns (indices) of some of the sectors; the potentials come with the driven one."""
-        return np.flatnonzero(np.isin(self.member, [self.names.index(name) for name in names]))
-
-    def fields(self, names: Iterable[str]) -> np.ndarray:
-        """(4, n, k) of the same unknowns."""
-        names = tuple(names)
-        parts = [self.all_fields.of(name) for name in self.names if name in names]
-        return np.concatenate([*parts, self.all_fields.potentials] if DRIVEN in names else parts, axis=2)
 
 
 def _loads(
@@ -265,7 +243,7 @@ def _driven_states(reduced: ReducedModel, constants: ElasticForm, top: float) ->
     modal = reduced.modal(ElasticForm.from_vector(constants.vector().real))
     clamped, modes = modal.states[:, :1], modal.states[:, 1:]
     yielding = clamped - modes @ (modal.charges / modal.eigenvalues)[:, None]
-    return np.hstack([clamped, yielding, modes[:, modal.eigenvalues < _BEYOND * top]])
+    return np.hstack([clamped, yielding, modes[:, modal.eigenvalues < MODES_BEYOND * top]])
 
 
 def _slice_loads(weighted: WeightedProducts, constants: ElasticForm) -> np.ndarray:

@@ -1,0 +1,138 @@
+"""How a face yields under a small patch beyond what the modes of a reduced body do.
+
+On a plate of infinite extent a force over a face is a sum of waves e^(jk·x), each of which moves the modes through the
+thickness at that k. The modes of a body below a frequency Ω hold those with ω < Ω; all others yield as if static,
+
+    C(k) = Σ_(ω > Ω) |u(t/2)|²/ω²,
+
+and even pressure over a disk of radius a moves its mean by (Hankel transform of the disk twice)
+
+    C(a) = 1/(2π) ∫ C(k) [2 J₁(ka)/(ka)]² k dk.
+
+With all modes and a ≪ t this is a half-space, 16 (1 − ν²)/(3π² E a) along the normal of an isotropic one (Johnson,
+Contact Mechanics, 1985, section 3.3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import scipy.linalg as sl
+from numpy.polynomial import legendre
+from scipy.interpolate import CubicSpline
+from scipy.special import j1
+
+from femu_piezo.forward.gradient_products import FIELDS, extended_tensor
+from femu_piezo.forward.hex_element import lobatto_nodes
+from femu_piezo.material.constants import ElasticForm
+from femu_piezo.material.voigt import axes_with_poling
+from femu_piezo.threads import blas_limit
+
+#: Elements through the thickness, graded towards the faces by halves, and their order.
+_ELEMENTS, _ORDER = 6, 4
+#: Wavenumbers: from this share of 1/t to so many times 1/a, above which the disk's own transform has decayed.
+_LOWEST, _HIGHEST, _COUNT = 1e-2, 30.0, 120
+#: Radii between which C is interpolated.
+_RADII = 16
+
+
+@dataclass(frozen=True)
+class FaceCompliance:
+    """C(a) along x, y and z of patches between two radii; computed when it is first asked for.
+
+    Attributes
+    ----------
+    constants : (10,) of the e-form; the real parts count
+    poling : "thickness" (both faces are short-circuited electrodes) or "length" (along x, the faces are bare)
+    density : kg/m³;  thickness : m
+    cut : Ω, rad/s
+    radii : the smallest and the largest patch, m
+    """
+
+    constants: tuple[complex, ...]
+    poling: str
+    density: float
+    thickness: float
+    cut: float
+    radii: tuple[float, float]
+
+    @property
+    def _log(self) -> CubicSpline:
+        return _log_compliance(self)
+
+    def stiffness(self, radius: float) -> tuple[np.ndarray, np.ndarray]:
+        """1/C (3,) along x, y, z, N/m, and its slopes by the radius."""
+        log = np.log(radius)
+        found = np.exp(-self._log(log))
+        return found, -found * self._log(log, 1) / radius
+
+
+@lru_cache(maxsize=64)
+def _log_compliance(of: FaceCompliance) -> CubicSpline:
+    """log a → log C (3,)."""
+    k = np.geomspace(_LOWEST / of.thickness, _HIGHEST / of.radii[0], _COUNT)
+    with blas_limit():
+        yielding = yielding_beyond(of, k)
+    at = np.geomspace(*of.radii, _RADII)
+    disk = (2 * j1(k * at[:, None]) / (k * at[:, None])) ** 2
+    found = np.trapezoid(disk[:, :, None] * (yielding * k[:, None] ** 2), np.log(k), axis=1) / (2 * np.pi)
+    return CubicSpline(np.log(at), np.log(found))
+
+
+def yielding_beyond(of: FaceCompliance, k: np.ndarray) -> np.ndarray:
+    """C(k) (m, 3) along x, y, z at wavenumbers (m,), m³/N: the mean of waves along x and along y."""
+    across = of.poling == "thickness"
+    rotation = axes_with_poling(np.array((0.0, 0.0, 1.0) if across else (1.0, 0.0, 0.0)))
+    tensor = extended_tensor(ElasticForm.from_vector(np.array(of.constants)), rotation).real
+    along = _Waves(of, tensor, 0)
+    first = np.array([along.yielding(one) for one in k])
+    if across:  # x and y are alike
+        return (first + first[:, [1, 0, 2]]) / 2
+    other = _Waves(of, tensor, 1)
+    return (first + np.array([other.yielding(one) for one in k])) / 2
+
+
+class _Waves:
+    """Waves along x (0) or y (1): forms on Lagrange elements through the thickness, by powers of k.
+
+    u along the wave is a quarter of a period from the rest, and φ is with it where the poling is: so all is real.
+    """
+
+    def __init__(self, of: FaceCompliance, tensor: np.ndarray, axis: int) -> None:
+        half = 0.5 ** np.arange(_ELEMENTS // 2 - 1, -1, -1.0)
+        ends = of.thickness / 2 * np.concatenate([[0.0], half, 2 - half[-2::-1], [2.0]])
+        n = self._size = (ends.size - 1) * _ORDER + 1
+        points, weights = legendre.leggauss(_ORDER + 2)
+        coefficients = np.linalg.inv(legendre.legvander(2 * lobatto_nodes(_ORDER) - 1, _ORDER))
+        values, slopes = np.zeros((2, (ends.size - 1) * points.size, n))
+        shapes = legendre.legvander(points, _ORDER) @ coefficients
+        steep = np.array([legendre.legval(points, legendre.legder(row)) for row in coefficients.T]).T
+        for e, length in enumerate(np.diff(ends)):
+            rows, own = slice(e * points.size, (e + 1) * points.size), slice(e * _ORDER, (e + 1) * _ORDER + 1)
+            values[rows, own], slopes[rows, own] = shapes, steep * 2 / length
+        weights = np.outer(np.diff(ends) / 2, weights).ravel()
+        self._mass = sl.block_diag(*[of.density * (values.T * weights) @ values] * 3)
+        across = of.poling == "thickness"
+        inner = np.arange(n)[1:-1] if across else np.arange(n)
+        self._inner, self._cut = 3 * n + inner, of.cut
+        phase = np.where([f == axis or (f == 3 and axis == 0 and not across) for f in range(FIELDS)], 1j, 1.0)
+        gradients = {axis: (1j, values, 1), 2: (1.0, slopes, 0)}
+        powers = np.zeros((3, FIELDS, n, FIELDS, n), dtype=complex)
+        for a, (left_phase, left, left_power) in gradients.items():
+            for b, (right_phase, right, right_power) in gradients.items():
+                product = np.conj(left_phase) * right_phase * (left.T * weights) @ right
+                share = tensor[:, a, :, b] * np.conj(phase)[:, None] * phase
+                powers[left_power + right_power] += share[:, None, :, None] * product[None, :, None, :]
+        self._powers = powers.real.reshape(3, FIELDS * n, -1)
+
+    def yielding(self, k: float) -> np.ndarray:
+        """C(k) (3,)."""
+        whole = np.tensordot(k ** np.arange(3.0), self._powers, axes=1)
+        u, inner = slice(0, 3 * self._size), self._inner
+        coupling = whole[inner, u]
+        elastic = whole[u, u] - coupling.T @ np.linalg.solve(whole[np.ix_(inner, inner)], coupling)
+        values, modes = sl.eigh((elastic + elastic.T) / 2, self._mass)
+        on_face, above = modes.reshape(3, self._size, -1)[:, -1], values > self._cut**2
+        return np.sum(on_face[:, above] ** 2 / values[above], axis=1)

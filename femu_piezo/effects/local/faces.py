@@ -1,0 +1,155 @@
+"""Displacements of a reduced body on one of its faces, at any point: polynomials along x and y, or along r."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from femu_piezo.forward.box_interpolation import interpolation
+from femu_piezo.forward.model import ElectroelasticModel
+
+#: Points along length and width at which the fields of a face are sampled for interpolation by polynomials.
+_SAMPLES = (18, 14)
+#: Gauss points across half the width.
+_ACROSS = 10
+#: Distance from the axis, over the radius, within which directions are those at that distance.
+_AXIS = 1e-6
+
+
+class Face(ABC):
+    """Displacements on the face z = +t/2 as functions of the displacement unknowns.
+
+    Attributes
+    ----------
+    group : (u,) number of the class of every displacement unknown
+    copies : parts of the whole, on one of which uᵗMu = 1
+    """
+
+    group: np.ndarray
+    copies: int
+
+    @property
+    def same_class(self) -> np.ndarray:
+        """(u, u) which unknowns a symmetric operator may couple."""
+        return self.group[:, None] == self.group
+
+    @abstractmethod
+    def at(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
+        """N (3, u) and its slopes ∂N/∂x, ∂N/∂y (2, 3, u) at a point, m."""
+
+    @abstractmethod
+    def line(self, place: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points (m, 2) of the line across the face at x = place, or of the circle of that radius, m.
+
+        Also the directions (m, 2) in which they move with the place, and their shares (m,) of the line.
+        """
+
+    def mean_square(self, place: float) -> tuple[np.ndarray, np.ndarray]:
+        """Mean over a line of NᵗN (u, u) between unknowns of one class, the share of one part, and its slope."""
+        total, slope = 0.0, 0.0
+        for (x, y), direction, weight in zip(*self.line(place), strict=True):
+            n, slopes = self.at(x, y)
+            total = total + weight * (n.T @ n)
+            moved = np.tensordot(direction, slopes, axes=1).T @ n
+            slope = slope + weight * (moved + moved.T)
+        share = self.same_class / self.copies
+        return total * share, slope * share
+
+
+@dataclass(frozen=True)
+class BoxFace(Face):
+    """Displacements on the face z = +t/2 of the positive octant as polynomials in ξ = 4x/L − 1, η = 4y/W − 1.
+
+    Attributes
+    ----------
+    half : (L/2, W/2), m
+    coefficients : (nx, ny, 3, u) Legendre coefficients of every displacement unknown
+    """
+
+    half: tuple[float, float]
+    coefficients: np.ndarray = field(repr=False)
+    group: np.ndarray = field(repr=False)
+    copies: int
+
+    def at(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
+        """N (3, u) and its slopes ∂N/∂x, ∂N/∂y (2, 3, u) at a point 0 ≤ x ≤ L/2, 0 ≤ y ≤ W/2."""
+        lines = [
+            _line(value, half, self.coefficients.shape[i])
+            for i, (value, half) in enumerate(zip((x, y), self.half, strict=True))
+        ]
+        (px, sx), (py, sy) = lines
+        along = np.tensordot(px, self.coefficients, axes=1)
+        n = np.tensordot(py, along, axes=1)
+        slopes = [
+            np.tensordot(py, np.tensordot(sx, self.coefficients, axes=1), axes=1),
+            np.tensordot(sy, along, axes=1),
+        ]
+        return n, np.array(slopes)
+
+    def line(self, place: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points of the half y > 0 of the line x = place."""
+        nodes, weights = legendre.leggauss(_ACROSS)
+        points = np.column_stack([np.full(_ACROSS, place), (nodes + 1) / 2 * self.half[1]])
+        return points, np.tile([1.0, 0.0], (_ACROSS, 1)), weights / 2
+
+
+def _line(value: float, half: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(count,) Legendre polynomials at 2·value/half − 1, and their slopes by value."""
+    at = 2 * value / half - 1
+    slopes = legendre.legval(at, legendre.legder(np.eye(count)))
+    return legendre.legvander(np.array([at]), count - 1)[0], slopes * 2 / half
+
+
+def on_face(model: ElectroelasticModel, fields: np.ndarray) -> np.ndarray:
+    """(nx, ny, 3, k) coefficients of `Face` of displacements in fields (4, n, k)."""
+    ends = model.domain.mesh.p.max(axis=1)
+    nodes = [legendre.leggauss(count)[0] for count in _SAMPLES]
+    x, y = ((node + 1) / 2 * length for node, length in zip(nodes, ends, strict=False))
+    grid = np.array([*(axis.ravel() for axis in np.meshgrid(x, y, indexing="ij")), np.full(x.size * y.size, ends[2])])
+    probe = interpolation(model, grid)
+    values = np.stack([probe @ fields[axis] for axis in range(3)]).reshape(3, x.size, y.size, -1)
+    left, right = (np.linalg.inv(legendre.legvander(node, node.size - 1)) for node in nodes)
+    return np.einsum("ia,jb,cabu->ijcu", left, right, values, optimize=True)
+
+
+@dataclass(frozen=True)
+class RoundFace(Face):
+    """Of a disk or ring: u_r, u_z ∝ cos nθ and u_θ ∝ sin nθ, polynomials of r.
+
+    Attributes
+    ----------
+    radii : inner and outer, m
+    coefficients : (j, 3, u) Legendre coefficients of u_r, u_θ, u_z of every displacement unknown between the radii
+    order : (u,) Fourier order n of every displacement unknown
+    """
+
+    radii: tuple[float, float]
+    coefficients: np.ndarray = field(repr=False)
+    order: np.ndarray = field(repr=False)
+    group: np.ndarray = field(repr=False)
+    copies: int
+
+    def line(self, place: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points of the half y > 0 of the circle r = place."""
+        count = 2 * int(self.order.max()) + 2
+        turns = np.pi * (np.arange(count) + 0.5) / count
+        directions = np.column_stack([np.cos(turns), np.sin(turns)])
+        return place * directions, directions, np.full(count, 1 / count)
+
+    def at(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
+        """N (3, u) and its slopes ∂N/∂x, ∂N/∂y (2, 3, u) at a point, m."""
+        (inner, outer), n = self.radii, self.order
+        r, turn = max(float(np.hypot(x, y)), _AXIS * outer), float(np.arctan2(y, x))
+        value, slope = _line(r - inner, outer - inner, self.coefficients.shape[0])
+        value, slope = (np.tensordot(own, self.coefficients, axes=1) for own in (value, slope))
+        cosine, sine = np.cos(n * turn), np.sin(n * turn)
+        shares = np.array([cosine, sine, cosine])
+        frame = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1.0]])
+        moved = np.array([[0, -1.0, 0], [1.0, 0, 0], [0, 0, 0]])  # ∂/∂θ of the directions of r and θ
+        around = value * np.array([-n * sine, n * cosine, -n * sine]) + moved @ (value * shares)
+        along = frame @ (slope * shares), frame @ around / r
+        c, s = np.cos(turn), np.sin(turn)
+        return frame @ (value * shares), np.array([c * along[0] - s * along[1], s * along[0] + c * along[1]])

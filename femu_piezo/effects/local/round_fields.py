@@ -1,0 +1,270 @@
+"""`RoundFields`: the sectors of a disk or ring that is poled along its axis.
+
+The driven fields are of Fourier order 0 (`femu_piezo.forward.revolution`). "z" holds the modes of that order whose
+parity about the mid-plane is flipped, bending first of all, and their local response to a film that moves with driven
+fields, "film" that of driven fields to films that move with bending; "around" has the modes of all other orders and
+both parities, even about the half plane θ = 0: what sits at a place is taken to sit there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.polynomial import legendre
+
+from femu_piezo.effects.effect import ExtraTerm
+from femu_piezo.effects.local.faces import RoundFace
+from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Fields
+from femu_piezo.forward.gradient_products import FIELDS
+from femu_piezo.forward.linear_solver import factorize
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.reduction import ReducedModel
+from femu_piezo.forward.revolution import FourierOrder, Line, Section
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.threads import Once, in_parallel
+
+BENDING, FILM, AROUND = "z", "film", "around"
+#: Frequency of the responses to films, as a share of the band's ω².
+_SHIFT = 0.3
+#: Share of the kinetic energy of a response below which a direction beside the driven fields is left out.
+_NEW = 1e-4
+#: Share of the largest kinetic energy of driven unknowns below which their part of order 0 is rounding.
+_ROUNDING = 1e-12
+#: Radial polynomials at most.
+_SAMPLES = 28
+
+
+@dataclass(frozen=True)
+class _Modes:
+    """Fields (4n, k) of one Fourier order and one parity."""
+
+    order: int
+    flipped: bool
+    fields: np.ndarray = field(repr=False)
+
+
+class RoundFields(Fields):
+    """Of an eighth of a disk or ring.
+
+    Parameters
+    ----------
+    model : of the eighth;  reduced : its driven class
+    constants : further sectors belong to them, lossless
+    wanted : the sectors that effects may ask for
+    """
+
+    def __init__(
+        self, model: ElectroelasticModel, reduced: ReducedModel, constants: PiezoConstants, wanted: Iterable[str]
+    ) -> None:
+        self.model, self.reduced, self.reference = model, reduced, constants.lossless()
+        self._top, self._once = (2 * np.pi * reduced.band_Hz) ** 2, Once()
+        wanted = set(wanted)
+        self.names = (DRIVEN, SPOT, *(name for name in (FILM, BENDING, AROUND) if name in wanted))
+        self._tensor = np.tensordot(self.reference.to_e_form().vector().real, model.unit_tensors, axes=1)
+
+    @cached_property
+    def section(self) -> Section:
+        """Fine enough for bending waves, which are the shortest in thin bodies, and shear waves."""
+        thickness = 2 * float(self.model.domain.mesh.p[2].max())
+        shear, along = (float(np.sqrt(self._tensor[0, axis, 0, axis] / self.model.density)) for axis in (2, 0))
+        omega = np.sqrt(MODES_BEYOND * self._top)
+        bending = np.sqrt(omega * np.sqrt(12.0) / (thickness * along))
+        return Section.fine_for(self.model.domain.radii, thickness, self.model.density, max(omega / shear, bending))
+
+    def prepare(self, names: Iterable[str]) -> None:
+        """The orders are made on several threads."""
+        for name in names:
+            self._modes(name)
+
+    def further(self, name: str) -> int:
+        """Number of unknowns of a sector beyond the driven one."""
+        return sum(one.fields.shape[1] for one in self._modes(name))
+
+    def class_of(self, name: str) -> Hashable:
+        """Axes of flipped parity of order 0; all other orders are one class: the body is zero between them."""
+        return {DRIVEN: (), FILM: (), BENDING: (2,)}.get(name, name)
+
+    def projected(self, names: tuple[str, ...], tensors: Sequence[np.ndarray]) -> np.ndarray:
+        """(n, k, k) forms of extended tensors on the sectors of one class."""
+        if DRIVEN not in names:
+            return self._by_order(names[0], len(tensors), lambda one, order: order.within(one.fields, tensors))
+        whole = self._driven.reshape(FIELDS, self.model.basis.N, -1)
+        found = self.model.products.within(whole, tensors)
+        if FILM not in names:
+            return found
+        order, own = self._order(0), self._film_response
+        return self._with_film(found, order.between(self._on_section, own, tensors), order.within(own, tensors))
+
+    def extra(self, names: tuple[str, ...], term: ExtraTerm) -> np.ndarray:
+        """(k, k) a further term; one that is known on a mesh alone acts on driven fields alone."""
+
+        def between(order: FourierOrder, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+            if term.on_electrodes is None:
+                return np.zeros((left.shape[1], right.shape[1]))
+            return left.T @ (term.on_electrodes(order.electrode_faces) @ right)
+
+        if DRIVEN not in names:
+            return self._by_order(names[0], 1, lambda one, order: between(order, one.fields, one.fields)[None])[0]
+        found = self._driven.T @ (self._once.get(("term", term.name), lambda: term.of(self.model)) @ self._driven)
+        if FILM not in names:
+            return found
+        order, own = self._order(0), self._film_response
+        crossed, inner = between(order, self._on_section, own), between(order, own, own)
+        return self._with_film(found[None], crossed[None], inner[None])[0]
+
+    def _with_film(self, driven: np.ndarray, crossed: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """(n, k, k) of driven displacements, film responses, potentials; of blocks of driven unknowns and responses."""
+        u, more = self.reduced.displacements, own.shape[1]
+        order = np.r_[np.arange(u), driven.shape[1] + np.arange(more), np.arange(u, driven.shape[1])]
+        whole = np.concatenate(
+            [
+                np.concatenate([driven, crossed], axis=2),
+                np.concatenate([crossed.transpose(0, 2, 1), own], axis=2),
+            ],
+            axis=1,
+        )
+        return whole[:, order][:, :, order]
+
+    def face(self, names: tuple[str, ...]) -> RoundFace:
+        """Displacements on the face z = +t/2."""
+        parts, orders, groups = [], [], []
+        for name in names:
+            for one in self._displacements(name):
+                part = self._on_face(one.fields)
+                parts.append(part)
+                orders += [one.order] * part.shape[2]
+                groups += [2 * one.order + one.flipped] * part.shape[2]
+        return RoundFace(
+            self.model.domain.radii,
+            np.concatenate(parts, axis=2),
+            np.array(orders),
+            np.array(groups),
+            self.model.domain.copies,
+        )
+
+    def film(self, left: tuple[str, ...], right: tuple[str, ...]) -> np.ndarray:
+        """(k, l) ∫ v·u over one electrode between the unknowns of sectors of order 0."""
+        faces = self._order(0).electrode_faces
+        film = sum(faces.product(value, value) for value in faces.values[:3])
+        before, after = ([one.fields for name in names for one in self._displacements(name)] for names in (left, right))
+        found = np.hstack(before).T @ (film @ np.hstack(after))
+        added = [(0, self.potentials * (DRIVEN in names)) for names in (left, right)]
+        return np.pad(found, added)
+
+    def _displacements(self, name: str) -> list[_Modes]:
+        """Displacement unknowns of any sector."""
+        if name == SPOT:
+            return [_Modes(0, False, np.zeros((FIELDS * self.section.size, 3)))]
+        if name == DRIVEN:
+            return [_Modes(0, False, self._on_section[:, : self.reduced.displacements])]
+        return self._modes(name)
+
+    @cached_property
+    def _driven(self) -> np.ndarray:
+        """(4n, r) driven unknowns on the mesh of the model."""
+        return self.model.prolongation @ self.reduced.basis
+
+    @cached_property
+    def _film_response(self) -> np.ndarray:
+        """(4n, k) of what bending fields ask of the driven class."""
+        (bending,) = self._modes(BENDING)
+        return self._response(False, bending.fields, self._displacements(DRIVEN)[0].fields)
+
+    def _response(self, flipped: bool, moved: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """(4n, k) response of a class of order 0 to films that move with fields (4n, j) of the other.
+
+        Its displacements are orthonormal and new beside `known` (4n, i), its potential is what they leave between the
+        electrodes.
+        """
+        order = self._order(0)
+        faces, free, stiffness = order.electrode_faces, order.free(flipped), order.stiffness(self._tensor)
+        film = sum(faces.product(value, value) for value in faces.values[:3])
+        operator = free.T @ (stiffness - _SHIFT * self._top * order.mass) @ free
+        found = free @ factorize(operator.tocsr()).solve(free.T @ (film @ moved))
+        found = found / np.sqrt(np.einsum("ik,ik->k", found, order.mass @ found))
+        heavy = order.mass @ known
+        for _ in range(2):
+            found = found - known @ np.linalg.lstsq(heavy.T @ known, heavy.T @ found, rcond=_ROUNDING)[0]
+        size, turned = np.linalg.eigh(found.T @ (order.mass @ found))
+        keep = size > _NEW
+        found = found @ (turned[:, keep] / np.sqrt(size[keep]))
+        found[3 * self.section.size :] = 0.0
+        inside = free[:, np.flatnonzero(np.diff(free[3 * self.section.size :].tocsc().indptr))]
+        electrostatic = factorize((-inside.T @ stiffness @ inside).tocsr())
+        return found + inside @ electrostatic.solve(inside.T @ (stiffness @ found))
+
+    @cached_property
+    def _on_section(self) -> np.ndarray:
+        """(4n, r) part of order 0 of the driven unknowns on the section: what of the mesh is not round averages out."""
+        radial, turn, axial, here = self._polar_nodes
+        cosine, sine = np.cos(turn.places), np.sin(turn.places)
+        points, weights = turn.gauss
+        mean = turn.shapes(points)[0].T @ weights / np.sum(weights)  # over the quarter turn
+        fields = self._driven.reshape(FIELDS, self.model.basis.N, -1)[:, here]  # (4, r, z, θ, k)
+        outward = np.einsum("rztk,t->rzk", fields[0], mean * cosine) + np.einsum("rztk,t->rzk", fields[1], mean * sine)
+        round_parts = [outward, np.zeros_like(outward), *(np.einsum("rztk,t->rzk", fields[f], mean) for f in (2, 3))]
+        lines = ((self.section.radial, radial), (self.section.axial, axial))
+        to = sp.kron(*(of.shapes(line.places)[0] for line, of in lines), format="csr")
+        return np.concatenate([to @ part.reshape(to.shape[1], -1) for part in round_parts])
+
+    @cached_property
+    def _polar_nodes(self) -> tuple[Line, Line, Line, np.ndarray]:
+        """Elements along r, θ and z of the eighth, and the number of the node at each place of that grid (r, z, θ)."""
+        outer, order = self.model.domain.radii[1], self.model.order
+
+        def polar(x: np.ndarray) -> list[np.ndarray]:
+            return [np.round(own, 9) for own in (np.hypot(x[0], x[1]) / outer, np.arctan2(x[1], x[0]), x[2] / outer)]
+
+        places = polar(self.model.basis.doflocs)
+        number = np.lexsort((places[1], places[2], places[0])).reshape(*(np.unique(places[i]).size for i in (0, 2, 1)))
+        ends = [np.unique(own) for own in polar(self.model.domain.mesh.p)]
+        radial, turn, axial = (Line(own * unit, order) for own, unit in zip(ends, (outer, 1.0, outer), strict=True))
+        return radial, turn, axial, number
+
+    def _on_face(self, fields: np.ndarray) -> np.ndarray:
+        """(j, 3, k) Legendre coefficients along r of displacements in fields (4n, k)."""
+        radial = self.section.radial
+        count = min(_SAMPLES, radial.places.size)
+        nodes = legendre.leggauss(count)[0]
+        inner, outer = self.model.domain.radii
+        on_top = fields.reshape(FIELDS, radial.places.size, -1, fields.shape[1])[:3, :, -1]
+        values = np.stack([radial.shapes(inner + (nodes + 1) / 2 * (outer - inner))[0] @ part for part in on_top])
+        return np.einsum("jq,fqk->jfk", np.linalg.inv(legendre.legvander(nodes, count - 1)), values)
+
+    def _order(self, number: int) -> FourierOrder:
+        return self._once.get(("order", number), lambda: FourierOrder(self.section, number))
+
+    def _modes(self, name: str) -> list[_Modes]:
+        return self._once.get(("modes", name), lambda: self._new_modes(name))
+
+    def _new_modes(self, name: str) -> list[_Modes]:
+        if name == FILM:
+            return [_Modes(0, False, self._film_response)]
+        if name == BENDING:
+            bending = self._of_order(0, True).fields
+            response = self._response(True, self._displacements(DRIVEN)[0].fields, bending)
+            return [_Modes(0, True, np.hstack([bending, response]))]
+        found, number = [], 1
+        while True:
+            both = list(in_parallel(lambda own: self._of_order(*own), [(number, False), (number, True)]))
+            found += [one for one in both if one.fields.shape[1]]
+            if number > 1 and not any(one.fields.shape[1] for one in both):
+                return found
+            number += 1
+
+    def _of_order(self, number: int, flipped: bool) -> _Modes:
+        return _Modes(number, flipped, self._order(number).modes(self._tensor, flipped, MODES_BEYOND * self._top))
+
+    def _by_order(self, name: str, count: int, block: Callable[[_Modes, FourierOrder], np.ndarray]) -> np.ndarray:
+        """(count, k, k) of blocks (count, j, j) by order and parity."""
+        size, start = self.further(name), 0
+        found = np.zeros((count, size, size))
+        for one in self._modes(name):
+            own = slice(start, start + one.fields.shape[1])
+            found[:, own, own] = block(one, self._order(one.order))
+            start = own.stop
+        return found

@@ -1,0 +1,139 @@
+"""`Sectors`: the unknowns of a reduced body in groups, so that each effect brings only the groups it needs.
+
+The driven class alone serves every effect that keeps the symmetry of the body; a further sector holds modes of other
+classes, or the local response of a class to what an effect does. No operator of the body itself couples two classes.
+Vectors of further sectors tie a potential to each displacement: they belong to the reference constants, and enter at
+second order only. "spot" has three unknowns without field or inertia, the displacement of a body that is attached at a
+place. `Fields` says what a kind of body has; plates: `box_fields`, disks and rings: `round_fields`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Hashable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from femu_piezo.effects.effect import ExtraTerm
+from femu_piezo.effects.local.faces import Face
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.reduction import ReducedModel
+from femu_piezo.material.constants import PiezoConstants
+
+DRIVEN, SPOT = "driven", "spot"
+#: Modes of the classes that the terminals do not drive are kept up to this multiple of the band's ω².
+MODES_BEYOND = 2.5
+
+
+class Fields(ABC):
+    """Fields of every sector of one body, each made when it is first asked for.
+
+    Attributes
+    ----------
+    names : all of them in the order of their unknowns, "driven" first
+    model : whose driven class is reduced;  reduced : that
+    reference : lossless constants that further sectors belong to
+    """
+
+    names: tuple[str, ...]
+    model: ElectroelasticModel
+    reduced: ReducedModel
+    reference: PiezoConstants
+
+    @property
+    def potentials(self) -> int:
+        """Number of inner potentials, and the hot one."""
+        return self.reduced.size - self.reduced.displacements
+
+    def select(self, wanted: Iterable[str]) -> Sectors:
+        """The unknowns of the driven sector and of those that are wanted."""
+        wanted = {DRIVEN, *wanted}
+        names = tuple(name for name in self.names if name in wanted)
+        self.prepare(name for name in names if name not in (DRIVEN, SPOT))
+        return Sectors(names, self)
+
+    @abstractmethod
+    def prepare(self, names: Iterable[str]) -> None:
+        """Make the fields of some sectors, together where that is faster."""
+
+    def count(self, name: str) -> int:
+        """Number of displacement unknowns of a sector."""
+        return {DRIVEN: self.reduced.displacements, SPOT: 3}.get(name) or self.further(name)
+
+    @abstractmethod
+    def further(self, name: str) -> int:
+        """Number of unknowns of a sector beyond the driven one."""
+
+    @abstractmethod
+    def class_of(self, name: str) -> Hashable:
+        """The class of a sector, equal for those that operators of the body may couple.
+
+        The driven one is (), that whose parity about the plane between the electrodes differs (2,).
+        """
+
+    @abstractmethod
+    def projected(self, names: tuple[str, ...], tensors: Sequence[np.ndarray]) -> np.ndarray:
+        """(n, k, k) forms of extended tensors on the sectors of one class; potentials come with the driven one."""
+
+    @abstractmethod
+    def extra(self, names: tuple[str, ...], term: ExtraTerm) -> np.ndarray:
+        """(k, k) a further term on the sectors of one class."""
+
+    @abstractmethod
+    def film(self, left: tuple[str, ...], right: tuple[str, ...]) -> np.ndarray:
+        """(k, l) ∫ v·u over one electrode between the unknowns of sectors, m² per unit of displacement²."""
+
+    @abstractmethod
+    def face(self, names: tuple[str, ...]) -> Face:
+        """Displacements on one face, of the displacement unknowns of some sectors."""
+
+
+@dataclass(frozen=True)
+class Sectors:
+    """Some sectors and their r unknowns: displacements, inner potentials, the hot potential.
+
+    Attributes
+    ----------
+    names : of the sectors, "driven" first
+    """
+
+    names: tuple[str, ...]
+    all_fields: Fields = field(repr=False)
+
+    @cached_property
+    def member(self) -> np.ndarray:
+        """(r,) index of each unknown's sector."""
+        counts = [self.all_fields.count(name) for name in self.names]
+        potentials = np.zeros(self.all_fields.potentials, dtype=int)
+        return np.concatenate([np.repeat(np.arange(len(self.names)), counts), potentials])
+
+    @property
+    def size(self) -> int:
+        """r"""
+        return self.member.size
+
+    @property
+    def displacements(self) -> int:
+        """Number of displacement unknowns, in which uᵗMu = 1 (0 for those of a spot)."""
+        return self.size - self.all_fields.potentials
+
+    @property
+    def spot(self) -> np.ndarray:
+        """The unknowns (indices) of a spot; none where there is none."""
+        return np.flatnonzero(np.array(self.names)[self.member] == SPOT)
+
+    @cached_property
+    def classes(self) -> dict[Hashable, tuple[str, ...]]:
+        """Class → its sectors that have fields."""
+        found: dict[Hashable, tuple[str, ...]] = {}
+        for name in self.names:
+            if name != SPOT:
+                own = self.all_fields.class_of(name)
+                found[own] = (*found.get(own, ()), name)
+        return found
+
+    def numbers(self, names: Iterable[str]) -> np.ndarray:
+        """The unknowns (indices) of some of the sectors; the potentials come with the driven one."""
+        return np.flatnonzero(np.isin(self.member, [self.names.index(name) for name in names]))

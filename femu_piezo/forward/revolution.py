@@ -1,0 +1,233 @@
+"""Bodies of revolution poled along their axis, one Fourier order at a time, on a section over r and z.
+
+About the half plane θ = 0 the fields of order n are
+
+    u_r, u_z, φ ∝ cos nθ,    u_θ ∝ sin nθ,
+
+and the gradient of (u_r, u_θ, u_z, φ) along r, θ, z is
+
+    ∂_r u_r    −(n u_r + u_θ)/r    ∂_z u_r
+    ∂_r u_θ     (n u_θ + u_r)/r    ∂_z u_θ
+    ∂_r u_z    −n u_z/r            ∂_z u_z
+    ∂_r φ      −n φ/r              ∂_z φ.
+
+The extended tensor of a crystal poled along z is the same in every such frame, so the forms are those of
+`femu_piezo.forward.gradient_products` with these twelve numbers and ∫ cos² nθ dθ r dr dz; what would join a cosine to a
+sine is zero in it. The section is half as high as the body: its parity about the mid-plane is that of the field that
+the terminals drive, or flipped. Fields have the size that they have on an eighth of the body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.interpolate import BarycentricInterpolator
+
+from femu_piezo.forward.electrodes import Faces, of_field
+from femu_piezo.forward.gradient_products import FIELDS
+from femu_piezo.forward.hex_element import lobatto_nodes
+from femu_piezo.forward.model import POTENTIAL_SCALE
+from femu_piezo.forward.parity import modes_below
+from femu_piezo.geometry.shape import wave_error
+
+#: Orders of the elements along r and z, and the error of eigenvalues that their number is chosen for.
+_ORDERS, _ACCURACY = (8, 5), 1e-5
+
+
+@dataclass(frozen=True)
+class Line:
+    """Lagrange elements along one axis.
+
+    Attributes
+    ----------
+    ends : (m + 1,) where elements meet, growing, m
+    order : of the elements
+    """
+
+    ends: np.ndarray
+    order: int
+
+    @classmethod
+    def fine_for(cls, low: float, high: float, order: int, wavenumber: float) -> Line:
+        """The fewest elements of an order that follow waves of a wavenumber, 1/m."""
+        count = 1
+        while wave_error(order, wavenumber * (high - low) / count) > _ACCURACY:
+            count += 1
+        return cls(np.linspace(low, high, count + 1), order)
+
+    @cached_property
+    def places(self) -> np.ndarray:
+        """(n,) where the nodes are, growing, m."""
+        inner = self.ends[:-1, None] + np.diff(self.ends)[:, None] * lobatto_nodes(self.order)[:-1]
+        return np.append(inner.ravel(), self.ends[-1])
+
+    @cached_property
+    def gauss(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points and weights (q,), m, that integrate all products."""
+        points, weights = np.polynomial.legendre.leggauss(self.order + 2)
+        half, middle = np.diff(self.ends)[:, None] / 2, (self.ends[1:, None] + self.ends[:-1, None]) / 2
+        return (middle + half * points).ravel(), (half * weights).ravel()
+
+    def shapes(self, points: np.ndarray) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+        """(q, n) values and slopes of the functions of all nodes at points (q,)."""
+        return shapes_at(points, self.ends, self.places)
+
+
+def shapes_at(points: np.ndarray, ends: np.ndarray, places: np.ndarray) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+    """(q, n) values and slopes at points (q,) of Lagrange polynomials on nodes (n,) of elements between `ends`."""
+    order = (places.size - 1) // (ends.size - 1)
+    element = np.clip(np.searchsorted(ends, points, side="right") - 1, 0, ends.size - 2)
+    found = sp.lil_matrix((points.size, places.size)), sp.lil_matrix((points.size, places.size))
+    for number, _ in enumerate(pairwise(ends)):
+        own, here = np.arange(number * order, (number + 1) * order + 1), np.flatnonzero(element == number)
+        lagrange = BarycentricInterpolator(places[own], np.eye(own.size), rng=0)
+        for matrix, part in zip(found, (lagrange(points[here]), lagrange.derivative(points[here])), strict=True):
+            matrix[np.ix_(here, own)] = part
+    return found[0].tocsr(), found[1].tocsr()
+
+
+@dataclass(frozen=True)
+class Section:
+    """Half the height of a body of revolution: inner ≤ r ≤ outer, 0 ≤ z ≤ t/2, an electrode on its top.
+
+    Attributes
+    ----------
+    radial, axial : elements along r and z;  density : kg/m³
+    """
+
+    radial: Line
+    axial: Line
+    density: float
+
+    @classmethod
+    def fine_for(cls, radii: tuple[float, float], thickness: float, density: float, wavenumber: float) -> Section:
+        """Of elements that follow waves of a wavenumber, 1/m, along the radius and through the height."""
+        ends = (radii, (0.0, thickness / 2))
+        radial, axial = (
+            Line.fine_for(*own, order, wavenumber) for own, order in zip(ends, _ORDERS, strict=True)
+        )
+        return cls(radial, axial, density)
+
+    @property
+    def size(self) -> int:
+        """Number n of nodes, those along z counted first."""
+        return self.radial.places.size * self.axial.places.size
+
+    def order(self, number: int) -> FourierOrder:
+        """The forms of one Fourier order."""
+        return FourierOrder(self, number)
+
+
+class FourierOrder:
+    """Forms of one Fourier order n on fields (u_r, u_θ, u_z, φ), each (n_nodes,) one after another.
+
+    Attributes
+    ----------
+    radii, weights : (q,) of the Gauss points: m, and their volumes m³
+    gradients : [f][a] (q, 4n) the gradient of every field at these points
+    """
+
+    def __init__(self, section: Section, number: int) -> None:
+        self.section, self.number = section, number
+        (r, wr), (z, wz) = section.radial.gauss, section.axial.gauss
+        (value_r, slope_r), (value_z, slope_z) = section.radial.shapes(r), section.axial.shapes(z)
+        # a quarter of ∫ cos² nθ dθ over the turn, half the height: an eighth
+        self._turn = np.pi / (4 if number else 2)
+        self.radii, self.weights = np.repeat(r, z.size), np.outer(r * wr, wz).ravel() * self._turn
+        self._values = sp.kron(value_r, value_z, format="csr")
+        up = sp.kron(value_r, slope_z, format="csr")
+        plane = self._in_plane(self._values, sp.kron(slope_r, value_z, format="csr"), self.radii)
+        self.gradients = [[*plane[f], of_field(up, f)] for f in range(FIELDS)]
+
+    @property
+    def size(self) -> int:
+        """4n"""
+        return FIELDS * self.section.size
+
+    def _in_plane(self, values: sp.csr_matrix, slopes: sp.csr_matrix, radii: np.ndarray) -> list[list[sp.csr_matrix]]:
+        """[f][a] (q, 4n) gradients along r and θ at points on which the functions have values and slopes (q, n)."""
+        n, over_r = self.number, sp.diags(1 / radii) @ values
+        r, turn, z, potential = (of_field(over_r, f) for f in range(FIELDS))
+        around = [-(n * r + turn), n * turn + r, -n * z, -n * potential]
+        return [[of_field(slopes, f), around[f].tocsr()] for f in range(FIELDS)]
+
+    def stiffness(self, tensor: np.ndarray) -> sp.csr_matrix:
+        """(4n, 4n) of an extended tensor (4, 3, 4, 3)."""
+        weighted = sp.diags(self.weights)
+        found = sp.csr_matrix((self.size, self.size))
+        for f, a in zip(*np.nonzero(np.any(tensor, axis=(2, 3))), strict=True):
+            stress = sum(
+                tensor[f, a, g, b] * self.gradients[g][b] for g, b in zip(*np.nonzero(tensor[f, a]), strict=True)
+            )
+            found = found + self.gradients[f][a].T @ (weighted @ stress)
+        return found.tocsr()
+
+    @cached_property
+    def mass(self) -> sp.csr_matrix:
+        """(4n, 4n), kg; zero in the potential."""
+        block = self.section.density * (self._values.T @ sp.diags(self.weights) @ self._values)
+        return sp.block_diag([*[block] * 3, sp.csr_matrix(block.shape)], format="csr")
+
+    @cached_property
+    def electrode_faces(self) -> Faces:
+        """The top."""
+        section = self.section
+        r, wr = section.radial.gauss
+        top = sp.csr_matrix(([1.0], ([0], [section.axial.places.size - 1])), shape=(1, section.axial.places.size))
+        value, slope = (sp.kron(own, top, format="csr") for own in section.radial.shapes(r))
+        values = [of_field(value, f) for f in range(FIELDS)]
+        return Faces(r * wr * self._turn, values, self._in_plane(value, slope, r))
+
+    def between(
+        self, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray], weight: np.ndarray | float = 1.0
+    ) -> np.ndarray:
+        """(n_tensors, k, l) forms of extended tensors on fields (4n, k) and (4n, l).
+
+        weight : (q,) a factor at the Gauss points
+        """
+        tensors, volume = np.asarray(tensors), (self.weights * weight)[:, None]
+        before, after = ([[g @ fields for g in row] for row in self.gradients] for fields in (left, right))
+        found = np.zeros((len(tensors), left.shape[1], right.shape[1]))
+        for f, a, g, b in zip(*np.nonzero(np.any(tensors, axis=0)), strict=True):
+            image = before[f][a].T @ (volume * after[g][b])
+            for number in np.flatnonzero(tensors[:, f, a, g, b]):
+                found[number] += tensors[number, f, a, g, b] * image
+        return found
+
+    def within(self, fields: np.ndarray, tensors: Sequence[np.ndarray], weight: np.ndarray | float = 1.0) -> np.ndarray:
+        """(n_tensors, k, k) symmetric: `between` of fields (4n, k) with themselves."""
+        found = self.between(fields, fields, tensors, weight)
+        return (found + found.transpose(0, 2, 1)) / 2
+
+    def free(self, flipped: bool) -> sp.csr_matrix:
+        """(4n, m) from the free unknowns to all fields; the electrode is at zero, potentials scaled as in the model.
+
+        On the axis the fields are those of a smooth body: of order 0 u_z and φ alone, of order 1 a shift u_r = −u_θ.
+        flipped : whether the parity about the mid-plane is the opposite of the driven field's
+        """
+        section, number = self.section, self.number
+        shape = (FIELDS, section.radial.places.size, section.axial.places.size)
+        held = np.zeros(shape, dtype=bool)
+        held[(0, 1) if flipped else (2, 3), :, 0] = True
+        held[3, :, -1] = True
+        held[1] |= number == 0
+        axis = section.radial.places[0] == 0
+        if axis:
+            held[{0: [0, 1], 1: [1, 2, 3]}.get(number, [0, 1, 2, 3]), 0] = True
+        free = np.flatnonzero(~held.ravel())
+        values = np.where(free >= 3 * section.size, POTENTIAL_SCALE, 1.0)
+        found = sp.lil_matrix(sp.csr_matrix((values, (free, np.arange(free.size))), shape=(self.size, free.size)))
+        if axis and number == 1:
+            shifted = np.flatnonzero(free < section.axial.places.size)  # u_r on the axis
+            found[section.size + free[shifted], shifted] = -1.0
+        return found.tocsr()
+
+    def modes(self, tensor: np.ndarray, flipped: bool, top: float) -> np.ndarray:
+        """(4n, k) fields of all modes with ω² below `top`, uᵗMu = 1; rigid bodies among them."""
+        p = self.free(flipped)
+        return p @ modes_below((p.T @ self.stiffness(tensor) @ p).tocsr(), (p.T @ self.mass @ p).tocsr(), top)

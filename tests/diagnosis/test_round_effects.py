@@ -1,0 +1,115 @@
+"""Effects of disks and rings against the independent solver: what they change, apart from the error of the mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden_effects.reduced import Plate
+from hidden_effects.round_body import RoundBody, RoundSurface
+
+from diagnosis.conftest import DENSITY, TANGENTS
+from femu_piezo.effects.effect import EffectContext
+from femu_piezo.effects.extended_model import extend_model
+from femu_piezo.effects.library import library
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry import catalogue
+from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.material.library import library_material
+
+THICKNESS = 1.5e-3
+RADII = {"disk": (0.0, 6e-3), "ring": (2.5e-3, 6e-3)}
+#: Up to the second radial mode of the disk, and past the second of the ring.
+FREQUENCY = {
+    name: np.r_[np.linspace(20e3, low, 20), np.linspace(low + 2e3, high, 41), np.linspace(high + 5e3, top, 50)]
+    for name, low, high, top in (("disk", 150e3, 200e3, 450e3), ("ring", 100e3, 150e3, 400e3))
+}
+AXES = {"diameter": (0, 1), "thickness": (2,)}
+
+
+class Round:
+    """A disk or ring as an extended reduced model with the whole library, and the independent one."""
+
+    def __init__(self, name: str) -> None:
+        self.radii, self.frequency = RADII[name], FREQUENCY[name]
+        self.theta = library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS)
+        constants = PiezoConstants.from_vector(self.theta)
+        free = FreeConstants.of(constants, ("s11", "s12", "d31", "eps33T"))
+        self.material = MaterialParameters.around(free, free.start)
+        self.x = self.material.x_of(free.start)
+        self.unknowns = Unknowns(self.material, material_prior(free, {}, {}))
+        band = (float(self.frequency[0]), float(self.frequency[-1]))
+        self.context = EffectContext(
+            165e3, free.names, constants, AXES, DENSITY, THICKNESS, 1e3, radii=self.radii, band_Hz=band
+        )
+        self.library = {effect.key: effect for effect in library(self.context)}
+        outline = catalogue.disk(12e-3, THICKNESS) if name == "disk" else catalogue.ring(12e-3, 5e-3, THICKNESS)
+        model = ElectroelasticModel(outline.domain_for(1e-5, band[1], 1900.0), DENSITY)
+        training = [constants, *free.training_sets(free.start, 0.04, 3)[1:]]
+        self.model = extend_model(model, training, list(self.library.values()), band[1], accuracy=1e-5)
+        self.evaluation = Evaluation(self.model, 2 * np.pi * self.frequency)
+
+    def body(self, **changes) -> RoundBody:
+        return RoundBody(self.radii, THICKNESS, DENSITY, 14 if self.radii[0] == 0 else 13, **changes)
+
+    def exact(self, body: RoundBody, *surfaces: RoundSurface) -> np.ndarray:
+        return Plate(body, self.theta, self.frequency[-1], surfaces).impedance(self.theta, self.frequency)
+
+    def impedance(self, key: str = "", values=()) -> np.ndarray:
+        unknowns, x = self.unknowns, self.x
+        if key:
+            effect = self.library[key]
+            unknowns = unknowns.with_candidate(effect)
+            x = np.concatenate([x, np.append(values, effect.rest[len(values) :]) / effect.scale])
+        return self.evaluation.impedance(unknowns, x)
+
+
+@pytest.fixture(scope="module")
+def bodies() -> dict[str, Round]:
+    return {name: Round(name) for name in RADII}
+
+
+@pytest.fixture(scope="module")
+def bare(bodies) -> dict[str, np.ndarray]:
+    return {name: one.exact(one.body()) for name, one in bodies.items()}
+
+
+def mass(one: Round) -> np.ndarray:
+    return one.exact(one.body(), RoundSurface.patch(4.2e-3, 1e-3, (1,), lambda w: -(w**2) * 4e-6))
+
+
+def mass_at_the_rim(one: Round) -> np.ndarray:
+    return one.exact(one.body(), RoundSurface.patch(5e-3, 0.8e-3, (1,), lambda w: -(w**2) * 2e-6))
+
+
+def support(one: Round) -> np.ndarray:
+    return one.exact(one.body(), RoundSurface.circle(5.4e-3, (1, -1), lambda w: 3e6 + 6j * w))
+
+
+def unequal_films(one: Round) -> np.ndarray:
+    x, y, weights = one.body().quadrature
+    both = [np.concatenate([part, sign * part]) for part, sign in ((x, 1), (y, -1), (weights / 2, 1))]
+    sides = [RoundSurface(*both, (side,), lambda w, side=side: -(w**2) * side * 0.3) for side in (1, -1)]
+    return one.exact(one.body(), *sides)
+
+
+#: Case → parameters of the effect, how it is built, and the error allowed as a share of what it changes (rms).
+CASES = {
+    "point_mass": ((4e-6, 4.2e-3, 1e-3), mass, 0.02),
+    "point_mass, rim": ((2e-6, 5e-3, 0.8e-3), mass_at_the_rim, 0.02),
+    "mounting": ((3e6, 6.0, 5.4e-3), support, 0.02),
+    "unequal_electrode_mass": ((0.6,), unequal_films, 0.03),
+}
+
+
+@pytest.mark.parametrize("name", RADII)
+@pytest.mark.parametrize("case", CASES)
+def test_change_of_impedance_against_independent_solution(bodies, bare, name, case):
+    (values, change, share), key, one = CASES[case], case.partition(",")[0], bodies[name]
+    exact = np.log(change(one) / bare[name])
+    own = np.log(one.impedance(key, values) / one.impedance())
+    error, size = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (own - exact, exact))
+    assert size > 0.005
+    print(f"{name} {case}: {error / size:.4f}")
+    assert error < share * size, f"{error / size:.4f}"

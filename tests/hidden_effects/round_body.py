@@ -1,0 +1,241 @@
+"""Energy matrices of disks and rings poled along their axis, by global polynomials for Cartesian components.
+
+Nothing of a body of revolution is used but its outline: a disk has products of Legendre polynomials in x and y, a ring
+Legendre polynomials in r times cos nθ and sin nθ, both up to a total degree and times Legendre polynomials in z. All is
+even about y = 0, where whatever stands on a face lies or has its middle. Nothing of femu_piezo is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg as sl
+from numpy.polynomial import legendre
+
+from hidden_effects import crystal
+from hidden_effects.crystal import VOIGT
+
+#: Share of the largest eigenvalue of the Gram matrix of the plane functions below which a combination is dropped.
+_SAME = 1e-11
+
+
+@dataclass(frozen=True)
+class RoundSurface:
+    """Something on points of one face or both: coefficient(ω) × Σ weight |u|².
+
+    Attributes
+    ----------
+    x, y, weights : (g,) quadrature over the area, m and m² (or shares of points), even about y = 0
+    faces : 1 for z = +t/2, −1 for z = −t/2
+    coefficient : ω (k,) → (k,) on the energy ½ coefficient Σ weight |u|²
+    directions : components of u that take part
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    weights: np.ndarray
+    faces: tuple[int, ...]
+    coefficient: Callable[[np.ndarray], np.ndarray]
+    directions: tuple[int, ...] = (0, 1, 2)
+
+    @classmethod
+    def patch(cls, place: float, radius: float, faces, coefficient) -> RoundSurface:
+        """A round patch about (place, 0), of which the coefficient is that per unit of its whole."""
+        (s, ws), turns = legendre.leggauss(6), 2 * np.pi * (np.arange(12) + 0.5) / 12
+        rho = radius * (s + 1) / 2
+        x = place + np.outer(rho, np.cos(turns)).ravel()
+        y = np.outer(rho, np.sin(turns)).ravel()
+        weights = np.outer(rho * ws, np.ones(12)).ravel()
+        return cls(x, y, weights / weights.sum(), faces, coefficient)
+
+    @classmethod
+    def circle(cls, radius: float, faces, coefficient, points: int = 48) -> RoundSurface:
+        """Points evenly on a circle, the first at θ = 0; the coefficient is that of them all."""
+        turns = 2 * np.pi * np.arange(points) / points
+        weights = np.full(points, 1 / points / len(faces))
+        return cls(radius * np.cos(turns), radius * np.sin(turns), weights, faces, coefficient)
+
+    def keeps(self) -> tuple[bool, bool, bool]:
+        """Which parities it leaves, of those that are made use of."""
+        return True, True, len(self.faces) == 2
+
+
+@dataclass(frozen=True)
+class RoundBody:
+    """A disk (inner radius 0) or ring with electrodes all over both faces.
+
+    Attributes
+    ----------
+    radii : inner and outer, m;  thickness : m;  density : kg/m³
+    degree : in the plane;  layers : degree through the thickness
+    profiles : "c" and "e" → factor over x, y (k,) → (k,) on the stiffness and on the piezoelectric constants
+    """
+
+    radii: tuple[float, float]
+    thickness: float
+    density: float
+    degree: int = 16
+    layers: int = 5
+    profiles: Mapping[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = field(default_factory=dict)
+
+    def classes(self, surfaces: Sequence[RoundSurface]) -> list[tuple[int, ...]]:
+        """Sign of the parity in z of the classes that surfaces couple, the driven one first."""
+        return [(1,)] if all(surface.keeps()[2] for surface in surfaces) else [(1,), (-1,)]
+
+    def part(self, signs: tuple[int, ...]) -> RoundClass:
+        """One class."""
+        return RoundClass(self, signs[0])
+
+    @cached_property
+    def quadrature(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points x, y and weights over the half y > 0 of the outline, doubled."""
+        inner, outer = self.radii
+        nodes, weights = legendre.leggauss(self.degree + 6)
+        r, turns = inner + (outer - inner) * (nodes + 1) / 2, 2 * self.degree + 8
+        angle = np.pi * (np.arange(turns) + 0.5) / turns
+        area = np.outer(r * weights * (outer - inner) / 2, np.full(turns, 2 * np.pi / turns))
+        return np.outer(r, np.cos(angle)).ravel(), np.outer(r, np.sin(angle)).ravel(), area.ravel()
+
+    def plane(self, x: np.ndarray, y: np.ndarray, parity: int) -> np.ndarray:
+        """(3, k, points) values and slopes by x, y of the functions even (1) or odd (−1) in y."""
+        raw = self._raw(x, y, parity)
+        return raw if raw.shape[1] == 0 else np.einsum("kf,dfp->dkp", self._orthonormal[parity], raw)
+
+    @cached_property
+    def _orthonormal(self) -> dict[int, np.ndarray]:
+        """Parity → combinations (k, functions) that are orthonormal over the outline."""
+        x, y, weights = self.quadrature
+        found = {}
+        for parity in (1, -1):
+            raw = self._raw(x, y, parity)[0]
+            size, turned = np.linalg.eigh((raw * weights) @ raw.T)
+            keep = size > _SAME * size[-1]
+            found[parity] = (turned[:, keep] / np.sqrt(size[keep])).T
+        return found
+
+    def _raw(self, x: np.ndarray, y: np.ndarray, parity: int) -> np.ndarray:
+        inner, outer = self.radii
+        if inner == 0:
+            lines = [_polynomials(place / outer, self.degree, outer) for place in (x, y)]
+            pairs = [
+                (i, j) for i in range(self.degree + 1) for j in range(self.degree + 1 - i) if j % 2 == (parity < 0)
+            ]
+            left, right = (np.array(numbers) for numbers in zip(*pairs, strict=True))
+            (px, sx), (py, sy) = lines
+            return np.array([px[left] * py[right], sx[left] * py[right], px[left] * sy[right]])
+        r, angle = np.hypot(x, y), np.arctan2(y, x)
+        value, slope = _polynomials(2 * (r - inner) / (outer - inner) - 1, self.degree, (outer - inner) / 2)
+        orders = np.arange(parity < 0, self.degree + 1)
+        cosine, sine = np.cos(np.outer(orders, angle)), np.sin(np.outer(orders, angle))
+        around, turned = (cosine, -orders[:, None] * sine) if parity > 0 else (sine, orders[:, None] * cosine)
+        pairs = [(i, j) for i in range(self.degree + 1) for j, n in enumerate(orders) if i + n <= self.degree]
+        i, j = (np.array(numbers) for numbers in zip(*pairs, strict=True))
+        along_r, along_angle = slope[i] * around[j], value[i] * turned[j] / r
+        return np.array(
+            [
+                value[i] * around[j],
+                along_r * np.cos(angle) - along_angle * np.sin(angle),
+                along_r * np.sin(angle) + along_angle * np.cos(angle),
+            ]
+        )
+
+
+def _polynomials(at: np.ndarray, degree: int, unit: float) -> tuple[np.ndarray, np.ndarray]:
+    """(degree + 1, points) Legendre polynomials and their slopes over `unit`."""
+    slopes = [legendre.legval(at, legendre.legder(row)) if row.size > 1 else 0 * at for row in np.eye(degree + 1)]
+    return legendre.legvander(at, degree).T, np.array(slopes) / unit
+
+
+class RoundClass:
+    """Matrices of one parity in z (1: u_z and φ odd, as driven), as `hidden_effects.body.ParityClass` has them."""
+
+    def __init__(self, body: RoundBody, sign: int) -> None:
+        self.driven = sign == 1
+        self._body, x_y = body, body.quadrature
+        self._plane = {parity: body.plane(x_y[0], x_y[1], parity) for parity in (1, -1)}
+        #: of u_x, u_y, u_z, φ: parity in y, and polynomials along z
+        self._parity = (1, -1, 1, 1)
+        self._nodes, self._weights = legendre.leggauss(body.layers + 4)
+        self._lines = [self._line(f, sign, self._nodes) for f in range(4)]
+        sizes = [self._plane[self._parity[f]].shape[1] * len(self._lines[f][0]) for f in range(4)]
+        self._starts = np.concatenate([[0], np.cumsum(sizes[:3])])
+        self.displacements, self.potentials = int(self._starts[-1]), sizes[3]
+        self.mass = sl.block_diag(*(body.density * self._product(f, -1, f, -1) for f in range(3)))
+        self.elastic = np.array([self._elastic(crystal.elastic(name, 2)) for name in crystal.ELASTIC])
+        self.coupling = np.array([self._coupling(crystal.coupling(name, 2)) for name in crystal.COUPLING])
+        self.dielectric = np.array([self._dielectric(crystal.dielectric(name, 2)) for name in crystal.DIELECTRIC])
+
+    def _line(self, f: int, sign: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values and slopes (n, points) along z of one field at 2z/t; f = 4 is the volt."""
+        half = self._body.thickness / 2
+        if f == 4:
+            return at[None] / 2, np.full((1, at.size), 0.5 / half)
+        odd = (f >= 2) == (sign > 0)
+        value, slope = _polynomials(at, self._body.layers + (f == 3), half)
+        if f == 3:  # (1 − ζ²) P vanishes on both electrodes
+            value, slope = (1 - at**2) * value, (1 - at**2) * slope - 2 * at / half * value
+        return value[int(odd) :: 2], slope[int(odd) :: 2]
+
+    def _functions(self, f: int) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+        """Plane functions (3, k, points) and lines along z of a field; 4 is the volt."""
+        if f == 4:
+            points = self._body.quadrature[0].size
+            flat = np.concatenate([np.ones((1, 1, points)), np.zeros((2, 1, points))])
+            return flat, self._line(4, 1, self._nodes)
+        return self._plane[self._parity[f]], self._lines[f]
+
+    def _product(self, f: int, a: int, g: int, b: int, profile: str = "") -> np.ndarray:
+        """∫ profile ∂_a f ∂_b g dV; −1: not differentiated."""
+        x, y, weights = self._body.quadrature
+        weights = weights * self._body.profiles.get(profile, lambda x, y: np.ones_like(x))(x, y)
+        (left, left_z), (right, right_z) = self._functions(f), self._functions(g)
+        plane = (left[a + 1 if a in (0, 1) else 0] * weights) @ right[b + 1 if b in (0, 1) else 0].T
+        along = (left_z[int(a == 2)] * self._weights * self._body.thickness / 2) @ right_z[int(b == 2)].T
+        return np.kron(plane, along)
+
+    def _block(self, f: int) -> slice:
+        return slice(self._starts[f], self._starts[f + 1])
+
+    def _elastic(self, c: np.ndarray) -> np.ndarray:
+        found = np.zeros((self.displacements,) * 2)
+        for row, column in zip(*np.nonzero(c), strict=True):
+            for f, a in VOIGT[row]:
+                for g, b in VOIGT[column]:
+                    found[self._block(f), self._block(g)] += c[row, column] * self._product(f, a, g, b, "c")
+        return found
+
+    def _coupling(self, e: np.ndarray) -> np.ndarray:
+        found = np.zeros((self.displacements, self.potentials + 1))
+        for k, column in zip(*np.nonzero(e), strict=True):
+            for f, a in VOIGT[column]:
+                found[self._block(f), :-1] += e[k, column] * self._product(f, a, 3, k, "e")
+                if self.driven:
+                    found[self._block(f), -1:] += e[k, column] * self._product(f, a, 4, k, "e")
+        return found
+
+    def _dielectric(self, eps: np.ndarray) -> np.ndarray:
+        found = np.zeros((self.potentials + 1,) * 2)
+        for k in np.flatnonzero(eps):
+            found[:-1, :-1] += eps[k] * self._product(3, k, 3, k)
+            if self.driven:
+                mixed = eps[k] * self._product(3, k, 4, k)
+                found[:-1, -1:] += mixed
+                found[-1:, :-1] += mixed.T
+                found[-1:, -1:] += eps[k] * self._product(4, k, 4, k)
+        return found
+
+    def factor(self, surface: RoundSurface) -> np.ndarray:
+        """B (n, g) with Σ weight |u|² = |Bᵗ u|² over the surface; the classes share columns."""
+        sign, columns = (1 if self.driven else -1), []
+        plane = {p: self._body.plane(surface.x, surface.y, p)[0] * np.sqrt(surface.weights) for p in (1, -1)}
+        for side in surface.faces:
+            for f in surface.directions:
+                line = self._line(f, sign, np.array([float(side)]))[0]
+                count = surface.x.size
+                block = np.zeros((self.displacements, count))
+                block[self._block(f)] = np.einsum("kp,zq->kzp", plane[self._parity[f]], line).reshape(-1, count)
+                columns.append(block)
+        return np.concatenate(columns, axis=1)
