@@ -12,7 +12,9 @@ from femu_piezo.effects.effect import EffectContext
 from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.effects.library import library
 from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.response import full_impedance
 from femu_piezo.geometry import catalogue
+from femu_piezo.geometry.slab import Electrodes
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
@@ -94,10 +96,18 @@ def unequal_films(one: Round) -> np.ndarray:
     return one.exact(one.body(), *sides)
 
 
+def gradient(one: Round) -> np.ndarray:
+    inner, outer = one.radii
+    middle = (1 + (inner / outer) ** 2) / 2
+    profiles = {"e": lambda x, y: 1 + 0.2 * ((x**2 + y**2) / outer**2 - middle)}
+    return one.exact(one.body(profiles=profiles))
+
+
 #: Case → parameters of the effect, how it is built, and the error allowed as a share of what it changes (rms).
 CASES = {
     "point_mass": ((4e-6, 4.2e-3, 1e-3), mass, 0.02),
     "point_mass, rim": ((2e-6, 5e-3, 0.8e-3), mass_at_the_rim, 0.02),
+    "poling_gradient": ((0.2,), gradient, 0.02),
     "mounting": ((3e6, 6.0, 5.4e-3), support, 0.02),
     "unequal_electrode_mass": ((0.6,), unequal_films, 0.03),
 }
@@ -113,3 +123,22 @@ def test_change_of_impedance_against_independent_solution(bodies, bare, name, ca
     assert size > 0.005
     print(f"{name} {case}: {error / size:.4f}")
     assert error < share * size, f"{error / size:.4f}"
+
+
+@pytest.mark.parametrize("name", RADII)
+def test_bare_rims_against_a_full_solution(bodies, name):
+    """The potential set free on a strip of the reduced body, and elements that are graded to the electrode's end."""
+    one, margin = bodies[name], 0.3e-3
+    frequency = one.frequency[::6]
+    make = (lambda **o: catalogue.disk(12e-3, THICKNESS, **o)) if name == "disk" else (
+        lambda **o: catalogue.ring(12e-3, 5e-3, THICKNESS, **o)
+    )
+    solved = []
+    for electrodes, accuracy in ((Electrodes(margin=margin), 1e-4), (Electrodes(), 1e-6)):
+        model = ElectroelasticModel(make(electrodes=electrodes).domain_for(accuracy, frequency[-1], 1900.0), DENSITY)
+        solved.append(full_impedance(model, PiezoConstants.from_vector(one.theta).to_e_form(), frequency))
+    exact = np.log(solved[0] / solved[1])
+    own = np.log(one.impedance("electrode_margin", (margin,)) / one.impedance())[::6]
+    error, size = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (own - exact, exact))
+    print(f"{name}: {error / size:.4f}")
+    assert error < 0.02 * size

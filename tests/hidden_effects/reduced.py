@@ -22,7 +22,7 @@ from hidden_effects.round_body import RoundBody, RoundClass, RoundSurface
 Part = ParityClass | RoundClass
 Theta = np.ndarray | Callable[[float], np.ndarray]
 #: Nodes of the interpolation over frequency, frequencies solved at once, unknowns from which Lanczos is the faster.
-_NODES, _BATCH, _MANY = 12, 32, 900
+_NODES, _BATCH, _MANY = 12, 32, 2500
 
 
 def _constants(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

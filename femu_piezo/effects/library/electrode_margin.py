@@ -1,4 +1,4 @@
-"""The electrodes of a thickness-poled plate end before the plate does: bare strips at both ends of both faces."""
+"""The electrodes of a thickness-poled body end before it does: bare strips at both ends of a plate, or along rims."""
 
 from __future__ import annotations
 
@@ -18,23 +18,26 @@ def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For thickness-poled plates with three mirror planes."""
-    if context.dimensions is None or context.poling != "thickness":
+    """For thickness-poled plates with three mirror planes, disks and rings."""
+    if context.mass is None or context.poling != "thickness":
         return ()
-    length = context.dimensions[0]
+    if context.radii is None:
+        size, where = context.dimensions[0], "both faces are bare at both ends"
+    else:
+        size, where = context.radii[1] - context.radii[0], "both faces are bare along their rims"
     return (
         Effect(
             name="electrode_margin",
-            sentence="the electrodes end before the plate does: both faces are bare at both ends",
+            sentence=f"the electrodes end before the body does: {where}",
             parameters=(
                 EffectParameter(
                     "margin",
                     "m",
                     0.0,
-                    WIDEST * length,
-                    0.01 * length,
-                    0.03 * length,
-                    starts=(0.005 * length, 0.02 * length, 0.06 * length),
+                    WIDEST * size,
+                    0.01 * size,
+                    0.03 * size,
+                    starts=(0.005 * size, 0.02 * size, 0.06 * size),
                     law_error=0.03,
                 ),
             ),

@@ -1,7 +1,11 @@
-"""The piezoelectric constants vary along the length: e → e [1 + g ξ + h (ξ² − 1/3)], ξ = 2x/L.
+"""The piezoelectric constants vary over the body, e → e [1 + …], so that their mean stays.
 
-The gradient g couples the driven modes to those that are odd about the middle, which a uniform plate cannot show. A
-real change of poling is curved as well: h, kept small by its prior, has no effect on the mean.
+    plate          g ξ + h (ξ² − 1/3), ξ = 2x/L
+    disk or ring   g (ρ² − ⟨ρ²⟩), ρ = r/R, the mean over the face
+
+Along a plate the gradient g couples the driven modes to those that are odd about the middle, which a uniform plate
+cannot show. A real change of poling is curved as well: h, kept small by its prior, has no effect on the mean. Along a
+radius g drives the radial modes otherwise, in first order and with its sign.
 """
 
 from __future__ import annotations
@@ -12,7 +16,7 @@ from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, Lo
 from femu_piezo.effects.local.operators import PIEZOELECTRIC, Places
 
 
-def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
+def _along(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
     one = np.ones(omega.shape, dtype=complex)
     return [
         LocalTerm("stiffness", matrix, value * one, unit * one[:, None], constant)
@@ -21,24 +25,37 @@ def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
     ]
 
 
+def _radial(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
+    one = np.ones(omega.shape, dtype=complex)
+    profile = zip(PIEZOELECTRIC, places.radial_ramp[...], strict=True)
+    return [LocalTerm("stiffness", matrix, p[0] * one, one[:, None], constant) for constant, matrix in profile]
+
+
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For plates with three mirror planes; the sign of g cannot be told, so it is taken as positive."""
-    if context.dimensions is None:
+    """For plates with three mirror planes, whose sign of g cannot be told and is taken as positive; disks and rings."""
+    if context.mass is None:
         return ()
+    if context.radii is None:
+        along, low, local, sectors = "the length", 0.0, _along, ("ramp", "x", "x ramp")
+        curved = (EffectParameter("curvature", "1", -0.5, 0.5, 0.02, 0.05, optional=True),)
+        advice = (
+            "measure d33 at both ends with a d33 meter",
+            "split one electrode across the length and compare the halves",
+        )
+    else:
+        along, low, local, sectors, curved = "the radius", -0.95, _radial, (), ()
+        advice = ("measure d33 at the middle and near the rim with a d33 meter",)
     return (
         Effect(
             name="poling_gradient",
-            sentence="the poling changes along the length: modes without charge in a uniform plate are driven",
+            sentence=f"the poling changes along {along}: modes are driven otherwise than in a uniform body",
             parameters=(
-                EffectParameter("gradient", "1", 0.0, 0.95, 0.1, 0.3, starts=(0.05, 0.2, 0.5)),
-                EffectParameter("curvature", "1", -0.5, 0.5, 0.02, 0.05, optional=True),
+                EffectParameter("gradient", "1", low, 0.95, 0.1, 0.3, starts=(0.05, 0.2, 0.5) if low == 0 else ()),
+                *curved,
             ),
             confusable_with=("local_crack", "point_mass"),
-            advice=(
-                "measure d33 at both ends with a d33 meter",
-                "split one electrode across the length and compare the halves",
-            ),
-            local=_terms,
-            sectors=("ramp", "x", "x ramp"),
+            advice=advice,
+            local=local,
+            sectors=sectors,
         ),
     )

@@ -1,42 +1,50 @@
-"""Bare strips at the two ends of a thickness-poled plate: what freeing the potential there does to the reduced plate.
+"""Bare strips at the edges of electrodes: what freeing the potential there does to a reduced body.
 
-A base field x leaves the charge R x on the strip, where its potential was held. Set free, the potential moves by
-ψ = −G R x with the local compliance G of the end region, and the operator by
+A base field x leaves the charge R x on a strip where its potential was held. Let ψ be the static answers of the region
+at the edge to the few patterns of such charges, less the base fields that have their momentum, so that no inertia joins
+them to those. With K the operator the amplitudes a = −(ψᵗKψ)^-1 ψᵗK x make
 
-    S(m) = −Rᵗ G R = Rᵗψ + ψᵗR + ψᵗKψ    per base field.
+    S(m) = xᵗKψ a + (…)ᵗ + aᵗψᵗKψ a    per base field
 
-The last form is stationary in ψ, so its parts per unit constant are exact derivatives of S; and since S is homogeneous
-of degree one in the constants, it is the sum of constant times derivative. G
-comes from a mesh of the end region alone, graded to the edge of the electrode at L/2 − m, where the field is singular;
-inertia plays no part over such lengths. S starts as m² and is interpolated between a few strips.
+stationary, so its parts per unit constant are exact derivatives of S; and since S is homogeneous of degree one in the
+constants, it is the sum of constant times derivative. The mesh of the region is graded to the end of the electrode, m
+from the edge, where the field is singular; the inertia of ψ itself is left out. S starts as m² and is interpolated
+between a few strips. They lie at both ends of a plate or along the rims of a disk or ring.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
+import scipy.sparse as sp
 import skfem
 from scipy.interpolate import BarycentricInterpolator
 
 from femu_piezo.effects.local.blocks import Blocks
+from femu_piezo.effects.local.round_fields import RoundFields
 from femu_piezo.effects.local.sectors import Sectors
 from femu_piezo.forward.box_interpolation import interpolation
-from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products
+from femu_piezo.forward.gradient_products import FIELDS, GradientProducts, assemble_gradient_products
 from femu_piezo.forward.linear_solver import factorize
 from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
+from femu_piezo.forward.revolution import Line, Section
 from femu_piezo.material.constants import ElasticForm
 from femu_piezo.threads import in_parallel
 
-#: Widest strip as a share of the plate's length, and where S is computed, as shares of that.
+#: Widest strip as a share of the length of a plate or of the way across a ring, and shares of that where S is computed.
 WIDEST = 0.1
 _NODES = np.array([0.06, 0.22, 0.45, 0.72, 1.0])
 #: Reach of the end region beyond the strip, in thicknesses; elements over width and half thickness.
 _REACH, _ACROSS, _DEEP = 2.5, 2, 4
 #: Growth of element lengths away from the electrode's edge, and the smallest, in half thicknesses.
 _GROWTH, _SMALLEST = 1.7, 0.01
-#: Share of the largest pattern of charge on a strip below which one is rounding.
-_ROUNDING = 1e-9
+#: Order of the elements of the region.
+_ORDER = 2
+#: Share of the largest pattern of charge on a strip below which one is left out, and of momenta that are rounding.
+_FAINT, _ROUNDING = 1e-6, 1e-9
 
 
 @dataclass(frozen=True)
@@ -66,83 +74,193 @@ class BareEnds:
         return BareEnds(self.widths, self.matrices.among(numbers, size))
 
 
-def measure_bare_ends(model: ElectroelasticModel, driven: Sectors, constants: ElasticForm) -> BareEnds:
+class _Forms(Protocol):
+    """Forms on fields (4n, k) of a region."""
+
+    mass: sp.spmatrix
+
+    def stiffness(self, tensor: np.ndarray) -> sp.csr_matrix:
+        """(4n, 4n) of an extended tensor."""
+
+    def between(self, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
+        """(n, k, l) of extended tensors."""
+
+    def within(self, fields: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
+        """(n, k, k), likewise."""
+
+
+class _BoxForms:
+    """On a box."""
+
+    def __init__(self, products: GradientProducts, density: float) -> None:
+        self._products = products
+        self.stiffness, self.mass = self._products.stiffness, self._products.mass_matrix(density)
+
+    def between(self, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
+        fields = [one.reshape(FIELDS, self._products.size, -1) for one in (left, right)]
+        return self._products.between(*fields, tensors)
+
+    def within(self, fields: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
+        return self._products.within(fields.reshape(FIELDS, self._products.size, -1), tensors)
+
+
+@dataclass(frozen=True)
+class _Base:
+    """Base fields of the body: its displacement unknowns and the hot potential, inner potentials following them.
+
+    What the inner potentials do for a strip, ψ does.
+
+    Attributes
+    ----------
+    kept : (k,) number of each among all unknowns
+    fields : (4n, k)
+    momenta : (k − 1, k − 1) ∫ ρ u·v of the displacements
+    bulk : (10, k, k) forms of the unit constants
+    constants : (10,) e-form, real;  units : their extended tensors
+    """
+
+    kept: np.ndarray
+    fields: np.ndarray
+    momenta: np.ndarray
+    bulk: np.ndarray
+    constants: np.ndarray
+    units: np.ndarray
+
+    @classmethod
+    def of(cls, displacements: int, fields: np.ndarray, forms: _Forms, constants: ElasticForm, units) -> _Base:
+        """Of all unknowns' fields (4n, r): displacements, inner potentials, hot potential."""
+        values, size = constants.vector().real, fields.shape[1]
+        matrix = np.tensordot(values, forms.within(fields, units), axes=1)
+        inner, kept = np.arange(displacements, size - 1), np.append(np.arange(displacements), size - 1)
+        follow = -np.linalg.solve(matrix[np.ix_(inner, inner)], matrix[np.ix_(inner, kept)])
+        own = fields[:, kept] + fields[:, inner] @ follow
+        momenta = own[:, :-1].T @ (forms.mass @ own[:, :-1])
+        return cls(kept, own, momenta, forms.within(own, units), values, units)
+
+
+def measure_bare_ends(sectors: Sectors) -> BareEnds:
     """S of strips up to a tenth of the length of a plate whose electrodes are on the large faces.
 
-    driven : the driven sector alone
-    constants : lossless reference
+    sectors : the driven one alone
     """
-    fields, kept = _condensed(model, driven.all_fields.fields(driven.names), driven.displacements, constants)
+    model, constants = sectors.all_fields.model, sectors.all_fields.constants
+    fields = sectors.all_fields.fields(sectors.names).reshape(-1, sectors.size)
+    forms = _BoxForms(model.products, model.density)
+    base = _Base.of(sectors.displacements, fields, forms, constants, model.unit_tensors)
     widths = _NODES * WIDEST * 2 * model.domain.mesh.p[0].max()
-    inner = np.array(list(in_parallel(lambda width: _freed(model, fields, constants, float(width)), widths)))
-    return BareEnds(widths, Blocks(inner, kept, driven.size))
+    return _measured(sectors, base, widths, lambda width: _bare_end(model, base, width))
 
 
-def _condensed(
-    model: ElectroelasticModel, fields: np.ndarray, displacements: int, constants: ElasticForm
-) -> tuple[np.ndarray, np.ndarray]:
-    """Fields (4, n, k) of the displacement unknowns and of the hot potential, inner potentials following them.
+def measure_bare_rims(sectors: Sectors) -> BareEnds:
+    """S of strips along the rims of a disk or ring, all of one width, up to a tenth of the way across.
 
-    Also the numbers (k,) of these unknowns. What the inner potentials do for a strip, ψ does.
+    sectors : the driven one alone
     """
-    size = fields.shape[2]
-    (matrix,) = model.products.within(fields, [np.tensordot(constants.vector().real, model.unit_tensors, axes=1)])
-    inner, kept = np.arange(displacements, size - 1), np.append(np.arange(displacements), size - 1)
-    follow = -np.linalg.solve(matrix[np.ix_(inner, inner)], matrix[np.ix_(inner, kept)])
-    return fields[:, :, kept] + fields[:, :, inner] @ follow, kept
+    fields: RoundFields = sectors.all_fields
+    inner, outer = fields.model.domain.radii
+    order, units = fields.section.order(0), fields.model.unit_tensors
+    base = _Base.of(sectors.displacements, fields.on_section, order, fields.constants, units)
+    return _measured(sectors, base, _NODES * WIDEST * (outer - inner), lambda width: _bare_rims(fields, base, width))
 
 
-def _freed(model: ElectroelasticModel, fields: np.ndarray, constants: ElasticForm, width: float) -> np.ndarray:
-    """∂S/∂c (10, k, k) of one strip on fields (4, n, k)."""
+def _measured(
+    sectors: Sectors, base: _Base, widths: np.ndarray, freed: Callable[[float], np.ndarray]
+) -> BareEnds:
+    inner = np.array(list(in_parallel(freed, widths.tolist())))
+    return BareEnds(widths, Blocks(inner, base.kept, sectors.size))
+
+
+def _bare_end(model: ElectroelasticModel, base: _Base, width: float) -> np.ndarray:
+    """∂S/∂c (10, k, k) of the strip at one end of a plate."""
     length, breadth, height = model.domain.mesh.p.max(axis=1)
     start = max(0.0, length - width - 2 * _REACH * height)
     lines = (
         _graded(start, length - width, length, height),
         np.linspace(0.0, breadth, _ACROSS + 1),
-        height * (1 - np.linspace(1.0, 0.0, _DEEP + 1) ** 2),
+        _deep(height),
     )
     basis = skfem.Basis(skfem.MeshHex.init_tensor(*lines), skfem.ElementHex2(), intorder=4)
     x, y, z = basis.doflocs
-    n = basis.N
-    products = assemble_gradient_products(basis)
-    operator = products.stiffness(np.tensordot(constants.vector().real, model.unit_tensors, axes=1))
     top = np.isclose(z, height, rtol=0, atol=1e-9 * height)
-    strip = np.flatnonzero(top & (x > length - width + 1e-9 * length))
-    held = np.zeros((FIELDS, n), dtype=bool)
+    held = np.zeros((FIELDS, basis.N), dtype=bool)
     held[:, np.isclose(x, start, rtol=0, atol=1e-9 * length) & (start > 0)] = True
     held[0, x == 0] = True
     held[1, y == 0] = True
     held[2:, z == 0] = True
     held[3, top] = True
+    strip = np.flatnonzero(top & (x > length - width + 1e-9 * length))
+    probe = interpolation(model, basis.doflocs)
+    interpolated = np.concatenate([probe @ part for part in np.split(base.fields, FIELDS)])
+    return _freed(_BoxForms(assemble_gradient_products(basis), model.density), held, strip, interpolated, base)
+
+
+def _bare_rims(fields: RoundFields, base: _Base, width: float) -> np.ndarray:
+    """∂S/∂c (10, k, k) of the strips along the rims: the region at that of a disk, or all of a ring."""
+    whole, (inner, outer) = fields.section, fields.model.domain.radii
+    height, ring = whole.axial.ends[-1], inner > 0
+    start = (inner + outer) / 2 if ring else max(0.0, outer - width - 2 * _REACH * height)
+    ends = _graded(start, outer - width, outer, height)
+    if ring:
+        ends = np.concatenate([2 * start - ends[:0:-1], ends])
+    section = Section(Line(ends, _ORDER), Line(_deep(height), _ORDER), whole.density)
+    lines = ((whole.radial, section.radial), (whole.axial, section.axial))
+    probe = sp.kron(*(of.shapes(at.places)[0] for of, at in lines), format="csr")
+    interpolated = np.concatenate([probe @ part for part in np.split(base.fields, FIELDS)])
+    r, z = (part.ravel() for part in np.meshgrid(section.radial.places, section.axial.places, indexing="ij"))
+    top, near = z > height * (1 - 1e-9), 1e-9 * outer
+    held = np.zeros((FIELDS, r.size), dtype=bool)
+    held[:, (r < start + near) & (not ring) & (start > 0)] = True
+    held[0, r == 0] = True
+    held[1] = True
+    held[2:, z == 0] = True
+    held[3, top] = True
+    strip = np.flatnonzero(top & ((r > outer - width + near) | (ring & (r < inner + width - near))))
+    return _freed(section.order(0), held, strip, interpolated, base)
+
+
+def _freed(
+    forms: _Forms, held: np.ndarray, strip: np.ndarray, interpolated: np.ndarray, base: _Base
+) -> np.ndarray:
+    """∂S/∂c (10, k, k) of a region with one strip.
+
+    Parameters
+    ----------
+    held : (4, n) what is zero in the region while the electrode is whole;  strip : nodes that are freed
+    interpolated : (4n, k) base fields in the region
+    """
+    n = held.shape[1]
     held[3, strip] = False
     free = np.flatnonzero(~held.ravel())
     scale = np.where(free >= 3 * n, POTENTIAL_SCALE, 1.0)
-    local = operator[free][:, free].multiply(scale).T.multiply(scale).tocsr()
-    probe = interpolation(model, basis.doflocs)
-    interpolated = np.concatenate([probe @ part for part in fields])
+    operator = forms.stiffness(np.tensordot(base.constants, base.units, axes=1))
     rows = 3 * n + strip
-    patterns, along = _patterns(operator[rows] @ interpolated)
+    patterns = _patterns(operator[rows] @ interpolated)
     right = np.zeros((free.size, patterns.shape[1]))
     right[np.searchsorted(free, rows)] = patterns * POTENTIAL_SCALE
-    factor = factorize(local)
-    held_out = products.mass_matrix(model.density)[free] @ interpolated[:, :-1]
-    image = factor.solve(held_out)
-    response = factor.solve(right)
-    response -= image @ np.linalg.lstsq(held_out.T @ image, held_out.T @ response, rcond=1e-10)[0]
-    moved = np.zeros((interpolated.shape[0], response.shape[1]))
-    moved[free] = -scale[:, None] * response
-    moved, interpolated = moved.reshape(FIELDS, n, -1), interpolated.reshape(FIELDS, n, -1)
-    freed = np.zeros_like(moved)
-    freed[3, strip] = moved[3, strip]
-    crossed = along.T @ products.between(freed, interpolated, model.unit_tensors, strip)
-    return crossed + crossed.transpose(0, 2, 1) + along.T @ products.within(moved, model.unit_tensors) @ along
+    answers = np.zeros((interpolated.shape[0], patterns.shape[1]))
+    local = operator[free][:, free].multiply(scale).T.multiply(scale).tocsr()
+    answers[free] = scale[:, None] * factorize(local).solve(right)
+    # less the base fields that have their momentum
+    momentum = interpolated[:, :-1].T @ (forms.mass @ answers)
+    share = np.vstack([np.linalg.lstsq(base.momenta, momentum, rcond=_ROUNDING)[0], np.zeros(patterns.shape[1])])
+    between = forms.between(interpolated, answers, base.units)
+    own = forms.within(answers, base.units) - share.T @ between - between.transpose(0, 2, 1) @ share
+    own, crossed = own + share.T @ base.bulk @ share, between - base.bulk @ share
+    whole, joined = (np.tensordot(base.constants, part, axes=1) for part in (own, crossed))
+    amplitudes = -np.linalg.solve(whole, joined.T)
+    found = crossed @ amplitudes
+    return found + found.transpose(0, 2, 1) + amplitudes.T @ own @ amplitudes
 
 
-def _patterns(charges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The few patterns P (n, r) that smooth fields leave on a strip, and C (r, k): P C = charges (n, k)."""
-    left, singular, right = np.linalg.svd(charges, full_matrices=False)
-    few = singular > _ROUNDING * singular[0]
-    return left[:, few], singular[few, None] * right[few]
+def _patterns(charges: np.ndarray) -> np.ndarray:
+    """(n, r) the few patterns that smooth fields leave on a strip, of charges (n, k)."""
+    left, singular, _ = np.linalg.svd(charges, full_matrices=False)
+    return left[:, singular > _FAINT * singular[0]]
+
+
+def _deep(height: float) -> np.ndarray:
+    """Lines along z, finest at the face."""
+    return height * (1 - np.linspace(1.0, 0.0, _DEEP + 1) ** 2)
 
 
 def _graded(start: float, edge: float, end: float, height: float) -> np.ndarray:

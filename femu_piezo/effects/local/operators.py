@@ -17,8 +17,9 @@ import numpy as np
 
 from femu_piezo.effects.local.blocks import Blocks
 from femu_piezo.effects.local.box_fields import SLICES, Flipped
-from femu_piezo.effects.local.end_strips import BareEnds, measure_bare_ends
+from femu_piezo.effects.local.end_strips import BareEnds, measure_bare_ends, measure_bare_rims
 from femu_piezo.effects.local.faces import Face
+from femu_piezo.effects.local.round_fields import RoundFields
 from femu_piezo.effects.local.sectors import DRIVEN, SPOT, Sectors
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.threads import Once
@@ -113,8 +114,13 @@ class Places:
         return self._made(_ramp, lambda flipped, name: not name.endswith(SLICES))
 
     @cached_property
+    def radial_ramp(self) -> Blocks:
+        """[3] (r, r) per unit of e31 e33 e15 of a disk or ring, weighted by (r/R)² less its mean over the face."""
+        return self._made(_radial_ramp, lambda flipped, name: name == DRIVEN)
+
+    @cached_property
     def bare_ends(self) -> BareEnds:
-        """Bare strips at both ends of a thickness-poled plate."""
+        """Bare strips at both ends of a thickness-poled plate, or along the rims of a disk or ring."""
         return self._made(_bare_ends, lambda flipped, name: name == DRIVEN)
 
     @cached_property
@@ -165,7 +171,7 @@ def lateral_tensor(whole: np.ndarray) -> np.ndarray:
 
 
 def _bare_ends(sectors: Sectors) -> BareEnds:
-    return measure_bare_ends(sectors.all_fields.weighted.model, sectors, sectors.all_fields.constants)
+    return (measure_bare_rims if isinstance(sectors.all_fields, RoundFields) else measure_bare_ends)(sectors)
 
 
 def _ramp(sectors: Sectors) -> Blocks:
@@ -187,6 +193,16 @@ def _ramp(sectors: Sectors) -> Blocks:
                 _put(found[0], across, own, sectors.numbers(partner))
     few = np.sort(np.concatenate([np.zeros(0, dtype=int), *concerned]))
     return Blocks(np.ascontiguousarray(found[(..., *np.ix_(few, few))]), few, size)
+
+
+def _radial_ramp(sectors: Sectors) -> Blocks:
+    """On the driven fields alone: what varies along the radius leaves a body of revolution."""
+    fields: RoundFields = sectors.all_fields
+    inner, outer = fields.model.domain.radii
+    order, units = fields.section.order(0), fields.model.unit_tensors[PIEZOELECTRIC.start : PIEZOELECTRIC.stop]
+    weight = (order.radii / outer) ** 2 - (1 + (inner / outer) ** 2) / 2
+    found = order.within(fields.on_section, units, weight)
+    return Blocks(found, np.arange(sectors.size), sectors.size)
 
 
 def _put(found: np.ndarray, block: np.ndarray, rows: np.ndarray, columns: np.ndarray | None = None) -> None:

@@ -55,6 +55,10 @@ class RoundFields(Fields):
     model : of the eighth;  reduced : its driven class
     constants : further sectors belong to them, lossless
     wanted : the sectors that effects may ask for
+
+    Attributes
+    ----------
+    constants : the lossless reference in the e-form
     """
 
     def __init__(
@@ -64,7 +68,8 @@ class RoundFields(Fields):
         self._top, self._once = (2 * np.pi * reduced.band_Hz) ** 2, Once()
         wanted = set(wanted)
         self.names = (DRIVEN, SPOT, *(name for name in (FILM, BENDING, AROUND) if name in wanted))
-        self._tensor = np.tensordot(self.reference.to_e_form().vector().real, model.unit_tensors, axes=1)
+        self.constants = self.reference.to_e_form()
+        self._tensor = np.tensordot(self.constants.vector().real, model.unit_tensors, axes=1)
 
     @cached_property
     def section(self) -> Section:
@@ -97,7 +102,7 @@ class RoundFields(Fields):
         if FILM not in names:
             return found
         order, own = self._order(0), self._film_response
-        return self._with_film(found, order.between(self._on_section, own, tensors), order.within(own, tensors))
+        return self._with_film(found, order.between(self.on_section, own, tensors), order.within(own, tensors))
 
     def extra(self, names: tuple[str, ...], term: ExtraTerm) -> np.ndarray:
         """(k, k) a further term; one that is known on a mesh alone acts on driven fields alone."""
@@ -113,7 +118,7 @@ class RoundFields(Fields):
         if FILM not in names:
             return found
         order, own = self._order(0), self._film_response
-        crossed, inner = between(order, self._on_section, own), between(order, own, own)
+        crossed, inner = between(order, self.on_section, own), between(order, own, own)
         return self._with_film(found[None], crossed[None], inner[None])[0]
 
     def _with_film(self, driven: np.ndarray, crossed: np.ndarray, own: np.ndarray) -> np.ndarray:
@@ -160,7 +165,7 @@ class RoundFields(Fields):
         if name == SPOT:
             return [_Modes(0, False, np.zeros((FIELDS * self.section.size, 3)))]
         if name == DRIVEN:
-            return [_Modes(0, False, self._on_section[:, : self.reduced.displacements])]
+            return [_Modes(0, False, self.on_section[:, : self.reduced.displacements])]
         return self._modes(name)
 
     @cached_property
@@ -198,7 +203,7 @@ class RoundFields(Fields):
         return found + inside @ electrostatic.solve(inside.T @ (stiffness @ found))
 
     @cached_property
-    def _on_section(self) -> np.ndarray:
+    def on_section(self) -> np.ndarray:
         """(4n, r) part of order 0 of the driven unknowns on the section: what of the mesh is not round averages out."""
         radial, turn, axial, here = self._polar_nodes
         cosine, sine = np.cos(turn.places), np.sin(turn.places)
