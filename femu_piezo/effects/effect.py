@@ -48,11 +48,13 @@ class Reached(Protocol):
     """What an acquisition acts on: Z as it is inside of it, at any frequencies."""
 
     def __call__(
-        self, omega: np.ndarray, *beside: tuple[Effect, np.ndarray], slopes: bool = True
+        self, omega: np.ndarray, *beside: tuple[Effect, np.ndarray], slopes: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Z (k,) and ∂Z/∂x (k, n_x) at frequencies (k,) rad/s, with further effects at given values beside.
+        """Z (k,) and ∂Z/∂x (slopes, n_x) at frequencies (k,) rad/s, with further effects at given values beside.
 
-        slopes : whether they are wanted; else (k, 0)
+        What costs most is asking again for another body, so many frequencies go into one call.
+
+        slopes : how many of the frequencies, the first ones, these are wanted at; all where None
         """
 
 

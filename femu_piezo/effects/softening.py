@@ -34,16 +34,18 @@ COUPLING = Effect(
 
 
 def softened(
-    inside: Reached, omega: np.ndarray, here: tuple[np.ndarray, np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """dZ/dw at w = 1 (k,) of compliances s w², and its slopes (k, n_x): Z + ω ∂Z/∂ω − d ∂Z/∂d.
+    inside: Reached, omega: np.ndarray
+) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Z (k,) at frequencies (k,) rad/s, and dZ/dw at w = 1 of compliances s w²: Z + ω ∂Z/∂ω − d ∂Z/∂d.
 
-    here : what `inside` gives at the frequencies (k,), rad/s
+    Each with its slopes (k, n_x).
     """
-    ahead, behind = (inside(omega * (1 + sign * _STEP)) for sign in (1, -1))
-    more, less = (inside(omega, (COUPLING, np.array([sign * _SIDE]))) for sign in (1, -1))
-    value, slopes = (
-        here[part] + (ahead[part] - behind[part]) / (2 * _STEP) - (more[part] - less[part]) / (2 * _SIDE)
-        for part in (0, 1)
-    )
-    return value, slopes
+    near = inside(np.concatenate([omega, omega * (1 + _STEP), omega * (1 - _STEP)]))
+    sides = [inside(omega, (COUPLING, np.array([sign * _SIDE]))) for sign in (1, -1)]
+    here, along = [], []
+    for part in (0, 1):
+        own, ahead, behind = np.split(near[part], 3)
+        more, less = (side[part] for side in sides)
+        here.append(own)
+        along.append(own + (ahead - behind) / (2 * _STEP) - (more - less) / (2 * _SIDE))
+    return (here[0], here[1]), (along[0], along[1])

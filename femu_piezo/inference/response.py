@@ -57,41 +57,39 @@ class Evaluation:
 
     def with_jacobian(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Z (k,) and ∂Z/∂x (k, n_x), ohm."""
-        return self._reached(parameters, x, active_effects(parameters, x))
+        return self._reached(parameters, x, active_effects(parameters, x), self.omega.size)
 
     def _reached(
-        self, parameters: Unknowns, x: np.ndarray, active: list[Active], wanted: bool = True
+        self, parameters: Unknowns, x: np.ndarray, active: list[Active], wanted: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Z and its tangents with the effects of a list, in its order; no tangents (k, 0) where none are wanted."""
+        """Z (k,) and its tangents (wanted, n_x) at the first frequencies, with the effects of a list in its order."""
         last = max((n for n, item in enumerate(active) if item.effect.acquisition is not None), default=None)
         if last is None:
             return self._through_circuits(active, *self._body(parameters, x, active, wanted))
 
-        def inside(omega: np.ndarray, *beside: tuple[Effect, np.ndarray], slopes: bool = True):
-            more = [Active(effect, values, None) for effect, values in beside]
-            own = [*active[:last], *more] if slopes and wanted else _frozen([*active[:last], *more])
+        def inside(omega: np.ndarray, *beside: tuple[Effect, np.ndarray], slopes: int | None = None):
+            own = [*active[:last], *(Active(effect, values, None) for effect, values in beside)]
             own = sorted(own, key=lambda item: item.effect.place)
-            return replace(self, omega=omega)._reached(parameters, x, own, slopes and wanted)
+            return replace(self, omega=omega)._reached(parameters, x, own, omega.size if slopes is None else slopes)
 
-        item = active[last] if wanted else _frozen(active[last : last + 1])[0]
+        item = active[last]
         z, tangents, own = item.effect.acquisition(inside, self.omega, item.values)
-        item.put(tangents, own)
+        tangents = tangents[:wanted]
+        item.put(tangents, own[:wanted])
         return self._through_circuits(active[last + 1 :], z, tangents)
 
     def _body(
-        self, parameters: Unknowns, x: np.ndarray, active: list[Active], wanted: bool
+        self, parameters: Unknowns, x: np.ndarray, active: list[Active], wanted: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Z and its tangents of the body itself."""
+        """Z (k,) of the body itself, and its tangents (wanted, n_x)."""
         model = self.model.restricted([name for item in active for name in item.effect.sectors])
         with blas_limit():
             if any(item.effect.dispersive for item in active):
                 nodes, weights = _nodes(self.omega)
-                c = _wanted(collect(model, parameters, x, active, nodes), wanted)
-                y, slopes = _solved(model, self.omega, c, weights)
+                y, slopes = _solved(model, self.omega, collect(model, parameters, x, active, nodes), weights, wanted)
             else:
-                c = _wanted(collect(model, parameters, x, active, self.omega[:1]), wanted)
-                y, slopes = _closed(model, self.omega, c)
-        return 1 / y, -slopes / y[:, None] ** 2
+                y, slopes = _closed(model, self.omega, collect(model, parameters, x, active, self.omega[:1]), wanted)
+        return 1 / y, -slopes / y[:wanted, None] ** 2
 
     def modal(self, parameters: Unknowns, x: np.ndarray) -> ModalModel:
         """Closed forms of the body at x (n_x,), circuits apart; laws over frequency as in the middle of the sweep."""
@@ -112,12 +110,13 @@ class Evaluation:
         return impedance
 
     def _through_circuits(self, active: list[Active], z: np.ndarray, tangents: np.ndarray):
-        """Z and its tangents (k, n) at the terminals, of Z and tangents of the body."""
+        """Z (k,) and its tangents (m, n) at the terminals, of those of the body."""
+        wanted = len(tangents)
         for item in active:
             if item.effect.circuit is not None:
                 z, ratio, own = item.effect.circuit(self.omega, z, item.values)
-                tangents = tangents * ratio[:, None]
-                item.put(tangents, own)
+                tangents = tangents * ratio[:wanted, None]
+                item.put(tangents, own[:wanted])
         return z, tangents
 
     def slopes_at_sites(self, parameters: Unknowns, x: np.ndarray, effect: Effect) -> np.ndarray:
@@ -144,13 +143,6 @@ def _frozen(active: list[Active]) -> list[Active]:
     return [replace(item, columns=None) for item in active]
 
 
-def _wanted(c: Coefficients, slopes: bool) -> Coefficients:
-    """The same, without tangents where they are not wanted."""
-    if slopes:
-        return c
-    return replace(c, stiffness_tangents=c.stiffness_tangents[:, :, :0], inertia_tangents=c.inertia_tangents[:, :, :0])
-
-
 def _site_slope(model, effect: Effect, site: np.ndarray, omega, span, e_form) -> np.ndarray:
     """xᵗ (∂A/∂size) x (k,) with the driven states x = basis · weights, the two of `span`."""
     basis, weights = span
@@ -166,10 +158,14 @@ def _site_slope(model, effect: Effect, site: np.ndarray, omega, span, e_form) ->
     return total
 
 
-def _closed(model: ExtendedModel, omega: np.ndarray, c: Coefficients) -> tuple[np.ndarray, np.ndarray]:
-    """Y by partial fractions, ∂Y/∂x from the driven state; coefficients (1, …)."""
+def _closed(
+    model: ExtendedModel, omega: np.ndarray, c: Coefficients, wanted: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Y (k,) by partial fractions, ∂Y/∂x (wanted, n_x) from the driven state; coefficients (1, …)."""
     modal = _modal(model, c)
-    y = modal.admittance(omega)
+    y, omega = modal.admittance(omega), omega[:wanted]
+    if not wanted:
+        return y, np.zeros((0, c.stiffness_tangents.shape[2]), dtype=complex)
     basis, weights = _driven_span(modal, omega)
     move = _along(c.terms, c.stiffness_tangents[0], basis, weights)
     moving = np.flatnonzero(np.any(c.inertia_tangents[0] != 0, axis=0))
@@ -239,24 +235,24 @@ def _modal(model: ExtendedModel, c: Coefficients) -> ModalModel:
 
 
 def _solved(
-    model: ExtendedModel, sweep: np.ndarray, c: Coefficients, weights: np.ndarray
+    model: ExtendedModel, sweep: np.ndarray, c: Coefficients, weights: np.ndarray, wanted: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Y and ∂Y/∂x by one dense solve per frequency; weights (k, nodes) interpolate the coefficients."""
+    """Y (k,) and ∂Y/∂x (wanted, n_x) by one dense solve per frequency; weights (k, nodes) interpolate coefficients."""
     system = _System(c.terms, np.array(c.masses), model.displacements, c, weights)
     if system.displacements > _WORTHWHILE * _SAMPLES:
         system = system.on_states_of(sweep, np.unique(np.linspace(0, sweep.size - 1, _SAMPLES).astype(int)))
     y = np.empty(sweep.size, dtype=complex)
-    slopes = np.empty((sweep.size, c.stiffness_tangents.shape[2]), dtype=complex)
+    slopes = np.empty((wanted, c.stiffness_tangents.shape[2]), dtype=complex)
     for part in np.array_split(np.arange(sweep.size), max(1, sweep.size // _BATCH)):
         state, charge = system.states(sweep, part)
-        w, omega = weights[part], sweep[part]
+        y[part] = 1j * sweep[part] * model.admittance_factor * charge
+        part = part[part < wanted]
+        state, w, omega = state[: part.size], weights[part], sweep[part]
         along = _quadratic(system.terms, state)  # (part, n_terms)
         move = np.einsum("kt,kn,ntx->kx", along, w, c.stiffness_tangents, optimize=True)
         heavy = _quadratic(system.masses, state[:, : system.displacements])
         move -= omega[:, None] ** 2 * np.einsum("kj,kn,njx->kx", heavy, w, c.inertia_tangents, optimize=True)
-        factor = 1j * omega * model.admittance_factor
-        y[part] = factor * charge
-        slopes[part] = -factor[:, None] * move
+        slopes[part] = -1j * omega[:, None] * model.admittance_factor * move
     return y, slopes
 
 

@@ -230,12 +230,17 @@ class RoundClass:
     def factor(self, surface: RoundSurface) -> np.ndarray:
         """B (n, g) with Σ weight |u|² = |Bᵗ u|² over the surface; the classes share columns."""
         sign, columns = (1 if self.driven else -1), []
-        plane = {p: self._body.plane(surface.x, surface.y, p)[0] * np.sqrt(surface.weights) for p in (1, -1)}
+        plane = {p: _few(self._body.plane(surface.x, surface.y, p)[0] * np.sqrt(surface.weights)) for p in (1, -1)}
         for side in surface.faces:
             for f in surface.directions:
                 line = self._line(f, sign, np.array([float(side)]))[0]
-                count = surface.x.size
-                block = np.zeros((self.displacements, count))
-                block[self._block(f)] = np.einsum("kp,zq->kzp", plane[self._parity[f]], line).reshape(-1, count)
+                own = plane[self._parity[f]]
+                block = np.zeros((self.displacements, own.shape[1]))
+                block[self._block(f)] = np.einsum("kp,zq->kzp", own, line).reshape(-1, own.shape[1])
                 columns.append(block)
         return np.concatenate(columns, axis=1)
+
+
+def _few(plane: np.ndarray) -> np.ndarray:
+    """B (k, g) with the same B Bᵗ and no more columns than rows."""
+    return plane if plane.shape[1] <= plane.shape[0] else np.linalg.qr(plane.T, mode="r").T

@@ -48,8 +48,7 @@ def _hook(drive: float) -> AcquisitionHook:
 
 
 def _leaning(inside: Reached, omega: np.ndarray, p: np.ndarray):
-    z, slopes = inside(omega)
-    along, along_slopes = softened(inside, omega, (z, slopes))
+    (z, slopes), (along, along_slopes) = softened(inside, omega)
     top = int(np.argmin(np.abs(z)))
     unit, unit_slopes = np.abs(z[top]) ** 2, 2 * (np.conj(z[top]) * slopes[top]).real  # 1/max |Y|²
     factor = (1 - 1j * p[1]) / 2

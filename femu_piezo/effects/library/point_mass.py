@@ -21,8 +21,8 @@ from femu_piezo.effects.local.operators import Places
 from femu_piezo.effects.local.round_fields import AROUND, BENDING
 from femu_piezo.effects.local.sectors import MODES_BEYOND, SPOT
 
-#: Where to look first, as shares of half the length and half the width.
-_ALONG, _ACROSS = np.linspace(0.06, 0.98, 9), np.linspace(0.08, 0.95, 5)
+#: Where to look first, as shares of half the length and half the width, and of the way along the radius.
+_ALONG, _ACROSS, _OUTWARD = np.linspace(0.06, 0.98, 9), np.linspace(0.08, 0.95, 5), np.linspace(0.02, 0.98, 25)
 #: Smallest mass, as a share of the plate's: at none at all the body has no equation of motion.
 _NONE = 1e-7
 #: Gauss points over a patch, and their weights.
@@ -117,7 +117,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     if context.radii is not None:
         (inner, outer), sectors = context.radii, (SPOT, BENDING, AROUND)
         ranges, size = {"r": (inner, outer)}, 2 * outer
-        grid = (inner + (outer - inner) * _ALONG)[:, None]
+        grid = (inner + (outer - inner) * _OUTWARD)[:, None]
     else:
         half, size = np.array(context.dimensions[:2]) / 2, context.dimensions[0]
         ranges = {name: (0.0, length) for name, length in zip(("x", "y"), half.tolist(), strict=True)}

@@ -25,11 +25,9 @@ def _hook(sign: float) -> AcquisitionHook:
     """sign : −1 for a sweep that went down"""
 
     def acquisition(inside: Reached, omega: np.ndarray, p: np.ndarray):
-        values, tangents, h = [], [], _STEP * omega
-        for at in (omega - h, omega, omega + h):
-            z, slopes = inside(at)
-            values.append(1 / z)
-            tangents.append(-slopes / z[:, None] ** 2)
+        h = _STEP * omega
+        z, slopes = inside(np.concatenate([omega - h, omega, omega + h]))
+        values, tangents = np.split(1 / z, 3), np.split(-slopes / z[:, None] ** 2, 3)
         share = -1j * np.pi * sign / h**2  # rate p in Hz/s: −j 2πp/2
         bend = share * (values[0] - 2 * values[1] + values[2])
         moved = share[:, None] * (tangents[0] - 2 * tangents[1] + tangents[2])

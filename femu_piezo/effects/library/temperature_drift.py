@@ -38,16 +38,14 @@ def _hook(context: EffectContext) -> AcquisitionHook:
             weights[:, number] = 1.0
         w = 1 + weights @ p
 
-        def body(w: np.ndarray, slopes: bool = True):
-            u, z, tangents = (w - 1) / _SIDE, 0.0, 0.0
-            for side, share in ((-_SIDE, u * (u - 1) / 2), (0.0, 1 - u**2), (_SIDE, u * (u + 1) / 2)):
-                own = inside(omega / w, (COUPLING, np.array([side])), slopes=slopes)
-                z, tangents = z + share * own[0] / w, tangents + (share / w)[:, None] * own[1]
-            return z, tangents
-
-        z, tangents = body(w)
-        ahead, behind = (body(w + step, slopes=False)[0] for step in (_STEP, -_STEP))
-        return z, tangents, weights * ((ahead - behind) / (2 * _STEP))[:, None]
+        # at w, and a step of it ahead and behind
+        each, k = np.concatenate([w, w + _STEP, w - _STEP]), omega.size
+        u, z, tangents = (each - 1) / _SIDE, 0.0, 0.0
+        for side, share in ((-_SIDE, u * (u - 1) / 2), (0.0, 1 - u**2), (_SIDE, u * (u + 1) / 2)):
+            own, slopes = inside(np.tile(omega, 3) / each, (COUPLING, np.array([side])), slopes=k)
+            z, tangents = z + share * own / each, tangents + (share / each)[:k, None] * slopes
+        here, ahead, behind = z.reshape(3, k)
+        return here, tangents, weights * ((ahead - behind) / (2 * _STEP))[:, None]
 
     return acquisition
 

@@ -1,0 +1,254 @@
+"""Draws of disks and rings with hidden effects, as `hidden_effects.draws` makes those of plates and bars.
+
+Diameter 24 mm, so that the fundamental and the second radial mode lie in the band for which laws over frequency are
+drawn. Everything is off by the tolerances of a laboratory. What is hidden is of the catalogue of plates where that acts
+on circuits or constants alone, and of this module where it has a place.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hidden_effects import catalogue, draws
+from hidden_effects.build import Circuit, Law
+from hidden_effects.catalogue import NAMES, Hidden, log_uniform
+from hidden_effects.draws import LABORATORY, PZT5H, Draw
+from hidden_effects.reduced import Plate
+from hidden_effects.round_body import RoundBody, RoundSurface
+
+FREE = ("s11", "s12", "d31", "eps33T")
+#: Standard deviations of diameters and thickness, m.
+STD_DIAMETER, STD_THICKNESS = 20e-6, 5e-6
+_DEGREE, _LAYERS, _ATTEMPTS = 18, 3, 60
+
+
+@dataclass
+class RoundBuild:
+    """A specimen to be: the simple disk or ring, changed by effects.
+
+    Attributes
+    ----------
+    radii : inner (0 for a disk) and outer, m;  thickness : m
+    theta : (10,) true d-form constants
+    fundamental : Hz, where laws over frequency are anchored
+    """
+
+    radii: np.ndarray
+    thickness: float
+    density: float
+    theta: np.ndarray
+    fundamental: float
+    poling: int = 2
+    admittance: float = 1.0
+    surfaces: list[RoundSurface] = field(default_factory=list)
+    laws: list[Law] = field(default_factory=list)
+    circuits: list[Circuit] = field(default_factory=list)
+    profiles: dict[str, Callable] = field(default_factory=dict)
+
+    @property
+    def mass(self) -> float:
+        """kg"""
+        return float(np.pi * (self.radii[1] ** 2 - self.radii[0] ** 2) * self.thickness * self.density)
+
+    def constants(self, frequency: float) -> np.ndarray:
+        """(10,) d-form constants at a frequency in Hz."""
+        theta = self.theta
+        for law in self.laws:
+            theta = law(theta, frequency)
+        return theta
+
+    def body(self) -> RoundBody:
+        """The piece without what stands on its surfaces."""
+        return RoundBody(tuple(self.radii), self.thickness, self.density, _DEGREE, _LAYERS, self.profiles)
+
+    def face(self, side: int, coefficient, directions: tuple[int, ...] = (0, 1, 2)) -> RoundSurface:
+        """All of one face."""
+        x, y, weights = self.body().quadrature
+        both = [np.concatenate([part, sign * part]) for part, sign in ((x, 1), (y, -1), (weights / 2, 1))]
+        return RoundSurface(*both, (side,), coefficient, directions)
+
+    def impedance(self, frequency: np.ndarray) -> np.ndarray:
+        """Z (k,), ohm, as it would be measured without noise."""
+        plate = Plate(self.body(), self.theta, float(frequency.max()), self.surfaces)
+        z = plate.impedance(self.constants if self.laws else self.theta, frequency)
+        for circuit in self.circuits:
+            z = circuit(2 * np.pi * frequency, z)
+        return z
+
+
+def point_mass(build: RoundBuild, rng, variant) -> Hidden:
+    """A round patch on the upper face. Variant: a large one."""
+    mass = log_uniform(rng, 0.0005, 0.006) * build.mass
+    radius = 1.8e-3 if variant else 0.9e-3
+    inner, outer = build.radii
+    place = float(inner + radius + rng.uniform(0.1, 0.98) * (outer - inner - 2 * radius))
+    build.surfaces.append(RoundSurface.patch(place, radius, (1,), lambda w: -(w**2) * mass))
+    return Hidden("point_mass", {"mass": mass, "r": place}, variant="large patch" * variant, sized=not variant)
+
+
+def mounting(build: RoundBuild, rng, variant) -> Hidden:
+    """A circle on both faces. Variant: three points below."""
+    omega = 2 * np.pi * build.fundamental
+    stiffness = log_uniform(rng, 0.01, 0.2) * build.mass * omega**2
+    damping = log_uniform(rng, 0.003, 0.05) * build.mass * omega
+    inner, outer = build.radii
+    radius = float(rng.uniform(inner + 0.3 * (outer - inner), 0.98 * outer))
+    faces, points = ((-1,), 3) if variant else ((1, -1), 48)
+    build.surfaces.append(RoundSurface.circle(radius, faces, lambda w: stiffness + 1j * w * damping, points))
+    return Hidden(
+        "mounting", {"stiffness": stiffness, "damping": damping}, variant="three points" * variant, sized=not variant
+    )
+
+
+def electrode_mass(build: RoundBuild, rng, variant) -> Hidden:
+    """Variant: unequal films."""
+    size, share = log_uniform(rng, 0.02, 0.2), 0.3 if variant else 0.0
+    for side in (1, -1):
+        own = size * (1 + side * share)
+        build.surfaces.append(build.face(side, lambda w, own=own: -(w**2) * own))
+    return Hidden("electrode_mass", {"mass_per_area": size}, variant="unequal films" * variant)
+
+
+def unequal_electrode_mass(build: RoundBuild, rng, variant) -> Hidden:
+    """No variant: the films have a mean of zero."""
+    size = log_uniform(rng, 0.05, 0.4)
+    for side in (1, -1):
+        build.surfaces.append(build.face(side, lambda w, side=side: -(w**2) * side * size / 2))
+    return Hidden("unequal_electrode_mass", {"difference": size})
+
+
+def fluid_load(build: RoundBuild, rng, variant) -> Hidden:
+    """Both faces in an oil. Variant: one face alone."""
+    shear, pressure = log_uniform(rng, 5.0, 30.0), log_uniform(rng, 1e4, 2e5)
+    for side in (1,) if variant else (1, -1):
+        build.surfaces.append(build.face(side, lambda w: 1j * w * (1 + 1j) * np.sqrt(w / 2) * shear, (0, 1)))
+        build.surfaces.append(build.face(side, lambda w: 1j * w * pressure, (2,)))
+    return Hidden("fluid_load", {"shear_load": shear}, variant="one face" * variant, sized=not variant)
+
+
+def poling_gradient(build: RoundBuild, rng, variant) -> Hidden:
+    """With r². Variant: with r⁴."""
+    size = log_uniform(rng, 0.04, 0.4) * float(rng.choice([-1, 1]))
+    inner, outer = build.radii
+    share, power = (inner / outer) ** 2, 4 if variant else 2
+    middle = (1 - share ** (power / 2 + 1)) / (1 - share) / (power / 2 + 1)
+    build.profiles["e"] = lambda x, y: 1 + size * (np.hypot(x, y) ** power / outer**power - middle)
+    return Hidden("poling_gradient", {"gradient": size}, variant="steeper" * variant, sized=not variant)
+
+
+def _wrong(name: str, low: float, high: float) -> catalogue.Entry:
+    def entry(build: RoundBuild, rng, variant) -> Hidden:
+        """No variant."""
+        size = log_uniform(rng, low, high) * float(rng.choice([-1, 1]))
+        if name == "diameter":
+            build.radii = build.radii * (1 + size)
+        else:
+            build.thickness *= 1 + size
+        return Hidden(f"wrong_{name}", {"relative_error": size})
+
+    return entry
+
+
+_SHARED = (
+    "series_resistance",
+    "series_inductance",
+    "stray_capacitance",
+    "leakage",
+    "contact_gap",
+    "cable",
+    "frequency_dependent_elastic_loss",
+    "dielectric_dispersion",
+    "relaxation",
+    "temperature_drift",
+)
+ROUND_EFFECTS: Mapping[str, catalogue.Entry] = {name: catalogue.EFFECTS[name] for name in _SHARED} | {
+    "point_mass": point_mass,
+    "mounting": mounting,
+    "electrode_mass": electrode_mass,
+    "unequal_electrode_mass": unequal_electrode_mass,
+    "fluid_load": fluid_load,
+    "poling_gradient": poling_gradient,
+    "wrong_diameter": _wrong("diameter", 0.01, 0.03),
+    "wrong_thickness": _wrong("thickness", 0.01, 0.04),
+}
+
+
+def draw_round(name: str, seed: int, *, points: int = 301) -> Draw:
+    """A disk or ring in a laboratory: "disk:EFFECT", "ring:EFFECT", EFFECT one of `ROUND_EFFECTS` or "none"."""
+    shape, _, effect = name.removeprefix(LABORATORY).partition(":")
+    for attempt in range(_ATTEMPTS):
+        rng = np.random.default_rng([2030, seed, zlib.crc32(name.encode()), attempt])
+        found = _drawn(name, shape, effect, seed, rng, points)
+        if np.all(found.clean.real > 0) and draws._passive(found.theta):
+            return found
+    raise RuntimeError(f"{name}:{seed}: no passive specimen in {_ATTEMPTS} draws")
+
+
+def _drawn(name: str, shape: str, effect: str, seed: int, rng: np.random.Generator, points: int) -> Draw:
+    nominal = np.array([0.0 if shape == "disk" else rng.uniform(3.5e-3, 5e-3), 12e-3])
+    height, noise = float(rng.uniform(1.0e-3, 1.6e-3)), float(np.exp(rng.uniform(*np.log((5e-4, 3e-3)))))
+    held = PZT5H * rng.uniform(0.96, 1.04, 10) * (1 - 1j * rng.uniform(0.012, 0.02, 10))
+    tangents = -held.imag / held.real + draws.STD_TANGENT * rng.standard_normal(10)
+    theta = held.real * (1 + draws.STD_HELD * rng.standard_normal(10)) * (1 - 1j * tangents)
+    assumed = held.copy()
+    for free in FREE:
+        number = NAMES.index(free)
+        theta[number] = PZT5H[number] * rng.uniform(0.96, 1.04) * (1 - 1j * rng.uniform(0.012, 0.02))
+        assumed[number] = PZT5H[number] * (1 - 0.015j)
+    density = draws.DENSITY * (1 + draws.STD_DENSITY * rng.standard_normal())
+    radii = nominal + STD_DIAMETER / 2 * rng.standard_normal(2) * (nominal > 0)
+    thickness = height + STD_THICKNESS * rng.standard_normal()
+    near = _fundamental(radii, theta, density)
+    build = RoundBuild(radii, thickness, density, theta, near)
+    key = []
+    if effect != "none":
+        own = ROUND_EFFECTS[effect]
+        key.append(own(build, rng, bool(rng.random() < draws.VARIANTS)))
+    build.circuits.append(draws._instrument(rng))
+    key = [_in_all(hidden, build, nominal, height) for hidden in key]
+    frequency = np.linspace(20e3, 240e3, points)
+    clean = build.impedance(frequency)
+    normal = rng.standard_normal((2, points))
+    z = clean * (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2))
+    text = _specification(shape, nominal, height, assumed, noise if rng.integers(2) else None)
+    return Draw(name, seed, text, frequency, z, clean, tuple(key), "", build, noise)
+
+
+def _fundamental(radii: np.ndarray, theta: np.ndarray, density: float) -> float:
+    """About the first radial resonance, Hz: that of a thin disk, or of a thin ring at its mean radius."""
+    s11, s12 = theta[0].real, theta[1].real
+    if radii[0] == 0:
+        speed = np.sqrt(1 / (density * s11 * (1 - (s12 / s11) ** 2)))
+        return float(2.05 * speed / (2 * np.pi * radii[1]))
+    return float(np.sqrt(1 / (density * s11)) / (2 * np.pi * radii.mean()))
+
+
+def _in_all(hidden: Hidden, build: RoundBuild, nominal: np.ndarray, height: float) -> Hidden:
+    """A wrong dimension with the tolerance in it."""
+    true = {"wrong_diameter": build.radii[1] / nominal[1], "wrong_thickness": build.thickness / height}
+    if hidden.effect not in true:
+        return hidden
+    return Hidden(hidden.effect, {"relative_error": true[hidden.effect] - 1})
+
+
+def _specification(shape: str, radii: np.ndarray, height: float, assumed: np.ndarray, noise: float | None) -> str:
+    lines = ['name = "hidden"', "[geometry]", f'shape = "{shape}"', 'poling = "thickness"']
+    lines += [f"density = {draws.DENSITY}", f"diameter = {2 * float(radii[1])!r}", f"thickness = {height!r}"]
+    if shape == "ring":
+        lines.append(f"inner_diameter = {2 * float(radii[0])!r}")
+    lines += [f"std_diameter = {STD_DIAMETER!r}", f"std_thickness = {STD_THICKNESS!r}"]
+    lines += [f"std_density = {draws.STD_DENSITY!r}", "[material]", f"free = {list(FREE)}"]
+    for name, value in zip(NAMES, assumed.tolist(), strict=True):
+        lines += [f"{name} = {value.real!r}", f"tan_{name} = {-value.imag / value.real!r}"]
+        if name not in FREE:
+            lines += [f'std_{name} = "{100 * draws.STD_HELD} %"', f"std_tan_{name} = {draws.STD_TANGENT!r}"]
+    residue = ", ".join(f"{n} = {v!r}" for n, v in zip(draws._RESIDUE, draws.STD_RESIDUE, strict=True))
+    lines += ["[measurement]", 'file = "sweep.csv"', f"accuracy = {draws.STD_GAIN!r}"]
+    lines += [f"phase_accuracy = {draws.STD_PHASE!r}", f"residue = {{ {residue} }}"]
+    if noise is not None:
+        lines.append(f"noise = {noise!r}")
+    return "\n".join(lines) + "\n"
