@@ -1,0 +1,47 @@
+"""How a face yields under a patch: half-space, and modes through the thickness that the sum leaves out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from femu_piezo.effects.local.face_compliance import FaceCompliance, yielding_beyond
+
+YOUNG, POISSON, THICKNESS, DENSITY = 60e9, 0.3, 1.5e-3, 7500.0
+
+
+def isotropic(cut: float, radii: tuple[float, float], poling: str = "thickness") -> FaceCompliance:
+    shear = YOUNG / (2 * (1 + POISSON))
+    lame = YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
+    normal = lame + 2 * shear
+    constants = (normal, lame, lame, normal, shear, 0.0, 0.0, 0.0, 1e-9, 1e-9)
+    return FaceCompliance(constants, poling, DENSITY, THICKNESS, cut, radii)
+
+
+@pytest.mark.parametrize("poling", ["thickness", "length"])
+def test_short_waves_see_a_half_space(poling):
+    """C(k) → 2 (1 − ν²)/(E k) along the normal and (2 − ν)/(2 − 2ν) times that along the face, on the mean of waves."""
+    k = np.array([10.0]) / THICKNESS
+    found = yielding_beyond(isotropic(0.0, (1e-5, 1e-4), poling), k)[0] * YOUNG * k / (2 * (1 - POISSON**2))
+    ratio = (2 - POISSON) / (2 - 2 * POISSON)
+    np.testing.assert_allclose(found, [ratio, ratio, 1.0], rtol=2e-4)
+
+
+def test_small_patch_on_a_half_space():
+    """16 (1 − ν²)/(3π² E a), less the share of waves that run below the cut, which falls as k a does."""
+    left = []
+    for radius in (8e-5, 1.6e-4):
+        own = isotropic(2 * np.pi * 0.3e6, (radius / 2, 2 * radius))
+        half_space = 3 * np.pi**2 * YOUNG * radius / (16 * (1 - POISSON**2))
+        left.append(own.stiffness(radius)[0][2] / half_space - 1)
+    assert 0 < left[0] < 0.08
+    assert left[1] == pytest.approx(2 * left[0], rel=0.1)
+
+
+def test_a_plate_yields_less_the_more_modes_are_its_own():
+    """Of a patch as wide as the plate is thick the kept modes carry most; slopes by the radius are exact."""
+    low, high = (isotropic(2 * np.pi * top, (3e-4, 3e-3)) for top in (0.3e6, 1.0e6))
+    assert np.all(low.stiffness(1e-3)[0] < 0.7 * high.stiffness(1e-3)[0])
+    h = 1e-7
+    difference = (high.stiffness(1e-3 + h)[0] - high.stiffness(1e-3 - h)[0]) / (2 * h)
+    np.testing.assert_allclose(high.stiffness(1e-3)[1], difference, rtol=1e-5)

@@ -1,0 +1,73 @@
+"""Fourier orders of disks and rings against global polynomials for Cartesian components, and where they must agree."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.linalg as sl
+from hidden_effects import reduced
+from hidden_effects.round_body import RoundBody
+
+from femu_piezo.effects.local.faces import RoundFace
+from femu_piezo.forward.gradient_products import extended_tensor
+from femu_piezo.forward.revolution import Section
+from femu_piezo.material.library import library_material
+
+MATERIAL = library_material("pzt-5h").constants.lossless()
+TENSOR = extended_tensor(MATERIAL.to_e_form(), np.eye(3)).real
+THICKNESS, DENSITY, TOP_HZ = 1.5e-3, 7500.0, 320e3
+RADII = {"disk": (0.0, 6e-3), "ring": (2.5e-3, 6e-3)}
+
+
+def section(name: str) -> Section:
+    return Section.fine_for(RADII[name], THICKNESS, DENSITY, 2 * np.pi * TOP_HZ / 1500.0)
+
+
+@pytest.mark.parametrize("flipped", [False, True])
+@pytest.mark.parametrize("name", RADII)
+def test_frequencies_of_all_orders_against_global_polynomials(name, flipped):
+    """Short-circuited, even about θ = 0: the orders together are the modes of the whole body, none lost, none twice."""
+    top, found = (2 * np.pi * TOP_HZ) ** 2, []
+    for number in range(10):
+        order = section(name).order(number)
+        modes = order.modes(TENSOR, flipped, top)
+        np.testing.assert_allclose(modes.T @ (order.mass @ modes), np.eye(modes.shape[1]), atol=1e-8)
+        found += np.einsum("ik,ik->k", modes, order.stiffness(TENSOR) @ modes).tolist()
+    part = RoundBody(RADII[name], THICKNESS, DENSITY, 16, 5).part((-1 if flipped else 1,))
+    constants = reduced._constants(MATERIAL.vector().real)
+    stiffness = reduced._condensed(part.elastic, part.coupling, part.dielectric, constants)[:-1, :-1]
+    exact = sl.eigh(stiffness, part.mass, subset_by_value=(-np.inf, top), eigvals_only=True)
+    assert len(found) == exact.size
+    rigid = exact < 1e-6 * top
+    assert np.sum(rigid) == (2 if flipped else 1)  # a shift along z and a tilt; a shift along x
+    np.testing.assert_allclose(np.sort(found)[~rigid], exact[~rigid], rtol=1e-4)
+
+
+def test_forms_of_a_shift_and_of_a_tilt_vanish():
+    """Rigid bodies of order 1 strain nothing: u_x = 1, and u_z = x with u_x = −z."""
+    order = section("disk").order(1)
+    r, z = (part.ravel() for part in np.meshgrid(*(line.places for line in _lines("disk")), indexing="ij"))
+    none = np.zeros_like(r)
+    shift = np.concatenate([none + 1, none - 1, none, none])
+    tilt = np.concatenate([-z, z, r, none])
+    for motion in (shift, tilt):
+        energy = motion @ (order.stiffness(TENSOR) @ motion)
+        scale = TENSOR[0, 0, 0, 0] * THICKNESS
+        assert abs(energy) < 1e-9 * scale * max(1.0, np.max(np.abs(motion)) ** 2)
+
+
+def _lines(name: str):
+    own = section(name)
+    return own.radial, own.axial
+
+
+def test_slopes_of_a_face_are_those_of_its_displacements():
+    """∂N/∂x and ∂N/∂y against differences, off the plane θ = 0 as well, and beyond the axis."""
+    rng = np.random.default_rng(3)
+    face = RoundFace((0.0, 6e-3), rng.standard_normal((7, 3, 5)), np.array([0, 1, 2, 3, 5]), np.arange(5), 8)
+    for x, y in ((3e-3, 0.0), (2e-3, 1.5e-3), (-1e-3, 2e-3)):
+        _, slopes = face.at(x, y)
+        h = 1e-8
+        for axis, step in enumerate(((h, 0.0), (0.0, h))):
+            ahead, behind = (face.at(x + s * step[0], y + s * step[1])[0] for s in (1, -1))
+            np.testing.assert_allclose(slopes[axis], (ahead - behind) / (2 * h), rtol=1e-5, atol=1e-2)
