@@ -89,6 +89,10 @@ def support(one: Round) -> np.ndarray:
     return one.exact(one.body(), RoundSurface.circle(5.4e-3, (1, -1), lambda w: 3e6 + 6j * w))
 
 
+def three_points(one: Round) -> np.ndarray:
+    return one.exact(one.body(), RoundSurface.circle(5e-3, (1,), lambda w: 5e5 + 1j * w, points=3))
+
+
 def unequal_films(one: Round) -> np.ndarray:
     x, y, weights = one.body().quadrature
     both = [np.concatenate([part, sign * part]) for part, sign in ((x, 1), (y, -1), (weights / 2, 1))]
@@ -108,7 +112,8 @@ CASES = {
     "point_mass": ((4e-6, 4.2e-3, 1e-3), mass, 0.02),
     "point_mass, rim": ((2e-6, 5e-3, 0.8e-3), mass_at_the_rim, 0.02),
     "poling_gradient": ((0.2,), gradient, 0.02),
-    "mounting": ((3e6, 6.0, 5.4e-3), support, 0.02),
+    "mounting/circle": ((3e6, 6.0, 5.4e-3), support, 0.02),
+    "mounting/three points": ((5e5, 1.0, 5e-3), three_points, 0.02),
     "unequal_electrode_mass": ((0.6,), unequal_films, 0.03),
 }
 

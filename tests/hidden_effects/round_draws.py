@@ -91,7 +91,7 @@ def point_mass(build: RoundBuild, rng, variant) -> Hidden:
 
 
 def mounting(build: RoundBuild, rng, variant) -> Hidden:
-    """A circle on both faces. Variant: three points below."""
+    """A circle on both faces; or three points below."""
     omega = 2 * np.pi * build.fundamental
     stiffness = log_uniform(rng, 0.01, 0.2) * build.mass * omega**2
     damping = log_uniform(rng, 0.003, 0.05) * build.mass * omega
@@ -99,9 +99,8 @@ def mounting(build: RoundBuild, rng, variant) -> Hidden:
     radius = float(rng.uniform(inner + 0.3 * (outer - inner), 0.98 * outer))
     faces, points = ((-1,), 3) if variant else ((1, -1), 48)
     build.surfaces.append(RoundSurface.circle(radius, faces, lambda w: stiffness + 1j * w * damping, points))
-    return Hidden(
-        "mounting", {"stiffness": stiffness, "damping": damping}, variant="three points" * variant, sized=not variant
-    )
+    sizes = {"stiffness": stiffness, "damping": damping, "points_radius" if variant else "radius": radius}
+    return Hidden("mounting", sizes, variant="three points" * variant)
 
 
 def electrode_mass(build: RoundBuild, rng, variant) -> Hidden:

@@ -19,7 +19,7 @@ from femu_piezo.effects.local.face_compliance import FaceCompliance
 from femu_piezo.effects.local.faces import Face
 from femu_piezo.effects.local.operators import Places
 from femu_piezo.effects.local.round_fields import AROUND, BENDING
-from femu_piezo.effects.local.sectors import MODES_BEYOND, SPOT
+from femu_piezo.effects.local.sectors import SPOT
 
 #: Where to look first, as shares of half the length and half the width, and of the way along the radius.
 _ALONG, _ACROSS, _OUTWARD = np.linspace(0.06, 0.98, 9), np.linspace(0.08, 0.95, 5), np.linspace(0.02, 0.98, 25)
@@ -53,8 +53,10 @@ class _Patch:
         self.spread_slopes = half + half.transpose(0, 2, 1)
 
 
-def _hook(compliance: FaceCompliance, own: float):
-    """own: mass of the specimen, the unit of inertia of the body's unknowns."""
+def _hook(context: EffectContext, radii: tuple[float, float]):
+    """Radii of the smallest and the largest patch; the mass of the specimen is the unit of the body's inertia."""
+    own, constants = context.mass, tuple(context.constants.to_e_form().vector().tolist())
+    height = context.thickness if context.dimensions is None else context.dimensions[2]
 
     def terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
         mass, *place, radius = p
@@ -72,7 +74,8 @@ def _hook(compliance: FaceCompliance, own: float):
         gap[:, :u] = -patch.mean
         gap[np.arange(3), places.spot] = 1 / np.sqrt(own)
         moved[:, :, :u] = -patch.mean_slopes
-        springs, softer = (own[:, None] for own in compliance.stiffness(radius))
+        compliance = FaceCompliance(constants, context.poling, context.density, height, places.cut, radii)
+        springs, softer = (part[:, None] for part in compliance.stiffness(radius))
         found = [
             term("stiffness", gap.T @ (springs * gap), 1.0),
             term("stiffness", gap.T @ (softer * gap), 0.0, radius=1.0),
@@ -87,14 +90,6 @@ def _hook(compliance: FaceCompliance, own: float):
         return found
 
     return terms
-
-
-def _compliance(context: EffectContext, radii: tuple[float, float]) -> FaceCompliance:
-    """Beyond the modes of a sweep's band, of patches between two radii."""
-    cut = 2 * np.pi * context.band_Hz[1] * np.sqrt(MODES_BEYOND)
-    constants = tuple(context.constants.to_e_form().vector().tolist())
-    height = context.thickness if context.dimensions is None else context.dimensions[2]
-    return FaceCompliance(constants, context.poling, context.density, height, cut, radii)
 
 
 def _onset(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
@@ -142,7 +137,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             ),
             confusable_with=("electrode_mass", "local_crack", "wrong_length"),
             advice=("look at both faces and clean them", "weigh the specimen before and after cleaning"),
-            local=_hook(_compliance(context, (patch / 5, 6 * patch)), own),
+            local=_hook(context, (patch / 5, 6 * patch)),
             onset=_onset,
             sectors=sectors,
             sites=np.column_stack([np.full(len(grid), 0.001 * own), grid, np.full(len(grid), patch)]),

@@ -47,6 +47,19 @@ class Face(ABC):
         Also the directions (m, 2) in which they move with the place, and their shares (m,) of the line.
         """
 
+    def mean_at(self, points: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean over points (m, 2) of one face of NᵗN (u, u), the share of one part, and its slope.
+
+        directions : (m, 2) in which the points move
+        """
+        total, slope = 0.0, 0.0
+        for (x, y), direction in zip(points, directions, strict=True):
+            n, slopes = self.at(x, y)
+            total = total + n.T @ n
+            moved = np.tensordot(direction, slopes, axes=1).T @ n
+            slope = slope + moved + moved.T
+        return total / len(points) / self.copies, slope / len(points) / self.copies
+
     def mean_square(self, place: float) -> tuple[np.ndarray, np.ndarray]:
         """Mean over a line of NᵗN (u, u) between unknowns of one class, the share of one part, and its slope."""
         total, slope = 0.0, 0.0

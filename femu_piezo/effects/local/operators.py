@@ -20,7 +20,7 @@ from femu_piezo.effects.local.box_fields import SLICES, Flipped
 from femu_piezo.effects.local.end_strips import BareEnds, measure_bare_ends, measure_bare_rims
 from femu_piezo.effects.local.faces import Face
 from femu_piezo.effects.local.round_fields import RoundFields
-from femu_piezo.effects.local.sectors import DRIVEN, SPOT, Sectors
+from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Sectors
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.threads import Once
 
@@ -97,6 +97,11 @@ class Places:
     def face(self) -> Face:
         """Displacements on one face."""
         return self.sectors.all_fields.face(self.sectors.names)
+
+    @property
+    def cut(self) -> float:
+        """Ω, rad/s: modes of other classes than the driven one are kept below it."""
+        return 2 * np.pi * self.sectors.all_fields.reduced.band_Hz * np.sqrt(MODES_BEYOND)
 
     @property
     def spot(self) -> np.ndarray:
