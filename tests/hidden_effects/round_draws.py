@@ -16,10 +16,11 @@ import numpy as np
 from hidden_effects import catalogue, draws
 from hidden_effects.build import Circuit, Law
 from hidden_effects.catalogue import NAMES, Hidden, log_uniform
-from hidden_effects.draws import LABORATORY, PZT5H, Draw
+from hidden_effects.draws import PZT5H, Draw
 from hidden_effects.reduced import Plate
 from hidden_effects.round_body import RoundBody, RoundSurface
 
+ROUND = ("disk", "ring")
 FREE = ("s11", "s12", "d31", "eps33T")
 #: Standard deviations of diameters and thickness, m.
 STD_DIAMETER, STD_THICKNESS = 20e-6, 5e-6
@@ -178,7 +179,7 @@ ROUND_EFFECTS: Mapping[str, catalogue.Entry] = {name: catalogue.EFFECTS[name] fo
 
 def draw_round(name: str, seed: int, *, points: int = 301) -> Draw:
     """A disk or ring in a laboratory: "disk:EFFECT", "ring:EFFECT", EFFECT one of `ROUND_EFFECTS` or "none"."""
-    shape, _, effect = name.removeprefix(LABORATORY).partition(":")
+    shape, _, effect = name.partition(":")
     for attempt in range(_ATTEMPTS):
         rng = np.random.default_rng([2030, seed, zlib.crc32(name.encode()), attempt])
         found = _drawn(name, shape, effect, seed, rng, points)

@@ -18,6 +18,7 @@ from tempfile import TemporaryDirectory
 from femu_piezo.study.model_cache import SharedBases
 from hidden_effects.draws import LABORATORY, draw, pair_of, place_of
 from hidden_effects.judge import Outcome, judge_draw
+from hidden_effects.round_draws import ROUND, draw_round
 from hidden_effects.undescribed import UNDESCRIBED
 
 Job = tuple[str, int]
@@ -47,11 +48,19 @@ def jobs(
     return sorted(found, key=lambda job: place_of(*job))
 
 
+def round_jobs(effects: Sequence[str], draws: int, nulls: int, seed: int) -> list[Job]:
+    """(name, seed) of disks and rings in turn; so many of each."""
+    found = [(effect, seed + number) for number in range(draws) for effect in effects]
+    found += [("none", seed + number) for number in range(nulls)]
+    return [(f"{shape}:{name}", number) for name, number in found for shape in ROUND]
+
+
 def judged(job: Job) -> Outcome:
     """Draw and judge one; the seconds are those of the draw and the diagnosis."""
     began = time.perf_counter()
+    make = draw_round if job[0].partition(":")[0] in ROUND else draw
     with TemporaryDirectory(prefix="hidden_") as folder:
-        outcome = judge_draw(draw(*job), Path(folder), _bases())
+        outcome = judge_draw(make(*job), Path(folder), _bases())
     return replace(outcome, seconds=time.perf_counter() - began)
 
 

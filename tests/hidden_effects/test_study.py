@@ -5,6 +5,7 @@ HIDDEN_DRAWS=3 HIDDEN_NULLS=10 HIDDEN_ONLY=point_mass,mounting HIDDEN_PROCESSES=
 
 HIDDEN_DRAWS (of each effect), HIDDEN_NULLS, HIDDEN_PAIRS, HIDDEN_UNDESCRIBED, HIDDEN_SEED: numbers;
 HIDDEN_LABORATORY=1: specimen and instrument are off by their tolerances; HIDDEN_ONLY: some of the effects;
+HIDDEN_ROUND=1: disks and rings in a laboratory instead of plates and bars;
 HIDDEN_RESULTS: file of finished draws, with which a study goes on where it ended. Whether the probabilities and
 deviations in it are worth what they say: python -m tests.hidden_effects.calibration study.jsonl --out DIR
 """
@@ -18,7 +19,8 @@ import pytest
 
 from hidden_effects.catalogue import EFFECTS
 from hidden_effects.confusion import rates, report
-from hidden_effects.study import jobs, run
+from hidden_effects.round_draws import ROUND_EFFECTS
+from hidden_effects.study import jobs, round_jobs, run
 
 
 def _number(name: str, default: int) -> int:
@@ -28,16 +30,20 @@ def _number(name: str, default: int) -> int:
 @pytest.mark.slow
 def test_confusion_matrix(capsys):
     """Every rate of the study reaches what is asked for."""
-    only = os.environ.get("HIDDEN_ONLY", "")
-    wanted = jobs(
-        only.split(",") if only else list(EFFECTS),
-        draws=_number("DRAWS", 10),
-        nulls=_number("NULLS", 40),
-        pairs=_number("PAIRS", 10),
-        undescribed=_number("UNDESCRIBED", 10),
-        seed=_number("SEED", 1000),
-        laboratory=bool(_number("LABORATORY", 0)),
-    )
+    only, on_disks, seed = os.environ.get("HIDDEN_ONLY", ""), bool(_number("ROUND", 0)), _number("SEED", 1000)
+    effects = only.split(",") if only else list(ROUND_EFFECTS if on_disks else EFFECTS)
+    if on_disks:
+        wanted = round_jobs(effects, draws=_number("DRAWS", 5), nulls=_number("NULLS", 20), seed=seed)
+    else:
+        wanted = jobs(
+            effects,
+            draws=_number("DRAWS", 10),
+            nulls=_number("NULLS", 40),
+            pairs=_number("PAIRS", 10),
+            undescribed=_number("UNDESCRIBED", 10),
+            seed=seed,
+            laboratory=bool(_number("LABORATORY", 0)),
+        )
     file = os.environ.get("HIDDEN_RESULTS")
     outcomes = []
     for outcome in run(wanted, _number("PROCESSES", 1), Path(file) if file else None):

@@ -45,11 +45,11 @@ def _hook(bearing: Callable[[Places, float], tuple[np.ndarray, np.ndarray]], sha
 
 
 def _line(places: Places, place: float) -> tuple[np.ndarray, np.ndarray]:
-    return places.face.mean_square(place)
+    return places.face.mean_on_line(place)
 
 
 def _tripod(places: Places, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    return places.face.mean_at(radius * _TRIPOD, _TRIPOD)
+    return places.face.mean_at(radius * _TRIPOD, _TRIPOD, np.full(len(_TRIPOD), 1 / len(_TRIPOD)))
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:

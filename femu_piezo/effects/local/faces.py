@@ -47,29 +47,25 @@ class Face(ABC):
         Also the directions (m, 2) in which they move with the place, and their shares (m,) of the line.
         """
 
-    def mean_at(self, points: np.ndarray, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def mean_at(
+        self, points: np.ndarray, directions: np.ndarray, weights: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Mean over points (m, 2) of one face of NᵗN (u, u), the share of one part, and its slope.
 
-        directions : (m, 2) in which the points move
+        directions : (m, 2) in which the points move;  weights : (m,) their shares of the mean
         """
         total, slope = 0.0, 0.0
-        for (x, y), direction in zip(points, directions, strict=True):
-            n, slopes = self.at(x, y)
-            total = total + n.T @ n
-            moved = np.tensordot(direction, slopes, axes=1).T @ n
-            slope = slope + moved + moved.T
-        return total / len(points) / self.copies, slope / len(points) / self.copies
-
-    def mean_square(self, place: float) -> tuple[np.ndarray, np.ndarray]:
-        """Mean over a line of NᵗN (u, u) between unknowns of one class, the share of one part, and its slope."""
-        total, slope = 0.0, 0.0
-        for (x, y), direction, weight in zip(*self.line(place), strict=True):
+        for (x, y), direction, weight in zip(points, directions, weights, strict=True):
             n, slopes = self.at(x, y)
             total = total + weight * (n.T @ n)
             moved = np.tensordot(direction, slopes, axes=1).T @ n
             slope = slope + weight * (moved + moved.T)
-        share = self.same_class / self.copies
-        return total * share, slope * share
+        return total / self.copies, slope / self.copies
+
+    def mean_on_line(self, place: float) -> tuple[np.ndarray, np.ndarray]:
+        """The same over a line on both faces, which joins unknowns of one class alone."""
+        total, slope = self.mean_at(*self.line(place))
+        return total * self.same_class, slope * self.same_class
 
 
 @dataclass(frozen=True)
