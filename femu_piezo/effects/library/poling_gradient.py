@@ -37,6 +37,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         return ()
     if context.radii is None:
         along, low, local, sectors = "the length", 0.0, _along, ("ramp", "x", "x ramp")
+        starts = (0.05, 0.2, 0.5)
         curved = (EffectParameter("curvature", "1", -0.5, 0.5, 0.02, 0.05, optional=True),)
         advice = (
             "measure d33 at both ends with a d33 meter",
@@ -44,13 +45,14 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         )
     else:
         along, low, local, sectors, curved = "the radius", -0.95, _radial, (), ()
+        starts = (-0.3, -0.1, 0.1, 0.3)
         advice = ("measure d33 at the middle and near the rim with a d33 meter",)
     return (
         Effect(
             name="poling_gradient",
             sentence=f"the poling changes along {along}: modes are driven otherwise than in a uniform body",
             parameters=(
-                EffectParameter("gradient", "1", low, 0.95, 0.1, 0.3, starts=(0.05, 0.2, 0.5) if low == 0 else ()),
+                EffectParameter("gradient", "1", low, 0.95, 0.1, 0.3, starts=starts),
                 *curved,
             ),
             confusable_with=("local_crack", "point_mass"),
