@@ -70,14 +70,20 @@ class Start:
 def starts(response, current: Fit, effect: Effect) -> list[Start]:
     """Starts of a fit with one more cause, the most promising first.
 
-    At its most promising sites where it sits at a place; where the fit has it within its tolerance, from there; else at
-    rest and at the values that its parameters list.
+    At its most promising sites where it sits at a place, judged by its onset and, where that is hidden, by the size
+    listed for them; where the fit has it within its tolerance, from there; else at rest and at the values that its
+    parameters list.
     """
     parameters = current.parameters.with_candidate(effect)
     x = parameters.carried(current.parameters, current.x)
-    if effect.sites is not None:
-        return _at_sites(response, current, effect, parameters, x)
     own, found = parameters.columns(parameters.index(effect.key)), []
+    if effect.sites is not None:
+        found = _at_sites(response, current, effect, parameters, x)
+        for site in effect.sites if effect.onset_hidden else ():
+            at = x.copy()
+            at[own] = site / effect.scale
+            found.append(Start(at, *linear_fit(response, current.data, parameters, at)))
+        return sorted(found, key=lambda start: start.promised)[:_SITES]
     if current.parameters.has(effect):
         lifted = _widened(current, parameters, x, {}, current.residual)
         return [Start(x, stepped(lifted), current.residual)]

@@ -88,4 +88,4 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
 
     circle = replace(common, law="circle", parameters=at("radius"), local=_hook(_line), sites=sites)
     points = replace(common, law="three points", parameters=at("points_radius"), local=_hook(_tripod), sites=sites)
-    return circle, replace(points, sectors=(FILM, BENDING, AROUND))
+    return circle, replace(points, sectors=(FILM, BENDING, AROUND), onset_hidden=True)

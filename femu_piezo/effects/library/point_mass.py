@@ -139,7 +139,8 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             advice=("look at both faces and clean them", "weigh the specimen before and after cleaning"),
             local=_hook(context, (patch / 5, 6 * patch)),
             onset=_onset,
+            onset_hidden=context.radii is not None,  # it moves radial modes as s11 and s12 do; bending shows it
             sectors=sectors,
-            sites=np.column_stack([np.full(len(grid), 0.001 * own), grid, np.full(len(grid), patch)]),
+            sites=np.column_stack([np.full(len(grid), 0.002 * own), grid, np.full(len(grid), patch)]),
         ),
     )
