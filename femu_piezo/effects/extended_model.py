@@ -7,7 +7,7 @@ matrix is the sum of its parts of equal exponents ("strata"); with them any stre
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -136,11 +136,13 @@ class ExtendedModel:
 class _Source:
     """Fields of all sectors, and the terms on each class, made when they are first asked for."""
 
-    def __init__(self, fields: Fields, terms: Iterable[ExtraTerm], stretching: bool) -> None:
-        self._fields, self._terms = fields, {term.name: term for term in terms}
+    def __init__(self, fields: Fields, needs: Needs, matrices: Mapping[str, sp.spmatrix]) -> None:
+        """matrices : of every further term of `needs`, by its name, on the mesh"""
+        self._fields, self._matrices = fields, matrices
+        self._terms = {term.name: term for term in needs.terms}
         self.reduced, self.shared, self._models = fields.reduced, Once(), Once(_MODELS)
         tensors = fields.model.unit_tensors
-        self._parts, self.owner, self.exponents = _strata(tensors) if stretching else _whole(tensors)
+        self._parts, self.owner, self.exponents = _strata(tensors) if needs.stretching else _whole(tensors)
 
     @property
     def mesh_error(self) -> MeshError | None:
@@ -165,7 +167,9 @@ class _Source:
 
     def extra(self, name: str, names: tuple[str, ...]) -> np.ndarray:
         """(k, k) of an extra term on the sectors of one class."""
-        return self.shared.get(("extra", name, names), lambda: self._fields.extra(names, self._terms[name]))
+        return self.shared.get(
+            ("extra", name, names), lambda: self._fields.extra(names, self._terms[name], self._matrices[name])
+        )
 
 
 @dataclass(frozen=True)
@@ -219,7 +223,7 @@ def extend_model(
         fields = RoundFields(model, reduced, training[0], needs.sectors)
     else:
         fields = BoxFields(WeightedProducts(model), reduced, training, needs.sectors)
-    return _Source(fields, needs.terms, needs.stretching).model(())
+    return _Source(fields, needs, matrices).model(())
 
 
 def _driven(

@@ -22,7 +22,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
@@ -75,20 +74,14 @@ class Line:
 
     def shapes(self, points: np.ndarray) -> tuple[sp.csr_matrix, sp.csr_matrix]:
         """(q, n) values and slopes of the functions of all nodes at points (q,)."""
-        return shapes_at(points, self.ends, self.places)
-
-
-def shapes_at(points: np.ndarray, ends: np.ndarray, places: np.ndarray) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """(q, n) values and slopes at points (q,) of Lagrange polynomials on nodes (n,) of elements between `ends`."""
-    order = (places.size - 1) // (ends.size - 1)
-    element = np.clip(np.searchsorted(ends, points, side="right") - 1, 0, ends.size - 2)
-    found = sp.lil_matrix((points.size, places.size)), sp.lil_matrix((points.size, places.size))
-    for number, _ in enumerate(pairwise(ends)):
-        own, here = np.arange(number * order, (number + 1) * order + 1), np.flatnonzero(element == number)
-        lagrange = BarycentricInterpolator(places[own], np.eye(own.size), rng=0)
-        for matrix, part in zip(found, (lagrange(points[here]), lagrange.derivative(points[here])), strict=True):
-            matrix[np.ix_(here, own)] = part
-    return found[0].tocsr(), found[1].tocsr()
+        element = np.clip(np.searchsorted(self.ends, points, side="right") - 1, 0, self.ends.size - 2)
+        found = [sp.lil_matrix((points.size, self.places.size)) for _ in range(2)]
+        for number in range(self.ends.size - 1):
+            here, own = np.flatnonzero(element == number), number * self.order + np.arange(self.order + 1)
+            lagrange = BarycentricInterpolator(self.places[own], np.eye(own.size), rng=0)
+            for matrix, part in zip(found, (lagrange(points[here]), lagrange.derivative(points[here])), strict=True):
+                matrix[np.ix_(here, own)] = part
+        return found[0].tocsr(), found[1].tocsr()
 
 
 @dataclass(frozen=True)
@@ -117,6 +110,11 @@ class Section:
     def size(self) -> int:
         """Number n of nodes, those along z counted first."""
         return self.radial.places.size * self.axial.places.size
+
+    def to_nodes_of(self, other: Section) -> sp.csr_matrix:
+        """(n of the other, n) values at the nodes of another section."""
+        lines = ((self.radial, other.radial), (self.axial, other.axial))
+        return sp.kron(*(own.shapes(line.places)[0] for own, line in lines), format="csr")
 
     def order(self, number: int) -> FourierOrder:
         """The forms of one Fourier order."""

@@ -148,7 +148,6 @@ def round_domain(
         voltage_factor=2.0 if 2 in mirrors else 1.0,
         poling=poling,
         order=divisions.order,
-        radii=radii if mirrors == (0, 1, 2) and poling == (0.0, 0.0, 1.0) else None,
     )
 
 

@@ -244,6 +244,11 @@ class Slab:
         return (self.holes[0].diameter / 2 if self.holes else 0.0), self.outline.diameter / 2
 
     @property
+    def revolved(self) -> tuple[float, float] | None:
+        """The radii where fields are axisymmetric: poled along the axis; None for others."""
+        return self.radii if self.mirrors == (0, 1, 2) and self.poling_direction == (0.0, 0.0, 1.0) else None
+
+    @property
     def element_order(self) -> int:
         """About what is chosen for curved hexahedra; other elements are quadratic."""
         return 5 if self.is_curved else 2
@@ -307,7 +312,8 @@ class Slab:
             height = self.thickness / 2 if 2 in mirrors else self.thickness
             along = abs(self.poling_direction[2]) == 1.0
             found = divisions_for(self.radii, self.thickness, height, wavenumber, accuracy, along, order)
-            return round_domain(self.radii, self.thickness, found, mirrors, self.poling_direction)
+            domain = round_domain(self.radii, self.thickness, found, mirrors, self.poling_direction)
+            return replace(domain, radii=self.revolved if symmetric else None)
         if self.is_curved:
             with contextlib.suppress(NoQuadrangles):
                 mesh, order, at_rims = mesh_for(self, accuracy, wavenumber, mirrors, order)

@@ -67,7 +67,7 @@ def effect_context(
         thickness=problem.plate.electrode_gap,
         impedance=impedance,
         dimensions=tuple(plate.dimensions.tolist()) if whole else None,
-        radii=plate.radii if isinstance(plate, Slab) and plate.mirrors == EIGHTH else None,
+        radii=plate.revolved if isinstance(plate, Slab) else None,
         poling=plate.poling,
         tolerances=tolerances(problem),
         band_Hz=band_Hz,

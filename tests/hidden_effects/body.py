@@ -14,11 +14,8 @@ from itertools import product
 
 import numpy as np
 
-from hidden_effects import crystal
-from hidden_effects.crystal import VOIGT
+from hidden_effects.crystal_forms import CrystalForms
 from hidden_effects.spectral import Axis, Line, joined, quadrature
-
-_VOLT = 4
 
 
 @dataclass(frozen=True)
@@ -112,7 +109,7 @@ class Surface:
         return middle[0], middle[1], len(self.faces) == 2
 
 
-class ParityClass:
+class ParityClass(CrystalForms):
     """Matrices of one class; functions of a field in the order x, y, z, the last fastest.
 
     Attributes
@@ -123,7 +120,7 @@ class ParityClass:
     """
 
     def __init__(self, body: Body, signs: tuple[int, int, int]) -> None:
-        self._body = body
+        self._body, self.poling = body, body.poling
         self.driven = all(sign != -1 for sign in signs)
         self.lines: list[list[Line]] = []
         for f in range(4):
@@ -139,10 +136,10 @@ class ParityClass:
         self._starts = np.concatenate([[0], np.cumsum(sizes)])
         self.displacements, self.potentials = int(self._starts[-1]), self._kept.size
         self.mass = self._mass()
-        self.elastic = np.array([self._strain_strain(crystal.elastic(name, body.poling)) for name in crystal.ELASTIC])
-        self.coupling = np.array([self._strain_field(crystal.coupling(name, body.poling)) for name in crystal.COUPLING])
-        self.dielectric = np.array(
-            [self._field_field(crystal.dielectric(name, body.poling)) for name in crystal.DIELECTRIC]
+        self.elastic, self.coupling, self.dielectric = (
+            self.elastic_forms(),
+            self.coupling_forms(),
+            self.dielectric_forms(),
         )
         self._products.clear()
 
@@ -176,7 +173,7 @@ class ParityClass:
             parts.append((first * weight) @ second.T)
         return np.kron(np.kron(parts[0], parts[1]), parts[2])
 
-    def _product(self, f: int, a: int, g: int, b: int, profile: str) -> np.ndarray:
+    def product(self, f: int, a: int, g: int, b: int, profile: str) -> np.ndarray:
         """∫ profile ∂_a f ∂_b g dV."""
         if (f, a, g, b) not in self._products:
             x = self._body.gauss[0][0]
@@ -189,42 +186,14 @@ class ParityClass:
             self._products[f, a, g, b] = total[:, self._kept] if g == 3 else total
         return self._products[f, a, g, b]
 
-    def _block(self, f: int) -> slice:
+    def block(self, f: int) -> slice:
         return slice(self._starts[f], self._starts[f + 1])
 
     def _mass(self) -> np.ndarray:
         found = np.zeros((self.displacements, self.displacements))
         widths = self._body.widths(self._body.gauss[0][0])
         for f in range(3):
-            found[self._block(f), self._block(f)] = self._body.density * self._tensor(f, f, -1, -1, widths, 0)
-        return found
-
-    def _strain_strain(self, c: np.ndarray) -> np.ndarray:
-        found = np.zeros((self.displacements, self.displacements))
-        for row, column in zip(*np.nonzero(c), strict=True):
-            for f, a in VOIGT[row]:
-                for g, b in VOIGT[column]:
-                    found[self._block(f), self._block(g)] += c[row, column] * self._product(f, a, g, b, "c")
-        return found
-
-    def _strain_field(self, e: np.ndarray) -> np.ndarray:
-        found = np.zeros((self.displacements, self.potentials + 1))
-        for k, column in zip(*np.nonzero(e), strict=True):
-            for f, a in VOIGT[column]:
-                found[self._block(f), :-1] += e[k, column] * self._product(f, a, 3, k, "e")
-                if self.driven:
-                    found[self._block(f), -1:] += e[k, column] * self._product(f, a, _VOLT, k, "e")
-        return found
-
-    def _field_field(self, eps: np.ndarray) -> np.ndarray:
-        found = np.zeros((self.potentials + 1, self.potentials + 1))
-        for k in np.flatnonzero(eps):
-            found[:-1, :-1] += eps[k] * self._product(3, k, 3, k, "eps")
-            if self.driven:
-                mixed = eps[k] * self._product(3, k, _VOLT, k, "eps")
-                found[:-1, -1:] += mixed
-                found[-1:, :-1] += mixed.T
-                found[-1:, -1:] += eps[k] * self._product(_VOLT, k, _VOLT, k, "eps")
+            found[self.block(f), self.block(f)] = self._body.density * self._tensor(f, f, -1, -1, widths, 0)
         return found
 
     def factor(self, surface: Surface) -> np.ndarray:
@@ -256,7 +225,7 @@ class ParityClass:
         width = next(iter(blocks.values())).shape[1]
         found = np.zeros((self.displacements, width))
         for f, block in blocks.items():
-            found[self._block(f)] = block
+            found[self.block(f)] = block
         return found
 
     def _membrane(self, faces, nu: float) -> list[np.ndarray]:

@@ -39,8 +39,38 @@ class Grading:
 _GRADING = Grading((0.05e-3,), 3, (8, 8)), Grading((0.015e-3, 0.1e-3), 4, (6, 14))
 
 
+class Swept:
+    """What a specimen to be has on the way from its body to its sweep; `Build` says what the attributes are."""
+
+    theta: np.ndarray
+    surfaces: list
+    laws: list[Law]
+    circuits: list[Circuit]
+    warp: Profile | None
+
+    def body(self):
+        """The piece without what stands on its surfaces."""
+        raise NotImplementedError
+
+    def constants(self, frequency: float) -> np.ndarray:
+        """(10,) d-form constants at a frequency in Hz."""
+        theta = self.theta
+        for law in self.laws:
+            theta = law(theta, frequency)
+        return theta
+
+    def impedance(self, frequency: np.ndarray) -> np.ndarray:
+        """Z (k,), ohm, as it would be measured without noise."""
+        plate = Plate(self.body(), self.theta, float(frequency.max()), self.surfaces)
+        own = frequency if self.warp is None else self.warp(frequency)
+        z = plate.impedance(self.constants if self.laws else self.theta, own)
+        for circuit in self.circuits:
+            z = circuit(2 * np.pi * frequency, z)
+        return z
+
+
 @dataclass
-class Build:
+class Build(Swept):
     """A specimen to be: the simple plate, changed by effects.
 
     Attributes
@@ -77,13 +107,6 @@ class Build:
     def whole_face(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Ends of the large faces along x and y, m."""
         return (-self.size[0] / 2, self.size[0] / 2), (-self.size[1] / 2, self.size[1] / 2)
-
-    def constants(self, frequency: float) -> np.ndarray:
-        """(10,) d-form constants at a frequency in Hz."""
-        theta = self.theta
-        for law in self.laws:
-            theta = law(theta, frequency)
-        return theta
 
     def pole(self, near: float) -> float:
         """Frequency in Hz of the strongest conductance of the body as it is, 0.7 to 1.1 times a frequency near it."""
@@ -131,15 +154,6 @@ class Build:
         fine = [e + s * g for e in edges for g in (0.0, *grading.along) for s in (-1, 1)]
         inside = [p for p in fine if abs(p) < half - 0.2 * min(grading.along)]
         return self._along(joined(ends, inside), _DEGREES[0], grading.degree)
-
-    def impedance(self, frequency: np.ndarray) -> np.ndarray:
-        """Z (k,), ohm, as it would be measured without noise."""
-        plate = Plate(self.body(), self.theta, float(frequency.max()), self.surfaces)
-        own = frequency if self.warp is None else self.warp(frequency)
-        z = plate.impedance(self.constants if self.laws else self.theta, own)
-        for circuit in self.circuits:
-            z = circuit(2 * np.pi * frequency, z)
-        return z
 
 
 def _product(profiles: list[Profile]) -> Profile:

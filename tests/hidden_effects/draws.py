@@ -8,6 +8,7 @@ instrument. Of a draw the constants that are free, what is hidden and the noise 
 from __future__ import annotations
 
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -142,12 +143,12 @@ def setup_of(name: str, seed: int) -> Setup:
         for free in FREE[poling]:
             held[NAMES.index(free)] = PZT5H[NAMES.index(free)]
         setup = Setup(nominal, poling, held, noise)
-        if _passive(setup.assumed):
+        if passive(setup.assumed):
             return setup
     raise RuntimeError(f"lot {lot}: no passive material in {_ATTEMPTS} draws")
 
 
-def _passive(theta: np.ndarray) -> bool:
+def passive(theta: np.ndarray) -> bool:
     """Whether no stress and field at all gains energy: the loss part of s, d and ε together is positive."""
     s11, s12, s13, s33, s44, d31, d33, d15, eps11, eps33 = -theta.imag
     along = [[s11, s12, s13, -d31], [s12, s11, s13, -d31], [s13, s13, s33, -d33], [-d31, -d31, -d33, eps33]]
@@ -168,7 +169,7 @@ def draw(name: str, seed: int, *, points: int = 301, variant: bool | None = None
     """
     for attempt in range(_ATTEMPTS):
         found = _drawn(name, seed, points, variant, [attempt] if attempt else [])
-        if np.all(found.clean.real > 0) and _passive(found.theta):
+        if np.all(found.clean.real > 0) and passive(found.theta):
             return found
     raise RuntimeError(f"{name}:{seed}: no passive specimen in {_ATTEMPTS} draws")
 
@@ -205,7 +206,7 @@ def _drawn(name: str, seed: int, points: int, variant: bool | None, attempt: lis
             other = bool(rng.random() < VARIANTS) if variant is None else variant
             key.append(EFFECTS[effect](build, rng, other))
     if laboratory:
-        build.circuits.append(_instrument(off))
+        build.circuits.append(instrument(off))
         key = [_in_all(hidden, build, setup) for hidden in key]
     clean = build.impedance(frequency)
     normal = rng.standard_normal((2, points))
@@ -218,7 +219,7 @@ def _drawn(name: str, seed: int, points: int, variant: bool | None, attempt: lis
     return Draw(whole, seed, text, frequency, z, clean, tuple(key), kind, build, noise)
 
 
-def _instrument(off: np.random.Generator):
+def instrument(off: np.random.Generator):
     """A fixture's residue and the gain of an instrument, smooth in the logarithm of frequency."""
     resistance, inductance, capacitance = np.array(STD_RESIDUE) * off.standard_normal(3)
     gain = np.array([STD_GAIN, STD_PHASE]) * off.standard_normal((2, 2)) / np.sqrt(2)
@@ -261,19 +262,30 @@ def _specification(
     if laboratory:
         lines += [f"std_{n} = {v!r}" for n, v in zip(("length", "width", "thickness"), STD_SIZE.tolist(), strict=True)]
         lines.append(f"std_density = {STD_DENSITY!r}")
-    lines += ["[material]", f"free = {list(FREE[poling])}"]
-    for name, value in zip(NAMES, assumed.tolist(), strict=True):
-        lines += [f"{name} = {value.real!r}", f"tan_{name} = {-value.imag / value.real!r}"]
-        if laboratory and name not in FREE[poling]:
-            lines += [f'std_{name} = "{100 * STD_HELD} %"', f"std_tan_{name} = {STD_TANGENT!r}"]
-    lines += ["[measurement]", 'file = "sweep.csv"']
-    if laboratory:
-        residue = ", ".join(f"{n} = {v!r}" for n, v in zip(_RESIDUE, STD_RESIDUE, strict=True))
-        lines += [f"accuracy = {STD_GAIN!r}", f"phase_accuracy = {STD_PHASE!r}", f"residue = {{ {residue} }}"]
-    if noise is not None:
-        lines.append(f"noise = {noise!r}")
+    lines += [*material_lines(FREE[poling], assumed, laboratory), *measurement_lines(noise, laboratory)]
     if held_out is not None:
         lines.append(f"held_out = [{held_out[0]!r}, {held_out[1]!r}]")
     if not laboratory:
         lines += ["[update]", "noise_only = true"]  # everything but the effects is as the file says
     return "\n".join(lines) + "\n"
+
+
+def material_lines(free: Sequence[str], assumed: np.ndarray, laboratory: bool) -> list[str]:
+    """The [material] table."""
+    lines = ["[material]", f"free = {list(free)}"]
+    for name, value in zip(NAMES, assumed.tolist(), strict=True):
+        lines += [f"{name} = {value.real!r}", f"tan_{name} = {-value.imag / value.real!r}"]
+        if laboratory and name not in free:
+            lines += [f'std_{name} = "{100 * STD_HELD} %"', f"std_tan_{name} = {STD_TANGENT!r}"]
+    return lines
+
+
+def measurement_lines(noise: float | None, laboratory: bool) -> list[str]:
+    """The [measurement] table, to which keys may be added."""
+    lines = ["[measurement]", 'file = "sweep.csv"']
+    if laboratory:
+        residue = ", ".join(f"{n} = {v!r}" for n, v in zip(_RESIDUE, STD_RESIDUE, strict=True))
+        lines += [f"accuracy = {STD_GAIN!r}", f"phase_accuracy = {STD_PHASE!r}", f"residue = {{ {residue} }}"]
+    if noise is not None:
+        lines.append(f"noise = {noise!r}")
+    return lines

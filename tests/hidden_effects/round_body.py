@@ -15,8 +15,7 @@ import numpy as np
 import scipy.linalg as sl
 from numpy.polynomial import legendre
 
-from hidden_effects import crystal
-from hidden_effects.crystal import VOIGT
+from hidden_effects.crystal_forms import VOLT, CrystalForms
 
 #: Share of the largest eigenvalue of the Gram matrix of the plane functions below which a combination is dropped.
 _SAME = 1e-11
@@ -58,10 +57,6 @@ class RoundSurface:
         weights = np.full(points, 1 / points / len(faces))
         return cls(radius * np.cos(turns), radius * np.sin(turns), weights, faces, coefficient)
 
-    def keeps(self) -> tuple[bool, bool, bool]:
-        """Which parities it leaves, of those that are made use of."""
-        return True, True, len(self.faces) == 2
-
 
 @dataclass(frozen=True)
 class RoundBody:
@@ -83,7 +78,7 @@ class RoundBody:
 
     def classes(self, surfaces: Sequence[RoundSurface]) -> list[tuple[int, ...]]:
         """Sign of the parity in z of the classes that surfaces couple, the driven one first."""
-        return [(1,)] if all(surface.keeps()[2] for surface in surfaces) else [(1,), (-1,)]
+        return [(1,)] if all(len(surface.faces) == 2 for surface in surfaces) else [(1,), (-1,)]
 
     def part(self, signs: tuple[int, ...]) -> RoundClass:
         """One class."""
@@ -149,11 +144,11 @@ def _polynomials(at: np.ndarray, degree: int, unit: float) -> tuple[np.ndarray, 
     return legendre.legvander(at, degree).T, np.array(slopes) / unit
 
 
-class RoundClass:
+class RoundClass(CrystalForms):
     """Matrices of one parity in z (1: u_z and φ odd, as driven), as `hidden_effects.body.ParityClass` has them."""
 
     def __init__(self, body: RoundBody, sign: int) -> None:
-        self.driven = sign == 1
+        self.driven, self.poling = sign == 1, 2
         self._body, x_y = body, body.quadrature
         self._plane = {parity: body.plane(x_y[0], x_y[1], parity) for parity in (1, -1)}
         #: of u_x, u_y, u_z, φ: parity in y, and polynomials along z
@@ -163,15 +158,17 @@ class RoundClass:
         sizes = [self._plane[self._parity[f]].shape[1] * len(self._lines[f][0]) for f in range(4)]
         self._starts = np.concatenate([[0], np.cumsum(sizes[:3])])
         self.displacements, self.potentials = int(self._starts[-1]), sizes[3]
-        self.mass = sl.block_diag(*(body.density * self._product(f, -1, f, -1) for f in range(3)))
-        self.elastic = np.array([self._elastic(crystal.elastic(name, 2)) for name in crystal.ELASTIC])
-        self.coupling = np.array([self._coupling(crystal.coupling(name, 2)) for name in crystal.COUPLING])
-        self.dielectric = np.array([self._dielectric(crystal.dielectric(name, 2)) for name in crystal.DIELECTRIC])
+        self.mass = sl.block_diag(*(body.density * self.product(f, -1, f, -1) for f in range(3)))
+        self.elastic, self.coupling, self.dielectric = (
+            self.elastic_forms(),
+            self.coupling_forms(),
+            self.dielectric_forms(),
+        )
 
     def _line(self, f: int, sign: int, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values and slopes (n, points) along z of one field at 2z/t; f = 4 is the volt."""
+        """Values and slopes (n, points) along z of one field at 2z/t; and of the volt."""
         half = self._body.thickness / 2
-        if f == 4:
+        if f == VOLT:
             return at[None] / 2, np.full((1, at.size), 0.5 / half)
         odd = (f >= 2) == (sign > 0)
         value, slope = _polynomials(at, self._body.layers + (f == 3), half)
@@ -180,14 +177,14 @@ class RoundClass:
         return value[int(odd) :: 2], slope[int(odd) :: 2]
 
     def _functions(self, f: int) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-        """Plane functions (3, k, points) and lines along z of a field; 4 is the volt."""
-        if f == 4:
+        """Plane functions (3, k, points) and lines along z of a field or of the volt."""
+        if f == VOLT:
             points = self._body.quadrature[0].size
             flat = np.concatenate([np.ones((1, 1, points)), np.zeros((2, 1, points))])
-            return flat, self._line(4, 1, self._nodes)
+            return flat, self._line(VOLT, 1, self._nodes)
         return self._plane[self._parity[f]], self._lines[f]
 
-    def _product(self, f: int, a: int, g: int, b: int, profile: str = "") -> np.ndarray:
+    def product(self, f: int, a: int, g: int, b: int, profile: str = "") -> np.ndarray:
         """∫ profile ∂_a f ∂_b g dV; −1: not differentiated."""
         x, y, weights = self._body.quadrature
         weights = weights * self._body.profiles.get(profile, lambda x, y: np.ones_like(x))(x, y)
@@ -196,36 +193,8 @@ class RoundClass:
         along = (left_z[int(a == 2)] * self._weights * self._body.thickness / 2) @ right_z[int(b == 2)].T
         return np.kron(plane, along)
 
-    def _block(self, f: int) -> slice:
+    def block(self, f: int) -> slice:
         return slice(self._starts[f], self._starts[f + 1])
-
-    def _elastic(self, c: np.ndarray) -> np.ndarray:
-        found = np.zeros((self.displacements,) * 2)
-        for row, column in zip(*np.nonzero(c), strict=True):
-            for f, a in VOIGT[row]:
-                for g, b in VOIGT[column]:
-                    found[self._block(f), self._block(g)] += c[row, column] * self._product(f, a, g, b, "c")
-        return found
-
-    def _coupling(self, e: np.ndarray) -> np.ndarray:
-        found = np.zeros((self.displacements, self.potentials + 1))
-        for k, column in zip(*np.nonzero(e), strict=True):
-            for f, a in VOIGT[column]:
-                found[self._block(f), :-1] += e[k, column] * self._product(f, a, 3, k, "e")
-                if self.driven:
-                    found[self._block(f), -1:] += e[k, column] * self._product(f, a, 4, k, "e")
-        return found
-
-    def _dielectric(self, eps: np.ndarray) -> np.ndarray:
-        found = np.zeros((self.potentials + 1,) * 2)
-        for k in np.flatnonzero(eps):
-            found[:-1, :-1] += eps[k] * self._product(3, k, 3, k)
-            if self.driven:
-                mixed = eps[k] * self._product(3, k, 4, k)
-                found[:-1, -1:] += mixed
-                found[-1:, :-1] += mixed.T
-                found[-1:, -1:] += eps[k] * self._product(4, k, 4, k)
-        return found
 
     def factor(self, surface: RoundSurface) -> np.ndarray:
         """B (n, g) with Σ weight |u|² = |Bᵗ u|² over the surface; the classes share columns."""
@@ -236,7 +205,7 @@ class RoundClass:
                 line = self._line(f, sign, np.array([float(side)]))[0]
                 own = plane[self._parity[f]]
                 block = np.zeros((self.displacements, own.shape[1]))
-                block[self._block(f)] = np.einsum("kp,zq->kzp", own, line).reshape(-1, own.shape[1])
+                block[self.block(f)] = np.einsum("kp,zq->kzp", own, line).reshape(-1, own.shape[1])
                 columns.append(block)
         return np.concatenate(columns, axis=1)
 

@@ -14,10 +14,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hidden_effects import catalogue, draws
-from hidden_effects.build import Circuit, Law
+from hidden_effects.build import Circuit, Law, Profile, Swept
 from hidden_effects.catalogue import NAMES, Hidden, log_uniform
 from hidden_effects.draws import PZT5H, Draw
-from hidden_effects.reduced import Plate
 from hidden_effects.round_body import RoundBody, RoundSurface
 
 ROUND = ("disk", "ring")
@@ -28,7 +27,7 @@ _DEGREE, _LAYERS, _ATTEMPTS = 18, 3, 60
 
 
 @dataclass
-class RoundBuild:
+class RoundBuild(Swept):
     """A specimen to be: the simple disk or ring, changed by effects.
 
     Attributes
@@ -48,19 +47,13 @@ class RoundBuild:
     surfaces: list[RoundSurface] = field(default_factory=list)
     laws: list[Law] = field(default_factory=list)
     circuits: list[Circuit] = field(default_factory=list)
+    warp: Profile | None = None
     profiles: dict[str, Callable] = field(default_factory=dict)
 
     @property
     def mass(self) -> float:
         """kg"""
         return float(np.pi * (self.radii[1] ** 2 - self.radii[0] ** 2) * self.thickness * self.density)
-
-    def constants(self, frequency: float) -> np.ndarray:
-        """(10,) d-form constants at a frequency in Hz."""
-        theta = self.theta
-        for law in self.laws:
-            theta = law(theta, frequency)
-        return theta
 
     def body(self) -> RoundBody:
         """The piece without what stands on its surfaces."""
@@ -71,14 +64,6 @@ class RoundBuild:
         x, y, weights = self.body().quadrature
         both = [np.concatenate([part, sign * part]) for part, sign in ((x, 1), (y, -1), (weights / 2, 1))]
         return RoundSurface(*both, (side,), coefficient, directions)
-
-    def impedance(self, frequency: np.ndarray) -> np.ndarray:
-        """Z (k,), ohm, as it would be measured without noise."""
-        plate = Plate(self.body(), self.theta, float(frequency.max()), self.surfaces)
-        z = plate.impedance(self.constants if self.laws else self.theta, frequency)
-        for circuit in self.circuits:
-            z = circuit(2 * np.pi * frequency, z)
-        return z
 
 
 def point_mass(build: RoundBuild, rng, variant) -> Hidden:
@@ -183,7 +168,7 @@ def draw_round(name: str, seed: int, *, points: int = 301) -> Draw:
     for attempt in range(_ATTEMPTS):
         rng = np.random.default_rng([2030, seed, zlib.crc32(name.encode()), attempt])
         found = _drawn(name, shape, effect, seed, rng, points)
-        if np.all(found.clean.real > 0) and draws._passive(found.theta):
+        if np.all(found.clean.real > 0) and draws.passive(found.theta):
             return found
     raise RuntimeError(f"{name}:{seed}: no passive specimen in {_ATTEMPTS} draws")
 
@@ -208,7 +193,7 @@ def _drawn(name: str, shape: str, effect: str, seed: int, rng: np.random.Generat
     if effect != "none":
         own = ROUND_EFFECTS[effect]
         key.append(own(build, rng, bool(rng.random() < draws.VARIANTS)))
-    build.circuits.append(draws._instrument(rng))
+    build.circuits.append(draws.instrument(rng))
     key = [_in_all(hidden, build, nominal, height) for hidden in key]
     frequency = np.linspace(20e3, 240e3, points)
     clean = build.impedance(frequency)
@@ -241,14 +226,5 @@ def _specification(shape: str, radii: np.ndarray, height: float, assumed: np.nda
     if shape == "ring":
         lines.append(f"inner_diameter = {2 * float(radii[0])!r}")
     lines += [f"std_diameter = {STD_DIAMETER!r}", f"std_thickness = {STD_THICKNESS!r}"]
-    lines += [f"std_density = {draws.STD_DENSITY!r}", "[material]", f"free = {list(FREE)}"]
-    for name, value in zip(NAMES, assumed.tolist(), strict=True):
-        lines += [f"{name} = {value.real!r}", f"tan_{name} = {-value.imag / value.real!r}"]
-        if name not in FREE:
-            lines += [f'std_{name} = "{100 * draws.STD_HELD} %"', f"std_tan_{name} = {draws.STD_TANGENT!r}"]
-    residue = ", ".join(f"{n} = {v!r}" for n, v in zip(draws._RESIDUE, draws.STD_RESIDUE, strict=True))
-    lines += ["[measurement]", 'file = "sweep.csv"', f"accuracy = {draws.STD_GAIN!r}"]
-    lines += [f"phase_accuracy = {draws.STD_PHASE!r}", f"residue = {{ {residue} }}"]
-    if noise is not None:
-        lines.append(f"noise = {noise!r}")
-    return "\n".join(lines) + "\n"
+    lines += [f"std_density = {draws.STD_DENSITY!r}", *draws.material_lines(FREE, assumed, laboratory=True)]
+    return "\n".join([*lines, *draws.measurement_lines(noise, laboratory=True)]) + "\n"

@@ -11,6 +11,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, ExtraTerm, LocalTerm
 from femu_piezo.effects.local.operators import Places
+from femu_piezo.effects.local.round_fields import BENDING, FILM
 from femu_piezo.forward.electrodes import electrode_film
 
 
@@ -64,7 +65,7 @@ def _unequal(context: EffectContext) -> tuple[Effect, ...]:
             confusable_with=("electrode_mass", "point_mass"),
             advice=("measure the thickness of both electrodes", "compare with the simulation of a bare plate"),
             local=_difference,
-            sectors=("film", "z", "z film"),
+            sectors=("z", "z film") if context.radii is None else (BENDING, FILM),
         ),
     )
 

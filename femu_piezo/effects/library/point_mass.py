@@ -12,6 +12,8 @@ add to it (`femu_piezo.effects.local.face_compliance`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalTerm
@@ -53,6 +55,11 @@ class _Patch:
         self.spread_slopes = half + half.transpose(0, 2, 1)
 
 
+def _in_plane(place: Sequence[float]) -> tuple[float, float]:
+    """x, y of a place on a plate, or of a distance from the axis, which is taken along x."""
+    return (place[0], place[1]) if len(place) == 2 else (place[0], 0.0)
+
+
 def _hook(context: EffectContext, radii: tuple[float, float]):
     """Radii of the smallest and the largest patch; the mass of the specimen is the unit of the body's inertia."""
     own, constants = context.mass, tuple(context.constants.to_e_form().vector().tolist())
@@ -60,7 +67,7 @@ def _hook(context: EffectContext, radii: tuple[float, float]):
 
     def terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
         mass, *place, radius = p
-        patch = _Patch(places.face, *place, *[0.0] * (2 - len(place)), radius)
+        patch = _Patch(places.face, *_in_plane(place), radius)
         size, copies, u = places.size, places.face.copies, patch.mean.shape[1]
         names = ("mass", *("x", "y")[: len(place)], "radius")
 
@@ -94,8 +101,7 @@ def _hook(context: EffectContext, radii: tuple[float, float]):
 
 def _onset(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
     """A vanishing mass follows the face: − ½ ω² m (N u)ᵗ N u."""
-    x, y = (*p[1:-1], 0.0)[:2]
-    n, _ = places.face.at(x, y)
+    n, _ = places.face.at(*_in_plane(p[1:-1]))
     slopes = np.zeros((omega.size, p.size), dtype=complex)
     slopes[:, 0] = 1.0
     return [LocalTerm("inertia", n.T @ n / places.face.copies, slopes[:, 0] * p[0], slopes)]

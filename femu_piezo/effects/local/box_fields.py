@@ -15,6 +15,7 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 
 from femu_piezo.effects.effect import ExtraTerm
 from femu_piezo.effects.local.faces import BoxFace, on_face
@@ -114,10 +115,10 @@ class BoxFields(Fields):
         """(n, k, k) forms of extended tensors on the sectors of one class."""
         return self.model.products.within(self.fields(names), tensors)
 
-    def extra(self, names: tuple[str, ...], term: ExtraTerm) -> np.ndarray:
+    def extra(self, names: tuple[str, ...], term: ExtraTerm, matrix: sp.spmatrix) -> np.ndarray:
         """(k, k) a further term on the sectors of one class."""
-        matrix = self._once.get(("term", term.name), lambda: term.of(self.model))
-        flat = (fields := self.fields(names)).reshape(-1, fields.shape[2])
+        fields = self.fields(names)
+        flat = fields.reshape(-1, fields.shape[2])
         return flat.T @ (matrix @ flat)
 
     def film(self, left: tuple[str, ...], right: tuple[str, ...]) -> np.ndarray:

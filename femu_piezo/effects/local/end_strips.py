@@ -158,7 +158,7 @@ def measure_bare_rims(sectors: Sectors) -> BareEnds:
     """
     fields: RoundFields = sectors.all_fields
     inner, outer = fields.model.domain.radii
-    order, units = fields.section.order(0), fields.model.unit_tensors
+    order, units = fields.order(0), fields.model.unit_tensors
     base = _Base.of(sectors.displacements, fields.on_section, order, fields.constants, units)
     return _measured(sectors, base, _NODES * WIDEST * (outer - inner), lambda width: _bare_rims(fields, base, width))
 
@@ -189,9 +189,8 @@ def _bare_end(model: ElectroelasticModel, base: _Base, width: float) -> np.ndarr
     held[2:, z == 0] = True
     held[3, top] = True
     strip = np.flatnonzero(top & (x > length - width + 1e-9 * length))
-    probe = interpolation(model, basis.doflocs)
-    interpolated = np.concatenate([probe @ part for part in np.split(base.fields, FIELDS)])
-    return _freed(_BoxForms(assemble_gradient_products(basis), model.density), held, strip, interpolated, base)
+    forms = _BoxForms(assemble_gradient_products(basis), model.density)
+    return _freed(forms, held, strip, interpolation(model, basis.doflocs), base)
 
 
 def _bare_rims(fields: RoundFields, base: _Base, width: float) -> np.ndarray:
@@ -203,9 +202,6 @@ def _bare_rims(fields: RoundFields, base: _Base, width: float) -> np.ndarray:
     if ring:
         ends = np.concatenate([2 * start - ends[:0:-1], ends])
     section = Section(Line(ends, _ORDER), Line(_deep(height), _ORDER), whole.density)
-    lines = ((whole.radial, section.radial), (whole.axial, section.axial))
-    probe = sp.kron(*(of.shapes(at.places)[0] for of, at in lines), format="csr")
-    interpolated = np.concatenate([probe @ part for part in np.split(base.fields, FIELDS)])
     r, z = (part.ravel() for part in np.meshgrid(section.radial.places, section.axial.places, indexing="ij"))
     top, near = z > height * (1 - 1e-9), 1e-9 * outer
     held = np.zeros((FIELDS, r.size), dtype=bool)
@@ -215,20 +211,18 @@ def _bare_rims(fields: RoundFields, base: _Base, width: float) -> np.ndarray:
     held[2:, z == 0] = True
     held[3, top] = True
     strip = np.flatnonzero(top & ((r > outer - width + near) | (ring & (r < inner + width - near))))
-    return _freed(section.order(0), held, strip, interpolated, base)
+    return _freed(section.order(0), held, strip, whole.to_nodes_of(section), base)
 
 
-def _freed(
-    forms: _Forms, held: np.ndarray, strip: np.ndarray, interpolated: np.ndarray, base: _Base
-) -> np.ndarray:
+def _freed(forms: _Forms, held: np.ndarray, strip: np.ndarray, probe: sp.csr_matrix, base: _Base) -> np.ndarray:
     """∂S/∂c (10, k, k) of a region with one strip.
 
     Parameters
     ----------
     held : (4, n) what is zero in the region while the electrode is whole;  strip : nodes that are freed
-    interpolated : (4n, k) base fields in the region
+    probe : (n, nodes of the body) values of a field in the region
     """
-    n = held.shape[1]
+    n, interpolated = held.shape[1], np.concatenate([probe @ part for part in np.split(base.fields, FIELDS)])
     held[3, strip] = False
     free = np.flatnonzero(~held.ravel())
     scale = np.where(free >= 3 * n, POTENTIAL_SCALE, 1.0)

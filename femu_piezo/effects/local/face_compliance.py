@@ -20,12 +20,11 @@ from functools import lru_cache
 
 import numpy as np
 import scipy.linalg as sl
-from numpy.polynomial import legendre
 from scipy.interpolate import CubicSpline
 from scipy.special import j1
 
 from femu_piezo.forward.gradient_products import FIELDS, extended_tensor
-from femu_piezo.forward.hex_element import lobatto_nodes
+from femu_piezo.forward.revolution import Line
 from femu_piezo.material.constants import ElasticForm
 from femu_piezo.material.voigt import axes_with_poling
 from femu_piezo.threads import blas_limit
@@ -103,16 +102,10 @@ class _Waves:
     def __init__(self, of: FaceCompliance, tensor: np.ndarray, axis: int) -> None:
         half = 0.5 ** np.arange(_ELEMENTS // 2 - 1, -1, -1.0)
         ends = of.thickness / 2 * np.concatenate([[0.0], half, 2 - half[-2::-1], [2.0]])
-        n = self._size = (ends.size - 1) * _ORDER + 1
-        points, weights = legendre.leggauss(_ORDER + 2)
-        coefficients = np.linalg.inv(legendre.legvander(2 * lobatto_nodes(_ORDER) - 1, _ORDER))
-        values, slopes = np.zeros((2, (ends.size - 1) * points.size, n))
-        shapes = legendre.legvander(points, _ORDER) @ coefficients
-        steep = np.array([legendre.legval(points, legendre.legder(row)) for row in coefficients.T]).T
-        for e, length in enumerate(np.diff(ends)):
-            rows, own = slice(e * points.size, (e + 1) * points.size), slice(e * _ORDER, (e + 1) * _ORDER + 1)
-            values[rows, own], slopes[rows, own] = shapes, steep * 2 / length
-        weights = np.outer(np.diff(ends) / 2, weights).ravel()
+        line = Line(ends, _ORDER)
+        points, weights = line.gauss
+        values, slopes = (shapes.toarray() for shapes in line.shapes(points))
+        n = self._size = line.places.size
         self._mass = sl.block_diag(*[of.density * (values.T * weights) @ values] * 3)
         across = of.poling == "thickness"
         inner = np.arange(n)[1:-1] if across else np.arange(n)

@@ -204,7 +204,7 @@ def _radial_ramp(sectors: Sectors) -> Blocks:
     """On the driven fields alone: what varies along the radius leaves a body of revolution."""
     fields: RoundFields = sectors.all_fields
     inner, outer = fields.model.domain.radii
-    order, units = fields.section.order(0), fields.model.unit_tensors[PIEZOELECTRIC.start : PIEZOELECTRIC.stop]
+    order, units = fields.order(0), fields.model.unit_tensors[PIEZOELECTRIC.start : PIEZOELECTRIC.stop]
     weight = (order.radii / outer) ** 2 - (1 + (inner / outer) ** 2) / 2
     found = order.within(fields.on_section, units, weight)
     return Blocks(found, np.arange(sectors.size), sectors.size)

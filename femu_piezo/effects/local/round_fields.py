@@ -19,6 +19,7 @@ from numpy.polynomial import legendre
 from femu_piezo.effects.effect import ExtraTerm
 from femu_piezo.effects.local.faces import RoundFace
 from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Fields
+from femu_piezo.forward.electrodes import electrode_film
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.linear_solver import factorize
 from femu_piezo.forward.model import ElectroelasticModel
@@ -101,10 +102,11 @@ class RoundFields(Fields):
         found = self.model.products.within(whole, tensors)
         if FILM not in names:
             return found
-        order, own = self._order(0), self._film_response
-        return self._with_film(found, order.between(self.on_section, own, tensors), order.within(own, tensors))
+        order, (film,) = self.order(0), self._modes(FILM)
+        crossed, own = order.between(self.on_section, film.fields, tensors), order.within(film.fields, tensors)
+        return self._with_film(found, crossed, own)
 
-    def extra(self, names: tuple[str, ...], term: ExtraTerm) -> np.ndarray:
+    def extra(self, names: tuple[str, ...], term: ExtraTerm, matrix: sp.spmatrix) -> np.ndarray:
         """(k, k) a further term; one that is known on a mesh alone acts on driven fields alone."""
 
         def between(order: FourierOrder, left: np.ndarray, right: np.ndarray) -> np.ndarray:
@@ -114,24 +116,18 @@ class RoundFields(Fields):
 
         if DRIVEN not in names:
             return self._by_order(names[0], 1, lambda one, order: between(order, one.fields, one.fields)[None])[0]
-        found = self._driven.T @ (self._once.get(("term", term.name), lambda: term.of(self.model)) @ self._driven)
+        found = self._driven.T @ (matrix @ self._driven)
         if FILM not in names:
             return found
-        order, own = self._order(0), self._film_response
-        crossed, inner = between(order, self.on_section, own), between(order, own, own)
-        return self._with_film(found[None], crossed[None], inner[None])[0]
+        order, (film,) = self.order(0), self._modes(FILM)
+        crossed, own = (between(order, left, film.fields) for left in (self.on_section, film.fields))
+        return self._with_film(found[None], crossed[None], own[None])[0]
 
     def _with_film(self, driven: np.ndarray, crossed: np.ndarray, own: np.ndarray) -> np.ndarray:
         """(n, k, k) of driven displacements, film responses, potentials; of blocks of driven unknowns and responses."""
         u, more = self.reduced.displacements, own.shape[1]
         order = np.r_[np.arange(u), driven.shape[1] + np.arange(more), np.arange(u, driven.shape[1])]
-        whole = np.concatenate(
-            [
-                np.concatenate([driven, crossed], axis=2),
-                np.concatenate([crossed.transpose(0, 2, 1), own], axis=2),
-            ],
-            axis=1,
-        )
+        whole = np.block([[driven, crossed], [crossed.transpose(0, 2, 1), own]])
         return whole[:, order][:, :, order]
 
     def face(self, names: tuple[str, ...]) -> RoundFace:
@@ -153,8 +149,7 @@ class RoundFields(Fields):
 
     def film(self, left: tuple[str, ...], right: tuple[str, ...]) -> np.ndarray:
         """(k, l) ∫ v·u over one electrode between the unknowns of sectors of order 0."""
-        faces = self._order(0).electrode_faces
-        film = sum(faces.product(value, value) for value in faces.values[:3])
+        film = electrode_film(self.order(0).electrode_faces)
         before, after = ([one.fields for name in names for one in self._displacements(name)] for names in (left, right))
         found = np.hstack(before).T @ (film @ np.hstack(after))
         added = [(0, self.potentials * (DRIVEN in names)) for names in (left, right)]
@@ -173,21 +168,15 @@ class RoundFields(Fields):
         """(4n, r) driven unknowns on the mesh of the model."""
         return self.model.prolongation @ self.reduced.basis
 
-    @cached_property
-    def _film_response(self) -> np.ndarray:
-        """(4n, k) of what bending fields ask of the driven class."""
-        (bending,) = self._modes(BENDING)
-        return self._response(False, bending.fields, self._displacements(DRIVEN)[0].fields)
-
     def _response(self, flipped: bool, moved: np.ndarray, known: np.ndarray) -> np.ndarray:
         """(4n, k) response of a class of order 0 to films that move with fields (4n, j) of the other.
 
         Its displacements are orthonormal and new beside `known` (4n, i), its potential is what they leave between the
         electrodes.
         """
-        order = self._order(0)
-        faces, free, stiffness = order.electrode_faces, order.free(flipped), order.stiffness(self._tensor)
-        film = sum(faces.product(value, value) for value in faces.values[:3])
+        order = self.order(0)
+        free, stiffness = order.free(flipped), order.stiffness(self._tensor)
+        film = electrode_film(order.electrode_faces)
         operator = free.T @ (stiffness - _SHIFT * self._top * order.mass) @ free
         found = free @ factorize(operator.tocsr()).solve(free.T @ (film @ moved))
         found = found / np.sqrt(np.einsum("ik,ik->k", found, order.mass @ found))
@@ -205,20 +194,19 @@ class RoundFields(Fields):
     @cached_property
     def on_section(self) -> np.ndarray:
         """(4n, r) part of order 0 of the driven unknowns on the section: what of the mesh is not round averages out."""
-        radial, turn, axial, here = self._polar_nodes
+        mesh, turn, here = self._polar_nodes
         cosine, sine = np.cos(turn.places), np.sin(turn.places)
         points, weights = turn.gauss
         mean = turn.shapes(points)[0].T @ weights / np.sum(weights)  # over the quarter turn
         fields = self._driven.reshape(FIELDS, self.model.basis.N, -1)[:, here]  # (4, r, z, θ, k)
         outward = np.einsum("rztk,t->rzk", fields[0], mean * cosine) + np.einsum("rztk,t->rzk", fields[1], mean * sine)
         round_parts = [outward, np.zeros_like(outward), *(np.einsum("rztk,t->rzk", fields[f], mean) for f in (2, 3))]
-        lines = ((self.section.radial, radial), (self.section.axial, axial))
-        to = sp.kron(*(of.shapes(line.places)[0] for line, of in lines), format="csr")
+        to = mesh.to_nodes_of(self.section)
         return np.concatenate([to @ part.reshape(to.shape[1], -1) for part in round_parts])
 
     @cached_property
-    def _polar_nodes(self) -> tuple[Line, Line, Line, np.ndarray]:
-        """Elements along r, θ and z of the eighth, and the number of the node at each place of that grid (r, z, θ)."""
+    def _polar_nodes(self) -> tuple[Section, Line, np.ndarray]:
+        """Elements over r and z and along θ of the eighth, and the number of the node at each place (r, z, θ)."""
         outer, order = self.model.domain.radii[1], self.model.order
 
         def polar(x: np.ndarray) -> list[np.ndarray]:
@@ -228,48 +216,54 @@ class RoundFields(Fields):
         number = np.lexsort((places[1], places[2], places[0])).reshape(*(np.unique(places[i]).size for i in (0, 2, 1)))
         ends = [np.unique(own) for own in polar(self.model.domain.mesh.p)]
         radial, turn, axial = (Line(own * unit, order) for own, unit in zip(ends, (outer, 1.0, outer), strict=True))
-        return radial, turn, axial, number
+        return Section(radial, axial, self.model.density), turn, number
 
     def _on_face(self, fields: np.ndarray) -> np.ndarray:
         """(j, 3, k) Legendre coefficients along r of displacements in fields (4n, k)."""
         radial = self.section.radial
-        count = min(_SAMPLES, radial.places.size)
-        nodes = legendre.leggauss(count)[0]
+        nodes = legendre.leggauss(min(_SAMPLES, radial.places.size))[0]
         inner, outer = self.model.domain.radii
         on_top = fields.reshape(FIELDS, radial.places.size, -1, fields.shape[1])[:3, :, -1]
         values = np.stack([radial.shapes(inner + (nodes + 1) / 2 * (outer - inner))[0] @ part for part in on_top])
-        return np.einsum("jq,fqk->jfk", np.linalg.inv(legendre.legvander(nodes, count - 1)), values)
+        return np.einsum("jq,fqk->jfk", np.linalg.inv(legendre.legvander(nodes, nodes.size - 1)), values)
 
-    def _order(self, number: int) -> FourierOrder:
+    def order(self, number: int) -> FourierOrder:
+        """Forms of one Fourier order on the section."""
         return self._once.get(("order", number), lambda: FourierOrder(self.section, number))
 
     def _modes(self, name: str) -> list[_Modes]:
         return self._once.get(("modes", name), lambda: self._new_modes(name))
 
     def _new_modes(self, name: str) -> list[_Modes]:
+        if name == AROUND:
+            return self._around()
+        (driven,) = self._displacements(DRIVEN)
         if name == FILM:
-            return [_Modes(0, False, self._film_response)]
-        if name == BENDING:
-            bending = self._of_order(0, True).fields
-            response = self._response(True, self._displacements(DRIVEN)[0].fields, bending)
-            return [_Modes(0, True, np.hstack([bending, response]))]
+            (bending,) = self._modes(BENDING)
+            return [_Modes(0, False, self._response(False, bending.fields, driven.fields))]
+        bending = self._of_order(0, True).fields
+        return [_Modes(0, True, np.hstack([bending, self._response(True, driven.fields, bending)]))]
+
+    def _around(self) -> list[_Modes]:
+        """Of the orders from 1 until one has no modes of either parity; that of shifts and tilts always has."""
         found, number = [], 1
-        while True:
-            both = list(in_parallel(lambda own: self._of_order(*own), [(number, False), (number, True)]))
-            found += [one for one in both if one.fields.shape[1]]
-            if number > 1 and not any(one.fields.shape[1] for one in both):
-                return found
+        while some := [one for one in self._both_parities(number) if one.fields.shape[1]]:
+            found += some
             number += 1
+        return found
+
+    def _both_parities(self, number: int) -> list[_Modes]:
+        return list(in_parallel(lambda flipped: self._of_order(number, flipped), [False, True]))
 
     def _of_order(self, number: int, flipped: bool) -> _Modes:
-        return _Modes(number, flipped, self._order(number).modes(self._tensor, flipped, MODES_BEYOND * self._top))
+        return _Modes(number, flipped, self.order(number).modes(self._tensor, flipped, MODES_BEYOND * self._top))
 
-    def _by_order(self, name: str, count: int, block: Callable[[_Modes, FourierOrder], np.ndarray]) -> np.ndarray:
-        """(count, k, k) of blocks (count, j, j) by order and parity."""
+    def _by_order(self, name: str, forms: int, block: Callable[[_Modes, FourierOrder], np.ndarray]) -> np.ndarray:
+        """(forms, k, k) of blocks (forms, j, j) by order and parity."""
         size, start = self.further(name), 0
-        found = np.zeros((count, size, size))
+        found = np.zeros((forms, size, size))
         for one in self._modes(name):
             own = slice(start, start + one.fields.shape[1])
-            found[:, own, own] = block(one, self._order(one.order))
+            found[:, own, own] = block(one, self.order(one.order))
             start = own.stop
         return found

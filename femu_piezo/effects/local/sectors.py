@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+import scipy.sparse as sp
 
 from femu_piezo.effects.effect import ExtraTerm
 from femu_piezo.effects.local.faces import Face
@@ -60,7 +61,9 @@ class Fields(ABC):
 
     def count(self, name: str) -> int:
         """Number of displacement unknowns of a sector."""
-        return {DRIVEN: self.reduced.displacements, SPOT: 3}.get(name) or self.further(name)
+        if name == DRIVEN:
+            return self.reduced.displacements
+        return 3 if name == SPOT else self.further(name)
 
     @abstractmethod
     def further(self, name: str) -> int:
@@ -78,8 +81,8 @@ class Fields(ABC):
         """(n, k, k) forms of extended tensors on the sectors of one class; potentials come with the driven one."""
 
     @abstractmethod
-    def extra(self, names: tuple[str, ...], term: ExtraTerm) -> np.ndarray:
-        """(k, k) a further term on the sectors of one class."""
+    def extra(self, names: tuple[str, ...], term: ExtraTerm, matrix: sp.spmatrix) -> np.ndarray:
+        """(k, k) a further term, of which the matrix on the mesh is given, on the sectors of one class."""
 
     @abstractmethod
     def film(self, left: tuple[str, ...], right: tuple[str, ...]) -> np.ndarray:
