@@ -40,7 +40,11 @@ CLOSE = 10.0  # times the misfit of the closest fit, up to which others are wort
 
 
 def extract(
-    spectrum: ImpedanceSpectrum, *, max_modes: int | None = None, method: Method = "maximum_likelihood"
+    spectrum: ImpedanceSpectrum,
+    *,
+    max_modes: int | None = None,
+    method: Method = "maximum_likelihood",
+    start: RationalModel | None = None,
 ) -> Extraction:
     """Poles and zeros of an impedance sweep with uncertainties.
 
@@ -54,6 +58,7 @@ def extract(
     max_modes : most modes the evidence may ask for (40 where None)
     method : "maximum_likelihood", or "prony_ss" for the paper's time-domain method (uniform grid): no
         covariance; the curve is the best one with those poles
+    start : fitted function of a like sweep, whose modes the search begins with; the maximum-likelihood method alone
 
     Raises
     ------
@@ -61,10 +66,12 @@ def extract(
     """
     _check(spectrum, method, max_modes)
     with blas_limit():
-        return _extract(spectrum, max_modes, method)
+        return _extract(spectrum, max_modes, method, start)
 
 
-def _extract(spectrum: ImpedanceSpectrum, max_modes: int | None, method: Method) -> Extraction:
+def _extract(
+    spectrum: ImpedanceSpectrum, max_modes: int | None, method: Method, start: RationalModel | None
+) -> Extraction:
     n = len(spectrum)
     clipped, findings = find_clipping(spectrum)
     used = ~clipped
@@ -78,7 +85,7 @@ def _extract(spectrum: ImpedanceSpectrum, max_modes: int | None, method: Method)
         roots, result, data = _prony_ss(sweep)
         noise, tried, reported = noise_of(result, sweep), (), None
     else:
-        estimate = maximum_likelihood(sweep, MAX_MODES if max_modes is None else max_modes)
+        estimate = maximum_likelihood(sweep, MAX_MODES if max_modes is None else max_modes, start)
         result, data, noise, tried = estimate.fit, estimate.data, estimate.noise, estimate.orders
         scale = result.scale if noise.origin == "residual" else _inflation(result, findings)
         reported = fisher_spread(result.model, data, scale)

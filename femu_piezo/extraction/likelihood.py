@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from femu_piezo.extraction.fit import Fit, NormalisedSweep, fit, is_correlated
+from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.noise_level import NoiseUsed, noise_from_residual, weight_of_file
 from femu_piezo.extraction.order import Candidate, evidence, search, widen
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
@@ -31,8 +32,10 @@ class Estimate:
     way: tuple[Fit, ...]
 
 
-def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int) -> Estimate:
+def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int, start: RationalModel | None = None) -> Estimate:
     """Order search and final fit; without a noise in the file the noise is searched along with the order.
+
+    The search begins with the modes of `start`, else with none.
 
     Where the residual stays correlated, instrument or model err systematically. A noise learned from such a
     residual would give away the regions where the error is largest, so every point then counts alike (relative
@@ -41,7 +44,7 @@ def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int) -> Estimate:
     given = weight_of_file(sweep)
     weight = np.ones(len(sweep)) if given is None else given
     data = NormalisedSweep.of(sweep.omega, sweep.admittance, weight, 0.0 if given is None else FAR_BELOW)
-    first = search(data, max_modes)
+    first = search(data, max_modes, None if start is None else start.normalised(data.axis, data.scale))
     best, tried, way = first.best, first.tried, first.way
     if given is None:
         plain, plain_data = best, data

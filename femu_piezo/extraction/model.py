@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -59,6 +59,16 @@ class RationalModel:
     poles: np.ndarray
     residues: np.ndarray
     background: np.ndarray
+
+    def normalised(self, axis: FrequencyAxis, scale: float) -> RationalModel:
+        """The same modes over another axis and scale; the background keeps its coefficients, to be fitted there."""
+        return replace(
+            self,
+            axis=axis,
+            scale=scale,
+            poles=axis.x(np.sqrt(self.axis.eigenvalue(self.poles))),
+            residues=self.residues * (self.scale / scale * self.axis.half_width / axis.half_width),
+        )
 
     @property
     def parameters(self) -> np.ndarray:

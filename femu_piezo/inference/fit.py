@@ -26,7 +26,7 @@ from femu_piezo.inference.passivity import wall_and_readings
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, noise_level
 from femu_piezo.measurement.sweeps import SweepData
-from femu_piezo.threads import blas_limit
+from femu_piezo.threads import blas_limit, in_parallel
 
 #: Distance to a bound, relative to its range, that a start keeps.
 _MARGIN = 1e-6
@@ -322,7 +322,7 @@ def fit(
     """
     posterior = _Posterior(response, data, parameters)
     with blas_limit():
-        ends = [_Descent(posterior, start, loss).run(COARSE, _FEW) for start in starts]
+        ends = list(in_parallel(lambda start: _Descent(posterior, start, loss).run(COARSE, _FEW), starts))
         level = min(one.level for one in ends)
         best = min(ends, key=lambda one: one.cost(one.parts, level))
         coarse = gain >= COARSE

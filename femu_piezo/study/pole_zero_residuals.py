@@ -127,7 +127,8 @@ def pole_zero_residuals(measured: Extraction, relative_noise: np.ndarray, curve:
     sigma = relative_noise
     if measured.noise is not None:
         sigma = np.maximum(sigma, measured.noise.std(spectrum.impedance) / np.abs(spectrum.impedance))
-    model = extract(ImpedanceSpectrum(spectrum.frequency, curve, sigma * np.abs(curve), "simulated curve"))
+    simulated = ImpedanceSpectrum(spectrum.frequency, curve, sigma * np.abs(curve), "simulated curve")
+    model = extract(simulated, start=measured.model)
     poles, extra_poles = _matched(measured, model, "pole")
     zeros, extra_zeros = _matched(measured, model, "zero")
     return PoleZeroResiduals(poles, zeros, tuple(r for r in (*extra_poles, *extra_zeros) if _clear(r)))

@@ -166,3 +166,11 @@ def test_a_mode_that_a_smooth_error_explains_as_well_has_the_worse_evidence():
     # and a true mode is not given up for such an error
     none = RationalModel(rows.axis, rows.scale, np.zeros(0, complex), np.zeros(0, complex), np.zeros(6, complex))
     assert levels[0] < systematic_error(solve_linear(none, rows).model, rows, points)[1]
+
+
+def test_the_same_modes_over_another_axis_and_scale():
+    model, omega = made(), 2 * np.pi * np.linspace(33e3, 41e3, 7)
+    moved = model.normalised(FrequencyAxis.of(omega), -3e-9)
+    assert moved.axis.eigenvalue(moved.poles) == pytest.approx(model.axis.eigenvalue(model.poles), rel=1e-12)
+    bare = [replace(one, background=np.zeros(1, complex)) for one in (model, moved)]
+    assert bare[1].admittance(omega) == pytest.approx(bare[0].admittance(omega), rel=1e-12)

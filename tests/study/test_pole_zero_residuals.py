@@ -94,3 +94,15 @@ def test_weak_neighbour_is_not_taken_for_a_strong_mode():
     assert match([*strong], [*weak]) == [None]
     assert match([*strong], [*weak, *strong]) == [1]
     assert match([], [*weak]) == [] and match([*weak], []) == [None]
+
+
+def test_a_search_that_begins_with_the_modes_of_another_sweep_ends_as_one_that_begins_with_none():
+    """The other sweep begins later, is of a body three times as large, and has a mode that this one lacks."""
+    other = measured((*MODES, (220e3, 0.02, 0.005)), 2)
+    part = slice(60, None)
+    start = extract(ImpedanceSpectrum(FREQUENCY[part], other.impedance[part] / 3, other.noise[part] / 3)).model
+    assert start.poles.size == 3
+    plain, begun = (extract(measured(MODES, 1), start=one) for one in (None, start))
+    for kind in ("poles", "zeros"):
+        found = [[r.frequency_Hz for r in getattr(one.resonances, kind)] for one in (plain, begun)]
+        assert found[1] == pytest.approx(found[0], rel=1e-8)

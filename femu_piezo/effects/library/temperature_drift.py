@@ -18,6 +18,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import AcquisitionHook, Effect, EffectContext, EffectParameter, Reached
 from femu_piezo.effects.softening import COUPLING
+from femu_piezo.threads import in_parallel
 
 #: Share of the drift that the law misses: the coefficients of d and ε, and a pace of warming that was not even.
 _LAW_ERROR = 0.1
@@ -41,8 +42,12 @@ def _hook(context: EffectContext) -> AcquisitionHook:
         # at w, and a step of it ahead and behind
         each, k = np.concatenate([w, w + _STEP, w - _STEP]), omega.size
         u, z, tangents = (each - 1) / _SIDE, 0.0, 0.0
-        for side, share in ((-_SIDE, u * (u - 1) / 2), (0.0, 1 - u**2), (_SIDE, u * (u + 1) / 2)):
-            own, slopes = inside(np.tile(omega, 3) / each, (COUPLING, np.array([side])), slopes=k)
+
+        def at_coupling(side: float) -> tuple[np.ndarray, np.ndarray]:
+            return inside(np.tile(omega, 3) / each, (COUPLING, np.array([side])), slopes=k)
+
+        parabola = u * (u - 1) / 2, 1 - u**2, u * (u + 1) / 2
+        for (own, slopes), share in zip(in_parallel(at_coupling, [-_SIDE, 0.0, _SIDE]), parabola, strict=True):
             z, tangents = z + share * own / each, tangents + (share / each)[:k, None] * slopes
         here, ahead, behind = z.reshape(3, k)
         return here, tangents, weights * ((ahead - behind) / (2 * _STEP))[:, None]
