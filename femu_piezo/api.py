@@ -60,6 +60,7 @@ def extract(
     *,
     correct_phase: bool = False,
     mask_faults: bool = False,
+    mask: Sequence[tuple[float, float]] = (),
     method: Literal["maximum_likelihood", "prony_ss"] = "maximum_likelihood",
 ) -> Extracted:
     """Poles and zeros of a measured sweep with uncertainties, without any model.
@@ -68,6 +69,7 @@ def extract(
     ----------
     correct_phase : turn the phase of the sweep by 180°
     mask_faults : leave out spikes, mains lines and the shorter side of jumps
+    mask : bands (low, high), Hz, whose points are left out
     method : "prony_ss" for the paper's method in the time domain (evenly spaced points, no deviations)
     """
     from femu_piezo.extraction import extract as find
@@ -75,7 +77,7 @@ def extract(
 
     given = _sweep(spectrum)
     accept = read_spectrum if isinstance(given, Path) else accept_spectrum
-    accepted = accept(given, correct_phase=correct_phase, mask_faults=mask_faults)
+    accepted = accept(given, correct_phase=correct_phase, mask_faults=mask_faults, mask=mask)
     return Extracted.of_study(find(accepted, method=method))
 
 

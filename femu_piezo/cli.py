@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from femu_piezo import steps
 from femu_piezo.errors import FemuPiezoError, InputError
 
 if TYPE_CHECKING:
@@ -113,11 +114,13 @@ def _show(result: Result) -> None:
 
 @contextmanager
 def _steps_shown() -> Iterator[Callable[[str], None]]:
-    """Progress on a terminal: the current step on one line of stderr."""
+    """Progress on a terminal: the current step on one line of stderr; each on its own where a program asks for it."""
     shown = sys.stdout.isatty() and sys.stderr.isatty()
 
     def tell(step: str) -> None:
-        if shown:
+        if steps.wanted():
+            steps.write(step)
+        elif shown:
             click.echo(f"\r\033[K{step} …", nl=False, err=True)
 
     try:
@@ -163,6 +166,14 @@ def simulate(specimen: Path, out: Path, full_order: bool) -> None:
     "--columns", metavar="NAMES", help='what the columns are, in place of a header: "f (Hz), R (Ohm), X (Ohm)"'
 )
 @click.option(
+    "--mask",
+    nargs=2,
+    type=float,
+    multiple=True,
+    metavar="LOW HIGH",
+    help="leave out the points between two frequencies, Hz; may be given several times",
+)
+@click.option(
     "--method",
     type=click.Choice(["maximum-likelihood", "prony-ss"]),
     default="maximum-likelihood",
@@ -176,6 +187,7 @@ def extract(
     mask_faults: bool,
     connection: str | None,
     columns: str | None,
+    mask: tuple[tuple[float, float], ...],
     method: str,
 ) -> None:
     """Extract poles and zeros with uncertainties from the sweep FILE.
@@ -192,7 +204,7 @@ def extract(
 
     names = None if columns is None else [name.strip() for name in columns.split(",")]
     spectrum = read_spectrum(
-        file, correct_phase=correct_phase, mask_faults=mask_faults, connection=connection, columns=names
+        file, correct_phase=correct_phase, mask_faults=mask_faults, mask=mask, connection=connection, columns=names
     )
     _prepare(out)
     result = run(spectrum, method=method.replace("-", "_"))
@@ -384,9 +396,9 @@ def diagnose(
     """Say what the simulation of SPEC gets wrong, and name the cause.
 
     Fits the free constants, then every candidate effect together with them (leads, losses, held constants, dimensions,
-    electrodes). Writes diagnosis.json, diagnosis.png (residuals before and after) and extended.toml, a specimen file
-    with the named effects that simulates to the fitted curve. With --report also report.html, whose first page answers
-    in plain words.
+    electrodes). Writes diagnosis.json, diagnosis.png (residuals before and after), curves.csv (measured and of both
+    models) and extended.toml, a specimen file with the named effects that simulates to the fitted curve. With --report
+    also report.html, whose first page answers in plain words.
 
     Several SPEC files, or a study file with specimens = ["a.toml", "b.toml"], are specimens of one material: constants
     and fixture are common, a wrong dimension or a flaw is that of one specimen. Pictures, reports and extended specimen

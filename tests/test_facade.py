@@ -208,6 +208,30 @@ def test_faults_are_masked_in_a_sweep_that_was_read_without(specimen, sweep, tmp
     assert in_memory.parameters == of_file.parameters and in_memory.notes == of_file.notes
 
 
+def test_bands_are_left_out_of_a_file_and_of_a_sweep_in_memory(specimen, sweep, tmp_path):
+    """A spike in a band that the file masks changes nothing: the result is that of the sweep without those points."""
+    spiked = sweep.impedance.copy()
+    spiked[100:103] *= 1.5
+    low, high = sweep.frequency[[99, 103]]
+    path = with_file(specimen, replace(sweep, impedance=spiked), tmp_path)
+    path.write_text(path.read_text().replace("[measurement]", f"[measurement]\nmask = [[{low}, {high}]]"))
+    keep = (sweep.frequency < low) | (sweep.frequency > high)
+    masked, without = fp.update(path), fp.update(specimen, sweep.select(keep))
+    assert len(masked.outcomes[0].measured.spectrum) == np.sum(keep) == len(sweep) - 5
+    assert masked.parameters["s11"].value == pytest.approx(without.parameters["s11"].value, rel=1e-9)
+    assert any("left out (mask), 5 points" in note for note in masked.notes)
+    fp.read_specimen(path).write(tmp_path / "again.toml")
+    assert fp.read_specimen(tmp_path / "again.toml").measurement.mask == ((low, high),)
+    run = CliRunner().invoke(
+        main, ["extract", str(tmp_path / "plate.csv"), "--mask", str(low), str(high), "--out", str(tmp_path / "out")]
+    )
+    assert run.exit_code == 0 and json.loads((tmp_path / "out/extraction.json").read_text())["points"] == np.sum(keep)
+    for band, words in (("[[5.0, 2.0]]", "no band"), ("[[1.0, 1e9]]", "mask leaves 0 of"), ("[7.0]", "cannot be used")):
+        path.write_text(re.sub(r"mask = .*", f"mask = {band}", path.read_text()))
+        with pytest.raises(fp.InputError, match=words):
+            fp.update(path)
+
+
 def test_what_is_no_specimen_or_sweep_is_told(specimen, sweep, tmp_path):
     for wrong, words in (
         (lambda: fp.update(specimen), "measurement.file is missing"),
@@ -282,6 +306,7 @@ def test_extended_specimen_is_written_and_read(diagnosed, sweep, tmp_path):
     assert fp.update(alone, sweep, effects=[my_leads]).outcomes[0].rms_after < 1.2e-3
     saved = diagnosed.save(tmp_path / "saved")
     assert {path.name for path in saved.iterdir()} == {
+        "curves.csv",
         "diagnosis.json",
         "diagnosis.png",
         "extended.toml",
@@ -322,7 +347,10 @@ def test_save_of_a_diagnosis_writes_what_the_command_writes(specimen, sweep, tmp
     assert run.exit_code == 0, run.output
     folder = fp.diagnose(path).save(tmp_path / "saved", report=True)
     one, other = records(folder), records(tmp_path / "command")
-    assert set(one) == {"diagnosis.json", "diagnosis.png", "extended.toml", "report.html"}
+    assert set(one) == {"curves.csv", "diagnosis.json", "diagnosis.png", "extended.toml", "report.html"}
+    lines = (folder / "curves.csv").read_text().splitlines()
+    assert len(lines) == len(sweep) + 1 and lines[0].startswith("frequency_Hz,measured_resistance_ohm")
+    assert one["diagnosis.json"]["answers"]["headline"] and one["diagnosis.json"]["answers"]["sure"]
     assert one.pop("report.html") and other.pop("report.html")  # which holds the time
     assert one == other
 

@@ -11,6 +11,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, Task, TaskID, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
+from femu_piezo import steps
+
 
 class _Rate(TextColumn):
     """Finished specimens per minute over the last of them."""
@@ -25,6 +27,9 @@ class _Rate(TextColumn):
 @contextmanager
 def lot_progress() -> Iterator[Callable[[str, int, int, dict], None]]:
     """Yield the function to call with (step, done, all, record) after each job; one bar for each step."""
+    if steps.wanted():
+        yield lambda step, done, all_, record: steps.write(f"{step}: {done} of {all_}")
+        return
     if not sys.stderr.isatty():
         yield lambda step, done, all_, record: None
         return

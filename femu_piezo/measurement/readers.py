@@ -27,6 +27,9 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.tables import Table, decode, read_table
 from femu_piezo.measurement.touchstone import Connection, is_touchstone, read_touchstone
 
+#: Bands of frequency (low, high), Hz.
+Bands = Sequence[tuple[float, float]]
+
 _LARGEST_FILE = 300_000_000
 _HEADER = "frequency_Hz,resistance_ohm,reactance_ohm"
 
@@ -36,6 +39,7 @@ def read_spectrum(
     *,
     correct_phase: bool = False,
     mask_faults: bool = False,
+    mask: Bands = (),
     noise: float | None = None,
     connection: Connection | None = None,
     columns: Sequence[str] | None = None,
@@ -52,6 +56,7 @@ def read_spectrum(
     path : the file
     correct_phase : turn a phase that is wrong by 180° (Re Z < 0) back
     mask_faults : leave out the points of spikes, mains lines and negative resistance, and the shorter side of a jump
+    mask : bands (low, high), Hz, whose points are left out before anything is looked at
     noise : relative standard deviation of the complex impedance, where it is known; goes before that of the file
     connection : of the piece, for Touchstone: "reflection", "series" or "shunt"; found out where None
     columns : what the columns are, in place of a header, as a header would name them; "" for one that is not meant
@@ -68,7 +73,7 @@ def read_spectrum(
     spectrum, hertz_stated = _read(Path(path), connection, columns)
     if compensation is not None:
         spectrum = compensation.applied(spectrum)
-    return _checked(_with_noise(spectrum, noise), correct_phase, mask_faults, hertz_stated)
+    return _checked(_with_noise(_without(spectrum, mask), noise), correct_phase, mask_faults, hertz_stated)
 
 
 def read_raw(
@@ -102,13 +107,14 @@ def accept_spectrum(
     *,
     correct_phase: bool = False,
     mask_faults: bool = False,
+    mask: Bands = (),
     noise: float | None = None,
 ) -> ImpedanceSpectrum:
     """A sweep in memory as `read_spectrum` gives that of a file: checked, and corrected where asked.
 
     The phase of a sweep that has been checked is right, and stays. Parameters and errors as of `read_spectrum`.
     """
-    spectrum = _with_noise(spectrum, noise)
+    spectrum = _with_noise(_without(spectrum, mask), noise)
     if not spectrum.checked:
         wrong = ~np.isfinite(spectrum.impedance) | (spectrum.impedance == 0)
         if np.any(wrong):
@@ -119,6 +125,22 @@ def accept_spectrum(
             )
         return _checked(spectrum, correct_phase, mask_faults, hertz_stated=True)
     return _masked(spectrum, check_spectrum(spectrum))[0] if mask_faults else spectrum
+
+
+def _without(spectrum: ImpedanceSpectrum, mask: Bands) -> ImpedanceSpectrum:
+    """The spectrum without the points in some bands, and a note on these."""
+    if not mask:
+        return spectrum
+    keep = np.ones(len(spectrum), dtype=bool)
+    for low, high in mask:
+        keep &= (spectrum.frequency < low) | (spectrum.frequency > high)
+    if keep.sum() < FEWEST_POINTS:
+        raise InputError(
+            f"{spectrum.source}: mask leaves {int(keep.sum())} of {len(spectrum)} points, and {FEWEST_POINTS} are the "
+            "fewest that serve; give narrower bands"
+        )
+    left_out = int(np.sum(~keep))
+    return replace(spectrum.select(keep), notes=(*spectrum.notes, f"left out (mask), {left_out} points"))
 
 
 def _with_noise(spectrum: ImpedanceSpectrum, noise: float | None) -> ImpedanceSpectrum:

@@ -12,6 +12,7 @@ from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.readings import read_beside
 from femu_piezo.output.curves import BASELINE, GRID, MEASURED, UPDATED, frequency_axis
+from femu_piezo.output.diagnosis_words import answer
 from femu_piezo.output.picture import Picture
 from femu_piezo.study.diagnose import DiagnosedSweep, Diagnosis
 
@@ -23,6 +24,7 @@ def diagnosis_record(result: Diagnosis) -> dict:
         "specimen": result.piece.name,
         "specimens": list(dict.fromkeys(sweep.measured.piece.name for sweep in result.sweeps)),
         "verdict": verdict.word,
+        "answers": _answers(result),
         "causes": [_cause_record(cause) for cause in verdict.causes],
         "candidates": _candidates(result),
         "gain": result.gain,
@@ -65,6 +67,18 @@ def diagnosis_record(result: Diagnosis) -> dict:
         },
         "notes": list(result.notes),
         "seconds": result.seconds,
+    }
+
+
+def _answers(result: Diagnosis) -> dict:
+    """The four answers of the report in words, beside their shortest form."""
+    said = answer(result)
+    return {
+        "headline": said.headline,
+        "wrong": list(said.wrong),
+        "sure": list(said.sure),
+        "constants": list(said.constants),
+        "measures": list(said.measures),
     }
 
 
@@ -152,6 +166,18 @@ def _sizes(effect: Effect, values: np.ndarray, std: np.ndarray) -> dict:
         p.name: {"value": float(value), "std": float(sigma), "unit": p.unit}
         for p, value, sigma in zip(effect.parameters, values, std, strict=True)
     }
+
+
+def curves_text(result: Diagnosis) -> str:
+    """CSV of the sweep shown: measured Z and σ, those of base and final model, and whether fits saw the point."""
+    spectrum, (before, after) = result.spectrum, result.curves
+    columns = {"frequency_Hz": spectrum.frequency}
+    for name, z in (("measured", spectrum.impedance), ("before", before), ("after", after)):
+        columns |= {f"{name}_resistance_ohm": z.real, f"{name}_reactance_ohm": z.imag}
+    columns["noise_ohm"] = result.relative_noise * np.abs(spectrum.impedance)
+    columns["fitted"] = result.fitted.astype(int)
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return "\n".join([",".join(columns), *(",".join(map(repr, row)) for row in rows)]) + "\n"
 
 
 def diagnosis_figure(result: Diagnosis) -> Figure:

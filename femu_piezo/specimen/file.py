@@ -193,10 +193,18 @@ class LoadStandard(Table):
     std: MagnitudeStd | None = None
 
 
+def _to_bands(value: object) -> object:
+    """Lists of TOML to tuples of (low, high)."""
+    if not isinstance(value, (list, tuple)):
+        return value
+    return tuple(tuple(band) if isinstance(band, list) else band for band in value)
+
+
 class Measurement(Table):
     """A measured sweep: `file` (absolute once read), None where the sweep is given otherwise.
 
-    held_out: a band (low, high), Hz, that no fit sees.
+    held_out: a band (low, high), Hz, that no fit sees, and whose prediction is judged.
+    mask: bands (low, high), Hz, whose points are left out altogether.
 
     correct_phase: turn the phase by 180°; mask_faults: leave out spikes, mains lines and the shorter side of jumps.
     accuracy, phase_accuracy: of |Z| (relative) and phase (rad), standard deviations smooth over frequency.
@@ -209,6 +217,7 @@ class Measurement(Table):
 
     file: Annotated[Path | None, PATH] = None
     held_out: Annotated[tuple[Frequency, Frequency] | None, PAIR] = None
+    mask: Annotated[tuple[tuple[Frequency, Frequency], ...] | None, BeforeValidator(_to_bands)] = None
     correct_phase: bool = False
     mask_faults: bool = False
     noise: RelativeNoise | None = None
@@ -225,6 +234,9 @@ class Measurement(Table):
         if self.held_out is not None and not self.held_out[0] < self.held_out[1]:
             low, high = self.held_out
             return f"measurement.held_out = [{low:g}, {high:g}] Hz is no band; give the lower frequency first"
+        for low, high in self.mask or ():
+            if not low < high:
+                return f"measurement.mask holds [{low:g}, {high:g}] Hz, no band; give the lower frequency first"
         if self.load is not None and (self.open is None or self.short is None):
             return "measurement.load compensates only together with open and short; give the files of these as well"
         if self.noise == 0:

@@ -163,7 +163,12 @@ def _analysed(specimen: Specimen, spectrum: Sweep | None) -> _Analysed:
             f"{specimen.path or specimen.name}: measurement.file is missing; give the path of the sweep in the "
             '[measurement] table, such as file = "impedance.csv"'
         )
-    options = {"correct_phase": wish.correct_phase, "mask_faults": wish.mask_faults, "noise": wish.noise}
+    options = {
+        "correct_phase": wish.correct_phase,
+        "mask_faults": wish.mask_faults,
+        "mask": wish.mask or (),
+        "noise": wish.noise,
+    }
     if spectrum is None:
         layout = {"connection": wish.connection, "columns": wish.columns}
         spectrum = read_spectrum(wish.file, **options, **layout, compensation=_compensation(wish))

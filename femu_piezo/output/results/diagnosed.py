@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from femu_piezo.diagnosis.verdict import Cause
+from femu_piezo.files import write_atomically
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.measurement.readers import write_spectrum
-from femu_piezo.output.diagnosis import diagnosis_figure, diagnosis_record
+from femu_piezo.output.diagnosis import curves_text, diagnosis_figure, diagnosis_record
 from femu_piezo.output.diagnosis_tables import diagnosis_table, ranked
 from femu_piezo.output.folder import prepare_folder, write_figure, write_json
 from femu_piezo.output.results.result import Result, suffixes
@@ -73,7 +74,7 @@ class Diagnosed(Result, Diagnosis):
         ]
 
     def save(self, folder: Path | str, *, report: bool = False) -> Path:
-        """Write diagnosis.json, of every sweep diagnosis.png, and of every specimen extended.toml; the folder.
+        """Write diagnosis.json, of every sweep diagnosis.png and curves.csv, of every specimen extended.toml.
 
         Of several specimens extended.toml is the study file of all. A sweep in memory is written to measured.csv, so
         that the extended specimen has its data.
@@ -86,6 +87,7 @@ class Diagnosed(Result, Diagnosis):
             shown = self.of(index)
             pieces.setdefault(shown.piece.name, []).append(index)
             write_figure(out / f"diagnosis{suffix}.png", shown.plot())
+            write_atomically(out / f"curves{suffix}.csv", curves_text(shown))
             if report:
                 from femu_piezo.output.report_diagnosis import write_diagnosis_report
 
@@ -110,7 +112,7 @@ class Diagnosed(Result, Diagnosis):
                 file, written = (out / f"measured{suffixes(len(self.sweeps))[index]}.csv").absolute(), True
                 write_spectrum(self.sweeps[index].spectrum, file)
             found.append(file)
-        table = {"correct_phase": False, "mask_faults": False} if written else {}
+        table = {"correct_phase": False, "mask_faults": False, "mask": None} if written else {}
         if extended.sweep is None:
             table["file"] = found[0]
         else:
