@@ -39,6 +39,7 @@ Smart Mater. Struct. 31, 2022, 125010).
   femu-piezo batch lot --out results              update every specimen of a folder, one table and a lot report
   femu-piezo diagnose plate.toml --out results    what the simulation gets wrong, and the named cause
   femu-piezo identify plate.toml --out results    which constants such a sweep tells, which tolerance to improve
+  femu-piezo serve folder                         all of this as a page in the browser
 
 Words: a pole is a pole of the admittance (series resonance, short circuit); a zero is a zero of the admittance
 (parallel resonance, open circuit). A constant is written value (1 − j tan). Every command writes machine-readable
@@ -505,6 +506,27 @@ def modes(
     result.save(out, animate=animate, scene=scene, vtu=vtu, mesh=mesh)
     _show(result)
     click.echo(f"{len(result.modes)} modes, {result.model.size} unknowns → {out / 'modes.png'}")
+
+
+@main.command()
+@click.argument("folder", type=click.Path(path_type=Path), metavar="[FOLDER]", default=Path("."))
+@click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True)
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="address to answer at; any but this machine's own asks visitors for a token, which the terminal shows",
+)
+def serve(folder: Path, port: int, host: str) -> None:
+    """Show sweeps, specimens and results of FOLDER as a page in the browser; drop a sweep, see the answer.
+
+    Does what the commands do, with the mouse. Results go to FOLDER/results as the commands write them; what the page
+    keeps for itself (unsaved edits, jobs) is in FOLDER/.femu-piezo. Nothing is fetched from or sent to other machines.
+    Needs pip install 'femu-piezo[web]'.
+    """
+    from femu_piezo.web.server import serve as run
+
+    run(folder, host, port)
 
 
 if __name__ == "__main__":

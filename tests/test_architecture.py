@@ -11,7 +11,7 @@ ROOT = Path(femu_piezo.__file__).parent
 
 #: Layers from the bottom; a module may import its own layer and those below.
 LAYERS = (
-    {"errors", "units", "files", "resonances", "threads"},
+    {"errors", "units", "files", "resonances", "threads", "steps"},
     {"specimen"},
     {"material"},
     {"measurement", "geometry"},
@@ -25,6 +25,7 @@ LAYERS = (
     {"output"},
     {"api"},
     {"batch"},
+    {"web"},
     {"cli"},
 )
 

@@ -143,7 +143,12 @@ def figure_words(one: Figure, model: bool = False) -> str:
 
 def figure_unit(one: Figure) -> tuple[float, str]:
     """Factor from SI and unit in which a data sheet writes a figure."""
-    return PRINTED.get(one.name) or _DATA_SHEET[one.unit]
+    return figure_scale(one.name, one.unit)
+
+
+def figure_scale(name: str, unit: str) -> tuple[float, str]:
+    """The same by name and SI unit of the figure."""
+    return PRINTED.get(name) or _DATA_SHEET[unit]
 
 
 def deviation_percent(share: float | None) -> str:

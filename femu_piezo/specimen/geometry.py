@@ -70,6 +70,14 @@ def _to_poling(value: object) -> object:
     return value
 
 
+def belongs_to(shape: str, key: str) -> bool:
+    """Whether a key of the [geometry] table is one that a shape has or may have."""
+    if key in _ALL:
+        return key in DIMENSIONS[shape] + _OPTIONAL[shape]
+    dimension = key.removeprefix("std_")
+    return dimension == key or dimension not in _ALL or dimension in DIMENSIONS[shape]
+
+
 class Geometry(Table):
     """Shape and dimensions in m.
 

@@ -1,0 +1,168 @@
+"""Edits of a specimen file that are not saved yet: every state of the text, so that any step can be undone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from typing import Any
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+
+from femu_piezo.errors import InputError
+from femu_piezo.files import write_atomically
+from femu_piezo.web.workspace import Workspace
+
+#: Steps that can be undone.
+_DEEPEST = 200
+
+
+class Draft:
+    """The text of a specimen file under edit, kept over a restart.
+
+    Parameters
+    ----------
+    name : of the specimen file in the workspace
+    who : whose edits; each browser has its own
+    """
+
+    def __init__(self, workspace: Workspace, name: str, who: str) -> None:
+        self._workspace, self._name = workspace, name
+        key = hashlib.sha256(f"{who}\0{name}".encode()).hexdigest()[:24]
+        folder = workspace.own / "drafts"
+        folder.mkdir(exist_ok=True)
+        self._file = folder / f"{key}.json"
+        self._saved = self._on_disk()
+        self._texts, self._at = [self._saved], 0
+        try:
+            kept = json.loads(self._file.read_text(encoding="utf-8"))
+            if kept["saved"] == self._saved and 0 <= kept["at"] < len(kept["texts"]):
+                self._texts, self._at = kept["texts"], kept["at"]
+        except (OSError, ValueError, KeyError, TypeError):
+            pass
+
+    def _on_disk(self) -> str:
+        path = self._workspace.path(self._name)
+        try:
+            return path.read_text(encoding="utf-8-sig")
+        except FileNotFoundError:
+            return ""
+        except (OSError, UnicodeDecodeError):
+            raise InputError(f"{self._name}: this is not a text file that can be read") from None
+
+    @property
+    def text(self) -> str:
+        """As it stands."""
+        return self._texts[self._at]
+
+    @property
+    def changed(self) -> bool:
+        """Whether it differs from the file."""
+        return self.text != self._saved
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether a step is left to be undone."""
+        return self._at > 0
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether a step was undone."""
+        return self._at < len(self._texts) - 1
+
+    def set(self, text: str) -> None:
+        """Another text; one more step."""
+        if text != self.text:
+            self._texts = [*self._texts[: self._at + 1], text][-_DEEPEST:]
+            self._at = len(self._texts) - 1
+            self._keep()
+
+    def undo(self) -> None:
+        """One step back."""
+        self._move(-1)
+
+    def redo(self) -> None:
+        """One step forward again."""
+        self._move(1)
+
+    def _move(self, step: int) -> None:
+        self._at = min(max(self._at + step, 0), len(self._texts) - 1)
+        self._keep()
+
+    def _keep(self) -> None:
+        write_atomically(self._file, json.dumps({"saved": self._saved, "texts": self._texts, "at": self._at}))
+
+    def save(self) -> None:
+        """Write the specimen file, once its text is one; InputError where it is not."""
+        self.problem_or_raise()
+        write_atomically(self._workspace.path(self._name), self.text)
+        self._saved = self.text
+        self._keep()
+
+    def problem_or_raise(self) -> None:
+        """InputError with the one sentence that the command line would say of this text."""
+        path = self._workspace.path(self._name)
+        beside = path.with_name(f".{path.stem}.{self._file.stem}.toml")
+        try:
+            write_atomically(beside, self.text)
+            self._workspace.specimen(self._workspace.name(beside))
+        except InputError as error:
+            raise InputError(str(error).replace(str(beside), self._name)) from None
+        finally:
+            beside.unlink(missing_ok=True)
+
+    def problem(self) -> str:
+        """That sentence, "" where there is nothing wrong."""
+        try:
+            self.problem_or_raise()
+        except InputError as error:
+            return str(error)
+        return ""
+
+    def tables(self) -> dict[str, Any]:
+        """The tables of the text as they stand; empty where it is no TOML."""
+        try:
+            return tomllib.loads(self.text)
+        except (tomllib.TOMLDecodeError, ValueError, RecursionError):
+            return {}
+
+    def put(self, table: str, key: str, value: Any) -> None:
+        """Set a key of a table ("" for the top), or take it out where the value is None; the rest stays as written."""
+        try:
+            document = tomlkit.parse(self.text)
+        except (TOMLKitError, RecursionError):
+            raise InputError(f"{self._name}: the text is no TOML just now; mend it on the right first") from None
+        if table and table not in document:
+            if value is None:
+                return
+            document.add(table, tomlkit.table())
+        place = document[table] if table else document
+        if value is None:
+            if key in place:
+                place.remove(key)
+        else:
+            place[key] = value
+        self.set(tomlkit.dumps(document))
+
+
+def parsed(text: str) -> Any:
+    """What someone wrote into a field: a number, a list, true or false as in TOML, else a string such as "40 mm"."""
+    text = text.strip()
+    if not text:
+        return None
+    try:
+        return tomllib.loads(f"x = {text}")["x"]
+    except (tomllib.TOMLDecodeError, ValueError, RecursionError):
+        return text
+
+
+def shown(value: Any) -> str:
+    """The text of a field with a value; what `parsed` takes back."""
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool):
+        return str(value).lower()
+    return tomlkit.item(value).as_string() if isinstance(value, (list, dict)) else repr(value)

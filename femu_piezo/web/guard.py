@@ -1,0 +1,121 @@
+"""Who may speak to the page: this machine, pages of this server, and, beyond this machine, whoever has the token."""
+
+from __future__ import annotations
+
+import hmac
+import ipaddress
+from http.cookies import SimpleCookie
+from urllib.parse import parse_qsl, urlencode, urlsplit
+
+_COOKIE = "femu_piezo_token"
+_LARGEST_BODY = 60_000_000
+_HEADERS = (
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"x-frame-options", b"SAMEORIGIN"),
+)
+#: Nothing is fetched from elsewhere; the page draws with inline styles and compiles its templates.
+_POLICY = (
+    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; worker-src 'self' blob:; "
+    "frame-src 'self'; frame-ancestors 'self'; form-action 'self'; base-uri 'self'; object-src 'none'"
+)
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a host name means this machine alone."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+class Guard:
+    """ASGI middleware: refuses foreign hosts and origins, large bodies, and strangers without the token.
+
+    Parameters
+    ----------
+    app : what is guarded
+    token : that an address must bear once ("?token=…"), a cookie from then on; none is asked for where None
+    """
+
+    def __init__(self, app, token: str | None = None) -> None:
+        self._app, self._token = app, token
+
+    async def __call__(self, scope, receive, send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        headers = {name.lower(): value.decode("latin-1") for name, value in scope["headers"]}
+        refusal = self._refusal(scope, headers)
+        if refusal is not None:
+            await _refuse(scope, receive, send, *refusal)
+        elif scope["type"] == "http" and (place := self._welcome(scope)) is not None:
+            await _redirect(send, place, self._token)
+        else:
+            await self._app(scope, receive, _with_headers(send) if scope["type"] == "http" else send)
+
+    def _refusal(self, scope, headers: dict[bytes, str]) -> tuple[int, str] | None:
+        host = headers.get(b"host", "")
+        name = urlsplit(f"//{host}").hostname or ""
+        # a name that someone else made point here would make their page one of ours (DNS rebinding)
+        if self._token is None and not is_loopback(name):
+            return 403, "this page answers to this machine alone"
+        origin = headers.get(b"origin")
+        if origin is not None and urlsplit(origin).netloc != host:
+            return 403, "this request comes from another page"
+        if self._token is not None and not self._knows(scope, headers):
+            return 403, "open the address with its token, as the terminal shows it"
+        length = headers.get(b"content-length", "0")
+        if not length.isdigit() or int(length) > _LARGEST_BODY:
+            return 413, f"more than {_LARGEST_BODY / 1e6:.0f} MB are not taken"
+        return None
+
+    def _knows(self, scope, headers: dict[bytes, str]) -> bool:
+        cookie = SimpleCookie(headers.get(b"cookie", "")).get(_COOKIE)
+        given = [
+            cookie.value if cookie else "",
+            dict(parse_qsl(scope["query_string"].decode("latin-1"))).get("token", ""),
+        ]
+        return any(hmac.compare_digest(one.encode(), self._token.encode()) for one in given)
+
+    def _welcome(self, scope) -> str | None:
+        """Where an address with the token leads, without it."""
+        pairs = parse_qsl(scope["query_string"].decode("latin-1"))
+        if self._token is None or not any(key == "token" for key, _ in pairs):
+            return None
+        rest = urlencode([(key, value) for key, value in pairs if key != "token"])
+        return scope["path"] + (f"?{rest}" if rest else "")
+
+
+async def _refuse(scope, receive, send, status: int, words: str) -> None:
+    if scope["type"] == "websocket":
+        await receive()
+        await send({"type": "websocket.close", "code": 1008, "reason": words})
+        return
+    headers = [(b"content-type", b"text/plain; charset=utf-8"), *_HEADERS]
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": f"femu-piezo: {words}\n".encode()})
+
+
+async def _redirect(send, place: str, token: str) -> None:
+    cookie = f"{_COOKIE}={token}; HttpOnly; SameSite=Strict; Path=/"
+    # a path of two slashes would be an address elsewhere
+    headers = [(b"location", ("/" + place.lstrip("/")).encode("latin-1")), (b"set-cookie", cookie.encode("latin-1"))]
+    await send({"type": "http.response.start", "status": 303, "headers": headers})
+    await send({"type": "http.response.body", "body": b""})
+
+
+def _with_headers(send):
+    async def sending(message) -> None:
+        if message["type"] == "http.response.start":
+            given = {name.lower() for name, _ in message["headers"]}
+            own = [(name, value) for name, value in _HEADERS if name not in given]
+            if b"content-security-policy" not in given:
+                own.append((b"content-security-policy", _POLICY.encode()))
+            message = {**message, "headers": [*message["headers"], *own]}
+        await send(message)
+
+    return sending

@@ -1,0 +1,229 @@
+"""Commands in processes of their own, one after another on as many workers as there are, with progress and cancel."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from femu_piezo import steps
+from femu_piezo.files import write_atomically
+from femu_piezo.threads import available_cores
+
+State = Literal["waiting", "running", "done", "failed", "cancelled"]
+#: Jobs that are remembered, and that may wait.
+_REMEMBERED, _MOST_WAITING = 60, 200
+#: Seconds that an interrupted command has to tidy up.
+_PATIENCE = 5.0
+#: Seconds that a command takes where none was run here before.
+_FIRST_GUESS = {"extract": 4.0, "update": 12.0, "diagnose": 60.0, "modes": 20.0, "identify": 20.0, "datasheet": 12.0}
+
+
+@dataclass
+class Job:
+    """One command.
+
+    Attributes
+    ----------
+    number : in order of asking
+    command : "update", "diagnose", …;  source : what it works on;  out : folder of its results, both names
+    arguments : further ones of the command line
+    state, step : where it stands;  message : the sentence of its error
+    asked, began, ended : seconds since 1970
+    """
+
+    number: int
+    command: str
+    source: str
+    out: str
+    arguments: list[str] = field(default_factory=list)
+    state: State = "waiting"
+    step: str = ""
+    message: str = ""
+    asked: float = 0.0
+    began: float | None = None
+    ended: float | None = None
+
+    @property
+    def active(self) -> bool:
+        """Whether it waits or runs."""
+        return self.state in ("waiting", "running")
+
+    @property
+    def seconds(self) -> float:
+        """Since it began, until it ended."""
+        return 0.0 if self.began is None else (self.ended or time.time()) - self.began
+
+
+class Jobs:
+    """The queue of a folder.
+
+    Jobs that run when the server stops are interrupted; those that wait are run after the next start.
+    """
+
+    def __init__(self, folder: Path, own: Path, workers: int | None = None) -> None:
+        self._folder, self._file, self._times_file = folder, own / "jobs.json", own / "times.json"
+        self._lock = threading.RLock()
+        self._wake = threading.Condition(self._lock)
+        self._running: dict[int, subprocess.Popen] = {}
+        self._step_began: dict[int, float] = {}
+        self._stopped = False
+        self._jobs = [Job(**record) for record in _json(self._file, [])]
+        self._times: dict[str, dict] = _json(self._times_file, {})
+        for job in self._jobs:
+            if job.state == "running":
+                job.state, job.message, job.ended = "cancelled", "the server was stopped meanwhile", time.time()
+        count = workers or available_cores()
+        self._threads = [threading.Thread(target=self._work, daemon=True) for _ in range(count)]
+        self._share = max(1, available_cores() // count)
+        for thread in self._threads:
+            thread.start()
+
+    def all(self) -> list[Job]:
+        """Every job that is remembered, the latest first."""
+        with self._lock:
+            return self._jobs[::-1]
+
+    def latest(self, command: str, source: str) -> Job | None:
+        """The last job of a command on a source."""
+        return next((job for job in self.all() if (job.command, job.source) == (command, source)), None)
+
+    def ask(self, command: str, source: str, out: str, arguments: Sequence[str] = ()) -> Job:
+        """Queue a command; the job that does the same already, where there is one."""
+        with self._lock:
+            for job in self._jobs:
+                if job.active and (job.command, job.source) == (command, source):
+                    return job
+            number = 1 + max((job.number for job in self._jobs), default=0)
+            job = Job(number, command, source, out, list(arguments), asked=time.time())
+            if sum(one.active for one in self._jobs) >= _MOST_WAITING:
+                job.state, job.message = "failed", f"{_MOST_WAITING} jobs wait already; wait for some of them"
+            self._jobs = [*self._jobs, job][-_REMEMBERED - _MOST_WAITING :]
+            self._keep()
+            self._wake.notify()
+            return job
+
+    def cancel(self, number: int) -> None:
+        """Take a job out of the queue, or interrupt it as Ctrl-C does."""
+        with self._lock:
+            job = next((one for one in self._jobs if one.number == number and one.active), None)
+            if job is None:
+                return
+            process = self._running.get(number)
+            job.state, job.ended = "cancelled", time.time()
+            self._keep()
+        if process is not None:
+            threading.Thread(target=_interrupt, args=(process,), daemon=True).start()
+
+    def left(self, job: Job) -> float | None:
+        """Seconds that a running job has left by the last one of its kind; None where it takes longer than that."""
+        known = self._times.get(job.command, {"all": _FIRST_GUESS.get(job.command, 30.0), "steps": {}})
+        whole, begun = known["all"], known["steps"].get(job.step)
+        left = whole - job.seconds
+        if begun is not None and job.state == "running":
+            left = (whole - begun) - (time.time() - self._step_began.get(job.number, time.time()))
+        return left if left > 0 else None
+
+    def stop(self) -> None:
+        """Interrupt what runs and end the workers."""
+        with self._lock:
+            self._stopped = True
+            running = list(self._running.values())
+            self._wake.notify_all()
+        for process in running:
+            _interrupt(process)
+
+    def _work(self) -> None:
+        while True:
+            with self._lock:
+                while not self._stopped and (job := self._next()) is None:
+                    self._wake.wait()
+                if self._stopped:
+                    return
+                job.state, job.began = "running", time.time()
+                self._keep()
+            try:
+                self._run(job)
+            except OSError as error:
+                self._end(job, "failed", f"the command could not be started ({error.strerror})", {})
+
+    def _next(self) -> Job | None:
+        """The first that waits and whose results no running one writes."""
+        busy = {one.out for one in self._jobs if one.state == "running"}
+        return next((one for one in self._jobs if one.state == "waiting" and one.out not in busy), None)
+
+    def _run(self, job: Job) -> None:
+        order = [sys.executable, "-m", "femu_piezo.cli", job.command, job.source, "--out", job.out, *job.arguments]
+        settings = {**os.environ, steps.VARIABLE: "1", "OMP_NUM_THREADS": str(self._share), "PYTHONUTF8": "1"}
+        process = subprocess.Popen(
+            order,
+            cwd=self._folder,
+            env=settings,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            encoding="utf-8",
+            errors="replace",
+            start_new_session=True,
+        )
+        with self._lock:
+            self._running[job.number] = process
+            cancelled = job.state == "cancelled"
+        if cancelled:
+            _interrupt(process)
+        said, began = "", {}
+        for line in process.stderr:
+            if line.startswith(steps.PREFIX):
+                job.step = line.removeprefix(steps.PREFIX).strip()[:200]
+                self._step_began[job.number] = time.time()
+                began.setdefault(job.step, job.seconds)
+            elif line.strip():
+                said = line.strip()[:2000]
+        code = process.wait()
+        said = said.removeprefix("femu-piezo: ")
+        self._end(job, "done" if code == 0 else "failed", "" if code == 0 else said or f"exit code {code}", began)
+
+    def _end(self, job: Job, state: State, message: str, began: dict[str, float]) -> None:
+        with self._lock:
+            self._running.pop(job.number, None)
+            self._step_began.pop(job.number, None)
+            if job.state != "cancelled":
+                job.state, job.message, job.ended = state, message, time.time()
+            if job.state == "done":
+                self._times[job.command] = {"all": round(job.seconds, 2), "steps": began}
+                write_atomically(self._times_file, json.dumps(self._times))
+            self._keep()
+            self._wake.notify_all()
+
+    def _keep(self) -> None:
+        write_atomically(self._file, json.dumps([asdict(job) for job in self._jobs], indent=1, ensure_ascii=False))
+
+
+def _interrupt(process: subprocess.Popen) -> None:
+    """End a command and its workers, gently first."""
+    for sign in (signal.SIGINT, signal.SIGKILL):
+        try:
+            os.killpg(process.pid, sign)
+            process.wait(_PATIENCE)
+            return
+        except ProcessLookupError:
+            return
+        except subprocess.TimeoutExpired:
+            continue
+
+
+def _json(path: Path, otherwise):
+    """What a file of the page's own holds; a damaged one counts for nothing."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return otherwise

@@ -1,0 +1,47 @@
+"""What several pages show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from nicegui import ui
+
+from femu_piezo.output.tables import figure_scale
+from femu_piezo.output.tables import number as printed
+from femu_piezo.web.site import Site
+
+
+def figure_rows(figures: dict, model: bool = False) -> list[tuple[str, ...]]:
+    """Standard figures of a JSON record: name, value, of the finite elements where asked, meaning."""
+    rows = []
+    for name, one in figures["figures"].items():
+        factor, unit = figure_scale(name, one["unit"])
+        std = None if one["std"] is None else one["std"] * factor
+        cells = [name, "-" if one["value"] is None else f"{printed(one['value'] * factor, std)} {unit}".strip()]
+        if model:
+            cells.append("-" if one["model"] is None else f"{printed(one['model'] * factor, None)} {unit}".strip())
+        rows.append((*cells, one["meaning"]))
+    return rows
+
+
+def report_links(site: Site, folder: Path) -> None:
+    """Links to what a command wrote."""
+    if not folder.is_dir():
+        return
+    with ui.row().classes("gap-4 items-center"):
+        ui.label("Files:")
+        for path in sorted(folder.iterdir()):
+            if path.suffix in (".html", ".json", ".csv", ".png", ".pdf", ".toml") and not path.name.startswith("."):
+                ui.link(path.name, site.address(site.workspace.name(path)), new_tab=True)
+
+
+def framed(address: str, words: str) -> None:
+    """A page of results inside this one; it has no part in it."""
+    frame = ui.element("iframe").props(f'src="{address}" title="{words}" sandbox="allow-scripts allow-downloads"')
+    frame.classes("w-full border rounded bg-white").style("height: 75vh")
+
+
+def notes(sentences) -> None:
+    """What a result has to say beside its numbers."""
+    for sentence in sentences:
+        ui.label(f"⚠ {sentence}")

@@ -1,0 +1,157 @@
+"""Diagnosis: four answers in words, the candidates, what is left before and after, what to measure next."""
+
+from __future__ import annotations
+
+from urllib.parse import urlencode
+
+import numpy as np
+from nicegui import ui
+
+from femu_piezo.errors import InputError
+from femu_piezo.specimen.file import read_specimen, write_specimen
+from femu_piezo.web import charts, results
+from femu_piezo.web.pages.common import framed, notes, report_links
+from femu_piezo.web.pages.update import unsaved
+from femu_piezo.web.site import Site, nothing, table
+
+_ANSWERS = {
+    "wrong": "What is wrong",
+    "sure": "How sure",
+    "constants": "What it did to your constants",
+    "measures": "What to do",
+}
+_MOST = 12
+
+
+def register(site: Site) -> None:
+    """The page at /diagnosis."""
+
+    @ui.page("/diagnosis")
+    def page(spec: str = "", file: str = "") -> None:
+        names = site.workspace.specimens()
+        spec = spec if spec in names else (names[0] if names else "")
+        with site.frame("diagnosis", {"spec": spec, "file": file}):
+            site.choose(names, spec, "Specimen", "diagnosis", "spec")
+            if not spec:
+                nothing("No specimen file is in this folder yet: choose a sweep, and describe its specimen there.")
+                return
+            _Diagnosis(site, spec).build()
+
+
+class _Diagnosis:
+    """The last diagnosis of a specimen file."""
+
+    def __init__(self, site: Site, name: str) -> None:
+        self._site, self._name = site, name
+        self._folder = site.workspace.path(site.workspace.results(name, "diagnose"))
+
+    def build(self) -> None:
+        unsaved(self._site, self._name)
+        self._site.job_card(
+            "diagnose",
+            self._name,
+            "Diagnose",
+            self._shown,
+            lambda: ["--report"],
+            lambda: self._site.workspace.specimen(self._name),
+        )
+        self._body = ui.column().classes("w-full gap-4")
+        self._shown()
+
+    def _shown(self) -> None:
+        self._body.clear()
+        found = results.record(self._folder / "diagnosis.json")
+        with self._body:
+            if found is None:
+                nothing("This specimen was not diagnosed yet.")
+                return
+            answers = found.get("answers") or {}
+            ui.label(answers.get("headline", found["verdict"])).classes("text-xl font-bold")
+            with ui.element("div").classes("w-full grid grid-cols-1 lg:grid-cols-2 gap-4"):
+                for key, title in _ANSWERS.items():
+                    with ui.column().classes("answer gap-1"):
+                        ui.label(title).props('role="heading" aria-level="2"').classes("text-lg font-bold")
+                        for sentence in answers.get(key, []):
+                            ui.label(sentence)
+            if found["causes"]:
+                self._causes(found)
+            notes(found["notes"])
+            self._curves()
+            self._candidates(found)
+            headings = ("constant", "unit", "after", "loss tangent", "± mostly from")
+            table(
+                headings, results.constant_rows(found["parameters"]["after"]), "constants with the causes in the model"
+            )
+            with ui.expansion("What to measure next").classes("w-full border rounded"):
+                for sentence in found["recommended_measurements"]:
+                    ui.label(sentence)
+                if found["separations"]:
+                    rows = [
+                        (one["measurement"], one["cause"], one["other"], f"{one['now']:.2g}", f"{one['expected']:.3g}")
+                        for one in found["separations"]
+                    ]
+                    headings = ("measurement", "cause", "from", "now (σ)", "expected (σ)")
+                    table(headings, rows, "separations by further measurements")
+            if (self._folder / "report.html").exists():
+                with ui.expansion("Report").classes("w-full border rounded"):
+                    framed(self._site.address(self._site.workspace.name(self._folder / "report.html")), "report")
+            report_links(self._site, self._folder)
+
+    def _causes(self, found: dict) -> None:
+        rows = [
+            (
+                cause["effect"].replace("_", " "),
+                f"{cause['probability']:.3f}",
+                ", ".join(f"{key} {_size(one)}" for key, one in cause["parameters"].items()),
+                cause["sentence"],
+            )
+            for cause in found["causes"]
+        ]
+        table(("cause", "probability", "size", "meaning"), rows, "named causes").props("wrap-cells")
+        with ui.row().classes("items-center gap-3"):
+            ui.button("Accept: keep the extended model as a specimen", on_click=self._accept).props("no-caps")
+            self._accepted = ui.label().props('role="status" aria-live="polite"')
+
+    def _accept(self) -> None:
+        """A new specimen file with the named effects, which leaves the old one as it is."""
+        workspace = self._site.workspace
+        try:
+            extended = read_specimen(self._folder / "extended.toml")
+            name = workspace.free_name(f"{self._name.removesuffix('.toml')}-extended.toml")
+            write_specimen(extended, workspace.path(name))
+        except InputError as error:
+            ui.notify(str(error), type="negative", close_button=True, timeout=0)
+            return
+        ui.navigate.to(f"/diagnosis?{urlencode({'spec': name})}")
+
+    def _curves(self) -> None:
+        found = results.columns(self._folder / "curves.csv")
+        if found is None:
+            return
+        frequency = found["frequency_Hz"]
+        z = {
+            name: found[f"{name}_resistance_ohm"] + 1j * found[f"{name}_reactance_ohm"]
+            for name in ("measured", "before", "after")
+        }
+        curves = {name: (frequency, one) for name, one in z.items()}
+        figure = charts.impedance_chart(curves, charts.VIEWS[0], measured="measured")
+        ui.plotly(figure).classes("w-full").props('role="img" aria-label="measured, before and after"')
+        sigma = found["noise_ohm"] / np.abs(z["measured"]) / np.sqrt(2)
+        left = {name: np.log(z[name] / z["measured"]) / sigma for name in ("before", "after")}
+        figure = charts.residual_chart(frequency, left, "residual (σ)", band=2.0)
+        ui.plotly(figure).classes("w-full").props('role="img" aria-label="residual before and after"')
+
+    def _candidates(self, found: dict) -> None:
+        rows = []
+        for one in found["candidates"][:_MOST]:
+            sizes = ", ".join(f"{key} {_size(value)}" for key, value in (one.get("parameters") or {}).items())
+            evidence = one.get("evidence")
+            rows.append((one["effect"].replace("_", " "), "-" if evidence is None else f"{evidence:+.1f}", sizes))
+        with ui.expansion("Candidates, each alone").classes("w-full border rounded"):
+            table(("candidate", "log odds over none", "size"), rows, "candidates").props("wrap-cells")
+
+
+def _size(one: dict) -> str:
+    unit = "" if one["unit"] == "1" else f" {one['unit']}"
+    std = one.get("std")
+    return f"{one['value']:.3g}{unit}" if not std else f"{one['value']:.3g} ± {std:.1g}{unit}"

@@ -1,0 +1,85 @@
+"""Export: the material for another program, a data sheet, an equivalent circuit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from nicegui import ui
+
+from femu_piezo.errors import InputError
+from femu_piezo.web import results
+from femu_piezo.web.pages.common import report_links
+from femu_piezo.web.site import Site, nothing
+
+_PROGRAMS = ("comsol", "ansys", "abaqus", "opencfs", "sfepy", "json")
+
+
+def register(site: Site) -> None:
+    """The page at /export."""
+
+    @ui.page("/export")
+    def page(spec: str = "", file: str = "") -> None:
+        names = site.workspace.specimens()
+        spec = spec if spec in names else (names[0] if names else "")
+        with site.frame("export", {"spec": spec, "file": file}):
+            site.choose(names, spec, "Specimen", "export", "spec")
+            if not spec:
+                nothing("No specimen file is in this folder yet: choose a sweep, and describe its specimen there.")
+                return
+            _material(site, spec)
+            for command, words in (("datasheet", "Make a data sheet"), ("circuit", "Make an equivalent circuit")):
+                _command(site, spec, command, words)
+
+
+def _material(site: Site, spec: str) -> None:
+    """The constants of the last update as a material of another program, shown and to be taken along."""
+    record = site.workspace.path(site.workspace.results(spec, "update")) / "update.json"
+    with ui.card().classes("w-full"):
+        ui.label("Material for another program").classes("text-lg font-bold")
+        if results.record(record) is None:
+            nothing("There are no updated constants of this specimen yet: update it first.")
+            return
+        program = ui.select(list(_PROGRAMS), value="comsol", label="Program").props("outlined").classes("w-64")
+        text = (
+            ui.codemirror("", theme="githubLight", line_wrapping=True)
+            .classes("w-full border rounded")
+            .props("readonly")
+        )
+
+        def shown() -> str:
+            from femu_piezo.api import export
+
+            try:
+                return export(record, program.value)
+            except InputError as error:
+                ui.notify(str(error), type="negative", close_button=True, timeout=0)
+                return ""
+
+        def choose() -> None:
+            text.value = shown()
+
+        def take() -> None:
+            from femu_piezo.material.programs.writers import program as known
+
+            name = f"{Path(spec).stem}.{known(program.value).suffix}"
+            ui.download.content(shown().encode(), name)
+
+        program.on_value_change(choose)
+        ui.button("Download", on_click=take).props("no-caps")
+        choose()
+
+
+def _command(site: Site, spec: str, command: str, words: str) -> None:
+    folder = site.workspace.path(site.workspace.results(spec, command))
+
+    def shown() -> None:
+        body.clear()
+        with body:
+            report_links(site, folder)
+            for path in sorted(folder.glob("*.png")) if folder.is_dir() else ():
+                address = site.address(site.workspace.name(path)) + f"?{path.stat().st_mtime_ns}"
+                ui.image(address).classes("max-w-2xl").props(f'alt="{path.stem}"')
+
+    site.job_card(command, spec, words, shown, check=lambda: site.workspace.specimen(spec))
+    body = ui.column().classes("w-full gap-2")
+    shown()

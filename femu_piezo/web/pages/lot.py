@@ -1,0 +1,124 @@
+"""Lot: every specimen of a folder, in a table that sorts, with control charts; a row leads to the piece."""
+
+from __future__ import annotations
+
+import csv
+from urllib.parse import urlencode
+
+from nicegui import ui
+
+from femu_piezo.errors import InputError
+from femu_piezo.output.curves import PRINTED
+from femu_piezo.web import charts, results
+from femu_piezo.web.pages.common import report_links
+from femu_piezo.web.site import Site, nothing, table
+
+_MOST = 10_000
+
+
+def register(site: Site) -> None:
+    """The page at /lot."""
+
+    @ui.page("/lot")
+    def page(lot: str = "", spec: str = "", file: str = "") -> None:
+        lots = site.workspace.lots()
+        lot = lot if lot in lots else (lots[0] if lots else "")
+        with site.frame("lot", {"spec": spec, "file": file, "lot": lot}):
+            site.choose(lots, lot, "Lot (a folder of specimen files)", "lot", "lot")
+            if not lot:
+                nothing("A lot is a folder in this one that holds specimen files; there is none yet.")
+                return
+            _Lot(site, lot).build()
+
+
+class _Lot:
+    """One folder of specimens and its last table."""
+
+    def __init__(self, site: Site, name: str) -> None:
+        self._site, self._name = site, name
+        self._folder = site.workspace.path(site.workspace.results(name, "batch"))
+        self._outliers, self._quantity = False, ""
+
+    def build(self) -> None:
+        ui.switch("diagnose outliers as well", on_change=self._wish)
+        self._site.job_card("batch", self._name, "Update every specimen", self._shown, self._arguments, self._check)
+        self._body = ui.column().classes("w-full gap-4")
+        self._shown()
+
+    def _wish(self, event) -> None:
+        self._outliers = event.value
+
+    def _arguments(self) -> list[str]:
+        return ["--diagnose-outliers"] if self._outliers else []
+
+    def _check(self) -> None:
+        for name in self._site.workspace.specimens():
+            if name.rpartition("/")[0] == self._name:
+                try:
+                    self._site.workspace.specimen(name)
+                except InputError as error:
+                    if "lies outside the folder" in str(error):  # others are a row of the table with their reason
+                        raise
+
+    def _rows(self) -> list[dict[str, str]]:
+        try:
+            with open(self._folder / "table.csv", encoding="utf-8", newline="") as stream:
+                return [row for row, _ in zip(csv.DictReader(stream), range(_MOST), strict=False)]
+        except OSError:
+            return []
+
+    def _shown(self) -> None:
+        self._body.clear()
+        rows, lot = self._rows(), results.record(self._folder / "lot.json")
+        with self._body:
+            if not rows or lot is None:
+                nothing("This lot was not computed yet.")
+                return
+            names = [name for name in PRINTED if any(row.get(name) for row in rows)]
+            headings = ["number", "specimen", "status", *(f"{name} ({PRINTED[name][1]})" for name in names)]
+            headings += ["k_eff", "reason"]
+            cells = [
+                [int(row["number"]), row["specimen"] or row["file"], row["status"]]
+                + [_scaled(row.get(name), PRINTED[name][0]) for name in names]
+                + [_scaled(row.get("k_eff"), 1.0), row["reason"]]
+                for row in rows
+            ]
+            found = table(headings, cells, "specimens of the lot")
+            found.props("wrap-cells").pagination = 25
+
+            def open_piece(event) -> None:
+                row = rows[event.args[1]["id"]]
+                file = f"{self._name}/{row['file']}"
+                ui.navigate.to(f"/update?{urlencode({'spec': file})}")
+
+            found.on("rowClick", open_piece)
+            with found.add_slot("no-data"):
+                ui.label("no specimen")
+            ui.label("A click on a row leads to the piece.").classes("opacity-80")
+            quantities = list(lot["quantities"])
+            self._quantity = self._quantity if self._quantity in quantities else (quantities[0] if quantities else "")
+            if quantities:
+                choice = ui.select(quantities, value=self._quantity, label="Control chart of", on_change=self._choose)
+                choice.props("outlined").classes("w-64")
+                self._chart = ui.plotly(self._control(rows, lot)).classes("w-full")
+                self._chart.props('role="img" aria-label="control chart"')
+            report_links(self._site, self._folder)
+
+    def _control(self, rows: list[dict[str, str]], lot: dict) -> dict:
+        numbers, values = [], []
+        for row in rows:
+            if row.get(self._quantity):
+                numbers.append(int(row["number"]))
+                values.append(float(row[self._quantity]))
+        factor, unit = PRINTED.get(self._quantity, (1.0, ""))
+        limits = [factor * limit for limit in lot["quantities"][self._quantity].get("control_limits") or ()]
+        values = [factor * value for value in values]
+        return charts.control_chart(numbers, values, limits, f"{self._quantity} ({unit})" if unit else self._quantity)
+
+    def _choose(self, event) -> None:
+        self._quantity = event.value
+        self._chart.update_figure(self._control(self._rows(), results.record(self._folder / "lot.json")))
+
+
+def _scaled(text: str | None, factor: float) -> float | str:
+    return float(f"{float(text) * factor:.6g}") if text else ""

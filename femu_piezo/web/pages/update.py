@@ -1,0 +1,189 @@
+"""Update: the constants with their deviations, where these come from, curves and residuals, and what to free."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from urllib.parse import urlencode
+
+import numpy as np
+from nicegui import run, ui
+
+from femu_piezo.errors import InputError
+from femu_piezo.specimen.file import CONSTANTS, Specimen
+from femu_piezo.web import charts, results
+from femu_piezo.web.pages.common import figure_rows, framed, notes, report_links
+from femu_piezo.web.site import Site, nothing, table
+
+
+def register(site: Site) -> None:
+    """The page at /update."""
+
+    @ui.page("/update")
+    def page(spec: str = "", file: str = "") -> None:
+        names = site.workspace.specimens()
+        spec = spec if spec in names else (names[0] if names else "")
+        with site.frame("update", {"spec": spec, "file": file}):
+            site.choose(names, spec, "Specimen", "update", "spec")
+            if not spec:
+                nothing("No specimen file is in this folder yet: choose a sweep, and describe its specimen there.")
+                return
+            _Update(site, spec).build()
+
+
+class _Update:
+    """The last update of a specimen file."""
+
+    def __init__(self, site: Site, name: str) -> None:
+        self._site, self._name = site, name
+        self._folder = site.workspace.path(site.workspace.results(name, "update"))
+
+    def build(self) -> None:
+        self._edits = ui.column().classes("w-full")
+        self._unsaved()
+        self._site.job_card(
+            "update", self._name, "Update the constants", self._shown, lambda: ["--report"], self._check
+        )
+        self._body = ui.column().classes("w-full gap-4")
+        self._shown()
+        self._freeing()
+
+    def _unsaved(self) -> None:
+        self._edits.clear()
+        with self._edits:
+            unsaved(self._site, self._name)
+
+    def _check(self) -> None:
+        self._site.workspace.specimen(self._name)
+
+    def _shown(self) -> None:
+        self._body.clear()
+        found = results.record(self._folder / "update.json")
+        with self._body:
+            if found is None:
+                nothing("The constants of this specimen were not updated yet.")
+                return
+            headings = ("constant", "unit", "updated", "loss tangent", "± mostly from")
+            table(headings, results.constant_rows(found["parameters"]), "constants")
+            notes(found["notes"])
+            for one in found["specimens"]:
+                before, after = (100 * one["rms_log_error"][key] for key in ("baseline", "updated"))
+                ui.label(f"{one['name']}: rms |Δ log Z| baseline {before:.3g} %, updated {after:.3g} %")
+            shares = results.shares(found["parameters"])
+            if shares:
+                ui.label("Where the deviations come from").classes("text-lg font-bold")
+                chart = charts.bar_chart(shares, "share of the variance (%)")
+                ui.plotly(chart).classes("w-full").props('role="img" aria-label="budget of the deviations"')
+            self._curves = ui.column().classes("w-full")
+            ui.timer(0.05, self._draw, once=True)
+            figures = found["specimens"][0].get("standard_figures") or []
+            if figures:
+                with ui.expansion("Standard figures").classes("w-full border rounded"):
+                    for one in figures:
+                        headings = ("figure", "by standard", "finite elements", "meaning")
+                        table(headings, figure_rows(one, model=True), "standard figures")
+            if (self._folder / "sensitivity.png").exists():
+                with ui.expansion("Sensitivity").classes("w-full border rounded"):
+                    address = self._site.address(self._site.workspace.name(self._folder / "sensitivity.png"))
+                    ui.image(address).props('alt="sensitivity of the sweep to each constant"').classes("max-w-3xl")
+            if (self._folder / "report.html").exists():
+                with ui.expansion("Report").classes("w-full border rounded"):
+                    framed(self._site.address(self._site.workspace.name(self._folder / "report.html")), "report")
+            report_links(self._site, self._folder)
+
+    async def _draw(self) -> None:
+        """Measured curve beside the updated one, and what is left."""
+        updated = results.curve(self._folder / "updated.csv")
+        path = _sweep_file(self._site, self._name)
+        if updated is None or path is None:
+            return
+        found = await run.cpu_bound(results.sweep, path)
+        if isinstance(found, str):
+            return
+        measured = found[0]
+        with self._curves:
+            curves = {"measured": measured, "updated": updated}
+            figure = charts.impedance_chart(curves, charts.VIEWS[0], measured="measured")
+            ui.plotly(figure).classes("w-full").props('role="img" aria-label="measured and updated impedance"')
+            here = np.isin(measured[0], updated[0])
+            if np.count_nonzero(here) == updated[0].size:
+                left = 100 * np.log(updated[1] / measured[1][here])
+                figure = charts.residual_chart(updated[0], {"updated": left}, "updated/measured (%)")
+                ui.plotly(figure).classes("w-full").props('role="img" aria-label="residual"')
+
+    def _freeing(self) -> None:
+        """Which constants are free, and what a sweep like this can tell of each."""
+        ui.label("Free constants").classes("text-lg font-bold")
+        self._site.job_card("identify", self._name, "What can the data tell of each?", self._told, check=self._check)
+        self._table = ui.column().classes("w-full")
+        self._told()
+
+    def _told(self) -> None:
+        self._table.clear()
+        folder = self._site.workspace.path(self._site.workspace.results(self._name, "identify"))
+        known = results.record(folder / "identifiability.json") or {}
+        tell, expected = known.get("constants", {}), known.get("expected", {})
+        try:
+            specimen = self._site.workspace.specimen(self._name)[0]
+        except InputError as error:
+            with self._table:
+                ui.label(str(error)).classes("text-negative").props('role="alert"')
+            return
+        free = self._draft_free(specimen)
+        with self._table, ui.element("div").classes("w-full grid grid-cols-1 sm:grid-cols-2 gap-x-6"):
+            for name in CONSTANTS:
+                one = tell.get(name)
+                words = "not seen by this sweep" if known and one is None else ""
+                if one is not None:
+                    words = f"determined {one['determined']}, to {100 * one['relative_std']:.2g} % by noise alone"
+                if name in expected and expected[name]["std"] is not None:
+                    words += (
+                        f"; ± {100 * abs(expected[name]['std'] / expected[name]['value']):.2g} % with the tolerances"
+                    )
+                with ui.row().classes("items-center gap-3 no-wrap"):
+                    ui.switch(name, value=name in free, on_change=lambda e, name=name: self._free(name, e.value))
+                    ui.label(words)
+
+    def _draft_free(self, specimen: Specimen) -> list[str]:
+        """Those of the edits, where these name some."""
+        material = self._site.draft(self._name).tables().get("material", {})
+        return list(material.get("free", specimen.material.free or ()) if isinstance(material, dict) else ())
+
+    def _free(self, name: str, wish: bool) -> None:
+        """Into the draft; the file changes when it is saved."""
+        draft = self._site.draft(self._name)
+        given = self._draft_free(self._site.workspace.specimen(self._name)[0])
+        free = [one for one in CONSTANTS if (one in given and one != name) or (wish and one == name)]
+        try:
+            draft.put("material", "free", free)
+        except InputError as error:
+            ui.notify(str(error), type="negative", close_button=True, timeout=0)
+            return
+        self._unsaved()
+
+
+def unsaved(site: Site, name: str) -> None:
+    """Says where edits are not in the file yet, and offers to save them."""
+    draft = site.draft(name)
+    if not draft.changed:
+        return
+    with ui.row().classes("items-center gap-3") as row:
+        ui.label(f"{name} has edits that are not saved; the commands work with the saved file.")
+
+        def save() -> None:
+            try:
+                draft.save()
+            except InputError as error:
+                ui.notify(str(error), type="negative", close_button=True, timeout=0)
+                return
+            row.delete()
+
+        ui.button("Save them", on_click=save).props("flat no-caps")
+        ui.link("see them", f"/specimen?{urlencode({'spec': name})}")
+
+
+def _sweep_file(site: Site, name: str) -> Path | None:
+    try:
+        specimen = site.workspace.specimen(name)[0]
+    except InputError:
+        return None
+    return None if specimen.measurement is None else specimen.measurement.file

@@ -1,0 +1,93 @@
+"""`femu-piezo serve`: the page on this machine, or, with a token, for others."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from pathlib import Path
+
+from femu_piezo.errors import InputError
+from femu_piezo.web.guard import Guard, is_loopback
+from femu_piezo.web.jobs import Jobs
+from femu_piezo.web.workspace import Workspace
+
+#: Kinds of files that the browser is given, and how it is to take them.
+_KINDS = {
+    ".html": "text/html; charset=utf-8",
+    ".json": "application/json",
+    ".csv": "text/csv; charset=utf-8",
+    ".txt": "text/plain; charset=utf-8",
+    ".toml": "text/plain; charset=utf-8",
+    ".png": "image/png",
+    ".pdf": "application/pdf",
+}
+
+
+def serve(folder: Path, host: str, port: int) -> None:
+    """Run the page until Ctrl-C; raises InputError where folder, address or packages cannot serve."""
+    workspace = Workspace.of(folder)
+    if not os.access(workspace.folder, os.W_OK):
+        raise InputError(f"{folder}: the folder cannot be written to, and results are kept in it; choose another one")
+    os.environ["NICEGUI_STORAGE_PATH"] = str(workspace.own / "browsers")  # read when nicegui is imported
+    os.environ.setdefault("MATPLOTLIB", "false")
+    try:
+        import tomlkit  # noqa: F401  drafts edit TOML with it
+        import uvicorn
+        from fastapi import FastAPI, HTTPException
+        from fastapi.responses import FileResponse, RedirectResponse
+        from nicegui import run, ui
+    except ImportError:
+        raise InputError("the page needs further packages; pip install 'femu-piezo[web]'") from None
+    from femu_piezo.web.pages import register
+    from femu_piezo.web.site import Site
+
+    token = None if is_loopback(host) else secrets.token_urlsafe(24)
+    jobs = Jobs(workspace.folder, workspace.own)
+    application = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+
+    @application.get("/files/{name:path}")
+    def file(name: str) -> FileResponse:
+        try:
+            path = workspace.path(name)
+        except InputError:
+            raise HTTPException(404) from None
+        kind = _KINDS.get(path.suffix.lower())
+        if kind is None or not path.is_file():
+            raise HTTPException(404)
+        # a page of results runs its own scripts, and has no part in ours
+        return FileResponse(path, media_type=kind, headers={"content-security-policy": _policy(path)})
+
+    @application.get("/")
+    def first() -> RedirectResponse:
+        return RedirectResponse("/sweep")
+
+    run.process_pool_start_method = "spawn"  # a fork would take the threads' locks along
+    register(Site(workspace, jobs))
+    ui.run_with(application, title="femu-piezo", storage_secret=_secret(workspace.own), show_welcome_message=False)
+    shown = f"[{host}]" if ":" in host else host
+    address = f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
+    print(f"femu-piezo: the page of {workspace.folder} is at {address} (Ctrl-C ends it)", flush=True)
+    try:
+        uvicorn.run(Guard(application, token), host=host, port=port, log_level="warning", ws_max_size=2**24)
+    except SystemExit:
+        raise InputError(f"port {port} of {host} cannot be used; give another one, such as --port {port + 1}") from None
+    finally:
+        jobs.stop()
+
+
+def _policy(path: Path) -> str:
+    scripts = "'unsafe-inline'" if path.suffix.lower() == ".html" else "'none'"
+    return (
+        f"sandbox allow-scripts allow-downloads; default-src 'none'; script-src {scripts}; "
+        "style-src 'unsafe-inline'; img-src data: blob: 'self'; frame-ancestors 'self'"
+    )
+
+
+def _secret(own: Path) -> str:
+    """Of the cookies, kept so that a browser is known after a restart."""
+    file = own / "secret"
+    if not file.exists():
+        handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(handle, "w") as stream:
+            stream.write(secrets.token_urlsafe(32))
+    return file.read_text(encoding="utf-8").strip()

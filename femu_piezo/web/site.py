@@ -1,0 +1,261 @@
+"""What every page shares: the folder, its jobs, the frame around a page, and the card of a job."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from urllib.parse import quote, urlencode
+
+from nicegui import app, ui
+
+from femu_piezo.errors import InputError
+from femu_piezo.web.drafts import Draft
+from femu_piezo.web.jobs import Job, Jobs
+from femu_piezo.web.workspace import LARGEST_UPLOAD, Workspace
+
+PAGES = {
+    "sweep": "Sweep",
+    "specimen": "Specimen",
+    "update": "Update",
+    "diagnosis": "Diagnosis",
+    "modes": "Modes",
+    "lot": "Lot",
+    "export": "Export",
+}
+"""Pages by their address, in the order in which they are used."""
+
+#: Text and grid of charts on a dark page, and what marks the focus of the keyboard.
+_STYLE = """
+.body--dark .js-plotly-plot text { fill: #e0e0e0 !important; }
+.body--dark a { color: #90caf9; }
+body:not(.body--dark) a { color: #0d47a1; }
+header a { color: white !important; }
+.body--dark main .q-btn--flat.text-primary { color: #90caf9 !important; }
+:focus-visible { outline: 3px solid #e69f00 !important; outline-offset: 2px; }
+.q-table th, .q-table td { font-variant-numeric: tabular-nums; }
+.answer { border-left: 4px solid #0072b2; padding-left: 0.75rem; }
+"""
+_PRIMARY = "#0d47a1"
+_DARK = {"auto": None, "light": False, "dark": True}
+_POLL = 0.4
+
+
+@dataclass(frozen=True)
+class Site:
+    """A folder and its queue."""
+
+    workspace: Workspace
+    jobs: Jobs
+
+    def draft(self, name: str) -> Draft:
+        """Unsaved edits of a specimen file in this browser."""
+        return Draft(self.workspace, name, app.storage.browser["id"])
+
+    def address(self, name: str) -> str:
+        """Where the browser finds a file of the folder."""
+        return f"/files/{quote(name)}"
+
+    @contextmanager
+    def frame(self, page: str, chosen: Mapping[str, str]) -> Iterator[None]:
+        """Head, way to the other pages and what is common; `chosen`: what the address names, kept on the way."""
+        ui.add_css(_STYLE)
+        ui.colors(primary=_PRIMARY)
+        wish = app.storage.user.get("theme", "auto")
+        dark = ui.dark_mode(_DARK[wish])
+        ui.page_title(f"{PAGES[page]} · femu-piezo")
+        query = urlencode({key: value for key, value in chosen.items() if value})
+        with ui.header().classes("items-center gap-x-4 gap-y-0 px-4 py-2 flex-wrap"):
+            ui.label("femu-piezo").classes("text-lg font-bold")
+            with ui.element("nav").props('aria-label="pages"').classes("flex flex-wrap gap-x-1"):
+                for key, title in PAGES.items():
+                    link = ui.link(title, f"/{key}" + (f"?{query}" if query else ""))
+                    link.classes("px-2 py-2 no-underline rounded" + (" bg-white/25 font-bold" if key == page else ""))
+                    if key == page:
+                        link.props('aria-current="page"')
+            ui.space()
+            self._queue()
+
+            def turn() -> None:
+                following = list(_DARK)[(list(_DARK).index(app.storage.user.get("theme", "auto")) + 1) % len(_DARK)]
+                app.storage.user["theme"], dark.value = following, _DARK[following]
+                button.text = f"theme: {following}"
+
+            button = ui.button(f"theme: {wish}", on_click=turn).props("flat color=white no-caps dense")
+        with ui.element("main").classes("w-full max-w-screen-xl mx-auto flex flex-col gap-4 p-2"):
+            ui.label(PAGES[page]).props('role="heading" aria-level="1"').classes("text-2xl font-bold")
+            yield
+
+    def _queue(self) -> None:
+        """Every job, in a list that the head opens."""
+        with ui.button().props("flat color=white no-caps dense") as button, ui.menu().props("max-width=90vw"):
+            rows = ui.column().classes("p-4 min-w-72 gap-2")
+        shown: list[object] = []
+
+        def tell() -> None:
+            jobs = self.jobs.all()[:12]
+            active = sum(job.active for job in jobs)
+            button.text = f"jobs: {active} at work" if active else "jobs"
+            state = [(job.number, job.state) for job in jobs]
+            if state == shown:
+                return
+            shown[:] = state
+            rows.clear()
+            with rows:
+                if not jobs:
+                    ui.label("Nothing was computed here yet.")
+                for job in jobs:
+                    with ui.row().classes("items-center gap-2 no-wrap"):
+                        ui.label(f"{job.command} {job.source}: {job.state}").classes("grow")
+                        if job.active:
+                            cancel = ui.button("Cancel", on_click=lambda number=job.number: self.jobs.cancel(number))
+                            cancel.props("flat dense no-caps")
+
+        ui.timer(_POLL, tell)
+
+    def job_card(
+        self,
+        command: str,
+        source: str,
+        words: str,
+        done: Callable[[], None],
+        arguments: Callable[[], Sequence[str]] = tuple,
+        check: Callable[[], object] | None = None,
+    ) -> None:
+        """A button that asks for a command, then its progress with the time left, a way to cancel, and its error.
+
+        Parameters
+        ----------
+        words : of the button
+        done : called when it has ended well
+        arguments : further ones of the command line, at the time of asking
+        check : raises InputError where it cannot be asked for
+        """
+        with ui.card().classes("w-full"):
+            with ui.row().classes("items-center gap-4 w-full"):
+                start = ui.button(words).props("no-caps")
+                state = ui.label().props('role="status" aria-live="polite"').classes("grow")
+                cancel = ui.button("Cancel").props("flat no-caps")
+            bar = ui.linear_progress(show_value=False).props('indeterminate aria-label="at work"')
+        seen: dict[str, object] = {}
+
+        def ask() -> None:
+            try:
+                if check is not None:
+                    check()
+                self.jobs.ask(command, source, self.workspace.results(source, command), arguments())
+            except InputError as error:
+                tell_error(state, str(error))
+                seen["said"] = True
+                return
+            seen.pop("said", None)
+            tell()
+
+        def tell() -> None:
+            job = self.jobs.latest(command, source)
+            active = job is not None and job.active
+            start.set_enabled(not active)
+            cancel.set_visibility(active)
+            bar.set_visibility(active)
+            if job is not None and not seen.get("said"):
+                state.text = self._words(job)
+                state.classes(replace="grow" + (" text-negative" if job.state == "failed" else ""))
+            was = seen.get("was")
+            now = None if job is None else (job.number, job.state)
+            if was is not None and was != now and job is not None and job.state == "done":
+                done()
+            seen["was"] = now or "none"
+
+        def stop() -> None:
+            job = self.jobs.latest(command, source)
+            if job is not None:
+                self.jobs.cancel(job.number)
+                tell()
+
+        start.on_click(ask)
+        cancel.on_click(stop)
+        tell()
+        ui.timer(_POLL, tell)
+
+    def _words(self, job: Job) -> str:
+        """Where a job stands, in one line."""
+        if job.state == "waiting":
+            before = sum(one.active and one.number < job.number for one in self.jobs.all())
+            return f"waiting for {before} other{'s' if before > 1 else ''}" if before else "waiting"
+        if job.state == "running":
+            left = self.jobs.left(job)
+            rest = "a little longer than the last time" if left is None else f"about {_seconds(left)} left"
+            return f"{job.step or 'begins'} … {_seconds(job.seconds)}, {rest}"
+        if job.state == "failed":
+            return job.message
+        if job.state == "cancelled":
+            return f"cancelled{': ' + job.message if job.message else ''}"
+        return f"done in {_seconds(job.seconds)}"
+
+    def choose(self, names: Sequence[str], chosen: str, words: str, page: str, key: str) -> None:
+        """A list to choose one from; the choice becomes part of the address, so that it stays after a reload."""
+
+        def go(event) -> None:
+            ui.navigate.to(f"/{page}?{urlencode({key: event.value})}")
+
+        ui.select(list(names), value=chosen or None, label=words, on_change=go).props("outlined").classes(
+            "w-full max-w-md"
+        )
+
+    def drop(self, words: str, taken: Callable[[list[str]], None]) -> None:
+        """A place to drop files on; `taken` gets the names under which they are kept."""
+
+        async def keep(event) -> None:
+            try:
+                content = await event.file.read()
+                name = self.workspace.take(event.file.name, content)
+            except InputError as error:
+                ui.notify(str(error), type="negative", close_button=True, timeout=0)
+                return
+            taken([name])
+
+        def refuse() -> None:
+            text = f"the file is larger than the {LARGEST_UPLOAD / 1e6:.0f} MB that are taken; is this the right file?"
+            ui.notify(text, type="negative", close_button=True, timeout=0)
+
+        upload = ui.upload(
+            label=words,
+            multiple=True,
+            auto_upload=True,
+            max_file_size=LARGEST_UPLOAD,
+            on_upload=keep,
+            on_rejected=refuse,
+        )
+        upload.props("flat bordered").classes("w-full max-w-md")
+
+
+def tell_error(label: ui.label, sentence: str) -> None:
+    """An error in a label that stands for it."""
+    label.text = sentence
+    label.classes(add="text-negative")
+
+
+def nothing(words: str) -> None:
+    """What stands where there is nothing to show yet."""
+    ui.label(words).classes("opacity-80")
+
+
+def table(headings: Sequence[str], rows: Sequence[Sequence[object]], label: str) -> ui.table:
+    """A table whose columns sort by their numbers where they have some."""
+    columns = [
+        {"name": str(k), "label": heading, "field": str(k), "sortable": True, "align": _align([row[k] for row in rows])}
+        for k, heading in enumerate(headings)
+    ]
+    records = [{"id": n, **{str(k): cell for k, cell in enumerate(row)}} for n, row in enumerate(rows)]
+    found = ui.table(columns=columns, rows=records, row_key="id").props(f'flat bordered dense aria-label="{label}"')
+    return found.classes("w-full")
+
+
+def _align(cells: Sequence[object]) -> str:
+    """Numbers to the right, words to the left."""
+    words = [str(cell).lstrip("-+−") for cell in cells if cell not in ("", "-")]
+    return "right" if words and all(word[:1].isdigit() for word in words) else "left"
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.0f} s" if value < 90 else f"{value / 60:.1f} min"

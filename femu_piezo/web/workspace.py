@@ -1,0 +1,150 @@
+"""The folder that a page shows: its specimens, sweeps and results, and nothing outside."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from femu_piezo.errors import InputError
+from femu_piezo.files import write_atomically
+from femu_piezo.specimen.file import Specimen, read_specimens
+
+RESULTS = "results"
+"""Folder of the results, beside the specimens."""
+
+OWN = ".femu-piezo"
+"""Folder of what the page keeps for itself: unsaved edits, jobs, times."""
+
+LARGEST_UPLOAD = 50_000_000
+"""Bytes of one file that is taken."""
+
+SWEEPS = (".csv", ".txt", ".dat", ".tsv", ".s1p", ".s2p")
+"""Endings of files that may be sweeps."""
+
+_ACCEPTED = (*SWEEPS, ".toml", ".msh", ".inp")
+_DEEPEST = 3
+#: Files that a folder lists at most, and that it may hold before uploads are refused.
+_MOST_LISTED, _MOST_FILES = 2000, 20_000
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """A folder as the page sees it. Files are named by their path relative to it, with slashes.
+
+    Attributes
+    ----------
+    folder : absolute, without symbolic links
+    """
+
+    folder: Path
+
+    @classmethod
+    def of(cls, folder: Path | str) -> Workspace:
+        """The workspace of an existing folder; InputError where there is none."""
+        path = Path(folder)
+        if not path.is_dir():
+            raise InputError(f"{path}: there is no such folder; give the folder that holds your sweeps")
+        return cls(path.resolve())
+
+    def path(self, name: str) -> Path:
+        """The file or folder of a name; InputError where it lies outside, or among what the page keeps for itself."""
+        if "\0" in name or not name:
+            raise InputError(f"{name!r} is not a path in this folder")
+        found = (self.folder / name).resolve()
+        if not found.is_relative_to(self.folder) or OWN in found.relative_to(self.folder).parts:
+            raise InputError(f"{name!r} lies outside the folder of this page; choose a file in it")
+        return found
+
+    def name(self, path: Path) -> str:
+        """The name of a file in the folder."""
+        return path.relative_to(self.folder).as_posix()
+
+    @property
+    def own(self) -> Path:
+        """What the page keeps for itself; made where it is missing."""
+        folder = self.folder / OWN
+        folder.mkdir(exist_ok=True)
+        return folder
+
+    def _files(self, endings: tuple[str, ...]) -> Iterator[str]:
+        """Names of files with some endings, those of results and hidden ones left out, upper folders first."""
+        folders, count = [(self.folder, 0)], 0
+        while folders:
+            folder, depth = folders.pop(0)
+            try:
+                entries = sorted(folder.iterdir())
+            except OSError:
+                continue
+            for entry in entries:
+                if entry.name.startswith(".") or entry.is_symlink():
+                    continue
+                if entry.is_dir():
+                    if depth < _DEEPEST and not (depth == 0 and entry.name == RESULTS):
+                        folders.append((entry, depth + 1))
+                elif entry.suffix.lower() in endings and count < _MOST_LISTED:
+                    count += 1
+                    yield self.name(entry)
+
+    def specimens(self) -> list[str]:
+        """Specimen and study files."""
+        return list(self._files((".toml",)))
+
+    def sweeps(self) -> list[str]:
+        """Files that may be sweeps."""
+        return list(self._files(SWEEPS))
+
+    def lots(self) -> list[str]:
+        """Folders below that hold specimens."""
+        return sorted({name.rpartition("/")[0] for name in self.specimens() if "/" in name})
+
+    def results(self, source: str, command: str) -> str:
+        """Name of the folder where the results of a command on a file or lot go."""
+        stem = source[: -len(Path(source).suffix)] if Path(source).suffix else source
+        return f"{RESULTS}/{stem}/{command}"
+
+    def specimen(self, name: str) -> list[Specimen]:
+        """The specimens of a file, all of whose files lie in the folder; InputError where one does not."""
+        found = read_specimens([self.path(name)])
+        for specimen in found:
+            for path in specimen.files:
+                self._inside(path)
+        return found
+
+    def _inside(self, path: Path) -> None:
+        if not path.resolve().is_relative_to(self.folder):
+            raise InputError(
+                f"{path.name}: the specimen file names {path}, which lies outside the folder of this page; copy it "
+                "into the folder"
+            )
+
+    def take(self, name: str, content: bytes) -> str:
+        """Keep an uploaded file under its own name, with a number where another has that name; its name.
+
+        Raises InputError where it is too large or of a kind that is not read, or the folder is full.
+        """
+        clean = re.sub(r"[^\w.+ ()=,-]", "_", Path(name.replace("\\", "/")).name).lstrip(". ")[-120:]
+        if Path(clean).suffix.lower() not in _ACCEPTED:
+            raise InputError(f"{name}: files of this kind are not read; give one of {', '.join(_ACCEPTED)}")
+        if len(content) > LARGEST_UPLOAD:
+            raise InputError(
+                f"{name}: the file has {len(content) / 1e6:.0f} MB, more than the {LARGEST_UPLOAD / 1e6:.0f} MB that "
+                "are taken; is this the right file?"
+            )
+        if sum(1 for _ in self.folder.iterdir()) > _MOST_FILES:
+            raise InputError(f"{self.folder.name}: the folder holds more than {_MOST_FILES} files; use another one")
+        path, number = self.folder / clean, 1
+        while path.exists() and path.read_bytes() != content:
+            number += 1
+            path = self.folder / f"{Path(clean).stem}-{number}{Path(clean).suffix}"
+        write_atomically(path, content)
+        return self.name(path)
+
+    def free_name(self, name: str) -> str:
+        """A name that no file has yet, with a number where needed."""
+        path, number = self.path(name), 1
+        while path.exists():
+            number += 1
+            path = self.path(f"{name.removesuffix('.toml')}-{number}.toml")
+        return self.name(path)

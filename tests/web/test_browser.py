@@ -1,0 +1,228 @@
+"""The page in a real browser: Debian's Chromium, without a screen, driven by Playwright."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from .conftest import TUTORIALS, Server
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+OPTIONS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+OPTIONS += ["--disable-component-update", "--disable-sync"]
+PATIENCE = 90_000
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine: apt-get install chromium")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator:
+    playwright = pytest.importorskip("playwright.sync_api", reason="the browser is driven by playwright")
+    with playwright.sync_playwright() as driver:
+        found = driver.chromium.launch(executable_path=CHROMIUM, args=OPTIONS)
+        yield found
+        found.close()
+
+
+@pytest.fixture
+def page(browser) -> Iterator:
+    """A window that remembers what it asked for and what went wrong."""
+    context = browser.new_context(viewport={"width": 1200, "height": 900}, accept_downloads=True)
+    found = context.new_page()
+    found.set_default_timeout(PATIENCE)
+    asked: list[str] = []
+    found.on("request", lambda request: asked.append(request.url))
+    yield found
+    outside = [url for url in asked if not re.match(r"(http|ws)://127\.0\.0\.1:|data:|blob:", url)]
+    assert not outside  # nothing leaves the machine
+    assert asked
+    context.close()
+
+
+def tutorial(name: str, folder: Path) -> None:
+    for file in ("plate.toml", "sweep.csv"):
+        shutil.copy(TUTORIALS / name / file, folder / file)
+
+
+def open_page(page, server: Server, path: str) -> None:
+    page.goto(f"{server.base}/{path}")
+    page.get_by_role("heading", level=1).wait_for()
+    page.wait_for_function("window.socket === undefined || window.socket.connected !== false")
+
+
+def cells(page, label: str) -> list[list[str]]:
+    rows = page.locator(f'[aria-label="{label}"] tbody tr')
+    rows.first.wait_for()
+    return [row.locator("td").all_inner_texts() for row in rows.all()]
+
+
+def test_dropped_files_give_the_constants_of_the_command_line(serve, page, tmp_path: Path) -> None:
+    server = serve()
+    open_page(page, server, "sweep")
+    page.set_input_files("input[type=file]", TUTORIALS / "k31_plate" / "sweep.csv")
+    page.wait_for_url("**file=sweep.csv*")
+    page.get_by_role("button", name="Find poles and zeros").click()
+    page.get_by_text("done in").wait_for()
+    found = json.loads((tmp_path / "results/sweep/extract/extraction.json").read_text())
+    poles = cells(page, "poles and zeros")
+    assert [row[0] for row in poles] == ["pole", "zero"]
+    assert float(poles[0][1].split(" ")[0]) == pytest.approx(found["poles"][0]["frequency_Hz"], rel=1e-7)
+    page.set_input_files("input[type=file]", TUTORIALS / "k31_plate" / "plate.toml")
+    page.wait_for_url("**spec=plate.toml*")
+    page.get_by_role("link", name="Update", exact=True).click()
+    page.get_by_role("button", name="Update the constants").click()
+    page.get_by_text("done in").wait_for()
+    shown = cells(page, "constants")
+    order = [sys.executable, "-m", "femu_piezo.cli", "update", str(TUTORIALS / "k31_plate/plate.toml")]
+    run = subprocess.run([*order, "--out", str(tmp_path / "terminal")], capture_output=True, text=True, check=True)
+    printed = [[cell.strip() for cell in line.split("│")[1:-1]] for line in run.stdout.splitlines() if "│" in line]
+    for name, unit, value, tangent, most in shown:
+        row = next(one for one in printed if one[0] == name)
+        assert [unit, value, tangent, most] == [row[1], row[3], row[4], row[5]]
+    assert [row[0] for row in shown] == ["s11", "d31", "eps33T"]
+    assert page.locator(".js-plotly-plot").count() >= 2
+    names = {path.name for path in (tmp_path / "results/plate/update").iterdir()}
+    assert names == {path.name for path in (tmp_path / "terminal").iterdir()} | {"report.html"}
+
+
+def test_a_broken_file_is_answered_by_the_sentence_of_the_terminal(serve, page, tmp_path: Path) -> None:
+    (tmp_path / "broken.csv").write_text("time,colour\n1,red\n2,blue\n")
+    run = subprocess.run(
+        [sys.executable, "-m", "femu_piezo.cli", "extract", "broken.csv", "--out", "o"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+    )
+    assert run.returncode == 2
+    open_page(page, serve(), "sweep?file=broken.csv")
+    sentence = page.get_by_role("alert").inner_text()
+    assert sentence == run.stderr.strip().removeprefix("femu-piezo: ")
+    page.set_input_files("input[type=file]", {"name": "run.py", "mimeType": "text/plain", "buffer": b"1"})
+    page.get_by_text("files of this kind are not read").wait_for()
+    assert not (tmp_path / "run.py").exists()
+
+
+def test_a_specimen_is_edited_in_both_ways_undone_and_survives(serve, page, tmp_path: Path) -> None:
+    tutorial("k31_plate", tmp_path)
+    text = (tmp_path / "plate.toml").read_text()
+    server = serve()
+    open_page(page, server, "specimen?spec=plate.toml")
+    length = page.get_by_label("length", exact=True)
+    length.fill("39 mm")
+    length.press("Tab")
+    page.get_by_text("not saved yet").wait_for()
+    assert 'length = "39 mm"' in page.locator(".cm-content").inner_text()
+    assert "length 39 mm" in page.locator("svg[role=img]").get_attribute("aria-label")
+    length.fill("39 furlongs")
+    length.press("Tab")
+    page.locator(".q-field--error", has_text="furlongs").wait_for()  # beside the field
+    assert page.get_by_role("button", name="Save").is_disabled()
+    page.get_by_role("button", name="Undo").click()
+    page.get_by_text("not saved yet").wait_for()
+    page.reload()
+    page.get_by_text("not saved yet").wait_for()
+    assert (tmp_path / "plate.toml").read_text() == text
+    server.stop()
+    again = serve()
+    page.context.add_cookies([])
+    page.goto(f"{again.base}/specimen?spec=plate.toml")
+    page.get_by_text("not saved yet").wait_for()
+    editor = page.locator(".cm-content")
+    editor.click()
+    page.keyboard.press("Control+End")
+    page.keyboard.type("# from the text")
+    page.get_by_role("button", name="Save").click()
+    page.get_by_text("plate.toml is saved").wait_for()
+    saved = (tmp_path / "plate.toml").read_text()
+    assert 'length = "39 mm"' in saved and saved.endswith("# from the text")
+
+
+def test_jobs_run_two_at_once_are_cancelled_and_seen_after_a_reload(serve, page, tmp_path: Path) -> None:
+    tutorial("hidden_effect", tmp_path)
+    server = serve()
+    open_page(page, server, "diagnosis?spec=plate.toml")
+    page.get_by_role("button", name="Diagnose").click()
+    page.get_by_text(re.compile("left|longer")).wait_for()
+    page.reload()
+    page.get_by_text(re.compile("left|longer")).wait_for()
+    open_page(page, server, "update?spec=plate.toml")
+    page.get_by_role("button", name="Update the constants").click()
+    page.get_by_role("button", name=re.compile("jobs: 2 at work")).click()
+    assert page.get_by_role("button", name="Cancel").count() == 3  # two in the list, one on the page
+    page.get_by_text("diagnose plate.toml: running").locator("..").get_by_role("button", name="Cancel").click()
+    page.get_by_text("diagnose plate.toml: cancelled").wait_for()
+    page.keyboard.press("Escape")
+    page.get_by_text("done in").wait_for()
+    assert (tmp_path / "results/plate/update/update.json").exists()
+    assert not (tmp_path / "results/plate/diagnose").exists()
+    open_page(page, server, "diagnosis?spec=plate.toml")
+    page.get_by_text("cancelled").first.wait_for()
+
+
+def test_points_are_masked_by_dragging(serve, page, tmp_path: Path) -> None:
+    tutorial("k31_plate", tmp_path)
+    open_page(page, serve(), "sweep?file=sweep.csv&spec=plate.toml")
+    page.get_by_role("switch", name="mask by dragging").click()
+    area = page.locator(".js-plotly-plot .nsewdrag").first
+    page.wait_for_timeout(800)
+    box = area.bounding_box()
+    page.mouse.move(box["x"] + 0.2 * box["width"], box["y"] + 40)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 80, steps=8)
+    page.mouse.up()
+    words = page.get_by_text("left out:").inner_text()
+    low, high = (1e3 * float(number) for number in re.findall(r"[\d.]+", words))
+    assert 4e3 < low < high < 2e4
+    page.get_by_role("button", name="Find poles and zeros").click()
+    page.get_by_text("done in").wait_for()
+    found = json.loads((tmp_path / "results/sweep/extract/extraction.json").read_text())
+    assert 350 < found["points"] < 480
+    page.get_by_role("button", name="Write into plate.toml").click()
+    page.get_by_text("not saved yet").wait_for()
+    assert "mask = [[" in page.locator(".cm-content").inner_text()
+
+
+def test_the_pages_are_used_by_keyboard_and_fit_a_narrow_window(serve, page, tmp_path: Path) -> None:
+    tutorial("k31_plate", tmp_path)
+    server = serve()
+    page.set_viewport_size({"width": 380, "height": 800})
+    for path in ("sweep", "specimen", "update", "diagnosis", "modes", "lot", "export"):
+        open_page(page, server, path)
+        page.wait_for_timeout(600)
+        wide = page.evaluate("document.documentElement.scrollWidth")
+        assert wide <= 380, f"{path} is {wide} wide"
+        unnamed = page.evaluate(
+            """() => [...document.querySelectorAll('button, input, [role=switch], a')].filter(e =>
+                e.offsetParent && e.type !== 'file' && !(e.innerText || '').trim() && !e.getAttribute('aria-label')
+                && !(e.labels && e.labels.length) && !e.getAttribute('aria-labelledby') && !e.title
+                && !e.closest('.js-plotly-plot, .q-uploader, .q-field__append, .q-table__bottom'))
+                .map(e => e.outerHTML.slice(0, 200))"""
+        )
+        assert not unnamed, f"{path}: {unnamed}"
+    open_page(page, server, "sweep")
+    for _ in range(3):
+        page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    page.wait_for_url(re.compile("/(specimen|update)"))
+
+
+@pytest.mark.slow
+def test_a_hidden_effect_is_named_accepted_and_gone(serve, page, tmp_path: Path) -> None:
+    tutorial("hidden_effect", tmp_path)
+    server = serve()
+    open_page(page, server, "diagnosis?spec=plate.toml")
+    page.get_by_role("button", name="Diagnose").click()
+    page.get_by_text("The misfit has a named cause: series resistance.").wait_for(timeout=200_000)
+    assert cells(page, "named causes")[0][0] == "series resistance"
+    page.get_by_role("button", name="Accept").click()
+    page.wait_for_url("**spec=plate-extended.toml*")
+    page.get_by_role("button", name="Diagnose").click()
+    page.get_by_text("The simulation explains this sweep").wait_for(timeout=200_000)
+    assert "series_resistance" in (tmp_path / "plate-extended.toml").read_text()

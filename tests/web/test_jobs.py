@@ -1,0 +1,104 @@
+"""The queue: progress, cancel, errors, two at once, and what is left after a stop."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from femu_piezo.web.jobs import Job, Jobs
+
+from .conftest import TUTORIALS
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("plate.toml", "sweep.csv"):
+        (tmp_path / name).write_bytes((TUTORIALS / "k31_plate" / name).read_bytes())
+    (tmp_path / "broken.csv").write_text("time,colour\n1,red\n2,blue\n")
+    (tmp_path / ".femu-piezo").mkdir()
+    return tmp_path
+
+
+@pytest.fixture
+def start(folder: Path):
+    queues: list[Jobs] = []
+
+    def make(workers: int = 1) -> Jobs:
+        queues.append(Jobs(folder, folder / ".femu-piezo", workers))
+        return queues[-1]
+
+    yield make
+    for queue in queues:
+        queue.stop()
+
+
+def wait(until: Callable[[], bool], seconds: float = 90.0) -> None:
+    end = time.time() + seconds
+    while not until():
+        assert time.time() < end, "it does not come to an end"
+        time.sleep(0.02)
+
+
+def test_a_command_runs_as_in_a_terminal_and_tells_its_steps(folder: Path, start) -> None:
+    jobs, seen = start(), set()
+    job = jobs.ask("update", "plate.toml", "results/plate/update")
+
+    def ended() -> bool:
+        seen.add(job.step)
+        return not job.active
+
+    wait(ended)
+    assert job.state == "done" and job.message == "" and job.seconds > 0.5
+    assert "fit" in seen or "reduce" in seen or len(seen) > 2
+    assert json.loads((folder / "results/plate/update/update.json").read_text())["parameters"]["s11"]["value"] > 1e-11
+    again = Job(99, "update", "plate.toml", "x", began=time.time(), state="running")
+    assert 0 < jobs.left(again) < 2 * job.seconds  # the next one knows how long it takes
+
+
+def test_errors_are_the_sentence_of_the_terminal(start) -> None:
+    jobs = start()
+    job = jobs.ask("extract", "broken.csv", "results/broken/extract")
+    wait(lambda: not job.active)
+    assert job.state == "failed" and job.message.startswith("broken.csv") and "column" in job.message
+
+
+def test_jobs_wait_are_cancelled_and_are_not_asked_twice(folder: Path, start) -> None:
+    jobs = start(workers=1)
+    first = jobs.ask("diagnose", "plate.toml", "results/plate/diagnose")
+    second = jobs.ask("extract", "sweep.csv", "results/sweep/extract")
+    assert jobs.ask("diagnose", "plate.toml", "results/plate/diagnose") is first
+    wait(lambda: first.state == "running" and first.step != "")
+    assert second.state == "waiting"
+    jobs.cancel(first.number)
+    assert first.state == "cancelled"
+    wait(lambda: not second.active)
+    assert second.state == "done"
+    assert not (folder / "results/plate/diagnose").exists()  # an interrupted command leaves nothing half-written
+
+
+def test_two_run_at_once(start) -> None:
+    jobs = start(workers=2)
+    pair = [jobs.ask("extract", "sweep.csv", "results/a"), jobs.ask("update", "plate.toml", "results/b")]
+    wait(lambda: all(job.state == "running" for job in pair))
+    wait(lambda: not any(job.active for job in pair))
+    assert [job.state for job in pair] == ["done", "done"]
+
+
+def test_what_waited_is_run_after_a_restart(folder: Path, start) -> None:
+    jobs = start(workers=1)
+    jobs.ask("diagnose", "plate.toml", "results/plate/diagnose")
+    jobs.ask("extract", "sweep.csv", "results/sweep/extract")
+    wait(lambda: jobs.latest("diagnose", "plate.toml").state == "running")
+    record = (folder / ".femu-piezo/jobs.json").read_text()
+    jobs.stop()
+    (folder / ".femu-piezo/jobs.json").write_text(record)  # as a power cut leaves it
+    after = start(workers=1)
+    assert after.latest("diagnose", "plate.toml").state == "cancelled"
+    assert "stopped" in after.latest("diagnose", "plate.toml").message
+    wait(lambda: after.latest("extract", "sweep.csv").state == "done")
+    (folder / ".femu-piezo/jobs.json").write_text("{ damaged")
+    assert start().all() == []

@@ -1,0 +1,93 @@
+"""The folder of the page: nothing outside is read or written, uploads replace nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from femu_piezo.errors import InputError
+from femu_piezo.web.workspace import LARGEST_UPLOAD, OWN, Workspace
+
+SPECIMEN = """
+[geometry]
+shape = "plate"
+length = "40 mm"
+width = "5 mm"
+thickness = "1 mm"
+
+[material]
+base = "pzt-5h"
+
+[measurement]
+file = "{file}"
+"""
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Workspace:
+    (tmp_path / "lab").mkdir()
+    (tmp_path / "secret.csv").write_text("frequency_Hz,resistance_ohm,reactance_ohm\n")
+    return Workspace.of(tmp_path / "lab")
+
+
+@pytest.mark.parametrize(
+    "name", ["../secret.csv", "/etc/passwd", "a/../../secret.csv", "", "a\0b", f"{OWN}/secret", f"a/../{OWN}/x", "link"]
+)
+def test_names_that_lead_outside_are_refused(workspace: Workspace, name: str) -> None:
+    (workspace.folder / "link").symlink_to(workspace.folder.parent / "secret.csv")
+    with pytest.raises(InputError):
+        workspace.path(name)
+
+
+def test_a_specimen_may_name_files_of_the_folder_alone(workspace: Workspace, monkeypatch) -> None:
+    (workspace.folder / "in.csv").write_text("")
+    monkeypatch.setenv("ELSEWHERE", "/etc")
+    for file in ("in.csv", "sub/in.csv"):
+        (workspace.folder / "a.toml").write_text(SPECIMEN.format(file=file))
+        assert workspace.specimen("a.toml")[0].measurement.file == workspace.folder / file
+    for file in ("../secret.csv", "/etc/passwd", "${ELSEWHERE}/passwd", "~/x.csv"):
+        (workspace.folder / "a.toml").write_text(SPECIMEN.format(file=file))
+        with pytest.raises(InputError, match="outside the folder"):
+            workspace.specimen("a.toml")
+    (workspace.folder.parent / "b.toml").write_text(SPECIMEN.format(file="secret.csv"))
+    (workspace.folder / "study.toml").write_text('specimens = ["../b.toml"]')
+    with pytest.raises(InputError, match="outside the folder"):
+        workspace.specimen("study.toml")
+    (workspace.folder / "mesh.toml").write_text(
+        '[geometry]\nshape = "mesh"\nfile = "/etc/hosts"\nunit = "1 mm"\n[material]\nbase = "pzt-5h"\n'
+    )
+    with pytest.raises(InputError, match="outside the folder"):
+        workspace.specimen("mesh.toml")
+
+
+def test_uploads_are_named_cleanly_and_replace_nothing(workspace: Workspace) -> None:
+    assert workspace.take("../../etc/x y.csv", b"1") == "x y.csv"
+    assert workspace.take("x y.csv", b"1") == "x y.csv"  # the same file again
+    assert workspace.take("x y.csv", b"2") == "x y-2.csv"
+    assert workspace.take("C:\\data\\s.S1P", b"3") == "s.S1P"
+    assert workspace.take(".hidden.csv", b"4") == "hidden.csv"
+    assert (workspace.folder / "x y.csv").read_bytes() == b"1"
+    assert workspace.sweeps() == ["hidden.csv", "s.S1P", "x y-2.csv", "x y.csv"]
+    for name in ("run.py", "page.html", "x", "..", "a.csv.exe"):
+        with pytest.raises(InputError, match="not read"):
+            workspace.take(name, b"")
+    with pytest.raises(InputError, match="is this the right file"):
+        workspace.take("big.csv", bytes(LARGEST_UPLOAD + 1))
+
+
+def test_lists_leave_out_results_and_hidden_files(workspace: Workspace) -> None:
+    for name in ("a.toml", "lot/b.toml", "lot/b.csv", "results/c.toml", ".d.toml", ".git/e.csv"):
+        path = workspace.folder / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("")
+    assert workspace.specimens() == ["a.toml", "lot/b.toml"]
+    assert workspace.sweeps() == ["lot/b.csv"]
+    assert workspace.lots() == ["lot"]
+    assert workspace.results("lot/b.toml", "update") == "results/lot/b/update"
+    assert workspace.free_name("a.toml") == "a-2.toml"
+
+
+def test_a_folder_that_is_none_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such folder"):
+        Workspace.of(tmp_path / "none")
