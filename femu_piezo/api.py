@@ -82,7 +82,12 @@ def extract(
 
 
 def circuit(
-    source: AnySweep | Specimen, *, correct_phase: bool = False, mask_faults: bool = False
+    source: AnySweep | Specimen,
+    *,
+    correct_phase: bool = False,
+    mask_faults: bool = False,
+    connection: Literal["reflection", "series", "shunt"] | None = None,
+    columns: Sequence[str] | None = None,
 ) -> EquivalentCircuit:
     """An equivalent circuit (Butterworth and Van Dyke) of a measured sweep, or of a specimen as described.
 
@@ -92,6 +97,7 @@ def circuit(
     ----------
     source : a sweep, or a specimen; a path that ends in .toml is one of a specimen
     correct_phase, mask_faults : of a sweep, as in `extract`
+    connection, columns : of the file of a sweep, as in `read_spectrum`
 
     Raises
     ------
@@ -102,9 +108,11 @@ def circuit(
 
     if isinstance(source, Specimen) or (isinstance(source, (str, Path)) and Path(source).suffix.lower() == ".toml"):
         return EquivalentCircuit.of_study(circuit_of_specimen(_one(source)))
-    given = _sweep(source)
-    accept = read_spectrum if isinstance(given, Path) else accept_spectrum
-    spectrum = accept(given, correct_phase=correct_phase, mask_faults=mask_faults)
+    given, wishes = _sweep(source), {"correct_phase": correct_phase, "mask_faults": mask_faults}
+    if isinstance(given, Path):
+        spectrum = read_spectrum(given, **wishes, connection=connection, columns=columns)
+    else:
+        spectrum = accept_spectrum(given, **wishes)
     return EquivalentCircuit.of_study(circuit_of_sweep(spectrum))
 
 
@@ -133,10 +141,11 @@ def export(
     from femu_piezo.study.export import constants_of_record, export_text
 
     if isinstance(result, (Path, str)):
-        constants, known, name = constants_of_record(Path(result))
+        constants, known, name, found = constants_of_record(Path(result))
     else:
         constants, known, name = result.constants, result.outcomes[0].measured.problem.density, result.name
-    text = export_text(constants, known if density is None else density, name, to, poling)
+        found = tuple(result.parameters)
+    text = export_text(constants, known if density is None else density, name, to, poling, found)
     if folder is not None:
         from femu_piezo.files import write_atomically
         from femu_piezo.material.programs.writers import program

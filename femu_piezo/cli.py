@@ -95,9 +95,22 @@ _correct_phase = click.option(
 _mask_faults = click.option(
     "--mask-faults", is_flag=True, help="leave out spikes, mains lines and the shorter side of jumps in the sweep"
 )
+_connection = click.option(
+    "--connection",
+    type=click.Choice(["reflection", "series", "shunt"]),
+    help="of the piece in a Touchstone file  [default: found out]",
+)
+_columns = click.option(
+    "--columns", metavar="NAMES", help='what the columns are, in place of a header: "f (Hz), R (Ohm), X (Ohm)"'
+)
 _report = click.option(
     "--report", is_flag=True, help="report.html as well: everything on one page that needs no network"
 )
+
+
+def _names(columns: str | None) -> list[str] | None:
+    """The names of --columns."""
+    return None if columns is None else [name.strip() for name in columns.split(",")]
 
 
 def _prepare(out: Path) -> None:
@@ -158,14 +171,8 @@ def simulate(specimen: Path, out: Path, full_order: bool) -> None:
 @_out
 @_correct_phase
 @_mask_faults
-@click.option(
-    "--connection",
-    type=click.Choice(["reflection", "series", "shunt"]),
-    help="of the piece in a Touchstone file  [default: found out]",
-)
-@click.option(
-    "--columns", metavar="NAMES", help='what the columns are, in place of a header: "f (Hz), R (Ohm), X (Ohm)"'
-)
+@_connection
+@_columns
 @click.option(
     "--mask",
     nargs=2,
@@ -203,9 +210,13 @@ def extract(
     from femu_piezo.api import extract as run
     from femu_piezo.measurement.readers import read_spectrum
 
-    names = None if columns is None else [name.strip() for name in columns.split(",")]
     spectrum = read_spectrum(
-        file, correct_phase=correct_phase, mask_faults=mask_faults, mask=mask, connection=connection, columns=names
+        file,
+        correct_phase=correct_phase,
+        mask_faults=mask_faults,
+        mask=mask,
+        connection=connection,
+        columns=_names(columns),
     )
     _prepare(out)
     result = run(spectrum, method=method.replace("-", "_"))
@@ -218,7 +229,11 @@ def extract(
 @_out
 @_correct_phase
 @_mask_faults
-def circuit(source: Path, out: Path, correct_phase: bool, mask_faults: bool) -> None:
+@_connection
+@_columns
+def circuit(
+    source: Path, out: Path, correct_phase: bool, mask_faults: bool, connection: str | None, columns: str | None
+) -> None:
     """Make an equivalent circuit of a measured sweep, or of a specimen file (*.toml) as it describes the piece.
 
     One branch (Butterworth, Van Dyke) for each mode, exact for its complex residue: L, R and C with a resistance across
@@ -228,7 +243,13 @@ def circuit(source: Path, out: Path, correct_phase: bool, mask_faults: bool) -> 
     """
     from femu_piezo.api import circuit as run
 
-    result = run(source, correct_phase=correct_phase, mask_faults=mask_faults)
+    result = run(
+        source,
+        correct_phase=correct_phase,
+        mask_faults=mask_faults,
+        connection=connection,
+        columns=_names(columns),
+    )
     _prepare(out)
     result.save(out)
     _show(result)

@@ -106,8 +106,9 @@ def resonances(model: RationalModel, spread: Spread, band: tuple[float, float], 
     physical = [root for root in [_pole(model, own) for own in groups] + zeros if _is_physical(root, model)]
     sound = [root for root in physical if _is_settled(root, spread)]
     every = _interlaced([r for r in physical if band[0] <= _frequency(r) <= band[1]])
-    inside = [r for r in every if r in sound]
-    doubtful = _with_covariance([r for r in every if r not in sound], spread)
+    settled = {id(root) for root in sound}  # roots hold arrays, which == compares one by one
+    inside = [r for r in every if id(r) in settled]
+    doubtful = _with_covariance([r for r in every if id(r) not in settled], spread)
     poles, zeros, joint = _with_covariance(inside, spread)
     far = [r for r in sound if not band[0] <= _frequency(r) <= band[1]]
     outside = [r for r in far if band[0] / 1.5 <= _frequency(r) <= band[1] * 1.5]

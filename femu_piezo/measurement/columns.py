@@ -26,7 +26,7 @@ _LABELS = {
     "phase_z": "thetaz phiz phasez phase(z) zphase argz arg(z) anglez angle(z) zangle impedancephase impedanceangle",
     "abs_y": "y |y| absy abs(y) yabs magy mag(y) ymag |admittance| admittance admittancemagnitude admittancemag",
     "phase_y": "thetay phiy phasey phase(y) yphase argy arg(y) angley angle(y) yangle admittancephase admittanceangle",
-    "phase": "theta phi phase angle phaseangle arg",
+    "phase": "theta th phi phase angle phaseangle arg",
     "r": "r rs resistance rez re(z) realz real(z) zreal zre zr z' impedancereal reimpedance",
     "x": "x xs reactance imz im(z) imagz imag(z) zimag zim z'' impedanceimag impedanceimaginary imimpedance",
     "g": "g gp conductance rey re(y) realy real(y) yreal yre y' admittancereal",

@@ -29,7 +29,8 @@ class Load:
     Attributes
     ----------
     resistance : ohm;  inductance : H;  capacitance : F
-    std : relative standard deviation of the whole
+    std : relative standard deviation of the whole; an error of the load is the same at every point, so it is no noise
+        but counts with the accuracy of the instrument
     """
 
     resistance: float
@@ -67,7 +68,8 @@ class Compensation:
     def applied(self, spectrum: ImpedanceSpectrum) -> ImpedanceSpectrum:
         """The sweep as it would be without the fixture, the noise of all readings in its noise.
 
-        Readings of the fixture at other frequencies are interpolated, linear in Y of the open and in Z of the others.
+        The load is taken as known. Readings of the fixture at other frequencies are interpolated, linear in Y of the
+        open and in Z of the others.
         InputError where they do not cover the sweep, or leave nothing.
         """
         frequency, raw = spectrum.frequency, spectrum.impedance
@@ -87,8 +89,6 @@ class Compensation:
         variance = np.abs(slopes["raw"]) ** 2 * own**2
         for name, (_, noise) in readings.items():
             variance = variance + np.abs(slopes[name]) ** 2 * noise**2
-        if self.standard is not None:
-            variance = variance + (self.standard.std * np.abs(found)) ** 2
         largest = float(np.max(np.abs(found / raw - 1)))
         note = f"compensated by {', '.join(names)} from raw files: Z moved by up to {100 * largest:.2g} %"
         return replace(spectrum, impedance=found, noise=np.sqrt(variance), notes=(*spectrum.notes, note))

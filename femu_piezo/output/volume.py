@@ -27,6 +27,10 @@ _MIRRORED = {"hexahedron": (4, 5, 6, 7, 0, 1, 2, 3), "tetra10": (0, 2, 1, 3, 6, 
 #: Share of the longest side within which nodes are one.
 _SAME = 1e-7
 
+#: Elements that meshio names in a file for Abaqus, and those of the same nodes with an electric potential.
+_ABAQUS = {"C3D8RH": "C3D8E", "C3D6": "C3D6E", "C3D10MH": "C3D10E"}
+
+
 
 @dataclass(frozen=True)
 class Volume:
@@ -186,14 +190,20 @@ def mesh_msh(volume: Volume) -> bytes:
 
 
 def mesh_inp(volume: Volume) -> bytes:
-    """An Abaqus file, coordinates in m, with the node sets "hot" and "ground" and the element set "body"."""
+    """An Abaqus file, coordinates in m, with the node sets "hot" and "ground" and the element set "body".
+
+    The elements are Abaqus' piezoelectric ones, whose nodes have an electric potential.
+    """
     mesh = meshio.Mesh(
         volume.points,
         blocks_of(volume),
         point_sets={"hot": volume.hot, "ground": volume.ground},
         cell_sets={"body": [np.arange(len(cells)) for _, cells in blocks_of(volume)]},
     )
-    return _written(mesh, "abaqus")
+    text = _written(mesh, "abaqus")
+    for other, piezoelectric in _ABAQUS.items():
+        text = text.replace(f"TYPE={other}\n".encode(), f"TYPE={piezoelectric}\n".encode())
+    return text
 
 
 def _faces(volume: Volume, nodes: np.ndarray) -> list[tuple[str, np.ndarray]]:

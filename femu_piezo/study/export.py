@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,26 +18,49 @@ _LARGEST_FILE = 100_000_000
 Axis = tuple[float, float, float]
 
 
-def constants_of_record(path: Path) -> tuple[PiezoConstants, float | None, str]:
-    """Constants, density (kg/m³, None where it is not there) and name in an update.json; InputError otherwise."""
+def constants_of_record(path: Path) -> tuple[PiezoConstants, float | None, str, tuple[str, ...]]:
+    """Constants, density (kg/m³, None where it is not there), name and free constants in an update.json.
+
+    Raises InputError where it is none.
+    """
     wrong = f"{path}: this is not the update.json of an update; give the file that `femu-piezo update` wrote"
     try:
         record = json.loads(read_bytes(path, _LARGEST_FILE).decode("utf-8"))
         found = {name: record["constants"][name] for name in D_FORM}
         values = {name: complex(one["value"] * (1 - 1j * one["tan"])) for name, one in found.items()}
         density = record["specimens"][0].get("density")
-        return PiezoConstants(**values), None if density is None else float(density), str(record["specimen"])
+        known = None if density is None else float(density)
+        return PiezoConstants(**values), known, str(record["specimen"]), tuple(map(str, record.get("parameters", ())))
     except (UnicodeDecodeError, ValueError, KeyError, TypeError, IndexError, AttributeError):
         raise InputError(wrong) from None
 
 
 def export_text(
-    constants: PiezoConstants, density: float | None, name: str, to: str, poling: Axis = (0.0, 0.0, 1.0)
+    constants: PiezoConstants,
+    density: float | None,
+    name: str,
+    to: str,
+    poling: Axis = (0.0, 0.0, 1.0),
+    found: Sequence[str] = (),
 ) -> str:
-    """The text of a material for the program `to`, poled along a direction; InputError where something is missing."""
+    """The text of a material for the program `to`, poled along a direction; InputError where something is missing.
+
+    found : the constants that an update found; the text says so
+    """
     target = program(to)
     if density is None:
         raise InputError(f"{name}: the density is not known; give it, such as --density 7800")
     if not (np.all(np.isfinite(poling)) and np.linalg.norm(poling) > 0):
         raise InputError(f"a poling direction needs three numbers that are not all zero, got {list(poling)}")
-    return target.write(stress_charge(constants, "ieee", poling), float(density), name)
+    return target.write(stress_charge(constants, "ieee", poling), float(density), name, _origin(constants, found))
+
+
+def _origin(constants: PiezoConstants, found: Sequence[str]) -> list[str]:
+    """Which constants were found from a sweep, and which are no values at all."""
+    sentences = []
+    if found:
+        sentences.append(f"Found from a sweep: {', '.join(found)}. The others were given, or follow from these.")
+    empty = [name for name in D_FORM if getattr(constants, name) == 0]
+    if empty:
+        sentences.append(f"{', '.join(empty)} are zero by the paper's simplified material: not measured, not real.")
+    return sentences

@@ -31,6 +31,8 @@ _NEAR, _COUPLED = 1.2, 0.15
 _WIDE = 4.0
 #: The inner over the outer diameter from which a ring counts as narrow (`femu_piezo.study.shapes`).
 _NARROW = 0.3
+#: A body of which the standards give no formula.
+_OTHER = Piece("other", 1.0, None, None, 1.0)
 
 
 def figures_of_specimen(specimen: Specimen, spectrum: Sweep | None = None) -> tuple[StandardFigures, ...]:
@@ -98,21 +100,28 @@ def _modes_told(measured: Measured, constants: PiezoConstants) -> list[tuple[Pie
     """The fundamental with the formulas of its body, and the thickness mode where the sweep has it."""
     pieces = pieces_of(measured.problem.plate, constants, measured.problem.density)
     if not pieces:
-        return [(Piece("other", 1.0, None, None, 1.0), measured.pair)]
+        return [(_OTHER, measured.pair)]
 
     def distance(item: tuple[Piece, float]) -> float:
         return abs(np.log(measured.pair.pole.frequency_Hz / item[1]))
 
-    main = min(pieces, key=distance)
-    told = [(main[0], measured.pair)]
-    for piece, expected in pieces:
+    def strongest(expected: float) -> Pair | None:
+        """The pair of the largest coupling near an expected frequency."""
         near = [
             pair
             for pair in measured.extraction.pairs
             if pair.k_eff > _COUPLED and 1 / _NEAR < pair.pole.frequency_Hz / expected < _NEAR
         ]
-        if piece is not main[0] and piece.kind == "thickness plate" and near:
-            told.append((piece, max(near, key=lambda pair: pair.k_eff)))
+        return max(near, key=lambda pair: pair.k_eff, default=None)
+
+    main = min(pieces, key=distance)
+    told = [(main[0], measured.pair)]
+    if main[0].kind == "shear plate":  # its modes begin with those of flexure, of which the formulas say nothing
+        own = strongest(main[1])
+        told = [(_OTHER, measured.pair) if own is None else (main[0], own)]
+    for piece, expected in pieces:
+        if piece is not main[0] and piece.kind == "thickness plate" and (found := strongest(expected)) is not None:
+            told.append((piece, found))
     return told
 
 

@@ -5,6 +5,8 @@ Each is a standard deviation. README.md lists the defaults; a result states thos
 
 from __future__ import annotations
 
+import numpy as np
+
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.specimen.file import Measurement, Residue, Update
 from femu_piezo.specimen.geometry import Geometry
@@ -66,6 +68,8 @@ def _instrument(measurement: Measurement | None) -> dict[str, float]:
         name: default if getattr(residue, name) is None else getattr(residue, name)
         for name, default in _RESIDUE.items()
     }
-    found["accuracy"] = _ACCURACY if measurement.accuracy is None else measurement.accuracy
+    own = _ACCURACY if measurement.accuracy is None else measurement.accuracy
+    load = 0.0 if measurement.load is None else measurement.load.std or 0.0
+    found["accuracy"] = float(np.hypot(own, load))  # |Z| is as good as the load that it is compared with
     found["phase_accuracy"] = _PHASE if measurement.phase_accuracy is None else measurement.phase_accuracy
     return found

@@ -39,6 +39,7 @@ from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.study.starts import pair_names
 from femu_piezo.study.subjects import Subject, subjects
 from femu_piezo.study.temperature import constants_under, temperature_series
+from femu_piezo.study.tolerances import tolerances
 from femu_piezo.threads import with_blas_limit
 
 #: rms |Δ log Z| of an updated model that a note warns about where it is also well above the noise.
@@ -94,6 +95,8 @@ def update_measured(
     several = subjects(measured, effects)
     method, origin = _method(measured)
     if method == "pole_zero":
+        if samples:
+            raise InputError("samples are drawn of the posterior of a fit of curves; leave --method pole-zero out")
         return _by_pole_zero(several, clock, bases, origin)
     clock.step("start")
     beginning = begin(measured, bases)
@@ -123,7 +126,7 @@ def update_measured(
         fit=found,
         known=known,
         provenance=_provenance(found, measured),
-        notes=(*baseline_notes, *_notes(several, constants, outcomes, found, known)),
+        notes=(*baseline_notes, *_notes(several, constants, outcomes, found, known), *_low_end_note(measured)),
         seconds=clock.seconds,
         temperature=temperature_series(found, several),
         samples=drawn,
@@ -170,10 +173,21 @@ def _by_pole_zero(several: Sequence[Subject], clock: Clock, bases: Bases, origin
             *baseline_notes,
             *_notes(several, state.constants, outcomes),
             *_modes_note(state),
+            *_exact_note(several),
             *_low_end_note(measured),
         ),
         seconds=clock.seconds,
     )
+
+
+def _exact_note(several: Sequence[Subject]) -> list[str]:
+    """That the deviations are those of noise alone, where the file does not ask for that."""
+    if not any(tolerances(one.measured.problem) for one in several):
+        return []
+    return [
+        "the deviations of this method are those of the poles and zeros alone: dimensions, density, held constants, "
+        "instrument and fixture count as exactly known; the curve method counts their tolerances"
+    ]
 
 
 def _method(measured: list[Measured]) -> tuple[str, str]:

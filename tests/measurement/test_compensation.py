@@ -13,9 +13,12 @@ from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import read_specimen, write_specimen
 from femu_piezo.study.measured import measure
+from femu_piezo.study.tolerances import tolerances
+from femu_piezo.study.update import update
 
 from .sweeps import SOFT, bar_impedance, with_noise
 
+SWEEP = Path(__file__).parents[2] / "tutorials/k31_plate/sweep.csv"
 FREQUENCY = np.linspace(30e3, 50e3, 201)
 OMEGA = 2 * np.pi * FREQUENCY
 TRUTH = bar_impedance(FREQUENCY, **SOFT)
@@ -85,9 +88,7 @@ def test_noise_of_all_readings_is_in_the_noise():
     np.testing.assert_allclose(stated[::10], spread[::10], rtol=0.25)
     assert "compensated by open, short, load from raw files" in found[0].notes[-1]
     loose = Compensation(*noisy[1:], Load(100.0, 2e-7, 3e-12, std=0.01)).applied(noisy[0])
-    np.testing.assert_allclose(
-        np.sqrt(loose.noise**2 - found[-1].noise ** 2), 0.01 * np.abs(loose.impedance), rtol=1e-6
-    )
+    np.testing.assert_array_equal(loose.noise, found[-1].noise)  # an error of the load is no noise
 
 
 def write(folder: Path, name: str, impedance, frequency=FREQUENCY) -> None:
@@ -140,3 +141,42 @@ def test_wrong_fixtures_are_told(tmp_path):
     same = ImpedanceSpectrum(FREQUENCY, open_)
     with pytest.raises(InputError, match="leaves no impedance"):
         Compensation(open=same, short=same).applied(same)
+
+
+def test_a_wrong_load_is_within_the_stated_deviation_and_moves_no_resonance(tmp_path):
+    """The load is 100.5 ohm where the file says 100 ± 0.5: ε33T comes out as far off, and its deviation allows for it."""
+    clean = np.loadtxt(SWEEP, delimiter=",", skiprows=1)
+    frequency, z = clean[:, 0], clean[:, 1] + 1j * clean[:, 2]
+    noise = 1 + 1e-4 * (np.random.default_rng(3).standard_normal((4, z.size, 2)) @ [1, 1j])
+    a, b, c, d = 1.1 + 0.05j, 20 + 30j, (2 + 5j) * 1e-4, 0.9 - 0.04j
+    actual = np.full_like(z, 100.5)
+    read = [
+        (a * z + b) / (c * z + d),
+        np.full_like(z, a / c),
+        np.full_like(z, b / d),
+        (a * actual + b) / (c * actual + d),
+    ]
+    for name, values, factor in zip(("raw", "open", "short", "load"), read, noise, strict=True):
+        write_spectrum(ImpedanceSpectrum(frequency, values * factor, 2e-4 * np.abs(values)), tmp_path / f"{name}.csv")
+    tight = 'std_length = "1 nm"\nstd_width = "1 nm"\nstd_thickness = "1 nm"\nstd_density = 1e-6\n'
+    text = SPEC.replace("[material]", f'density = "7900 kg/m^3"\n{tight}[material]\nsimplified = true')
+    text = text.replace(', inductance = "0.2 uH", capacitance = "3 pF"', ', std = "0.5 %"')
+    text = text.replace('file = "raw.csv"', 'file = "raw.csv"\naccuracy = 1e-5\nphase_accuracy = 1e-5')
+    (tmp_path / "plate.toml").write_text(text, encoding="utf-8")
+    found = update([read_specimen(tmp_path / "plate.toml")])
+    eps = found.parameters["eps33T"]
+    truth = 2.1450854e-8  # of the paper's plate
+    assert abs(eps.value / truth - 1) > 4e-3 and abs(eps.value - truth) < 2 * eps.std
+    assert eps.std / eps.value < 6e-3
+    assert eps.largest_part == "instrument"
+    pole = found.outcomes[0].measured.pair.pole
+    assert pole.std_Hz < 0.05 and abs(pole.frequency_Hz - 35312.49) < 4 * pole.std_Hz
+
+
+def test_a_load_of_the_wrong_size_counts_with_the_accuracy(tmp_path):
+    for name, z in zip(("raw", "open", "short", "load"), readings("general"), strict=True):
+        write(tmp_path, name, z)
+    text = SPEC.replace('resistance = "100 ohm"', 'resistance = "100 ohm", std = "3 %"')
+    (tmp_path / "plate.toml").write_text(text.replace("[measurement]", '[measurement]\naccuracy = "4 %"'))
+    problem = measure(read_specimen(tmp_path / "plate.toml")).problem
+    assert tolerances(problem)["accuracy"] == pytest.approx(0.05)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import meshio
@@ -68,10 +69,24 @@ def folder(request, tmp_path_factory):
     return out / "out", request.param
 
 
+def read_mesh(path: Path) -> meshio.Mesh:
+    """A mesh file; meshio knows Abaqus' elements of the same nodes without a potential, and not those with one."""
+    if path.suffix != ".inp":
+        return meshio.read(path)
+    text = path.read_text()
+    kinds = set(re.findall(r"TYPE=(\w+)", text))
+    assert kinds <= {"C3D8E", "C3D6E", "C3D10E"} and kinds
+    plain = path.with_name("plain.inp")
+    for kind in kinds:
+        text = text.replace(f"TYPE={kind}", f"TYPE={kind[:-1]}")
+    plain.write_text(text)
+    return meshio.read(plain)
+
+
 @pytest.mark.parametrize("name", ["mode_01.vtu", "mesh.msh", "mesh.inp"])
 def test_the_whole_body_is_in_the_file(folder, name):
     out, shape = folder
-    mesh = meshio.read(out / name)
+    mesh = read_mesh(out / name)
     assert volume_of(mesh) == pytest.approx(SHAPES[shape][1] * share_of_circle(mesh, shape), rel=1e-9)
 
 
@@ -91,7 +106,7 @@ def test_a_mode_of_extension_is_odd_along_its_length_and_alike_at_pole_and_zero(
 
 def test_the_electrodes_are_named_and_opposite(folder):
     out, shape = folder
-    mesh = meshio.read(out / "mesh.inp")
+    mesh = read_mesh(out / "mesh.inp")
     hot, ground = (mesh.points[mesh.point_sets[name]] for name in ("hot", "ground"))
     thickness = np.ptp(mesh.points[:, 2])
     np.testing.assert_allclose(hot[:, 2].min() - ground[:, 2].max(), thickness, rtol=1e-9)

@@ -32,13 +32,14 @@ class Program:
     ----------
     title : its name;  suffix : of its file
     complex : whether it takes complex constants, so that the losses come along element by element
-    write : (matrices, density kg/m³, name) → text;  read : text → (matrices, density), real where not `complex`
+    write : (matrices, density kg/m³, name, sentences on where the constants come from) → text
+    read : text → (matrices, density), real where not `complex`
     """
 
     title: str
     suffix: str
     complex: bool
-    write: Callable[[StressCharge, float, str], str]
+    write: Callable[[StressCharge, float, str, Sequence[str]], str]
     read: Callable[[str], tuple[StressCharge, float]]
 
 
@@ -71,7 +72,7 @@ def _numbers(lines: Sequence[str]) -> list[float]:
 # COMSOL Multiphysics: a text file of parameters, one a line: name, expression without blanks, description
 
 
-def _comsol(material: StressCharge, density: float, name: str) -> str:
+def _comsol(material: StressCharge, density: float, name: str, origin: Sequence[str] = ()) -> str:
     m = material.reordered("comsol")
     told = _notes(
         "xx, yy, zz, yz, xz, xy, that of COMSOL's piezoelectric material (IEEE)",
@@ -79,6 +80,7 @@ def _comsol(material: StressCharge, density: float, name: str) -> str:
             "Load under Parameters (Load from File); enter cE11 ... in the elasticity matrix cE, e11 ... in the",
             "coupling matrix eES, epsr11 ... in the relative permittivity epsilonrS of the stress-charge form. The",
             "losses are in the imaginary parts: add no damping subnodes.",
+            *origin,
         ],
     )
     rows = [f"% {line}" for line in (f"Material: {name}", *told)]
@@ -115,7 +117,7 @@ def _read_comsol(text: str) -> tuple[StressCharge, float]:
 # ANSYS Mechanical APDL
 
 
-def _ansys(material: StressCharge, density: float, name: str) -> str:
+def _ansys(material: StressCharge, density: float, name: str, origin: Sequence[str] = ()) -> str:
     m = material.reordered("ansys")
     told = _notes(
         "x, y, z, xy, yz, xz, that of ANSYS",
@@ -123,6 +125,7 @@ def _ansys(material: StressCharge, density: float, name: str) -> str:
             "Real parts; the program takes one loss factor for the stiffness (TB,SDAMP) and one tangent for the",
             "permittivity (MP,LSST), those of the traces. The loss of e has no place there: a harmonic response",
             "differs from that of the complex constants by it.",
+            *origin,
         ],
     )
     rows = [f"! {line}" for line in (f"Material: {name}", *told)]
@@ -157,11 +160,14 @@ def _read_ansys(text: str) -> tuple[StressCharge, float]:
 # Abaqus
 
 
-def _abaqus(material: StressCharge, density: float, name: str) -> str:
+def _abaqus(material: StressCharge, density: float, name: str, origin: Sequence[str] = ()) -> str:
     m = material.reordered("abaqus")
     told = _notes(
         "11, 22, 33, 12, 13, 23, that of Abaqus",
-        ["Real parts; the program takes one structural loss factor (*DAMPING), that of the trace of the stiffness."],
+        [
+            "Real parts; the program takes one structural loss factor (*DAMPING), that of the trace of the stiffness.",
+            *origin,
+        ],
     )
     rows = [f"** {line}" for line in told]
     rows += [f"*MATERIAL, NAME={re.sub(r'[^A-Za-z0-9_]', '_', name)}", "*DENSITY", repr(density)]
@@ -196,10 +202,11 @@ def _read_abaqus(text: str) -> tuple[StressCharge, float]:
 # openCFS: a material of mat.xml, real and imaginary parts
 
 
-def _opencfs(material: StressCharge, density: float, name: str) -> str:
+def _opencfs(material: StressCharge, density: float, name: str, origin: Sequence[str] = ()) -> str:
     m = material.reordered("ieee")
     root = ET.Element("material", name=name)
-    told = _notes("xx, yy, zz, yz, xz, xy (IEEE)", ["Put this element into the materials file of the simulation."])
+    put = "Put this element into the materials file of the simulation."
+    told = _notes("xx, yy, zz, yz, xz, xy (IEEE)", [put, *origin])
     root.append(ET.Comment(" ".join(told)))
     mechanical, electric, piezo = (ET.SubElement(root, key) for key in ("mechanical", "electric", "piezo"))
     ET.SubElement(ET.SubElement(ET.SubElement(mechanical, "density"), "linear"), "real").text = repr(density)
@@ -232,13 +239,14 @@ def _read_opencfs(text: str) -> tuple[StressCharge, float]:
 # SfePy: a Python module of plain lists
 
 
-def _sfepy(material: StressCharge, density: float, name: str) -> str:
+def _sfepy(material: StressCharge, density: float, name: str, origin: Sequence[str] = ()) -> str:
     m = material.reordered("abaqus")
     told = _notes(
         "11, 22, 33, 12, 13, 23, that of SfePy's symmetric storage",
         [
             "Use stiffness_real as D of dw_lin_elastic, coupling_real as g of dw_piezo_coupling, permittivity_real as",
             "K of dw_diffusion; SfePy computes with real materials, the imaginary parts are for terms of one's own.",
+            *origin,
         ],
     )
     rows = [f"# {line}" for line in (f"Material: {name}", *told)]
@@ -270,11 +278,11 @@ def _read_sfepy(text: str) -> tuple[StressCharge, float]:
 # JSON
 
 
-def _json(material: StressCharge, density: float, name: str) -> str:
+def _json(material: StressCharge, density: float, name: str, origin: Sequence[str] = ()) -> str:
     m = material.reordered("ieee")
     record = {
         "name": name,
-        "notes": _notes("11, 22, 33, 23, 13, 12 (IEEE 176)", []),
+        "notes": _notes("11, 22, 33, 23, 13, 12 (IEEE 176)", origin),
         "density_kg_m3": density,
         **{
             f"{key}_{part}": values.tolist()
