@@ -26,7 +26,7 @@ from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.order import MAX_BACKGROUND, evidence, is_passive, without
 from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.extraction.result import Extraction, Method
-from femu_piezo.extraction.roots import Roots, pair, resonances, unsettled_modes
+from femu_piezo.extraction.roots import Roots, interlaced, pair, resonances, unsettled_modes
 from femu_piezo.measurement.discrepancy import Discrepancy
 from femu_piezo.measurement.noise import estimate_noise
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
@@ -156,8 +156,15 @@ def _points(sweep: ImpedanceSpectrum) -> SweepData:
 
 def _prony_ss(sweep: ImpedanceSpectrum) -> tuple[Roots, Fit, NormalisedSweep]:
     """Poles and zeros of the stable columns, and the best curve with those poles held."""
-    columns = {kind: prony_ss(sweep, kind).diagram.columns for kind in ("pole", "zero")}
-    poles, zeros = (tuple(Resonance(kind, column.eigenvalue) for column in columns[kind]) for kind in ("pole", "zero"))
+    every = []
+    for kind in ("pole", "zero"):
+        found = prony_ss(sweep, kind)
+        pairs = zip(found.diagram.columns, found.residues, strict=True)
+        every += [Resonance(kind, column.eigenvalue, residue=complex(residue)) for column, residue in pairs]
+    told = interlaced(every, lambda one: one.frequency_Hz)
+    poles, zeros = (
+        tuple(Resonance(kind, one.eigenvalue) for one in told if one.kind == kind) for kind in ("pole", "zero")
+    )
     data = NormalisedSweep.of(sweep.omega, sweep.admittance, np.ones(len(sweep)))
     at = np.array([(r.eigenvalue - data.axis.center) / data.axis.half_width for r in poles], complex)
     fits = [

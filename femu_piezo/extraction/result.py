@@ -84,8 +84,11 @@ class Extraction:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What the losses say: a sentence for each pair whose quality factors differ."""
-        return tuple(p.remark for p in self.pairs if p.remark)
+        """What the losses say, a sentence for each pair whose quality factors differ; why there are no figures."""
+        told = tuple(p.remark for p in self.pairs if p.remark)
+        if self.pairs and self.figures is None:
+            told += ("no pole has its zero above it in this sweep, so there are no standard figures and no k_eff",)
+        return told
 
     def to_json(self) -> dict:
         """The contract of `extract`: poles and zeros, and all that qualifies them, JSON types only."""

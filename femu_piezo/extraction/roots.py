@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -105,7 +107,7 @@ def resonances(model: RationalModel, spread: Spread, band: tuple[float, float], 
     zeros = [one for one in _zeros(model) if not any(low < one.eigenvalue.real < high for low, high in spans)]
     physical = [root for root in [_pole(model, own) for own in groups] + zeros if _is_physical(root, model)]
     sound = [root for root in physical if _is_settled(root, spread)]
-    every = _interlaced([r for r in physical if band[0] <= _frequency(r) <= band[1]])
+    every = interlaced([r for r in physical if band[0] <= _frequency(r) <= band[1]], _frequency)
     settled = {id(root) for root in sound}  # roots hold arrays, which == compares one by one
     inside = [r for r in every if id(r) in settled]
     doubtful = _with_covariance([r for r in every if id(r) not in settled], spread)
@@ -203,17 +205,20 @@ def _frequency(root: _Root) -> float:
     return float(np.sqrt(root.eigenvalue.real) / (2 * np.pi))
 
 
-def _interlaced(roots: list[_Root]) -> list[_Root]:
+Found = TypeVar("Found", Resonance, _Root)
+
+
+def interlaced(roots: list[Found], frequency: Callable[[Found], float]) -> list[Found]:
     """Poles, then zeros, by frequency; of two zeros without a pole between them the weaker one is background.
 
     Foster's theorem: poles and zeros of a passive one-port alternate. A weak mode may sit in reversed order
     with its zero, so a zero is dropped only where there is no pole to pair it with.
     """
-    poles = sorted((r for r in roots if r.kind == "pole"), key=_frequency)
+    poles = sorted((r for r in roots if r.kind == "pole"), key=frequency)
     zeros = sorted((r for r in roots if r.kind == "zero"), key=lambda r: -abs(r.residue))
-    first = _frequency(poles[0]) if poles else np.inf
-    below = any(_frequency(z) < first for z in zeros)
-    return poles + sorted(zeros[: len(poles) + below], key=_frequency)
+    first = frequency(poles[0]) if poles else np.inf
+    below = any(frequency(z) < first for z in zeros)
+    return poles + sorted(zeros[: len(poles) + below], key=frequency)
 
 
 def _is_physical(root: _Root, model: RationalModel) -> bool:

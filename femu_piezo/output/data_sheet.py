@@ -126,9 +126,9 @@ def _curves(page: Figure, outcome: Outcome, top: float) -> None:
 
 
 def _footer(page: Figure, result: UpdateResult, modes: Sequence[StandardFigures]) -> None:
-    """What the formulas get wrong, the notes as far as there is room, and where the page is from."""
-    sentences = [one.formula_words for one in modes if one.formula_words]
-    sentences += [*(note for one in modes for note in one.notes), *result.notes]
+    """The notes as far as there is room, what the formulas get wrong, and where the page is from."""
+    sentences = [*result.notes, *(one.formula_words for one in modes if one.formula_words)]
+    sentences += [note for one in modes for note in one.notes]
     sentences.insert(0, "± is one standard deviation; a constant is value (1 − j tan), time factor exp(jωt)")
     lines, left = [], list(sentences)
     while left:

@@ -231,7 +231,8 @@ def extraction_table(result: Extraction) -> RenderableType:
     sound = (*result.resonances.poles, *result.resonances.zeros)
     lines = [_resonance_words(one) for one in sound]
     lines += [f"{_resonance_words(one)}   doubtful" for one in result.doubtful]
-    text = text_of([*lines, *told((*result.spectrum.notes, *result.notes))])
+    without = result.remarks[-1:] if result.pairs and result.figures is None else ()  # why there are no figures
+    text = text_of([*lines, *told((*result.spectrum.notes, *result.notes, *without))])
     return text if result.figures is None else Group(text, figures_table(result.figures))
 
 

@@ -1,6 +1,7 @@
 """Prony-SS on the exact 1-D bar: the paper's kind of sweep, from near DC on a uniform grid."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +12,12 @@ from femu_piezo.errors import InputError
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.extraction.stabilization import rational_stabilization, stabilize
-from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.measurement.readers import read_spectrum, write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 from .bar import Bar, sweep
 
+SWEEP = Path(__file__).parents[2] / "tutorials/k31_plate/sweep.csv"
 BAR = Bar()
 PAPER = np.arange(100.0, 300_001.0, 100.0)
 
@@ -115,3 +117,11 @@ def test_reversed_terminals_are_named():
     found = extract(ImpedanceSpectrum(data.frequency, -data.impedance))
     assert found.status == "negative_resistance"
     assert found.resonances.poles[0].eigenvalue == pytest.approx(extract(data).resonances.poles[0].eigenvalue, rel=1e-9)
+
+
+def test_zeros_of_a_passive_piece_alternate_with_its_poles():
+    """The paper's sweep to 50 kHz holds one pole and one zero; its window leaves a column of a second zero."""
+    found = extract(read_spectrum(SWEEP), method="prony_ss").resonances
+    assert (len(found.poles), len(found.zeros)) == (1, 1)
+    exact = extract(read_spectrum(SWEEP)).resonances
+    assert found.zeros[0].frequency_Hz == pytest.approx(exact.zeros[0].frequency_Hz, rel=1e-5)

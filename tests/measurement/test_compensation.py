@@ -144,7 +144,7 @@ def test_wrong_fixtures_are_told(tmp_path):
 
 
 def test_a_wrong_load_is_within_the_stated_deviation_and_moves_no_resonance(tmp_path):
-    """The load is 100.5 ohm where the file says 100 ± 0.5: ε33T comes out as far off, and its deviation allows for it."""
+    """The load is 100.5 ohm where the file says 100 ± 0.5: ε33T comes out as far off, and its deviation says so."""
     clean = np.loadtxt(SWEEP, delimiter=",", skiprows=1)
     frequency, z = clean[:, 0], clean[:, 1] + 1j * clean[:, 2]
     noise = 1 + 1e-4 * (np.random.default_rng(3).standard_normal((4, z.size, 2)) @ [1, 1j])
