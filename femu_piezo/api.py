@@ -252,6 +252,7 @@ def identify(
     *,
     recommend: bool = True,
     study: int = 0,
+    plan: int = 0,
     progress: Progress | None = None,
 ) -> Identified:
     """Which constants sweeps of the specimens can determine, and how well, before or without measuring.
@@ -264,11 +265,13 @@ def identify(
     noise : relative standard deviation of every point; the one that the files state where None, else 0.001
     recommend : compute what further measurements would add, which takes longer than the rest
     study : specimens that are drawn and updated for each of several noises and numbers of points (20 or more)
+    plan : points of a sweep whose frequencies are to be chosen (16 or more); `result.plan.frequency`
     """
     from femu_piezo.output.results.identified import Identified
     from femu_piezo.study import identify as planned
 
-    return Identified.of_study(planned.identify(_many(specimens), noise, progress, recommend=recommend, study=study))
+    wanted = _many(specimens)
+    return Identified.of_study(planned.identify(wanted, noise, progress, recommend=recommend, study=study, plan=plan))
 
 
 def modes(

@@ -384,7 +384,15 @@ def batch(
     metavar="N",
     help="update N drawn specimens for each of several noises and numbers of points, such as 200",
 )
-def identify(specimens: tuple[Path, ...], out: Path, noise: float | None, study: int | None) -> None:
+@click.option(
+    "--plan",
+    type=click.IntRange(16, 100_000),
+    metavar="N",
+    help="choose the N frequencies of the sweep that tell most of the free constants",
+)
+def identify(
+    specimens: tuple[Path, ...], out: Path, noise: float | None, study: int | None, plan: int | None
+) -> None:
     """Predict which constants a sweep of SPEC can determine, before or without measuring.
 
     The sweep is that of the [simulation] table. First with all ten constants free and noise alone: which of them the
@@ -393,6 +401,8 @@ def identify(specimens: tuple[Path, ...], out: Path, noise: float | None, study:
     density or mass, a held constant, the instrument, the fixture, noise) to improve first and what that brings. Several
     SPEC files are sweeps of one material taken together. Writes identifiability.json, budget.png and sensitivity.png.
     With --study also study.png: how far such updates are off the truth, and how often it is within what they state.
+    With --plan also plan.csv, a list of frequencies for the analyser: half of them watch the whole band of the
+    [simulation] table, half are where they tell most; and what it gains over as many points equally spaced.
     """
     from femu_piezo.api import identify as run
     from femu_piezo.specimen.file import read_specimens
@@ -400,7 +410,7 @@ def identify(specimens: tuple[Path, ...], out: Path, noise: float | None, study:
     wanted = read_specimens(specimens)
     _prepare(out)
     with _steps_shown() as progress:
-        result = run(wanted, noise, study=study or 0, progress=progress)
+        result = run(wanted, noise, study=study or 0, plan=plan or 0, progress=progress)
     result.save(out)
     _show(result)
 

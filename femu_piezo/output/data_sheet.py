@@ -24,7 +24,7 @@ _DARK, _ACCENT = "#222222", "#c0392b"
 _TOP, _CURVES, _NOTES, _STEP, _SIZE, _HEAD = 0.905, 0.37, 0.145, 0.0145, 7.6, 3.3
 _OF_FURTHER = ("fs", "fp", "k_eff", "Qm_pole", "kt", "Nt", "c33", "c33D")
 #: Characters of a line of notes, and how many lines of them have room.
-_WIDTH, _LINES = 118, 6
+_WIDTH, _LINES = 140, 8
 
 
 def data_sheet(result: UpdateResult, index: int = 0) -> Figure:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from femu_piezo.study.identify import IdentifyResult
     from femu_piezo.study.modes import ModesResult
     from femu_piezo.study.noise_study import Setting
+    from femu_piezo.study.plan import Plan
     from femu_piezo.study.results import Outcome, UpdateResult
     from femu_piezo.study.simulate import SimulationResult
     from femu_piezo.study.temperature import TemperatureSeries
@@ -277,7 +278,22 @@ def identifiability_table(result: IdentifyResult) -> RenderableType:
         gained = ", ".join(item.gained) or "no further constant"
         lines.append(f"measure {item.measurement}: determines {gained}")
     lines += [*result.advice, *_study_lines(result.study)]
-    return Group(table, text_of(lines), *expectation_tables(result.expected))
+    parts = [table, text_of(lines), *expectation_tables(result.expected)]
+    return Group(*parts) if result.plan is None else Group(*parts, _plan_table(result.plan))
+
+
+def _plan_table(plan: Plan) -> Table:
+    """What an update would state after the planned sweep, beside other ways of spending points."""
+    points = len(plan.frequency)
+    words = {"equal": f"{points} equally spaced", "equal, four times": f"{4 * points} equally spaced"}
+    words |= {"plan": f"plan, {points} points", "dense at resonances": f"{points}, half of them at resonances"}
+    table = Table(title="planned sweep (plan.csv): standard deviations of an update", title_justify="left")
+    table.add_column("sweep")
+    for label in plan.expected["plan"]:
+        table.add_column(label, justify="right")
+    for name, std in plan.expected.items():
+        table.add_row(words[name], *(f"{value:.2g}" for value in std.values()))
+    return table
 
 
 def _study_lines(settings: Sequence[Setting]) -> list[str]:

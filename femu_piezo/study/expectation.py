@@ -124,9 +124,9 @@ def expect(subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise
     """
     unknowns = unknowns_of(subjects)
     x = as_filed(subjects, unknowns)
-    sweeps, readings = _jacobian(unknowns, x, subjects, evaluations, noise)
+    sweeps, readings = whitened_jacobian(unknowns, x, subjects, evaluations, noise)
     std = expected_std(np.concatenate([sweeps, readings]), unknowns.prior_std)
-    labels = _labels(unknowns.material)
+    labels = labels_of(unknowns.material)
     before = {label: float(std[column] * size) for label, (column, size) in labels.items()}
 
     def after(*, sweep: float = 1.0, read: np.ndarray | float = 1.0, prior: np.ndarray | float = 1.0) -> dict:
@@ -156,7 +156,7 @@ def _times(count: int, places: list[int], share: float) -> np.ndarray:
     return factors
 
 
-def _jacobian(
+def whitened_jacobian(
     unknowns: Unknowns, x: np.ndarray, subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """(2k, n_x) of all sweeps, (m, n_x) of all readings, whitened."""
@@ -167,7 +167,7 @@ def _jacobian(
     return data.whitened(z, slopes)[1], np.reshape(readings, (-1, x.size))
 
 
-def _labels(material: MaterialParameters) -> dict[str, tuple[int, float]]:
+def labels_of(material: MaterialParameters) -> dict[str, tuple[int, float]]:
     """ "s11", "tan_s11", … → where it stands in x, and its SI value per unit there."""
     named = zip(material.names, np.abs(material.units), strict=True)
     return {name: (column, float(size)) for column, (name, size) in enumerate(named)}

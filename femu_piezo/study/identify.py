@@ -25,6 +25,7 @@ from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.expectation import Expectation, expect, planned
 from femu_piezo.study.noise_study import Setting, noise_study
+from femu_piezo.study.plan import Plan, plan_sweep
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.progress import Progress
 from femu_piezo.study.resonances_with_effects import sensitivity_with_effects
@@ -65,7 +66,8 @@ class IdentifyResult:
     noise : relative standard deviation of every point
     known : all ten constants by noise alone, each open to ±50 %
     expected : the free constants as an update would state them, and what every tolerance adds
-    study : updates of drawn specimens, for every noise and number of points; the second is the plan itself
+    study : updates of drawn specimens, for every noise and number of points; the second is the sweep itself
+    plan : where to measure, if asked for
     """
 
     names: tuple[str, ...]
@@ -75,6 +77,7 @@ class IdentifyResult:
     recommendations: tuple[Recommendation, ...]
     expected: Expectation
     study: tuple[Setting, ...] = ()
+    plan: Plan | None = None
 
     @property
     def advice(self) -> tuple[str, ...]:
@@ -118,6 +121,7 @@ class IdentifyResult:
             "advice": list(self.advice),
             **self.expected.to_json(),
             **({"study": [one.to_json() for one in self.study]} if self.study else {}),
+            **({} if self.plan is None else {"plan": self.plan.to_json()}),
         }
 
 
@@ -129,6 +133,7 @@ def identify(
     *,
     recommend: bool = True,
     study: int = 0,
+    plan: int = 0,
 ) -> IdentifyResult:
     """Predict the joint standard deviations of all ten constants from sweeps of one or more specimens of a material.
 
@@ -145,6 +150,7 @@ def identify(
     progress : called with the name of each step
     recommend : compute what further measurements would add, which takes longer than the rest
     study : specimens that are drawn and updated for each of several noises and numbers of points; 0 for none
+    plan : points of a sweep of one specimen whose frequencies are to be chosen; 0 for none
 
     Raises
     ------
@@ -168,6 +174,12 @@ def identify(
         pictures.append(picture)
         evaluations.append(evaluation)
     expected = expect(subjects, evaluations, noise)
+    where = None
+    if plan:
+        if len(subjects) > 1:
+            raise InputError(f"a plan is one of one specimen, and {len(subjects)} are given; give them one by one")
+        progress("plan")
+        where = plan_sweep(subjects[0], evaluations[0], noise, plan)
     names, values, prior = _unknowns(first)
     blocks.append(prior)
     known = identifiability(np.concatenate(blocks), names, values)
@@ -180,7 +192,7 @@ def identify(
     recommendations.sort(key=lambda item: (-len(item.gained), sum(np.log(list(item.std.values())))))
     names = tuple(problem.specimen.name for problem in problems)
     settings = noise_study(subjects, evaluations, noise, study, progress=progress) if study else ()
-    return IdentifyResult(names, noise, known, tuple(pictures), tuple(recommendations), expected, settings)
+    return IdentifyResult(names, noise, known, tuple(pictures), tuple(recommendations), expected, settings, where)
 
 
 def _lossy(problem: Problem) -> Problem:

@@ -106,3 +106,26 @@ def test_a_study_needs_enough_draws(tmp_path):
     spec.write_text(BODY.format(name="k31", thickness="1 mm", poling="thickness", stop="90 kHz"), encoding="utf-8")
     answer = CliRunner().invoke(main, ["identify", str(spec), "--out", str(tmp_path / "out"), "--study", "5"])
     assert answer.exit_code == 2 and "20" in answer.output
+
+
+def test_a_plan_tells_more_than_as_many_points_equally_spaced(tmp_path):
+    """By noise alone 80 planned points state less of the elastic constant than 320 equally spaced."""
+    text = BODY.format(name="k31", thickness="1 mm", poling="thickness", stop="90 kHz")
+    (tmp_path / "k31.toml").write_text(text + "[update]\nnoise_only = true\n[measurement]\nnoise = 0.003\n")
+    answer = CliRunner().invoke(
+        main, ["identify", str(tmp_path / "k31.toml"), "--out", str(tmp_path / "out"), "--plan", "80"]
+    )
+    assert answer.exit_code == 0, answer.output
+    assert "plan, 80 points" in answer.output and "320 equally spaced" in answer.output
+    frequency = np.loadtxt(tmp_path / "out/plan.csv", skiprows=1)
+    assert len(frequency) == 80 and np.all(np.diff(frequency) > 0) and frequency[[0, -1]] == pytest.approx([100, 90e3])
+    assert np.diff(frequency).max() < 1.01 * (90e3 - 100) / 39  # it watches the whole band
+    plan = json.loads((tmp_path / "out/identifiability.json").read_text())["plan"]
+    expected = plan["expected_std"]
+    for label in ("s11", "tan_s11"):
+        assert expected["plan"][label] < 0.6 * expected["equal"][label]
+        assert expected["plan"][label] < expected["equal, four times"][label]
+    few = CliRunner().invoke(main, ["identify", str(tmp_path / "k31.toml"), "--out", "o", "--plan", "5"])
+    assert few.exit_code == 2
+    both = [str(tmp_path / "k31.toml")] * 2
+    assert CliRunner().invoke(main, ["identify", *both, "--out", "o", "--plan", "50"]).exit_code == 2

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from femu_piezo.files import write_atomically
 from femu_piezo.output.folder import prepare_folder, write_figure, write_json
 from femu_piezo.output.results.result import Result, suffixes
 from femu_piezo.output.tables import identifiability_table
@@ -50,7 +51,10 @@ class Identified(Result, IdentifyResult):
         ]
 
     def save(self, folder: Path | str) -> Path:
-        """Write identifiability.json, budget.png, of every sweep sensitivity.png, of a study study.png; the folder."""
+        """Write identifiability.json, budget.png, of every sweep sensitivity.png, of a study study.png; the folder.
+
+        Of a plan plan.csv as well.
+        """
         from femu_piezo.output.budget_chart import budget_figure
 
         out = prepare_folder(Path(folder))
@@ -62,5 +66,8 @@ class Identified(Result, IdentifyResult):
             from femu_piezo.output.noise_study import noise_study_figure
 
             write_figure(out / "study.png", noise_study_figure(" + ".join(self.names), self.study))
+        if self.plan is not None:
+            lines = ["frequency_Hz", *(f"{one:.6f}" for one in self.plan.frequency)]
+            write_atomically(out / "plan.csv", "\n".join(lines) + "\n")
         write_json(out / "identifiability.json", self.to_json())
         return out

@@ -1,0 +1,107 @@
+"""A plan of a sweep: frequencies that tell most of the free constants, among some that watch the whole band."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from femu_piezo.errors import InputError
+from femu_piezo.inference.design import chosen, observed
+from femu_piezo.inference.response import Evaluation
+from femu_piezo.study.expectation import labels_of, whitened_jacobian
+from femu_piezo.study.subjects import Subject
+from femu_piezo.study.unknowns import as_filed, unknowns_of
+
+#: Share of the points that are spread over the band, so that a resonance nobody expects is seen too.
+_SPREAD = 0.5
+#: Frequencies to choose from: over the band, and about each pole and zero, in half widths.
+_CANDIDATES, _ABOUT = 4001, np.linspace(-4.0, 4.0, 41)
+_FEWEST = 16
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Frequencies of a sweep.
+
+    Attributes
+    ----------
+    frequency : (n,) Hz, rising
+    expected : recipe → "s11", "tan_s11", … → standard deviation (SI) that an update would state: this plan, as many and
+        four times as many points equally spaced, and as many of which half crowd about poles and zeros
+    """
+
+    frequency: np.ndarray
+    expected: Mapping[str, Mapping[str, float]]
+
+    def to_json(self) -> dict:
+        """ "plan" of identifiability.json."""
+        return {
+            "frequency_Hz": self.frequency.tolist(),
+            "expected_std": {name: dict(one) for name, one in self.expected.items()},
+        }
+
+
+def plan_sweep(subject: Subject, evaluation: Evaluation, noise: float, points: int) -> Plan:
+    """The plan of a sweep of one specimen over the band of an evaluation.
+
+    Parameters
+    ----------
+    noise : relative standard deviation of every point
+    points : at least 16
+
+    Raises InputError for fewer.
+    """
+    if points < _FEWEST:
+        raise InputError(f"a plan of {points} points does not show a resonance; give at least {_FEWEST}")
+    unknowns = unknowns_of([subject])
+    x = as_filed([subject], unknowns)
+    labels = labels_of(unknowns.material)
+    wanted = np.array([column for column, _ in labels.values()])
+    low, high = evaluation.omega[[0, -1]] / (2 * np.pi)
+    modal = evaluation.modal(unknowns, x)
+    zeros = np.linalg.eigvals(
+        np.diag(modal.eigenvalues) + np.outer(modal.charges, modal.charges / modal.clamped_capacitance)
+    )
+    resonances = np.concatenate([modal.eigenvalues, zeros])
+    resonances = resonances[resonances.real > 0]
+
+    def rows(frequency: np.ndarray) -> np.ndarray:
+        """(k, 2, n) in units of the priors."""
+        at = replace(evaluation, omega=2 * np.pi * frequency)
+        sweep, _ = whitened_jacobian(unknowns, x, [subject], [at], noise)
+        return (sweep * unknowns.prior_std).reshape(2, frequency.size, -1).transpose(1, 0, 2)
+
+    readings = whitened_jacobian(unknowns, x, [subject], [evaluation], noise)[1] * unknowns.prior_std
+    prior = observed(np.eye(x.size), readings) if len(readings) else np.eye(x.size)
+
+    def deviations(frequency: np.ndarray) -> dict[str, float]:
+        std = np.sqrt(np.diag(observed(prior, rows(frequency).reshape(-1, x.size)))) * unknowns.prior_std
+        return {label: float(std[column] * size) for label, (column, size) in labels.items()}
+
+    watching = np.linspace(low, high, round(_SPREAD * points))
+    about = np.concatenate([_around(one, low, high) for one in resonances] or [np.zeros(0)])
+    candidates = np.setdiff1d(np.concatenate([np.linspace(low, high, _CANDIDATES), about]), watching)
+    known = observed(prior, rows(watching).reshape(-1, x.size))
+    found = chosen(rows(candidates), known, wanted, points - watching.size)
+    frequency = np.sort(np.concatenate([watching, candidates[found]]))
+    crowded = np.unique(np.concatenate([watching, _thinned(np.sort(about), points - watching.size)]))
+    recipes = {
+        "plan": frequency,
+        "equal": np.linspace(low, high, points),
+        "equal, four times": np.linspace(low, high, 4 * points),
+        "dense at resonances": crowded,
+    }
+    return Plan(frequency, {name: deviations(one) for name, one in recipes.items()})
+
+
+def _around(eigenvalue: complex, low: float, high: float) -> np.ndarray:
+    """Frequencies about a pole or zero within a band, Hz."""
+    middle = np.sqrt(eigenvalue.real) / (2 * np.pi)
+    found = middle * (1 + _ABOUT * abs(eigenvalue.imag / eigenvalue.real) / 2)
+    return found[(found > low) & (found < high)]
+
+
+def _thinned(values: np.ndarray, count: int) -> Sequence[float]:
+    return values[np.unique(np.linspace(0, values.size - 1, count).astype(int))] if values.size else values
