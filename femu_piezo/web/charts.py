@@ -96,7 +96,7 @@ def residual_chart(frequency: np.ndarray, residuals: Mapping[str, np.ndarray], w
         traces.append(_trace(thin / 1e3, values.real, f"{name}, |Z|", number, points=True))
         traces.append(
             _trace(thin / 1e3, values.imag, f"{name}, phase", number, points=True)
-            | {"marker": {"symbol": "x", "size": 4, "color": COLORS[number % len(COLORS)]}}
+            | {"marker": {"symbol": "x", "size": 5, "color": COLORS[(number + 3) % len(COLORS)]}}
         )
     shaded = {**_band(0, 1, "rgba(0,158,115,0.18)"), "xref": "paper", "yref": "y", "y0": -band, "y1": band}
     layout = _layout([shaded] if band else []) | {

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+import time
 import tomllib
+from collections.abc import MutableMapping
 from typing import Any
 
 import tomlkit
@@ -14,8 +16,8 @@ from femu_piezo.errors import InputError
 from femu_piezo.files import write_atomically
 from femu_piezo.web.workspace import Workspace
 
-#: Steps that can be undone.
-_DEEPEST = 200
+#: Steps that can be undone, and seconds without typing after which a new one begins.
+_DEEPEST, _PAUSE = 200, 2.0
 
 
 class Draft:
@@ -33,12 +35,21 @@ class Draft:
         folder = workspace.own / "drafts"
         folder.mkdir(exist_ok=True)
         self._file = folder / f"{key}.json"
+        self._typed_at = 0.0
+        self._read()
+
+    def _read(self) -> None:
+        """As it is kept. Where the file was changed elsewhere its text is one more step, and edits can be undone to."""
         self._saved = self._on_disk()
         self._texts, self._at = [self._saved], 0
         try:
             kept = json.loads(self._file.read_text(encoding="utf-8"))
-            if kept["saved"] == self._saved and 0 <= kept["at"] < len(kept["texts"]):
-                self._texts, self._at = kept["texts"], kept["at"]
+            texts, at = list(map(str, kept["texts"])), int(kept["at"])
+            if 0 <= at < len(texts):
+                self._texts, self._at = texts, at
+                if kept["saved"] != self._saved:
+                    self._texts, self._at = [*texts[: at + 1], self._saved], at + 1
+                    self._keep()
         except (OSError, ValueError, KeyError, TypeError):
             pass
 
@@ -71,12 +82,17 @@ class Draft:
         """Whether a step was undone."""
         return self._at < len(self._texts) - 1
 
-    def set(self, text: str) -> None:
-        """Another text; one more step."""
-        if text != self.text:
-            self._texts = [*self._texts[: self._at + 1], text][-_DEEPEST:]
-            self._at = len(self._texts) - 1
-            self._keep()
+    def set(self, text: str, *, typed: bool = False) -> None:
+        """Another text; one more step, or, where it is `typed`, part of the step that typing goes on with."""
+        before = self.text
+        self._read()  # another window may have edited meanwhile
+        if text == self.text or text == before:
+            return
+        now, goes_on = time.monotonic(), typed and self._at > 0 and time.monotonic() - self._typed_at < _PAUSE
+        self._texts = [*self._texts[: self._at + (not goes_on)], text][-_DEEPEST:]
+        self._at = len(self._texts) - 1
+        self._typed_at = now if typed else 0.0
+        self._keep()
 
     def undo(self) -> None:
         """One step back."""
@@ -87,6 +103,8 @@ class Draft:
         self._move(1)
 
     def _move(self, step: int) -> None:
+        self._read()
+        self._typed_at = 0.0
         self._at = min(max(self._at + step, 0), len(self._texts) - 1)
         self._keep()
 
@@ -94,8 +112,11 @@ class Draft:
         write_atomically(self._file, json.dumps({"saved": self._saved, "texts": self._texts, "at": self._at}))
 
     def save(self) -> None:
-        """Write the specimen file, once its text is one; InputError where it is not."""
+        """Write the specimen file, once its text is one; InputError where it is not, or was changed elsewhere."""
         self.problem_or_raise()
+        if self._on_disk() != self._saved:
+            self._read()
+            raise InputError(f"{self._name}: the file was changed elsewhere; it is shown now, Undo leads to your edits")
         write_atomically(self._workspace.path(self._name), self.text)
         self._saved = self.text
         self._keep()
@@ -138,6 +159,8 @@ class Draft:
                 return
             document.add(table, tomlkit.table())
         place = document[table] if table else document
+        if not isinstance(place, MutableMapping):
+            raise InputError(f"{self._name}: {table} is not a table; write [{table}] and its keys below")
         if value is None:
             if key in place:
                 place.remove(key)

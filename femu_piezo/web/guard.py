@@ -55,7 +55,8 @@ class Guard:
         elif scope["type"] == "http" and (place := self._welcome(scope)) is not None:
             await _redirect(send, place, self._token)
         else:
-            await self._app(scope, receive, _with_headers(send) if scope["type"] == "http" else send)
+            http = scope["type"] == "http"
+            await self._app(scope, _limited(receive) if http else receive, _with_headers(send) if http else send)
 
     def _refusal(self, scope, headers: dict[bytes, str]) -> tuple[int, str] | None:
         host = headers.get(b"host", "")
@@ -106,6 +107,19 @@ async def _redirect(send, place: str, token: str) -> None:
     headers = [(b"location", ("/" + place.lstrip("/")).encode("latin-1")), (b"set-cookie", cookie.encode("latin-1"))]
     await send({"type": "http.response.start", "status": 303, "headers": headers})
     await send({"type": "http.response.body", "body": b""})
+
+
+def _limited(receive):
+    """A body that states no length ends where it is too long."""
+    taken = 0
+
+    async def receiving():
+        nonlocal taken
+        message = await receive()
+        taken += len(message.get("body", b""))
+        return message if taken <= _LARGEST_BODY else {"type": "http.disconnect"}
+
+    return receiving
 
 
 def _with_headers(send):

@@ -21,6 +21,7 @@ from femu_piezo.threads import available_cores
 State = Literal["waiting", "running", "done", "failed", "cancelled"]
 #: Jobs that are remembered, and that may wait.
 _REMEMBERED, _MOST_WAITING = 60, 200
+_STOPPED = "the server was stopped meanwhile"
 #: Seconds that an interrupted command has to tidy up.
 _PATIENCE = 5.0
 #: Seconds that a command takes where none was run here before.
@@ -76,11 +77,11 @@ class Jobs:
         self._running: dict[int, subprocess.Popen] = {}
         self._step_began: dict[int, float] = {}
         self._stopped = False
-        self._jobs = [Job(**record) for record in _json(self._file, [])]
+        self._jobs = _known(_json(self._file, []))
         self._times: dict[str, dict] = _json(self._times_file, {})
         for job in self._jobs:
             if job.state == "running":
-                job.state, job.message, job.ended = "cancelled", "the server was stopped meanwhile", time.time()
+                job.state, job.message, job.ended = "cancelled", _STOPPED, time.time()
         count = workers or available_cores()
         self._threads = [threading.Thread(target=self._work, daemon=True) for _ in range(count)]
         self._share = max(1, available_cores() // count)
@@ -137,6 +138,10 @@ class Jobs:
         with self._lock:
             self._stopped = True
             running = list(self._running.values())
+            for job in self._jobs:
+                if job.state == "running":
+                    job.state, job.message, job.ended = "cancelled", _STOPPED, time.time()
+            self._keep()
             self._wake.notify_all()
         for process in running:
             _interrupt(process)
@@ -157,11 +162,12 @@ class Jobs:
 
     def _next(self) -> Job | None:
         """The first that waits and whose results no running one writes."""
-        busy = {one.out for one in self._jobs if one.state == "running"}
+        busy = {one.out for one in self._jobs if one.state == "running" or one.number in self._running}
         return next((one for one in self._jobs if one.state == "waiting" and one.out not in busy), None)
 
     def _run(self, job: Job) -> None:
-        order = [sys.executable, "-m", "femu_piezo.cli", job.command, job.source, "--out", job.out, *job.arguments]
+        order = [sys.executable, "-P", "-m", "femu_piezo.cli", job.command, "--out", job.out, *job.arguments]
+        order += ["--", job.source]  # -P: a script in the folder is no module of ours;  --: nor is a name an option
         settings = {**os.environ, steps.VARIABLE: "1", "OMP_NUM_THREADS": str(self._share), "PYTHONUTF8": "1"}
         process = subprocess.Popen(
             order,
@@ -206,6 +212,14 @@ class Jobs:
 
     def _keep(self) -> None:
         write_atomically(self._file, json.dumps([asdict(job) for job in self._jobs], indent=1, ensure_ascii=False))
+
+
+def _known(records: object) -> list[Job]:
+    """The jobs of a file; none where they are of another version."""
+    try:
+        return [Job(**record) for record in records]
+    except TypeError:
+        return []
 
 
 def _interrupt(process: subprocess.Popen) -> None:

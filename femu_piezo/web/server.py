@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import secrets
+import socket
 from pathlib import Path
 
 from femu_piezo.errors import InputError
@@ -41,7 +43,10 @@ def serve(folder: Path, host: str, port: int) -> None:
     from femu_piezo.web.pages import register
     from femu_piezo.web.site import Site
 
-    token = None if is_loopback(host) else secrets.token_urlsafe(24)
+    listening = _bound(host, port)
+    lock = _locked(workspace)  # held until the end
+    secret = _secret(workspace.own)
+    token = None if is_loopback(host) else hashlib.sha256(f"token {secret}".encode()).hexdigest()[:32]
     jobs = Jobs(workspace.folder, workspace.own)
     application = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
 
@@ -63,16 +68,46 @@ def serve(folder: Path, host: str, port: int) -> None:
 
     run.process_pool_start_method = "spawn"  # a fork would take the threads' locks along
     register(Site(workspace, jobs))
-    ui.run_with(application, title="femu-piezo", storage_secret=_secret(workspace.own), show_welcome_message=False)
-    shown = f"[{host}]" if ":" in host else host
+    ui.run_with(application, title="femu-piezo", storage_secret=secret, show_welcome_message=False)
+    everywhere = host in ("0.0.0.0", "::")
+    shown = socket.gethostname() if everywhere else f"[{host}]" if ":" in host else host
     address = f"http://{shown}:{port}/" + (f"?token={token}" if token else "")
     print(f"femu-piezo: the page of {workspace.folder} is at {address} (Ctrl-C ends it)", flush=True)
     try:
-        uvicorn.run(Guard(application, token), host=host, port=port, log_level="warning", ws_max_size=2**24)
-    except SystemExit:
-        raise InputError(f"port {port} of {host} cannot be used; give another one, such as --port {port + 1}") from None
+        settings = uvicorn.Config(Guard(application, token), log_level="warning", ws_max_size=2**24)
+        uvicorn.Server(settings).run(sockets=[listening])
+    except KeyboardInterrupt:
+        pass
     finally:
         jobs.stop()
+        lock.close()
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    """A socket at an address; InputError where another program has it."""
+    found = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+    found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        found.bind((host, port))
+        return found
+    except OSError:
+        found.close()
+        raise InputError(f"port {port} of {host} cannot be used; give another one, such as --port {port + 1}") from None
+
+
+def _locked(workspace: Workspace):
+    """The lock of a folder, which one page at a time has; InputError where another has it."""
+    lock = open(workspace.own / "lock", "w")  # noqa: SIM115  held as long as the page runs
+    try:
+        import fcntl
+
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except ImportError:  # Windows has no such locks
+        pass
+    except OSError:
+        lock.close()
+        raise InputError(f"{workspace.folder}: another page shows this folder already; use that one") from None
+    return lock
 
 
 def _policy(path: Path) -> str:

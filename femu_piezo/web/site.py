@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from urllib.parse import quote, urlencode
 
 from nicegui import app, ui
@@ -28,14 +29,16 @@ PAGES = {
 #: Text and grid of charts on a dark page, and what marks the focus of the keyboard.
 _STYLE = """
 .body--dark .js-plotly-plot text { fill: #e0e0e0 !important; }
-.body--dark a { color: #90caf9; }
-body:not(.body--dark) a { color: #0d47a1; }
+.body--dark .nicegui-link { color: #90caf9; }
+body:not(.body--dark) .nicegui-link { color: #0d47a1; }
 header a { color: white !important; }
-.body--dark main .q-btn--flat.text-primary { color: #90caf9 !important; }
+.error { color: #b3261e; }
+.body--dark .error, .body--dark .q-field__messages { color: #ff8a80; }
 :focus-visible { outline: 3px solid #e69f00 !important; outline-offset: 2px; }
 .q-table th, .q-table td { font-variant-numeric: tabular-nums; }
 .answer { border-left: 4px solid #0072b2; padding-left: 0.75rem; }
 """
+_NAME_BUTTON = "document.querySelectorAll('.q-uploader a').forEach(a => a.setAttribute('aria-label', 'choose files'))"
 _PRIMARY = "#0d47a1"
 _DARK = {"auto": None, "light": False, "dark": True}
 _POLL = 0.4
@@ -82,7 +85,8 @@ class Site:
                 button.text = f"theme: {following}"
 
             button = ui.button(f"theme: {wish}", on_click=turn).props("flat color=white no-caps dense")
-        with ui.element("main").classes("w-full max-w-screen-xl mx-auto flex flex-col gap-4 p-2"):
+        ui.add_head_html('<script>document.documentElement.lang = "en"</script>')
+        with ui.element("div").classes("w-full max-w-screen-xl mx-auto flex flex-col gap-4 p-2"):
             ui.label(PAGES[page]).props('role="heading" aria-level="1"').classes("text-2xl font-bold")
             yield
 
@@ -108,7 +112,8 @@ class Site:
                     with ui.row().classes("items-center gap-2 no-wrap"):
                         ui.label(f"{job.command} {job.source}: {job.state}").classes("grow")
                         if job.active:
-                            cancel = ui.button("Cancel", on_click=lambda number=job.number: self.jobs.cancel(number))
+                            cancel = ui.button("Cancel", color=None)
+                            cancel.on_click(lambda number=job.number: self.jobs.cancel(number))
                             cancel.props("flat dense no-caps")
 
         ui.timer(_POLL, tell)
@@ -135,7 +140,7 @@ class Site:
             with ui.row().classes("items-center gap-4 w-full"):
                 start = ui.button(words).props("no-caps")
                 state = ui.label().props('role="status" aria-live="polite"').classes("grow")
-                cancel = ui.button("Cancel").props("flat no-caps")
+                cancel = ui.button("Cancel", color=None).props("flat no-caps")
             bar = ui.linear_progress(show_value=False).props('indeterminate aria-label="at work"')
         seen: dict[str, object] = {}
 
@@ -159,7 +164,7 @@ class Site:
             bar.set_visibility(active)
             if job is not None and not seen.get("said"):
                 state.text = self._words(job)
-                state.classes(replace="grow" + (" text-negative" if job.state == "failed" else ""))
+                state.classes(replace="grow" + (" error" if job.state == "failed" else ""))
             was = seen.get("was")
             now = None if job is None else (job.number, job.state)
             if was is not None and was != now and job is not None and job.state == "done":
@@ -202,6 +207,35 @@ class Site:
             "w-full max-w-md"
         )
 
+    def specimen_field(self, spec: str, page: str, chosen: Mapping[str, str]) -> str:
+        """The choice of a specimen file for a page; the one that is shown, "" where there is none to work with.
+
+        One that is named but not saved yet is told, and nothing else is shown in its place.
+        """
+        names = self.workspace.specimens()
+        spec = spec or (names[0] if names else "")
+        self.choose(names, spec if spec in names else "", "Specimen", page, "spec")
+        if not spec:
+            nothing("No specimen file is in this folder yet: choose a sweep, and describe its specimen there.")
+        elif spec not in names:
+            ui.label(f"{spec} is not saved yet; the commands work with saved files.").props('role="alert"')
+            ui.link("see it, and save it", f"/specimen?{urlencode({**chosen, 'spec': spec})}")
+            return ""
+        return spec
+
+    def age(self, spec: str, result: Path) -> None:
+        """Says where the specimen file or a file that it names is newer than a result."""
+        try:
+            files = [path for one in self.workspace.specimen(spec) for path in one.files]
+            newest, then = max(path.stat().st_mtime for path in files), result.stat().st_mtime
+        except (InputError, OSError, ValueError):
+            return
+        if newest > then:
+            words = (
+                "These are the results of an earlier state: the specimen or its sweep has changed since. Run it again."
+            )
+            ui.label(words).classes("error").props('role="alert"')
+
     def drop(self, words: str, taken: Callable[[list[str]], None]) -> None:
         """A place to drop files on; `taken` gets the names under which they are kept."""
 
@@ -226,13 +260,17 @@ class Site:
             on_upload=keep,
             on_rejected=refuse,
         )
-        upload.props("flat bordered").classes("w-full max-w-md")
+        upload.props("flat bordered").classes("w-full max-w-md").style("min-height: 7rem")
+        button = ui.button("Choose files", color=None, on_click=lambda: upload.run_method("pickFiles"))
+        button.props("no-caps outline")
+        # the field's own button is a bare icon
+        ui.timer(0.5, lambda: ui.run_javascript(_NAME_BUTTON), once=True)
 
 
 def tell_error(label: ui.label, sentence: str) -> None:
     """An error in a label that stands for it."""
     label.text = sentence
-    label.classes(add="text-negative")
+    label.classes(add="error")
 
 
 def nothing(words: str) -> None:

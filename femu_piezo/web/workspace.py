@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +26,7 @@ SWEEPS = (".csv", ".txt", ".dat", ".tsv", ".s1p", ".s2p")
 """Endings of files that may be sweeps."""
 
 _ACCEPTED = (*SWEEPS, ".toml", ".msh", ".inp")
-_DEEPEST = 3
+_DEEPEST, _LONGEST = 3, 1_000_000
 #: Files that a folder lists at most, and that it may hold before uploads are refused.
 _MOST_LISTED, _MOST_FILES = 2000, 20_000
 
@@ -101,21 +103,37 @@ class Workspace:
 
     def results(self, source: str, command: str) -> str:
         """Name of the folder where the results of a command on a file or lot go."""
-        stem = source[: -len(Path(source).suffix)] if Path(source).suffix else source
-        return f"{RESULTS}/{stem}/{command}"
+        return f"{RESULTS}/{source}/{command}"
 
     def specimen(self, name: str) -> list[Specimen]:
         """The specimens of a file, all of whose files lie in the folder; InputError where one does not."""
-        found = read_specimens([self.path(name)])
+        path = self.path(name)
+        self._harmless(path)
+        found = read_specimens([path])
         for specimen in found:
             for path in specimen.files:
                 self._inside(path)
         return found
 
+    def _harmless(self, path: Path) -> None:
+        """Before it is read: no variable of this machine, no study of specimens elsewhere, whose values errors show."""
+        try:
+            text = path.read_bytes()[:_LONGEST].decode("utf-8-sig")
+            members = tomllib.loads(text).get("specimens")
+        except (OSError, ValueError, RecursionError):
+            return  # reading it says what is wrong
+        if "${" in text:
+            raise InputError(f"{path.name}: the page reads no environment variables; write the path without ${{…}}")
+        for member in members if isinstance(members, list) else ():
+            if isinstance(member, str):
+                self._inside(path.parent / os.path.expanduser(member))
+                if (path.parent / member).is_file() and (path.parent / member).resolve() != path.resolve():
+                    self._harmless(path.parent / member)
+
     def _inside(self, path: Path) -> None:
         if not path.resolve().is_relative_to(self.folder):
             raise InputError(
-                f"{path.name}: the specimen file names {path}, which lies outside the folder of this page; copy it "
+                f"{path.name}: this file, which the specimen file names, lies outside the folder of this page; copy it "
                 "into the folder"
             )
 
@@ -135,7 +153,7 @@ class Workspace:
         if sum(1 for _ in self.folder.iterdir()) > _MOST_FILES:
             raise InputError(f"{self.folder.name}: the folder holds more than {_MOST_FILES} files; use another one")
         path, number = self.folder / clean, 1
-        while path.exists() and path.read_bytes() != content:
+        while path.is_dir() or (path.exists() and path.read_bytes() != content):
             number += 1
             path = self.folder / f"{Path(clean).stem}-{number}{Path(clean).suffix}"
         write_atomically(path, content)

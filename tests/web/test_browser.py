@@ -70,7 +70,7 @@ def test_dropped_files_give_the_constants_of_the_command_line(serve, page, tmp_p
     page.wait_for_url("**file=sweep.csv*")
     page.get_by_role("button", name="Find poles and zeros").click()
     page.get_by_text("done in").wait_for()
-    found = json.loads((tmp_path / "results/sweep/extract/extraction.json").read_text())
+    found = json.loads((tmp_path / "results/sweep.csv/extract/extraction.json").read_text())
     poles = cells(page, "poles and zeros")
     assert [row[0] for row in poles] == ["pole", "zero"]
     assert float(poles[0][1].split(" ")[0]) == pytest.approx(found["poles"][0]["frequency_Hz"], rel=1e-7)
@@ -88,7 +88,7 @@ def test_dropped_files_give_the_constants_of_the_command_line(serve, page, tmp_p
         assert [unit, value, tangent, most] == [row[1], row[3], row[4], row[5]]
     assert [row[0] for row in shown] == ["s11", "d31", "eps33T"]
     assert page.locator(".js-plotly-plot").count() >= 2
-    names = {path.name for path in (tmp_path / "results/plate/update").iterdir()}
+    names = {path.name for path in (tmp_path / "results/plate.toml/update").iterdir()}
     assert names == {path.name for path in (tmp_path / "terminal").iterdir()} | {"report.html"}
 
 
@@ -160,8 +160,8 @@ def test_jobs_run_two_at_once_are_cancelled_and_seen_after_a_reload(serve, page,
     page.get_by_text("diagnose plate.toml: cancelled").wait_for()
     page.keyboard.press("Escape")
     page.get_by_text("done in").wait_for()
-    assert (tmp_path / "results/plate/update/update.json").exists()
-    assert not (tmp_path / "results/plate/diagnose").exists()
+    assert (tmp_path / "results/plate.toml/update/update.json").exists()
+    assert not (tmp_path / "results/plate.toml/diagnose").exists()
     open_page(page, server, "diagnosis?spec=plate.toml")
     page.get_by_text("cancelled").first.wait_for()
 
@@ -182,11 +182,41 @@ def test_points_are_masked_by_dragging(serve, page, tmp_path: Path) -> None:
     assert 4e3 < low < high < 2e4
     page.get_by_role("button", name="Find poles and zeros").click()
     page.get_by_text("done in").wait_for()
-    found = json.loads((tmp_path / "results/sweep/extract/extraction.json").read_text())
+    found = json.loads((tmp_path / "results/sweep.csv/extract/extraction.json").read_text())
     assert 350 < found["points"] < 480
     page.get_by_role("button", name="Write into plate.toml").click()
     page.get_by_text("not saved yet").wait_for()
     assert "mask = [[" in page.locator(".cm-content").inner_text()
+
+
+def test_another_shape_leaves_no_dimension_of_the_former(serve, page, tmp_path: Path) -> None:
+    tutorial("k31_plate", tmp_path)
+    server = serve()
+    open_page(page, server, "specimen?spec=plate.toml")
+    page.get_by_label("shape", exact=True).click()
+    page.get_by_role("option", name="disk").click()
+    diameter = page.get_by_label("diameter", exact=True)
+    diameter.fill("10 mm")
+    diameter.press("Tab")
+    page.get_by_text("not saved yet").wait_for()
+    assert "length" not in page.locator(".cm-content").inner_text()
+    open_page(page, server, "specimen?spec=new.toml")
+    open_page(page, server, "update?spec=new.toml")
+    page.get_by_text("new.toml is not saved yet").wait_for()  # and nothing else in its place
+    assert page.get_by_role("button", name="Update the constants").count() == 0
+
+
+def test_results_of_an_earlier_state_are_told(serve, page, tmp_path: Path) -> None:
+    tutorial("k31_plate", tmp_path)
+    server = serve()
+    open_page(page, server, "update?spec=plate.toml")
+    page.get_by_role("button", name="Update the constants").click()
+    page.get_by_text("done in").wait_for()
+    page.locator('[aria-label="constants"]').wait_for()
+    assert page.get_by_text("earlier state").count() == 0
+    (tmp_path / "plate.toml").write_text((tmp_path / "plate.toml").read_text().replace("40 mm", "39.9 mm"))
+    page.reload()
+    page.get_by_text("earlier state").wait_for()
 
 
 def test_the_pages_are_used_by_keyboard_and_fit_a_narrow_window(serve, page, tmp_path: Path) -> None:

@@ -64,10 +64,51 @@ def test_saving_writes_what_is_right_alone(workspace: Workspace) -> None:
     assert sorted(path.name for path in workspace.folder.iterdir()) == [".femu-piezo", "plate.toml"]
 
 
-def test_a_file_changed_elsewhere_ends_the_draft(workspace: Workspace) -> None:
-    Draft(workspace, "plate.toml", "me").put("geometry", "length", "39.9 mm")
+def test_a_file_changed_elsewhere_is_shown_and_edits_are_a_step_away(workspace: Workspace) -> None:
+    draft = Draft(workspace, "plate.toml", "me")
+    draft.put("geometry", "length", "39.9 mm")
     (workspace.folder / "plate.toml").write_text(TEXT.replace("5 mm", "6 mm"))
-    assert "6 mm" in Draft(workspace, "plate.toml", "me").text
+    with pytest.raises(InputError, match="changed elsewhere"):
+        draft.save()
+    assert "6 mm" in (workspace.folder / "plate.toml").read_text()
+    again = Draft(workspace, "plate.toml", "me")
+    assert again.text == draft.text and "6 mm" in again.text and not again.changed
+    again.undo()
+    assert "39.9 mm" in again.text and again.changed
+
+
+def test_two_windows_share_their_edits(workspace: Workspace) -> None:
+    one, other = (Draft(workspace, "plate.toml", "me") for _ in range(2))
+    one.put("geometry", "length", "39.9 mm")
+    other.put("geometry", "length", "39.8 mm")
+    other.undo()
+    assert "39.9 mm" in other.text
+
+
+def test_what_is_typed_at_one_go_is_one_step(workspace: Workspace) -> None:
+    draft = Draft(workspace, "plate.toml", "me")
+    for end in range(1, 6):
+        draft.set(TEXT + "# typed"[:end], typed=True)
+    draft.put("geometry", "length", "39.9 mm")
+    draft.undo()
+    assert draft.text == TEXT + "# typ"
+    draft.undo()
+    assert draft.text == TEXT
+
+
+@pytest.mark.parametrize("value", [[["61 kHz"]], [["61 kHz", "62 kHz", "63 kHz"]], [7], "61 kHz", [[]], {"a": 1}])
+def test_any_value_of_a_key_is_answered_by_a_sentence(workspace: Workspace, value) -> None:
+    draft = Draft(workspace, "plate.toml", "me")
+    draft.put("measurement", "mask", value)
+    assert "measurement.mask" in draft.problem()
+
+
+@pytest.mark.parametrize("text", ["geometry = 3", "[[geometry]]"])
+def test_a_key_of_what_is_no_table_is_told(workspace: Workspace, text: str) -> None:
+    draft = Draft(workspace, "plate.toml", "me")
+    draft.set(text)
+    with pytest.raises(InputError, match="geometry is not a table"):
+        draft.put("geometry", "length", "1 mm")
 
 
 def test_text_that_is_no_toml_is_told(workspace: Workspace) -> None:

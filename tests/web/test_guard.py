@@ -95,6 +95,37 @@ def test_others_need_the_token_that_the_terminal_shows(serve) -> None:
     assert ask(server.port, "/sweep", {"Cookie": cookie})[0] == 200
     assert ask(server.port, "/sweep", {"Cookie": cookie, "Origin": "http://evil.example"})[0] == 403
     assert ask(server.port, f"//evil.example?token={token}")[1]["location"] == "/evil.example"
+    server.stop()
+    assert serve("--host", "0.0.0.0").address.partition("token=")[2] == token  # those who know it stay known
+
+
+def test_a_folder_has_one_page(serve, tmp_path: Path) -> None:
+    serve()
+    order = [sys.executable, "-m", "femu_piezo.cli", "serve", str(tmp_path), "--port", str(_free_port())]
+    run = subprocess.run(order, capture_output=True, text=True, timeout=60)
+    assert run.returncode == 2 and "another page shows this folder already" in run.stderr
+
+
+def test_a_body_without_length_is_not_read_to_its_end(serve) -> None:
+    server = serve()
+    with socket.create_connection(("127.0.0.1", server.port), timeout=20) as stream:
+        head = f"POST /sweep HTTP/1.1\r\nHost: 127.0.0.1:{server.port}\r\nTransfer-Encoding: chunked\r\n\r\n"
+        stream.sendall(head.encode())
+        piece = b"%x\r\n" % 2**20 + bytes(2**20) + b"\r\n"
+        try:
+            for _ in range(100):
+                stream.sendall(piece)
+            answered = stream.recv(100)
+        except (ConnectionError, TimeoutError):
+            answered = b""
+    assert not answered.startswith(b"HTTP/1.1 200")
+    assert ask(server.port, "/sweep")[0] == 200
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
 
 def test_wrong_folders_and_ports_are_one_sentence(tmp_path: Path, serve) -> None:

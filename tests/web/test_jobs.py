@@ -45,7 +45,7 @@ def wait(until: Callable[[], bool], seconds: float = 90.0) -> None:
 
 def test_a_command_runs_as_in_a_terminal_and_tells_its_steps(folder: Path, start) -> None:
     jobs, seen = start(), set()
-    job = jobs.ask("update", "plate.toml", "results/plate/update")
+    job = jobs.ask("update", "plate.toml", "results/plate.toml/update")
 
     def ended() -> bool:
         seen.add(job.step)
@@ -54,30 +54,32 @@ def test_a_command_runs_as_in_a_terminal_and_tells_its_steps(folder: Path, start
     wait(ended)
     assert job.state == "done" and job.message == "" and job.seconds > 0.5
     assert "fit" in seen or "reduce" in seen or len(seen) > 2
-    assert json.loads((folder / "results/plate/update/update.json").read_text())["parameters"]["s11"]["value"] > 1e-11
+    assert (
+        json.loads((folder / "results/plate.toml/update/update.json").read_text())["parameters"]["s11"]["value"] > 1e-11
+    )
     again = Job(99, "update", "plate.toml", "x", began=time.time(), state="running")
     assert 0 < jobs.left(again) < 2 * job.seconds  # the next one knows how long it takes
 
 
 def test_errors_are_the_sentence_of_the_terminal(start) -> None:
     jobs = start()
-    job = jobs.ask("extract", "broken.csv", "results/broken/extract")
+    job = jobs.ask("extract", "broken.csv", "results/broken.csv/extract")
     wait(lambda: not job.active)
     assert job.state == "failed" and job.message.startswith("broken.csv") and "column" in job.message
 
 
 def test_jobs_wait_are_cancelled_and_are_not_asked_twice(folder: Path, start) -> None:
     jobs = start(workers=1)
-    first = jobs.ask("diagnose", "plate.toml", "results/plate/diagnose")
-    second = jobs.ask("extract", "sweep.csv", "results/sweep/extract")
-    assert jobs.ask("diagnose", "plate.toml", "results/plate/diagnose") is first
+    first = jobs.ask("diagnose", "plate.toml", "results/plate.toml/diagnose")
+    second = jobs.ask("extract", "sweep.csv", "results/sweep.csv/extract")
+    assert jobs.ask("diagnose", "plate.toml", "results/plate.toml/diagnose") is first
     wait(lambda: first.state == "running" and first.step != "")
     assert second.state == "waiting"
     jobs.cancel(first.number)
     assert first.state == "cancelled"
     wait(lambda: not second.active)
     assert second.state == "done"
-    assert not (folder / "results/plate/diagnose").exists()  # an interrupted command leaves nothing half-written
+    assert not (folder / "results/plate.toml/diagnose").exists()  # an interrupted command leaves nothing half-written
 
 
 def test_two_run_at_once(start) -> None:
@@ -90,8 +92,8 @@ def test_two_run_at_once(start) -> None:
 
 def test_what_waited_is_run_after_a_restart(folder: Path, start) -> None:
     jobs = start(workers=1)
-    jobs.ask("diagnose", "plate.toml", "results/plate/diagnose")
-    jobs.ask("extract", "sweep.csv", "results/sweep/extract")
+    jobs.ask("diagnose", "plate.toml", "results/plate.toml/diagnose")
+    jobs.ask("extract", "sweep.csv", "results/sweep.csv/extract")
     wait(lambda: jobs.latest("diagnose", "plate.toml").state == "running")
     record = (folder / ".femu-piezo/jobs.json").read_text()
     jobs.stop()
@@ -101,4 +103,18 @@ def test_what_waited_is_run_after_a_restart(folder: Path, start) -> None:
     assert "stopped" in after.latest("diagnose", "plate.toml").message
     wait(lambda: after.latest("extract", "sweep.csv").state == "done")
     (folder / ".femu-piezo/jobs.json").write_text("{ damaged")
+    assert start().all() == []
+
+
+def test_a_script_in_the_folder_is_no_module_and_a_name_no_option(folder: Path, start) -> None:
+    (folder / "numbers.py").write_text("raise SystemExit('run')")
+    (folder / "-x.csv").write_bytes((folder / "sweep.csv").read_bytes())
+    jobs = start()
+    job = jobs.ask("extract", "-x.csv", "results/-x.csv/extract")
+    wait(lambda: not job.active)
+    assert (job.state, job.message) == ("done", "")
+
+
+def test_jobs_of_another_version_are_forgotten(folder: Path, start) -> None:
+    (folder / ".femu-piezo/jobs.json").write_text('[{"number": 1, "colour": "red"}]')
     assert start().all() == []

@@ -28,12 +28,9 @@ def register(site: Site) -> None:
 
     @ui.page("/diagnosis")
     def page(spec: str = "", file: str = "") -> None:
-        names = site.workspace.specimens()
-        spec = spec if spec in names else (names[0] if names else "")
         with site.frame("diagnosis", {"spec": spec, "file": file}):
-            site.choose(names, spec, "Specimen", "diagnosis", "spec")
+            spec = site.specimen_field(spec, "diagnosis", {"file": file})
             if not spec:
-                nothing("No specimen file is in this folder yet: choose a sweep, and describe its specimen there.")
                 return
             _Diagnosis(site, spec).build()
 
@@ -65,6 +62,7 @@ class _Diagnosis:
             if found is None:
                 nothing("This specimen was not diagnosed yet.")
                 return
+            self._site.age(self._name, self._folder / "diagnosis.json")
             answers = found.get("answers") or {}
             ui.label(answers.get("headline", found["verdict"])).classes("text-xl font-bold")
             with ui.element("div").classes("w-full grid grid-cols-1 lg:grid-cols-2 gap-4"):

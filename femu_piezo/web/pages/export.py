@@ -19,12 +19,9 @@ def register(site: Site) -> None:
 
     @ui.page("/export")
     def page(spec: str = "", file: str = "") -> None:
-        names = site.workspace.specimens()
-        spec = spec if spec in names else (names[0] if names else "")
         with site.frame("export", {"spec": spec, "file": file}):
-            site.choose(names, spec, "Specimen", "export", "spec")
+            spec = site.specimen_field(spec, "export", {"file": file})
             if not spec:
-                nothing("No specimen file is in this folder yet: choose a sweep, and describe its specimen there.")
                 return
             _material(site, spec)
             for command, words in (("datasheet", "Make a data sheet"), ("circuit", "Make an equivalent circuit")):
@@ -39,6 +36,7 @@ def _material(site: Site, spec: str) -> None:
         if results.record(record) is None:
             nothing("There are no updated constants of this specimen yet: update it first.")
             return
+        site.age(spec, record)
         program = ui.select(list(_PROGRAMS), value="comsol", label="Program").props("outlined").classes("w-64")
         text = (
             ui.codemirror("", theme="githubLight", line_wrapping=True)

@@ -15,12 +15,9 @@ def register(site: Site) -> None:
 
     @ui.page("/modes")
     def page(spec: str = "", file: str = "") -> None:
-        names = site.workspace.specimens()
-        spec = spec if spec in names else (names[0] if names else "")
         with site.frame("modes", {"spec": spec, "file": file}):
-            site.choose(names, spec, "Specimen", "modes", "spec")
+            spec = site.specimen_field(spec, "modes", {"file": file})
             if not spec:
-                nothing("No specimen file is in this folder yet: choose a sweep, and describe its specimen there.")
                 return
             unsaved(site, spec)
             folder = site.workspace.path(site.workspace.results(spec, "modes"))
@@ -32,6 +29,7 @@ def register(site: Site) -> None:
                     if found is None:
                         nothing("The modes of this specimen were not computed yet.")
                         return
+                    site.age(spec, folder / "modes.json")
                     scene = folder / "modes.html"
                     if scene.exists():
                         framed(site.address(site.workspace.name(scene)), "mode shapes, to be turned and animated")

@@ -71,7 +71,7 @@ def register(site: Site) -> None:
             try:
                 _Form(site, spec, site.draft(spec)).build()
             except InputError as error:
-                ui.label(str(error)).classes("text-negative").props('role="alert"')
+                ui.label(str(error)).classes("error").props('role="alert"')
 
 
 class _Form:
@@ -80,11 +80,17 @@ class _Form:
     def __init__(self, site: Site, name: str, draft: Draft) -> None:
         self._site, self._name, self._draft = site, name, draft
         self._fields: dict[str, Any] = {}
+        self._shape: str | None = None
+        self._following = False
 
     def build(self) -> None:
         with ui.row().classes("gap-2 items-center"):
-            self._undo = ui.button("Undo", on_click=lambda: self._step(self._draft.undo)).props("flat no-caps")
-            self._redo = ui.button("Redo", on_click=lambda: self._step(self._draft.redo)).props("flat no-caps")
+            self._undo = ui.button("Undo", color=None, on_click=lambda: self._step(self._draft.undo)).props(
+                "flat no-caps"
+            )
+            self._redo = ui.button("Redo", color=None, on_click=lambda: self._step(self._draft.redo)).props(
+                "flat no-caps"
+            )
             self._save = ui.button("Save", on_click=self._write).props("no-caps")
             self._state = ui.label().props('role="status" aria-live="polite"')
             query = urlencode({"spec": self._name})
@@ -154,16 +160,19 @@ class _Form:
             field = ui.select(
                 options, value=chosen, multiple=True, label="free constants", on_change=self._putter(table, key)
             )
-            field.props("outlined dense use-chips")
+            field.props("outlined dense use-chips hide-bottom-space")
         elif options is not None:
             known = options if value is None or value in options else [*options, value]
             field = ui.select(known, value=value, label=label, clearable=True, on_change=self._putter(table, key))
-            field.props("outlined dense")
+            field.props("outlined dense hide-bottom-space")
         else:
             example = max((one for one in _EXAMPLES if key.startswith(one)), key=len, default="")
-            field = ui.input(label, value=shown(value), placeholder=_EXAMPLES.get(example, ""))
-            field.props("outlined dense stack-label")
-            field.on("change", lambda _, field=field: self._put(table, key, parsed(field.value or "")))
+            field = ui.input(
+                label, value=shown(value), placeholder=_EXAMPLES.get(example) and f"such as {_EXAMPLES[example]}"
+            )
+            field.props("outlined dense stack-label hide-bottom-space")
+            words = key == "name" or str in (kind, *get_args(kind))
+            field.on("change", lambda _, field=field: self._put(table, key, _read(field.value or "", words)))
         self._fields[where] = field
         return field
 
@@ -183,25 +192,57 @@ class _Form:
         return lambda event: self._put(table, key, event.value or None)
 
     def _put(self, table: str, key: str, value: Any) -> None:
+        if self._following:
+            return
         try:
             self._draft.put(table, key, value)
         except InputError as error:
             ui.notify(str(error), type="negative", close_button=True, timeout=0)
             return
+        if key == "shape":
+            self._drop_what_has_no_place(value)
         self._editor.value = self._draft.text
         if key == "shape":
             self._rebuild()
         else:
             self._tell()
 
+    def _drop_what_has_no_place(self, shape: str | None) -> None:
+        """Take dimensions of the former shape out, which the new one does not have."""
+        for key in list(self._draft.tables().get("geometry", {})):
+            if shape in DIMENSIONS and key in Geometry.model_fields and not belongs_to(shape, key):
+                self._draft.put("geometry", key, None)
+
     def _typed(self, event) -> None:
         """The text was changed by hand: the form follows."""
-        if event.value != self._draft.text:
-            self._draft.set(event.value)
-            if self._draft.tables():
-                self._rebuild()
+        if event.value == self._draft.text:
+            return
+        self._draft.set(event.value, typed=True)
+        tables = self._draft.tables()
+        if tables and tables.get("geometry", {}) and tables["geometry"].get("shape") != self._shape:
+            self._rebuild()
+        elif tables:
+            self._follow(tables)
+            self._tell()
+        else:
+            self._tell()
+
+    def _follow(self, tables: dict[str, Any]) -> None:
+        """The fields show what the text says, without being edits themselves."""
+        self._following = True
+        for where, field in self._fields.items():
+            table, _, key = where.rpartition(".")
+            place = tables.get(table, {}) if table else tables
+            value = place.get(key) if isinstance(place, dict) else None
+            if isinstance(field, ui.switch):
+                field.value = value is True
+            elif isinstance(field, ui.select):
+                multiple = key == "free"
+                known = [one for one in value or () if one in field.options] if multiple else value
+                field.value = known if multiple or value in field.options else None
             else:
-                self._tell()
+                field.value = shown(value)
+        self._following = False
 
     def _step(self, move) -> None:
         move()
@@ -224,7 +265,7 @@ class _Form:
         self._redo.set_enabled(self._draft.can_redo)
         self._save.set_enabled(self._draft.changed and not problem)
         self._state.text = problem or ("not saved yet" if self._draft.changed else "saved")
-        self._state.classes(replace="text-negative" if problem else "")
+        self._state.classes(replace="error" if problem else "")
         for where, field in self._fields.items():
             concerned = re.search(rf"(?<![\w.]){re.escape(where)}\b", problem) is not None
             field.props(remove="error error-message")
@@ -237,3 +278,9 @@ class _Form:
             self._picture.content = drawing(Geometry.model_validate({k: v for k, v in tables.items() if k != "file"}))
         except (InputError, AttributeError, TypeError, ZeroDivisionError):
             self._picture.content = "<p>A drawing follows as soon as shape and dimensions are given.</p>"
+
+
+def _read(text: str, words: bool) -> Any:
+    """What a field holds: words as they stand where the key takes words alone, or a list of numbers."""
+    found = parsed(text)
+    return text.strip() if words and found is not None and not isinstance(found, list) else found

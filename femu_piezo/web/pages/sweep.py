@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from urllib.parse import urlencode
 
@@ -13,8 +14,8 @@ from femu_piezo.web import charts, results
 from femu_piezo.web.pages.common import figure_rows, report_links
 from femu_piezo.web.site import Site, nothing, table
 
-_TEMPLATE = """# What is known of the piece: check every line.
-name = "{name}"
+_TEMPLATE = """# What is known of the piece. Dimensions and material stand for yours: check every line.
+name = {name}
 
 [geometry]
 shape = "plate"
@@ -27,7 +28,7 @@ poling = "thickness"
 base = "pzt-5h"
 
 [measurement]
-file = "{file}"
+file = {file}
 """
 
 
@@ -77,7 +78,7 @@ class _Sweep:
             return
         problem = await self._load(self._chosen)
         if problem:
-            ui.label(problem).classes("text-negative").props('role="alert"')
+            ui.label(problem).classes("error").props('role="alert"')
             return
         self._mask = [tuple(band) for band in app.storage.user.get("masks", {}).get(self._chosen, [])]
         with ui.row().classes("items-center gap-4"):
@@ -113,6 +114,7 @@ class _Sweep:
                     owners.append(name)
             except InputError:
                 continue
+        self._spec = self._spec or (owners[0] if owners else "")
         for name in owners[:4]:
             query = urlencode({"spec": name})
             with ui.row().classes("gap-3"):
@@ -124,11 +126,13 @@ class _Sweep:
             workspace = self._site.workspace
             stem = Path(self._chosen).stem
             name = workspace.free_name(self._chosen.removesuffix(Path(self._chosen).suffix) + ".toml")
-            text = _TEMPLATE.format(name=stem, file=Path(self._chosen).name)
-            self._site.draft(name).set(text)
+            draft = self._site.draft(name)
+            if not draft.text:
+                draft.set(_TEMPLATE.format(name=json.dumps(stem), file=json.dumps(Path(self._chosen).name)))
             ui.navigate.to(f"/specimen?{urlencode({'spec': name})}")
 
-        ui.button("Describe its specimen", on_click=describe).props("no-caps" + (" flat" if owners else ""))
+        button = ui.button("Describe its specimen", color=None if owners else "primary", on_click=describe)
+        button.props("no-caps" + (" outline" if owners else ""))
 
     async def _load(self, name: str) -> str:
         """Read a sweep in a process of its own; the sentence of its error."""
@@ -184,7 +188,7 @@ class _Sweep:
         span = ((event.args or {}).get("range") or {}).get("x")
         if not self._masking or self._view == charts.VIEWS[2] or not span:
             return
-        low, high = (1e3 * (10**value if self._logarithmic else value) for value in sorted(span))
+        low, high = (1e3 * value for value in sorted(span))  # kHz, on a logarithmic axis too
         frequency = self._read[self._chosen][0][0]
         inside = (frequency >= low) & (frequency <= high)
         if np.any(inside):
@@ -209,7 +213,7 @@ class _Sweep:
                 chip = ui.chip(words, removable=True, color="grey-4", text_color="black")
                 chip.on("remove", lambda _, number=number: drop(number))
             if self._mask and self._spec:
-                ui.button(f"Write into {self._spec}", on_click=self._write_mask).props("flat no-caps")
+                ui.button(f"Write into {self._spec}", color=None, on_click=self._write_mask).props("flat no-caps")
 
     def _write_mask(self) -> None:
         """Into the draft of the specimen, not yet into its file."""

@@ -9,6 +9,7 @@ import numpy as np
 from nicegui import run, ui
 
 from femu_piezo.errors import InputError
+from femu_piezo.output.results.result import suffixes
 from femu_piezo.specimen.file import CONSTANTS, Specimen
 from femu_piezo.web import charts, results
 from femu_piezo.web.pages.common import figure_rows, framed, notes, report_links
@@ -20,12 +21,9 @@ def register(site: Site) -> None:
 
     @ui.page("/update")
     def page(spec: str = "", file: str = "") -> None:
-        names = site.workspace.specimens()
-        spec = spec if spec in names else (names[0] if names else "")
         with site.frame("update", {"spec": spec, "file": file}):
-            site.choose(names, spec, "Specimen", "update", "spec")
+            spec = site.specimen_field(spec, "update", {"file": file})
             if not spec:
-                nothing("No specimen file is in this folder yet: choose a sweep, and describe its specimen there.")
                 return
             _Update(site, spec).build()
 
@@ -62,6 +60,7 @@ class _Update:
             if found is None:
                 nothing("The constants of this specimen were not updated yet.")
                 return
+            self._site.age(self._name, self._folder / "update.json")
             headings = ("constant", "unit", "updated", "loss tangent", "± mostly from")
             table(headings, results.constant_rows(found["parameters"]), "constants")
             notes(found["notes"])
@@ -81,28 +80,30 @@ class _Update:
                     for one in figures:
                         headings = ("figure", "by standard", "finite elements", "meaning")
                         table(headings, figure_rows(one, model=True), "standard figures")
-            if (self._folder / "sensitivity.png").exists():
+            pictures = sorted(self._folder.glob("sensitivity*.png"))
+            if pictures:
                 with ui.expansion("Sensitivity").classes("w-full border rounded"):
-                    address = self._site.address(self._site.workspace.name(self._folder / "sensitivity.png"))
-                    ui.image(address).props('alt="sensitivity of the sweep to each constant"').classes("max-w-3xl")
+                    for path in pictures:
+                        image = ui.image(self._site.address(self._site.workspace.name(path)))
+                        image.props('alt="sensitivity of the sweep to each constant"').classes("max-w-3xl")
             if (self._folder / "report.html").exists():
                 with ui.expansion("Report").classes("w-full border rounded"):
                     framed(self._site.address(self._site.workspace.name(self._folder / "report.html")), "report")
             report_links(self._site, self._folder)
 
     async def _draw(self) -> None:
-        """Measured curve beside the updated one, and what is left."""
-        updated = results.curve(self._folder / "updated.csv")
-        path = _sweep_file(self._site, self._name)
-        if updated is None or path is None:
-            return
-        found = await run.cpu_bound(results.sweep, path)
-        if isinstance(found, str):
-            return
-        measured = found[0]
+        """Measured curves beside the updated ones, and what is left."""
+        files = _sweep_files(self._site, self._name)
+        for suffix, path in zip(suffixes(len(files)), files, strict=True):
+            updated = results.curve(self._folder / f"updated{suffix}.csv")
+            found = None if updated is None or path is None else await run.cpu_bound(results.sweep, path)
+            if found is not None and not isinstance(found, str):
+                self._compare(path.name if suffix else "measured", found[0], updated)
+
+    def _compare(self, name: str, measured: charts.Curve, updated: charts.Curve) -> None:
         with self._curves:
-            curves = {"measured": measured, "updated": updated}
-            figure = charts.impedance_chart(curves, charts.VIEWS[0], measured="measured")
+            curves = {name: measured, "updated": updated}
+            figure = charts.impedance_chart(curves, charts.VIEWS[0], measured=name)
             ui.plotly(figure).classes("w-full").props('role="img" aria-label="measured and updated impedance"')
             here = np.isin(measured[0], updated[0])
             if np.count_nonzero(here) == updated[0].size:
@@ -123,12 +124,16 @@ class _Update:
         known = results.record(folder / "identifiability.json") or {}
         tell, expected = known.get("constants", {}), known.get("expected", {})
         try:
-            specimen = self._site.workspace.specimen(self._name)[0]
+            several = self._site.workspace.specimen(self._name)
         except InputError as error:
             with self._table:
-                ui.label(str(error)).classes("text-negative").props('role="alert"')
+                ui.label(str(error)).classes("error").props('role="alert"')
             return
-        free = self._draft_free(specimen)
+        if len(several) > 1:
+            with self._table:
+                nothing("Which constants are free is said in the first specimen file of a study.")
+            return
+        free = self._draft_free(several[0])
         with self._table, ui.element("div").classes("w-full grid grid-cols-1 sm:grid-cols-2 gap-x-6"):
             for name in CONSTANTS:
                 one = tell.get(name)
@@ -177,13 +182,14 @@ def unsaved(site: Site, name: str) -> None:
                 return
             row.delete()
 
-        ui.button("Save them", on_click=save).props("flat no-caps")
+        ui.button("Save them", color=None, on_click=save).props("flat no-caps")
         ui.link("see them", f"/specimen?{urlencode({'spec': name})}")
 
 
-def _sweep_file(site: Site, name: str) -> Path | None:
+def _sweep_files(site: Site, name: str) -> list[Path | None]:
+    """The file of every sweep of the specimens of a file."""
     try:
-        specimen = site.workspace.specimen(name)[0]
+        every = [own for one in site.workspace.specimen(name) for own in one.of_each_sweep]
     except InputError:
-        return None
-    return None if specimen.measurement is None else specimen.measurement.file
+        return []
+    return [None if one.measurement is None else one.measurement.file for one in every]
