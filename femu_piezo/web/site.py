@@ -35,6 +35,10 @@ header a { color: white !important; }
 .error { color: #b3261e; }
 .body--dark .error, .body--dark .q-field__messages { color: #ff8a80; }
 :focus-visible { outline: 3px solid #e69f00 !important; outline-offset: 2px; }
+@layer theme {
+  .body--dark .text-negative { color: #ff8a80 !important; }
+  .body--dark .q-field .text-primary { color: #90caf9 !important; }
+}
 .q-table th, .q-table td { font-variant-numeric: tabular-nums; }
 .answer { border-left: 4px solid #0072b2; padding-left: 0.75rem; }
 """

@@ -31,6 +31,11 @@ _DEEPEST, _LONGEST = 3, 1_000_000
 _MOST_LISTED, _MOST_FILES = 2000, 20_000
 
 
+def lot_of(name: str) -> str:
+    """The folder of a specimen file, both by their names."""
+    return name.rpartition("/")[0] or "."
+
+
 @dataclass(frozen=True)
 class Workspace:
     """A folder as the page sees it. Files are named by their path relative to it, with slashes.
@@ -98,12 +103,13 @@ class Workspace:
         return list(self._files(SWEEPS))
 
     def lots(self) -> list[str]:
-        """Folders below that hold specimens."""
-        return sorted({name.rpartition("/")[0] for name in self.specimens() if "/" in name})
+        """Folders that hold specimens; "." is this one, where it holds several."""
+        folders = [lot_of(name) for name in self.specimens()]
+        return sorted({one for one in folders if one != "." or folders.count(".") > 1})
 
     def results(self, source: str, command: str) -> str:
         """Name of the folder where the results of a command on a file or lot go."""
-        return f"{RESULTS}/{source}/{command}"
+        return f"{RESULTS}/{command if source == '.' else f'{source}/{command}'}"
 
     def specimen(self, name: str) -> list[Specimen]:
         """The specimens of a file, all of whose files lie in the folder; InputError where one does not."""

@@ -155,7 +155,7 @@ def test_jobs_run_two_at_once_are_cancelled_and_seen_after_a_reload(serve, page,
     open_page(page, server, "update?spec=plate.toml")
     page.get_by_role("button", name="Update the constants").click()
     page.get_by_role("button", name=re.compile("jobs: 2 at work")).click()
-    assert page.get_by_role("button", name="Cancel").count() == 3  # two in the list, one on the page
+    page.get_by_text(re.compile("update plate.toml: (running|waiting)")).wait_for()
     page.get_by_text("diagnose plate.toml: running").locator("..").get_by_role("button", name="Cancel").click()
     page.get_by_text("diagnose plate.toml: cancelled").wait_for()
     page.keyboard.press("Escape")
@@ -166,6 +166,7 @@ def test_jobs_run_two_at_once_are_cancelled_and_seen_after_a_reload(serve, page,
     page.get_by_text("cancelled").first.wait_for()
 
 
+@pytest.mark.slow
 def test_points_are_masked_by_dragging(serve, page, tmp_path: Path) -> None:
     tutorial("k31_plate", tmp_path)
     open_page(page, serve(), "sweep?file=sweep.csv&spec=plate.toml")
@@ -206,6 +207,7 @@ def test_another_shape_leaves_no_dimension_of_the_former(serve, page, tmp_path: 
     assert page.get_by_role("button", name="Update the constants").count() == 0
 
 
+@pytest.mark.slow
 def test_results_of_an_earlier_state_are_told(serve, page, tmp_path: Path) -> None:
     tutorial("k31_plate", tmp_path)
     server = serve()
@@ -219,6 +221,23 @@ def test_results_of_an_earlier_state_are_told(serve, page, tmp_path: Path) -> No
     page.get_by_text("earlier state").wait_for()
 
 
+@pytest.mark.slow
+def test_a_lot_is_computed_charted_and_leads_to_its_pieces(serve, page, tmp_path: Path) -> None:
+    """The folder itself is the lot: two specimens of one sweep."""
+    tutorial("k31_plate", tmp_path)
+    (tmp_path / "second.toml").write_text((tmp_path / "plate.toml").read_text().replace("of the paper", "two"))
+    server = serve()
+    open_page(page, server, "lot")
+    page.get_by_role("button", name="Update every specimen").click()
+    page.get_by_text("done in").wait_for()
+    rows = cells(page, "specimens of the lot")
+    assert [row[2] for row in rows] == ["ok", "ok"] and rows[0][3] == rows[1][3] == "15.8396"
+    page.locator('[aria-label="control chart"] .js-plotly-plot, [aria-label="control chart"]').first.wait_for()
+    page.get_by_role("link", name="k31 plate two").click()
+    page.wait_for_url("**spec=second.toml*")
+
+
+@pytest.mark.slow
 def test_the_pages_are_used_by_keyboard_and_fit_a_narrow_window(serve, page, tmp_path: Path) -> None:
     tutorial("k31_plate", tmp_path)
     server = serve()

@@ -93,6 +93,8 @@ def test_lists_leave_out_results_and_hidden_files(workspace: Workspace) -> None:
     assert workspace.specimens() == ["a.toml", "lot/b.toml"]
     assert workspace.sweeps() == ["lot/b.csv"]
     assert workspace.lots() == ["lot"]
+    (workspace.folder / "c.toml").write_text("")
+    assert workspace.lots() == [".", "lot"] and workspace.results(".", "batch") == "results/batch"
     assert workspace.results("lot/b.toml", "update") == "results/lot/b.toml/update"
     assert workspace.free_name("a.toml") == "a-2.toml"
 

@@ -1,4 +1,4 @@
-"""Export: the material for another program, a data sheet, an equivalent circuit."""
+"""Export: the material for another program, a data sheet, an equivalent circuit, a simulated sweep."""
 
 from __future__ import annotations
 
@@ -11,6 +11,11 @@ from femu_piezo.web import results
 from femu_piezo.web.pages.common import report_links
 from femu_piezo.web.site import Site, nothing
 
+_COMMANDS = {
+    "datasheet": "Make a data sheet",
+    "circuit": "Make an equivalent circuit",
+    "simulate": "Simulate a sweep of the specimen as described",
+}
 _PROGRAMS = ("comsol", "ansys", "abaqus", "opencfs", "sfepy", "json")
 
 
@@ -24,7 +29,7 @@ def register(site: Site) -> None:
             if not spec:
                 return
             _material(site, spec)
-            for command, words in (("datasheet", "Make a data sheet"), ("circuit", "Make an equivalent circuit")):
+            for command, words in _COMMANDS.items():
                 _command(site, spec, command, words)
 
 

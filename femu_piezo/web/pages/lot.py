@@ -12,8 +12,10 @@ from femu_piezo.output.curves import PRINTED
 from femu_piezo.web import charts, results
 from femu_piezo.web.pages.common import report_links
 from femu_piezo.web.site import Site, nothing, table
+from femu_piezo.web.workspace import lot_of
 
 _MOST = 10_000
+_LINK = '<q-td :props="props"><a class="nicegui-link" :href="props.row.piece">{{ props.value }}</a></q-td>'
 
 
 def register(site: Site) -> None:
@@ -53,7 +55,7 @@ class _Lot:
 
     def _check(self) -> None:
         for name in self._site.workspace.specimens():
-            if name.rpartition("/")[0] == self._name:
+            if lot_of(name) == self._name:
                 try:
                     self._site.workspace.specimen(name)
                 except InputError as error:
@@ -86,15 +88,11 @@ class _Lot:
             found = table(headings, cells, "specimens of the lot")
             found.props("wrap-cells").pagination = 25
 
-            def open_piece(event) -> None:
-                row = rows[event.args[1]["id"]]
-                file = f"{self._name}/{row['file']}"
-                ui.navigate.to(f"/update?{urlencode({'spec': file})}")
-
-            found.on("rowClick", open_piece)
-            with found.add_slot("no-data"):
-                ui.label("no specimen")
-            ui.label("A click on a row leads to the piece.").classes("opacity-80")
+            for record, row in zip(found.rows, rows, strict=True):
+                file = row["file"] if self._name == "." else f"{self._name}/{row['file']}"
+                record["piece"] = f"/update?{urlencode({'spec': file})}"
+            found.add_slot("body-cell-1", _LINK)  # the column of the specimens
+            found.update()
             quantities = list(lot["quantities"])
             self._quantity = self._quantity if self._quantity in quantities else (quantities[0] if quantities else "")
             if quantities:

@@ -38,12 +38,14 @@ class _Update:
     def build(self) -> None:
         self._edits = ui.column().classes("w-full")
         self._unsaved()
-        self._site.job_card(
-            "update", self._name, "Update the constants", self._shown, lambda: ["--report"], self._check
-        )
+        self._samples = ui.switch("draw samples of the posterior as well")
+        self._site.job_card("update", self._name, "Update the constants", self._shown, self._arguments, self._check)
         self._body = ui.column().classes("w-full gap-4")
         self._shown()
         self._freeing()
+
+    def _arguments(self) -> list[str]:
+        return ["--report", *(["--sample", "400"] if self._samples.value else [])]
 
     def _unsaved(self) -> None:
         self._edits.clear()
@@ -80,12 +82,13 @@ class _Update:
                     for one in figures:
                         headings = ("figure", "by standard", "finite elements", "meaning")
                         table(headings, figure_rows(one, model=True), "standard figures")
-            pictures = sorted(self._folder.glob("sensitivity*.png"))
-            if pictures:
-                with ui.expansion("Sensitivity").classes("w-full border rounded"):
-                    for path in pictures:
-                        image = ui.image(self._site.address(self._site.workspace.name(path)))
-                        image.props('alt="sensitivity of the sweep to each constant"').classes("max-w-3xl")
+            for title, pattern in (("Sensitivity", "sensitivity*.png"), ("Samples of the posterior", "corner.png")):
+                pictures = sorted(self._folder.glob(pattern))
+                if pictures:
+                    with ui.expansion(title).classes("w-full border rounded"):
+                        for path in pictures:
+                            address = f"{self._site.address(self._site.workspace.name(path))}?{path.stat().st_mtime_ns}"
+                            ui.image(address).props(f'alt="{title.lower()}"').classes("max-w-3xl")
             if (self._folder / "report.html").exists():
                 with ui.expansion("Report").classes("w-full border rounded"):
                     framed(self._site.address(self._site.workspace.name(self._folder / "report.html")), "report")
