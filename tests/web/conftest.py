@@ -43,6 +43,7 @@ class Server:
                 probe.settimeout(0.2)
                 if probe.connect_ex(("127.0.0.1", self.port)) == 0:
                     return
+        self.process.kill()
         raise AssertionError("the server does not answer")
 
     def stop(self) -> str:
