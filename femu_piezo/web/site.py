@@ -227,6 +227,16 @@ class Site:
             return ""
         return spec
 
+    def page_of_specimen(self, page: str, build: Callable[[str], None]) -> None:
+        """Give a page that works with one specimen file its address; `build` gets the name of the file."""
+
+        @ui.page(f"/{page}")
+        def shown(spec: str = "", file: str = "") -> None:
+            with self.frame(page, {"spec": spec, "file": file}):
+                spec = self.specimen_field(spec, page, {"file": file})
+                if spec:
+                    build(spec)
+
     def age(self, spec: str, result: Path) -> None:
         """Says where the specimen file or a file that it names is newer than a result."""
         try:
@@ -248,13 +258,13 @@ class Site:
                 content = await event.file.read()
                 name = self.workspace.take(event.file.name, content)
             except InputError as error:
-                ui.notify(str(error), type="negative", close_button=True, timeout=0)
+                complain(str(error))
                 return
             taken([name])
 
         def refuse() -> None:
             text = f"the file is larger than the {LARGEST_UPLOAD / 1e6:.0f} MB that are taken; is this the right file?"
-            ui.notify(text, type="negative", close_button=True, timeout=0)
+            complain(text)
 
         upload = ui.upload(
             label=words,
@@ -275,6 +285,11 @@ def tell_error(label: ui.label, sentence: str) -> None:
     """An error in a label that stands for it."""
     label.text = sentence
     label.classes(add="error")
+
+
+def complain(sentence: str) -> None:
+    """An error that belongs to no place on the page; it stays until it is closed."""
+    ui.notify(sentence, type="negative", close_button=True, timeout=0)
 
 
 def nothing(words: str) -> None:

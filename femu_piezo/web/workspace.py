@@ -31,6 +31,10 @@ _DEEPEST, _LONGEST = 3, 1_000_000
 _MOST_LISTED, _MOST_FILES = 2000, 20_000
 
 
+class Outside(InputError):
+    """A specimen file asks for what lies outside the folder."""
+
+
 def lot_of(name: str) -> str:
     """The folder of a specimen file, both by their names."""
     return name.rpartition("/")[0] or "."
@@ -121,7 +125,7 @@ class Workspace:
                 self._inside(path)
         return found
 
-    def _harmless(self, path: Path) -> None:
+    def _harmless(self, path: Path, studied: bool = True) -> None:
         """Before it is read: no variable of this machine, no study of specimens elsewhere, whose values errors show."""
         try:
             text = path.read_bytes()[:_LONGEST].decode("utf-8-sig")
@@ -129,16 +133,16 @@ class Workspace:
         except (OSError, ValueError, RecursionError):
             return  # reading it says what is wrong
         if "${" in text:
-            raise InputError(f"{path.name}: the page reads no environment variables; write the path without ${{…}}")
-        for member in members if isinstance(members, list) else ():
+            raise Outside(f"{path.name}: the page reads no environment variables; write the path without ${{…}}")
+        for member in members if isinstance(members, list) and studied else ():
             if isinstance(member, str):
-                self._inside(path.parent / os.path.expanduser(member))
-                if (path.parent / member).is_file() and (path.parent / member).resolve() != path.resolve():
-                    self._harmless(path.parent / member)
+                one = path.parent / os.path.expanduser(member)
+                self._inside(one)
+                self._harmless(one, studied=False)  # a study names no studies
 
     def _inside(self, path: Path) -> None:
         if not path.resolve().is_relative_to(self.folder):
-            raise InputError(
+            raise Outside(
                 f"{path.name}: this file, which the specimen file names, lies outside the folder of this page; copy it "
                 "into the folder"
             )

@@ -102,3 +102,10 @@ def test_lists_leave_out_results_and_hidden_files(workspace: Workspace) -> None:
 def test_a_folder_that_is_none_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such folder"):
         Workspace.of(tmp_path / "none")
+
+
+def test_studies_that_name_each_other_are_told(workspace: Workspace) -> None:
+    for name, other in (("a", "b"), ("b", "a")):
+        (workspace.folder / f"{name}.toml").write_text(f'specimens = ["{other}.toml"]')
+    with pytest.raises(InputError, match="specimens"):
+        workspace.specimen("a.toml")

@@ -12,7 +12,7 @@ from femu_piezo.specimen.file import read_specimen, write_specimen
 from femu_piezo.web import charts, results
 from femu_piezo.web.pages.common import framed, notes, report_links
 from femu_piezo.web.pages.update import unsaved
-from femu_piezo.web.site import Site, nothing, table
+from femu_piezo.web.site import Site, complain, nothing, table
 
 _ANSWERS = {
     "wrong": "What is wrong",
@@ -25,14 +25,7 @@ _MOST = 12
 
 def register(site: Site) -> None:
     """The page at /diagnosis."""
-
-    @ui.page("/diagnosis")
-    def page(spec: str = "", file: str = "") -> None:
-        with site.frame("diagnosis", {"spec": spec, "file": file}):
-            spec = site.specimen_field(spec, "diagnosis", {"file": file})
-            if not spec:
-                return
-            _Diagnosis(site, spec).build()
+    site.page_of_specimen("diagnosis", lambda spec: _Diagnosis(site, spec).build())
 
 
 class _Diagnosis:
@@ -118,7 +111,7 @@ class _Diagnosis:
             name = workspace.free_name(f"{self._name.removesuffix('.toml')}-extended.toml")
             write_specimen(extended, workspace.path(name))
         except InputError as error:
-            ui.notify(str(error), type="negative", close_button=True, timeout=0)
+            complain(str(error))
             return
         ui.navigate.to(f"/diagnosis?{urlencode({'spec': name})}")
 

@@ -7,30 +7,27 @@ from pathlib import Path
 from nicegui import ui
 
 from femu_piezo.errors import InputError
+from femu_piezo.material.programs.writers import PROGRAMS
 from femu_piezo.web import results
 from femu_piezo.web.pages.common import report_links
-from femu_piezo.web.site import Site, nothing
+from femu_piezo.web.site import Site, complain, nothing
 
 _COMMANDS = {
     "datasheet": "Make a data sheet",
     "circuit": "Make an equivalent circuit",
     "simulate": "Simulate a sweep of the specimen as described",
 }
-_PROGRAMS = ("comsol", "ansys", "abaqus", "opencfs", "sfepy", "json")
 
 
 def register(site: Site) -> None:
     """The page at /export."""
 
-    @ui.page("/export")
-    def page(spec: str = "", file: str = "") -> None:
-        with site.frame("export", {"spec": spec, "file": file}):
-            spec = site.specimen_field(spec, "export", {"file": file})
-            if not spec:
-                return
-            _material(site, spec)
-            for command, words in _COMMANDS.items():
-                _command(site, spec, command, words)
+    def build(spec: str) -> None:
+        _material(site, spec)
+        for command, words in _COMMANDS.items():
+            _command(site, spec, command, words)
+
+    site.page_of_specimen("export", build)
 
 
 def _material(site: Site, spec: str) -> None:
@@ -42,7 +39,7 @@ def _material(site: Site, spec: str) -> None:
             nothing("There are no updated constants of this specimen yet: update it first.")
             return
         site.age(spec, record)
-        program = ui.select(list(_PROGRAMS), value="comsol", label="Program").props("outlined").classes("w-64")
+        program = ui.select(list(PROGRAMS), value="comsol", label="Program").props("outlined").classes("w-64")
         text = (
             ui.codemirror("", theme="githubLight", line_wrapping=True)
             .classes("w-full border rounded")
@@ -55,16 +52,14 @@ def _material(site: Site, spec: str) -> None:
             try:
                 return export(record, program.value)
             except InputError as error:
-                ui.notify(str(error), type="negative", close_button=True, timeout=0)
+                complain(str(error))
                 return ""
 
         def choose() -> None:
             text.value = shown()
 
         def take() -> None:
-            from femu_piezo.material.programs.writers import program as known
-
-            name = f"{Path(spec).stem}.{known(program.value).suffix}"
+            name = f"{Path(spec).stem}.{PROGRAMS[program.value].suffix}"
             ui.download.content(shown().encode(), name)
 
         program.on_value_change(choose)

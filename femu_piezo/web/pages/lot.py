@@ -12,7 +12,7 @@ from femu_piezo.output.curves import PRINTED
 from femu_piezo.web import charts, results
 from femu_piezo.web.pages.common import report_links
 from femu_piezo.web.site import Site, nothing, table
-from femu_piezo.web.workspace import lot_of
+from femu_piezo.web.workspace import Outside, lot_of
 
 _MOST = 10_000
 _LINK = '<q-td :props="props"><a class="nicegui-link" :href="props.row.piece">{{ props.value }}</a></q-td>'
@@ -58,9 +58,10 @@ class _Lot:
             if lot_of(name) == self._name:
                 try:
                     self._site.workspace.specimen(name)
-                except InputError as error:
-                    if "lies outside the folder" in str(error):  # others are a row of the table with their reason
-                        raise
+                except Outside:
+                    raise
+                except InputError:
+                    continue  # a row of the table, with its reason
 
     def _rows(self) -> list[dict[str, str]]:
         try:

@@ -16,7 +16,7 @@ from femu_piezo.specimen.geometry import DIMENSIONS, Geometry, belongs_to
 from femu_piezo.specimen.schema import Table
 from femu_piezo.web.drafts import Draft, parsed, shown
 from femu_piezo.web.drawing import drawing
-from femu_piezo.web.site import Site, nothing
+from femu_piezo.web.site import Site, complain, nothing
 
 #: What people write into a field, by the beginning of its key.
 _EXAMPLES = {
@@ -197,7 +197,7 @@ class _Form:
         try:
             self._draft.put(table, key, value)
         except InputError as error:
-            ui.notify(str(error), type="negative", close_button=True, timeout=0)
+            complain(str(error))
             return
         if key == "shape":
             self._drop_what_has_no_place(value)
@@ -253,7 +253,7 @@ class _Form:
         try:
             self._draft.save()
         except InputError as error:
-            ui.notify(str(error), type="negative", close_button=True, timeout=0)
+            complain(str(error))
             return
         ui.notify(f"{self._name} is saved", type="positive")
         self._tell()

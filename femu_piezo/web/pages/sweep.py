@@ -11,8 +11,8 @@ from nicegui import app, run, ui
 
 from femu_piezo.errors import InputError
 from femu_piezo.web import charts, results
-from femu_piezo.web.pages.common import figure_rows, report_links
-from femu_piezo.web.site import Site, nothing, table
+from femu_piezo.web.pages.common import figure_rows, notes, report_links
+from femu_piezo.web.site import Site, complain, nothing, table
 
 _TEMPLATE = """# What is known of the piece. Dimensions and material stand for yours: check every line.
 name = {name}
@@ -72,7 +72,8 @@ class _Sweep:
                 if others:
                     beside = ui.select(others, multiple=True, label="Compare with", on_change=self._compare)
                     beside.props("outlined use-chips").classes("w-full max-w-md")
-                self._next_step()
+                if self._chosen:
+                    self._next_step(await run.io_bound(self._owners))
         if not self._chosen:
             nothing("No sweep is in this folder yet: drop one, or choose it with the button of the field above.")
             return
@@ -90,8 +91,7 @@ class _Sweep:
         self._plot.on("plotly_selected", self._selected)
         self._bands = ui.row().classes("gap-2 items-center")
         self._show_bands()
-        for note in self._read[self._chosen][2]:
-            ui.label(f"⚠ {note}")
+        notes(self._read[self._chosen][2])
         site.job_card("extract", self._chosen, "Find poles and zeros", self._extracted, self._arguments)
         self._found = ui.column().classes("w-full gap-4")
         self._extracted()
@@ -103,10 +103,8 @@ class _Sweep:
         else:
             ui.navigate.to(f"/sweep?{urlencode({'file': name})}")
 
-    def _next_step(self) -> None:
-        """The specimen files that name this sweep, or a new one."""
-        if not self._chosen:
-            return
+    def _owners(self) -> list[str]:
+        """The specimen files that name this sweep."""
         path, owners = self._site.workspace.path(self._chosen), []
         for name in self._site.workspace.specimens()[:200]:
             try:
@@ -114,6 +112,10 @@ class _Sweep:
                     owners.append(name)
             except InputError:
                 continue
+        return owners
+
+    def _next_step(self, owners: list[str]) -> None:
+        """Ways on to the specimen files of this sweep, or a new one."""
         self._spec = self._spec or (owners[0] if owners else "")
         for name in owners[:4]:
             query = urlencode({"spec": name})
@@ -180,7 +182,7 @@ class _Sweep:
     async def _compare(self, event) -> None:
         for name in event.value:
             if name not in self._read and (problem := await self._load(name)):
-                ui.notify(problem, type="negative", close_button=True, timeout=0)
+                complain(problem)
         self._beside = [name for name in event.value if name in self._read]
         self._draw()
 
@@ -221,7 +223,7 @@ class _Sweep:
             draft = self._site.draft(self._spec)
             draft.put("measurement", "mask", [list(band) for band in self._mask])
         except InputError as error:
-            ui.notify(str(error), type="negative", close_button=True, timeout=0)
+            complain(str(error))
             return
         ui.navigate.to(f"/specimen?{urlencode({'spec': self._spec})}")
 
@@ -244,8 +246,7 @@ class _Sweep:
                     table(
                         ("figure", "by standard", "meaning"), figure_rows(found["standard_figures"]), "standard figures"
                     )
-            for note in found["notes"]:
-                ui.label(f"⚠ {note}")
+            notes(found["notes"])
             for remark in found.get("remarks", []):
                 ui.label(remark)
             report_links(self._site, self._folder())

@@ -13,19 +13,12 @@ from femu_piezo.output.results.result import suffixes
 from femu_piezo.specimen.file import CONSTANTS, Specimen
 from femu_piezo.web import charts, results
 from femu_piezo.web.pages.common import figure_rows, framed, notes, report_links
-from femu_piezo.web.site import Site, nothing, table
+from femu_piezo.web.site import Site, complain, nothing, table
 
 
 def register(site: Site) -> None:
     """The page at /update."""
-
-    @ui.page("/update")
-    def page(spec: str = "", file: str = "") -> None:
-        with site.frame("update", {"spec": spec, "file": file}):
-            spec = site.specimen_field(spec, "update", {"file": file})
-            if not spec:
-                return
-            _Update(site, spec).build()
+    site.page_of_specimen("update", lambda spec: _Update(site, spec).build())
 
 
 class _Update:
@@ -164,7 +157,7 @@ class _Update:
         try:
             draft.put("material", "free", free)
         except InputError as error:
-            ui.notify(str(error), type="negative", close_button=True, timeout=0)
+            complain(str(error))
             return
         self._unsaved()
 
@@ -181,7 +174,7 @@ def unsaved(site: Site, name: str) -> None:
             try:
                 draft.save()
             except InputError as error:
-                ui.notify(str(error), type="negative", close_button=True, timeout=0)
+                complain(str(error))
                 return
             row.delete()
 
