@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
@@ -23,7 +24,7 @@ from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
 from femu_piezo.forward.reduced_basis import ReducedBasis
 from femu_piezo.forward.training import TrainingSet, compressed, state_residuals, worst_change
 from femu_piezo.material.constants import E_FORM, ElasticForm, PiezoConstants
-from femu_piezo.threads import blas_limit, useful_threads
+from femu_piezo.threads import blas_limit, in_parallel, useful_threads
 
 #: Constants, or constants with real coefficients of extra terms, at which the basis is trained.
 TrainingPoint = PiezoConstants | tuple[PiezoConstants, Mapping[str, float]]
@@ -181,7 +182,7 @@ def _enriched(
     change, error, factors, rounds = np.full(len(sets), np.inf), np.full(len(sets), np.inf), {0}, 0
     active, slow, watched = np.arange(len(points)), [], np.arange(len(sets))
     while error.max() > 0.5 * accuracy and rounds < max_rounds:
-        residuals = np.hstack([state_residuals(basis, sets[index]) for index in active])
+        residuals = np.hstack(list(in_parallel(lambda item: state_residuals(basis, item), [sets[i] for i in active])))
         added = basis.add(driven.factor.solve(compressed(residuals, driven.scale)), _KEEP)
         added += sum(driven.add(everywhere[index]) for index in slow)
         factors.update(slow)
@@ -203,7 +204,7 @@ def _enriched(
 
 def _train(basis: ReducedBasis, points: list[np.ndarray], top: float) -> list[TrainingSet]:
     matrices = basis.matrices()
-    return [TrainingSet.of(matrices, basis.u.shape[1], point, top) for point in points]
+    return list(in_parallel(lambda point: TrainingSet.of(matrices, basis.u.shape[1], point, top), points))
 
 
 def _predicted(before: np.ndarray, change: np.ndarray) -> np.ndarray:
@@ -305,6 +306,11 @@ class _DrivenVectors:
         return self.basis.add(vectors / np.linalg.norm(vectors[: self.basis.split], axis=0), 1e-8)
 
 
+def _loss(matrices: np.ndarray, displacements: int, item: TrainingSet) -> float:
+    """Relative change of Z at a training point by projection on fewer vectors."""
+    return worst_change(TrainingSet.of(matrices, displacements, item.coefficients, item.top), item)
+
+
 def _finished(model: ElectroelasticModel, enriched: _Enriched, band_Hz: float, accuracy: float) -> ReducedModel:
     """Compress to the leading principal components of the training states that keep the accuracy."""
     basis, sets = enriched.basis, enriched.sets
@@ -312,9 +318,7 @@ def _finished(model: ElectroelasticModel, enriched: _Enriched, band_Hz: float, a
     rotation, new_ku, loss = np.eye(matrices.shape[1]), ku, 0.0
     for tolerance in np.sqrt(accuracy * LOSS) * np.array([1.0, 0.5, 0.25, 0.1, 0.03, 0.01]):
         few, few_ku = TrainingSet.principal_components(sets, matrices, ku, tolerance)
-        small = few.T @ matrices @ few
-        new = [TrainingSet.of(small, few_ku, item.coefficients, item.top) for item in sets]
-        change = max(worst_change(less, all_) for less, all_ in zip(new, sets, strict=True))
+        change = max(in_parallel(partial(_loss, few.T @ matrices @ few, few_ku), sets))
         if change < 0.25 * accuracy:
             rotation, new_ku, loss = few, few_ku, change
             break

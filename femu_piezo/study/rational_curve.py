@@ -23,7 +23,9 @@ class RationalCurve:
         omega = 2 * np.pi * frequency[some]
         self._end = omega[-1]
         with blas_limit():
-            self._charge = AAA(omega / self._end, 1 / (1j * omega * impedance[some]), max_terms=_POINTS // 2)
+            charge = 1 / (1j * omega * impedance[some])
+            # cleaning up imports scipy.stats; poles that hardly show are left out below
+            self._charge = AAA(omega / self._end, charge, max_terms=_POINTS // 2, clean_up=False)
             self.poles = self._listed("pole", self._charge.poles(), self._charge.residues())
             roots = self._charge.roots()
             slopes = (self._charge(roots + _STEP) - self._charge(roots - _STEP)) / (2 * _STEP)
