@@ -48,6 +48,14 @@ def margins(built: Build) -> None:
     built.margins = (0.25e-3, 0.25e-3)
 
 
+def unequal_margins(built: Build) -> None:
+    built.margins = (0.1e-3, 0.4e-3)
+
+
+def one_margin(built: Build) -> None:
+    built.margins = (0.0, 0.3e-3)
+
+
 def taper(built: Build) -> None:
     built.taper = 0.03
 
@@ -70,7 +78,9 @@ CASES = {
     "local_crack, narrow": ((0.06e-3, 3.4e-3, 0.08e-3), narrow_crack, 0.03),
     "poling_gradient": ((0.25, 0.04), gradient, 0.01),
     "mounting": ((1e6, 4.0, 0.8e-3), support, 0.02),
-    "electrode_margin": ((0.25e-3,), margins, 0.02),
+    "electrode_margin": ((0.25e-3, 0.0), margins, 0.02),
+    "electrode_margin, unequal": ((0.25e-3, 0.6), unequal_margins, 0.02),
+    "electrode_margin, one end": ((0.15e-3, 1.0), one_margin, 0.02),
     "unequal_electrode_mass": ((0.6,), unequal_films, 0.08),
     "tapered_width": ((0.03,), taper, 0.003),
     "tapered_width, slight": ((0.01,), slight_taper, 0.003),

@@ -316,10 +316,11 @@ def mounting(build, rng, variant) -> Hidden:
 
 
 def electrode_margin(build, rng, variant) -> Hidden:
-    """Variant: unequal at the two ends; the size is the mean."""
+    """Variant: unequal at the two ends; the margin is the mean."""
     size, share = log_uniform(rng, 0.05e-3, 0.5e-3), 0.35 if variant else 0.0
     build.margins = (size * (1 - share), size * (1 + share))
-    return Hidden("electrode_margin", {"margin": size}, variant="unequal" * variant, sized=not variant)
+    sizes = {"margin": size, "asymmetry": share} if variant else {"margin": size}
+    return Hidden("electrode_margin", sizes, variant="unequal" * variant)
 
 
 EFFECTS: Mapping[str, Entry] = {

@@ -1,4 +1,4 @@
-"""The electrodes of a thickness-poled body end before it does: bare strips at both ends of a plate, or along rims."""
+"""The electrodes of a thickness-poled body end before it does: bare strips at the ends of a plate, or along rims."""
 
 from __future__ import annotations
 
@@ -11,20 +11,27 @@ from femu_piezo.effects.local.operators import Places
 
 def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
     one, found = np.ones(omega.shape, dtype=complex), []
-    for constant, (matrix, slope) in enumerate(zip(*places.bare_ends.at(p[0]), strict=True)):
-        found.append(LocalTerm("stiffness", matrix, one, 0 * one[:, None], constant))
-        found.append(LocalTerm("stiffness", slope, 0 * one, one[:, None], constant))
+    value, *slopes = places.bare_ends.at(*p)
+    for constant in range(len(value)):
+        found.append(LocalTerm("stiffness", value[constant], one, np.zeros((omega.size, p.size)), constant))
+        for unit, slope in zip(np.eye(p.size), slopes, strict=False):
+            found.append(LocalTerm("stiffness", slope[constant], 0 * one, unit * one[:, None], constant))
     return found
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For thickness-poled plates with three mirror planes, disks and rings."""
+    """For thickness-poled plates with three mirror planes, whose strips are m (1 ± a) wide; disks and rings.
+
+    Which end has the wider strip cannot be told.
+    """
     if context.mass is None or context.poling != "thickness":
         return ()
     if context.radii is None:
-        size, where = context.dimensions[0], "both faces are bare at both ends"
+        size, where, sectors = context.dimensions[0], "both faces are bare at both ends", ("x",)
+        unequal = (EffectParameter("asymmetry", "1", 0.0, 1.0, 0.3, 0.3, starts=(0.4,), optional=True),)
     else:
         size, where = context.radii[1] - context.radii[0], "both faces are bare along their rims"
+        sectors, unequal = (), ()
     return (
         Effect(
             name="electrode_margin",
@@ -40,9 +47,11 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                     starts=(0.005 * size, 0.02 * size, 0.06 * size),
                     law_error=0.03,
                 ),
+                *unequal,
             ),
             confusable_with=("eps33T", "wrong_length", "poling_gradient"),
             advice=("measure the width of the bare strips under a microscope",),
             local=_terms,
+            sectors=sectors,
         ),
     )

@@ -9,7 +9,13 @@ them to those. With K the operator the amplitudes a = −(ψᵗKψ)^-1 ψᵗK x 
 stationary, so its parts per unit constant are exact derivatives of S; and since S is homogeneous of degree one in the
 constants, it is the sum of constant times derivative. The mesh of the region is graded to the end of the electrode, m
 from the edge, where the field is singular; the inertia of ψ itself is left out. S starts as m² and is interpolated
-between a few strips. They lie at both ends of a plate or along the rims of a disk or ring.
+between a few strips, over √m. They lie at both ends of a plate or along the rims of a disk or ring.
+
+Strips of unequal widths at the ends of a plate, m₊ and m₋, couple the driven fields to those that are odd about the
+middle. With P = ±1 for even and odd fields, T(m) twice the S of a ψ at one end alone, and D(m) what S is more for
+strips at both ends, whose ψ meet in the momenta that are taken out, it is
+
+    S(m₊, m₋) = ½ [T(m₊) + P T(m₋) P] + D(√(m₊ m₋)),    T ∝ m² and D ∝ m⁴ at first.
 """
 
 from __future__ import annotations
@@ -34,9 +40,10 @@ from femu_piezo.forward.revolution import Line, Section
 from femu_piezo.material.constants import ElasticForm
 from femu_piezo.threads import in_parallel
 
-#: Widest strip as a share of the length of a plate or of the way across a ring, and shares of that where S is computed.
+#: Widest strips, on the mean of both ends, as a share of the length of a plate or of the way across a ring; shares of
+#: that where S is computed, those above 1 for the wider one of two.
 WIDEST = 0.1
-_NODES = np.array([0.06, 0.22, 0.45, 0.72, 1.0])
+_NODES = np.array([0.05, 0.11, 0.22, 0.42, 0.75, 1.0, 1.5, 2.0])
 #: Reach of the end region beyond the strip, in thicknesses; elements over width and half thickness.
 _REACH, _ACROSS, _DEEP = 2.5, 2, 4
 #: Growth of element lengths away from the electrode's edge, and the smallest, in half thicknesses.
@@ -54,24 +61,38 @@ class BareEnds:
     Attributes
     ----------
     widths : (n,) m
-    matrices : [n, 10] (r, r) ∂S/∂c of every e-form constant at the reference
+    apart : [n, 10] (r, r) ∂T/∂c of every e-form constant at the reference;  mirrored : P ∂T/∂c P
+    meeting : [m, 10] (r, r) ∂D/∂c at the first m widths
     """
 
     widths: np.ndarray
-    matrices: Blocks
+    apart: Blocks
+    mirrored: Blocks
+    meeting: Blocks
 
-    def at(self, width: float) -> tuple[np.ndarray, np.ndarray]:
-        """∂S/∂c (10, r, r) at a width, (m/m_k)² times Lagrange polynomials, and its slope by the width."""
-        lagrange = BarycentricInterpolator(self.widths, np.eye(self.widths.size))
-        value, slope = lagrange(width), lagrange.derivative(width)
-        square = self.widths**2
-        shares = value * width**2 / square, (slope * width**2 + 2 * width * value) / square
-        value, slope = (self.matrices.combined(weights) for weights in shares)
+    def at(self, width: float, asymmetry: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """∂S/∂c (10, r, r) of strips m (1 ± a) wide, and its slopes by m and by a."""
+        ratio = np.sqrt(max(1 - asymmetry**2, _ROUNDING))
+        right, by_right = self._at(self.apart, 2, width * (1 + asymmetry))
+        left, by_left = self._at(self.mirrored, 2, width * (1 - asymmetry))
+        both, by_both = self._at(self.meeting, 4, width * ratio)
+        by_width = 0.5 * ((1 + asymmetry) * by_right + (1 - asymmetry) * by_left) + ratio * by_both
+        by_asymmetry = width * (0.5 * (by_right - by_left) - asymmetry / ratio * by_both)
+        return 0.5 * (right + left) + both, by_width, by_asymmetry
+
+    def _at(self, blocks: Blocks, power: int, width: float) -> tuple[np.ndarray, np.ndarray]:
+        """Matrices (10, r, r) at a width, (m/m_k)ⁿ times Lagrange polynomials of √m, and their slopes by m."""
+        widths = self.widths[: len(blocks.inner)]
+        root, lagrange = np.sqrt(width), BarycentricInterpolator(np.sqrt(widths), np.eye(widths.size))
+        value, slope = lagrange(root), lagrange.derivative(root)
+        shares = value * width**power, power * value * width ** (power - 1) + 0.5 * slope * root ** (2 * power - 1)
+        value, slope = (blocks.combined(weights / widths**power) for weights in shares)
         return value, slope
 
     def among(self, numbers: np.ndarray, size: int) -> BareEnds:
         """The same over `size` unknowns, of which those so far are the given ones (indices)."""
-        return BareEnds(self.widths, self.matrices.among(numbers, size))
+        every = (blocks.among(numbers, size) for blocks in (self.apart, self.mirrored, self.meeting))
+        return BareEnds(self.widths, *every)
 
 
 class _Forms(Protocol):
@@ -108,11 +129,12 @@ class _BoxForms:
 class _Base:
     """Base fields of the body: its displacement unknowns and the hot potential, inner potentials following them.
 
-    What the inner potentials do for a strip, ψ does.
+    What the inner potentials do for a strip, ψ does. No form of the body couples fields of different parity.
 
     Attributes
     ----------
     kept : (k,) number of each among all unknowns
+    odd : (k,) whether each is odd about the middle
     fields : (4n, k)
     momenta : (k − 1, k − 1) ∫ ρ u·v of the displacements
     bulk : (10, k, k) forms of the unit constants
@@ -120,6 +142,7 @@ class _Base:
     """
 
     kept: np.ndarray
+    odd: np.ndarray
     fields: np.ndarray
     momenta: np.ndarray
     bulk: np.ndarray
@@ -127,28 +150,30 @@ class _Base:
     units: np.ndarray
 
     @classmethod
-    def of(cls, displacements: int, fields: np.ndarray, forms: _Forms, constants: ElasticForm, units) -> _Base:
+    def of(cls, sectors: Sectors, fields: np.ndarray, forms: _Forms, constants: ElasticForm, units) -> _Base:
         """Of all unknowns' fields (4n, r): displacements, inner potentials, hot potential."""
         values, size = constants.vector().real, fields.shape[1]
-        matrix = np.tensordot(values, forms.within(fields, units), axes=1)
-        inner, kept = np.arange(displacements, size - 1), np.append(np.arange(displacements), size - 1)
+        odd = sectors.member > 0
+        alike = odd[:, None] == odd
+        matrix = np.tensordot(values, forms.within(fields, units), axes=1) * alike
+        inner, kept = np.arange(sectors.displacements, size - 1), np.append(np.arange(sectors.displacements), size - 1)
         follow = -np.linalg.solve(matrix[np.ix_(inner, inner)], matrix[np.ix_(inner, kept)])
-        own = fields[:, kept] + fields[:, inner] @ follow
-        momenta = own[:, :-1].T @ (forms.mass @ own[:, :-1])
-        return cls(kept, own, momenta, forms.within(own, units), values, units)
+        own, alike = fields[:, kept] + fields[:, inner] @ follow, alike[np.ix_(kept, kept)]
+        momenta = own[:, :-1].T @ (forms.mass @ own[:, :-1]) * alike[:-1, :-1]
+        return cls(kept, odd[kept], own, momenta, forms.within(own, units) * alike, values, units)
 
 
 def measure_bare_ends(sectors: Sectors) -> BareEnds:
     """S of strips up to a tenth of the length of a plate whose electrodes are on the large faces.
 
-    sectors : the driven one alone
+    sectors : the driven one and, for strips of two widths, the modes that are odd about the middle
     """
     model, constants = sectors.all_fields.model, sectors.all_fields.constants
     fields = sectors.all_fields.fields(sectors.names).reshape(-1, sectors.size)
     forms = _BoxForms(model.products, model.density)
-    base = _Base.of(sectors.displacements, fields, forms, constants, model.unit_tensors)
-    widths = _NODES * WIDEST * 2 * model.domain.mesh.p[0].max()
-    return _measured(sectors, base, widths, lambda width: _bare_end(model, base, width))
+    base = _Base.of(sectors, fields, forms, constants, model.unit_tensors)
+    widest = WIDEST * 2 * model.domain.mesh.p[0].max()
+    return _measured(sectors, base, widest, lambda width: _bare_end(model, base, width))
 
 
 def measure_bare_rims(sectors: Sectors) -> BareEnds:
@@ -159,19 +184,23 @@ def measure_bare_rims(sectors: Sectors) -> BareEnds:
     fields: RoundFields = sectors.all_fields
     inner, outer = fields.model.domain.radii
     order, units = fields.order(0), fields.model.unit_tensors
-    base = _Base.of(sectors.displacements, fields.on_section, order, fields.constants, units)
-    return _measured(sectors, base, _NODES * WIDEST * (outer - inner), lambda width: _bare_rims(fields, base, width))
+    base = _Base.of(sectors, fields.on_section, order, fields.constants, units)
+    return _measured(sectors, base, WIDEST * (outer - inner), lambda width: _bare_rims(fields, base, width))
 
 
 def _measured(
-    sectors: Sectors, base: _Base, widths: np.ndarray, freed: Callable[[float], np.ndarray]
+    sectors: Sectors, base: _Base, widest: float, freed: Callable[[float], np.ndarray]
 ) -> BareEnds:
-    inner = np.array(list(in_parallel(freed, widths.tolist())))
-    return BareEnds(widths, Blocks(inner, base.kept, sectors.size))
+    equal = np.count_nonzero(_NODES <= 1)
+    widths = widest * (_NODES if np.any(base.odd) else _NODES[:equal])
+    apart, meeting = np.array(list(in_parallel(freed, widths.tolist()))).swapaxes(0, 1)
+    sign = np.where(base.odd, -1.0, 1.0)
+    every = apart, apart * sign[:, None] * sign, meeting[:equal]
+    return BareEnds(widths, *(Blocks(one, base.kept, sectors.size) for one in every))
 
 
 def _bare_end(model: ElectroelasticModel, base: _Base, width: float) -> np.ndarray:
-    """∂S/∂c (10, k, k) of the strip at one end of a plate."""
+    """∂T/∂c and ∂D/∂c (2, 10, k, k) of the strip at one end of a plate."""
     length, breadth, height = model.domain.mesh.p.max(axis=1)
     start = max(0.0, length - width - 2 * _REACH * height)
     lines = (
@@ -194,7 +223,7 @@ def _bare_end(model: ElectroelasticModel, base: _Base, width: float) -> np.ndarr
 
 
 def _bare_rims(fields: RoundFields, base: _Base, width: float) -> np.ndarray:
-    """∂S/∂c (10, k, k) of the strips along the rims: the region at that of a disk, or all of a ring."""
+    """∂S/∂c and 0 (2, 10, k, k) of the strips along the rims: the region at that of a disk, or all of a ring."""
     whole, (inner, outer) = fields.section, fields.model.domain.radii
     height, ring = whole.axial.ends[-1], inner > 0
     start = (inner + outer) / 2 if ring else max(0.0, outer - width - 2 * _REACH * height)
@@ -215,7 +244,7 @@ def _bare_rims(fields: RoundFields, base: _Base, width: float) -> np.ndarray:
 
 
 def _freed(forms: _Forms, held: np.ndarray, strip: np.ndarray, probe: sp.csr_matrix, base: _Base) -> np.ndarray:
-    """∂S/∂c (10, k, k) of a region with one strip.
+    """∂T/∂c and ∂D/∂c (2, 10, k, k) of a region with one strip.
 
     Parameters
     ----------
@@ -234,16 +263,52 @@ def _freed(forms: _Forms, held: np.ndarray, strip: np.ndarray, probe: sp.csr_mat
     answers = np.zeros((interpolated.shape[0], patterns.shape[1]))
     local = operator[free][:, free].multiply(scale).T.multiply(scale).tocsr()
     answers[free] = scale[:, None] * factorize(local).solve(right)
-    # less the base fields that have their momentum
-    momentum = interpolated[:, :-1].T @ (forms.mass @ answers)
-    share = np.vstack([np.linalg.lstsq(base.momenta, momentum, rcond=_ROUNDING)[0], np.zeros(patterns.shape[1])])
-    between = forms.between(interpolated, answers, base.units)
-    own = forms.within(answers, base.units) - share.T @ between - between.transpose(0, 2, 1) @ share
-    own, crossed = own + share.T @ base.bulk @ share, between - base.bulk @ share
-    whole, joined = (np.tensordot(base.constants, part, axes=1) for part in (own, crossed))
-    amplitudes = -np.linalg.solve(whole, joined.T)
-    found = crossed @ amplitudes
-    return found + found.transpose(0, 2, 1) + amplitudes.T @ own @ amplitudes
+    answered = _Answers(
+        own=forms.within(answers, base.units),
+        between=forms.between(interpolated, answers, base.units),
+        momentum=interpolated[:, :-1].T @ (forms.mass @ answers),
+    )
+    both = answered.condensed(base, ~base.odd, 1.0)
+    if not np.any(base.odd):
+        return np.array([both, np.zeros_like(both)])
+    both += answered.condensed(base, base.odd, 1.0)
+    apart = 2 * answered.condensed(base, np.ones_like(base.odd), 0.5)
+    return np.array([apart, (both - apart) * (base.odd[:, None] == base.odd)])
+
+
+@dataclass(frozen=True)
+class _Answers:
+    """The static answers of a region, without the rest of the body.
+
+    Attributes
+    ----------
+    own : (10, r, r) forms of the unit constants;  between : (10, k, r) with the base fields
+    momentum : (k − 1, r) ∫ ρ u·v with the base fields that are displacements
+    """
+
+    own: np.ndarray
+    between: np.ndarray
+    momentum: np.ndarray
+
+    def condensed(self, base: _Base, chosen: np.ndarray, ends: float) -> np.ndarray:
+        """∂S/∂c (10, k, k) per part of the body, among some of the base fields (bool (k,)) and zero for the others.
+
+        ends : 1 where the answers are at both ends, with the parity of the base fields; ½ where they are at one
+        """
+        moving, bulk = np.flatnonzero(chosen[:-1]), base.bulk[(..., *np.ix_(chosen, chosen))]
+        share = np.zeros((bulk.shape[1], self.own.shape[1]))
+        momenta = base.momenta[np.ix_(moving, moving)]
+        # less the base fields that have their momentum
+        share[: moving.size] = np.linalg.lstsq(momenta, ends * self.momentum[moving], rcond=_ROUNDING)[0]
+        between = ends * self.between[:, chosen]
+        own = ends * self.own - share.T @ between - between.transpose(0, 2, 1) @ share
+        own, crossed = own + share.T @ bulk @ share, between - bulk @ share
+        whole, joined = (np.tensordot(base.constants, part, axes=1) for part in (own, crossed))
+        amplitudes = -np.linalg.solve(whole, joined.T)
+        half = crossed @ amplitudes
+        found = np.zeros_like(base.bulk)
+        found[(..., *np.ix_(chosen, chosen))] = half + half.transpose(0, 2, 1) + amplitudes.T @ own @ amplitudes
+        return found
 
 
 def _patterns(charges: np.ndarray) -> np.ndarray:

@@ -125,8 +125,11 @@ class Places:
 
     @cached_property
     def bare_ends(self) -> BareEnds:
-        """Bare strips at both ends of a thickness-poled plate, or along the rims of a disk or ring."""
-        return self._made(_bare_ends, lambda flipped, name: name == DRIVEN)
+        """Bare strips at both ends of a thickness-poled plate, or along the rims of a disk or ring.
+
+        On the driven class and, where it is there, the modes that are odd about the middle of a plate.
+        """
+        return self._made(_bare_ends, lambda flipped, name: name in (DRIVEN, "x"))
 
     @cached_property
     def taper(self) -> Taper:
