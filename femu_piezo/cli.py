@@ -6,7 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,6 +37,7 @@ Smart Mater. Struct. 31, 2022, 125010).
   femu-piezo datasheet plate.toml --out results   one page with constants, standard figures and curves
   femu-piezo export update.json --to comsol --out results    the material for another program
   femu-piezo batch lot --out results              update every specimen of a folder, one table and a lot report
+  femu-piezo lots --store URL                     compare the lots of a database, control charts and drift over months
   femu-piezo diagnose plate.toml --out results    what the simulation gets wrong, and the named cause
   femu-piezo identify plate.toml --out results    which constants such a sweep tells, which tolerance to improve
   femu-piezo serve folder                         all of this as a page in the browser
@@ -107,6 +108,18 @@ _report = click.option(
     "--report", is_flag=True, help="report.html as well: everything on one page that needs no network"
 )
 
+_store = click.option(
+    "--store",
+    is_flag=False,
+    flag_value="sqlite",
+    envvar="FEMU_PIEZO_STORE",
+    metavar="[URL]",
+    help="keep the results in a database as well: postgresql://user@host/name or an SQLite file, store.sqlite in the "
+    "folder of the results where no URL follows; needs pip install 'femu-piezo[store]'  [default: that which "
+    "FEMU_PIEZO_STORE names]",
+)
+_lot = click.option("--lot", metavar="NAME", help="lot that the specimens belong to in the --store")
+
 
 def _names(columns: str | None) -> list[str] | None:
     """The names of --columns."""
@@ -118,6 +131,15 @@ def _prepare(out: Path) -> None:
     from femu_piezo.output.folder import prepare_folder
 
     prepare_folder(out)
+
+
+def _keeper(store: str | None, out: Path, lot: str | None) -> Callable:
+    """What keeps a result in the --store; it does nothing, and imports nothing, where none is asked for."""
+    if store is None:
+        return lambda specimens, result: None
+    from femu_piezo.store.write import keeper
+
+    return keeper(store, out, lot)
 
 
 def _show(result: Result) -> None:
@@ -274,6 +296,8 @@ def circuit(
     metavar="N",
     help="draw N samples of the posterior by as many fits, such as 400",
 )
+@_store
+@_lot
 def update(
     specimens: tuple[Path, ...],
     out: Path,
@@ -284,6 +308,8 @@ def update(
     timings: bool,
     method: str | None,
     sample: int | None,
+    store: str | None,
+    lot: str | None,
 ) -> None:
     """Update the free constants of SPEC from its measured sweep.
 
@@ -298,20 +324,21 @@ def update(
     modes, free constants and specimens together (its appendix A).
     """
     from femu_piezo.api import update as run
-    from femu_piezo.specimen.file import read_specimens, with_method
+    from femu_piezo.specimen.file import read_specimens, with_measurement, with_method
 
     wanted = read_specimens(specimens, data)
+    wanted = with_measurement(wanted, correct_phase=correct_phase, mask_faults=mask_faults)
     if method is not None:
         wanted = with_method(wanted, method.replace("-", "_"))
     _prepare(out)
+    keep = _keeper(store, out, lot)
     with _steps_shown() as progress:
-        result = run(
-            wanted, correct_phase=correct_phase, mask_faults=mask_faults, samples=sample or 0, progress=progress
-        )
+        result = run(wanted, samples=sample or 0, progress=progress)
     drawing = time.perf_counter()
     imported = drawing - _STARTED - sum(result.seconds.values())
     result.save(out, report=report)
     _show(result)
+    keep(wanted, result)
     if timings:
         seconds = {"imports": imported, **result.seconds, "pictures and files": time.perf_counter() - drawing}
         for step, value in seconds.items():
@@ -338,6 +365,8 @@ def update(
 )
 @_correct_phase
 @_mask_faults
+@_store
+@click.option("--lot", metavar="NAME", help="name of the lot in the --store  [default: that of the folder DIR]")
 def batch(
     folder: Path,
     out: Path,
@@ -348,6 +377,8 @@ def batch(
     diagnosed: str | None,
     correct_phase: bool,
     mask_faults: bool,
+    store: str | None,
+    lot: str | None,
 ) -> None:
     """Update every specimen file (*.toml) in DIR, or with --specimen every sweep in DIR.
 
@@ -364,8 +395,17 @@ def batch(
         raise InputError(
             f"--out {out}: the results cannot go into the folder of the lot; give another, such as {out}/out"
         )
-    text, code = run_batch(folder, out, specimen, workers, scheduler, time_limit, correct_phase, mask_faults, diagnosed)
-    click.echo(text, nl=False, err=code == 130)
+    _prepare(out)
+    with ExitStack() as stack:
+        keep = None
+        if store is not None:
+            from femu_piezo.store.write import lot_keeper
+
+            keep = stack.enter_context(lot_keeper(store, out, lot or folder.resolve().name))
+        text, code = run_batch(
+            folder, out, specimen, workers, scheduler, time_limit, correct_phase, mask_faults, diagnosed, keep
+        )
+        click.echo(text, nl=False, err=code == 130)
     if code:
         click.get_current_context().exit(code)
 
@@ -422,8 +462,17 @@ def identify(
 @_report
 @_correct_phase
 @_mask_faults
+@_store
+@_lot
 def diagnose(
-    specimens: tuple[Path, ...], out: Path, data: Path | None, report: bool, correct_phase: bool, mask_faults: bool
+    specimens: tuple[Path, ...],
+    out: Path,
+    data: Path | None,
+    report: bool,
+    correct_phase: bool,
+    mask_faults: bool,
+    store: str | None,
+    lot: str | None,
 ) -> None:
     """Say what the simulation of SPEC gets wrong, and name the cause.
 
@@ -437,14 +486,17 @@ def diagnose(
     files are then numbered, and extended.toml is the study file of these.
     """
     from femu_piezo.api import diagnose as run
-    from femu_piezo.specimen.file import read_specimens
+    from femu_piezo.specimen.file import read_specimens, with_measurement
 
     wanted = read_specimens(specimens, data)
+    wanted = with_measurement(wanted, correct_phase=correct_phase, mask_faults=mask_faults)
     _prepare(out)
+    keep = _keeper(store, out, lot)
     with _steps_shown() as progress:
-        result = run(wanted, correct_phase=correct_phase, mask_faults=mask_faults, progress=progress)
+        result = run(wanted, progress=progress)
     result.save(out, report=report)
     _show(result)
+    keep(wanted, result)
 
 
 @main.command()
@@ -540,6 +592,38 @@ def modes(
 
 
 @main.command()
+@click.option(
+    "--store",
+    required=True,
+    envvar="FEMU_PIEZO_STORE",
+    metavar="URL",
+    help="URL of the database, the SQLite file, or the folder that holds store.sqlite",
+)
+@click.option("--out", type=click.Path(path_type=Path), help="folder for lots.parquet, lots.json and lots.png")
+@click.option("--lot", "names", multiple=True, metavar="NAME", help="only this lot; may be given several times")
+@click.option(
+    "--quantity",
+    "quantities",
+    multiple=True,
+    metavar="NAME",
+    help="column to chart, such as s11, s11_tan or pole_Hz; may be given several times  [default: constants, tangents, "
+    "k_eff and misfit]",
+)
+def lots(store: str, out: Path | None, names: tuple[str, ...], quantities: tuple[str, ...]) -> None:
+    """List and compare the lots that `batch`, `update` and `diagnose` kept in a --store, and chart them over time.
+
+    Of every constant: mean, control limits of single pieces and of lots (ISO 7870-2), scatter within and between lots,
+    and its drift per month with the standard deviation. The time of a piece is that of its sweep's file when it was
+    first kept. With --out also lots.parquet (one row for each piece: its last update and diagnosis, with lot, time,
+    station and program), lots.json and lots.png. Needs pip install 'femu-piezo[store]'.
+    """
+    from femu_piezo.output.tables import console
+    from femu_piezo.store.command import show_lots
+
+    console().print(show_lots(store, out, names, quantities))
+
+
+@main.command()
 @click.argument("folder", type=click.Path(path_type=Path), metavar="[FOLDER]", default=Path("."))
 @click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True)
 @click.option(
@@ -548,7 +632,8 @@ def modes(
     show_default=True,
     help="address to answer at; any but this machine's own asks visitors for a token, which the terminal shows",
 )
-def serve(folder: Path, port: int, host: str) -> None:
+@_store
+def serve(folder: Path, port: int, host: str, store: str | None) -> None:
     """Show sweeps, specimens and results of FOLDER as a page in the browser; drop a sweep, see the answer.
 
     Does what the commands do, with the mouse. Results go to FOLDER/results as the commands write them; what the page
@@ -557,7 +642,7 @@ def serve(folder: Path, port: int, host: str) -> None:
     """
     from femu_piezo.web.server import serve as run
 
-    run(folder, host, port)
+    run(folder, host, port, store)
 
 
 if __name__ == "__main__":

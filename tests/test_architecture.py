@@ -25,6 +25,7 @@ LAYERS = (
     {"output"},
     {"api"},
     {"batch"},
+    {"store"},
     {"web"},
     {"cli"},
 )

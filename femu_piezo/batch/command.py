@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
-from femu_piezo.batch.jobs import find_jobs
+from femu_piezo.batch.jobs import Job, find_jobs
 from femu_piezo.batch.lot import Lot, lot_of, lot_text
 from femu_piezo.batch.lot_figure import lot_figure
 from femu_piezo.batch.pool import LocalPool, Pool
@@ -26,10 +28,15 @@ def run_batch(
     correct_phase: bool = False,
     mask_faults: bool = False,
     diagnose: Diagnosed | None = None,
+    keep: Callable[[Job, dict], None] | None = None,
 ) -> tuple[str, int]:
     """Run the lot in a folder and write its results; the text to show, and the exit code.
 
     0 where at least one specimen has a result, 3 where none has, 130 after Ctrl-C (what is finished is kept).
+
+    Parameters
+    ----------
+    keep : called with every job that is finished and its record, as soon as that is on disk
     """
     jobs = find_jobs(folder, specimen, correct_phase=correct_phase, mask_faults=mask_faults)
 
@@ -44,12 +51,14 @@ def run_batch(
             return DaskPool(scheduler)
         return LocalPool(min(workers or available_cores(), len(jobs)), time_limit_s)
 
-    done = {}
+    done, by_name = {}, {job.name: job for job in jobs}
     try:
         with lot_progress() as shown:
 
             def finished(step: str, count: int, all_: int, record: dict) -> None:
                 done[step] = f"{step} {count} of {all_}"
+                if keep is not None:
+                    keep(replace(by_name[record["name"]], step=step), record)
                 shown(step, count, all_, record)
 
             result = run_lot(jobs, out, make_pool, diagnose=diagnose, finished=finished, patience_s=time_limit_s + 60)

@@ -54,7 +54,7 @@ class Job:
         """SHA-256 over the program (`program_checksum`), options and input files; another one, another result."""
         digest = hashlib.sha256(f"{program}\0{self.name}\0{self.step}\0{self.correct_phase}{self.mask_faults}".encode())
         for path in files:
-            digest.update(b"\0" + _file_checksum(path).encode())
+            digest.update(b"\0" + file_checksum(path).encode())
         return digest.hexdigest()
 
 
@@ -122,7 +122,8 @@ def program_checksum() -> str:
     return f"{femu_piezo.__version__}+{digest.hexdigest()[:16]}"
 
 
-def _file_checksum(path: Path) -> str:
+def file_checksum(path: Path) -> str:
+    """SHA-256 of the content of a file; "absent" where it cannot be read."""
     try:
         with open(path, "rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()

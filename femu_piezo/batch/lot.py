@@ -15,6 +15,8 @@ from scipy import stats
 
 from femu_piezo.specimen.file import CONSTANTS
 
+#: Columns of a table that have a distribution, in the order of the report.
+QUANTITIES = (*CONSTANTS, *(f"{name}_tan" for name in CONSTANTS), "k_eff", "rms_log_error")
 #: Fewest specimens from which limits, outliers and drift are estimated.
 FEWEST = 8
 #: Chance of one false outlier, or one false drift, in a whole lot.
@@ -120,7 +122,7 @@ class Lot:
 def lot_of(rows: Sequence[dict]) -> Lot:
     """The statistics of the rows of a table."""
     good = [row for row in rows if row["status"] == "ok"]
-    names = [name for name in _quantities() if sum(row.get(name) is not None for row in good) > 0]
+    names = [name for name in QUANTITIES if sum(row.get(name) is not None for row in good) > 0]
     distributions = tuple(_distribution(name, good, len(names)) for name in names)
     rows_by_number = {row["number"]: row for row in good}
     outliers = [item for one in distributions for item in _outliers(one, len(names), rows_by_number)]
@@ -137,10 +139,6 @@ def _counted(rows: Sequence[dict], column: str) -> dict[str, int]:
     """Value → how many rows have it, the most frequent first."""
     found = Counter(row[column] for row in rows if row.get(column))
     return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
-
-
-def _quantities() -> list[str]:
-    return [*CONSTANTS, *(f"{name}_tan" for name in CONSTANTS), "k_eff", "rms_log_error"]
 
 
 def _distribution(name: str, good: Sequence[dict], tested: int) -> Distribution:

@@ -12,7 +12,7 @@ from typing import Literal
 from femu_piezo.batch.jobs import Job, program_checksum
 from femu_piezo.batch.lot import lot_of
 from femu_piezo.batch.pool import Pool, run_all
-from femu_piezo.batch.store import Records, locked, write_record
+from femu_piezo.batch.records import Records, locked, write_record
 from femu_piezo.batch.table import rows_of, write_table
 from femu_piezo.batch.worker import record, run_job
 from femu_piezo.output.folder import prepare_folder

@@ -7,12 +7,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from femu_piezo.errors import InputError
 from femu_piezo.output.records import update_record
 from femu_piezo.specimen.file import CONSTANTS, Specimen
 from femu_piezo.study.model_cache import Bases
+from femu_piezo.study.results import UpdateResult
 from femu_piezo.study.update import update
+
+if TYPE_CHECKING:
+    from femu_piezo.study.diagnose import Diagnosis
 
 Value = float | int | str | None
 #: Specimens of one job, and where bases come from → columns of the table, record in JSON types.
@@ -52,8 +57,12 @@ DIAGNOSIS_COLUMNS = (
 
 
 def _update(specimens: list[Specimen], bases: Bases) -> tuple[dict[str, Value], dict]:
-    """The constants with their standard deviations (SI), the fundamental of the first specimen, the misfit."""
     result = update(specimens, bases=bases)
+    return update_columns(result), finite(update_record(result))
+
+
+def update_columns(result: UpdateResult) -> dict[str, Value]:
+    """The constants with their standard deviations (SI), the fundamental of the first specimen, the misfit."""
     first = result.outcomes[0]
     columns: dict[str, Value] = {}
     for name, estimate in result.parameters.items():
@@ -65,7 +74,7 @@ def _update(specimens: list[Specimen], bases: Bases) -> tuple[dict[str, Value], 
     columns |= {"zero_Hz": pair.zero.frequency_Hz, "zero_loss": pair.zero.loss, "k_eff": pair.k_eff}
     columns |= {"rms_log_error": first.rms_after, "iterations": result.iterations, "method": result.method}
     columns["notes"] = " · ".join(result.notes)
-    return {name: finite(value) for name, value in columns.items()}, finite(update_record(result))
+    return finite(columns)
 
 
 def _diagnose(specimens: list[Specimen], bases: Bases) -> tuple[dict[str, Value], dict]:
@@ -78,6 +87,11 @@ def _diagnose(specimens: list[Specimen], bases: Bases) -> tuple[dict[str, Value]
             f"{specimens[0].path}: several specimens fitted together have no common diagnosis; diagnose each by itself"
         )
     result = diagnose(specimens[0], bases=bases)
+    return diagnosis_columns(result), finite(diagnosis_record(result))
+
+
+def diagnosis_columns(result: Diagnosis) -> dict[str, Value]:
+    """The verdict, the most probable cause with its size, the others, and what the named causes gain."""
     verdict, gain = result.verdict, result.gain
     causes = sorted(verdict.causes, key=lambda cause: -cause.probability)
     columns: dict[str, Value] = {"verdict": verdict.word}
@@ -89,7 +103,7 @@ def _diagnose(specimens: list[Specimen], bases: Bases) -> tuple[dict[str, Value]
         columns["alike"] = ", ".join(first.indistinguishable_from) or None
     columns |= {f"error_{when}": gain[f"held_out_{when}"] for when in ("before", "after")}
     columns |= {"error_noise": gain["noise_floor"], "diagnosis": _diagnosis_words(verdict.word, causes)}
-    return {name: finite(value) for name, value in columns.items()}, finite(diagnosis_record(result))
+    return finite(columns)
 
 
 def _diagnosis_words(word: str, causes) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 
 from femu_piezo.batch.steps import CONSTANT_COLUMNS, DIAGNOSIS_COLUMNS, UPDATE_COLUMNS
@@ -50,22 +51,27 @@ def columns_of(rows: Sequence[dict]) -> list[str]:
 
 def write_table(rows: Sequence[dict], csv_path: Path, parquet_path: Path) -> None:
     """Write both files, each whole or not at all; the same rows give the same bytes. Values in SI units."""
-    import pyarrow
-    import pyarrow.parquet
-
     columns = columns_of(rows)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows([_cell(row.get(name)) for name in columns] for row in rows)
     write_atomically(csv_path, text.getvalue())
+    write_atomically(parquet_path, as_parquet(rows, columns))
+
+
+def as_parquet(rows: Sequence[dict], columns: Sequence[str]) -> bytes:
+    """The content of a Parquet file of some columns of the rows."""
+    import pyarrow
+    import pyarrow.parquet
+
     fields = [(name, _type(pyarrow, name, rows)) for name in columns]
     table = pyarrow.table(
         [pyarrow.array([row.get(name) for row in rows], kind) for name, kind in fields], names=columns
     )
     buffer = io.BytesIO()
     pyarrow.parquet.write_table(table, buffer)
-    write_atomically(parquet_path, buffer.getvalue())
+    return buffer.getvalue()
 
 
 def _cell(value) -> str:
@@ -79,4 +85,6 @@ def _cell(value) -> str:
 def _type(pyarrow, name: str, rows: Sequence[dict]):
     if name in _TEXT or any(isinstance(row.get(name), str) for row in rows):
         return pyarrow.string()
+    if any(isinstance(row.get(name), datetime) for row in rows):
+        return pyarrow.timestamp("us", tz="UTC")
     return pyarrow.int64() if name in _WHOLE else pyarrow.float64()

@@ -22,6 +22,8 @@ State = Literal["waiting", "running", "done", "failed", "cancelled"]
 #: Jobs that are remembered, and that may wait.
 _REMEMBERED, _MOST_WAITING = 60, 200
 _STOPPED = "the server was stopped meanwhile"
+#: Environment variable in which the commands find the address of a store.
+STORE_VARIABLE = "FEMU_PIEZO_STORE"
 #: Seconds that an interrupted command has to tidy up.
 _PATIENCE = 5.0
 #: Seconds that a command takes where none was run here before.
@@ -65,12 +67,13 @@ class Job:
 
 
 class Jobs:
-    """The queue of a folder.
+    """The queue of a folder, whose commands keep their results in a store as well where one is given.
 
     Jobs that run when the server stops are interrupted; those that wait are run after the next start.
     """
 
-    def __init__(self, folder: Path, own: Path, workers: int | None = None) -> None:
+    def __init__(self, folder: Path, own: Path, workers: int | None = None, store: str | None = None) -> None:
+        self._settings = {} if store is None else {STORE_VARIABLE: store}  # not an argument: it may hold a password
         self._folder, self._file, self._times_file = folder, own / "jobs.json", own / "times.json"
         self._lock = threading.RLock()
         self._wake = threading.Condition(self._lock)
@@ -168,7 +171,8 @@ class Jobs:
     def _run(self, job: Job) -> None:
         order = [sys.executable, "-P", "-m", "femu_piezo.cli", job.command, "--out", job.out, *job.arguments]
         order += ["--", job.source]  # -P: a script in the folder is no module of ours;  --: nor is a name an option
-        settings = {**os.environ, steps.VARIABLE: "1", "OMP_NUM_THREADS": str(self._share), "PYTHONUTF8": "1"}
+        settings = {**os.environ, **self._settings, steps.VARIABLE: "1", "PYTHONUTF8": "1"}
+        settings["OMP_NUM_THREADS"] = str(self._share)
         process = subprocess.Popen(
             order,
             cwd=self._folder,

@@ -25,8 +25,12 @@ _KINDS = {
 }
 
 
-def serve(folder: Path, host: str, port: int) -> None:
-    """Run the page until Ctrl-C; raises InputError where folder, address or packages cannot serve."""
+def serve(folder: Path, host: str, port: int, store: str | None = None) -> None:
+    """Run the page until Ctrl-C; raises InputError where folder, address, store or packages cannot serve.
+
+    store : database that the commands of the page keep their results in, as `femu_piezo.store.database.Database` takes
+        it; "sqlite" for one in the folder
+    """
     workspace = Workspace.of(folder)
     if not os.access(workspace.folder, os.W_OK):
         raise InputError(f"{folder}: the folder cannot be written to, and results are kept in it; choose another one")
@@ -47,7 +51,7 @@ def serve(folder: Path, host: str, port: int) -> None:
     lock = _locked(workspace)  # held until the end
     secret = _secret(workspace.own)
     token = None if is_loopback(host) else hashlib.sha256(f"token {secret}".encode()).hexdigest()[:32]
-    jobs = Jobs(workspace.folder, workspace.own)
+    jobs = Jobs(workspace.folder, workspace.own, store=store and _checked(store, workspace.folder))
     application = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
 
     @application.get("/files/{name:path}")
@@ -81,6 +85,16 @@ def serve(folder: Path, host: str, port: int) -> None:
     finally:
         jobs.stop()
         lock.close()
+
+
+def _checked(store: str, folder: Path) -> str:
+    """The address of a store that answers, whatever folder a command works in."""
+    from femu_piezo.store.database import FILE, HERE, Database
+
+    Database(store, folder).close()
+    if "://" in store:
+        return store
+    return str((folder / FILE if store == HERE else Path(store)).resolve())
 
 
 def _bound(host: str, port: int) -> socket.socket:

@@ -118,3 +118,18 @@ def test_a_script_in_the_folder_is_no_module_and_a_name_no_option(folder: Path, 
 def test_jobs_of_another_version_are_forgotten(folder: Path, start) -> None:
     (folder / ".femu-piezo/jobs.json").write_text('[{"number": 1, "colour": "red"}]')
     assert start().all() == []
+
+
+def test_commands_keep_their_results_in_the_store_of_the_page(folder: Path) -> None:
+    from femu_piezo.store.database import Database
+    from femu_piezo.store.read import read_pieces
+
+    address = str(folder / "line.sqlite")
+    jobs = Jobs(folder, folder / ".femu-piezo", 1, store=address)
+    job = jobs.ask("update", "plate.toml", "results/plate.toml/update")
+    wait(lambda: not job.active)
+    jobs.stop()
+    assert job.state == "done", job.message
+    database = Database(address, folder, make=False)
+    assert [row["status"] for row in read_pieces(database)] == ["ok"]
+    database.close()

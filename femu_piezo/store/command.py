@@ -1,0 +1,166 @@
+"""`femu-piezo lots`: what a database holds, lots compared, control charts, drift; all of it as files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Group, RenderableType
+from rich.table import Table
+
+from femu_piezo.batch.table import as_parquet, columns_of
+from femu_piezo.errors import InputError
+from femu_piezo.files import write_atomically
+from femu_piezo.output.curves import PRINTED
+from femu_piezo.output.folder import prepare_folder, write_figure, write_json
+from femu_piezo.store.control import FEWEST, Control, controls
+from femu_piezo.store.database import Database
+from femu_piezo.store.figure import lots_figure
+from femu_piezo.store.read import STORE_COLUMNS, read_pieces
+
+#: Drift, scatter and differences of lots are shares of the mean, %.
+_PERCENT = 100.0
+#: Quantities that a table of lots has beside each other.
+_COLUMNS = 5
+
+
+def show_lots(
+    store: str, out: Path | None = None, lots: Sequence[str] = (), quantities: Sequence[str] = ()
+) -> RenderableType:
+    """The tables of the lots of a database, for rich; with `out` also lots.parquet, lots.json and lots.png there.
+
+    Parameters
+    ----------
+    store : address, see `Database`
+    lots : names of those wanted, all where there are none
+    quantities : columns to chart; constants, tangents, k_eff and misfit where there are none
+
+    Raises
+    ------
+    InputError : the database cannot be read, or has no such lot or quantity
+    """
+    database = Database(store, Path.cwd(), make=False)
+    try:
+        rows = read_pieces(database, lots)
+    finally:
+        database.close()
+    _check(database.shown, rows, lots, quantities)
+    charts = controls(rows, quantities)
+    if out is not None:
+        prepare_folder(out)
+        write_atomically(out / "lots.parquet", as_parquet(rows, [*STORE_COLUMNS, *columns_of(rows)]))
+        found = {name: _counted(members) for name, members in _by_lot(rows).items()}
+        write_json(out / "lots.json", {"lots": found, "quantities": {one.quantity: one.to_json() for one in charts}})
+        write_figure(out / "lots.png", lots_figure(charts), dots_per_inch=110)
+    compared = [_comparison(charts[start : start + _COLUMNS]) for start in range(0, len(charts), _COLUMNS)]
+    return Group(_lots_table(rows), *compared, _charts_table(charts))
+
+
+def _check(store: str, rows: list[dict[str, Any]], lots: Sequence[str], quantities: Sequence[str]) -> None:
+    missing = set(lots) - {row["lot"] for row in rows}
+    if not rows and not lots:
+        raise InputError(f"--store {store}: the store holds no piece yet; batch, update and diagnose keep theirs in it")
+    if missing:
+        raise InputError(
+            f"--lot {sorted(missing)[0]}: the store {store} has no such lot; femu-piezo lots without --lot lists them"
+        )
+    numbers = {name for row in rows for name, value in row.items() if isinstance(value, (int, float))}
+    for name in quantities:
+        if name not in numbers:
+            raise InputError(f"--quantity {name}: no piece has such a number; give one such as s11, s11_tan or k_eff")
+
+
+def _by_lot(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """Lot → its rows, the lots in the order of their first piece."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        found.setdefault(row["lot"], []).append(row)
+    return found
+
+
+def _counted(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What a lot holds, JSON types."""
+    times = [row["measured"] for row in rows]
+    return {
+        "pieces": len(rows),
+        "ok": sum(row["status"] == "ok" for row in rows),
+        "failed": sum(row["status"] != "ok" for row in rows),
+        "diagnosed": sum(row.get("verdict") is not None for row in rows),
+        "first": min(times).isoformat(),
+        "last": max(times).isoformat(),
+        "stations": sorted({row["station"] for row in rows if row["station"]}),
+        "programs": sorted({row["program"] for row in rows}),
+    }
+
+
+def _lots_table(rows: Sequence[dict[str, Any]]) -> Table:
+    """One row for each lot: what it holds."""
+    table = Table(title="lots", title_justify="left")
+    table.add_column("lot")
+    for heading in ("pieces", "refused", "diagnosed", "measured (UTC)"):
+        table.add_column(heading, justify="right")
+    for heading in ("stations", "programs"):
+        table.add_column(heading)
+    for name, members in _by_lot(rows).items():
+        one = _counted(members)
+        days = " … ".join(dict.fromkeys((one["first"][:10], one["last"][:10])))
+        numbers = [str(one[key]) for key in ("pieces", "failed", "diagnosed")]
+        table.add_row(name, *numbers, days, ", ".join(one["stations"]), ", ".join(one["programs"]))
+    return table
+
+
+def _comparison(charts: Sequence[Control]) -> Table:
+    """One row for each lot: how far its mean is from that of all pieces, with the deviation of the mean."""
+    title = "difference of a lot from the mean of all pieces, % (* beyond 3 σ of the scatter within lots)"
+    table = Table(title=title, title_justify="left")
+    table.add_column("lot")
+    for one in charts:
+        table.add_column(one.quantity, justify="right")
+    for name in dict.fromkeys(name for one in charts for name in one.means.lots):
+        table.add_row(name, *(_difference(one, name) for one in charts))
+    return table
+
+
+def _difference(one: Control, lot: str) -> str:
+    means = one.means
+    if lot not in means.lots or not means.centre:
+        return "-"
+    index = means.lots.index(lot)
+    size = _PERCENT / abs(means.centre)
+    off = f"{size * (means.mean[index] - means.centre):+.2f}"
+    if means.within is None:
+        return off
+    mark = "*" if index in means.beyond else ""
+    return f"{off} ± {size * means.within / np.sqrt(means.count[index]):.2f}{mark}"
+
+
+def _charts_table(charts: Sequence[Control]) -> Table:
+    title = "control limits of single pieces, scatter within and between lots, drift (* significant)"
+    table = Table(title=title, title_justify="left")
+    for heading in ("quantity", "unit"):
+        table.add_column(heading)
+    for heading in ("mean", "limits", "beyond", "within", "between", "per month"):
+        table.add_column(heading, justify="right")
+    for one in charts:
+        factor, unit = PRINTED.get(one.quantity, (1.0, ""))
+        single, means, drift = one.individuals, one.means, one.drift
+        size = _PERCENT / abs(means.centre) if means.centre else np.nan
+        limits = "-" if single is None else " … ".join(f"{factor * limit:.4g}" for limit in single.limits)
+        table.add_row(
+            one.quantity,
+            unit,
+            f"{factor * means.centre:.5g}",
+            limits,
+            f"of {FEWEST} on" if single is None else f"{len(single.beyond)} of {one.values.size}",
+            "-" if means.within is None else f"{size * means.within:.2g} %",
+            "-" if drift is None or not drift.of_lots else f"{size * drift.between:.2g} %",
+            "-" if drift is None else _drift_words(size, drift),
+        )
+    return table
+
+
+def _drift_words(size: float, drift) -> str:
+    mark = "*" if drift.significant else ""
+    return f"{size * drift.per_month:+.2g} ± {size * drift.std:.2g} %{mark}"

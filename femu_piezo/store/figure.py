@@ -1,0 +1,89 @@
+"""The picture of several lots: of every quantity the control chart of single pieces, and of the lots over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter, date2num
+from matplotlib.figure import Figure
+
+from femu_piezo.output.curves import PRINTED
+from femu_piezo.store.control import MONTH_S, RUN, Control, Drift
+
+_POINT, _LINE, _LIMIT, _BEYOND = "#1f6fb4", "#222222", "#8c8c8c", "#c0392b"
+_PIECES = f"single pieces: limits from the moving range of two; red: beyond, orange: {RUN} on one side"
+_MEANS = "lots: mean, limits from the scatter within lots; drift ± σ, red where significant"
+#: So many lots are written out beside their points.
+_LABELLED = 14
+
+
+def lots_figure(controls: Sequence[Control]) -> Figure:
+    """One row per quantity."""
+    rows = max(1, len(controls))
+    figure = Figure(figsize=(12.0, 1.0 + 2.3 * rows), layout="constrained")
+    axes = figure.subplots(rows, 2, squeeze=False, sharex="col")
+    for control, (left, right) in zip(controls, axes, strict=False):
+        factor, unit = PRINTED.get(control.quantity, (1.0, ""))
+        left.set_ylabel(f"{control.quantity}{f' ({unit})' if unit else ''}")
+        _pieces(left, control, factor)
+        _lots(right, control, factor)
+    if controls:
+        axes[0, 0].set_title(_PIECES, fontsize=10)
+        axes[0, 1].set_title(_MEANS, fontsize=10)
+    else:
+        axes[0, 0].text(0.5, 0.5, "no piece has a result", ha="center", transform=axes[0, 0].transAxes)
+    axes[-1, 0].set_xlabel("piece, in the order of measurement")
+    axes[-1, 1].set_xlabel("mean time of measurement (UTC)")
+    locator = AutoDateLocator()
+    axes[-1, 1].xaxis.set_major_locator(locator)
+    axes[-1, 1].xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    figure.align_ylabels(axes[:, 0])
+    return figure
+
+
+def _pieces(axes: Axes, control: Control, factor: float) -> None:
+    number, values, one = np.arange(1, control.values.size + 1), factor * control.values, control.individuals
+    axes.plot(number, values, ".", color=_POINT, markersize=4, linewidth=0)
+    if one is None:
+        return
+    axes.axhline(factor * one.centre, color=_LINE, linewidth=1.0)
+    for limit in one.limits:
+        axes.axhline(factor * limit, color=_LIMIT, linewidth=1.0, linestyle="--")
+    beyond, shifted = list(one.beyond), list(one.shifted)
+    axes.plot(number[shifted], values[shifted], ".", color="#e69f00", markersize=4, linewidth=0)
+    axes.plot(number[beyond], values[beyond], "o", color=_BEYOND, markerfacecolor="none", markersize=6, linewidth=0)
+
+
+def _lots(axes: Axes, control: Control, factor: float) -> None:
+    means = control.means
+    when = date2num([datetime.fromtimestamp(seconds, UTC) for seconds in means.time])
+    axes.axhline(factor * means.centre, color=_LINE, linewidth=1.0)
+    if means.within is not None:  # of each lot, as they have different numbers of pieces
+        axes.vlines(when, *(factor * means.limits.T), color=_LIMIT, linewidth=6, alpha=0.35)
+    axes.plot(when, factor * means.mean, "o", color=_POINT, markersize=5, linewidth=0)
+    beyond = list(means.beyond)
+    axes.plot(when[beyond], factor * means.mean[beyond], "o", color=_BEYOND, markersize=5, linewidth=0)
+    if control.drift is not None:
+        _draw_drift(axes, control.drift, means.centre, control.time, factor)
+    for index, name in enumerate(means.lots if len(means.lots) <= _LABELLED else ()):
+        right = 2 * index < len(means.lots)  # of the point, in the first half
+        place = {"xytext": (4 if right else -4, 4), "textcoords": "offset points", "fontsize": 7}
+        align = "left" if right else "right"
+        axes.annotate(name[-18:], (when[index], factor * means.mean[index]), ha=align, **place)
+    axes.margins(x=0.05, y=0.15)
+    axes.ticklabel_format(axis="y", useOffset=False)
+
+
+def _draw_drift(axes: Axes, drift: Drift, centre: float, seconds: np.ndarray, factor: float) -> None:
+    months = np.linspace(seconds.min(), seconds.max(), 50) / MONTH_S
+    when = date2num([datetime.fromtimestamp(month * MONTH_S, UTC) for month in months])
+    line = drift.offset + drift.per_month * (months - drift.at)
+    half = drift.std * np.abs(months - drift.at)
+    color = _BEYOND if drift.significant else _LIMIT
+    axes.plot(when, factor * line, color=color, linewidth=1.2)
+    axes.fill_between(when, factor * (line - half), factor * (line + half), color=color, alpha=0.15, linewidth=0)
+    words = f"{100 * drift.per_month / abs(centre):+.2g} ± {100 * drift.std / abs(centre):.2g} % per month"
+    axes.text(0.99, 0.03, words, ha="right", transform=axes.transAxes, fontsize=8, color=color)

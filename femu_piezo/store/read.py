@@ -1,0 +1,71 @@
+"""Results out of the database, as rows of the table of a lot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import Connection, func, select
+
+from femu_piezo.batch.steps import DIAGNOSIS_COLUMNS
+from femu_piezo.batch.table import rows_of
+from femu_piezo.store import schema
+from femu_piezo.store.database import Database
+
+#: Columns that a row has beside those of the table of a lot.
+STORE_COLUMNS = ("lot", "measured", "written", "station", "program", "sweep")
+#: The lot of pieces that no command named one for.
+NO_LOT = "no lot"
+
+
+def read_pieces(database: Database, lots: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """One row for each piece: its last update, and the columns of its last diagnosis, in the order of measurement.
+
+    Columns are `STORE_COLUMNS` and those of the table of a lot; times are UTC, `sweep` is the SHA-256 of the file.
+
+    Parameters
+    ----------
+    lots : names of the lots wanted; all where there are none
+    """
+    updates, diagnoses = database.read(lambda connection: (_last(connection, "update"), _last(connection, "diagnose")))
+    found = {piece: row | updates.get(piece, {}) for piece, row in diagnoses.items()} | {
+        piece: row for piece, row in updates.items() if piece not in diagnoses
+    }
+    wanted = [piece for piece, row in found.items() if not lots or row["lot"] in lots]
+    wanted.sort(key=lambda piece: (found[piece]["measured"], found[piece]["name"]))
+    rows = rows_of([found[piece] for piece in wanted])
+    for piece, row in zip(wanted, rows, strict=True):
+        row |= {name: found[piece][name] for name in STORE_COLUMNS}
+        if piece in diagnoses:
+            row |= {name: diagnoses[piece]["columns"].get(name) for name in DIAGNOSIS_COLUMNS}
+    return rows
+
+
+def _last(connection: Connection, step: str) -> dict[str, dict[str, Any]]:
+    """Piece → its last result of a step: a record as `rows_of` takes it, and the columns of the store."""
+    results, inputs, sweeps = schema.results, schema.inputs, schema.sweeps
+    last = select(func.max(results.c.id)).where(results.c.step == step).group_by(results.c.piece)
+    names = ("piece", "name", "status", "reason", "columns", "written", "station", "program")
+    query = (
+        select(
+            *(results.c[name] for name in names),
+            schema.lots.c.name.label("lot"),
+            sweeps.c.measured,
+            sweeps.c.hash.label("sweep"),
+        )
+        .join_from(results, inputs, (inputs.c.result_id == results.c.id) & (inputs.c.position == 0))
+        .outerjoin(schema.lots, schema.lots.c.id == results.c.lot_id)
+        .outerjoin(sweeps, sweeps.c.id == inputs.c.sweep_id)
+        .where(results.c.id.in_(last))
+    )
+    found = {}
+    for row in connection.execute(query).mappings():
+        measured = row["measured"] or row["written"]
+        times = {"measured": _utc(measured), "written": _utc(row["written"])}
+        found[row["piece"]] = dict(row) | times | {"lot": row["lot"] or NO_LOT}
+    return found
+
+
+def _utc(time: datetime) -> datetime:
+    return time.replace(tzinfo=UTC)
