@@ -20,6 +20,8 @@ from femu_piezo.errors import InputError
 
 #: Seconds to wait for the answer of a scheduler, and after which its workers are counted again.
 CONNECT_S, _COUNT_S = 20, 5.0
+#: Seconds that a lost scheduler has to come back.
+RETURN_S = 120
 #: Of malloc.h, and what glibc comes to by itself on 64 bits where nothing is set.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = (-1, 64 << 20), (-3, 32 << 20)
 #: Callbacks of a Dask worker, and how often the second runs while a lot does, ms.
@@ -70,6 +72,11 @@ class DaskPool:
     limit_s = None
 
     def __init__(self, address: str) -> None:
+        self._address = address
+        self._open()
+
+    def _open(self) -> None:
+        address = self._address
         try:
             self._client = Client(address, timeout=CONNECT_S, set_as_default=False)
         except (OSError, ValueError) as error:
@@ -83,6 +90,7 @@ class DaskPool:
         except BaseException:
             self._client.close()
             raise
+        self._scheduler = self._client.scheduler_info()["id"]
         self._executor = self._client.get_executor(pure=False)
         self._width, self._counted = 0, -_COUNT_S
 
@@ -113,7 +121,29 @@ class DaskPool:
         return self._executor.submit(function, *arguments)
 
     def restart(self) -> None:
-        """Dask restarts its own workers."""
+        """Dask replaces its workers; a scheduler that was lost is waited for, another one at its address taken."""
+        if self._answers():
+            return
+        self._client.close(timeout=1)
+        end = time.monotonic() + RETURN_S
+        while not self._returned(end):
+            time.sleep(1)
+
+    def _returned(self, end: float) -> bool:
+        """Whether it could be opened again; InputError where not, after the end of patience."""
+        try:
+            self._open()
+        except InputError:
+            if time.monotonic() > end:
+                raise
+            return False
+        return True
+
+    def _answers(self) -> bool:
+        """Whether the scheduler is still the same one."""
+        with suppress(OSError, TimeoutError, ValueError, RuntimeError):
+            return self._client.status == "running" and self._client.scheduler_info()["id"] == self._scheduler
+        return False
 
     def close(self) -> None:
         self._executor.shutdown(wait=False)

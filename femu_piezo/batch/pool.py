@@ -16,7 +16,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Protocol
 
 from femu_piezo.batch.worker import THREAD_VARIABLES, start_local_worker
-from femu_piezo.errors import ConvergenceError
+from femu_piezo.errors import ConvergenceError, InputError
 
 #: Jobs handed to each worker beyond the one it works on, so that it never waits for the next.
 AHEAD = 1
@@ -33,6 +33,8 @@ class Pool(Protocol):
     breaks_whole : whether one dead worker loses all that is in flight
     bundle : how many jobs at most a worker is handed at once, where handing over is dear
     limit_s : seconds after which a worker ends itself, None where it must not
+
+    `restart` raises InputError where the workers do not come back; what waits is then left for the next run.
     """
 
     lost: tuple[type[BaseException], ...]
@@ -138,7 +140,7 @@ class _Dispatch:
                 done, _ = wait(self._running)  # all are lost at once, or had finished
             broken = [self._take(future) for future in done]
             if any(broken):
-                self._pool.restart()
+                self._restart()
 
     def _fill(self) -> None:
         """Suspects one at a time, else as many as the pool takes."""
@@ -155,8 +157,16 @@ class _Dispatch:
             if not self._running:
                 self._died += 1
                 self._check_hope("")
-                self._pool.restart()
+                self._restart()
                 self._fill()
+
+    def _restart(self) -> None:
+        try:
+            self._pool.restart()
+        except InputError as error:
+            raise ConvergenceError(
+                f"the workers are gone ({error}); what is finished is kept, run the same command again to continue"
+            ) from None
 
     def _start(self, queue: deque, count: int, alone: bool) -> None:
         tasks, limit = [queue[index] for index in range(count)], self._pool.limit_s
@@ -177,11 +187,9 @@ class _Dispatch:
         if not self._is_lost(future):
             try:
                 result = future.result()
-            except (CancelledError, OSError) as error:
-                raise ConvergenceError(
-                    f"the workers are gone ({type(error).__name__}); what is finished is kept, run the same command "
-                    "again to continue"
-                ) from None
+            except (CancelledError, OSError):  # with the scheduler, and no fault of the task
+                self._waiting.extendleft(reversed(tasks))
+                return True
             self._succeeded += 1
             for task, one in zip(tasks, [result] if len(tasks) == 1 else result, strict=True):
                 self._finished(task, one, "")
@@ -213,4 +221,4 @@ class _Dispatch:
             for task in tasks:
                 self._finished(task, None, f"no worker has answered for {self._patience:g} s")
         self._running.clear()
-        self._pool.restart()
+        self._restart()

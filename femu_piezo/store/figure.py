@@ -31,8 +31,8 @@ def lots_figure(controls: Sequence[Control]) -> Figure:
         _pieces(left, control, factor)
         _lots(right, control, factor)
     if controls:
-        axes[0, 0].set_title(_PIECES, fontsize=10)
-        axes[0, 1].set_title(_MEANS, fontsize=10)
+        axes[0, 0].set_title(_PIECES, fontsize=9)
+        axes[0, 1].set_title(_MEANS, fontsize=9)
     else:
         axes[0, 0].text(0.5, 0.5, "no piece has a result", ha="center", transform=axes[0, 0].transAxes)
     axes[-1, 0].set_xlabel("piece, in the order of measurement")

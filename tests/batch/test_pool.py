@@ -59,6 +59,36 @@ def test_silence_is_given_up():
     assert "no worker has answered for 2 s" in found["sleep"]
 
 
+def test_a_scheduler_that_is_started_again_costs_nothing():
+    """The tasks in flight are handed to the new one; one that stays away ends the lot with a sentence."""
+    from distributed import LocalCluster
+
+    from femu_piezo.batch.cluster import DaskPool
+
+    def cluster(port: int = 0) -> LocalCluster:
+        settings = {"processes": False, "dashboard_address": None, "protocol": "tcp", "host": "127.0.0.1"}
+        return LocalCluster(1, threads_per_worker=2, scheduler_port=port, **settings)
+
+    found, clusters = {}, [cluster()]
+    pool = DaskPool(clusters[0].scheduler_address)
+
+    def finished(task, result, reason):
+        assert task[0] not in found
+        found[task[0]] = "ok" if result else reason
+        if len(found) == 3:
+            clusters[0].close()
+            clusters.append(cluster(int(pool._address.rsplit(":", 1)[1])))
+
+    tasks = [f"{kind} {number}" for number in range(6) for kind in ("a", "slow")]
+    try:
+        run_all(pool, deadly, [(task,) for task in tasks], finished, patience_s=60)
+        assert found == dict.fromkeys(tasks, "ok")
+    finally:
+        pool.close()
+        for one in clusters:
+            one.close()
+
+
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs the signal masks of /proc")
 def test_a_mesh_does_not_make_broken_pipes_deadly():
     """gmsh resets SIGPIPE; a worker whose caller is gone would then die at its next write, with no error."""
