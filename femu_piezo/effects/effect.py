@@ -216,7 +216,7 @@ class Effect:
             freed=True,
         )
 
-    @property
+    @cached_property
     def place(self) -> tuple[float, bool]:
         """Where it stands among the effects of a body: laws over frequency act on the constants as they are, circuits
         follow outward, the instrument is last."""
@@ -238,10 +238,12 @@ class Effect:
         """(n,) parameters at which the effect vanishes."""
         return np.array([parameter.rest for parameter in self.parameters])
 
-    @property
+    @cached_property
     def scale(self) -> np.ndarray:
         """(n,) unit of each parameter in a fit."""
-        return np.array([parameter.scale for parameter in self.parameters])
+        found = np.array([parameter.scale for parameter in self.parameters])
+        found.flags.writeable = False
+        return found
 
     @property
     def spread(self) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import islice
 
 import numpy as np
@@ -20,6 +21,7 @@ CROWDS = (12, 24, 48)  # poles that a crowded sweep is started with
 PLACES = 3  # for one more pole that are tried, until the model is passive
 SCAN_FREQUENCIES = 160
 SCAN_WIDTHS = 8
+_FOLLOWED = 1e-12  # share of an atom's square below which the rest of it is rounding
 MAX_SCAN_POINTS, MANY_POINTS = 2000, 1601  # that one scan, and that the search, look at
 
 
@@ -205,8 +207,9 @@ def _significance(result: Fit, data: NormalisedSweep) -> np.ndarray:
 def _likely_poles(current: Fit, data: NormalisedSweep) -> list[complex]:
     """Up to `PLACES` places for one more pole, where the linearised misfit drops most first (a score scan).
 
-    Every trial pole is an atom weight/(charge (z − x)); its gain is |⟨a⊥, r⟩|²/‖a⊥‖² after projection onto
-    the complement of what the current model can already follow. A place is the best of those nearer than its width.
+    Every trial pole is an atom a = weight/(charge (z − x)); with a⊥ its part that the current model cannot follow its
+    gain is |⟨a⊥, r⟩|²/‖a⊥‖² = |⟨a, r⟩|²/(‖a‖² − ‖Qᴴa‖²), as r ⊥ Q. An atom that is followed but for rounding has none.
+    A place is the best of those nearer than its width.
     """
     model = current.model
     pick = evenly(len(data), MAX_SCAN_POINTS)
@@ -214,13 +217,11 @@ def _likely_poles(current: Fit, data: NormalisedSweep) -> list[complex]:
     basis, _ = np.linalg.qr(row[:, None] * model.jacobian(x))
     r = current.residual[pick]
     r = r - basis @ (basis.conj().T @ r)
-    trials = _trial_poles(x)
-    gains = []
-    for z in trials:
-        atoms = row[:, None] / (z - x[:, None])
-        atoms = atoms - basis @ (basis.conj().T @ atoms)
-        gains.append(np.abs(atoms.conj().T @ r) ** 2 / np.sum(np.abs(atoms) ** 2, axis=0))
-    every, gain = np.concatenate(trials), np.concatenate(gains)
+    every, atoms, power = _scan(np.ascontiguousarray(x).tobytes())
+    whole = np.abs(row) ** 2 @ power
+    along = (row * np.column_stack([basis, r]).conj().T) @ atoms
+    rest = whole - np.sum(np.abs(along[:-1]) ** 2, axis=0)
+    gain = np.where(rest > _FOLLOWED * whole, np.abs(along[-1]) ** 2, 0.0) / np.maximum(rest, _FOLLOWED * whole)
     found: list[complex] = []
     while len(found) < PLACES and np.any(gain > 0):
         found.append(complex(every[np.argmax(gain)]))
@@ -228,12 +229,20 @@ def _likely_poles(current: Fit, data: NormalisedSweep) -> list[complex]:
     return found
 
 
-def _trial_poles(x: np.ndarray) -> list[np.ndarray]:
-    """Trial positions, one array per half-width: from the point spacing up to a quarter of the sweep."""
+@lru_cache(maxsize=1)
+def _scan(positions: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Trial positions z (m,) of a pole, 1/(z − x) at x (n,) as (n, m), and the squares of its sizes.
+
+    Half-widths from the point spacing up to a quarter of the sweep. Kept: the scans of a sweep, and the sweeps of a
+    lot, have the same x.
+    """
+    x = np.frombuffer(positions)
     spacing = float(np.median(np.diff(x)))
     widths = np.geomspace(spacing / 2, 0.5, SCAN_WIDTHS)
     centres = np.interp(np.linspace(0, x.size - 1, SCAN_FREQUENCIES), np.arange(x.size), x)
-    return [centres + 1j * width for width in widths]
+    trials = (centres + 1j * widths[:, None]).ravel()
+    atoms = 1 / (trials - x[:, None])
+    return trials, atoms, np.abs(atoms) ** 2
 
 
 def _record(result: Fit, data: NormalisedSweep, tried: list[Candidate]) -> Fit:

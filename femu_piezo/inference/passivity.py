@@ -6,6 +6,8 @@ be negative. A violation of `TOLERANCE` costs as much as one standard deviation 
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from femu_piezo.inference.coefficients import active_effects, d_form_constants
@@ -15,6 +17,12 @@ from femu_piezo.material.constants import PiezoConstants
 TOLERANCE = 1e-5
 #: Share of the tolerance below which a violation is rounding: a lossless constant stands at the wall.
 _NOTICED = 1e-3
+
+
+@cache
+def _pairs(size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns (size (size + 1)/2,) of an upper triangle."""
+    return np.triu_indices(size)
 
 
 def wall_and_readings(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -41,7 +49,7 @@ def passivity_wall(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.
     for block in range(constants.block_count):
         values, vectors = np.linalg.eigh(constants.loss_block(block))
         low = np.where(values < -_NOTICED * TOLERANCE, values, 0.0)
-        first, second = np.triu_indices(values.size)
+        first, second = _pairs(values.size)
         apart = values[first] - values[second]
         share = np.where(apart == 0, low[first] < 0, (low[first] - low[second]) / np.where(apart == 0, 1.0, apart))
         count = np.where(first == second, share, 2 * share)

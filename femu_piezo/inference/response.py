@@ -208,8 +208,9 @@ def _along(terms: np.ndarray, tangents: np.ndarray, basis: np.ndarray, weights: 
     count, size = terms.shape[0], basis.shape[1]
     images = images.reshape(count, -1, 2 * size)
     small = basis.T @ (images[:, :, :size] + 1j * images[:, :, size:])
-    moves = (tangents.T @ small.reshape(count, -1)).reshape(-1, size, size)
-    return np.array([np.einsum("km,km->k", weights @ move, weights) for move in moves]).T
+    first, second = np.triu_indices(size)  # of symmetric products, each pair once
+    pairs = small[:, first, second] * np.where(first == second, 1, 2)
+    return (weights[:, first] * weights[:, second]) @ (pairs.T @ tangents)
 
 
 def _modal(model: ExtendedModel, c: Coefficients) -> ModalModel:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Literal
 
 import numpy as np
@@ -50,6 +50,7 @@ class _Constants:
     """What both forms share: values as a mapping and as a vector in the order of the fields."""
 
     @classmethod
+    @cache
     def names(cls) -> tuple[str, ...]:
         return tuple(field.name for field in fields(cls))
 
@@ -60,6 +61,10 @@ class _Constants:
 
     def vector(self) -> np.ndarray:
         """(10,) complex values in the order of `names()`, SI units."""
+        return self._values.copy()
+
+    @cached_property
+    def _values(self) -> np.ndarray:
         return np.array([getattr(self, name) for name in self.names()], dtype=complex)
 
     def as_dict(self) -> dict[str, complex]:
@@ -204,16 +209,12 @@ class PiezoConstants(_Constants):
         c = np.linalg.inv(self.compliance())
         d = self.piezoelectric()
         e = d @ c
-        columns = []
-        for unit in np.eye(10):
-            step = PiezoConstants.from_vector(unit)
-            dc = -c @ step.compliance() @ c
-            de = step.piezoelectric() @ c + d @ dc
-            deps = step.permittivity() - de @ d.T - e @ step.piezoelectric().T
-            columns.append(
-                [*(dc[i, j] for i, j in _ELASTIC), *(de[i, j] for i, j in _COUPLING), deps[0, 0], deps[2, 2]]
-            )
-        return np.array(columns).T
+        ds, dd, deps = _UNIT_MATRICES
+        dc = -c @ ds @ c
+        de = dd @ c + d @ dc
+        deps = deps - de @ d.T - e @ dd.transpose(0, 2, 1)
+        rows = [*(dc[:, i, j] for i, j in _ELASTIC), *(de[:, i, j] for i, j in _COUPLING), deps[:, 0, 0], deps[:, 2, 2]]
+        return np.array(rows)
 
     @cached_property
     def coupling(self) -> dict[str, complex]:
@@ -243,7 +244,7 @@ class PiezoConstants(_Constants):
         if faults:
             return faults
         for index, (_, names, _) in enumerate(_BLOCKS):
-            if np.linalg.eigvalsh(self._scaled(index).real)[0] < -tolerance:
+            if np.linalg.eigvalsh(self._scaled[index].real)[0] < -tolerance:
                 message = f"{', '.join(names)} together are not positive definite: no stable material has them"
                 faults.append(MaterialFault("unstable", message))
             if passive and np.linalg.eigvalsh(self.loss_block(index))[0] < -tolerance:
@@ -268,19 +269,23 @@ class PiezoConstants(_Constants):
 
     def loss_block(self, index: int) -> np.ndarray:
         """−Im of one block of the d-form matrix, scaled as its real part; must not be negative."""
-        return -self._scaled(index).imag
+        return -self._scaled[index].imag
 
     def loss_block_slopes(self, index: int, directions: np.ndarray) -> np.ndarray:
         """(m, n, n) derivatives of `loss_block` along complex changes (m, 10) of the constants, its scale included."""
-        own = _BLOCK_SCALES[index]
-        share, size = directions[:, own].real / self.vector().real[own] / 2, np.abs(self.vector().real[own])
+        own = self._values.real[_BLOCK_SCALES[index]]
+        share, size = directions[:, _BLOCK_SCALES[index]].real / own / 2, np.abs(own)
         moved = np.tensordot(directions, _UNIT_BLOCKS[index], axes=1).imag / np.sqrt(np.outer(size, size))
         return -moved - self.loss_block(index) * (share[:, :, None] + share[:, None, :])
 
-    def _scaled(self, index: int) -> np.ndarray:
-        """One block of the d-form matrix, scaled by the sizes of this material's own s11, s33, s44 and ε33T."""
-        size = np.abs(self.vector().real[_BLOCK_SCALES[index]])
-        return np.tensordot(self.vector(), _UNIT_BLOCKS[index], axes=1) / np.sqrt(np.outer(size, size))
+    @cached_property
+    def _scaled(self) -> tuple[np.ndarray, ...]:
+        """Each block of the d-form matrix, scaled by the sizes of this material's own s11, s33, s44 and ε33T."""
+        sizes = [np.abs(self._values.real[scales]) for scales in _BLOCK_SCALES]
+        return tuple(
+            np.tensordot(self._values, unit, axes=1) / np.sqrt(np.outer(size, size))
+            for unit, size in zip(_UNIT_BLOCKS, sizes, strict=True)
+        )
 
 
 #: Independent blocks of the d-form matrix, the constants that each couples, and those that scale its rows.
@@ -291,14 +296,19 @@ _BLOCKS = (
 _BLOCK_SCALES = tuple([D_FORM.index(name) for name in scales] for _, _, scales in _BLOCKS)
 
 
+_UNITS = [PiezoConstants.from_vector(unit) for unit in np.eye(len(D_FORM))]
+#: s (10, 6, 6), d (10, 3, 6) and ε^T (10, 3, 3) per unit of every constant.
+_UNIT_MATRICES = tuple(
+    np.array([matrix(one) for one in _UNITS])
+    for matrix in (PiezoConstants.compliance, PiezoConstants.piezoelectric, PiezoConstants.permittivity)
+)
+
+
 def _unit_block(rows: tuple[int, ...]) -> np.ndarray:
     """(10, n, n) one block of the d-form matrix per unit of every constant."""
-    found = []
-    for unit in np.eye(len(D_FORM)):
-        one = PiezoConstants.from_vector(unit)
-        full = np.block([[one.compliance(), one.piezoelectric().T], [one.piezoelectric(), one.permittivity()]])
-        found.append(full[np.ix_(rows, rows)].real)
-    return np.array(found)
+    s, d, eps = _UNIT_MATRICES
+    full = np.block([[s, d.transpose(0, 2, 1)], [d, eps]])
+    return full[:, rows][:, :, rows].real
 
 
 _UNIT_BLOCKS = tuple(_unit_block(rows) for rows, _, _ in _BLOCKS)

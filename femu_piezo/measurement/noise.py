@@ -7,6 +7,7 @@ not; what such a function leaves over is noise. The median over the windows is b
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -57,14 +58,22 @@ def estimate_noise(spectrum: ImpedanceSpectrum) -> NoiseModel:
     magnitude = np.abs(spectrum.impedance)
     if spectrum.noise is not None:
         return _fit_model((spectrum.noise / magnitude) ** 2, magnitude)
+    return _estimated(spectrum.frequency.tobytes(), spectrum.impedance.tobytes())
+
+
+@lru_cache(maxsize=8)
+def _estimated(frequencies: bytes, impedances: bytes) -> NoiseModel:
+    """From the roughness of a sweep; kept, as checks, extraction and fit of a sweep all ask for it."""
+    frequency, impedance = np.frombuffer(frequencies), np.frombuffer(impedances, dtype=complex)
+    size = frequency.size
     window = min(_WINDOW, size)
     candidates = []
     for degrees in _DEGREES if size >= _WINDOW else ((2, 1),):
-        variance, freedom = _window_variances(spectrum.frequency, spectrum.impedance, degrees, window)
+        variance, freedom = _window_variances(frequency, impedance, degrees, window)
         # the median of a variance with 2·freedom real degrees of freedom lies below its mean
         candidates.append(variance * freedom / gammaincinv(freedom, 0.5))
     variance = min(candidates, key=np.median)
-    typical = np.median(sliding_window_view(magnitude, window), axis=1)
+    typical = np.median(sliding_window_view(np.abs(impedance), window), axis=1)
     return _fit_model(variance, typical[:: _stride(size - window + 1)])
 
 

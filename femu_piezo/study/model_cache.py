@@ -147,7 +147,7 @@ class SharedBases(Bases):
     made, used : models and bases built, and asked for, so far
     """
 
-    def __init__(self, models: int = 4, bases: int = 16, extended: int = 4) -> None:
+    def __init__(self, models: int = 4, bases: int = 16, extended: int = 8) -> None:
         self._most = {"model": models, "rough": bases, "extended": extended}
         self._shelves: dict[str, OrderedDict[Hashable, Any]] = {kind: OrderedDict() for kind in self._most}
         self._keys: WeakKeyDictionary[ElectroelasticModel, Hashable] = WeakKeyDictionary()
