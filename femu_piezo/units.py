@@ -10,7 +10,7 @@ import difflib
 import math
 import re
 from decimal import Decimal
-from functools import cache
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING
 
 from femu_piezo.errors import InputError
@@ -155,19 +155,32 @@ def _factor(unit_text: str, value: object, unit: str, where: str, right: str) ->
         plain = "1" + plain
     import pint
 
-    registry = _registry()
     try:
-        quantity_unit = registry.parse_units(plain)
+        factor = _converted(plain, unit)
     except pint.UndefinedUnitError:
+        registry = _registry()
         unknown = [name for name in re.findall(r"[A-Za-zµΩ°%]+0?", plain) if name not in registry]
         near = difflib.get_close_matches(unknown[0], _NAMES, 1, 0.3) if unknown else []
         near += [name for name in _NAMES if unknown and name.lower() == unknown[0].lower()]
         hint = f"did you mean {near[-1]!r}?" if near else right
         raise InputError(f"{where}: the unit of {shown(value)} is not known; {hint}") from None
-    target = registry.parse_units(unit) if unit != "1" else registry.dimensionless
-    if quantity_unit.dimensionality != target.dimensionality:
+    if factor is None:
         raise InputError(f"{where}: {shown(value)} has the wrong dimension; {right}")
-    return Decimal(registry.Quantity(Decimal(1), quantity_unit).to(target).magnitude)
+    return factor
+
+
+@lru_cache(maxsize=256)
+def _converted(plain: str, unit: str) -> Decimal | None:
+    """The number of SI `unit` in one `plain`, None where they are of different dimensions; kept, as files repeat them.
+
+    Raises pint.UndefinedUnitError.
+    """
+    registry = _registry()
+    given = registry.parse_units(plain)
+    target = registry.parse_units(unit) if unit != "1" else registry.dimensionless
+    if given.dimensionality != target.dimensionality:
+        return None
+    return Decimal(registry.Quantity(Decimal(1), given).to(target).magnitude)
 
 
 @cache

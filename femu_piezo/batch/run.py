@@ -102,12 +102,12 @@ class _Run:
         self.kept = self.computed = 0
 
     def step(self, name: str, jobs: list[Job], records: Records) -> list[dict]:
-        """The records of one step in the order of the jobs: those kept, and the rest computed."""
+        """The records of one step without results, in the order of the jobs: those kept, and the rest computed."""
         checksums = {job.name: job.checksum(self._program, job.read().files) for job in jobs}
         found: dict[str, dict] = {}
 
         def take(one: dict) -> None:
-            found[one["name"]] = one
+            found[one["name"]] = {key: value for key, value in one.items() if key != "results"}  # those are on disk
             self._finished(name, len(found), len(jobs), one)
 
         def computed(task: tuple, result: dict | None, reason: str) -> None:

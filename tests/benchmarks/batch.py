@@ -1,6 +1,10 @@
 """Throughput of the batch on 1 and 2 processes and through Dask, memory, cost of a first and a further plate; kills.
 
     python tests/benchmarks/batch.py [sweeps, default 500] [kills, default 50] [most seconds of the rates, default 3600]
+    python tests/benchmarks/batch.py growth [sweeps, default 100 1000 10000]
+
+The second form measures everything but the fits: a lot of so many different sweeps of one design is found, checked,
+handed over, made durable, put into table, report and store, by a pool that answers with a record made before.
 
 On a machine that others use too, the column "others" (cores kept busy by other programs) tells what the rates are
 worth; processor time per plate (of the workers, and of the process that feeds them) depends on it less. The sweeps
@@ -11,10 +15,13 @@ from __future__ import annotations
 
 import csv
 import os
+import resource
+import subprocess
 import sys
 import tempfile
 import threading
 import time
+from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
@@ -235,7 +242,94 @@ def kills(folder: Path, count: int) -> None:
     print(f"{count} kills ({alive} before its end): {same} identical tables after resume")
 
 
-if __name__ == "__main__":
+class Ready:
+    """A pool that answers every update with the same record."""
+
+    lost, breaks_whole, bundle, limit_s, width = (), False, 1, None, 4
+
+    def __init__(self, record: dict) -> None:
+        self._record = record
+
+    def submit(self, function, job, checksum, *rest) -> Future:
+        """The record under the name of the job."""
+        future: Future = Future()
+        future.set_result(self._record | {"name": job.name, "checksum": checksum})
+        return future
+
+    def restart(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def growth(count: int, folder: Path) -> None:
+    """A line of the table: ms per sweep of a lot without its fits, first and resumed, with a store, and memory."""
+    from femu_piezo.batch.command import write_report
+    from femu_piezo.batch.jobs import find_jobs, program_checksum
+    from femu_piezo.batch.run import run_lot
+    from femu_piezo.batch.worker import run_job
+    from femu_piezo.measurement.readers import read_spectrum, write_spectrum
+    from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+    from femu_piezo.store.command import show_lots
+    from femu_piezo.store.write import lot_keeper
+
+    sweeps, specimen = make_lot(folder, 1)
+    one = read_spectrum(sweeps / "p1.csv")
+    for number in range(2, count + 1):
+        other = ImpedanceSpectrum(one.frequency, one.impedance * (1 + 1e-9 * number))
+        write_spectrum(other, sweeps / f"p{number}.csv")
+    jobs, program, out = find_jobs(sweeps, specimen), program_checksum(), folder / "out"
+    record = run_job(jobs[0], jobs[0].checksum(program, jobs[0].read().files), program)
+    assert record["status"] == "ok", record
+    by_name, before = {job.name: job for job in jobs}, _peak()
+
+    def kept() -> None:
+        with lot_keeper("sqlite", out, "lot") as keep:
+            run_lot(jobs, out, no_pool, finished=lambda step, n, all_, one: keep(by_name[one["name"]], one))
+
+    def no_pool():
+        raise AssertionError("everything was there")
+
+    seconds, steps = (
+        [],
+        (
+            lambda: run_lot(jobs, out, lambda: Ready(record)),
+            lambda: write_report(run_lot(jobs, out, no_pool), out),
+            kept,
+            kept,
+            lambda: show_lots(str(out), folder / "lots"),
+        ),
+    )
+    for step in steps:
+        start = time.process_time()
+        step()
+        seconds.append(time.process_time() - start)
+    size = (out / "store.sqlite").stat().st_size / count
+    print(
+        f"{count:8d}" + "".join(f"{1e3 * one / count:12.2f}" for one in seconds) + f"{before:10.0f}{_peak():10.0f}"
+        f"{size / 1e3:10.1f}"
+    )
+
+
+def _peak() -> float:
+    """Largest memory of this process so far, MB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+def _growths(counts: list[str]) -> None:
+    """Each count in a process of its own."""
+    print("CPU ms per sweep, MB, kB per sweep")
+    heads = ("first run", "resumed", "into store", "once more", "lots")
+    print(" " * 8 + "".join(f"{head:>12s}" for head in heads) + "    before      peak     store", flush=True)
+    for count in counts:
+        subprocess.run([sys.executable, __file__, "one-growth", count], check=True)
+
+
+if __name__ == "__main__" and sys.argv[1:2] == ["growth"]:
+    _growths(sys.argv[2:] or ["100", "1000", "10000"])
+elif __name__ == "__main__" and sys.argv[1:2] == ["one-growth"]:
+    with tempfile.TemporaryDirectory() as place:
+        growth(int(sys.argv[2]), Path(place) / "lot")
+elif __name__ == "__main__":
     sweeps_, kills_, budget = (int(item) for item in [*sys.argv[1:], *(500, 50, 3600)[len(sys.argv) - 1 :]])
     with tempfile.TemporaryDirectory() as place:
         if sweeps_:
