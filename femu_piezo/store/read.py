@@ -28,24 +28,32 @@ def read_pieces(database: Database, lots: Sequence[str] = ()) -> list[dict[str, 
     ----------
     lots : names of the lots wanted; all where there are none
     """
-    updates, diagnoses = database.read(lambda connection: (_last(connection, "update"), _last(connection, "diagnose")))
-    found = {piece: row | updates.get(piece, {}) for piece, row in diagnoses.items()} | {
-        piece: row for piece, row in updates.items() if piece not in diagnoses
-    }
+    steps = ("update", "diagnose")
+    updates, diagnoses = database.read(lambda connection: [_last(connection, step, lots) for step in steps])
+    found = diagnoses | updates
+    for piece in updates.keys() & diagnoses.keys():  # the lot that either was put into
+        found[piece]["lot"] = updates[piece]["lot"] or diagnoses[piece]["lot"]
     wanted = [piece for piece, row in found.items() if not lots or row["lot"] in lots]
     wanted.sort(key=lambda piece: (found[piece]["measured"], found[piece]["name"]))
     rows = rows_of([found[piece] for piece in wanted])
     for piece, row in zip(wanted, rows, strict=True):
         row |= {name: found[piece][name] for name in STORE_COLUMNS}
+        row["lot"] = row["lot"] or NO_LOT
         if piece in diagnoses:
             row |= {name: diagnoses[piece]["columns"].get(name) for name in DIAGNOSIS_COLUMNS}
     return rows
 
 
-def _last(connection: Connection, step: str) -> dict[str, dict[str, Any]]:
-    """Piece → its last result of a step: a record as `rows_of` takes it, and the columns of the store."""
+def _last(connection: Connection, step: str, lots: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Piece → its last result of a step: a record as `rows_of` takes it, and the columns of the store.
+
+    lots : only of pieces that have a result in one of these; of all where there are none
+    """
     results, inputs, sweeps = schema.results, schema.inputs, schema.sweeps
     last = select(func.max(results.c.id)).where(results.c.step == step).group_by(results.c.piece)
+    if lots:
+        named = select(results.c.piece).join(schema.lots).where(schema.lots.c.name.in_(lots))
+        last = last.where(results.c.piece.in_(named))
     names = ("piece", "name", "status", "reason", "columns", "written", "station", "program")
     query = (
         select(
@@ -63,7 +71,7 @@ def _last(connection: Connection, step: str) -> dict[str, dict[str, Any]]:
     for row in connection.execute(query).mappings():
         measured = row["measured"] or row["written"]
         times = {"measured": _utc(measured), "written": _utc(row["written"])}
-        found[row["piece"]] = dict(row) | times | {"lot": row["lot"] or NO_LOT}
+        found[row["piece"]] = dict(row) | times
     return found
 
 

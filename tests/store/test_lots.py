@@ -190,6 +190,7 @@ def test_lots_are_listed_compared_and_their_drift_is_found(months, tmp_path):
 
 def test_some_lots_and_quantities_only(months, tmp_path):
     run("lots", "--store", months, "--lot", "2026-03", "--lot", "2026-02", "--quantity", "k_eff", "--out", tmp_path)
+    assert pyarrow.parquet.read_metadata(tmp_path / "lots.parquet").num_rows == 50
     found = json.loads((tmp_path / "lots.json").read_text(encoding="utf-8"))
     assert list(found["lots"]) == ["2026-02", "2026-03"] and list(found["quantities"]) == ["k_eff"]
     assert found["quantities"]["k_eff"]["drift"]["through"] == "pieces"  # two lots make no trend of lots
