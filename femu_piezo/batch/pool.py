@@ -160,6 +160,12 @@ class _Dispatch:
                 self._restart()
                 self._fill()
 
+    def _take_back(self, tasks: list[tuple]) -> None:
+        """Tasks wait again, and all others in flight: they went with the scheduler, but may never be told so."""
+        for lost in (tasks, *(others for others, _, _ in self._running.values())):
+            self._waiting.extendleft(reversed(lost))
+        self._running.clear()
+
     def _restart(self) -> None:
         try:
             self._pool.restart()
@@ -183,12 +189,14 @@ class _Dispatch:
 
     def _take(self, future: Future) -> bool:
         """Report a future that is done; whether its worker was lost."""
+        if future not in self._running:  # taken back with another
+            return False
         tasks, alone, began = self._running.pop(future)
         if not self._is_lost(future):
             try:
                 result = future.result()
             except (CancelledError, OSError):  # with the scheduler, and no fault of the task
-                self._waiting.extendleft(reversed(tasks))
+                self._take_back(tasks)
                 return True
             self._succeeded += 1
             for task, one in zip(tasks, [result] if len(tasks) == 1 else result, strict=True):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
-from lots import deadly
+from lots import InlinePool, deadly
 
 from femu_piezo.batch.pool import LocalPool, run_all
 from femu_piezo.errors import ConvergenceError
@@ -87,6 +88,30 @@ def test_a_scheduler_that_is_started_again_costs_nothing():
         pool.close()
         for one in clusters:
             one.close()
+
+
+def test_what_a_lost_scheduler_never_answers_is_handed_over_again():
+    """Of two tasks in flight one is cancelled, the other is never heard of; both are done by the next scheduler."""
+    restarts, found = [], {}
+
+    class Lost(InlinePool):
+        width = 2
+
+        def submit(self, function, *arguments) -> Future:
+            future = Future()
+            if restarts:
+                future.set_result(function(*arguments))
+            elif arguments[0] == "a 1":
+                future.cancel()
+                future.set_running_or_notify_cancel()
+            return future
+
+        def restart(self) -> None:
+            restarts.append(1)
+
+    tasks = [("a 1",), ("a 2",), ("a 3",)]
+    run_all(Lost(), lambda task, limit: task, tasks, lambda task, result, _: found.update({task[0]: result}), 60)
+    assert found == {"a 1": "a 1", "a 2": "a 2", "a 3": "a 3"} and restarts == [1]
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs the signal masks of /proc")
