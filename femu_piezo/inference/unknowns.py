@@ -59,22 +59,6 @@ class Estimate:
         return record
 
 
-def estimates(theta: np.ndarray, covariance: np.ndarray | None) -> list[Estimate]:
-    """Estimates of complex θ (n,) from the covariance (2n, 2n) over (Re θ_1, Im θ_1, Re θ_2, …)."""
-    result = []
-    for index, value in enumerate(theta):
-        tan = -value.imag / value.real
-        if covariance is None:
-            result.append(Estimate(float(value.real), None, float(tan), None))
-            continue
-        block = covariance[2 * index : 2 * index + 2, 2 * index : 2 * index + 2]
-        slope = np.array([-tan / value.real, -1 / value.real])  # ∂tan/∂(Re, Im)
-        result.append(
-            Estimate(float(value.real), float(np.sqrt(block[0, 0])), float(tan), float(np.sqrt(slope @ block @ slope)))
-        )
-    return result
-
-
 @dataclass(frozen=True)
 class FreeConstants:
     """Affine map from free complex parameters to the ten constants.

@@ -83,6 +83,11 @@ class Measured:
         return sigma / np.abs(spectrum.impedance)
 
     @property
+    def low_frequency(self) -> np.ndarray:
+        """(n,) Hz, the points that `permittivity` is the mean of."""
+        return self.fitted.frequency[_low_points(self.problem, self.fitted, self.pair)]
+
+    @property
     def permittivity_covariance(self) -> np.ndarray:
         """(2, 2) covariance of (Re, Im) of `permittivity` by the noise of the points it is the mean of, (F/m)²."""
         noise = self.relative_noise[_low_points(self.problem, self.fitted, self.pair)]

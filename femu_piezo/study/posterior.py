@@ -6,7 +6,7 @@ Several sweeps of one specimen have one mesh and one basis.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.inference.ensemble import Ensemble, together
 from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.starts.many_modes import ManyModes
 from femu_piezo.inference.unknowns import FreeConstants, Unknowns
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.sweeps import SweepData
@@ -38,6 +39,17 @@ _PER_KELVIN = 3e-3
 _REDUCTIONS = 2
 
 Made = TypeVar("Made")
+
+
+class Estimated(Protocol):
+    """What was found of unknowns."""
+
+    @property
+    def x(self) -> np.ndarray:
+        """(n_x,)"""
+
+
+Found = TypeVar("Found", bound=Estimated)
 
 
 class Posterior:
@@ -77,6 +89,13 @@ class Posterior:
 
     def base(self, start: PiezoConstants) -> Fit:
         """The fit of constants and tolerances alone, from start constants."""
+        return self.following(start, lambda one, begin: fit(self.evaluation, self.data, one, [begin], loss=self.loss))
+
+    def following(self, start: PiezoConstants, estimate: Callable[[Unknowns, np.ndarray], Found]) -> Found:
+        """What an estimate finds from start constants, on models that are made anew where it leaves their range.
+
+        estimate : unknowns and where to begin (n_x,) → what it finds, with its `x` (n_x,)
+        """
         if not self.full:
             self._clock.step("mesh and assemble")
             self.full = self._of_pieces(self._meshed)
@@ -88,7 +107,7 @@ class Posterior:
             if x is not None:
                 begin[unknowns.of_material :] = x[unknowns.of_material :]
             self._clock.step("fit")
-            found = fit(self.evaluation, self.data, unknowns, [begin], loss=self.loss)
+            found = estimate(unknowns, begin)
             x = found.x
             constants = unknowns.material.constants(x[: unknowns.of_material])
             if self._serves(constants):
@@ -153,7 +172,12 @@ class Posterior:
             model_share=np.concatenate(
                 [(model.estimated_error / own) ** 2 for own, model in zip(noise, self.models, strict=True)]
             ),
-            mesh_error=np.concatenate([_mesh_error(*both) for both in zip(several, self.models, strict=True)]),
+            mesh_error=np.concatenate(
+                [
+                    mesh_error_at(one, model, one.measured.fitted.frequency)
+                    for one, model in zip(several, self.models, strict=True)
+                ]
+            ),
         )
 
     def curve(self, index: int, fit_: Fit) -> np.ndarray:
@@ -169,7 +193,7 @@ class Posterior:
         slopes[:, columns] = tangents / z[:, None]
         return slopes
 
-    def whole_sweep(self, index: int, fit_: Fit) -> tuple[Evaluation, Unknowns, np.ndarray]:
+    def whole_sweep(self, index: int, fit_: Fit | ManyModes) -> tuple[Evaluation, Unknowns, np.ndarray]:
         """Z of one specimen over its whole sweep, the unknowns it has, and where they stand in x (n_x,)."""
         one = self.several[index]
         evaluation = Evaluation(self.models[index], one.measured.spectrum.omega)
@@ -182,16 +206,16 @@ def mesh_accuracy(several: Sequence[Subject]) -> float:
     return min(asked, _share_of_noise(several, _MESH_SHARE, _MESH_RANGE))
 
 
-def _mesh_error(one: Subject, model: ExtendedModel) -> np.ndarray:
-    """(k,) relative error of eigenvalues that the mesh may have at the points of a fit.
+def mesh_error_at(one: Subject, model: ExtendedModel, frequency: np.ndarray) -> np.ndarray:
+    """(k,) relative error of eigenvalues that the mesh may have at frequencies (k,), Hz.
 
     As measured; where it was not, what was asked for at the end of the sweep, falling as ω⁴.
     """
     if model.mesh_error is not None:
-        return model.mesh_error.at(one.measured.fitted.frequency)
+        return model.mesh_error.at(frequency)
     accuracy, measured = mesh_accuracy([one]), one.measured
     end = one.problem.equivalent_frequency(measured.band_Hz, accuracy)
-    return accuracy * (measured.fitted.frequency / end) ** 4
+    return accuracy * (frequency / end) ** 4
 
 
 def _share_of_noise(several: Sequence[Subject], share: float, limits: tuple[float, float]) -> float:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from femu_piezo.errors import ConvergenceError
@@ -11,13 +9,11 @@ from femu_piezo.forward.fundamental import dominant_index
 from femu_piezo.inference.matching import match
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.sensitivity import Sensitivity
+from femu_piezo.inference.terminal_roots import terminal_roots
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.resonances import Resonance
 from femu_piezo.study.measured import Measured
-
-#: Newton steps, relative step of the difference quotient, and the largest relative move of a root that is believed.
-_STEPS, _DIFFERENCE, _FAR = 8, 1e-7, 0.05
 
 
 def matched_resonances(
@@ -46,24 +42,9 @@ def matched_resonances(
         ]
     result, impedance = [], evaluation.terminals(unknowns, x)
     for kind, data, values in pairs:
-        roots = _roots(impedance if kind == "pole" else lambda omega: 1 / impedance(omega), np.sqrt(values + 0j))
+        roots = terminal_roots(impedance, kind, np.sqrt(values + 0j))
         result += [(r, Resonance(kind, complex(root**2))) for r, root in zip(data, roots, strict=True)]
     return tuple(result)
-
-
-def _roots(function: Callable[[np.ndarray], np.ndarray], start: np.ndarray) -> np.ndarray:
-    """Roots (m,) of an analytic function near complex starts, by Newton; the start where it leads far away.
-
-    Of a body without circuits the starts are the roots, where Z or Y is infinite: the first point lies beside them, and
-    a step that ends on a root to the last bit is the last.
-    """
-    omega = start.astype(complex) * (1 + _DIFFERENCE)
-    for _ in range(_STEPS):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            value = function(omega)
-            step = value * omega * _DIFFERENCE / (function(omega * (1 + _DIFFERENCE)) - value)
-        omega = omega - np.where(np.isfinite(step), step, 0.0)
-    return np.where(np.abs(omega / start - 1) < _FAR, omega, start)
 
 
 def sensitivity_with_effects(title: str, evaluation: Evaluation, unknowns: Unknowns, x: np.ndarray) -> Sensitivity:

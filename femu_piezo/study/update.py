@@ -18,19 +18,20 @@ import numpy as np
 
 from femu_piezo.effects.library import Maker
 from femu_piezo.errors import InputError
-from femu_piezo.inference.budget import constants_of
+from femu_piezo.inference.budget import constants_of, estimates_of
 from femu_piezo.inference.fit import Fit, with_discrepancy
 from femu_piezo.inference.identifiability import Identifiability, identifiability
 from femu_piezo.inference.sampling import sample_posterior
+from femu_piezo.inference.starts.many_modes import ManyModes
 from femu_piezo.inference.starts.pole_zero import Step
-from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, estimates, material_prior
+from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import Specimen, Update
 from femu_piezo.study.beginning import begin
 from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, Sweep, baseline_constants, measure_each, start_constants
 from femu_piezo.study.model_cache import Bases
-from femu_piezo.study.pole_zero_update import PoleZeroState, all_poles_and_zeros, pole_zero_update
+from femu_piezo.study.pole_zero_update import from_poles_and_zeros, no_history, pole_zero_update
 from femu_piezo.study.posterior import Posterior, mesh_accuracy
 from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.resonances_with_effects import matched_resonances, sensitivity_with_effects
@@ -39,7 +40,6 @@ from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.study.starts import pair_names
 from femu_piezo.study.subjects import Subject, subjects
 from femu_piezo.study.temperature import constants_under, temperature_series
-from femu_piezo.study.tolerances import tolerances
 from femu_piezo.threads import with_blas_limit
 
 #: rms |Δ log Z| of an updated model that a note warns about where it is also well above the noise.
@@ -144,25 +144,28 @@ def _by_pole_zero(several: Sequence[Subject], clock: Clock, bases: Bases, origin
     measured = [one.measured for one in several]
     start = start_constants(measured)
     baseline, baseline_notes = baseline_constants(measured, start)
-    clock.step("mesh and assemble")
-    full = [bases.model(one.measured, mesh_accuracy([one])) for one in several]
+    fundamental = _is_the_papers(measured, origin)
+    histories = (no_history(measured[0].problem),) * len(measured)
     clock.step("pole-zero update")
-    if _is_the_papers(measured, origin):
+    if fundamental:
+        full = [bases.model(one.measured, mesh_accuracy([one])) for one in several]
         state = pole_zero_update(measured, full, bases, start, _POLE_ZERO_BASIS)
+        start, histories = state.constants, state.histories
     else:
-        begun = begin(measured, bases).constants
-        state = all_poles_and_zeros(measured, full, bases, begun, _POLE_ZERO_BASIS)
+        start = begin(measured, bases).constants
+    posterior = Posterior(several, clock, bases)
+    found = from_poles_and_zeros(posterior, start, fundamental=fundamental)
     clock.step("curves")
     outcomes = tuple(
-        _pole_zero_outcome(one, full[index], state, baseline, index) for index, one in enumerate(several)
+        _outcome(posterior, index, found, baseline, histories[index]) for index in range(len(measured))
     )
     clock.step(None)
-    theta = state.free.start
+    material = found.parameters.material
     return UpdateResult(
         name=" + ".join(dict.fromkeys(one.piece.name for one in measured)),
         baseline=baseline,
-        constants=state.constants,
-        parameters=dict(zip(state.free.names, estimates(theta, state.covariance), strict=True)),
+        constants=found.constants,
+        parameters=estimates_of(material, found.x, found.std, found.budget),
         outcomes=outcomes,
         permittivity_source=origin,
         method="pole_zero",
@@ -171,23 +174,12 @@ def _by_pole_zero(several: Sequence[Subject], clock: Clock, bases: Bases, origin
         provenance=None,
         notes=(
             *baseline_notes,
-            *_notes(several, state.constants, outcomes),
-            *_modes_note(state),
-            *_exact_note(several),
+            *_notes(several, found.constants, outcomes),
+            *_modes_note(found, fundamental),
             *_low_end_note(measured),
         ),
         seconds=clock.seconds,
     )
-
-
-def _exact_note(several: Sequence[Subject]) -> list[str]:
-    """That the deviations are those of noise alone, where the file does not ask for that."""
-    if not any(tolerances(one.measured.problem) for one in several):
-        return []
-    return [
-        "the deviations of this method are those of the poles and zeros alone: dimensions, density, held constants, "
-        "instrument and fixture count as exactly known; the curve method counts their tolerances"
-    ]
 
 
 def _method(measured: list[Measured]) -> tuple[str, str]:
@@ -232,17 +224,19 @@ def _low_end_note(measured: Sequence[Measured]) -> tuple[str, ...]:
     )
 
 
-def _modes_note(state: PoleZeroState) -> tuple[str, ...]:
-    if state.left is None:
+def _modes_note(found: ManyModes, fundamental: bool) -> tuple[str, ...]:
+    if fundamental:
         return ()
-    left, used, every = state.left
+    used, every = (sum(map(len, of_each)) for of_each in (found.used, found.measured))
     words = f"{used} of {every} measured poles and zeros determine the constants"
-    if left > 1:
-        words += f"; they are {left:.2g} of their deviations away, by which the stated ones are widened"
+    if found.left > 1:
+        words += f"; they are {found.left:.2g} of their deviations away, by which the stated ones are widened"
     return (words,)
 
 
-def _outcome(posterior: Posterior, index: int, found: Fit, base: PiezoConstants, history: tuple[Step, ...]) -> Outcome:
+def _outcome(
+    posterior: Posterior, index: int, found: Fit | ManyModes, base: PiezoConstants, history: tuple[Step, ...]
+) -> Outcome:
     """Curves and matched resonances of one specimen at the solution."""
     one = posterior.several[index].measured
     evaluation, own, columns = posterior.whole_sweep(index, found)
@@ -265,27 +259,6 @@ def _baseline_curve(evaluation, own: Unknowns, free) -> np.ndarray:
     material = MaterialParameters.around(free, free.start)
     unknowns = Unknowns(material, material_prior(free, {}, {}), fixed=own.fixed)
     return evaluation.impedance(unknowns, material.x_of(free.start))
-
-
-def _pole_zero_outcome(subject: Subject, full, state: PoleZeroState, base: PiezoConstants, index: int) -> Outcome:
-    from femu_piezo.inference.response import Evaluation
-
-    one, model = subject.measured, state.models[index]
-    evaluation = Evaluation(model, one.spectrum.omega)
-    material = MaterialParameters.around(state.free, state.free.start)
-    unknowns = Unknowns(material, material_prior(state.free, {}, {}))
-    x = material.x_of(state.free.start)
-    return Outcome(
-        measured=one,
-        matched=matched_resonances(one, evaluation, unknowns, x),
-        base_curve=_baseline_curve(evaluation, unknowns, one.problem.free(base)),
-        updated_curve=evaluation.impedance(unknowns, x),
-        history=state.histories[index],
-        sensitivity=sensitivity_with_effects(one.problem.specimen.name, evaluation, unknowns, x),
-        unknowns=full.size,
-        mesh=mesh_words(full, model),
-        constants=state.constants,
-    )
 
 
 def _known(found: Fit) -> Identifiability:

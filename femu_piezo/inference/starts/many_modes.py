@@ -3,123 +3,182 @@
     Σ_n (∂λ_i/∂θ_n) δθ_n = λ_i' − λ_i,
 
 solved by least squares in the metric of the measured λ, whose joint covariance an extraction gives, and of the errors
-of the mesh, beside what is known of the constants before: a permittivity from the low end of a sweep, and the weak
-prior of every fit, which holds what poles and zeros do not tell. Of one mode these tell d²/ε, and d and ε apart only
-by how far the modes between them are from those of a bar.
+of the mesh, beside what is known before: of every unknown of a fit of curves (`femu_piezo.inference.unknowns`), so that
+dimensions, density, held constants and fixture are found with the constants within their tolerances. Poles and zeros
+are those at the terminals; a smooth error of |Z| and phase moves none. ε33T from the low end of a sweep joins them.
+Of one mode poles and zeros tell d²/ε, and d and ε apart only by how far the modes between them are from those of a bar.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag, qr, solve_triangular
 
 from femu_piezo.errors import ConvergenceError
-from femu_piezo.forward.modal import ModalModel
+from femu_piezo.inference.budget import SOURCES, groups
+from femu_piezo.inference.ensemble import Share
 from femu_piezo.inference.matching import match
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters
-from femu_piezo.material.constants import E_FORM, PiezoConstants
+from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.terminal_roots import root_slopes, terminal_roots
+from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.resonances import Resonance, ResonanceSet
 
-#: Steps at most, largest relative change of a constant in one, and change in its deviations that is settled.
-_STEPS, _LARGEST, _SETTLED = 40, 0.2, 1e-3
+#: Steps at most, largest relative change of a constant in one, change in its deviations that is settled, and how many
+#: steps below that are made: where tolerances are wide these still square what is left of the poles and zeros.
+_STEPS, _LARGEST, _SETTLED, _LAST = 40, 0.2, 1e-3, 2
+#: Relative deviation that nothing measured falls below: the rounding of the model's eigenvalues.
+_ROUNDING = 1e-10
 #: |log λ_model/λ_measured| beyond which a measured resonance is taken for none of the model's at the start.
 _FAR = 0.1
 
 
 @dataclass(frozen=True)
+class LowEnd:
+    """ε33T as the low end of a sweep gives it, with the dimensions of the file (eqs 41, 42).
+
+    Attributes
+    ----------
+    permittivity : complex, F/m;  covariance : (2, 2) over (Re, Im)
+    omega : (k,) rad/s, the points it is the mean of
+    """
+
+    permittivity: complex
+    covariance: np.ndarray
+    omega: np.ndarray
+
+
+@dataclass(frozen=True)
 class MeasuredModes:
-    """Poles and zeros of one specimen.
+    """Poles and zeros of one sweep.
 
     Attributes
     ----------
     resonances : with their joint covariance
-    modal : constants → the modes of its model
+    evaluation : the model of its specimen;  share : which unknowns concern it
     model_error : (m,) relative errors of the model's λ, of the poles, then of the zeros: those of its mesh
-    permittivity : ε33T and its (2, 2) covariance over (Re, Im), where the sweep reaches low frequency; else None
+    low_end : None where the sweep has none
+    only : those that are to be followed; where None, all that are near one of the model's at the start
     """
 
     resonances: ResonanceSet
-    modal: Callable[[PiezoConstants], ModalModel]
+    evaluation: Evaluation
+    share: Share
     model_error: np.ndarray
-    permittivity: tuple[complex, np.ndarray] | None = None
+    low_end: LowEnd | None = None
+    only: tuple[Resonance, ...] | None = None
+
+    @property
+    def every(self) -> tuple[Resonance, ...]:
+        """Poles, then zeros."""
+        return (*self.resonances.poles, *self.resonances.zeros)
 
 
 @dataclass(frozen=True)
 class ManyModes:
-    """Outcome of an update.
+    """The most probable unknowns, and the model linearised there.
 
     Attributes
     ----------
-    constants : the ten;  theta : (n,) complex, the free ones;  covariance : (2n, 2n) over (Re θ_1, Im θ_1, …)
-    used : poles and zeros of every specimen that it followed
-    left : rms of what is left of the measured λ, over its deviation
+    x : (n_x,) solution
+    measured : poles and zeros of every sweep;  used : those that it followed
+    residual, jacobian : (m,), (m, n_x) of what was measured, whitened by its noise and the errors of the mesh
+    mesh : (m, n) the errors of the mesh, whitened, each column one standard deviation
+    read : (n, n_x) slopes of the readings of other instruments
     """
 
-    constants: PiezoConstants
-    theta: np.ndarray
-    covariance: np.ndarray
+    parameters: Unknowns
+    x: np.ndarray
+    measured: tuple[tuple[Resonance, ...], ...]
     used: tuple[tuple[Resonance, ...], ...]
-    left: float
+    residual: np.ndarray
+    jacobian: np.ndarray
+    mesh: np.ndarray
+    read: np.ndarray
+
+    @property
+    def constants(self) -> PiezoConstants:
+        """The ten constants as found."""
+        return self.parameters.material.constants(self.x[: self.parameters.of_material])
+
+    @property
+    def left(self) -> float:
+        """rms of what is left of what was measured, over its deviation."""
+        return float(np.sqrt(np.mean(self.residual**2)))
+
+    @cached_property
+    def gain(self) -> np.ndarray:
+        """(n_x, m + n_x + n): how x moves with the residuals of what was measured, of the priors and of readings.
+
+        By QR with sorted rows and pivoted columns, which is stable row by row (Cox and Higham, BIT 38 (1998) 34): what
+        was measured may be a million times as exact as what is known before.
+        """
+        std = self.parameters.prior_std
+        rows = np.concatenate([self.jacobian * std, np.eye(std.size), self.read * std])
+        order = np.argsort(-np.max(np.abs(rows), axis=1))
+        span, triangle, columns = qr(rows[order], mode="economic", pivoting=True)
+        found = np.empty(rows.T.shape)
+        found[np.ix_(columns, order)] = solve_triangular(triangle, span.T)
+        return std[:, None] * found
+
+    @cached_property
+    def budget(self) -> dict[str, np.ndarray]:
+        """Source → (n_x,) its part of every standard deviation, as `femu_piezo.inference.budget`.
+
+        All of them are widened by what is left beyond the deviations of what was measured.
+        """
+        data, prior, read = np.split(self.gain, np.cumsum([self.residual.size, self.x.size]), axis=1)
+        mesh = np.sum((data @ self.mesh) ** 2, axis=1)
+        parts = {"noise": np.maximum(np.sum(data**2, axis=1) - mesh, 0.0), "mesh": mesh}
+        if read.size:
+            parts["readings"] = np.sum(read**2, axis=1)
+        for source, columns in groups(self.parameters).items():
+            parts[source] = np.sum(prior[:, columns] ** 2, axis=1)
+        return {source: max(1.0, self.left) * np.sqrt(parts[source]) for source in SOURCES if source in parts}
+
+    @property
+    def std(self) -> np.ndarray:
+        """(n_x,) standard deviations of the unknowns."""
+        return np.sqrt(sum(part**2 for part in self.budget.values()))
 
 
-def update_many(
-    measured: Sequence[MeasuredModes], free: FreeConstants, prior: Mapping[str, tuple[float, float]]
-) -> ManyModes:
-    """Constants that give the measured poles and zeros best, by Gauss and Newton from the free constants' start.
-
-    Parameters
-    ----------
-    prior : as of `femu_piezo.inference.unknowns.Unknowns`
+def update_many(measured: Sequence[MeasuredModes], parameters: Unknowns, start: np.ndarray) -> ManyModes:
+    """Unknowns that give the measured poles and zeros best, by Gauss and Newton from a start (n_x,).
 
     Raises
     ------
     ConvergenceError : the constants leave the physical range, or do not settle, or nothing was measured near a mode
     """
-    material = MaterialParameters.around(free, free.start)
-    x, means = material.x_of(free.start), np.array([prior[name] for name in material.names])
-    mean, std = means[:, 0] / material.units, means[:, 1] / np.abs(material.units)
-    kept = [_near(one, free.constants(free.start)) for one in measured]
+    kept = [_followed(one, parameters, start) for one in measured]
     if not any(np.any(own) for own in kept):
         raise ConvergenceError(
             "no measured pole or zero lies near one of the model; start from a closer base material or check dimensions"
         )
+    x, count, settled = start, parameters.of_material, 0
     for _ in range(_STEPS):
-        rows, slopes = _rows(measured, kept, material, x)
-        count = rows.size
-        rows, slopes = np.concatenate([rows, (mean - x) / std]), np.concatenate([slopes, np.diag(1 / std)])
-        q, r = np.linalg.qr(slopes * std)
-        step, covariance = std * np.linalg.solve(r, q.T @ rows), np.linalg.inv(r.T @ r) * np.outer(std, std)
-        largest = float(np.max(np.abs(step)))
-        x = x + step * min(1.0, _LARGEST / largest)
-        _check(material.constants(x))
-        if np.max(np.abs(step) / np.sqrt(np.diag(covariance))) < _SETTLED:
-            left = float(np.sqrt(np.mean(rows[:count] ** 2)))
-            covariance = covariance * max(1.0, left) ** 2
-            return ManyModes(
-                constants=material.constants(x),
-                theta=material.theta(x),
-                covariance=material.theta_covariance(x, covariance),
-                used=tuple(_chosen(one, own) for one, own in zip(measured, kept, strict=True)),
-                left=left,
-            )
+        found = _linearised(measured, kept, parameters, x)
+        prior = (x - parameters.prior_mean) / parameters.prior_std
+        step = -found.gain @ np.concatenate([found.residual, prior, _readings(parameters, x)[0]])
+        x = x + step * min(1.0, _LARGEST / float(np.max(np.abs(step[:count]))))
+        _check(parameters.material.constants(x[:count]))
+        settled += bool(np.max(np.abs(step) / found.std) < _SETTLED)
+        if settled == _LAST:
+            return _linearised(measured, kept, parameters, x)
     raise ConvergenceError(
         "the update by many poles and zeros does not settle; free fewer constants or start from a closer base material"
     )
 
 
-def _every(one: MeasuredModes) -> tuple[Resonance, ...]:
-    return (*one.resonances.poles, *one.resonances.zeros)
-
-
-def _chosen(one: MeasuredModes, kept: np.ndarray) -> tuple[Resonance, ...]:
-    return tuple(resonance for resonance, use in zip(_every(one), kept, strict=True) if use)
-
-
-def _near(one: MeasuredModes, constants: PiezoConstants) -> np.ndarray:
-    """(m,) bool: the measured poles, then zeros, near one of the model."""
-    modal = one.modal(constants)
+def _followed(one: MeasuredModes, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
+    """(m,) bool: which of the poles, then zeros, the update follows."""
+    if one.only is not None:
+        return np.array([any(resonance is other for other in one.only) for resonance in one.every], dtype=bool)
+    own, columns = one.share.of(parameters)
+    modal = one.evaluation.modal(own, x[columns])
     found = []
     for data, values in ((one.resonances.poles, modal.eigenvalues), (one.resonances.zeros, modal.zeros[0])):
         for resonance in data:
@@ -128,54 +187,93 @@ def _near(one: MeasuredModes, constants: PiezoConstants) -> np.ndarray:
     return np.array(found, dtype=bool)
 
 
-def _rows(
-    measured: Sequence[MeasuredModes], kept: Sequence[np.ndarray], material: MaterialParameters, x: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened misfit λ' − λ of everything measured, and its slopes in x; (m,), (m, n_x)."""
-    constants = material.constants(x)
-    into_e_form, rows, slopes = material.coefficient_slopes(x), [], []
-    for one, own in zip(measured, kept, strict=True):
-        if np.any(own):
-            values, sensitivities = _model(one.modal(constants), one, own)
-            data = np.array([resonance.eigenvalue for resonance in _chosen(one, own)])
-            misfit, moved = data - values, sensitivities @ into_e_form
-            factor = np.linalg.cholesky(_covariance(one, own))
-            both = np.column_stack([misfit, moved])
-            parts = np.stack([both.real, both.imag], axis=1).reshape(2 * len(data), -1)
-            white = np.linalg.solve(factor, parts)
-            rows.append(white[:, 0])
-            slopes.append(white[:, 1:])
-        if one.permittivity is not None and "eps33T" in material.free.names:
-            value, covariance = one.permittivity
-            index = material.free.names.index("eps33T")
-            both = np.append(value - material.theta(x)[index], material.slopes(x)[index])
-            white = np.linalg.solve(np.linalg.cholesky(covariance), np.stack([both.real, both.imag]))
-            rows.append(white[:, 0])
-            slopes.append(white[:, 1:])
-    return np.concatenate(rows), np.concatenate(slopes)
+def _linearised(
+    measured: Sequence[MeasuredModes], kept: Sequence[np.ndarray], parameters: Unknowns, x: np.ndarray
+) -> ManyModes:
+    """What is left at x (n_x,) of everything measured, and its slopes."""
+    rows, slopes, mesh = [], [], []
+    for one, use in zip(measured, kept, strict=True):
+        own, columns = one.share.of(parameters)
+        parts = [_modes_left(one, use, own, x[columns])] if np.any(use) else []
+        if one.low_end is not None and "eps33T" in own.material.free.names:
+            parts.append(_low_end_left(one, own, x[columns]))
+        for residual, jacobian, errors in parts:
+            rows.append(residual)
+            slopes.append(np.zeros((residual.size, x.size)))
+            slopes[-1][:, columns] = jacobian
+            mesh.append(errors)
+    return ManyModes(
+        parameters=parameters,
+        x=x,
+        measured=tuple(one.every for one in measured),
+        used=tuple(
+            tuple(resonance for resonance, wanted in zip(one.every, use, strict=True) if wanted)
+            for one, use in zip(measured, kept, strict=True)
+        ),
+        residual=np.concatenate(rows),
+        jacobian=np.concatenate(slopes),
+        mesh=block_diag(*mesh),
+        read=_readings(parameters, x)[1],
+    )
 
 
-def _model(modal: ModalModel, one: MeasuredModes, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """λ (m,) of the model for the poles and zeros that are used, and ∂λ/∂(e-form) (m, 10)."""
-    count, found, slopes = len(one.resonances.poles), [], []
+def _readings(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (n,) and slopes (n, n_x) of the readings of other instruments."""
+    read = [one.row(parameters, x) for one in parameters.readings]
+    return np.array([row for row, _ in read]), np.reshape([slope for _, slope in read], (-1, x.size))
+
+
+def _modes_left(
+    one: MeasuredModes, use: np.ndarray, own: Unknowns, x: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Whitened λ − λ' of the poles and zeros that are used, its slopes in x, and the errors of the mesh."""
+    modal, impedance, count = one.evaluation.modal(own, x), one.evaluation.terminals(own, x), len(one.resonances.poles)
     kinds = (
-        (one.resonances.poles, own[:count], modal.eigenvalues, modal.charges, modal.pole_sensitivity),
-        (one.resonances.zeros, own[count:], modal.zeros[0], modal.zero_amplitudes, modal.zero_sensitivity),
+        ("pole", one.resonances.poles, use[:count], modal.eigenvalues, modal.charges),
+        ("zero", one.resonances.zeros, use[count:], modal.zeros[0], modal.zero_amplitudes),
     )
-    for data, use, values, amplitudes, sensitivity in kinds:
-        numbers = match([item for item, wanted in zip(data, use, strict=True) if wanted], values, amplitudes)
-        found += [values[number] for number in numbers]
-        slopes += [sensitivity(number)[: len(E_FORM)] for number in numbers]
-    return np.array(found), np.array(slopes)
+    left, slopes = [], []
+    for kind, data, wanted, values, amplitudes in kinds:
+        chosen = [resonance for resonance, used in zip(data, wanted, strict=True) if used]
+        roots = terminal_roots(impedance, kind, np.sqrt(values[match(chosen, values, amplitudes)] + 0j))
+        left.append(roots**2 - [resonance.eigenvalue for resonance in chosen])
+        slopes.append(2 * roots[:, None] * root_slopes(one.evaluation, own, x, kind, roots))
+    where = np.repeat(use, 2)
+    size = np.array([abs(resonance.eigenvalue) for resonance in one.every])[use]
+    mesh = np.zeros((2 * size.size, size.size))
+    mesh[2 * np.arange(size.size), np.arange(size.size)] = one.model_error[use] * size
+    covariance = one.resonances.covariance[np.ix_(where, where)] + mesh @ mesh.T
+    rounding = np.diag((_ROUNDING * np.repeat(size, 2)) ** 2)
+    return _whitened(covariance + rounding, np.concatenate(left), np.concatenate(slopes), mesh)
 
 
-def _covariance(one: MeasuredModes, own: np.ndarray) -> np.ndarray:
-    """(2m, 2m) over (Re λ, Im λ) of the poles and zeros that are used; errors of the model are independent."""
-    where = np.repeat(own, 2)
-    size = np.array([abs(resonance.eigenvalue) for resonance in _every(one)])
-    return one.resonances.covariance[np.ix_(where, where)] + np.diag(
-        np.repeat((one.model_error * size)[own] ** 2, 2) * np.tile([1.0, 0.0], np.count_nonzero(own))
-    )
+def _low_end_left(one: MeasuredModes, own: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same of ε33T from the low end, which goes with 1/Z from that of the constants, all else at rest."""
+    evaluation = replace(one.evaluation, omega=one.low_end.omega)
+    rest = own.prior_mean.copy()
+    count, material = own.of_material, own.material
+    rest[:count] = x[:count]
+    (z, slopes), (at_rest, rest_slopes) = (evaluation.with_jacobian(own, point) for point in (x, rest))
+    ratio = at_rest / z
+    moved = -ratio[:, None] * slopes / z[:, None]
+    moved[:, :count] += (rest_slopes / z[:, None])[:, :count]
+    index = material.free.names.index("eps33T")
+    theta = material.theta(x[:count])[index]
+    jacobian = theta * moved.mean(axis=0)
+    jacobian[:count] += ratio.mean() * material.slopes(x[:count])[index]
+    left = np.array([theta * ratio.mean() - one.low_end.permittivity])
+    rounding = (_ROUNDING * abs(one.low_end.permittivity)) ** 2 * np.eye(2)
+    return _whitened(one.low_end.covariance + rounding, left, jacobian[None], np.zeros((2, 0)))
+
+
+def _whitened(
+    covariance: np.ndarray, left: np.ndarray, slopes: np.ndarray, mesh: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Complex left (m,) and slopes (m, n) as real pairs, and real mesh (2m, k), over the factor of a covariance."""
+    both = np.column_stack([left, slopes])
+    parts = np.stack([both.real, both.imag], axis=1).reshape(2 * left.size, -1)
+    white = solve_triangular(np.linalg.cholesky(covariance), np.hstack([parts, mesh]), lower=True)
+    return white[:, 0], white[:, 1 : slopes.shape[1] + 1], white[:, slopes.shape[1] + 1 :]
 
 
 def _check(constants: PiezoConstants) -> None:

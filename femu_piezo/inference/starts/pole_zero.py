@@ -35,12 +35,10 @@ class PoleZeroUpdate:
     ----------
     constants : the updated ten constants
     history : the iterations in order, the last at the updated constants
-    sensitivity : (2, 10) complex ∂(λ_pole, λ_zero)/∂(e-form) at the end
     """
 
     constants: PiezoConstants
     history: tuple[Step, ...]
-    sensitivity: np.ndarray
 
     @property
     def iterations(self) -> int:
@@ -146,7 +144,7 @@ def update_simplified(
         pair = source(constants, near)
         history.append(Step(constants, pair.eigenvalues))
         if np.max(np.abs(pair.eigenvalues / measured - 1)) < tolerance:
-            return PoleZeroUpdate(constants, tuple(history), pair.sensitivities)
+            return PoleZeroUpdate(constants, tuple(history))
         simple, _, _ = paper_step(simple, pair, measured, eps33T)
     raise _not_settled(history, measured)
 
@@ -173,7 +171,7 @@ def update_pair(
         pair = source(constants, near)
         history.append(Step(constants, pair.eigenvalues))
         if np.max(np.abs(pair.eigenvalues / measured - 1)) < tolerance:
-            return PoleZeroUpdate(constants, tuple(history), pair.sensitivities)
+            return PoleZeroUpdate(constants, tuple(history))
         slopes = pair.sensitivities @ free.e_form_jacobian(theta)
         relative = np.linalg.solve(slopes * theta, measured - pair.eigenvalues)
         largest = np.max(np.abs(relative))
@@ -196,45 +194,3 @@ def _not_settled(history: list[Step], measured: np.ndarray) -> ConvergenceError:
         f"pole-zero update: {len(history) - 1} iterations left the model {left:.1e} (relative) from the measured pole "
         "and zero; start from a closer base material or check dimensions, density and the extracted pole and zero"
     )
-
-
-def propagate_covariance(
-    update: PoleZeroUpdate,
-    free: FreeConstants,
-    covariance: np.ndarray,
-    given: FreeConstants | None = None,
-    given_covariance: np.ndarray | None = None,
-) -> np.ndarray:
-    """Covariance of the updated constants, to first order: δθ = S^-1 (δλ − G δg).
-
-    S and G are the exact ∂λ/∂θ of the two updated constants and ∂λ/∂g of constants that were measured otherwise
-    (ε33T from the low end of the sweep), whose error the update carries on.
-
-    Parameters
-    ----------
-    covariance : (4, 4) over (Re λ_p, Im λ_p, Re λ_z, Im λ_z)
-    given, given_covariance : the k other constants and their (2k, 2k) covariance over (Re g_1, Im g_1, …)
-
-    Returns
-    -------
-    (4 + 2k, 4 + 2k) covariance over (Re θ_1, Im θ_1, Re θ_2, Im θ_2, Re g_1, …), SI units
-    """
-    inverse = np.linalg.inv(update.sensitivity @ _jacobian(update, free))
-    if given is None:
-        real = _real_map(inverse)
-        return real @ covariance @ real.T
-    count = len(given.names)
-    from_given = -inverse @ (update.sensitivity @ _jacobian(update, given))
-    complex_map = np.block([[inverse, from_given], [np.zeros((count, 2)), np.eye(count)]])
-    both = np.block([[covariance, np.zeros((4, 2 * count))], [np.zeros((2 * count, 4)), np.asarray(given_covariance)]])
-    real = _real_map(complex_map)
-    return real @ both @ real.T
-
-
-def _jacobian(update: PoleZeroUpdate, free: FreeConstants) -> np.ndarray:
-    return free.e_form_jacobian(np.array([getattr(update.constants, name) for name in free.names]))
-
-
-def _real_map(matrix: np.ndarray) -> np.ndarray:
-    """A complex linear map on (Re, Im) pairs."""
-    return np.kron(matrix.real, np.eye(2)) + np.kron(matrix.imag, np.array([[0.0, -1.0], [1.0, 0.0]]))

@@ -1,0 +1,59 @@
+"""Poles and zeros at the terminals of a specimen with everything that is on, and their exact slopes.
+
+Near a pole ω₀ of Y, where Z vanishes, log Z = log(ω − ω₀) + …, so that
+
+    ∂ω₀/∂x = −(1/2πi) ∮ ∂log Z/∂x dω
+
+around it, and the negative of that around a zero. On a circle this is a mean, exact to the power of the points in its
+radius over the distance to the next root. So the one Jacobian of Z serves dimensions, density, constants and circuits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.resonances import Kind
+
+#: Newton steps, relative step of the difference quotient, and the largest relative move of a root that is believed.
+_STEPS, _DIFFERENCE, _FAR = 8, 1e-7, 0.05
+#: Points on the circle around a root, and its radius over |ω|.
+_POINTS, _RADIUS = 4, 1e-5
+
+
+def terminal_roots(impedance: Callable[[np.ndarray], np.ndarray], kind: Kind, start: np.ndarray) -> np.ndarray:
+    """Complex ω (m,) of poles or zeros near starts (m,), rad/s, by Newton; the start where it leads far away.
+
+    Of a body without circuits the starts are the roots, where Z or Y is infinite: the first point lies beside them, and
+    a step that ends on a root to the last bit is the last.
+
+    impedance : complex ω → Z at the terminals (`Evaluation.terminals`)
+    """
+    omega = start.astype(complex) * (1 + _DIFFERENCE)
+
+    def function(at: np.ndarray) -> np.ndarray:
+        return impedance(at) if kind == "pole" else 1 / impedance(at)
+
+    for _ in range(_STEPS):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            value = function(omega)
+            step = value * omega * _DIFFERENCE / (function(omega * (1 + _DIFFERENCE)) - value)
+        omega = omega - np.where(np.isfinite(step), step, 0.0)
+    return np.where(np.abs(omega / start - 1) < _FAR, omega, start)
+
+
+def root_slopes(
+    evaluation: Evaluation, parameters: Unknowns, x: np.ndarray, kind: Kind, roots: np.ndarray
+) -> np.ndarray:
+    """∂ω₀/∂x (m, n_x), rad/s, of simple poles or zeros ω₀ (m,) at x (n_x,)."""
+    if not roots.size:
+        return np.zeros((0, x.size), dtype=complex)
+    circle = _RADIUS * np.abs(roots)[:, None] * np.exp(2j * np.pi * np.arange(_POINTS) / _POINTS)
+    around = replace(evaluation, omega=(roots[:, None] + circle).ravel())
+    z, slopes = around.with_jacobian(parameters, x)
+    move = (slopes / z[:, None]).reshape(*circle.shape, -1) * circle[:, :, None]
+    return (-1 if kind == "pole" else 1) * move.mean(axis=1)
