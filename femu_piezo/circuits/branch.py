@@ -32,11 +32,13 @@ class Branch:
     ----------
     pole : p, rad/s, in the upper half plane;  residue : ρ of Y at it, S rad/s
     std : standard deviation of each element by the noise, SI; empty where unknown
+    doubtful : whether the sweep hardly tells it from others, so that it is a part of the curve rather than a mode
     """
 
     pole: complex
     residue: complex
     std: dict[str, float]
+    doubtful: bool = False
 
     @property
     def elements(self) -> dict[str, float]:

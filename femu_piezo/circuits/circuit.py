@@ -13,12 +13,15 @@ from femu_piezo.circuits.branch import UNITS, Branch
 
 #: Points at which what is left over is fitted, and relative share of Y below which an element of it is left out.
 _POINTS, _SMALL = 400, 1e-9
-#: Relative misfit beyond which a note says why.
-_MISSED = 1e-3
+#: Relative misfit beyond which a note says why, and rms beyond which elements that are not passive follow what is left:
+#: constant loss tangents alone ask for (2/π) tan δ, 2 % of a soft ceramic over a decade.
+_MISSED, _PASSIVE = 1e-3, 0.02
 #: Corner frequencies of relaxations per decade, and how far they reach beyond the band.
 _PER_DECADE, _REACH = 3, 10.0
 #: Resonances of modes outside the sweep, over its end; over its beginning the inverse.
 _OUTSIDE = (1.02, 1.05, 1.1, 1.2, 1.35, 1.6, 2.0, 3.0, 5.0)
+#: Broad resonances of either sign that are tried, and how far beyond the band they lie, shares of it (log).
+_BROAD, _BEYOND = (8, 12, 16, 24, 32), 0.25
 
 
 @dataclass(frozen=True)
@@ -27,11 +30,12 @@ class Static:
 
     Attributes
     ----------
-    kind : "C", "R", "RC" in series, or "LC" in series, a mode outside the sweep
+    kind : "C", "R", "RC" in series, "LC" in series, a mode outside the sweep, or "RLC" in series, a broad resonance of
+        either sign that follows what other elements leave of the curve and is no mode
     values : SI: C, R or L
     """
 
-    kind: Literal["C", "R", "RC", "LC"]
+    kind: Literal["C", "R", "RC", "LC", "RLC"]
     values: dict[str, float]
 
     def admittance(self, omega: np.ndarray) -> np.ndarray:
@@ -40,9 +44,7 @@ class Static:
         if self.kind == "R":
             return np.full(omega.shape, 1 / self.values["R"], dtype=complex)
         capacitance = 1 / (s * self.values["C"])
-        if self.kind == "C":
-            return 1 / capacitance
-        return 1 / (capacitance + (self.values["R"] if self.kind == "RC" else s * self.values["L"]))
+        return 1 / (capacitance + self.values.get("R", 0.0) + s * self.values.get("L", 0.0))
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,7 @@ class Circuit:
     name : of the sweep or specimen
     branches : one for each mode, in order of frequency;  static : C0, its loss, modes outside the sweep
     frequency : (n,) Hz, of the curve that the circuit stands for;  curve : (n,) its impedance, ohm
+    sweep : (n,) measured impedance that the curve was fitted to; None of a computed one
     notes : sentences
     """
 
@@ -62,6 +65,7 @@ class Circuit:
     static: tuple[Static, ...]
     frequency: np.ndarray
     curve: np.ndarray
+    sweep: np.ndarray | None = None
     notes: tuple[str, ...] = ()
 
     def admittance(self, omega: np.ndarray) -> np.ndarray:
@@ -76,8 +80,12 @@ class Circuit:
     @property
     def misfit(self) -> tuple[float, float]:
         """(rms, largest) of |Z_circuit/Z − 1| against the curve that it stands for."""
-        wrong = np.abs(self.impedance / self.curve - 1)
-        return float(np.sqrt(np.mean(wrong**2))), float(np.max(wrong))
+        return _apart(self.impedance, self.curve)
+
+    @property
+    def misfit_of_sweep(self) -> tuple[float, float] | None:
+        """The same against the measured sweep, noise and all; None where there is none."""
+        return None if self.sweep is None else _apart(self.impedance, self.sweep)
 
     @property
     def static_capacitance(self) -> float:
@@ -93,6 +101,7 @@ class Circuit:
                     "frequency_Hz": branch.frequency_Hz,
                     "quality_factor": branch.quality_factor if np.isfinite(branch.quality_factor) else None,
                     "residue_phase": branch.residue_phase,
+                    "doubtful": branch.doubtful,
                     "elements": {
                         key: {
                             "value": value if np.isfinite(value) else None,
@@ -107,32 +116,58 @@ class Circuit:
             "static": [{"kind": part.kind, **part.values} for part in self.static],
             "band_Hz": [float(self.frequency[0]), float(self.frequency[-1])],
             "misfit": dict(zip(("rms", "largest"), self.misfit, strict=True)),
+            "misfit_of_sweep": self.misfit_of_sweep
+            and dict(zip(("rms", "largest"), self.misfit_of_sweep, strict=True)),
             "notes": list(self.notes),
         }
 
 
-def fit_circuit(name: str, branches: Sequence[Branch], frequency: np.ndarray, curve: np.ndarray) -> Circuit:
+def _apart(found: np.ndarray, curve: np.ndarray) -> tuple[float, float]:
+    """(rms, largest) of |found/curve − 1|."""
+    wrong = np.abs(found / curve - 1)
+    return float(np.sqrt(np.mean(wrong**2))), float(np.max(wrong))
+
+
+def fit_circuit(
+    name: str,
+    branches: Sequence[Branch],
+    frequency: np.ndarray,
+    curve: np.ndarray,
+    sweep: np.ndarray | None = None,
+) -> Circuit:
     """The circuit of given branches, what they leave of a curve by further elements.
 
     The branches stay as their residues have them. What is left is smooth: a capacitor, relaxations (R and C in series),
     lossless modes outside the sweep, each at least zero, and a resistor, which is negative where it takes back the
     direct current through the Rp of the branches; by least squares relative to |Y| (nonnegative: Lawson and Hanson
     1974). A circuit of R, L and C is causal, so that its C falls by (2/π) tan δ per e-fold of frequency (Kramers and
-    Kronig), which a model of constant complex moduli does not do: over a wide band they differ by that.
+    Kronig), which a model of constant complex moduli does not do: over a wide band they differ by that. Where that is
+    not all that is missing, as in a sweep that no passive body has, a capacitor, a resistor and broad resonances of
+    either sign (`Static`) take their place, as many as it needs to come as near to the sweep as its curve does.
 
     Parameters
     ----------
     frequency : (n,) Hz;  curve : (n,) impedance that the circuit stands for, ohm, without noise
+    sweep : (n,) measured, ohm
     """
     ordered = tuple(sorted(branches, key=lambda one: one.frequency_Hz))
     omega = 2 * np.pi * frequency
     units = _dictionary(omega)
     units += [_scaled(unit, -1.0) for unit in units if unit.kind == "R"]
-    circuit = Circuit(name, ordered, _rest(ordered, units, omega, curve), frequency, curve)
+    circuit = Circuit(name, ordered, _rest(ordered, units, omega, curve), frequency, curve, sweep)
+    if circuit.misfit[0] > _PASSIVE:
+        near = max(_MISSED, 0.0 if sweep is None else _apart(curve, sweep)[0] / 2)
+        for count in _BROAD:
+            static = _rest(ordered, _broad(omega, count), omega, curve, signed=True)
+            circuit = min(circuit, replace(circuit, static=static), key=lambda one: one.misfit[0])
+            if circuit.misfit[0] < near:
+                break
     return replace(circuit, notes=tuple(_notes(circuit)))
 
 
-def _rest(branches: Sequence[Branch], units: list[Static], omega: np.ndarray, curve: np.ndarray) -> tuple[Static, ...]:
+def _rest(
+    branches: Sequence[Branch], units: list[Static], omega: np.ndarray, curve: np.ndarray, *, signed: bool = False
+) -> tuple[Static, ...]:
     """Multiples of unit elements that, together with the branches, come nearest to the curve.
 
     Points count by the share of the band that they stand for, on a linear and on a logarithmic scale alike.
@@ -143,10 +178,28 @@ def _rest(branches: Sequence[Branch], units: list[Static], omega: np.ndarray, cu
     left = (y - sum((one.section(omega) for one in branches), np.zeros(omega.shape, complex))) * weight
     matrix = np.array([unit.admittance(omega) * weight for unit in units]).T
     size = np.linalg.norm(matrix, axis=0)
-    rows = np.vstack([matrix.real, matrix.imag]) / size
-    amounts = nnls(rows, np.concatenate([left.real, left.imag]), maxiter=100 * len(units))[0] / size
-    shares = np.max(np.abs(matrix / weight[:, None] / y[:, None]), axis=0) * amounts
+    rows, right = np.vstack([matrix.real, matrix.imag]) / size, np.concatenate([left.real, left.imag])
+    if signed:
+        amounts = np.linalg.lstsq(rows, right, rcond=None)[0] / size
+    else:
+        amounts = nnls(rows, right, maxiter=100 * len(units))[0] / size
+    shares = np.max(np.abs(matrix / weight[:, None] / y[:, None]), axis=0) * np.abs(amounts)
     return tuple(_scaled(unit, n) for unit, n, share in zip(units, amounts, shares, strict=True) if share > _SMALL)
+
+
+def _broad(omega: np.ndarray, count: int) -> list[Static]:
+    """A capacitor, a resistor, and resonances as broad as they are apart: of 1 F, 1 ohm and 1 H."""
+    reach = (omega[-1] / omega[0]) ** _BEYOND
+    places = np.geomspace(omega[0] / reach, omega[-1] * reach, count)
+    widths = places * float(places[1] / places[0] - 1)
+    return [
+        Static("C", {"C": 1.0}),
+        Static("R", {"R": 1.0}),
+        *(
+            Static("RLC", {"L": 1.0, "R": float(2 * width), "C": float(1 / (place**2 + width**2))})
+            for place, width in zip(places, widths, strict=True)
+        ),
+    ]
 
 
 def _weights(omega: np.ndarray) -> np.ndarray:
@@ -183,11 +236,25 @@ def _notes(circuit: Circuit) -> list[str]:
             f"the residue at {places} is turned so far that a resistance of its branch is negative: right as a part of "
             "the circuit, in SPICE too, but not to be bought"
         )
-    if any(part.values["R"] < 0 for part in circuit.static if part.kind == "R"):
+    if doubtful := [f"{one.frequency_Hz:.6g} Hz" for one in circuit.branches if one.doubtful]:
+        found.append(
+            f"the sweep hardly tells the branch at {', '.join(doubtful)} by itself: it belongs to the curve and need "
+            "not be a mode"
+        )
+    broad = sum(part.kind == "RLC" for part in circuit.static)
+    if broad:
+        found.append(
+            f"no passive elements follow what the branches leave of this curve: {broad} broad resonances and a C and R "
+            "beside them have either sign, and are right together and in this band alone"
+        )
+    elif any(part.values["R"] < 0 for part in circuit.static if part.kind == "R"):
         found.append("the negative resistor takes back the direct current which the Rp of the branches let through")
     rms, largest = circuit.misfit
     found.append(f"the circuit follows its curve within {100 * rms:.2g} % rms and {100 * largest:.2g} % at most")
-    if largest > _MISSED:
+    if circuit.misfit_of_sweep is not None:
+        rms, most = circuit.misfit_of_sweep
+        found[-1] += f", the measured sweep with its noise within {100 * rms:.2g} % rms and {100 * most:.2g} % at most"
+    if largest > _MISSED and not broad:
         found.append(
             "a circuit of R, L and C is causal and passive; constant loss tangents over a wide band (Kramers and "
             "Kronig) and what a sweep has of errors are not, and stay outside it"

@@ -26,8 +26,11 @@ def spice_text(circuit: Circuit) -> str:
         f".subckt {name} a b",
     ]
     for index, branch in enumerate(circuit.branches, 1):
-        lines.append(f"* mode {index}: {branch.frequency_Hz:.6f} Hz, Q {branch.quality_factor:.6g}")
+        doubtful = ", doubtful" if branch.doubtful else ""
+        lines.append(f"* mode {index}: {branch.frequency_Hz:.6f} Hz, Q {branch.quality_factor:.6g}{doubtful}")
         lines += _series(f"m{index}", branch.elements)
+    signed = any(part.kind == "RLC" for part in circuit.static)
+    lines.append("* what the modes leave" + (", of either sign: right together and in this band alone" * signed))
     for index, part in enumerate(circuit.static, 1):
         lines += _series(f"s{index}", part.values) if len(part.values) > 1 else _single(f"s{index}", part.values)
     return "\n".join([*lines, f".ends {name}", ""])

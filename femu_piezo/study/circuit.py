@@ -9,14 +9,20 @@ from femu_piezo.circuits.circuit import Circuit, fit_circuit
 from femu_piezo.errors import InputError
 from femu_piezo.extraction import Extraction, extract
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.resonances import Resonance
 from femu_piezo.specimen.file import Simulation, Specimen
 from femu_piezo.study.rational_curve import RationalCurve
 from femu_piezo.study.simulate import simulate
 
+#: Relative distance below which a pole of the fitted function is a reported one.
+_SAME = 1e-9
+
 
 def circuit_of_sweep(spectrum: ImpedanceSpectrum) -> Circuit:
-    """The circuit of a measured sweep, a branch for each pole within it; InputError where there is none."""
+    """The circuit of a measured sweep, a branch for each pole within it of the function that was fitted to it.
+
+    Poles that the extraction reports as doubtful, or several as one, have a branch each, flagged as doubtful: the curve
+    needs them. InputError where no resonance was found.
+    """
     found = extract(spectrum)
     if found.model is None or not found.resonances.poles:
         raise InputError(
@@ -24,8 +30,10 @@ def circuit_of_sweep(spectrum: ImpedanceSpectrum) -> Circuit:
         )
     curve = 1 / found.model.admittance(spectrum.omega)
     name = spectrum.source.replace("\\", "/").rsplit("/", 1)[-1].rsplit(".", 1)[0]
-    branches = [_measured_branch(found, pole) for pole in found.resonances.poles]
-    return fit_circuit(name, branches, spectrum.frequency, curve)
+    poles = found.model.poles
+    inside = np.flatnonzero((np.abs(poles.real) <= 1) & (poles.imag > 0))
+    branches = [_measured_branch(found, index) for index in inside]
+    return fit_circuit(name, branches, spectrum.frequency, curve, spectrum.impedance)
 
 
 def circuit_of_specimen(specimen: Specimen) -> Circuit:
@@ -43,17 +51,19 @@ def circuit_of_specimen(specimen: Specimen) -> Circuit:
     return fit_circuit(specimen.name, branches, sweep.frequency, sweep.impedance)
 
 
-def _measured_branch(found: Extraction, pole: Resonance) -> Branch:
-    """The branch of an extracted pole with the deviations of its elements."""
+def _measured_branch(found: Extraction, index: int) -> Branch:
+    """The branch of a pole of the fitted function, by its number, with the deviations of its elements."""
     model = found.model
-    index = int(np.argmin(np.abs(model.axis.eigenvalue(model.poles) - pole.eigenvalue)))
-    p, residue = pole.pole_s, complex(pole.residue)
-    if found.spread is None:
-        return Branch(p, residue, {})
-    units = np.eye(model.size, dtype=complex)
+    value = complex(model.axis.eigenvalue(model.poles[index]))
+    sound = any(abs(one.eigenvalue - value) < _SAME * abs(value) for one in found.resonances.poles)
+    p = complex(1j * np.sqrt(value))
     # λ = center + half_width z and p = j sqrt(λ): dp = −dλ/(2p); the residue of Y is scale half_width r/2
+    residue = complex(model.scale * model.axis.half_width * model.residues[index] / 2)
+    if found.spread is None:
+        return Branch(p, residue, {}, not sound)
+    units = np.eye(model.size, dtype=complex)
     rows = [
         -model.axis.half_width / (2 * p) * units[index],
         model.scale * model.axis.half_width / 2 * units[model.poles.size + index],
     ]
-    return Branch(p, residue, element_deviations(p, residue, found.spread.covariance(np.array(rows))))
+    return Branch(p, residue, element_deviations(p, residue, found.spread.covariance(np.array(rows))), not sound)

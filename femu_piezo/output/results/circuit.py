@@ -37,13 +37,16 @@ class EquivalentCircuit(Result, Circuit):
         for heading in ("mode (Hz)", "Q", *(heading for _, heading in _PRINTED.values())):
             table.add_column(heading, justify="right")
         for branch in self.branches:
-            cells = [f"{branch.frequency_Hz:.6g}", f"{branch.quality_factor:.5g}"]
+            cells = [f"{branch.frequency_Hz:.6g}{' ?' if branch.doubtful else ''}", f"{branch.quality_factor:.5g}"]
             for key, (factor, _) in _PRINTED.items():
                 std = branch.std.get(key)
                 cells.append(number(branch.elements[key] * factor, None if std is None else std * factor))
             table.add_row(*cells)
-        counts = ", ".join(f"{sum(part.kind == kind for part in self.static)} {kind}" for kind in ("R", "RC", "LC"))
-        beside = f"beside the branches: C0 = {1e12 * self.static_capacitance:.6g} pF, {counts} (circuit.cir)"
+        kinds = [part.kind for part in self.static]
+        counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("R", "RC", "LC", "RLC") if kind in kinds)
+        counts += ", of either sign" if "RLC" in kinds else ""
+        static = ", ".join(filter(None, [f"C0 = {1e12 * self.static_capacitance:.6g} pF", counts]))
+        beside = f"beside the branches: {static} (circuit.cir)"
         return Group(table, text_of([beside, *told(self.notes)]))
 
     def plot(self, number: int | None = None) -> Figure:
@@ -55,7 +58,10 @@ class EquivalentCircuit(Result, Circuit):
         draw_impedance(
             magnitude, phase, x, ((self.curve, "curve", MEASURED), (self.impedance, "circuit", UPDATED))
         )
-        misfit.semilogy(x, 100 * np.abs(self.impedance / self.curve - 1), **UPDATED)
+        misfit.semilogy(x, 100 * np.abs(self.impedance / self.curve - 1), **UPDATED, label="from its curve")
+        if self.sweep is not None:
+            misfit.semilogy(x, 100 * np.abs(self.impedance / self.sweep - 1), **MEASURED, label="from the sweep")
+            misfit.legend()
         magnitude.set(xscale=scale, title=f"{self.name}: equivalent circuit")
         misfit.set(ylabel="difference (%)", xlabel=label)
         figure.legend(*magnitude.get_legend_handles_labels(), loc="outside upper center", ncols=2, frameon=False)
@@ -69,6 +75,7 @@ class EquivalentCircuit(Result, Circuit):
                 "frequency_Hz": one.frequency_Hz,
                 "quality_factor": one.quality_factor,
                 "residue_phase": one.residue_phase,
+                "doubtful": one.doubtful,
                 **one.elements,
                 **{f"std_{key}": one.std.get(key) for key in one.elements},
             }
