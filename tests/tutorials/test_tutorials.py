@@ -18,7 +18,7 @@ FOLDER = Path(__file__).resolve().parents[2] / "tutorials"
 PICTURES = {
     "k31_plate": ("extraction.png", "impedance.png", "iterations.png", "sensitivity.png"),
     "k33_bar": ("impedance.png", "iterations.png"),
-    "paper": ("baseline.png", "prony_ss.png", "iteration.png", "sensitivity.png"),
+    "paper": ("baseline.png", "prony_ss.png", "printed.png", "iteration.png", "sensitivity.png"),
     "measured_bar": ("critique.png", "impedance.png", "diagnosis.png"),
     "measured_disk": ("poisson_and_q.png", "impedance.png", "diagnosis.png"),
     "trapezoid": ("impedance.png", "modes.png", "mode_01.png", "mode_02.png"),

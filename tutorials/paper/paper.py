@@ -2,8 +2,23 @@
 # # The identification of the paper, step by step
 #
 # Cong, Hu, Li, *Smart Mater. Struct.* 31 (2022) 125010, section 4: the k31 plate. Every step is computed here, and what
-# the paper prints stands beside it. Its flow charts (figures 4, 5 and 7) and photographs are no computations and are
-# not drawn; its measured k33 sweep is not printed as numbers ([k33_bar](../k33_bar/k33_bar.py) takes its Table 6).
+# the paper prints stands beside it.
+#
+# | figure of the paper | here | |
+# |---|---|---|
+# | 3 | `sensitivity.png` | sensitivity of Z to each constant |
+# | 10 | `prony_ss.png`, above left | impulse response of Y, whose exponentials are the poles |
+# | 11 | `prony_ss.png`, above right | stabilization diagram of the poles |
+# | 12 | `prony_ss.png`, below left | impulse response of Z, whose exponentials are the zeros |
+# | 13 | `prony_ss.png`, below right | stabilization diagram of the zeros |
+# | 4, 5, 7 | none | flow charts, no computations; the steps are those of figure 5 |
+# | 1, 2, 8, 9, 14, 15 | by what they can show, not by number | see below |
+#
+# Of the last row the numbers are not matched, since the captions of these figures are not at hand. What the sections
+# around them compute is here: the plate's impedance before and after (`baseline.png`, `impedance.png`), its resistance
+# and |Z| with the printed pole, zero and low point (`printed.png`), and the iteration (`iteration.png`). The
+# photographs and the measured sweep of the k33 bar are not printed as numbers and cannot be drawn;
+# [k33_bar](../k33_bar/k33_bar.py) takes its Table 6 instead.
 
 # %%
 import os
@@ -87,6 +102,21 @@ eps33T = low_frequency_permittivity(sweep.frequency[0], sweep.impedance[0], plat
 print(f"Z(100 Hz) = {sweep.impedance[0]:.5g} Ω   (paper 5563.4−370920j)")
 print(f"ε33T = {eps33T.real / EPS0:.1f} ε0, tan δ = {-eps33T.imag / eps33T.real:.4f}   (paper 2422.8, 0.015)")
 assert abs(eps33T.real / EPS0 / 2422.8 - 1) < 2e-4
+
+figure, (resistance, modulus) = plt.subplots(2, 1, figsize=(8, 6), sharex=True, layout="constrained")
+marks = ((printed[0], "pole of the paper", "#1f6fb4"), (printed[1], "zero of the paper", "#2a8a4a"))
+for own, part, words in ((resistance, np.abs(sweep.impedance.real), "R"), (modulus, np.abs(sweep.impedance), "|Z|")):
+    own.loglog(sweep.frequency, part, color="#222222", lw=1.2)
+    own.set_ylabel(f"{words} (Ω)")
+    for value, title, colour in marks:
+        own.axvline(np.sqrt(value.real) / (2 * np.pi), linestyle="--", lw=0.9, label=title, color=colour)
+resistance.plot(100.0, 5563.4, "o", color="#c0392b", label="the paper's low point")
+modulus.plot(100.0, abs(5563.4 - 370920j), "o", color="#c0392b")
+resistance.legend(frameon=False)
+modulus.set_xlabel("frequency (Hz)")
+resistance.set_title("The sweep of the target and what the paper prints of it")
+figure.savefig(OUT / "printed.png", dpi=120)
+assert abs(sweep.impedance[0] / (5563.4 - 370920j) - 1) < 1e-4
 
 # %% [markdown]
 # ## The first pass through eq 61
