@@ -87,14 +87,14 @@ def _extract(
     else:
         estimate = maximum_likelihood(sweep, MAX_MODES if max_modes is None else max_modes, start)
         result, data, noise, tried = estimate.fit, estimate.data, estimate.noise, estimate.orders
-        scale = result.scale if noise.origin == "residual" else _inflation(result, findings)
+        scale = result.scale if noise.origin != "file" else _inflation(result, findings)
         reported = fisher_spread(result.model, data, scale)
         if estimate.is_systematic:
             points = _points(sweep)
             result, left = _most_probable((*estimate.way, result), data, points)
             reported = systematic_spread(result.model, data, points, left)
             noise = noise if noise.origin == "file" else replace(noise, relative=result.scale)
-            findings += find_systematic(left, result.residual / data.weight, points)
+            findings += find_systematic(left, result.residual / data.weight, result.degrees_of_freedom, points)
         roots = resonances(result.model, reported, band, systematic=estimate.is_systematic)
     findings = gravest_first(
         findings + find_reversed(data) + find_missing(roots, spectrum) + find_doubtful(roots)

@@ -57,7 +57,7 @@ def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int, start: Rational
     if given is not None:
         noise = NoiseUsed(float(np.median(1 / given)), 0.0, "file")
     elif systematic:
-        noise = NoiseUsed(final.scale, 0.0, "residual")
+        noise = NoiseUsed(final.scale, 0.0, "misfit")
     else:
         noise = noise_of(final, sweep)
     return Estimate(final, data, noise, tried, systematic, way)

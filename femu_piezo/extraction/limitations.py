@@ -86,24 +86,26 @@ def find_clipping(spectrum: ImpedanceSpectrum) -> tuple[np.ndarray, list[Finding
     return clipped, findings
 
 
-def find_systematic(systematic: Discrepancy, error: np.ndarray, sweep: SweepData) -> list[Finding]:
+def find_systematic(systematic: Discrepancy, error: np.ndarray, freedom: int, sweep: SweepData) -> list[Finding]:
     """Something smooth in frequency that no passive linear body with the resonances found leaves, and where most of it.
 
     Parameters
     ----------
-    error : (n,) relative errors of the fitted Z;  sweep : its points, with the noise that neighbours show
+    error : (n,) relative errors of the fitted Z;  freedom : 2n less the real parameters of the fit
+    sweep : its points, with the noise that neighbours show
     """
     if not systematic.probable:
         return []
-    noise = float(np.median(sweep.relative_noise)) * systematic.level
+    missed = float(np.sqrt(2 * np.sum(np.abs(error) ** 2) / freedom))
+    scatter = float(np.median(sweep.relative_noise))
     bands = np.array_split(np.arange(error.size), BANDS)
     power = np.array([np.mean(np.abs(error[band]) ** 2) for band in bands])
     low, high = sweep.frequency[bands[int(np.argmax(power))][[0, -1]]]
     return [
         Finding(
             "correlated_residual",
-            f"the best passive linear body misses the sweep by {100 * systematic.sigma:.2g} %, alike at neighbouring "
-            f"points, beside its noise of {100 * noise:.2g} %; most of it between {_hertz(low)} and {_hertz(high)} Hz: "
+            f"the best passive linear body misses the sweep by {100 * missed:.2g} % rms, alike at neighbouring "
+            f"points, which scatter by {100 * scatter:.2g} %; most of it between {_hertz(low)} and {_hertz(high)} Hz: "
             "drive level, drift, a moving contact, the instrument, or modes too close to be told; standard deviations "
             "allow for it",
         )

@@ -22,10 +22,11 @@ class NoiseUsed(NoiseModel):
     ----------
     relative, additive : as in `NoiseModel`
     origin : "file" where the spectrum carried its noise (relative then is the median of σ_Z/|Z|, additive 0),
-        "residual" where it was learned from the residual of the fit
+        "residual" where it was learned from the residual of the fit, "misfit" where that residual is more than noise:
+        what the fit misses, rms, by which every point counts alike
     """
 
-    origin: Literal["file", "residual"]
+    origin: Literal["file", "residual", "misfit"]
 
 
 def weight_of_file(spectrum: ImpedanceSpectrum) -> np.ndarray | None:

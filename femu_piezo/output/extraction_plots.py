@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from femu_piezo.extraction import Extraction
+    from femu_piezo.extraction.noise_level import NoiseUsed
 
 DATA = {"color": "#222222", "marker": ".", "linestyle": "none", "markersize": 3.5}
 FIT = {"color": "#c0392b", "linewidth": 1.3}
@@ -183,13 +184,16 @@ def _summary(extraction: Extraction) -> str:
             std = "" if np.isnan(p.std_k_eff) else f" ± {p.std_k_eff:.1g}"
             lines.append(f"k_eff {p.k_eff:.5f}{std}  ({p.pole.frequency_Hz:.0f} – {p.zero.frequency_Hz:.0f} Hz)")
     if extraction.noise is not None:
-        lines.append(
-            f"noise: {extraction.noise.relative:.2g}·|Z| and {extraction.noise.additive:.2g} Ω "
-            f"(from the {extraction.noise.origin})"
-        )
+        lines.append(_noise_words(extraction.noise))
     lines += [line for note in extraction.notes for line in _wrapped(note, "! ")]
     lines += [line for remark in extraction.remarks for line in _wrapped(remark, "· ")]
     return "\n".join(lines)
+
+
+def _noise_words(noise: NoiseUsed) -> str:
+    if noise.origin == "misfit":
+        return f"misfit of the fit, by which points count: {100 * noise.relative:.2g} % of |Z|"
+    return f"noise: {100 * noise.relative:.2g} % of |Z| and {noise.additive:.2g} Ω (from the {noise.origin})"
 
 
 def _wrapped(sentence: str, mark: str) -> list[str]:

@@ -70,3 +70,7 @@ def test_thickness_mode_among_lateral_overtones(measured_folder):
     assert len(found.resonances.poles) >= 3
     assert found.status == "correlated_residual"
     assert " Hz: drive level" in found.notes[0]
+    # what the fit misses, rms, is one number wherever it stands, and no noise; neighbours agree to 2e-5 (README)
+    assert found.noise.origin == "misfit"
+    assert f"by {100 * found.noise.relative:.2g} % rms" in found.notes[0]
+    assert "scatter by 0.002" in found.notes[0]
