@@ -1,4 +1,4 @@
-"""Picture of a noise study: deviations stated and reached, and coverage, against noise and number of points."""
+"""Picture of a noise study: deviations stated and reached, bias and coverage, against noise and number of points."""
 
 from __future__ import annotations
 
@@ -16,13 +16,16 @@ from femu_piezo.study.noise_study import Setting
 _COLOURS = ("#c0392b", "#1f6fb4", "#2a8a4a", "#8e44ad", "#b07d2b", "#148f77", "#566573", "#e67e22", "#5d6d7e", "#222")
 #: Coverage of one and of two deviations of a Gaussian.
 _COVERED = {1: 0.6827, 2: 0.9545}
+#: Between the negative of this and this lie 95 % of a Gaussian.
+_CHANCE = 1.96
 
 
 def noise_study_figure(title: str, settings: Sequence[Setting]) -> Figure:
     """Left over the noise, right over the points: deviations of constants and of tangents (dots reached, lines stated),
-    and the share of draws whose truth is within one and two stated deviations, with the band of chance."""
-    picture = Picture(figsize=(10.5, 9.5), layout="constrained")
-    axes = picture.subplots(3, 2, sharex="col", sharey="row")
+    the mean error over its own deviation, and the share of draws whose truth is within one and two stated deviations;
+    the last two with the band in which chance leaves 95 %."""
+    picture = Picture(figsize=(10.5, 12.0), layout="constrained")
+    axes = picture.subplots(4, 2, sharex="col", sharey="row")
     plan = settings[1]
     columns = (
         ("noise of a point", [one for one in settings if one.points == plan.points], lambda one: one.noise),
@@ -38,14 +41,17 @@ def noise_study_figure(title: str, settings: Sequence[Setting]) -> Figure:
             axes[row, column].plot(x, [np.median(one.stated[:, index]) / size for one in own], color=colour, lw=1.2)
             reached = [one.deviation[index] / size for one in own]
             axes[row, column].plot(x, reached, "o", color=colour, markersize=5, label=label)
+            style = {"color": colour, "linestyle": "none", "markerfacecolor": "none" if tangent else colour}
+            axes[2, column].plot(x, [one.bias[index] for one in own], "o", markersize=4.5, **style)
             for sigma, marker in ((1, "o"), (2, "s")):
                 share = [one.inside(sigma)[index] for one in own]
-                style = {"markerfacecolor": "none" if tangent else colour}
-                axes[2, column].plot(x, share, marker, color=colour, markersize=4.5, linestyle="none", **style)
+                axes[3, column].plot(x, share, marker, markersize=4.5, **style)
+        axes[2, column].axhspan(-_CHANCE, _CHANCE, color="#e3ece3", zorder=0)
+        axes[2, column].axhline(0, color="#7f8c8d", linewidth=0.8)
         for share in _COVERED.values():
             low, high = binom.interval(0.95, len(plan.error), share)
-            axes[2, column].axhspan(low / len(plan.error), high / len(plan.error), color="#e3ece3", zorder=0)
-            axes[2, column].axhline(share, color="#7f8c8d", linewidth=0.8)
+            axes[3, column].axhspan(low / len(plan.error), high / len(plan.error), color="#e3ece3", zorder=0)
+            axes[3, column].axhline(share, color="#7f8c8d", linewidth=0.8)
         for one in axes[:, column]:
             one.set_xscale("log")
             one.set_xticks(x, [f"{value:g}" for value in x], minor=False)
@@ -53,10 +59,11 @@ def noise_study_figure(title: str, settings: Sequence[Setting]) -> Figure:
             one.grid(True, **GRID)
         for one in axes[:2, column]:
             one.set_yscale("log")
-        axes[2, column].set_xlabel(words)
+        axes[3, column].set_xlabel(words)
     axes[0, 0].set_ylabel("relative deviation of constants")
     axes[1, 0].set_ylabel("deviation of tangents")
-    axes[2, 0].set(ylabel="truth within 1 (●) and 2 (■) stated σ", ylim=(0.4, 1.02))
+    axes[2, 0].set_ylabel("bias: mean error over its deviation\n(filled constants, open tangents)")
+    axes[3, 0].set(ylabel="truth within 1 (●) and 2 (■) stated σ", ylim=(0.4, 1.02))
     axes[0, 1].legend(frameon=False, fontsize=8)
     axes[1, 1].legend(frameon=False, fontsize=8)
     picture.suptitle(f"{title}: {len(plan.error)} updates of drawn specimens; dots reached, lines stated")

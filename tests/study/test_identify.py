@@ -9,6 +9,8 @@ import pytest
 from click.testing import CliRunner
 
 from femu_piezo.cli import main
+from femu_piezo.output.noise_study import noise_study_figure
+from femu_piezo.study.noise_study import Setting
 
 BODY = """
 name = "{name}"
@@ -129,3 +131,18 @@ def test_a_plan_tells_more_than_as_many_points_equally_spaced(tmp_path):
     assert few.exit_code == 2
     both = [str(tmp_path / "k31.toml")] * 2
     assert CliRunner().invoke(main, ["identify", *both, "--out", "o", "--plan", "50"]).exit_code == 2
+
+
+def test_the_picture_of_a_study_shows_its_bias():
+    """A setting whose mean is off by many of its deviations lies outside the band of chance, the others within."""
+    rng, truth = np.random.default_rng(1), np.array([16e-12, 0.01])
+    settings = []
+    for points, off in ((100, 0.0), (400, 0.0), (1600, 0.5)):
+        error = (rng.normal(size=(400, 2)) + off) * 1e-3 * truth
+        stated = np.tile(1e-3 * truth, (400, 1))
+        settings.append(Setting(1e-3, points, ("s11", "tan_s11"), truth, error, stated, 0))
+    figure = noise_study_figure("plate", settings)
+    panel = next(one for one in figure.axes[1::2] if "bias" in figure.axes[figure.axes.index(one) - 1].get_ylabel())
+    drawn = np.array([line.get_ydata() for line in panel.lines if line.get_marker() == "o"])
+    np.testing.assert_allclose(drawn.T, [one.bias for one in settings])
+    assert np.all(np.abs(drawn[:, :2]) < 4) and np.all(drawn[:, 2] > 7)
