@@ -52,6 +52,8 @@ _DATA_SHEET = {
     "C/N": (1e12, "10⁻¹² C/N"),
     "F/m": (1 / EPS0, "ε₀"),
 }
+#: Standard figures that a table of an update states beside those that formulas give.
+_SHORT = ("fs", "fp", "k_eff", "Qm_3dB", "Qm_pole", "C_T", "tan_delta")
 #: Width of text that goes to no terminal, characters.
 _WIDTH = 110
 _HTML = '<pre style="font-family: monospace; line-height: 1.2; white-space: pre">{code}</pre>'
@@ -83,7 +85,7 @@ def update_table(result: UpdateResult) -> RenderableType:
         constants.add_row(name, unit, *cells, _share_words(estimate))
     parts = [constants, *(_resonance_table(outcome) for outcome in result.outcomes)]
     for outcome, several in zip(result.outcomes, result.figures, strict=True):
-        parts += [figures_lines(one, outcome.measured.problem.specimen.name) for one in several]
+        parts += [figures_table(one, outcome.measured.problem.specimen.name, short=True) for one in several]
     lines = [f"method: {result.method}, {result.iterations} pole-zero iterations; eps33T: {result.permittivity_source}"]
     lines += [
         f"{outcome.measured.problem.specimen.name}: rms |Δ log Z| baseline {100 * outcome.rms_before:.3g} %, updated "
@@ -106,30 +108,27 @@ def _per_kelvin(series: TemperatureSeries) -> list[str]:
     return lines
 
 
-def figures_table(figures: StandardFigures, name: str = "") -> RenderableType:
-    """Standard figures beside those of the finite element model, and what the formulas get wrong."""
+def figures_table(figures: StandardFigures, name: str = "", *, short: bool = False) -> RenderableType:
+    """Standard figures beside those of the finite element model, and what the formulas get wrong.
+
+    short : without characteristic frequencies that are nearly fs and fp, and meanings; data sheet, report and JSON have
+        the whole table
+    """
     title = f"{name}: standard figures, {figures.title}" if name else f"standard figures, {figures.title}"
     table = Table(title=title, title_justify="left")
-    with_model = any(one.model is not None for one in figures.figures)
+    shown = [one for one in figures.figures if not short or one.name in _SHORT or one.formula_error is not None]
+    with_model = any(one.model is not None for one in shown)
     for heading in ("figure", "by standard", *(("finite elements", "deviation") if with_model else ())):
         table.add_column(heading, justify="left" if heading == "figure" else "right")
-    table.add_column("meaning")
-    for one in figures.figures:
+    if not short:
+        table.add_column("meaning")
+    for one in shown:
         cells = [one.name, figure_words(one)]
         if with_model:
             cells += [figure_words(one, model=True), deviation_percent(one.deviation)]
-        table.add_row(*cells, one.meaning)
+        table.add_row(*cells, *([] if short else [one.meaning]))
     sentences = [figures.formula_words] if figures.formula_words else []
-    return Group(table, text_of([*sentences, *told(figures.notes)]))
-
-
-def figures_lines(figures: StandardFigures, name: str) -> RenderableType:
-    """Standard figures in short, and what the formulas get wrong; data sheet, report and JSON have the whole table."""
-    short = ("fs", "fp", "k_eff", "Qm_3dB", "Qm_pole", "C_T", "tan_delta")
-    told_ = [one for one in figures.figures if one.name in short or one.formula_error is not None]
-    words = ", ".join(f"{one.name} {figure_words(one)}" for one in told_)
-    sentences = [figures.formula_words] if figures.formula_words else []
-    return text_of([f"{name}: standard figures: {words}", *sentences])
+    return Group(table, text_of([*sentences, *([] if short else told(figures.notes))]))
 
 
 def figure_words(one: Figure, model: bool = False) -> str:
