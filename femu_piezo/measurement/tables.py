@@ -15,6 +15,7 @@ from femu_piezo.measurement.columns import UNDERSTOOD, is_unit, parse_column
 
 _POINT = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|nan|inf(?:inity)?)", re.IGNORECASE)
 _COMMA = re.compile(r"[+-]?(?:(?:\d+,?\d*|,\d+)(?:[eE][+-]?\d+)?|nan|inf(?:inity)?)", re.IGNORECASE)
+_QUOTED_COMMA = re.compile(r'(?<=")\s*[+-]?\d*,\d+(?:[eE][+-]?\d+)?\s*(?=")')
 _COMMENT = ("#", "%", "!", "//")
 _HEADER_LINES = 100
 
@@ -65,6 +66,7 @@ def read_table(lines: list[str], source: str, first_line: int = 1, names: Sequen
 
     Raises InputError where there is no header, no table, or a line that does not fit it.
     """
+    lines = _with_points(lines, source)
     start = next((i for i, line in enumerate(lines) if _delimiter(line)), None)
     if start is None:
         raise InputError(f"{source}: there are no rows of numbers in this file; {UNDERSTOOD}")
@@ -90,6 +92,21 @@ def read_table(lines: list[str], source: str, first_line: int = 1, names: Sequen
             f'{values.shape[1]} numbers; name each, "" for one that is not meant'
         )
     return Table(list(names), values, numbers)
+
+
+def _with_points(lines: list[str], source: str) -> list[str]:
+    """The lines with points for the decimal commas of numbers in quotes, which commas separate: "1,5","2,5".
+
+    Raises InputError where every such number may have separators of thousands as well.
+    """
+    quoted = [match for line in lines if re.search('",|,"', line) for match in _QUOTED_COMMA.findall(line)]
+    if not quoted:
+        return lines
+    if all(re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", number) for number in quoted):
+        raise InputError(
+            f"{source}: {quoted[0]!r} in quotes may be a decimal or have a separator of thousands; export plain numbers"
+        )
+    return [_QUOTED_COMMA.sub(lambda match: match[0].replace(",", "."), line) for line in lines]
 
 
 def _split(line: str, delimiter: str | None) -> list[str]:

@@ -272,3 +272,14 @@ def test_columns_name_those_of_any_table(tmp_path: Path) -> None:
     assert_same(read_text(tmp_path, text, columns=["", "f (kHz)", "R (Ohm)", "X (Ohm)"]))
     with pytest.raises(InputError, match=r"names 3 columns .* 4 numbers"):
         read_text(tmp_path, text, columns=["f (kHz)", "R (Ohm)", "X (Ohm)"])
+
+
+def test_decimal_commas_in_quotes_between_commas(tmp_path: Path) -> None:
+    """As spreadsheets of a European setting export; what may be separators of thousands is refused."""
+    columns = np.column_stack([FREQUENCY, *columns_of(FREQUENCY, IMPEDANCE, "rx")]).tolist()
+    rows = (",".join(f'"{v!r}"'.replace(".", ",") for v in row) for row in columns)
+    text = '"Frequency (Hz)","R (Ohm)","X (Ohm)"\n' + "\n".join(rows) + "\n"
+    np.testing.assert_allclose(read_text(tmp_path, text).impedance, IMPEDANCE, rtol=1e-12)
+    thousands = 'Frequency (Hz),R (Ohm),X (Ohm)\n"30,000",12.5,-80\n"31,000",12.4,-79\n"32,000",12.3,-78\n'
+    with pytest.raises(InputError, match="may be a decimal or have a separator of thousands"):
+        read_text(tmp_path, thousands)
