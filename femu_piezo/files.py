@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import secrets
 import stat
 from pathlib import Path
@@ -28,11 +29,20 @@ def read_bytes(path: Path, largest: int) -> bytes:
             )
         return path.read_bytes()
     except FileNotFoundError:
+        if names := unset_variables(path):
+            raise InputError(
+                f"{path}: the environment variable {names[0]} is not set; set it or write a path"
+            ) from None
         raise InputError(f"{path}: there is no such file; check the path") from None
     except OSError as error:
         raise InputError(f"{path}: the file cannot be read ({error.strerror or error})") from None
     except ValueError:  # a NUL character in the path
         raise InputError(f"{str(path)!r}: this is not a path; give the path of a file") from None
+
+
+def unset_variables(path: Path) -> list[str]:
+    """Names of the variables `${NAME}` in a path that the environment does not have."""
+    return [name for name in re.findall(r"\$\{(\w+)\}", str(path)) if not os.environ.get(name)]
 
 
 def write_atomically(path: Path | str, text: str | bytes) -> None:

@@ -20,7 +20,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BeforeValidator, ConfigDict, ValidationInfo, model_validator
 
 from femu_piezo.errors import InputError
-from femu_piezo.files import read_bytes, write_atomically
+from femu_piezo.files import read_bytes, unset_variables, write_atomically
 from femu_piezo.specimen.geometry import Geometry as Geometry
 from femu_piezo.specimen.geometry import Mass
 from femu_piezo.specimen.schema import LIST, PAIR, PATH, Table, key_in_file, quantity
@@ -569,15 +569,14 @@ def _parse_toml(path: Path) -> dict[str, Any]:
 
 
 def _resolve(text: str, specimen: Path, where: str) -> Path:
-    """The absolute path that `text` means in a specimen file."""
+    """The absolute path that `text` means in a specimen file.
+
+    A variable that is not set stays as it is written: who reads the file complains (`femu_piezo.files.read_bytes`), and
+    who does not need it may go on.
+    """
 
     def variable(match: re.Match[str]) -> str:
-        value = os.environ.get(match[1])
-        if not value:
-            raise InputError(
-                f"{where}: the environment variable {match[1]} in {text!r} is not set; set it or write a path"
-            )
-        return value
+        return os.environ.get(match[1]) or match[0]
 
     if not text.strip() or "\0" in text:
         raise InputError(f'{where}: {text!r} is not a path; give one such as "impedance.csv"')
@@ -626,7 +625,7 @@ def write_study(members: Sequence[str], path: Path | str) -> None:
 def _relative(file: Path, specimen: Path) -> str:
     """`file` as the specimen file writes it: relative where it lies in the same folder or below."""
     absolute, folder = Path(os.path.abspath(file)), Path(os.path.abspath(specimen.parent))
-    if "${" in str(absolute):
+    if "${" in str(absolute) and not unset_variables(absolute):
         raise InputError(f"{specimen}: the path {absolute} contains '${{', which stands for a variable; rename it")
     return str(absolute.relative_to(folder)) if absolute.is_relative_to(folder) else str(absolute)
 
