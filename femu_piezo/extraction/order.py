@@ -102,10 +102,10 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
 
     At each step the moves "one more mode, where a scan of the
     residual finds most to explain" and "one, two or three more background degrees" compete by `evidence`;
-    models that are not passive are not considered. Where none gains, modes that may be two are tried as two. Where that
-    leaves neighbouring residuals alike, modes may overlap
-    too closely to be found one by one: starts with many poles at once (`relocated_poles`) then compete as well,
-    unless a start is given. A sweep of very many points is searched on some of them first.
+    models that are not passive are not considered. Where none gains and neighbouring residuals are alike, modes that
+    may be two are tried as two. Where they stay alike, modes may overlap too closely to be found one by one: starts
+    with many poles at once (`relocated_poles`) then compete as well, unless a start is given. A sweep of very many
+    points is searched on some of them first.
     """
     tried: list[Candidate] = []
     way: list[Fit] = []
@@ -132,7 +132,7 @@ def _grown(best: Fit, data: NormalisedSweep, max_modes: int, tried: list[Candida
         way.append(best)
         moves = [_record(f, data, tried) for f in _moves(best, data, max_modes)]
         top = min(moves, key=lambda f: evidence(f, data), default=best)
-        if evidence(top, data) >= evidence(best, data):
+        if evidence(top, data) >= evidence(best, data) and is_correlated(best, data):
             top = min(_splits(best, data, max_modes, tried), key=lambda f: evidence(f, data), default=best)
         if evidence(top, data) >= evidence(best, data):
             return _prune(best, data, tried)
