@@ -22,3 +22,9 @@ class ConvergenceError(FemuPiezoError):
     """A computation did not reach its goal; the message says what to try."""
 
     exit_code = 3
+
+
+class InstrumentError(FemuPiezoError):
+    """An instrument failed or does not answer; the message says what happened and how to go on."""
+
+    exit_code = 4

@@ -26,6 +26,7 @@ LAYERS = (
     {"api"},
     {"batch"},
     {"store"},
+    {"instruments"},
     {"web"},
     {"cli"},
 )

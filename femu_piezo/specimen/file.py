@@ -65,6 +65,7 @@ ReadStd = Annotated[
 #: Readings by name → relative standard deviation where the file says none.
 READ = {"mass": 1e-3, "capacitance": 0.01, "d33": 0.05, "sound_velocity": 0.01}
 Voltage = Annotated[float, quantity("V", 1e-6, 1e4, 'a drive voltage is one such as "0.5 V"; is the unit right?')]
+Bias = Annotated[float, quantity("V", 0, 1e4, 'the largest bias is a voltage such as "0 V"; is the unit right?')]
 Accuracy = Annotated[float, quantity("1", 1e-9, 0.1, "give the relative eigenvalue error, such as 1e-4")]
 
 
@@ -305,6 +306,26 @@ class Readings(Table):
         return None
 
 
+class Limits(Table):
+    """What the specimen may be exposed to while it is measured; nothing beyond is ever sent to an instrument.
+
+    voltage : largest drive, V rms as analysers state it;  bias : largest DC bias either way, V
+    frequency : lowest and highest, Hz; those of the instrument where None
+    """
+
+    model_config = ConfigDict(title="limits")
+
+    voltage: Voltage = 0.5
+    bias: Bias = 0.0
+    frequency: Annotated[tuple[Frequency, Frequency] | None, PAIR] = None
+
+    def problem(self) -> str | None:
+        if self.frequency is not None and not self.frequency[0] < self.frequency[1]:
+            low, high = self.frequency
+            return f"limits.frequency = [{low:g}, {high:g}] Hz is no band; give the lower frequency first"
+        return None
+
+
 class Simulation(Table):
     """Sweep of a simulation. `start` and `stop` in Hz, chosen around the fundamental where absent.
 
@@ -373,6 +394,7 @@ class Specimen(Table):
     measurement: Measurement | None = None
     sweep: Annotated[tuple[Sweep, ...] | None, LIST] = None
     readings: Readings | None = None
+    limits: Limits = Limits()
     simulation: Simulation | None = None
     update: Update | None = None
     effects: Effects | None = None
@@ -591,9 +613,9 @@ def write_specimen(specimen: Specimen, path: Path | str) -> None:
     """
     path = Path(path)
     lines = [f"name = {_toml(specimen.name)}"]
-    for section in ("geometry", "material", "measurement", "readings", "simulation", "update"):
+    for section in ("geometry", "material", "measurement", "readings", "limits", "simulation", "update"):
         table = getattr(specimen, section)
-        if table is None:
+        if table is None or table == Limits():
             continue
         lines += ["", f"[{section}]"]
         for key, value in table:

@@ -10,15 +10,16 @@ import numpy as np
 from femu_piezo.errors import InputError
 from femu_piezo.inference.design import chosen, observed
 from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.study.expectation import labels_of, whitened_jacobian
 from femu_piezo.study.subjects import Subject
 from femu_piezo.study.unknowns import as_filed, unknowns_of
 
 #: Share of the points that are spread over the band, so that a resonance nobody expects is seen too.
-_SPREAD = 0.5
+SPREAD = 0.5
 #: Frequencies to choose from: over the band, and about each pole and zero, in half widths.
 _CANDIDATES, _ABOUT = 4001, np.linspace(-4.0, 4.0, 41)
-_FEWEST = 16
+FEWEST = 16
 
 
 @dataclass(frozen=True)
@@ -53,19 +54,14 @@ def plan_sweep(subject: Subject, evaluation: Evaluation, noise: float, points: i
 
     Raises InputError for fewer.
     """
-    if points < _FEWEST:
-        raise InputError(f"a plan of {points} points does not show a resonance; give at least {_FEWEST}")
+    if points < FEWEST:
+        raise InputError(f"a plan of {points} points does not show a resonance; give at least {FEWEST}")
     unknowns = unknowns_of([subject])
     x = as_filed([subject], unknowns)
     labels = labels_of(unknowns.material)
     wanted = np.array([column for column, _ in labels.values()])
     low, high = evaluation.omega[[0, -1]] / (2 * np.pi)
-    modal = evaluation.modal(unknowns, x)
-    zeros = np.linalg.eigvals(
-        np.diag(modal.eigenvalues) + np.outer(modal.charges, modal.charges / modal.clamped_capacitance)
-    )
-    resonances = np.concatenate([modal.eigenvalues, zeros])
-    resonances = resonances[resonances.real > 0]
+    resonances = resonances_of(evaluation, unknowns, x)
 
     def rows(frequency: np.ndarray) -> np.ndarray:
         """(k, 2, n) in units of the priors."""
@@ -80,13 +76,12 @@ def plan_sweep(subject: Subject, evaluation: Evaluation, noise: float, points: i
         std = np.sqrt(np.diag(observed(prior, rows(frequency).reshape(-1, x.size)))) * unknowns.prior_std
         return {label: float(std[column] * size) for label, (column, size) in labels.items()}
 
-    watching = np.linspace(low, high, round(_SPREAD * points))
-    about = np.concatenate([_around(one, low, high) for one in resonances] or [np.zeros(0)])
-    candidates = np.setdiff1d(np.concatenate([np.linspace(low, high, _CANDIDATES), about]), watching)
+    watching = np.linspace(low, high, round(SPREAD * points))
+    candidates = np.setdiff1d(candidate_frequencies(resonances, low, high), watching)
     known = observed(prior, rows(watching).reshape(-1, x.size))
     found = chosen(rows(candidates), known, wanted, points - watching.size)
     frequency = np.sort(np.concatenate([watching, candidates[found]]))
-    crowded = np.unique(np.concatenate([watching, _thinned(np.sort(about), points - watching.size)]))
+    crowded = np.unique(np.concatenate([watching, _thinned(_about(resonances, low, high), points - watching.size)]))
     recipes = {
         "plan": frequency,
         "equal": np.linspace(low, high, points),
@@ -96,11 +91,26 @@ def plan_sweep(subject: Subject, evaluation: Evaluation, noise: float, points: i
     return Plan(frequency, {name: deviations(one) for name, one in recipes.items()})
 
 
-def _around(eigenvalue: complex, low: float, high: float) -> np.ndarray:
-    """Frequencies about a pole or zero within a band, Hz."""
-    middle = np.sqrt(eigenvalue.real) / (2 * np.pi)
-    found = middle * (1 + _ABOUT * abs(eigenvalue.imag / eigenvalue.real) / 2)
-    return found[(found > low) & (found < high)]
+def resonances_of(evaluation: Evaluation, unknowns: Unknowns, x: np.ndarray) -> np.ndarray:
+    """Poles and zeros λ (m,) of a model at unknowns (n_x,)."""
+    modal = evaluation.modal(unknowns, x)
+    zeros = np.linalg.eigvals(
+        np.diag(modal.eigenvalues) + np.outer(modal.charges, modal.charges / modal.clamped_capacitance)
+    )
+    found = np.concatenate([modal.eigenvalues, zeros])
+    return found[found.real > 0]
+
+
+def candidate_frequencies(resonances: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Frequencies (k,) to choose from, Hz, rising: over a band, and denser about its poles and zeros λ (m,)."""
+    return np.union1d(np.linspace(low, high, _CANDIDATES), _about(resonances, low, high))
+
+
+def _about(resonances: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Frequencies (k,) about poles and zeros within a band, Hz, rising."""
+    middle = np.sqrt(resonances.real) / (2 * np.pi)
+    found = middle[:, None] * (1 + _ABOUT * np.abs(resonances.imag / resonances.real)[:, None] / 2)
+    return np.sort(found[(found > low) & (found < high)])
 
 
 def _thinned(values: np.ndarray, count: int) -> Sequence[float]:
