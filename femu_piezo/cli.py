@@ -17,6 +17,8 @@ from femu_piezo.errors import FemuPiezoError, InputError
 
 if TYPE_CHECKING:
     from femu_piezo.output.results.result import Result
+    from femu_piezo.specimen.file import Specimen
+    from femu_piezo.study.adaptive import Wish
 
 _STARTED = time.perf_counter()
 # Dense algebra here is on small matrices, where more BLAS threads only wait for each other; read when numpy loads.
@@ -40,6 +42,8 @@ Smart Mater. Struct. 31, 2022, 125010).
   femu-piezo lots --store URL                     compare the lots of a database, control charts and drift over months
   femu-piezo diagnose plate.toml --out results    what the simulation gets wrong, and the named cause
   femu-piezo identify plate.toml --out results    which constants such a sweep tells, which tolerance to improve
+  femu-piezo measure plate.toml --instrument TCPIP::10.0.0.7::5025::SOCKET --out results    the sweep itself, by need
+  femu-piezo analyser plate.toml                  a simulated analyser to try that with
   femu-piezo serve folder                         all of this as a page in the browser
 
 Words: a pole is a pole of the admittance (series resonance, short circuit); a zero is a zero of the admittance
@@ -47,7 +51,8 @@ Words: a pole is a pole of the admittance (series resonance, short circuit); a z
 results (JSON, CSV) beside its pictures (PNG) into the folder --out.
 
 \b
-Exit codes: 0 done · 2 the input is wrong (one sentence says what and where) · 3 a computation did not converge.
+Exit codes: 0 done · 2 the input is wrong (one sentence says what and where) · 3 a computation did not converge ·
+4 an instrument failed.
 """
 
 
@@ -430,9 +435,7 @@ def batch(
     metavar="N",
     help="choose the N frequencies of the sweep that tell most of the free constants",
 )
-def identify(
-    specimens: tuple[Path, ...], out: Path, noise: float | None, study: int | None, plan: int | None
-) -> None:
+def identify(specimens: tuple[Path, ...], out: Path, noise: float | None, study: int | None, plan: int | None) -> None:
     """Predict which constants a sweep of SPEC can determine, before or without measuring.
 
     The sweep is that of the [simulation] table. First with all ten constants free and noise alone: which of them the
@@ -441,7 +444,8 @@ def identify(
     density or mass, a held constant, the instrument, the fixture, noise) to improve first and what that brings. Several
     SPEC files are sweeps of one material taken together. Writes identifiability.json, budget.png and sensitivity.png.
     With --study also study.png: how far such updates are off the truth, and how often it is within what they state.
-    With --plan also plan.csv, a list of frequencies for the analyser: half of them watch the whole band of the
+    With --plan also plan.csv, a list of frequencies for the analyser (plan_segments.csv as segments to type in,
+    plan_e4990a.scpi as commands of an E4990A): half of them watch the whole band of the
     [simulation] table, half are where they tell most; and what it gains over as many points equally spaced.
     """
     from femu_piezo.api import identify as run
@@ -589,6 +593,189 @@ def modes(
     result.save(out, animate=animate, scene=scene, vtu=vtu, mesh=mesh)
     _show(result)
     click.echo(f"{len(result.modes)} modes, {result.model.size} unknowns → {out / 'modes.png'}")
+
+
+class _Quantity(click.ParamType):
+    """A number or a quantity with its unit, such as "0.5 V"."""
+
+    def __init__(self, unit: str, name: str) -> None:
+        self._unit, self.name = unit, name
+
+    def convert(self, value, param, ctx) -> float:
+        from femu_piezo.units import parse_quantity
+
+        return parse_quantity(value, self._unit, f"--{self.name}")
+
+
+@main.command()
+@_specimen
+@_out
+@click.option("--instrument", metavar="ADDRESS", help="VISA address, such as TCPIP::10.0.0.7::5025::SOCKET")
+@click.option("--points", type=click.IntRange(32, 100_000), default=200, show_default=True, help="most points")
+@click.option(
+    "--deviation",
+    "deviations",
+    nargs=2,
+    type=(str, _Quantity("1", "deviation")),
+    multiple=True,
+    metavar="NAME STD",
+    help='what is enough: s11 "0.5 %", tan_s11 1e-4; may be given several times',
+)
+@click.option(
+    "--time", "seconds", type=_Quantity("s", "time"), metavar="TIME", help="no new round after it, such as '5 min'"
+)
+@click.option(
+    "--band", nargs=2, type=_Quantity("Hz", "band"), metavar="LOW HIGH", help="[default: that of [simulation]]"
+)
+@click.option(
+    "--voltage",
+    type=_Quantity("V", "voltage"),
+    metavar="V",
+    help="drive, rms  [default: limits.voltage, 0.5 V at most]",
+)
+@click.option("--bias", type=_Quantity("V", "bias"), default=0.0, metavar="V", help="DC bias  [default: none]")
+@click.option(
+    "--speed",
+    type=click.IntRange(1, 5),
+    default=5,
+    show_default=True,
+    help="1 fast … 5 quiet: bandwidth of the analyser",
+)
+@click.option("--averages", type=click.IntRange(1, 256), default=1, show_default=True, help="of every point")
+@click.option(
+    "--timeout",
+    type=click.FloatRange(0.1, 3600),
+    default=10.0,
+    show_default=True,
+    help="seconds for a reply, beside the sweep",
+)
+@click.option("--diagnose", is_flag=True, help="diagnose as well, and take the further sweeps that it recommends")
+@click.option(
+    "--plan", is_flag=True, help="no instrument: only write where to measure, after --data what to measure next"
+)
+@_data
+def measure(
+    specimen: Path,
+    out: Path,
+    instrument: str | None,
+    points: int,
+    deviations: tuple[tuple[str, float], ...],
+    seconds: float | None,
+    band: tuple[float, float] | None,
+    voltage: float | None,
+    bias: float,
+    speed: int,
+    averages: int,
+    timeout: float,
+    diagnose: bool,
+    plan: bool,
+    data: Path | None,
+) -> None:
+    """Measure the specimen SPEC with an impedance analyser, where it tells most of the free constants.
+
+    A coarse sweep of the band finds the resonances; then each round goes where it tells most after the update of the
+    points so far, with all tolerances of the file counted, until the deviations that --deviation asks for, the time or
+    the points are reached. Half of the points watch the band, and what departs from the model there is looked at
+    closely. Known analysers: Keysight E4990A, HP/Agilent 4294A. Nothing above voltage, bias and frequency of the
+    [limits] table of SPEC is ever set (0.5 V, no bias where it is silent), and the output is off at the end, after an
+    error and after Ctrl-C. Every point is written to points.csv as it comes: the same command goes on from there.
+
+    Writes live.png after every round, sweep.csv, measure.json, measured.toml (SPEC with this sweep) and what `update`
+    writes; with --diagnose the folder diagnosis, and sweeps in the opposite direction and at a third of the voltage
+    where the diagnosis recommends them. With --plan nothing is measured: plan.csv, plan_segments.csv and
+    plan_e4990a.scpi hold the frequencies for an analyser without a connection. Needs
+    pip install 'femu-piezo[measure]'.
+    """
+    from femu_piezo.specimen.file import read_specimen
+    from femu_piezo.study.adaptive import Wish
+
+    wanted = read_specimen(specimen)
+    wish = Wish(points, dict(deviations), seconds, band)
+    if plan:
+        if instrument is not None:
+            raise InputError("--plan is for an analyser without a connection; leave --instrument out")
+        _plan_only(wanted, wish, data, out)
+        return
+    if data is not None:
+        raise InputError("--data goes with --plan; points that were measured already are read from --out")
+    if instrument is None:
+        raise InputError(
+            "--instrument is missing; give its VISA address, or --plan for an analyser without a connection"
+        )
+    from femu_piezo.instruments.analyser import Settings
+    from femu_piezo.instruments.measure import measure as run
+
+    drive = min(0.5, wanted.limits.voltage) if voltage is None else voltage
+    settings = Settings(drive, bias, speed, averages, timeout)
+    _prepare(out)
+    with _steps_shown() as progress:
+        result = run(wanted, instrument, out, wish, settings, diagnose=diagnose, tell=_line, progress=progress)
+    _show(result.updated)
+    if result.diagnosed is not None:
+        _show(result.diagnosed)
+    click.echo(result.adapted.sentence)
+
+
+def _line(text: str) -> None:
+    """A line that stays, where the current step may stand on the terminal."""
+    click.echo(("\r\033[K" if sys.stdout.isatty() else "") + text)
+
+
+def _plan_only(specimen: Specimen, wish: Wish, data: Path | None, out: Path) -> None:
+    """Write where to measure, from what is expected or after the points of a file."""
+    from femu_piezo.measurement.readers import read_spectrum
+    from femu_piezo.output.plan_files import write_plan
+    from femu_piezo.study.adaptive import next_frequencies
+    from femu_piezo.study.identify import planned_frequencies
+
+    if data is None:
+        frequency = planned_frequencies(specimen, wish.points)
+    else:
+        frequency = next_frequencies(specimen, read_spectrum(data), wish)
+    if not frequency.size:
+        click.echo("nothing more to measure: what was asked for is reached")
+        return
+    _prepare(out)
+    write_plan(out, frequency)
+    click.echo("\n".join(f"{one:.3f}" for one in frequency))
+
+
+@main.command()
+@_specimen
+@click.option("--port", type=click.IntRange(0, 65535), default=5025, show_default=True, help="0: any that is free")
+@click.option(
+    "--model",
+    type=click.Choice(["E4990A", "4294A"]),
+    default="E4990A",
+    show_default=True,
+    help="whose commands it knows",
+)
+@click.option(
+    "--drift", type=float, default=0.0, show_default=True, help="by which resonances rise, relative, per second"
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="of gain and noise")
+@click.option(
+    "--fail", "faults", multiple=True, metavar="KIND@N", help="timeout, half, error, overload or unplugged at sweep N"
+)
+@click.option("--log", type=click.Path(path_type=Path), help="file for every command that arrives")
+def analyser(
+    specimen: Path, port: int, model: str, drift: float, seed: int, faults: tuple[str, ...], log: Path | None
+) -> None:
+    """Simulate an impedance analyser with the specimen SPEC between its clips, on a socket of this machine.
+
+    For those without one, and to try `measure`: it answers as an E4990A or a 4294A does, from the model of SPEC with
+    its [effects], with noise and gain by the accuracy chart, ringing of sharp resonances, drift, and a lean that grows
+    with the square of the drive where [effects.drive_level] says so. It listens at 127.0.0.1 alone, until Ctrl-C.
+    """
+    from femu_piezo.instruments.simulated import Fault, serve
+    from femu_piezo.specimen.file import read_specimen
+
+    def ready(own: int) -> None:
+        click.echo(f"{model} with {wanted.name} at TCPIP::127.0.0.1::{own}::SOCKET")
+
+    wanted = read_specimen(specimen)
+    found = tuple(Fault.parse(text) for text in faults)
+    serve(wanted, port, model=model, drift=drift, seed=seed, faults=found, log=log, ready=ready)
 
 
 @main.command()

@@ -292,7 +292,11 @@ class Session:
         self._visa, self.address, self._timeout = pyvisa, address, timeout
         self._resource: Any = None
         self._open()
-        self.identity = self.query("*IDN?").strip()
+        try:
+            self.identity = self.query("*IDN?").strip()
+        except InstrumentError:
+            self.close()
+            raise self._unreachable("no answer to *IDN?") from None
 
     def _open(self) -> None:
         try:
@@ -300,10 +304,13 @@ class Session:
                 self.address, read_termination="\n", write_termination="\n", timeout=1000 * self._timeout
             )
         except (self._visa.Error, ValueError, OSError) as error:
-            raise InstrumentError(
-                f"{self.address} cannot be opened ({_words(error)}); is the address right, the instrument on, and no "
-                "other program connected?"
-            ) from None
+            raise self._unreachable(_words(error)) from None
+
+    def _unreachable(self, why: str) -> InstrumentError:
+        return InstrumentError(
+            f"{self.address} cannot be reached ({why}); is the address right, the instrument on, and no other program "
+            "connected?"
+        )
 
     def again(self) -> None:
         """Close and open the connection, so that no reply to an earlier question is taken for a later one."""

@@ -21,16 +21,15 @@ class E4990A(Analyser):
     most_bias = 40.0
     most_segments, most_points = 201, 1601
     seconds = (0.005, 0.01, 0.05, 0.2, 0.5)
-    #: The two whose wording is from IEEE 488.2 and SCPI-1999 hold for every instrument of that kind. That a falling
-    #: direction holds for segment sweeps as well is not documented where we could read it; the frequencies read back
-    #: belong to the values either way.
     setup = ("trigger_source", "ascii", "resistance", "reactance", "mode", "segmented")
     traces = (1, 2)
-    commands = {
-        "identify": Command("*IDN?", "IEEE 488.2, 10.14", "text"),
-        "clear": Command("*CLS", "IEEE 488.2, 10.3", "text"),
-        "wait": Command("*OPC?", "IEEE 488.2, 10.19", "text"),
-        "error": Command(":SYST:ERR?", "SCPI-1999, 21.8", "text"),
+    #: A falling direction has been seen for linear sweeps, not for segments; the frequencies that are read back belong
+    #: to the values either way.
+    commands: ClassVar[Mapping[str, Command]] = {
+        "identify": Command("*IDN?", "IEEE 488.2, 10.14", "driver"),
+        "clear": Command("*CLS", "IEEE 488.2, 10.3", "driver"),
+        "wait": Command("*OPC?", "IEEE 488.2, 10.19", "driver"),
+        "error": Command(":SYST:ERR?", "SCPI-1999, 21.8", "driver"),
         "abort": Command(":ABOR", _HELP + ":ABORt", "text"),
         "initiate": Command(":INIT1:CONT {}", _HELP + ":INITiate<Ch>:CONTinuous", "text"),
         "trigger_source": Command(":TRIG:SOUR BUS", _HELP + ":TRIGger[:SEQuence]:SOURce", "text"),

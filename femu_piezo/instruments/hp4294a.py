@@ -24,9 +24,9 @@ class HP4294A(Analyser):
     traces = ("A", "B")
     #: The list editor is that of the sister instrument 4395A, where drivers were seen to send it.
     commands: ClassVar[Mapping[str, Command]] = {
-        "identify": Command("*IDN?", "IEEE 488.2, 10.14", "text"),
-        "clear": Command("*CLS", "IEEE 488.2, 10.3", "text"),
-        "wait": Command("*OPC?", "IEEE 488.2, 10.19", "text"),
+        "identify": Command("*IDN?", "IEEE 488.2, 10.14", "driver"),
+        "clear": Command("*CLS", "IEEE 488.2, 10.3", "driver"),
+        "wait": Command("*OPC?", "IEEE 488.2, 10.19", "driver"),
         "error": Command("OUTPERRO?", _MANUAL + "OUTPERRO?", "text"),
         "hold": Command("HOLD", _MANUAL + "HOLD", "driver"),
         "trigger_source": Command("TRGS INT", _MANUAL + "TRGS", "driver"),

@@ -241,8 +241,10 @@ def _as_4294a(bench: Bench) -> Handlers:
 def _set_segments(bench: Bench, found: list[Segment], driver: type[Analyser]) -> None:
     low, high = driver.band_Hz
     points = sum(one.points for one in found)
-    if len(found) > driver.most_segments or points > driver.most_points or any(
-        not (low <= one.start <= one.stop <= high and one.points >= 2) for one in found
+    if (
+        len(found) > driver.most_segments
+        or points > driver.most_points
+        or any(not (low <= one.start <= one.stop <= high and one.points >= 2) for one in found)
     ):
         bench.queue.append('-222,"Data out of range"')
         return
@@ -271,8 +273,9 @@ class SimulatedAnalyser:
         driver, dialect = DIALECTS[model]
         self.bench, self._log, self._lock = bench, log, threading.Lock()
         handlers = dialect(bench)
-        self._known = [(_pattern(driver.commands[name].text), work) for name, work in handlers.items()
-                       if name in driver.commands]
+        self._known = [
+            (_pattern(driver.commands[name].text), work) for name, work in handlers.items() if name in driver.commands
+        ]
 
     def answer(self, line: str) -> str | None:
         """What a line brings, None for no reply; an unknown one, or one with a wrong argument, goes to the queue."""

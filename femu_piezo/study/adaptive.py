@@ -23,6 +23,7 @@ import numpy as np
 from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.inference.design import chosen, observed
 from femu_piezo.inference.fit import Fit
+from femu_piezo.measurement.segments import RESOLUTION
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.beginning import begin
@@ -114,6 +115,19 @@ class Adapted:
         """All points."""
         return self.states[-1].spectrum
 
+    @property
+    def sentence(self) -> str:
+        """What ended it, and what would have been seen."""
+        last, count = self.states[-1], len(self.spectrum)
+        why = {
+            "deviations": "the deviations asked for are reached",
+            "points": "the points are spent",
+            "time": "the time is over",
+            "tolerances": "more points would not bring the deviations asked for: see the tolerances in budget.png",
+        }
+        seen = f"a further mode of k_eff above {100 * last.least_coupling:.2g} % would have shown"
+        return f"{count} points: {why[self.ended]}; {seen}"
+
     def to_json(self) -> dict:
         """Contents of measure.json: how the deviations fell, and what ended it."""
         last = self.states[-1]
@@ -168,6 +182,18 @@ def adapt(
     return Adapted(tuple(states), eyes.ended or "points")
 
 
+def next_frequencies(specimen: Specimen, spectrum: ImpedanceSpectrum, wish: Wish) -> np.ndarray:
+    """Where to measure next (n,), Hz, after the points of a sweep, for an analyser without a connection.
+
+    As many as `wish.points` leaves, a round at most; none where the deviations asked for are reached.
+    """
+    band = band_of(specimen, wish)
+    _check(specimen, wish, band)
+    eyes = _Eyes(specimen, wish, band, SharedBases(), lambda step: None)
+    eyes.look(spectrum)
+    return eyes.next()
+
+
 def band_of(specimen: Specimen, wish: Wish) -> tuple[float, float]:
     """Lowest and highest frequency, Hz: as wished, else those of [simulation], within those of [limits]."""
     low, high = wish.band_Hz or sweep_frequencies(prepare(specimen, check=False))[[0, -1]]
@@ -180,11 +206,17 @@ def joined(one: ImpedanceSpectrum | None, other: ImpedanceSpectrum) -> Impedance
     """The points of two sweeps in order; the mean of those at one frequency."""
     if one is None:
         return other
-    frequency = np.concatenate([one.frequency, other.frequency])
+    return merged(
+        np.concatenate([one.frequency, other.frequency]), np.concatenate([one.impedance, other.impedance]), one.source
+    )
+
+
+def merged(frequency: np.ndarray, impedance: np.ndarray, source: str) -> ImpedanceSpectrum:
+    """Points (n,), Hz and ohm, in any order as a sweep; the mean of those at one frequency."""
     own, place, times = np.unique(frequency, return_inverse=True, return_counts=True)
     total = np.zeros(own.size, dtype=complex)
-    np.add.at(total, place, np.concatenate([one.impedance, other.impedance]))
-    return ImpedanceSpectrum(own, total / times, source=one.source)
+    np.add.at(total, place, impedance)
+    return ImpedanceSpectrum(own, total / times, source=source)
 
 
 def watching(band_Hz: tuple[float, float], points: int) -> np.ndarray:
@@ -213,6 +245,7 @@ class _Eyes:
     def __init__(self, specimen: Specimen, wish: Wish, band: tuple[float, float], bases: Bases, progress: Progress):
         self._specimen, self._wish, self._band, self._bases, self._progress = specimen, wish, band, bases, progress
         self._spectrum: ImpedanceSpectrum | None = None
+        self._readings = 0
         self._next: Callable[[int], np.ndarray] = self._changing
         self.ended: str | None = None
 
@@ -222,13 +255,16 @@ class _Eyes:
         if begun is not None:
             near = np.min(np.abs(first[:, None] - begun.frequency), axis=1)
             first = first[near > 1e-3 * (first[1] - first[0])]
+        self._readings = first.size + (0 if begun is None else len(begun))
         yield first
-        while self.ended is None:
-            left = self._wish.points - len(self._spectrum)
-            wanted = self._next(left) if left > 0 else np.zeros(0)
-            if not wanted.size:
-                return
+        while (wanted := self.next()).size:
+            self._readings += wanted.size
             yield wanted
+
+    def next(self) -> np.ndarray:
+        """Frequencies (n,), Hz, after the points that were looked at last; none at the end."""
+        left = self._wish.points - max(self._readings, len(self._spectrum))
+        return self._next(left) if left > 0 and self.ended is None else np.zeros(0)
 
     def look(self, spectrum: ImpedanceSpectrum) -> State:
         """What the points say."""
@@ -316,7 +352,10 @@ class _Design:
 
     def telling(self, band: tuple[float, float], asked: list[str], count: int) -> tuple[np.ndarray, np.ndarray]:
         """`count` frequencies that tell most of what is asked for, and the deviations (n_x,) with them."""
-        candidates = np.setdiff1d(candidate_frequencies(self._resonances, *band), self._frequency)
+        candidates = candidate_frequencies(self._resonances, *band)
+        place = np.searchsorted(self._frequency, candidates).clip(1, self._frequency.size - 1)
+        near = np.minimum(np.abs(candidates - self._frequency[place]), np.abs(candidates - self._frequency[place - 1]))
+        candidates = candidates[near > RESOLUTION]
         z, slopes = self._at(candidates)
         white = slopes / z[:, None] * self._scale * (np.sqrt(2) / np.median(self._noise))
         rows = np.stack([white.real, white.imag], axis=1)

@@ -195,6 +195,11 @@ def identify(
     return IdentifyResult(names, noise, known, tuple(pictures), tuple(recommendations), expected, settings, where)
 
 
+def planned_frequencies(specimen: Specimen, points: int) -> np.ndarray:
+    """Where to measure a specimen (n,), Hz, before anything is known of it but its file (`femu_piezo.study.plan`)."""
+    return identify(specimen, recommend=False, plan=points).plan.frequency
+
+
 def _lossy(problem: Problem) -> Problem:
     """With the usual tangent where the file has none of a free constant: without losses all would be known too well.
 

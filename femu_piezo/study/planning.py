@@ -31,6 +31,8 @@ _ACCURACY, _POINTS = 3e-3, 250
 _TELLS, _MORE = 3.0, 1.5
 #: Alternatives of one cause that are planned for, and plans told of each pair.
 _ALTERNATIVES, _BEST = 3, 3
+#: Sweeps that the same set-up can take at once, in words.
+OPPOSITE, THIRD = "sweep again in the opposite direction", "sweep again at a third of the voltage"
 
 
 def separations(
@@ -189,8 +191,8 @@ def _again(now: Plan, one: Subject, model: ExtendedModel) -> list[Plan]:
     frequency, taken = _thinned(one.measured.fitted.frequency), one.context.taken
     part, noise = Evaluation(model, 2 * np.pi * frequency), np.tile(_noise(one, frequency.size), 2)
     ways = {
-        "sweep again in the opposite direction": replace(taken, rising=not taken.rising),
-        "sweep again at a third of the voltage": replace(taken, drive=taken.drive / 3),
+        OPPOSITE: replace(taken, rising=not taken.rising),
+        THIRD: replace(taken, drive=taken.drive / 3),
     }
     plans = []
     for words, way in ways.items():

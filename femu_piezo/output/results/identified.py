@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from femu_piezo.files import write_atomically
 from femu_piezo.output.folder import prepare_folder, write_figure, write_json
+from femu_piezo.output.plan_files import write_plan
 from femu_piezo.output.results.result import Result, suffixes
 from femu_piezo.output.tables import identifiability_table
 from femu_piezo.study.identify import IdentifyResult
@@ -53,7 +53,7 @@ class Identified(Result, IdentifyResult):
     def save(self, folder: Path | str) -> Path:
         """Write identifiability.json, budget.png, of every sweep sensitivity.png, of a study study.png; the folder.
 
-        Of a plan plan.csv as well.
+        Of a plan plan.csv, plan_segments.csv and plan_e4990a.scpi as well.
         """
         from femu_piezo.output.budget_chart import budget_figure
 
@@ -67,7 +67,6 @@ class Identified(Result, IdentifyResult):
 
             write_figure(out / "study.png", noise_study_figure(" + ".join(self.names), self.study))
         if self.plan is not None:
-            lines = ["frequency_Hz", *(f"{one:.6f}" for one in self.plan.frequency)]
-            write_atomically(out / "plan.csv", "\n".join(lines) + "\n")
+            write_plan(out, self.plan.frequency)
         write_json(out / "identifiability.json", self.to_json())
         return out
