@@ -24,14 +24,14 @@ def measuring_figure(title: str, states: Sequence[State]) -> Figure:
     magnitude, phase, fall = figure.subplots(3, 1, height_ratios=[3, 2, 2])
     phase.sharex(magnitude)
     frequency = last.spectrum.frequency
-    factor, label, scale = frequency_axis(frequency)
+    factor, label, _ = frequency_axis(frequency)
     draw_impedance(magnitude, phase, frequency * factor, [(last.spectrum.impedance, "measured", MEASURED)])
     if last.curve is not None:
         draw_impedance(magnitude, phase, last.curve[0] * factor, [(last.curve[1], "updated model", UPDATED)])
     for place in last.departures:
         for axes in (magnitude, phase):
             axes.axvline(place * factor, **_DEPARTED)
-    magnitude.set(title=f"{title}: {len(last.spectrum)} points", xscale=scale)
+    magnitude.set(title=f"{title}: {len(last.spectrum)} points")
     magnitude.legend(loc="best", fontsize="small")
     magnitude.tick_params(labelbottom=False)
     phase.set(xlabel=label)

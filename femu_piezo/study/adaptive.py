@@ -17,6 +17,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -246,6 +247,7 @@ class _Eyes:
         self._specimen, self._wish, self._band, self._bases, self._progress = specimen, wish, band, bases, progress
         self._spectrum: ImpedanceSpectrum | None = None
         self._readings = 0
+        self._gap = float(np.diff(watching(band, wish.points)[:2])[0])
         self._next: Callable[[int], np.ndarray] = self._changing
         self.ended: str | None = None
 
@@ -254,7 +256,7 @@ class _Eyes:
         first = watching(self._band, self._wish.points)
         if begun is not None:
             near = np.min(np.abs(first[:, None] - begun.frequency), axis=1)
-            first = first[near > 1e-3 * (first[1] - first[0])]
+            first = first[near > 1e-3 * self._gap]
         self._readings = first.size + (0 if begun is None else len(begun))
         yield first
         while (wanted := self.next()).size:
@@ -276,7 +278,7 @@ class _Eyes:
             watched = len(spectrum) <= watching(self._band, self._wish.points).size
             return State(spectrum, "watch" if watched else "locate", str(error))
         labels = labels_of(found.parameters.material)
-        design = _Design(posterior, found, labels)
+        design = _Design(posterior, found, labels, self._gap / 2)
         self._next = lambda left: self._telling(design, left)
         deviations = design.relative(np.sqrt(np.diag(design.covariance)))
         missing = [name for name, goal in self._wish.deviations.items() if deviations[name] > goal]
@@ -320,14 +322,14 @@ class _Design:
     covariance : (n_x, n_x) in units of the priors, of everything that the update counts
     """
 
-    def __init__(self, posterior: Posterior, found: Fit, labels: Mapping[str, tuple[int, float]]):
-        self._found, self._labels = found, labels
+    def __init__(self, posterior: Posterior, found: Fit, labels: Mapping[str, tuple[int, float]], reach: float):
+        self._found, self._labels, self._reach = found, labels, reach
         self._evaluation, self._own, _ = posterior.whole_sweep(0, found)
         self._frequency = posterior.several[0].measured.fitted.frequency
         self._impedance = posterior.several[0].measured.fitted.impedance
         self._scale = found.parameters.prior_std
         self.covariance = found.covariance / np.outer(self._scale, self._scale)
-        self._noise = found.data.relative_noise * found.level
+        self._noise = found.data.relative_noise * min(1.0, found.level)  # a misfit is no noise
         self._resonances = resonances_of(self._evaluation, self._own, found.x)
 
     def relative(self, std: np.ndarray) -> dict[str, float]:
@@ -364,26 +366,39 @@ class _Design:
         after = observed(self.covariance, rows[places].reshape(-1, self._scale.size))
         return candidates[places], np.sqrt(np.diag(after))
 
-    @property
+    @cached_property
     def _left(self) -> np.ndarray:
         """(k,) log Z measured less that of the model."""
         return np.log(self._impedance / self._at(self._frequency)[0])
 
+    @cached_property
     def _departing(self) -> np.ndarray:
-        """(k,) bool: points that depart from their neighbours, both against the model."""
-        left, f = self._left, self._frequency
-        share = np.interp(f[1:-1], f, f) - f[:-2]
-        share /= f[2:] - f[:-2]
-        apart = left[1:-1] - (1 - share) * left[:-2] - share * left[2:]
-        own, before, behind = self._noise[1:-1], self._noise[:-2], self._noise[2:]
-        sigma = np.sqrt(own**2 + ((1 - share) * before) ** 2 + (share * behind) ** 2)
+        """(k,) bool: points that depart from those beside them, both against the model.
+
+        From the nearest ones, which a mode between two points moves alone; and from those half a gap of the watching
+        points away, since a mode that has been looked at closely is smooth from point to point.
+        """
+        return self._departing_from(0.0) | self._departing_from(self._reach)
+
+    def _departing_from(self, reach: float) -> np.ndarray:
+        """(k,) bool, the points to compare with being further than `reach` away, Hz."""
+        f, left, noise = self._frequency, self._left, self._noise
+        before = np.searchsorted(f, f - reach, side="left") - 1
+        behind = np.searchsorted(f, f + reach, side="right")
+        own = np.flatnonzero((before >= 0) & (behind < f.size))
+        before, behind = before[own], behind[own]
+        share = (f[own] - f[before]) / (f[behind] - f[before])
+        apart = left[own] - (1 - share) * left[before] - share * left[behind]
+        sigma = np.sqrt(noise[own] ** 2 + ((1 - share) * noise[before]) ** 2 + (share * noise[behind]) ** 2)
         times = np.abs(apart) / sigma
         usual = max(1.0, float(np.median(times)) / np.sqrt(np.log(2)))
-        return np.concatenate([[False], times > DEPARTS * usual, [False]])
+        found = np.zeros(f.size, dtype=bool)
+        found[own] = times > DEPARTS * usual
+        return found
 
     def closer(self, count: int) -> np.ndarray:
         """Middles of the intervals beside departing points over which what is left changes most, Hz."""
-        alone = self._departing()
+        alone = self._departing
         beside = alone[1:] | alone[:-1]
         change = np.abs(np.diff(self._left)) * beside
         width = np.diff(self._frequency)
@@ -394,7 +409,7 @@ class _Design:
 
     def departures(self) -> tuple[float, ...]:
         """The middle of every run of departing points, Hz."""
-        places = np.flatnonzero(self._departing())
+        places = np.flatnonzero(self._departing)
         runs = np.split(places, np.flatnonzero(np.diff(places) > 2) + 1) if places.size else []
         left = np.abs(self._left)
         return tuple(float(self._frequency[run[np.argmax(left[run])]]) for run in runs)

@@ -1,0 +1,201 @@
+"""A sweep that follows from its own points: what it reaches, when it ends, and that no narrow resonance is missed.
+
+The data come from an independent discretisation (`hidden_effects`), with everything off by its tolerance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hidden_effects.draws import Draw, draw
+
+from femu_piezo.errors import InputError
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.specimen.file import read_specimen
+from femu_piezo.study.adaptive import Wish, adapt, joined, next_frequencies, watching
+from femu_piezo.study.model_cache import SharedBases
+from femu_piezo.study.update import update
+
+BAND, NOISE = (20e3, 240e3), 5e-4
+#: Peak of |ΔZ/Z| from which a resonance is plain to see in a dense sweep.
+PLAIN = 0.1
+
+
+@dataclass
+class Bench:
+    """A drawn plate with noise, and perhaps a further narrow mode.
+
+    mode : (frequency, Hz, Q, k_eff²) of a branch beside the capacitance, Y = jωC k²/(1 − (f/f0)² + j f/(f0 Q))
+    """
+
+    drawn: Draw
+    mode: tuple[float, float, float] | None = None
+    asked: list[np.ndarray] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._rng = np.random.default_rng(self.drawn.seed)
+
+    def __call__(self, frequency: np.ndarray) -> ImpedanceSpectrum:
+        self.asked.append(frequency)
+        normal = self._rng.standard_normal((2, frequency.size))
+        z = self.clean(frequency) * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2))
+        return ImpedanceSpectrum(frequency, z, source="bench")
+
+    def clean(self, frequency: np.ndarray) -> np.ndarray:
+        """Z (n,), ohm."""
+        z = self.drawn.build.impedance(np.append(frequency, BAND[1]))[:-1]
+        return z if self.mode is None else 1 / (1 / z + self.branch(frequency))
+
+    def branch(self, frequency: np.ndarray) -> np.ndarray:
+        """Admittance (n,) of the further mode, S."""
+        place, quality, square = self.mode
+        capacitance = (1 / self.drawn.clean[0]).imag / (2 * np.pi * self.drawn.frequency[0])
+        ratio = frequency / place
+        return 2j * np.pi * frequency * capacitance * square / (1 - ratio**2 + 1j * ratio / quality)
+
+
+def specimen_of(drawn: Draw, folder: Path):
+    path = folder / "plate.toml"
+    path.write_text(drawn.specification, encoding="utf-8")
+    return read_specimen(path)
+
+
+@pytest.fixture(scope="module")
+def bases() -> SharedBases:
+    return SharedBases()
+
+
+@pytest.fixture(scope="module")
+def drawn() -> Draw:
+    return draw("laboratory:none", 3)
+
+
+@pytest.fixture
+def specimen(drawn, tmp_path):
+    return specimen_of(drawn, tmp_path)
+
+
+def test_hundred_points_tell_what_four_hundred_equally_spaced_do(drawn, specimen, bases):
+    """Deviations within a tenth, the one that noise limits smaller, and the truth within what is stated."""
+    bench = Bench(drawn)
+    found = adapt(specimen, bench, Wish(points=100, band_Hz=BAND), bases=bases)
+    assert found.ended == "points" and len(found.spectrum) == 100 == sum(one.size for one in bench.asked)
+    assert all(BAND[0] <= one.min() and one.max() <= BAND[1] for one in bench.asked)
+    dense = update(specimen, bases=bases, spectra=[bench(np.linspace(*BAND, 401))]).parameters
+    last = found.states[-1].deviations
+    for name, one in dense.items():
+        assert last[name] < 1.1 * one.std / abs(one.value) and last[f"tan_{name}"] < 1.1 * one.tan_std
+    assert last["tan_s11"] < dense["s11"].tan_std
+    after = update(specimen, bases=bases, spectra=[found.spectrum]).parameters
+    for name, one in after.items():
+        truth = drawn.theta[["s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "eps33T"].index(name)]
+        assert abs(one.value - truth.real) < 4 * one.std and abs(one.tan + truth.imag / truth.real) < 4 * one.tan_std
+    assert found.states[-1].departures == ()
+
+
+def test_it_ends_when_what_was_asked_for_is_reached(drawn, specimen, bases):
+    coarse = adapt(specimen, Bench(drawn), Wish(points=64, band_Hz=BAND), bases=bases)
+    goal = {"tan_s11": 0.7 * coarse.states[0].deviations["tan_s11"]}
+    found = adapt(specimen, Bench(drawn), Wish(points=400, band_Hz=BAND, deviations=goal), bases=bases)
+    assert found.ended == "deviations" and len(found.spectrum) < 400
+    assert found.states[-1].deviations["tan_s11"] <= goal["tan_s11"] < coarse.states[0].deviations["tan_s11"]
+
+
+def test_it_ends_when_more_points_would_not_help(drawn, specimen, bases):
+    """Density and length leave s11 some 0.5 %, whatever is swept."""
+    wish = Wish(points=400, band_Hz=BAND, deviations={"s11": 1e-4})
+    found = adapt(specimen, Bench(drawn), wish, bases=bases)
+    assert found.ended == "tolerances" and len(found.spectrum) < 400
+    assert found.states[-1].deviations["s11"] > 1e-3 and "tolerances" in found.sentence
+
+
+def test_a_measurement_that_was_broken_off_goes_on(drawn, specimen, bases):
+    """No point is asked for twice, and the budget counts those that there are."""
+    wish = Wish(points=100, band_Hz=BAND)
+    first = Bench(drawn)
+    begun = first(watching(BAND, 100)[:37])
+    bench = Bench(drawn)
+    found = adapt(specimen, bench, wish, begun, bases=bases)
+    again = np.concatenate(bench.asked)
+    assert again.size == 63 and np.unique(np.concatenate([again, begun.frequency])).size == 100
+    assert np.all(np.isin(begun.frequency, found.spectrum.frequency))
+
+
+def test_the_next_frequencies_without_an_instrument_are_those_of_the_loop(drawn, specimen):
+    bench = Bench(drawn)
+    adapt(specimen, bench, Wish(points=100, band_Hz=BAND))
+    first = Bench(drawn)(bench.asked[0])
+    assert next_frequencies(specimen, first, Wish(points=100, band_Hz=BAND)) == pytest.approx(bench.asked[1])
+
+
+def test_points_at_one_frequency_are_averaged():
+    one = ImpedanceSpectrum(np.array([1.0, 2.0]), np.array([1.0, 4.0 + 0j]))
+    both = joined(one, ImpedanceSpectrum(np.array([2.0, 3.0]), np.array([6.0 + 2j, 1.0])))
+    assert both.frequency.tolist() == [1.0, 2.0, 3.0] and both.impedance[1] == 5.0 + 1j
+
+
+@pytest.mark.parametrize(
+    ("wish", "words"),
+    [
+        (Wish(points=20), "at least 32"),
+        (Wish(deviations={"s33": 0.01}), "s33"),
+        (Wish(deviations={"s11": 0.0}), "0.005"),
+        (Wish(band_Hz=(2e5, 1e5)), "no band"),
+    ],
+)
+def test_what_cannot_be_is_told_before_anything_is_measured(specimen, drawn, wish, words):
+    bench = Bench(drawn)
+    with pytest.raises(InputError, match=words):
+        adapt(specimen, bench, wish)
+    assert not bench.asked
+
+
+def test_without_a_resonance_the_reason_is_told(drawn, specimen, bases):
+    """A capacitor: the budget is spent on looking for one."""
+
+    def capacitor(frequency: np.ndarray) -> ImpedanceSpectrum:
+        normal = np.random.default_rng(frequency.size).standard_normal(frequency.size)
+        return ImpedanceSpectrum(frequency, (1 + NOISE * normal) / (2j * np.pi * frequency * 1e-9) + 1.0)
+
+    with pytest.raises(InputError, match="no resonance"):
+        adapt(specimen, capacitor, Wish(points=64, band_Hz=BAND), bases=bases)
+
+
+def hidden(seed: int, expected_quality: float) -> tuple[float, float, float]:
+    """A mode at a random place, as sharp as expected up to four times as much, plain to see where it is narrowest."""
+    rng = np.random.default_rng([2126, seed])
+    quality = expected_quality * np.exp(rng.uniform(0, np.log(4)))
+    return float(rng.uniform(60e3, 235e3)), float(quality), float(PLAIN / quality * np.exp(rng.uniform(0, np.log(10))))
+
+
+def misses(seeds, folder: Path, bases) -> list[int]:
+    """Seeds whose hidden mode a dense sweep shows, and of 100 points neither the departures nor three points do."""
+    found, shown = [], 0
+    for seed in seeds:
+        drawn = draw("laboratory:none", seed % 5)
+        bench = Bench(drawn, hidden(seed, expected_quality=65))
+        dense = np.linspace(*BAND, 801)
+        without = Bench(drawn).clean(dense)
+        if np.max(np.abs(bench.clean(dense) / without - 1)) < PLAIN / 2:
+            continue
+        shown += 1
+        result = adapt(specimen_of(drawn, folder), bench, Wish(points=100, band_Hz=BAND), bases=bases)
+        place, quality, _ = bench.mode
+        near = np.abs(np.array(result.states[-1].departures) - place) < place / quality
+        within = np.abs(result.spectrum.frequency - place) < place / quality
+        if not np.any(near) or np.sum(within) < 3:
+            found.append(seed)
+    assert shown > 0.6 * len(seeds)
+    return found
+
+
+def test_a_hidden_narrow_mode_is_seen(tmp_path, bases):
+    assert misses(range(2), tmp_path, bases) == []
+
+
+@pytest.mark.slow
+def test_no_hidden_narrow_mode_that_a_dense_sweep_shows_is_missed(tmp_path, bases):
+    assert misses(range(50), tmp_path, bases) == []
