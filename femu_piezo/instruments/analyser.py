@@ -134,8 +134,9 @@ class Analyser(ABC):
         sweeps = list(in_sweeps(wanted, self.most_segments, self.most_points))
         for one in sweeps if rising else sweeps[::-1]:
             points = sum(segment.points for segment in one)
-            self._start(one, voltage, rising)
+            self._arrange(one, voltage, rising)
             self._check("the list of frequencies")
+            self._trigger()
             self._session.wait(
                 self.commands["wait"].text, self.settings.timeout + points * self._seconds_of_point(one[0].start)
             )
@@ -221,8 +222,8 @@ class Analyser(ABC):
         states = {name: self._ask(name).strip() in ("1", "+1", "ON") for name in ("open", "short", "load")}
         self.compensation = ", ".join(f"{name} {'on' if state else 'off'}" for name, state in states.items())
 
-    def _start(self, found: Sequence[Segment], voltage: float, rising: bool) -> None:
-        """Level, list of frequencies and trigger of one sweep."""
+    def _arrange(self, found: Sequence[Segment], voltage: float, rising: bool) -> None:
+        """Level, list of frequencies and bias of one sweep."""
         self._send("level", voltage)
         self._confirm(voltage, self._ask("level_is"))
         self._list(found)
@@ -231,7 +232,6 @@ class Analyser(ABC):
             self._send("bias_mode")
             self._send("bias_level", self.settings.bias)
             self._send("bias", "ON")
-        self._trigger()
 
     def _read(self, points: int) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies (points,), Hz, and Z (points,), ohm, of the sweep that was waited for."""

@@ -109,8 +109,8 @@ class Bench:
         return self.queue.popleft() if self.queue else '+0,"No error"'
 
     def wait(self) -> str | None:
-        """When the sweep is done; never at a timeout."""
-        return None if self.fault == "timeout" else "1"
+        """When the sweep is done; at a timeout not before it is broken off."""
+        return None if self.fault == "timeout" and self.armed else "1"
 
     def trace_values(self) -> str:
         """R or X at every frequency, each with a zero."""

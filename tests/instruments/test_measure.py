@@ -1,0 +1,167 @@
+"""`femu-piezo measure` against a simulated analyser: faults, kills, limits, and where it ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from instruments.conftest import PLATE, analyser
+
+from femu_piezo.cli import main
+from femu_piezo.instruments.analyser import Settings
+from femu_piezo.instruments.measure import PointFile
+from femu_piezo.measurement.readers import read_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.specimen.file import read_specimen
+
+COMMON = ("--points", "64", "--speed", "1", "--timeout", "1")
+
+
+@pytest.fixture(scope="module")
+def specimen(tmp_path_factory) -> Path:
+    """The file of who measures: it knows nothing of the series resistance."""
+    path = tmp_path_factory.mktemp("measure") / "plate.toml"
+    path.write_text(PLATE.split("[effects")[0], encoding="utf-8")
+    return path
+
+
+def run(specimen: Path, address: str, out: Path, *options: str):
+    return CliRunner().invoke(
+        main, ["measure", str(specimen), "--instrument", address, "--out", str(out), *COMMON, *options]
+    )
+
+
+def points(out: Path) -> np.ndarray:
+    """Frequencies in points.csv, Hz."""
+    return np.loadtxt(out / "points.csv", delimiter=",", skiprows=1, ndmin=2)[:, 0]
+
+
+def test_every_fault_keeps_the_points_and_the_same_command_goes_on(plate, specimen, tmp_path):
+    """Sweep 1 is well, 2 … 6 fail in turn; each run goes on from the points before, and the last comes to the end.
+
+    128 points begin with 64 that watch the band, in two sweeps.
+    """
+    wish = ("--points", "128", "--deviation", "s11", "5 %")
+    faults = ("error@2", "half@3", "timeout@4", "overload@5", "unplugged@6")
+    out = tmp_path / "out"
+    with analyser(plate, *(word for fault in faults for word in ("--fail", fault))) as running:
+        before = np.zeros(0)
+        for _ in faults:
+            failed = run(specimen, running.address, out, *wish)
+            assert failed.exit_code == 4 and "Traceback" not in failed.output
+            told = failed.stderr.strip().splitlines()
+            assert len(told) == 1 and told[0].startswith("femu-piezo: ") and "goes on from there" in told[0]
+            assert running.is_off()
+            assert points(out).size == 32 and np.array_equal(points(out)[: before.size], before)
+            before = points(out)
+        done = run(specimen, running.address, out, *wish)
+        assert done.exit_code == 0, done.output
+        assert running.is_off() and running.largest_voltage() == 0.5
+    assert "32 points are in" in done.output and "the deviations asked for are reached" in done.output
+    sweep = read_spectrum(out / "sweep.csv")
+    assert np.all(np.isin(before, sweep.frequency)) and len(sweep) == 64
+    record = json.loads((out / "measure.json").read_text())
+    assert record["ended"] == "deviations" and record["points"] == len(sweep) and "E4990A" in record["instrument"]
+    assert {"live.png", "update.json", "impedance.png", "measured.toml"} <= {path.name for path in out.iterdir()}
+    found = json.loads((out / "update.json").read_text())["parameters"]["s11"]
+    assert abs(found["value"] - 16.5e-12) < 4 * found["std"]
+    assert read_specimen(out / "measured.toml").measurement.file == out / "sweep.csv"
+
+
+def started(specimen: Path, address: str, out: Path, until: int) -> subprocess.Popen:
+    """`measure` in a process of its own, once it has written so many points."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "femu_piezo.cli", "measure", str(specimen), "--instrument", address, "--out", str(out)]
+        + ["--points", "400", "--speed", "1"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+    )
+    for _ in range(600):
+        if (out / "points.csv").exists() and points(out).size >= until:
+            return process
+        assert process.poll() is None, process.stderr.read()
+        time.sleep(0.05)
+    raise AssertionError("no points")
+
+
+def test_interrupted_and_killed_runs_go_on(bench, specimen, tmp_path):
+    """Ctrl-C ends with the output off, a kill cannot; neither costs a point, and the next run counts them."""
+    out = tmp_path / "out"
+    process = started(specimen, bench.address, out, 32)
+    process.send_signal(signal.SIGINT)
+    told = process.communicate(timeout=30)[1]
+    assert process.returncode == 130 and told.strip().endswith("femu-piezo: interrupted") and bench.is_off()
+    first = points(out)
+    process = started(specimen, bench.address, out, first.size + 32)
+    process.kill()
+    process.communicate()
+    second = points(out)
+    assert np.array_equal(second[: first.size], first) and second.size > first.size
+    with open(out / "points.csv", "a", encoding="utf-8") as stream:
+        stream.write("123456.7,12.3,-4")  # as a crash of the machine may leave it
+    done = run(specimen, bench.address, out, "--points", str(second.size))
+    assert done.exit_code == 0, done.output
+    sweep = read_spectrum(out / "sweep.csv")
+    assert np.all(np.isin(second, sweep.frequency)) and 123456.7 not in sweep.frequency
+    assert bench.is_off() and bench.largest_voltage() <= 0.6
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--voltage", "0.7 V"), "above limits.voltage = 0.6 V"),
+        (("--bias", "1 V"), "above the 0 V of limits.bias"),
+        (("--band", "60 kHz", "200 kHz"), "limits.frequency"),
+        (("--deviation", "s33", "1 %"), "s33 is asked for, which is not free"),
+        (("--deviation", "s11", "1 m"), "--deviation"),
+        (("--data", "x.csv"), "--data goes with --plan"),
+    ],
+)
+def test_wishes_that_cannot_be_exit_with_2(bench, specimen, tmp_path, options, words):
+    before = len(bench.commands())
+    failed = run(specimen, bench.address, tmp_path / "out", *options)
+    assert failed.exit_code == 2 and words in failed.output and "Traceback" not in failed.output
+    assert not (tmp_path / "out").exists()
+    assert ":TRIG:SING" not in bench.commands()[before:] and bench.largest_voltage() <= 0.6
+
+
+def test_nothing_at_the_address_exits_with_4(specimen, tmp_path):
+    failed = run(specimen, "TCPIP::127.0.0.1::1::SOCKET", tmp_path / "out")
+    assert failed.exit_code == 4 and "cannot be reached" in failed.output and not (tmp_path / "out").exists()
+
+
+def test_a_plan_for_an_analyser_without_a_connection(specimen, tmp_path):
+    """plan.csv, its segments and the command hold the same frequencies; after --data those that tell most now."""
+    found = CliRunner().invoke(main, ["measure", str(specimen), "--plan", "--points", "50", "--out", str(tmp_path)])
+    assert found.exit_code == 0, found.output
+    frequency = np.loadtxt(tmp_path / "plan.csv", skiprows=1)
+    assert np.allclose([float(line) for line in found.output.split()], frequency, atol=1e-3) and frequency.size == 50
+    rows = np.loadtxt(tmp_path / "plan_segments.csv", delimiter=",", skiprows=1)
+    every = np.concatenate([np.linspace(low, high, int(n)) for low, high, n in rows])
+    assert np.min(np.abs(every[:, None] - frequency), axis=0) == pytest.approx(0, abs=2e-3)
+    command = (tmp_path / "plan_e4990a.scpi").read_text().splitlines()[1]
+    numbers = [float(word) for word in command.removeprefix(":SENS1:SEGM:DATA ").split(",")]
+    assert numbers[:9] == [7, 0, 0, 0, 0, 0, 0, 0, len(rows)] and np.allclose(numbers[9:], rows.ravel(), atol=1e-3)
+
+
+def test_points_of_another_voltage_do_not_mix(tmp_path):
+    file = PointFile(tmp_path / "points.csv", Settings(voltage=0.5))
+    assert file.read() is None
+    file.append(ImpedanceSpectrum(np.array([1e3, 2e3]), np.array([1 - 2j, 3 - 4j])))
+    file.append(ImpedanceSpectrum(np.array([1.5e3]), np.array([5 - 6j])))
+    assert file.read().frequency.tolist() == [1e3, 1.5e3, 2e3] and file.read().impedance[1] == 5 - 6j
+    with pytest.raises(Exception, match=r"voltage of 0\.5 V, not 0\.2 V; give --voltage 0\.5"):
+        PointFile(file.path, Settings(voltage=0.2)).read()
+    file.path.write_text("frequency,Z\n1,2\n")
+    with pytest.raises(Exception, match="not a file of points"):
+        file.read()
