@@ -6,7 +6,6 @@ import re
 
 import numpy as np
 import pytest
-from instruments.conftest import PLATE, Running, analyser
 
 from femu_piezo.errors import InputError, InstrumentError
 from femu_piezo.instruments.analyser import Settings
@@ -14,6 +13,7 @@ from femu_piezo.instruments.connect import DRIVERS, connect
 from femu_piezo.instruments.simulated import DIALECTS
 from femu_piezo.specimen.file import Limits, read_specimen
 from femu_piezo.study.simulate import simulate
+from instruments.conftest import PLATE, Running, analyser
 
 LIMITS = Limits(voltage=0.6, frequency=(1e3, 180e3))
 FAST = Settings(speed=5, timeout=2.0)

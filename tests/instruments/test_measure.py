@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from instruments.conftest import PLATE, analyser
 
 from femu_piezo.cli import main
 from femu_piezo.instruments.analyser import Settings
@@ -21,6 +20,7 @@ from femu_piezo.instruments.measure import PointFile
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import read_specimen
+from instruments.conftest import PLATE, analyser
 
 COMMON = ("--points", "64", "--speed", "1", "--timeout", "1")
 
@@ -78,9 +78,9 @@ def test_every_fault_keeps_the_points_and_the_same_command_goes_on(plate, specim
 
 def started(specimen: Path, address: str, out: Path, until: int) -> subprocess.Popen:
     """`measure` in a process of its own, once it has written so many points."""
+    command = ["measure", str(specimen), "--instrument", address, "--out", str(out), "--points", "400", "--speed", "1"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "femu_piezo.cli", "measure", str(specimen), "--instrument", address, "--out", str(out)]
-        + ["--points", "400", "--speed", "1"],
+        [sys.executable, "-m", "femu_piezo.cli", *command],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,

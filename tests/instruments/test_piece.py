@@ -68,8 +68,6 @@ def test_a_fast_sweep_still_rings(specimen):
 def test_the_lean_grows_with_the_square_of_the_drive(specimen):
     """What [effects.drive_level] says holds at the voltage of [limits]."""
     leaning = specimen.model_copy(update={"effects": {"drive_level": {"softening": 0.004}}})
-    places = [
-        resonance(Piece(leaning, seed=3).measured(FREQUENCY, voltage, 5, 4096)) for voltage in (0.006, 0.3, 0.6)
-    ]
+    places = [resonance(Piece(leaning, seed=3).measured(FREQUENCY, voltage, 5, 4096)) for voltage in (0.006, 0.3, 0.6)]
     small, large = places[0] - places[1], places[0] - places[2]
     assert large > 50 and large / small == pytest.approx(4, rel=0.2)

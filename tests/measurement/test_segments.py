@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
@@ -24,7 +26,7 @@ def test_every_frequency_is_a_point_of_a_segment(frequency):
 def test_segments_rise_within_the_list_and_do_not_overlap(frequency):
     found = segments(frequency)
     assert all(one.start < one.stop for one in found)
-    assert all(one.stop < other.start or one.stop == other.start for one, other in zip(found, found[1:], strict=False))
+    assert all(one.stop < other.start or one.stop == other.start for one, other in pairwise(found))
     assert found[-1].stop <= frequency.max() + RESOLUTION
     assert found[0].start >= frequency.min() * (1 - 1.1e-4) - RESOLUTION
 
