@@ -132,11 +132,11 @@ def deviations(bodies: list[str], draws: int) -> None:
                     own, of_noise = {}, {}
                     for constant, one in found.items():
                         true = drawn.theta[NAMES.index(constant)]
+                        tangent = -true.imag / true.real
                         own |= {constant: one.std / abs(one.value), f"tan_{constant}": one.tan_std}
-                        off[name] += [
-                            (one.value - true.real) / one.std,
-                            (one.tan + true.imag / true.real) / one.tan_std,
-                        ]
+                        of_noise[constant] = one.budget["noise"] / abs(one.value)
+                        of_noise[f"tan_{constant}"] = one.tan_budget["noise"]
+                        off[name] += [(one.value - true.real) / one.std, (one.tan - tangent) / one.tan_std]
                     stated[name].append(own)
                     noise[name].append(of_noise)
             table(f"{body}, {draws} draws: median stated deviation", stated, off, failed)
