@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from femu_piezo.instruments.analyser import Analyser, Command
-from femu_piezo.measurement.segments import Segment, segment_data
+from femu_piezo.measurement.segments import E4990A_MOST, Segment, segment_data
 
 _HELP = "E4990A help, Programming, Command Reference, "
 _EXAMPLE = "E4990A help, Programming, Sample Programs, measurement setup"
@@ -19,7 +19,7 @@ class E4990A(Analyser):
     band_Hz = (20.0, 120e6)
     voltages = (5e-3, 1.0)
     most_bias = 40.0
-    most_segments, most_points = 201, 1601
+    most_segments, most_points = E4990A_MOST
     seconds = (0.005, 0.01, 0.05, 0.2, 0.5)
     setup = ("trigger_source", "ascii", "resistance", "reactance", "mode", "segmented")
     traces = (1, 2)

@@ -9,6 +9,8 @@ import numpy as np
 
 #: Resolution of the frequencies of impedance analysers, Hz (E4990A and 4294A: 1 mHz).
 RESOLUTION = 1e-3
+#: Segments and points that a Keysight E4990A takes in one sweep (its help: 1 to 201 segments, 2 to 1601 points).
+E4990A_MOST = (201, 1601)
 #: How far below a lonely frequency its companion lies where there is no other one, relative.
 _COMPANION = 1e-4
 

@@ -7,10 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from femu_piezo.files import write_atomically
-from femu_piezo.measurement.segments import in_sweeps, segment_csv, segment_data, segments
-
-#: Segments and points that an E4990A takes in one sweep.
-_E4990A = (201, 1601)
+from femu_piezo.measurement.segments import E4990A_MOST, in_sweeps, segment_csv, segment_data, segments
 
 
 def write_plan(out: Path, frequency: np.ndarray) -> None:
@@ -21,5 +18,5 @@ def write_plan(out: Path, frequency: np.ndarray) -> None:
     found = segments(frequency)
     write_atomically(out / "plan.csv", "\n".join(["frequency_Hz", *(f"{one:.6f}" for one in frequency)]) + "\n")
     write_atomically(out / "plan_segments.csv", segment_csv(found))
-    lines = [f":SENS1:SEGM:DATA {segment_data(one)}" for one in in_sweeps(found, *_E4990A)]
+    lines = [f":SENS1:SEGM:DATA {segment_data(one)}" for one in in_sweeps(found, *E4990A_MOST)]
     write_atomically(out / "plan_e4990a.scpi", "\n".join([":SENS1:SWE:TYPE SEGM", *lines]) + "\n")

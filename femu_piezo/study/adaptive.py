@@ -168,19 +168,19 @@ def adapt(
     band = band_of(specimen, wish)
     _check(specimen, wish, band)
     until = None if wish.seconds is None else time.monotonic() + wish.seconds
-    eyes = _Eyes(specimen, wish, band, bases or SharedBases(), progress or (lambda step: None))
+    planner = _Planner(specimen, wish, band, bases or SharedBases(), progress or (lambda step: None))
     states: list[State] = []
     spectrum = begun
-    for frequency in eyes.rounds(begun):
+    for frequency in planner.rounds(begun):
         spectrum = joined(spectrum, take(frequency)) if frequency.size else spectrum
-        states.append(eyes.look(spectrum))
+        states.append(planner.look(spectrum))
         if shown is not None:
             shown(states[-1])
-        if until is not None and time.monotonic() > until and eyes.ended is None:
-            eyes.ended = "time"
+        if until is not None and time.monotonic() > until and planner.ended is None:
+            planner.ended = "time"
     if states[-1].reason:
         raise InputError(f"{specimen.path or specimen.name}: {len(spectrum)} points: {states[-1].reason}")
-    return Adapted(tuple(states), eyes.ended or "points")
+    return Adapted(tuple(states), planner.ended or "points")
 
 
 def next_frequencies(specimen: Specimen, spectrum: ImpedanceSpectrum, wish: Wish) -> np.ndarray:
@@ -190,9 +190,9 @@ def next_frequencies(specimen: Specimen, spectrum: ImpedanceSpectrum, wish: Wish
     """
     band = band_of(specimen, wish)
     _check(specimen, wish, band)
-    eyes = _Eyes(specimen, wish, band, SharedBases(), lambda step: None)
-    eyes.look(spectrum)
-    return eyes.next()
+    planner = _Planner(specimen, wish, band, SharedBases(), lambda step: None)
+    planner.look(spectrum)
+    return planner.next()
 
 
 def band_of(specimen: Specimen, wish: Wish) -> tuple[float, float]:
@@ -240,8 +240,8 @@ def _check(specimen: Specimen, wish: Wish, band: tuple[float, float]) -> None:
             raise InputError(f"a deviation of {value:g} of {label} cannot be; give one such as 0.005")
 
 
-class _Eyes:
-    """Looks at the points and says where the next ones go."""
+class _Planner:
+    """Where the next points go, after what those so far say."""
 
     def __init__(self, specimen: Specimen, wish: Wish, band: tuple[float, float], bases: Bases, progress: Progress):
         self._specimen, self._wish, self._band, self._bases, self._progress = specimen, wish, band, bases, progress
