@@ -11,7 +11,7 @@ from nicegui import ui
 
 from femu_piezo.errors import InputError
 from femu_piezo.material.library import library_names
-from femu_piezo.specimen.file import CONSTANTS, Material, Measurement, Readings, Simulation, Update
+from femu_piezo.specimen.file import CONSTANTS, Limits, Material, Measurement, Readings, Simulation, Update
 from femu_piezo.specimen.geometry import DIMENSIONS, Geometry, belongs_to
 from femu_piezo.specimen.schema import Table
 from femu_piezo.web.drafts import Draft, parsed, shown
@@ -50,6 +50,7 @@ _TABLES: dict[str, type[Table]] = {
     "material": Material,
     "measurement": Measurement,
     "readings": Readings,
+    "limits": Limits,
     "simulation": Simulation,
     "update": Update,
 }
