@@ -1,7 +1,7 @@
 """`measure`: a sweep whose next frequencies follow from the points that there are.
 
 1. watch: equally spaced points over the whole band;
-2. locate: halve the intervals over which the curve changes most, until poles and zeros can be extracted;
+2. locate: divide the intervals over which the curve changes most, until poles and zeros can be extracted;
 3. refine: update, and take the frequencies that tell most of the constants asked for (`femu_piezo.inference.design`,
    everything else marginalised); up to half of the points of a round go where the points depart from the model alone.
 
@@ -294,10 +294,10 @@ class _Planner:
         )
 
     def _changing(self, left: int) -> np.ndarray:
-        """Middles of the intervals over which log(jωZ) changes most."""
+        """Within the intervals over which log(jωZ) changes most."""
         frequency = self._spectrum.frequency
         change = np.abs(_steps(np.log(self._spectrum.impedance * frequency)))
-        return _middles(frequency, change, min(_LOCATING, left))
+        return _between(frequency, change, min(_LOCATING, left))
 
     def _telling(self, design: _Design, left: int) -> np.ndarray:
         """Where the points depart from the model alone, and where the constants asked for gain most."""
@@ -397,15 +397,12 @@ class _Design:
         return found
 
     def closer(self, count: int) -> np.ndarray:
-        """Middles of the intervals beside departing points over which what is left changes most, Hz."""
+        """At most `count` frequencies beside departing points, where what is left changes most, Hz."""
         alone = self._departing
-        beside = alone[1:] | alone[:-1]
-        change = np.abs(np.diff(self._left)) * beside
-        width = np.diff(self._frequency)
-        sharpest = np.min(np.abs(self._resonances.imag / self._resonances.real)) / _SHARPER
-        change[width < sharpest / 2 * self._frequency[1:]] = 0.0
+        change = np.abs(np.diff(self._left)) * (alone[1:] | alone[:-1])
         change[change < DEPARTS * np.hypot(self._noise[1:], self._noise[:-1])] = 0.0
-        return _middles(self._frequency, change, count)
+        sharpest = np.min(np.abs(self._resonances.imag / self._resonances.real)) / _SHARPER
+        return _between(self._frequency, change, count, sharpest / 2 * self._frequency[1:])
 
     def departures(self) -> tuple[float, ...]:
         """The middle of every run of departing points, Hz."""
@@ -436,8 +433,20 @@ def _steps(logs: np.ndarray) -> np.ndarray:
     return step.real + 1j * np.angle(np.exp(1j * step.imag))
 
 
-def _middles(frequency: np.ndarray, change: np.ndarray, count: int) -> np.ndarray:
-    """Middles of at most `count` intervals with the largest changes (n − 1,), those without any left out."""
-    places = np.argsort(-change, kind="stable")[:count]
-    places = np.sort(places[change[places] > 0])
-    return (frequency[places] + frequency[places + 1]) / 2
+def _between(frequency: np.ndarray, change: np.ndarray, count: int, least: np.ndarray | float = 0.0) -> np.ndarray:
+    """At most `count` points, equally spaced within intervals (n − 1,), so that the largest change of a part is small.
+
+    least : width that no part falls below; intervals without any change get none
+    """
+    width, inside = np.diff(frequency), np.zeros(change.size, dtype=int)
+    for _ in range(count):
+        left = np.where(width / (inside + 2) >= least, change / (inside + 1), 0.0)
+        best = int(np.argmax(left))
+        if left[best] <= 0:
+            break
+        inside[best] += 1
+    parts = [
+        frequency[place] + width[place] * np.arange(1, inside[place] + 1) / (inside[place] + 1)
+        for place in np.flatnonzero(inside)
+    ]
+    return np.concatenate(parts or [np.zeros(0)])
