@@ -1,12 +1,13 @@
 """What a simulated analyser measures: the model of a specimen file, hidden effects included, as a real bench shows it.
 
-    Y_i = Y(ω_i/w)·… + (Ym_{i−1} − Ym_i) e^(−γ T)    the current still rings from the point before (settling)
-    w = 1 + drift · t                               resonances drift with the time t since the analyser was switched on
-    softening ∝ (V/V_0)²                            of [effects.drive_level], V_0 the voltage of [limits]
-    Z_i (1 + g + ν_i)                               gain g of the instrument, noise ν by the accuracy chart
+    Z(ω/w)/w,  w = 1 + drift · t              resonances drift with the time t since the analyser was switched on
+    Y_i + (Ym_{i−1} − Ym_i) e^(−γ T)          the current of motion still rings from the point before (settling)
+    softening ∝ (V/V_0)²                      of [effects.drive_level], V_0 the voltage of [limits]
+    Z_i g (1 + ν_i)                           gain g of the instrument, noise ν by the accuracy chart
 
-Accuracy as data sheets write it: E = E_p + Z_s/|Z| + Y_o |Z| (Keysight E4990A data sheet, 5991-3891EN: E_p about 0.08 %
-at 0.5 V); the gain is a third of E_p, the noise of the slowest measurement a quarter of E.
+Accuracy in the form of data sheets, E = E_p + Z_s/|Z| + Y_o |Z|: E_p is the 0.08 % that the one of the E4990A calls its
+basic accuracy, Z_s and Y_o are of the usual order. The gain is a third of E_p, the noise of the slowest measurement a
+quarter of E.
 """
 
 from __future__ import annotations

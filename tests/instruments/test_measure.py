@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,10 +17,12 @@ from click.testing import CliRunner
 
 from femu_piezo.cli import main
 from femu_piezo.instruments.analyser import Settings
-from femu_piezo.instruments.measure import PointFile
+from femu_piezo.instruments.measure import PointFile, measure
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import read_specimen
+from femu_piezo.study.adaptive import Wish
+from femu_piezo.study.planning import OPPOSITE, THIRD
 from instruments.conftest import PLATE, analyser
 
 COMMON = ("--points", "64", "--speed", "1", "--timeout", "1")
@@ -133,6 +136,33 @@ def test_wishes_that_cannot_be_exit_with_2(bench, specimen, tmp_path, options, w
     assert failed.exit_code == 2 and words in failed.output and "Traceback" not in failed.output
     assert not (tmp_path / "out").exists()
     assert ":TRIG:SING" not in bench.commands()[before:] and bench.largest_voltage() <= 0.6
+
+
+def test_the_sweeps_that_the_diagnosis_recommends_are_taken(bench, specimen, tmp_path, monkeypatch):
+    """Whole sweeps up, down and at a third of the voltage, at the frequencies of the first, diagnosed together."""
+    asked = []
+
+    def diagnose(wanted, **_):
+        asked.append(wanted)
+        words = (f"{OPPOSITE}: expected separation of a drift from a wrong width 12 σ", f"{THIRD}: more")
+        return SimpleNamespace(verdict=SimpleNamespace(measurements=words), save=lambda folder: folder.mkdir())
+
+    monkeypatch.setattr("femu_piezo.api.diagnose", diagnose)
+    before = len(bench.commands())
+    result = measure(
+        read_specimen(specimen), bench.address, tmp_path, Wish(points=32), Settings(voltage=0.3, speed=1), diagnose=True
+    )
+    first, several = asked
+    assert first.measurement.file == tmp_path / "sweep.csv" and (tmp_path / "diagnosis").is_dir()
+    taken = [(one.label, one.direction, one.drive_voltage) for one in several.sweep]
+    assert taken == [("up", "up", 0.3), ("down", "down", 0.3), ("third", "up", pytest.approx(0.1))]
+    for one in several.sweep:
+        found = read_spectrum(one.file)
+        assert np.array_equal(np.round(found.frequency, 3), np.round(result.adapted.spectrum.frequency, 3))
+    assert read_specimen(tmp_path / "several.toml").sweep == several.sweep
+    own = bench.commands()[before:]
+    assert [line.split()[1] for line in own if line.startswith(":SENS1:SWE:DIR")][-3:] == ["UP", "DOWN", "UP"]
+    assert bench.is_off() and bench.largest_voltage() <= 0.6
 
 
 def test_nothing_at_the_address_exits_with_4(specimen, tmp_path):
