@@ -28,9 +28,9 @@ def measuring_figure(title: str, states: Sequence[State]) -> Figure:
     draw_impedance(magnitude, phase, frequency * factor, [(last.spectrum.impedance, "measured", MEASURED)])
     if last.curve is not None:
         draw_impedance(magnitude, phase, last.curve[0] * factor, [(last.curve[1], "updated model", UPDATED)])
-    for place in last.departures:
-        for axes in (magnitude, phase):
-            axes.axvline(place * factor, **_DEPARTED)
+    for number, place in enumerate(last.departures):
+        magnitude.axvline(place * factor, label="" if number else "departs from the model", **_DEPARTED)
+        phase.axvline(place * factor, **_DEPARTED)
     magnitude.set(title=f"{title}: {len(last.spectrum)} points")
     magnitude.legend(loc="best", fontsize="small")
     magnitude.tick_params(labelbottom=False)
