@@ -111,8 +111,8 @@ def test_import_loads_nothing_and_takes_no_time():
 
 
 def test_names_are_those_of_the_commands():
-    # a data sheet is a file of `update`; a page and a list of lots are no results
-    assert set(main.commands) - {"batch", "datasheet", "lots", "serve"} <= set(dir(fp))
+    # a data sheet is a file of `update`; a page, a list of lots and what instruments do are no results
+    assert set(main.commands) - {"analyser", "batch", "datasheet", "lots", "measure", "serve"} <= set(dir(fp))
     assert all(getattr(fp, name) is not None for name in fp.__all__)
     with pytest.raises(AttributeError, match="find_modes"):
         _ = fp.find_modes
