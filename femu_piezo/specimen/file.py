@@ -23,7 +23,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.files import read_bytes, unset_variables, write_atomically
 from femu_piezo.specimen.geometry import Geometry as Geometry
 from femu_piezo.specimen.geometry import Mass
-from femu_piezo.specimen.schema import LIST, PAIR, PATH, Table, key_in_file, quantity
+from femu_piezo.specimen.schema import LIST, PAIR, PATH, Table, described, key_in_file, quantity
 from femu_piezo.units import EPS0, parse_temperature, shown
 
 CONSTANTS = ("s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "eps33T")
@@ -62,65 +62,73 @@ Speed = Annotated[float, quantity("m/s", 100, 20000, 'a sound velocity is one su
 ReadStd = Annotated[
     float, quantity("1", 1e-6, 1, 'the deviation of a reading is relative, such as 0.01 or "1 %", and not zero')
 ]
-#: Readings by name → relative standard deviation where the file says none.
-READ = {"mass": 1e-3, "capacitance": 0.01, "d33": 0.05, "sound_velocity": 0.01}
+READ = ("mass", "capacitance", "d33", "sound_velocity")
+"""What may be read of a specimen, each with a `std_`."""
+
 Voltage = Annotated[float, quantity("V", 1e-6, 1e4, 'a drive voltage is one such as "0.5 V"; is the unit right?')]
 Bias = Annotated[float, quantity("V", 0, 1e4, 'the largest bias is a voltage such as "0 V"; is the unit right?')]
 Accuracy = Annotated[float, quantity("1", 1e-9, 0.1, "give the relative eigenvalue error, such as 1e-4")]
 
 
-class Material(Table):
-    """A base of the material library and overrides, or all ten constants; complex: value (1 − j tan).
+_ELASTIC = described("compliance at constant field")
+_COUPLING = described("piezoelectric constant")
+_DIELECTRIC = described("permittivity at constant stress")
+_TANGENT = described("its loss tangent; that of the base where absent, else 0")
+_STD = described("how well the real part is known beforehand, relative; free constants 0.5 where absent", usual=0.03)
+_TANGENT_STD = described("the same of its loss tangent, absolute; free constants 0.02 ± 0.05 where absent", usual=0.005)
 
-    std_s11 and so on: how well the real part is known beforehand, relative; std_tan_s11: its tangent, absolute. Priors
-    of every fit; defaults of held constants in README.md.
-    """
+
+class Material(Table):
+    """A base of the material library and overrides, or all ten constants; complex: value (1 − j tan)."""
 
     model_config = ConfigDict(title="material")
 
-    base: str | None = None
-    s11: Compliance | None = None
-    s12: CrossCompliance | None = None
-    s13: CrossCompliance | None = None
-    s33: Compliance | None = None
-    s44: Compliance | None = None
-    d31: Charge | None = None
-    d33: Charge | None = None
-    d15: Charge | None = None
-    eps11T: Permittivity | None = None
-    eps33T: Permittivity | None = None
-    tan_s11: LossTangent | None = None
-    tan_s12: CrossLossTangent | None = None
-    tan_s13: CrossLossTangent | None = None
-    tan_s33: LossTangent | None = None
-    tan_s44: LossTangent | None = None
-    tan_d31: CrossLossTangent | None = None
-    tan_d33: CrossLossTangent | None = None
-    tan_d15: CrossLossTangent | None = None
-    tan_eps11T: LossTangent | None = None
-    tan_eps33T: LossTangent | None = None
-    std_s11: PriorStd | None = None
-    std_s12: PriorStd | None = None
-    std_s13: PriorStd | None = None
-    std_s33: PriorStd | None = None
-    std_s44: PriorStd | None = None
-    std_d31: PriorStd | None = None
-    std_d33: PriorStd | None = None
-    std_d15: PriorStd | None = None
-    std_eps11T: PriorStd | None = None
-    std_eps33T: PriorStd | None = None
-    std_tan_s11: TangentStd | None = None
-    std_tan_s12: TangentStd | None = None
-    std_tan_s13: TangentStd | None = None
-    std_tan_s33: TangentStd | None = None
-    std_tan_s44: TangentStd | None = None
-    std_tan_d31: TangentStd | None = None
-    std_tan_d33: TangentStd | None = None
-    std_tan_d15: TangentStd | None = None
-    std_tan_eps11T: TangentStd | None = None
-    std_tan_eps33T: TangentStd | None = None
-    free: Annotated[tuple[str, ...] | None, LIST] = None
-    simplified: bool = False
+    base: str | None = described("material of the library, which the other keys override")
+    s11: Compliance | None = _ELASTIC
+    s12: CrossCompliance | None = _ELASTIC
+    s13: CrossCompliance | None = _ELASTIC
+    s33: Compliance | None = _ELASTIC
+    s44: Compliance | None = _ELASTIC
+    d31: Charge | None = _COUPLING
+    d33: Charge | None = _COUPLING
+    d15: Charge | None = _COUPLING
+    eps11T: Permittivity | None = _DIELECTRIC
+    eps33T: Permittivity | None = _DIELECTRIC
+    tan_s11: LossTangent | None = _TANGENT
+    tan_s12: CrossLossTangent | None = _TANGENT
+    tan_s13: CrossLossTangent | None = _TANGENT
+    tan_s33: LossTangent | None = _TANGENT
+    tan_s44: LossTangent | None = _TANGENT
+    tan_d31: CrossLossTangent | None = _TANGENT
+    tan_d33: CrossLossTangent | None = _TANGENT
+    tan_d15: CrossLossTangent | None = _TANGENT
+    tan_eps11T: LossTangent | None = _TANGENT
+    tan_eps33T: LossTangent | None = _TANGENT
+    std_s11: PriorStd | None = _STD
+    std_s12: PriorStd | None = _STD
+    std_s13: PriorStd | None = _STD
+    std_s33: PriorStd | None = _STD
+    std_s44: PriorStd | None = _STD
+    std_d31: PriorStd | None = _STD
+    std_d33: PriorStd | None = _STD
+    std_d15: PriorStd | None = _STD
+    std_eps11T: PriorStd | None = _STD
+    std_eps33T: PriorStd | None = _STD
+    std_tan_s11: TangentStd | None = _TANGENT_STD
+    std_tan_s12: TangentStd | None = _TANGENT_STD
+    std_tan_s13: TangentStd | None = _TANGENT_STD
+    std_tan_s33: TangentStd | None = _TANGENT_STD
+    std_tan_s44: TangentStd | None = _TANGENT_STD
+    std_tan_d31: TangentStd | None = _TANGENT_STD
+    std_tan_d33: TangentStd | None = _TANGENT_STD
+    std_tan_d15: TangentStd | None = _TANGENT_STD
+    std_tan_eps11T: TangentStd | None = _TANGENT_STD
+    std_tan_eps33T: TangentStd | None = _TANGENT_STD
+    free: Annotated[tuple[str, ...] | None, LIST] = described(
+        "constants that a fit finds; where absent s11, d31, eps33T of a piece poled through its thickness, s33, d33, "
+        "eps33T along its length, s44, d15, eps11T in shear"
+    )
+    simplified: bool = described("the isotropic simplification of the paper", False)
 
     @property
     def values(self) -> dict[str, float]:
@@ -163,23 +171,17 @@ class Material(Table):
 
 
 class Residue(Table):
-    """What a fixture leaves after its compensation, standard deviations.
-
-    resistance and inductance in series, ohm and H; capacitance in parallel, F
-    """
+    """What a fixture leaves after its compensation, standard deviations."""
 
     model_config = ConfigDict(title="measurement.residue")
 
-    resistance: Resistance | None = None
-    inductance: Inductance | None = None
-    capacitance: Capacitance | None = None
+    resistance: Resistance | None = described("in series", usual=0.02)
+    inductance: Inductance | None = described("in series", usual=10e-9)
+    capacitance: Capacitance | None = described("in parallel", usual=0.1e-12)
 
 
 class LoadStandard(Table):
-    """The load of a compensation: its raw sweep `file` and what it is.
-
-    resistance, with an inductance in series and a capacitance across both; std : relative, of its impedance
-    """
+    """The load of a compensation: its raw sweep and what it is."""
 
     model_config = ConfigDict(title="measurement.load")
     missing: ClassVar[dict[str, str]] = {
@@ -187,11 +189,11 @@ class LoadStandard(Table):
         "resistance": 'say what the load is, such as resistance = "100 ohm"',
     }
 
-    file: Annotated[Path, PATH]
-    resistance: Resistance
-    inductance: Inductance | None = None
-    capacitance: Capacitance | None = None
-    std: MagnitudeStd | None = None
+    file: Annotated[Path, PATH] = described("raw sweep of the load", ...)
+    resistance: Resistance = described("of the load", ...)
+    inductance: Inductance | None = described("in series with it")
+    capacitance: Capacitance | None = described("across both")
+    std: MagnitudeStd | None = described("relative standard deviation of its impedance; 0 where absent")
 
 
 def _to_bands(value: object) -> object:
@@ -202,34 +204,39 @@ def _to_bands(value: object) -> object:
 
 
 class Measurement(Table):
-    """A measured sweep: `file` (absolute once read), None where the sweep is given otherwise.
-
-    held_out: a band (low, high), Hz, that no fit sees, and whose prediction is judged.
-    mask: bands (low, high), Hz, whose points are left out altogether.
-
-    correct_phase: turn the phase by 180°; mask_faults: leave out spikes, mains lines and the shorter side of jumps.
-    accuracy, phase_accuracy: of |Z| (relative) and phase (rad), standard deviations smooth over frequency.
-    residue: of the fixture after its compensation.
-    open, short, load: raw sweeps of the fixture, which are taken out of a raw sweep.
-    connection: of the piece in a Touchstone file; columns: what those of a file are, in place of its header.
-    """
+    """A measured sweep and how it was taken; paths are absolute once read."""
 
     model_config = ConfigDict(title="measurement")
 
-    file: Annotated[Path | None, PATH] = None
-    held_out: Annotated[tuple[Frequency, Frequency] | None, PAIR] = None
-    mask: Annotated[tuple[tuple[Frequency, Frequency], ...] | None, BeforeValidator(_to_bands)] = None
-    correct_phase: bool = False
-    mask_faults: bool = False
-    noise: RelativeNoise | None = None
-    accuracy: MagnitudeStd | None = None
-    phase_accuracy: PhaseStd | None = None
-    residue: Residue | None = None
-    open: Annotated[Path | None, PATH] = None
-    short: Annotated[Path | None, PATH] = None
-    load: LoadStandard | None = None
-    connection: Literal["reflection", "series", "shunt"] | None = None
-    columns: Annotated[tuple[str, ...] | None, LIST] = None
+    file: Annotated[Path | None, PATH] = described(
+        "the sweep, relative to the specimen file; a list of several stands for [[sweep]] tables; absent where the "
+        "sweep is given otherwise"
+    )
+    held_out: Annotated[tuple[Frequency, Frequency] | None, PAIR] = described(
+        "band that no fit sees, and whose prediction is judged"
+    )
+    mask: Annotated[tuple[tuple[Frequency, Frequency], ...] | None, BeforeValidator(_to_bands)] = described(
+        "bands whose points are left out altogether"
+    )
+    correct_phase: bool = described("turn the phase by 180°", False)
+    mask_faults: bool = described("leave out spikes, mains lines and the shorter side of jumps", False)
+    noise: RelativeNoise | None = described(
+        "relative standard deviation of a point; estimated from the sweep where absent"
+    )
+    accuracy: MagnitudeStd | None = described(
+        "standard deviation of |Z|, relative, smooth over frequency", usual=0.0008
+    )
+    phase_accuracy: PhaseStd | None = described("standard deviation of the phase, smooth over frequency", usual=0.0008)
+    residue: Residue | None = described("table: what the fixture leaves after its compensation")
+    open: Annotated[Path | None, PATH] = described("raw sweep of the open fixture, which is taken out of a raw sweep")
+    short: Annotated[Path | None, PATH] = described("the same of the shorted fixture")
+    load: LoadStandard | None = described("table: the same of a load in the fixture")
+    connection: Literal["reflection", "series", "shunt"] | None = described(
+        "of the piece in a Touchstone file; found out where absent"
+    )
+    columns: Annotated[tuple[str, ...] | None, LIST] = described(
+        'what the columns of the file are, such as ["Frequency (Hz)", "R (Ohm)", "X (Ohm)"], in place of its header'
+    )
 
     def problem(self) -> str | None:
         if self.held_out is not None and not self.held_out[0] < self.held_out[1]:
@@ -250,23 +257,21 @@ def _celsius(value: object, info: ValidationInfo) -> float | None:
 
 
 class Sweep(Table):
-    """One of several sweeps of a specimen, and how it was taken.
-
-    name : in results; the name of the file where absent
-    drive_voltage : amplitude, V;  temperature : of the specimen, °C
-    direction : whether the frequency rose or fell in time
-    fixture : that held the piece; what a fixture and its compensation leave belongs to each one
-    """
+    """One of several sweeps of a specimen, and how it was taken; what is stated of one is stated of all."""
 
     model_config = ConfigDict(title="sweep")
     missing: ClassVar[dict[str, str]] = {"file": 'give the path of the sweep, such as file = "up.csv"'}
 
-    file: Annotated[Path, PATH]
-    name: str | None = None
-    drive_voltage: Voltage | None = None
-    temperature: Annotated[float | None, BeforeValidator(_celsius)] = None
-    direction: Literal["up", "down"] | None = None
-    fixture: str | None = None
+    file: Annotated[Path, PATH] = described("the sweep, relative to the specimen file", ...)
+    name: str | None = described("in results; the name of the file where absent")
+    drive_voltage: Voltage | None = described("amplitude")
+    temperature: Annotated[float | None, BeforeValidator(_celsius)] = described(
+        'of the specimen, "25 °C" or "298 K"; °C once read'
+    )
+    direction: Literal["up", "down"] | None = described("whether the frequency rose or fell in time")
+    fixture: str | None = described(
+        "that held the piece; what a fixture and its compensation leave belongs to each one"
+    )
 
     @property
     def label(self) -> str:
@@ -275,27 +280,24 @@ class Sweep(Table):
 
 
 class Readings(Table):
-    """What other instruments read of the specimen, each with its relative standard deviation (`std_mass`, …).
-
-    mass; capacitance at 1 kHz without the fixture; d33 of a d33 meter; sound_velocity along the poling
-    """
+    """What other instruments read of the specimen, each with its relative standard deviation."""
 
     model_config = ConfigDict(title="readings")
 
-    mass: Mass | None = None
-    capacitance: ReadCapacitance | None = None
-    d33: Charge | None = None
-    sound_velocity: Speed | None = None
-    std_mass: ReadStd | None = None
-    std_capacitance: ReadStd | None = None
-    std_d33: ReadStd | None = None
-    std_sound_velocity: ReadStd | None = None
+    mass: Mass | None = described("of the specimen")
+    capacitance: ReadCapacitance | None = described("at 1 kHz without the fixture")
+    d33: Charge | None = described("of a d33 meter")
+    sound_velocity: Speed | None = described("of a wide wave along the poling, √(c33D/ρ)")
+    std_mass: ReadStd | None = described("relative standard deviation", usual=1e-3)
+    std_capacitance: ReadStd | None = described("relative standard deviation", usual=0.01)
+    std_d33: ReadStd | None = described("relative standard deviation", usual=0.05)
+    std_sound_velocity: ReadStd | None = described("relative standard deviation", usual=0.01)
 
     @property
     def given(self) -> dict[str, tuple[float, float]]:
         """Name → value, SI, and relative standard deviation."""
-        found = {name: (getattr(self, name), getattr(self, f"std_{name}")) for name in READ}
-        return {name: (v, READ[name] if std is None else std) for name, (v, std) in found.items() if v is not None}
+        values = {name: getattr(self, name) for name in READ}
+        return {name: (value, self.stated(f"std_{name}")) for name, value in values.items() if value is not None}
 
     def problem(self) -> str | None:
         for name in READ:
@@ -327,20 +329,19 @@ class Limits(Table):
 
 
 class Simulation(Table):
-    """Sweep of a simulation. `start` and `stop` in Hz, chosen around the fundamental where absent.
-
-    order: polynomial order of the finite elements, chosen for the accuracy where absent
-    """
+    """Sweep of a simulation."""
 
     model_config = ConfigDict(title="simulation")
 
-    start: Frequency | None = None
-    stop: Frequency | None = None
-    points: int = 801
-    spacing: Literal["linear", "log"] = "linear"
-    noise: RelativeNoise = 0.0
-    seed: int = 0
-    order: int | None = None
+    start: Frequency | None = described("lowest frequency; 100 Hz where absent")
+    stop: Frequency | None = described("highest frequency; 3.5 times the expected fundamental where absent")
+    points: int = described("2 to 1000000", 801)
+    spacing: Literal["linear", "log"] = described("of the frequencies", "linear")
+    noise: RelativeNoise = described("relative standard deviation added to every point", 0.0)
+    seed: int = described("of the noise, 0 to 2^63 − 1", 0)
+    order: int | None = described(
+        "polynomial order of the finite elements, 1 to 8; chosen for the accuracy where absent"
+    )
 
     def problem(self) -> str | None:
         if self.start is not None and self.stop is not None and not self.start < self.stop:
@@ -355,17 +356,19 @@ class Simulation(Table):
 
 
 class Update(Table):
-    """How to update. `accuracy`: relative eigenvalue error of the mesh; `loss`: of the curve fit, robust or not.
-
-    noise_only : take dimensions, density, held constants and instrument as exactly known
-    """
+    """How to update."""
 
     model_config = ConfigDict(title="update")
 
-    method: Literal["auto", "pole_zero", "curve"] = "auto"
-    accuracy: Accuracy = 1e-4
-    loss: Literal["linear", "soft_l1", "huber", "cauchy"] = "linear"
-    noise_only: bool = False
+    method: Literal["auto", "pole_zero", "curve"] = described(
+        '"auto" and "curve": the posterior of the whole curve; "pole_zero": the paper\'s, from poles and zeros alone',
+        "auto",
+    )
+    accuracy: Accuracy = described("relative eigenvalue error that the mesh may have", 1e-4)
+    loss: Literal["linear", "soft_l1", "huber", "cauchy"] = described(
+        "of the curve fit, linear or a robust one", "linear"
+    )
+    noise_only: bool = described("take dimensions, density, held constants and instrument as exactly known", False)
 
 
 Effects = dict[str, dict[str, float | str | Annotated[tuple[str, ...], LIST]]]

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, ConfigDict
 
-from femu_piezo.specimen.schema import PAIR, PATH, Table, quantity
+from femu_piezo.specimen.schema import PAIR, PATH, Table, described, quantity
 from femu_piezo.units import shown
 
 Length = Annotated[float, quantity("m", 1e-6, 0.5, 'is the unit right (mm taken for m)? write "40 mm"')]
@@ -79,55 +79,50 @@ def belongs_to(shape: str, key: str) -> bool:
 
 
 class Geometry(Table):
-    """Shape and dimensions in m.
-
-    poling : "thickness" or "length", the direction of poling and of the field; or a direction (x, y, z), with the
-        electrodes on the two faces (x along the length, z through the thickness)
-    hole_diameter, hole_position : a through-hole and its centre (x, y) from the middle of the body
-    chamfer : 45° bevel along the outer edges of both faces
-    electrode_margin : bare rim of both faces
-    electrode_start, electrode_length : the hot electrode covers only this much, from the end x_min (the wide end
-        of a trapezoid)
-    wrap_length, wrap_gap : the ground goes round the end x_min onto the hot face; the bare gap beside it
-    elements : "hexahedron" or "tetrahedron"
-    unit : length of one unit of the coordinates in a mesh file, m
-    mass, std_mass : in place of the density, kg
-    std_length, … : standard deviations of the dimensions, m; std_density : of the density, relative; defaults in
-        README.md
-    """
+    """Shape, dimensions, electrodes and poling; which dimensions a shape has is in `DIMENSIONS`."""
 
     model_config = ConfigDict(title="geometry")
 
     missing: ClassVar[dict[str, str]] = {"shape": f"give one of {', '.join(DIMENSIONS)}"}
 
-    shape: Literal["plate", "square", "trapezoid", "disk", "ring", "mesh"]
-    length: Length | None = None
-    width: Length | None = None
-    width_end: Length | None = None
-    thickness: Length | None = None
-    diameter: Length | None = None
-    inner_diameter: Length | None = None
-    corner_radius: Distance | None = None
-    hole_diameter: Length | None = None
-    hole_position: Annotated[tuple[Position, Position] | None, PAIR] = None
-    chamfer: Distance | None = None
-    electrode_margin: Distance | None = None
-    electrode_start: Distance | None = None
-    electrode_length: Length | None = None
-    wrap_length: Length | None = None
-    wrap_gap: Length | None = None
-    elements: Literal["hexahedron", "tetrahedron"] | None = None
-    file: Annotated[Path | None, PATH] = None
-    unit: Unit | None = None
-    density: Density | None = None
-    mass: Mass | None = None
-    std_length: Tolerance | None = None
-    std_width: Tolerance | None = None
-    std_thickness: Tolerance | None = None
-    std_diameter: Tolerance | None = None
-    std_density: RelativeStd | None = None
-    std_mass: MassStd | None = None
-    poling: Annotated[str | tuple[float, float, float], BeforeValidator(_to_poling)] = "thickness"
+    shape: Literal["plate", "square", "trapezoid", "disk", "ring", "mesh"] = described("of the body", ...)
+    length: Length | None = described("along x")
+    width: Length | None = described("along y; of a trapezoid at the end x_min")
+    width_end: Length | None = described("of a trapezoid at the end x_max")
+    thickness: Length | None = described("along z")
+    diameter: Length | None = described("outer")
+    inner_diameter: Length | None = described("of a ring")
+    corner_radius: Distance | None = described("of round corners")
+    hole_diameter: Length | None = described("of a hole through both faces")
+    hole_position: Annotated[tuple[Position, Position] | None, PAIR] = described(
+        "centre (x, y) of the hole, from the middle of the body; there where absent"
+    )
+    chamfer: Distance | None = described("45° bevel along the outer edges of both faces")
+    electrode_margin: Distance | None = described("bare rim of both faces")
+    electrode_start: Distance | None = described(
+        "where the hot electrode begins, from the end x_min (the wide end of a trapezoid); there where absent"
+    )
+    electrode_length: Length | None = described("the hot electrode covers only so much along x")
+    wrap_length: Length | None = described("the ground goes round the end x_min onto the hot face, so far")
+    wrap_gap: Length | None = described("the bare gap beside the wrap")
+    elements: Literal["hexahedron", "tetrahedron"] | None = described("of meshes of drawn bodies, chosen where absent")
+    file: Annotated[Path | None, PATH] = described(
+        "of a mesh: gmsh .msh with boundaries named hot and ground; relative to the specimen file"
+    )
+    unit: Unit | None = described("length of one unit of the coordinates in the mesh file; a metre where absent")
+    density: Density | None = described("that of the base material where absent")
+    mass: Mass | None = described("in place of the density")
+    std_length: Tolerance | None = described("standard deviation of the length", usual=20e-6)
+    std_width: Tolerance | None = described("standard deviation of the width", usual=20e-6)
+    std_thickness: Tolerance | None = described("standard deviation of the thickness", usual=5e-6)
+    std_diameter: Tolerance | None = described("standard deviation of the diameter", usual=20e-6)
+    std_density: RelativeStd | None = described("relative standard deviation of the density", usual=0.005)
+    std_mass: MassStd | None = described("standard deviation of the mass; 0.1 % of it where absent")
+    poling: Annotated[str | tuple[float, float, float], BeforeValidator(_to_poling)] = described(
+        '"thickness" or "length", the direction of poling and of the field; or a direction (x, y, z), with the '
+        "electrodes on the two faces (x along the length, z through the thickness)",
+        "thickness",
+    )
 
     @property
     def plain(self) -> bool:

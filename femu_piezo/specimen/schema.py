@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import difflib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, ValidationInfo, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 
 from femu_piezo.errors import InputError
 from femu_piezo.units import parse_quantity, shown
@@ -17,11 +18,24 @@ class Table(BaseModel):
 
     `title` in the model's configuration is the name of the table; `missing` says, for each key that must be
     there, what to write. Building a model, from a file (named in the context "file") or in Python, raises
-    `InputError`.
+    `InputError`. The docstring of a table ends in the descriptions of its keys.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
     missing: ClassVar[dict[str, str]] = {}
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        lines = [f"{name} : {field.description}" for name, field in cls.model_fields.items() if field.description]
+        cls.__doc__ = "\n".join([(cls.__doc__ or "").rstrip(), "", *lines])
+
+    @classmethod
+    def usual(cls, name: str) -> float:
+        """What holds where a file does not give the key `name`; KeyError where nothing does."""
+        extra = cls.model_fields[name].json_schema_extra
+        if not isinstance(extra, dict):
+            raise KeyError(f"nothing stands in for {name}")
+        return float(str(extra["usual"]))
 
     @model_validator(mode="wrap")
     @classmethod
@@ -37,6 +51,11 @@ class Table(BaseModel):
             file = (info.context or {}).get("file")
             raise InputError(f"{file}: {problem}" if file else problem)
         return table
+
+    def stated(self, name: str) -> float:
+        """The number of the key `name`, or what holds in its place."""
+        value = getattr(self, name)
+        return self.usual(name) if value is None else value
 
     def __repr_args__(self):
         """What is given, without the keys that are absent."""
@@ -73,7 +92,17 @@ def key_in_file(info: ValidationInfo) -> str:
     return (f"{file}: " if file else "") + f"{info.config['title']}.{info.field_name}"
 
 
-def quantity(unit: str, low: float, high: float, hint: str) -> BeforeValidator:
+@dataclass(frozen=True)
+class Quantity(BeforeValidator):
+    """A validator that knows what it asks for: low ≤ value ≤ high in SI `unit`; `hint` is said where it is not."""
+
+    unit: str = "1"
+    low: float = 0.0
+    high: float = 0.0
+    hint: str = ""
+
+
+def quantity(unit: str, low: float, high: float, hint: str) -> Quantity:
     """A validator: a number or "40 mm" to SI `unit`, low ≤ value ≤ high, else `hint` is said."""
 
     def parse(value: object, info: ValidationInfo) -> float | None:
@@ -86,7 +115,15 @@ def quantity(unit: str, low: float, high: float, hint: str) -> BeforeValidator:
             raise InputError(f"{where}: {shown(value)} is outside {low:g} … {high:g}{unit_text}; {hint}")
         return number
 
-    return BeforeValidator(parse)
+    return Quantity(parse, unit=unit, low=low, high=high, hint=hint)
+
+
+def described(description: str, default: Any = None, usual: float | None = None) -> Any:
+    """A key of a table that may be absent: what it is, its default, and what holds in its place where that is None.
+
+    usual : SI; see `Table.usual`
+    """
+    return Field(default, description=description, json_schema_extra=None if usual is None else {"usual": usual})
 
 
 def _to_tuple(value: object) -> object:

@@ -1,6 +1,6 @@
 """How well the numbers of a specimen file are known: what it states, or what a laboratory would say if it is silent.
 
-Each is a standard deviation. README.md lists the defaults; a result states those that it used.
+Each is a standard deviation. The schema has the defaults (`Table.usual`); a result states those that it used.
 """
 
 from __future__ import annotations
@@ -12,15 +12,10 @@ from femu_piezo.specimen.file import Measurement, Residue, Update
 from femu_piezo.specimen.geometry import Geometry
 from femu_piezo.study.problem import Problem
 
-#: Calliper and micrometer, m; density and mass, relative.
-_LENGTH, _THICKNESS, _DENSITY, _MASS = 20e-6, 5e-6, 0.005, 0.001
-#: Held constants, relative, and their tangents: the spread of a library between lots.
-_HELD, _TANGENT = 0.03, 0.005
-#: Instrument: relative of |Z|, phase in rad; fixture after compensation in ohm, H, F.
-_ACCURACY, _PHASE = 0.0008, 0.0008
+#: Of a mass, relative.
+_MASS = 0.001
 #: Resonances from sweep to sweep, relative: some tenths of a kelvin.
 _REPEATABILITY = 5e-5
-_RESIDUE = {"resistance": 0.02, "inductance": 10e-9, "capacitance": 0.1e-12}
 
 
 def tolerances(problem: Problem) -> dict[str, float]:
@@ -35,16 +30,15 @@ def tolerances(problem: Problem) -> dict[str, float]:
 
 
 def _geometry(geometry: Geometry) -> dict[str, float]:
-    usual = {"length": _LENGTH, "width": _LENGTH, "thickness": _THICKNESS, "diameter": _LENGTH}
     found = {}
-    for name, default in usual.items():
-        size, std = getattr(geometry, name), getattr(geometry, f"std_{name}")
+    for name in ("length", "width", "thickness", "diameter"):
+        size = getattr(geometry, name)
         if size is not None:
-            found[name] = (default if std is None else std) / size
+            found[name] = geometry.stated(f"std_{name}") / size
     if geometry.mass is not None:
         found["density"] = _MASS if geometry.std_mass is None else geometry.std_mass / geometry.mass
     else:
-        found["density"] = _DENSITY if geometry.std_density is None else geometry.std_density
+        found["density"] = geometry.stated("std_density")
     return found
 
 
@@ -55,8 +49,8 @@ def _held(problem: Problem) -> dict[str, float]:
     found = {}
     for name in D_FORM:
         if name not in material.free and getattr(problem.constants, name) != 0:
-            found[name] = material.priors.get(name, _HELD)
-            found[f"tan_{name}"] = material.tangent_priors.get(name, _TANGENT)
+            found[name] = material.stated(f"std_{name}")
+            found[f"tan_{name}"] = material.stated(f"std_tan_{name}")
     return found
 
 
@@ -64,12 +58,9 @@ def _instrument(measurement: Measurement | None) -> dict[str, float]:
     if measurement is None:
         return {}
     residue = measurement.residue or Residue()
-    found = {
-        name: default if getattr(residue, name) is None else getattr(residue, name)
-        for name, default in _RESIDUE.items()
-    }
-    own = _ACCURACY if measurement.accuracy is None else measurement.accuracy
+    found = {name: residue.stated(name) for name in Residue.model_fields}
     load = 0.0 if measurement.load is None else measurement.load.std or 0.0
-    found["accuracy"] = float(np.hypot(own, load))  # |Z| is as good as the load that it is compared with
-    found["phase_accuracy"] = _PHASE if measurement.phase_accuracy is None else measurement.phase_accuracy
+    # |Z| is as good as the load that it is compared with
+    found["accuracy"] = float(np.hypot(measurement.stated("accuracy"), load))
+    found["phase_accuracy"] = measurement.stated("phase_accuracy")
     return found
