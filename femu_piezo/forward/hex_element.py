@@ -85,7 +85,8 @@ class ElementHexP(ElementH1):
 
 def lobatto_nodes(order: int) -> np.ndarray:
     """(n,) growing, n = order + 1: the ends of [0, 1], and where that Legendre polynomial has its extrema."""
-    inner = np.sort(legendre.legroots(legendre.legder(np.eye(order + 1)[order]))) if order > 1 else np.zeros(0)
+    roots = legendre.legroots(legendre.legder(np.eye(order + 1)[order])) if order > 1 else np.zeros(0)
+    inner = np.sort(np.real(roots))  # all are real, which numpy may give as complex numbers
     nodes = np.concatenate([[-1.0], inner, [1.0]])
     return (2 + nodes - nodes[::-1]) / 4
 
