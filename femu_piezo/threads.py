@@ -23,7 +23,8 @@ from threadpoolctl import ThreadpoolController
 _SMALL, _MOST_THREADS = 20_000, 4
 
 
-Item, Result = TypeVar("Item"), TypeVar("Result")
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
 @lru_cache(maxsize=1)

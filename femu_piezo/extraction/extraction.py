@@ -23,7 +23,7 @@ from femu_piezo.extraction.limitations import (
     too_few_points,
 )
 from femu_piezo.extraction.model import RationalModel
-from femu_piezo.extraction.order import MAX_BACKGROUND, evidence, is_passive, without
+from femu_piezo.extraction.order import MAX_BACKGROUND, Candidate, evidence, is_passive, without
 from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.extraction.result import Extraction, Method
 from femu_piezo.extraction.roots import Roots, interlaced, pair, resonances, unsettled_modes
@@ -81,9 +81,10 @@ def _extract(
         return _nothing(spectrum, lossless)
     sweep = spectrum.select(used)
     band = (float(spectrum.frequency[0]), float(spectrum.frequency[-1]))
+    tried: tuple[Candidate, ...] = ()
     if method == "prony_ss":
         roots, result, data = _prony_ss(sweep)
-        noise, tried, reported = noise_of(result, sweep), (), None
+        noise, reported = noise_of(result, sweep), None
     else:
         estimate = maximum_likelihood(sweep, MAX_MODES if max_modes is None else max_modes, start)
         result, data, noise, tried = estimate.fit, estimate.data, estimate.noise, estimate.orders
@@ -96,7 +97,7 @@ def _extract(
             noise = noise if noise.origin == "file" else replace(noise, relative=result.scale)
             findings += find_systematic(left, result.residual / data.weight, result.degrees_of_freedom, points)
         roots = resonances(result.model, reported, band, systematic=estimate.is_systematic)
-    findings = gravest_first(
+    ordered = gravest_first(
         findings + find_reversed(data) + find_missing(roots, spectrum) + find_doubtful(roots)
     )
     impedance = 1 / result.model.admittance(spectrum.omega)
@@ -107,7 +108,7 @@ def _extract(
     return Extraction(
         spectrum=spectrum,
         used=used,
-        resonances=replace(roots.inside, notes=tuple(f.sentence for f in findings)),
+        resonances=replace(roots.inside, notes=tuple(f.sentence for f in ordered)),
         pairs=pair(roots.inside),
         outside=roots.outside,
         doubtful=roots.doubtful,
@@ -117,7 +118,7 @@ def _extract(
         reduced_chi_square=float(np.sum(np.abs(residual[used]) ** 2) / freedom),
         model=result.model,
         orders=tried,
-        findings=findings,
+        findings=ordered,
         method=method,
         spread=reported,
     )

@@ -115,7 +115,7 @@ def fit(model: RationalModel, data: NormalisedSweep, tolerance: float = 1e-5, ma
     r = residual(model, data)
     cost, damping = _power(r), 1e-3
     for _ in range(max_steps):
-        triangle = np.linalg.qr(np.column_stack([row * model.jacobian(data.x), r]), mode="r")
+        triangle = np.asarray(np.linalg.qr(np.column_stack([row * model.jacobian(data.x), r]), mode="r"))
         upper, target = triangle[: model.size, : model.size], -triangle[: model.size, model.size]
         lower = np.diag(np.linalg.norm(upper, axis=0))
         while damping < MAX_DAMPING:

@@ -36,7 +36,7 @@ class FrequencyAxis:
         """Normalised variable of (real or complex) ω."""
         return (omega**2 - self.center) / self.half_width
 
-    def eigenvalue(self, x: np.ndarray) -> np.ndarray:
+    def eigenvalue(self, x: np.ndarray | complex) -> np.ndarray:
         """λ, rad²/s², of normalised positions x."""
         return self.center + self.half_width * np.asarray(x)
 

@@ -176,7 +176,7 @@ def widen(model: RationalModel, extra: int) -> RationalModel:
 
 def _moves(current: Fit, data: NormalisedSweep, max_modes: int) -> list[Fit]:
     model, n = current.model, len(data)
-    out = []
+    out: list[Fit] = []
     if model.poles.size < max_modes and model.size + 2 < n:
         grown = (refit(_with_pole(model, z), data) for z in _likely_poles(current, data))
         out += islice((f for f in grown if is_passive(f.model)), 1)

@@ -123,7 +123,8 @@ def prony_ss(
     windowed = response * _window(frequency.size, taper)
     if extension == "hermitian":
         half = np.concatenate([np.zeros(round(offset), complex), windowed])
-        signal, shift = np.fft.irfft(half), 0.0
+        signal: np.ndarray = np.fft.irfft(half)
+        shift = 0.0
         time_step = 1 / (2 * (half.size - 1) * step)
     else:
         signal, shift = np.fft.ifft(windowed), 2 * np.pi * frequency[0]

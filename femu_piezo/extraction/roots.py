@@ -111,11 +111,11 @@ def resonances(model: RationalModel, spread: Spread, band: tuple[float, float], 
     settled = {id(root) for root in sound}  # roots hold arrays, which == compares one by one
     inside = [r for r in every if id(r) in settled]
     doubtful = _with_covariance([r for r in every if id(r) not in settled], spread)
-    poles, zeros, joint = _with_covariance(inside, spread)
+    own_poles, own_zeros, joint = _with_covariance(inside, spread)
     far = [r for r in sound if not band[0] <= _frequency(r) <= band[1]]
     outside = [r for r in far if band[0] / 1.5 <= _frequency(r) <= band[1] * 1.5]
     far_poles, far_zeros, _ = _with_covariance(sorted(outside, key=_frequency), spread)
-    return Roots(ResonanceSet(poles, zeros, joint), far_poles + far_zeros, doubtful[0] + doubtful[1])
+    return Roots(ResonanceSet(own_poles, own_zeros, joint), far_poles + far_zeros, doubtful[0] + doubtful[1])
 
 
 def unsettled_modes(model: RationalModel, spread: Spread) -> list[int]:
@@ -215,7 +215,7 @@ def interlaced(roots: list[Found], frequency: Callable[[Found], float]) -> list[
     with its zero, so a zero is dropped only where there is no pole to pair it with.
     """
     poles = sorted((r for r in roots if r.kind == "pole"), key=frequency)
-    zeros = sorted((r for r in roots if r.kind == "zero"), key=lambda r: -abs(r.residue))
+    zeros = sorted((r for r in roots if r.kind == "zero"), key=lambda r: -abs(r.residue or 0.0))
     first = frequency(poles[0]) if poles else np.inf
     below = any(frequency(z) < first for z in zeros)
     return poles + sorted(zeros[: len(poles) + below], key=frequency)
@@ -232,7 +232,7 @@ def _is_settled(root: _Root, spread: Spread) -> bool:
     """Loss and, for a pole, residue known well enough to speak of a resonance."""
     if spread.size(root.gradient) / np.sqrt(2) > MAX_RELATIVE_STD_LOSS * root.eigenvalue.imag:
         return False
-    if root.kind == "zero":
+    if root.strength_gradient is None:  # of a zero
         return True
     return abs(root.strength) >= MIN_RESIDUE_SIGMA * spread.size(root.strength_gradient)
 

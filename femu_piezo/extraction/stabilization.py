@@ -112,7 +112,8 @@ def rational_stabilization(
     """
     data = NormalisedSweep.of(spectrum.omega, spectrum.admittance, np.ones(len(spectrum)))
     low, high = (2 * np.pi * spectrum.frequency[0]) ** 2, (2 * np.pi * spectrum.frequency[-1]) ** 2
-    poles, zeros = {}, {}
+    poles: dict[int, np.ndarray] = {}
+    zeros: dict[int, np.ndarray] = {}
     for order in range(1, min(max_order, len(spectrum) // 3) + 1):
         numerator, denominator = _sanathanan_koerner(data, order)
         for store, polynomial in ((poles, denominator), (zeros, numerator)):

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from femu_piezo.effects.effect import Effect
-from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.response import Evaluation, placed
 from femu_piezo.inference.unknowns import Unknowns
 
 
@@ -113,7 +113,7 @@ class Ensemble:
             if share.has(effect):
                 found.append(part.slopes_at_sites(own, x[columns], effect))
             else:
-                found.append(np.zeros((part.omega.size, len(effect.sites)), dtype=complex))
+                found.append(np.zeros((part.omega.size, len(placed(effect)[0])), dtype=complex))
         return np.concatenate(found)
 
 

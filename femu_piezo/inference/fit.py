@@ -12,7 +12,7 @@ of data and priors, H = JᵗJ, the covariance is H^-1 and the evidence
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Protocol
@@ -322,7 +322,9 @@ def fit(
     """
     posterior = _Posterior(response, data, parameters)
     with blas_limit():
-        ends = list(in_parallel(lambda start: _Descent(posterior, start, loss).run(COARSE, _FEW), starts))
+        ends: list[_Descent] = list(
+            in_parallel(lambda start: _Descent(posterior, start, loss).run(COARSE, _FEW), starts)
+        )
         level = min(one.level for one in ends)
         best = min(ends, key=lambda one: one.cost(one.parts, level))
         coarse = gain >= COARSE
@@ -364,7 +366,8 @@ def _at(found: _Descent, log_slope: np.ndarray, law: np.ndarray | None) -> Fit:
 
 
 #: Loss ρ of a squared residual z, the weight ρ' that it gives it, and a power n such that no ρ'ⁿ z is much above 1.
-_LOSS = {
+_Curve = Callable[[np.ndarray], np.ndarray]
+_LOSS: dict[str, tuple[_Curve, _Curve, int]] = {
     "linear": (lambda z: z, np.ones_like, 1),
     "soft_l1": (lambda z: 2 * (np.sqrt(1 + z) - 1), lambda z: (1 + z) ** -0.5, 2),
     "huber": (lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1), lambda z: np.maximum(z, 1.0) ** -0.5, 2),
@@ -384,7 +387,7 @@ def _level_of(squares: np.ndarray, weight: np.ndarray | float, loss: str, freedo
     whatever lies far outside (Huber's second proposal, Ann. Math. Statist. 35 (1964) 73).
     """
     power = _LOSS[loss][2]
-    return noise_level(float(np.sum(squares * weight ** (power - 1))) / _normal(loss), freedom, level_std)
+    return float(noise_level(float(np.sum(squares * weight ** (power - 1))) / _normal(loss), freedom, level_std))
 
 
 @cache
@@ -471,8 +474,8 @@ class _Descent:
         """Unknowns that may move, and R of Jacobian and residual of data and priors at x, at the noise level there."""
         residual, jacobian, further, slopes = self.parts
         weight, free = _weight(self.loss, residual / self.level), residual.size - self._determined
-        std = self.posterior.data.level_std
-        self.level = self._fixed or _level_of(weight * residual**2, weight, self.loss, free, std)
+        known = self.posterior.data.level_std
+        self.level = self._fixed or _level_of(weight * residual**2, weight, self.loss, free, known)
         share = np.sqrt(_weight(self.loss, residual / self.level)) / self.level
         std = self.posterior.parameters.prior_std
         own = np.column_stack([jacobian * std, residual]) * share[:, None]
@@ -481,7 +484,7 @@ class _Descent:
         held = ((self.x <= self._low) & (gradient > 0)) | ((self.x >= self._high) & (gradient < 0))
         moving = np.flatnonzero(~held)
         rows = np.concatenate([own, beside[: self.x.size]])
-        triangle = np.linalg.qr(rows[:, [*moving, -1]], mode="r")
+        triangle = np.asarray(np.linalg.qr(rows[:, [*moving, -1]], mode="r"))
         of_data = solve_triangular(triangle[:-1, :-1], own[:, moving].T, trans="T")
         self._determined = float(np.sum(of_data**2))
         return moving, triangle

@@ -132,9 +132,9 @@ def _scaled(active: list[Active], unknowns: int, powers: np.ndarray, density: in
     return found, slopes
 
 
-def read_beside(fit: Fit) -> dict[str, dict[str, float]]:
+def read_beside(fit: Fit) -> dict[str, dict[str, float | str]]:
     """Every reading of a fit as in its record: value, std and what the fit says, SI, and the difference in σ."""
-    found = {}
+    found: dict[str, dict[str, float | str]] = {}
     for reading in fit.parameters.readings:
         sigma = reading.row(fit.parameters, fit.x)[0]
         title = f"{reading.name} ({reading.specimen})" if reading.specimen else reading.name

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 
-from femu_piezo.effects.effect import Effect
+from femu_piezo.effects.effect import Effect, LocalHook
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.inference.coefficients import Active, Coefficients, active_effects, collect, e_form_constants
@@ -64,7 +64,8 @@ class Evaluation:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Z (k,) and its tangents (wanted, n_x) at the first frequencies, with the effects of a list in its order."""
         last = max((n for n, item in enumerate(active) if item.effect.acquisition is not None), default=None)
-        if last is None:
+        acquisition = None if last is None else active[last].effect.acquisition
+        if last is None or acquisition is None:
             return self._through_circuits(active, *self._body(parameters, x, active, wanted))
 
         def inside(omega: np.ndarray, *beside: tuple[Effect, np.ndarray], slopes: int | None = None):
@@ -73,7 +74,7 @@ class Evaluation:
             return replace(self, omega=omega)._reached(parameters, x, own, omega.size if slopes is None else slopes)
 
         item = active[last]
-        z, tangents, own = item.effect.acquisition(inside, self.omega, item.values)
+        z, tangents, own = acquisition(inside, self.omega, item.values)
         tangents = tangents[:wanted]
         item.put(tangents, own[:wanted])
         return self._through_circuits(active[last + 1 :], z, tangents)
@@ -132,10 +133,19 @@ class Evaluation:
             modal = _modal(model, c)
             span, y = _driven_span(modal, self.omega), modal.admittance(self.omega)
             e_form = e_form_constants(parameters, x, [], middle)[0][0]
-            found = np.array([_site_slope(model, effect, site, self.omega, span, e_form) for site in effect.sites]).T
+            sites = placed(effect)[0]
+            found = np.array([_site_slope(model, effect, site, self.omega, span, e_form) for site in sites]).T
         along = 1j * (self.omega * model.admittance_factor)[:, None] * found / y[:, None] ** 2
         frozen = _frozen(active)
         return self._through_circuits(frozen, 1 / y, along)[1]
+
+
+def placed(effect: Effect) -> tuple[np.ndarray, LocalHook]:
+    """(m, n) sites of an effect at a place, and its terms at the onset; ValueError where it has no place."""
+    onset = effect.local if effect.onset is None else effect.onset
+    if effect.sites is None or onset is None:
+        raise ValueError(f"{effect.name} has no place")
+    return effect.sites, onset
 
 
 def _frozen(active: list[Active]) -> list[Active]:
@@ -147,8 +157,7 @@ def _site_slope(model, effect: Effect, site: np.ndarray, omega, span, e_form) ->
     """xᵗ (∂A/∂size) x (k,) with the driven states x = basis · weights, the two of `span`."""
     basis, weights = span
     total = np.zeros(omega.size, dtype=complex)
-    onset = effect.local if effect.onset is None else effect.onset
-    for term in onset(model.places, omega, np.concatenate([[0.0], site[1:]])):
+    for term in placed(effect)[1](model.places, omega, np.concatenate([[0.0], site[1:]])):
         slope = term.slopes[:, 0] * (1.0 if term.constant is None else e_form[term.constant])
         if term.kind == "inertia":
             slope = -slope * omega**2

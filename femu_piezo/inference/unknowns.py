@@ -254,7 +254,19 @@ def material_prior(
 
 
 class Read(Protocol):
-    """One number that another instrument has read (`femu_piezo.inference.readings`)."""
+    """One number that another instrument has read (`femu_piezo.inference.readings`); value and std in SI."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def specimen(self) -> str: ...
+
+    @property
+    def value(self) -> float: ...
+
+    @property
+    def std(self) -> float: ...
 
     def row(self, parameters: Unknowns, x: np.ndarray) -> tuple[float, np.ndarray]:
         """(predicted − value)/std at x (n_x,), and its slopes (n_x,)."""

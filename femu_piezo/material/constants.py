@@ -46,6 +46,7 @@ def _piezoelectric_matrix(v31, v33, v15) -> np.ndarray:
     return matrix
 
 
+@dataclass(frozen=True)
 class _Constants:
     """What both forms share: values as a mapping and as a vector in the order of the fields."""
 

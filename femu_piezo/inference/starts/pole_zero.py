@@ -137,7 +137,7 @@ def update_simplified(
     """
     measured = np.asarray(measured, dtype=complex)
     near = float(np.sqrt(measured[0].real)) / (2 * np.pi)
-    simple, history = start, []
+    simple, history = start, list[Step]()
     for _ in range(max_iterations + 1):
         constants = simple.full()
         _check_step(constants, history)
@@ -164,7 +164,7 @@ def update_pair(
     """
     measured = np.asarray(measured, dtype=complex)
     near = float(np.sqrt(measured[0].real)) / (2 * np.pi)
-    theta, history = free.start.copy(), []
+    theta, history = free.start.copy(), list[Step]()
     for _ in range(max_iterations + 1):
         constants = free.constants(theta)
         _check_step(constants, history)
