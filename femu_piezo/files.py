@@ -1,14 +1,20 @@
-"""Reading and writing of whole text files, with one-sentence errors and nothing half-written left behind."""
+"""Reading and writing of whole text and JSON files: one-sentence errors, nothing half-written left behind."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import secrets
 import stat
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from femu_piezo.errors import InputError
+
+SCHEMA = 1
+"""Version of the JSON files that the commands write: grows when a key goes, or changes its meaning or unit."""
 
 
 def read_bytes(path: Path, largest: int) -> bytes:
@@ -67,3 +73,31 @@ def write_atomically(path: Path | str, text: str | bytes) -> None:
         raise InputError(f"{path}: the file cannot be written ({error.strerror or error})") from None
     finally:
         beside.unlink(missing_ok=True)
+
+
+def json_text(record: Mapping[str, Any], indent: int = 2) -> str:
+    """A record as the commands write it: `schema` first; NaN is refused (ValueError)."""
+    marked = {"schema": SCHEMA} | dict(record)
+    return json.dumps(marked, indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def read_json(path: Path, largest: int, what: str) -> dict[str, Any]:
+    """The record in a file that a command wrote; files of 0.1, which have no `schema`, are those of schema 1.
+
+    what : the file should be, for messages
+
+    Raises InputError where the file holds no record, or one of another schema than this release reads.
+    """
+    try:
+        record = json.loads(read_bytes(path, largest).decode("utf-8"))
+    except (ValueError, RecursionError):
+        record = None
+    if not isinstance(record, dict):
+        raise InputError(f"{path}: this is not {what}")
+    schema = record.get("schema", SCHEMA)
+    if schema != SCHEMA:
+        raise InputError(
+            f"{path}: this file has schema {schema!r}, and this release of femu-piezo reads schema {SCHEMA}; read it "
+            "with the release that wrote it, or write it again"
+        )
+    return record

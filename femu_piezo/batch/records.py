@@ -11,7 +11,7 @@ from pathlib import Path
 
 from femu_piezo.batch.worker import FINAL
 from femu_piezo.errors import InputError
-from femu_piezo.files import write_atomically
+from femu_piezo.files import SCHEMA, json_text, write_atomically
 
 _KEYS = {"name", "checksum", "status", "reason", "columns", "results"}
 
@@ -40,7 +40,9 @@ class Records:
             found = json.loads(self.path(name).read_bytes())
         except (OSError, ValueError, RecursionError):
             return None
-        if not isinstance(found, dict) or set(found) != _KEYS or not isinstance(found["columns"], dict):
+        if not isinstance(found, dict) or found.pop("schema", None) != SCHEMA or set(found) != _KEYS:
+            return None
+        if not isinstance(found["columns"], dict):
             return None
         return found if found["checksum"] == checksum and found["status"] in FINAL else None
 
@@ -51,8 +53,7 @@ class Records:
 
 def write_record(folder: Path, record: dict) -> None:
     """Make a record durable in a folder of records."""
-    text = json.dumps(record, indent=1, allow_nan=False, ensure_ascii=False)
-    write_atomically(_path(folder, record["name"]), text + "\n")
+    write_atomically(_path(folder, record["name"]), json_text(record, indent=1))
 
 
 def _path(folder: Path, name: str) -> Path:

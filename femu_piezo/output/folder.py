@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import io
-import json
 import os
-import secrets
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from femu_piezo.errors import InputError
-from femu_piezo.files import write_atomically
+from femu_piezo.files import json_text, write_atomically
 
 _made: list[Path] = []
 
@@ -40,7 +38,7 @@ def remove_empty_folders() -> None:
 
 def write_json(path: Path, record: dict) -> None:
     """One JSON file, whole or not at all; NaN is refused."""
-    write_atomically(path, json.dumps(record, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+    write_atomically(path, json_text(record))
 
 
 def write_figure(path: Path, figure: Figure, dots_per_inch: int = 150) -> None:
@@ -52,9 +50,4 @@ def write_figure(path: Path, figure: Figure, dots_per_inch: int = 150) -> None:
 
 def write_binary(path: Path, data: bytes) -> None:
     """One binary file, whole or not at all."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}.tmp")
-    try:
-        beside.write_bytes(data)
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)
+    write_atomically(path, data)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from femu_piezo.errors import InputError
-from femu_piezo.files import read_bytes
+from femu_piezo.files import read_json
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.conversion import stress_charge
 from femu_piezo.material.programs.writers import program
@@ -23,16 +22,16 @@ def constants_of_record(path: Path) -> tuple[PiezoConstants, float | None, str, 
 
     Raises InputError where it is none.
     """
-    wrong = f"{path}: this is not the update.json of an update; give the file that `femu-piezo update` wrote"
+    what = "the update.json of an update; give the file that `femu-piezo update` wrote"
     try:
-        record = json.loads(read_bytes(path, _LARGEST_FILE).decode("utf-8"))
+        record = read_json(path, _LARGEST_FILE, what)
         found = {name: record["constants"][name] for name in D_FORM}
         values = {name: complex(one["value"] * (1 - 1j * one["tan"])) for name, one in found.items()}
         density = record["specimens"][0].get("density")
         known = None if density is None else float(density)
         return PiezoConstants(**values), known, str(record["specimen"]), tuple(map(str, record.get("parameters", ())))
-    except (UnicodeDecodeError, ValueError, KeyError, TypeError, IndexError, AttributeError):
-        raise InputError(wrong) from None
+    except (ValueError, KeyError, TypeError, IndexError, AttributeError):
+        raise InputError(f"{path}: this is not {what}") from None
 
 
 def export_text(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from femu_piezo.errors import InputError
+from femu_piezo.files import read_json
 from femu_piezo.measurement.checks import check_spectrum
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.output.curves import PRINTED
@@ -21,8 +21,8 @@ _LARGEST = 300_000_000
 def record(path: Path) -> dict | None:
     """The JSON of a file; None where there is none that can be read."""
     try:
-        return json.loads(path.read_text(encoding="utf-8")) if path.stat().st_size < _LARGEST else None
-    except (OSError, ValueError):
+        return read_json(path, _LARGEST, "a result")
+    except InputError:
         return None
 
 

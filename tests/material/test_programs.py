@@ -13,10 +13,12 @@ from click.testing import CliRunner
 
 import femu_piezo as fp
 from femu_piezo.cli import main
+from femu_piezo.files import SCHEMA
 from femu_piezo.material.constants import EPS0, PiezoConstants
 from femu_piezo.material.conversion import StressCharge, from_stress_charge, stress_charge
 from femu_piezo.material.library import library_material
 from femu_piezo.material.programs.writers import PROGRAMS, program
+from femu_piezo.study.export import constants_of_record
 
 RNG = np.random.default_rng(7)
 
@@ -202,3 +204,15 @@ def test_wrong_input_is_one_sentence(content, extra, told, tmp_path):
 def test_an_unknown_program_is_told():
     with pytest.raises(fp.InputError, match="not written for 'nastran'; give one of comsol"):
         program("nastran")
+
+
+def test_a_schema_of_another_release_is_told(tmp_path):
+    """Files of 0.1, which have no schema, are read; those of a later one are refused in one sentence."""
+    (tmp_path / "update.json").write_text(json.dumps(RECORD), encoding="utf-8")
+    assert constants_of_record(tmp_path / "update.json")[2] == RECORD["specimen"]
+    (tmp_path / "update.json").write_text(json.dumps({"schema": SCHEMA + 1, **RECORD}), encoding="utf-8")
+    answer = CliRunner().invoke(
+        main, ["export", str(tmp_path / "update.json"), "--to", "json", "--out", str(tmp_path / "out")]
+    )
+    assert answer.exit_code == 2 and answer.output.count("\n") == 1
+    assert f"schema {SCHEMA + 1}" in answer.output and f"reads schema {SCHEMA}" in answer.output

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femu_piezo.errors import InputError
+from femu_piezo.files import json_text
 from femu_piezo.material.constants import EPS0
 from femu_piezo.material.conversion import StressCharge
 
@@ -98,6 +99,14 @@ def _comsol(material: StressCharge, density: float, name: str, origin: Sequence[
     return "\n".join([*rows, f"rho {density!r}[kg/m^3] density", ""])
 
 
+def _density(pattern: str, text: str) -> float:
+    """The number in the group of a pattern; ValueError where the text has none."""
+    found = re.search(pattern, text, re.MULTILINE)
+    if found is None:
+        raise ValueError("the text has no density")
+    return float(found[1])
+
+
 def _read_comsol(text: str) -> tuple[StressCharge, float]:
     number = r"[+-]?[\d.]+(?:[eE][+-]?\d+)?"
     found = {
@@ -108,9 +117,9 @@ def _read_comsol(text: str) -> tuple[StressCharge, float]:
     }
     c = _symmetric([found[f"cE{i + 1}{j + 1}"] for i, j in _TRIANGLE], _TRIANGLE, 6)
     e = np.array([[found[f"e{i + 1}{j + 1}"] for j in range(6)] for i in range(3)])
-    pairs = [tuple(sorted(pair)) for pair in _SIX]
+    pairs = [(min(pair), max(pair)) for pair in _SIX]
     eps = _symmetric([found[f"epsr{i + 1}{j + 1}"] for i, j in pairs], pairs, 3)
-    density = float(re.search(rf"^rho ({number})", text, re.MULTILINE)[1])
+    density = _density(rf"^rho ({number})", text)
     return StressCharge(c, e, eps * EPS0, "comsol"), density
 
 
@@ -152,7 +161,7 @@ def _read_ansys(text: str) -> tuple[StressCharge, float]:
             tables[current] = []
         elif line.startswith("TBDATA,"):
             tables[current] += [float(cell) for cell in line.split(",")[2:]]
-    density = float(re.search(r"^MP,DENS,1,(\S+)", text, re.MULTILINE)[1])
+    density = _density(r"^MP,DENS,1,(\S+)", text)
     c, eps = _symmetric(tables["ANEL"], _TRIANGLE, 6), _symmetric(tables["DPER"], _SIX, 3)
     return StressCharge(c, np.reshape(tables["PIEZ"], (6, 3)).T.astype(complex), eps * EPS0, "ansys"), density
 
@@ -226,14 +235,16 @@ def _opencfs(material: StressCharge, density: float, name: str, origin: Sequence
 def _read_opencfs(text: str) -> tuple[StressCharge, float]:
     root = ET.fromstring(text)
 
+    def numbers(path: str) -> list[float]:
+        return [float(value) for value in root.findtext(path, "").split()]
+
     def tensor(path: str) -> np.ndarray:
-        found = root.find(f"{path}/linear/tensor")
-        shape = int(found.get("dim1")), int(found.get("dim2"))
-        real, imag = (np.reshape([float(v) for v in found.find(key).text.split()], shape) for key in ("real", "imag"))
+        columns = 3 if "permittivity" in path else 6
+        real, imag = (np.reshape(numbers(f"{path}/linear/tensor/{part}"), (-1, columns)) for part in ("real", "imag"))
         return real + 1j * imag
 
     c, eps, e = (tensor(p) for p in ("mechanical/elasticity", "electric/permittivity", "piezo/piezoCouplingTensor"))
-    return StressCharge(c, e, eps, "ieee"), float(root.find("mechanical/density/linear/real").text)
+    return StressCharge(c, e, eps, "ieee"), numbers("mechanical/density/linear/real")[0]
 
 
 # SfePy: a Python module of plain lists
@@ -264,9 +275,11 @@ def _sfepy(material: StressCharge, density: float, name: str, origin: Sequence[s
 
 def _read_sfepy(text: str) -> tuple[StressCharge, float]:
     found = {
-        node.targets[0].id: ast.literal_eval(node.value)
+        target.id: ast.literal_eval(node.value)
         for node in ast.parse(text).body
         if isinstance(node, ast.Assign)
+        for target in node.targets
+        if isinstance(target, ast.Name)
     }
     c, e, eps = (
         np.array(found[f"{key}_real"]) + 1j * np.array(found[f"{key}_imag"])
@@ -294,7 +307,7 @@ def _json(material: StressCharge, density: float, name: str, origin: Sequence[st
             for part, values in (("real", matrix.real), ("imag", matrix.imag))
         },
     }
-    return json.dumps(record, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return json_text(record, indent=1)
 
 
 def _read_json(text: str) -> tuple[StressCharge, float]:
