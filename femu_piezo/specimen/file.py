@@ -309,17 +309,15 @@ class Readings(Table):
 
 
 class Limits(Table):
-    """What the specimen may be exposed to while it is measured; nothing beyond is ever sent to an instrument.
-
-    voltage : largest drive, V rms as analysers state it;  bias : largest DC bias either way, V
-    frequency : lowest and highest, Hz; those of the instrument where None
-    """
+    """What the specimen may be exposed to while it is measured; nothing beyond is ever sent to an instrument."""
 
     model_config = ConfigDict(title="limits")
 
-    voltage: Voltage = 0.5
-    bias: Bias = 0.0
-    frequency: Annotated[tuple[Frequency, Frequency] | None, PAIR] = None
+    voltage: Voltage = described("largest drive, V rms as analysers state it", 0.5)
+    bias: Bias = described("largest DC bias either way", 0.0)
+    frequency: Annotated[tuple[Frequency, Frequency] | None, PAIR] = described(
+        "lowest and highest; those of the instrument where absent"
+    )
 
     def problem(self) -> str | None:
         if self.frequency is not None and not self.frequency[0] < self.frequency[1]:
@@ -375,14 +373,7 @@ Effects = dict[str, dict[str, float | str | Annotated[tuple[str, ...], LIST]]]
 
 
 class Specimen(Table):
-    """One piece: geometry, material and, where given, its measured sweep and what to do with them.
-
-    sweep : its sweeps and how each was taken, where there are several; they share everything but `measurement.file`
-    effects : what the specimen has beyond the base model, effect → parameter → value, by the names of `diagnose`;
-        of the parameters that its key `free` names, simulations take the value, and fits find it anew
-    fitted : where a fit left the free constants ("material") and what has a tolerance (dimensions, held constants,
-        instrument) in the same form; simulations take it, fits keep to the values and tolerances of the other tables
-    """
+    """One piece: geometry, material and, where given, its measured sweep and what to do with them."""
 
     model_config = ConfigDict(title="")
     missing: ClassVar[dict[str, str]] = {
@@ -391,17 +382,25 @@ class Specimen(Table):
         "material": "add a [material] table with base or the ten constants",
     }
 
-    name: str
-    geometry: Geometry
-    material: Material
-    measurement: Measurement | None = None
-    sweep: Annotated[tuple[Sweep, ...] | None, LIST] = None
-    readings: Readings | None = None
-    limits: Limits = Limits()
-    simulation: Simulation | None = None
-    update: Update | None = None
-    effects: Effects | None = None
-    fitted: Effects | None = None
+    name: str = described("a line of 1 to 200 characters; of a file without it, that of the file", ...)
+    geometry: Geometry = described("shape, dimensions, electrodes, poling", ...)
+    material: Material = described("where the constants start, and which are free", ...)
+    measurement: Measurement | None = described("the sweep and how it was taken")
+    sweep: Annotated[tuple[Sweep, ...] | None, LIST] = described(
+        "its sweeps and how each was taken, where there are several; they share everything but `measurement.file`"
+    )
+    readings: Readings | None = described("what other instruments read of the piece")
+    limits: Limits = described("what the specimen may be exposed to while it is measured", Limits())
+    simulation: Simulation | None = described("the sweep of a simulation")
+    update: Update | None = described("how to update")
+    effects: Effects | None = described(
+        "what the specimen has beyond the base model, effect → parameter → value, by the names of `diagnose`; of the "
+        "parameters that its key `free` names, simulations take the value, and fits find it anew"
+    )
+    fitted: Effects | None = described(
+        'where a fit left the free constants ("material") and what has a tolerance (dimensions, held constants, '
+        "instrument) in the same form; simulations take it, fits keep to the values and tolerances of the other tables"
+    )
     path: Path | None = None
 
     def problem(self) -> str | None:

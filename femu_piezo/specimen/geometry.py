@@ -45,7 +45,8 @@ FEATURES = (
     "wrap_gap",
     "elements",
 )
-_OPTIONAL = {
+#: What each shape may have.
+OPTIONAL = {
     "plate": ("corner_radius", *FEATURES),
     "square": ("corner_radius", *FEATURES),
     "trapezoid": FEATURES,
@@ -53,7 +54,7 @@ _OPTIONAL = {
     "ring": FEATURES,
     "mesh": ("unit",),
 }
-_ALL = tuple(dict.fromkeys(name for table in (DIMENSIONS, _OPTIONAL) for names in table.values() for name in names))
+_ALL = tuple(dict.fromkeys(name for table in (DIMENSIONS, OPTIONAL) for names in table.values() for name in names))
 
 
 def _to_poling(value: object) -> object:
@@ -73,7 +74,7 @@ def _to_poling(value: object) -> object:
 def belongs_to(shape: str, key: str) -> bool:
     """Whether a key of the [geometry] table is one that a shape has or may have."""
     if key in _ALL:
-        return key in DIMENSIONS[shape] + _OPTIONAL[shape]
+        return key in DIMENSIONS[shape] + OPTIONAL[shape]
     dimension = key.removeprefix("std_")
     return dimension == key or dimension not in _ALL or dimension in DIMENSIONS[shape]
 
@@ -107,7 +108,7 @@ class Geometry(Table):
     wrap_gap: Length | None = described("the bare gap beside the wrap")
     elements: Literal["hexahedron", "tetrahedron"] | None = described("of meshes of drawn bodies, chosen where absent")
     file: Annotated[Path | None, PATH] = described(
-        "of a mesh: gmsh .msh with boundaries named hot and ground; relative to the specimen file"
+        "of a mesh with surfaces named hot and ground, such as gmsh writes; relative to the specimen file"
     )
     unit: Unit | None = described("length of one unit of the coordinates in the mesh file; a metre where absent")
     density: Density | None = described("that of the base material where absent")
@@ -155,7 +156,7 @@ class Geometry(Table):
         return None
 
     def _wrong_dimensions(self) -> str | None:
-        wanted, optional = DIMENSIONS[self.shape], _OPTIONAL[self.shape]
+        wanted, optional = DIMENSIONS[self.shape], OPTIONAL[self.shape]
         for name in _ALL:
             if name in wanted and getattr(self, name) is None:
                 return f"geometry.{name} is missing; a {self.shape} needs {', '.join(wanted)}"

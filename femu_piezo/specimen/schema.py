@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import inspect
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -26,8 +27,8 @@ class Table(BaseModel):
 
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
-        lines = [f"{name} : {field.description}" for name, field in cls.model_fields.items() if field.description]
-        cls.__doc__ = "\n".join([(cls.__doc__ or "").rstrip(), "", *lines])
+        keys = [f"{name}\n    {field.description}" for name, field in cls.model_fields.items() if field.description]
+        cls.__doc__ = "\n".join([inspect.cleandoc(cls.__doc__ or ""), "", "Attributes", "----------", *keys])
 
     @classmethod
     def usual(cls, name: str) -> float:

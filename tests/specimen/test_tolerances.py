@@ -153,10 +153,11 @@ def test_what_a_diagnosis_writes_comes_back(tmp_path):
 
 
 def test_every_key_has_its_sentence():
-    """README.md and the docstrings of the tables name each key, or its family by the first of it."""
-    readme = (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+    """The pages on budget and inference and the docstrings of the tables name each key, or its family by the first."""
+    folder = Path(__file__).resolve().parents[2] / "docs" / "explanation"
+    pages = "".join(path.read_text(encoding="utf-8") for path in folder.glob("*.md"))
     schema = "".join(table.__doc__ for table in (Geometry, Material, Measurement, Residue, Update, Specimen))
     for key in (*GEOMETRY, *MEASUREMENT, *RESIDUE, "residue", "noise_only", "std_s11", "std_tan_s11", "free", "fitted"):
-        assert key in readme, key
+        assert key in pages, key
         family = "std_length" if key in ("std_width", "std_thickness", "std_diameter") else key
         assert family in schema, key

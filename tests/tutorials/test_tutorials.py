@@ -29,6 +29,8 @@ PICTURES = {
 }
 SLOW = {"trapezoid", "full_set", "hidden_effect", "own_effect"}
 MEASURED = {"measured_bar", "measured_disk"}
+PAGES = [FOLDER.parent / "README.md", *sorted((FOLDER.parent / "docs").glob("*.md"))]
+PAGES += sorted((FOLDER.parent / "docs").glob("how-to/*.md"))
 SCRIPTS = sorted(path for path in FOLDER.glob("*/*.py") if path.stem == path.parent.name)
 
 
@@ -69,12 +71,12 @@ def test_tutorial_is_a_notebook_that_asserts(path):
 
 
 def test_thumbnails_are_small_and_shown():
-    readme = (FOLDER.parent / "README.md").read_text(encoding="utf-8")
+    pages = "".join(path.read_text(encoding="utf-8") for path in PAGES)
     thumbnails = sorted((FOLDER / "gallery").glob("*.png"))
     assert len(thumbnails) >= 6
     for path in thumbnails:
         assert path.stat().st_size < 100_000
-        assert f"tutorials/gallery/{path.name}" in readme
+        assert f"tutorials/gallery/{path.name}" in pages
 
 
 def test_no_measured_data_among_the_tutorials():
@@ -84,13 +86,13 @@ def test_no_measured_data_among_the_tutorials():
     assert all((path.parent / "make_sweep.py").is_file() for path in sweeps)
 
 
-def test_specimens_in_the_readme_are_read(tmp_path):
-    """What a newcomer copies from README is a valid specimen file."""
-    readme = (FOLDER.parent / "README.md").read_text(encoding="utf-8")
-    blocks = [block for block in re.findall(r"```toml\n(.*?)```", readme, flags=re.S) if "[geometry]" in block]
+def test_specimens_in_the_documentation_are_read(tmp_path):
+    """What a newcomer copies from README or a guide is a valid specimen file."""
+    pages = "".join(path.read_text(encoding="utf-8").replace("\n   ", "\n") for path in PAGES)
+    blocks = [block for block in re.findall(r"```toml\n(.*?)```", pages, flags=re.S) if "[geometry]" in block]
     shapes = []
     for number, block in enumerate(blocks):
         path = tmp_path / f"specimen_{number}.toml"
         path.write_text(block, encoding="utf-8")
         shapes.append(read_specimen(path).geometry.shape)
-    assert "plate" in shapes and "trapezoid" in shapes
+    assert {"plate", "trapezoid", "disk", "mesh"} <= set(shapes)
