@@ -93,6 +93,7 @@ napoleon_use_ivar = True
 napoleon_use_rtype = False
 napoleon_custom_sections = [("What the choices do", "params_style")]
 default_role = "literal"
+smartquotes = False
 suppress_warnings = ["ref.python"]  # names of attributes, which many classes share, are no links
 add_module_names = False
 toc_object_entries = False

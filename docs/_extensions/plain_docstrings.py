@@ -29,7 +29,7 @@ def escape(app: Sphinx, what: str, name: str, item: object, options: object, lin
 
 def escape_help(app: Sphinx, context: object, lines: list[str]) -> None:
     """The same for the help of a command."""
-    lines[:] = [_plain(line) for line in lines]
+    lines[:] = [f"| {_plain(line[2:])}" if line.startswith("| ") else _plain(line) for line in lines]
 
 
 def of_this_package(app: Sphinx, what: str, name: str, item: object, skip: bool, options: object) -> bool | None:
