@@ -1,6 +1,6 @@
 """Thousands of damaged inputs: right answers, clear refusals, silent changes, tracebacks, hangs.
 
-    python tests/benchmarks/mutations.py [count of each kind, default 3000] [seed]
+    python tests/benchmarks/mutations.py [count of each of four kinds, default 3000] [seed]
 
 Every input is a sound file with one to three mutations: bytes deleted, inserted, replaced or repeated; lines dropped,
 doubled or exchanged; cut off; numbers made NaN, infinite, zero, negative, huge or of another unit; another encoding,
@@ -25,13 +25,18 @@ from pathlib import Path
 import numpy as np
 
 from femu_piezo.errors import FemuPiezoError
+from femu_piezo.files import json_text
 from femu_piezo.geometry.mesh_file import MeshFile
+from femu_piezo.material.library import library_material
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.specimen.file import read_specimen
+from femu_piezo.study.export import constants_of_record, export_text
 from femu_piezo.study.problem import prepare
 
 ROOT = Path(__file__).resolve().parents[2]
 HANG_S = 20
+#: Kinds that neither are specimen files nor tables.
+SUFFIXES = {"text msh": ".msh", "binary msh": ".msh", "update.json": ".json", "touchstone": ".s1p"}
 TOKENS = [b"nan", b"inf", b"-inf", b"1e999", b"1e-999", b"0", b"-1", b"", b"--", b"1,2", b"\0", b'"', b"[", b"]", b"="]
 TOKENS += [b"9" * 400, b",", b";", b"\t", b"\n", b"\r", b"\xff\xfe", b"\xef\xbb\xbf", "Ω".encode(), b"${HOME}", b"../"]
 TOKENS += [b"mm", b"kHz", b"true", b"{}", b"'''", b"#", b"$Nodes", b"$EndNodes", b"1_000", b"0x10", b"1e5", b"k", b"M"]
@@ -126,6 +131,11 @@ def sweeps() -> dict[str, tuple[bytes, Callable[[Path], str]]]:
         "decimal comma": "Frequency (kHz);|Z| (Ohm);theta (deg)\r\n" + comma,
         "4294A": write_4294a(f, *polar, "IMPEDANCE MAG PHASE (DEG)"),
         "E4990A": write_e4990a(f, *polar, "|Z|(Ohm)-data, theta-z(deg)-data"),
+        "touchstone": "# Hz S RI R 50\n"
+        + "".join(
+            f"{a!r} {b.real!r} {b.imag!r}\n"
+            for a, b in zip(f.tolist(), ((z - 50) / (z + 50)).tolist(), strict=True)
+        ),
     }
 
     def outcome(path: Path) -> str:
@@ -169,21 +179,89 @@ points = 401
 method = "curve"
 accuracy = 1e-4
 """
+    every = b"""name = "every table"
+[geometry]
+shape = "plate"
+length = "40 mm"
+width = "5 mm"
+thickness = "1 mm"
+mass = "1.58 g"
+std_mass = "2 mg"
+std_length = "0.02 mm"
+std_width = "0.02 mm"
+std_thickness = "5 um"
+poling = [0, 0, 1]
+[material]
+base = "pzt-5h"
+s11 = "16.5e-12 m^2/N"
+d31 = "-274 pC/N"
+eps33T = "3400 eps0"
+tan_d31 = 0.013
+std_s11 = 0.1
+std_tan_s11 = 0.01
+simplified = false
+[measurement]
+mask = [["61 kHz", "61.4 kHz"]]
+correct_phase = true
+mask_faults = true
+accuracy = "0.08 %"
+phase_accuracy = "0.8 mrad"
+residue = { resistance = "20 mohm", inductance = "10 nH", capacitance = "0.1 pF" }
+open = "open.csv"
+short = "short.csv"
+load = { file = "load.csv", resistance = "100 ohm", inductance = "1 nH", capacitance = "1 pF", std = 0.001 }
+connection = "series"
+columns = ["Frequency (Hz)", "R (Ohm)", "X (Ohm)"]
+[[sweep]]
+file = "up.csv"
+name = "up"
+direction = "up"
+drive_voltage = "0.5 V"
+temperature = "25 C"
+fixture = "clips"
+[[sweep]]
+file = "down.csv"
+direction = "down"
+drive_voltage = "0.5 V"
+temperature = "26 C"
+fixture = "wires"
+[readings]
+capacitance = "6.02 nF"
+std_capacitance = 0.01
+d33 = "590 pC/N"
+sound_velocity = "4560 m/s"
+[simulation]
+spacing = "log"
+noise = 0.001
+seed = 3
+order = 4
+[update]
+loss = "huber"
+noise_only = true
+[effects.series_resistance]
+resistance = "1.5 ohm"
+free = ["resistance"]
+[effects."stray_capacitance (clips)"]
+capacitance = "1 pF"
+[fitted.material]
+s11 = 1.64e-11
+tan_s11 = 0.01
+"""
     disk = b'[geometry]\nshape = "disk"\ndiameter = "20 mm"\nthickness = "1 mm"\n[material]\nbase = "pzt-5h"\n'
 
     def outcome_of(raw: bytes) -> Callable[[Path], str]:
         with tempfile.TemporaryDirectory() as folder:
             (Path(folder) / "x.toml").write_bytes(raw)
-            sound = read_specimen(Path(folder) / "x.toml").model_dump(exclude={"path", "measurement"})
+            sound = read_specimen(Path(folder) / "x.toml").model_dump(exclude={"path", "measurement", "sweep"})
 
         def outcome(path: Path) -> str:
             specimen = read_specimen(path)
             prepare(specimen)
-            return "right" if specimen.model_dump(exclude={"path", "measurement"}) == sound else "other"
+            return "right" if specimen.model_dump(exclude={"path", "measurement", "sweep"}) == sound else "other"
 
         return outcome
 
-    files = {"plate.toml": plate, "all keys": full, "disk": disk}
+    files = {"plate.toml": plate, "all keys": full, "every table": every, "disk": disk}
     return {name: (raw, outcome_of(raw)) for name, raw in files.items()}
 
 
@@ -212,6 +290,26 @@ def meshes() -> dict[str, tuple[bytes, Callable[[Path], str]]]:
         return of
 
     return {name: (raw, outcome(name)) for name, raw in found.items()}
+
+
+def records() -> dict[str, tuple[bytes, Callable[[Path], str]]]:
+    """An update.json, as `export` reads it."""
+    pzt = library_material("pzt-5h").constants
+    record = {
+        "specimen": "plate 07",
+        "parameters": {"s11": {"value": pzt.s11.real, "std": 1e-13, "tan": 0.01, "tan_std": 1e-3}},
+        "constants": {name: {"value": value.real, "tan": 0.01} for name, value in pzt.as_dict().items()},
+        "specimens": [{"density": 7500.0}],
+    }
+    raw = json_text(record).encode()
+
+    def outcome(path: Path) -> str:
+        constants, density, name, found = constants_of_record(path)
+        text = export_text(constants, density, name, "json", found=found)
+        sound = constants.s11 == pzt.s11 * (1 - 0.01j) and density == 7500.0 and name == "plate 07"
+        return "right" if sound and len(text) > 1000 else "other"
+
+    return {"update.json": (raw, outcome)}
 
 
 def judge(path: Path, outcome: Callable[[Path], str]) -> str:
@@ -243,7 +341,7 @@ def run(
     with tempfile.TemporaryDirectory() as folder:
         for number in range(count):
             raw, outcome = kinds[names[number % len(names)]]
-            suffix = ".msh" if "msh" in names[number % len(names)] else ".toml" if b"[geometry]" in raw else ".csv"
+            suffix = SUFFIXES.get(names[number % len(names)], ".toml" if b"[geometry]" in raw else ".csv")
             path = Path(folder) / f"x{suffix}"
             if number < len(names):  # the sound file itself
                 path.write_bytes(raw)
@@ -287,7 +385,12 @@ def main(count: int, seed: int) -> None:
     words = ("right", "told", "other", "refused", "not one sentence", "traceback", "hang")
     print(f"{'':12s}" + "".join(f"{word:>18s}" for word in words) + f"{'ms each':>10s}")
     total = Counter()
-    for name, kinds in (("sweeps", sweeps()), ("specimens", specimens()), ("meshes", meshes())):
+    for name, kinds in (
+        ("sweeps", sweeps()),
+        ("specimens", specimens()),
+        ("meshes", meshes()),
+        ("records", records()),
+    ):
         start = time.perf_counter()
         found = run(kinds, count, seed, Path(tempfile.gettempdir()) / "femu_mutations")
         total += found

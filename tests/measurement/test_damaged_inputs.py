@@ -1,4 +1,4 @@
-"""A fast part of tests/benchmarks/mutations.py: damaged sweeps, specimen files and meshes give no traceback."""
+"""A fast part of tests/benchmarks/mutations.py: damaged sweeps, specimen files, meshes and results give no traceback."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 SOURCE = Path(__file__).resolve().parents[1] / "benchmarks" / "mutations.py"
 
 
-@pytest.mark.parametrize("kind", ["sweeps", "specimens", "meshes"])
+@pytest.mark.parametrize("kind", ["sweeps", "specimens", "meshes", "records"])
 @pytest.mark.filterwarnings("ignore")
 def test_damaged_files_are_right_or_refused_in_one_sentence(kind: str) -> None:
     spec = importlib.util.spec_from_file_location("mutations", SOURCE)
