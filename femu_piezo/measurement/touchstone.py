@@ -51,6 +51,8 @@ def read_touchstone(text: str, source: str, connection: Connection | None = None
     ports = s.shape[1]
     if ports > 2:
         raise InputError(f"{source}: the file has {ports} ports; export those one or two that the piece lies between")
+    if not np.all(np.isfinite(frequency)):
+        raise InputError(f"{source}: a frequency of the file is not a finite number; export the sweep again")
     keep = frequency > 0
     frequency, s, reference = frequency[keep], s[keep], reference[keep]
     if not frequency.size:

@@ -1,4 +1,4 @@
-"""A fast part of tests/benchmarks/mutations.py: damaged sweeps, specimen files, meshes and results give no traceback."""
+"""A fast part of tests/benchmarks/mutations.py: damaged sweeps, specimens, meshes and results give no traceback."""
 
 from __future__ import annotations
 

@@ -156,3 +156,10 @@ def test_without_scikit_rf_one_sentence_says_what_to_install(tmp_path, monkeypat
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(InputError, match=r"pip install 'femu-piezo\[touchstone\]'"):
         read_spectrum(path)
+
+
+def test_a_frequency_that_is_not_finite_is_one_sentence(tmp_path):
+    rows = [f"{f} 0.5 -0.1" for f in ("30000", "31000", "inf", "33000")]
+    (tmp_path / "x.s1p").write_text("\n".join(["# Hz S RI R 50", *rows]), encoding="utf-8")
+    with pytest.raises(InputError, match=r"x\.s1p: a frequency of the file is not a finite number; export"):
+        read_spectrum(tmp_path / "x.s1p")

@@ -37,7 +37,7 @@ from femu_piezo.material.library import library_material
 from femu_piezo.material.simplified import SimplifiedK31
 from femu_piezo.specimen.file import Simulation
 
-HERE = Path(__file__).parent if "__file__" in globals() else Path()
+HERE = Path(__file__).parent if "__file__" in globals() else Path.cwd()
 OUT = Path(os.environ.get("FEMU_PIEZO_OUT", "out")) / "paper"
 OUT.mkdir(parents=True, exist_ok=True)
 EPS0, DENSITY = 8.854187817e-12, 7900.0
