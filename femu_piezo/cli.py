@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 import time
@@ -60,6 +61,9 @@ class _Commands(click.Group):
     """Turns every intended error into one sentence on stderr and its exit code."""
 
     def invoke(self, ctx: click.Context):
+        for stream in (sys.stdout, sys.stderr):  # a terminal without ε shows ? for it
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="replace")
         try:
             return super().invoke(ctx)
         except FemuPiezoError as error:
