@@ -54,6 +54,7 @@ html_title = f"femu_piezo {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_show_sourcelink = False
+html_sidebars = {page: [] for page in ("index", "validation", "performance", "changelog")}
 html_copy_source = False
 html_theme_options = {
     "navbar_align": "left",

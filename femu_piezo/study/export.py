@@ -29,6 +29,8 @@ def constants_of_record(path: Path) -> tuple[PiezoConstants, float | None, str, 
         values = {name: complex(one["value"] * (1 - 1j * one["tan"])) for name, one in found.items()}
         density = record["specimens"][0].get("density")
         known = None if density is None else float(density)
+        if not np.all(np.isfinite([*values.values(), 0.0 if known is None else known])):
+            raise ValueError("not finite")
         return PiezoConstants(**values), known, str(record["specimen"]), tuple(map(str, record.get("parameters", ())))
     except (ValueError, KeyError, TypeError, IndexError, AttributeError):
         raise InputError(f"{path}: this is not {what}") from None

@@ -190,6 +190,8 @@ def test_an_update_is_exported(tmp_path):
     [
         ("{}", [], "not the update.json of an update"),
         ("no json", [], "not the update.json of an update"),
+        (json.dumps(RECORD).replace("7500.0", "NaN"), [], "not the update.json of an update"),
+        (json.dumps(RECORD).replace("0.01", "1e999", 1), [], "not the update.json of an update"),
         (json.dumps({**RECORD, "specimens": [{}]}), [], "density is not known"),
         (json.dumps(RECORD), ["--poling", "0", "0", "0"], "not all zero"),
     ],
