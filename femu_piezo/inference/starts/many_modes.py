@@ -26,7 +26,7 @@ from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.terminal_roots import root_slopes, terminal_roots
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.resonances import Resonance, ResonanceSet
+from femu_piezo.resonances import Kind, Resonance, ResonanceSet
 
 #: Steps at most, largest relative change of a constant in one, change in its deviations that is settled, and how many
 #: steps below that are made: where tolerances are wide these still square what is left of the poles and zeros.
@@ -196,7 +196,7 @@ def _linearised(
         own, columns = one.share.of(parameters)
         parts = [_modes_left(one, use, own, x[columns])] if np.any(use) else []
         if one.low_end is not None and "eps33T" in own.material.free.names:
-            parts.append(_low_end_left(one, own, x[columns]))
+            parts.append(_low_end_left(one.low_end, one.evaluation, own, x[columns]))
         for residual, jacobian, errors in parts:
             rows.append(residual)
             slopes.append(np.zeros((residual.size, x.size)))
@@ -228,7 +228,7 @@ def _modes_left(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Whitened λ − λ' of the poles and zeros that are used, its slopes in x, and the errors of the mesh."""
     modal, impedance, count = one.evaluation.modal(own, x), one.evaluation.terminals(own, x), len(one.resonances.poles)
-    kinds = (
+    kinds: tuple[tuple[Kind, tuple[Resonance, ...], np.ndarray, np.ndarray, np.ndarray], ...] = (
         ("pole", one.resonances.poles, use[:count], modal.eigenvalues, modal.charges),
         ("zero", one.resonances.zeros, use[count:], modal.zeros[0], modal.zero_amplitudes),
     )
@@ -242,14 +242,18 @@ def _modes_left(
     size = np.array([abs(resonance.eigenvalue) for resonance in one.every])[use]
     mesh = np.zeros((2 * size.size, size.size))
     mesh[2 * np.arange(size.size), np.arange(size.size)] = one.model_error[use] * size
+    if one.resonances.covariance is None:
+        raise ValueError("these poles and zeros have no covariance")
     covariance = one.resonances.covariance[np.ix_(where, where)] + mesh @ mesh.T
     rounding = np.diag((_ROUNDING * np.repeat(size, 2)) ** 2)
     return _whitened(covariance + rounding, np.concatenate(left), np.concatenate(slopes), mesh)
 
 
-def _low_end_left(one: MeasuredModes, own: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _low_end_left(
+    low_end: LowEnd, whole: Evaluation, own: Unknowns, x: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same of ε33T from the low end, which goes with 1/Z from that of the constants, all else at rest."""
-    evaluation = replace(one.evaluation, omega=one.low_end.omega)
+    evaluation = replace(whole, omega=low_end.omega)
     rest = own.prior_mean.copy()
     count, material = own.of_material, own.material
     rest[:count] = x[:count]
@@ -261,9 +265,9 @@ def _low_end_left(one: MeasuredModes, own: Unknowns, x: np.ndarray) -> tuple[np.
     theta = material.theta(x[:count])[index]
     jacobian = theta * moved.mean(axis=0)
     jacobian[:count] += ratio.mean() * material.slopes(x[:count])[index]
-    left = np.array([theta * ratio.mean() - one.low_end.permittivity])
-    rounding = (_ROUNDING * abs(one.low_end.permittivity)) ** 2 * np.eye(2)
-    return _whitened(one.low_end.covariance + rounding, left, jacobian[None], np.zeros((2, 0)))
+    left = np.array([theta * ratio.mean() - low_end.permittivity])
+    rounding = (_ROUNDING * abs(low_end.permittivity)) ** 2 * np.eye(2)
+    return _whitened(low_end.covariance + rounding, left, jacobian[None], np.zeros((2, 0)))
 
 
 def _whitened(
