@@ -53,7 +53,11 @@ def export_text(
         raise InputError(f"{name}: the density is not known; give it, such as --density 7800")
     if not (np.all(np.isfinite(poling)) and np.linalg.norm(poling) > 0):
         raise InputError(f"a poling direction needs three numbers that are not all zero, got {list(poling)}")
-    return target.write(stress_charge(constants, "ieee", poling), float(density), name, _origin(constants, found))
+    try:
+        matrices = stress_charge(constants, "ieee", poling)
+    except np.linalg.LinAlgError:
+        raise InputError(f"{name}: the compliances of these constants have no inverse; update again") from None
+    return target.write(matrices, float(density), name, _origin(constants, found))
 
 
 def _origin(constants: PiezoConstants, found: Sequence[str]) -> list[str]:

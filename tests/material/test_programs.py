@@ -153,6 +153,7 @@ RECORD = {
     "constants": {name: {"value": value.real, "tan": 0.01} for name, value in PZT.as_dict().items()},
     "specimens": [{"density": 7500.0}],
 }
+NOTHING = {name: {"value": 0, "tan": 0} for name in PZT.as_dict()}
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
@@ -193,6 +194,7 @@ def test_an_update_is_exported(tmp_path):
         (json.dumps(RECORD).replace("7500.0", "NaN"), [], "not the update.json of an update"),
         (json.dumps(RECORD).replace("0.01", "1e999", 1), [], "not the update.json of an update"),
         (json.dumps({**RECORD, "specimens": [{}]}), [], "density is not known"),
+        (json.dumps({**RECORD, "constants": NOTHING}), [], "no inverse"),
         (json.dumps(RECORD), ["--poling", "0", "0", "0"], "not all zero"),
     ],
 )
