@@ -75,10 +75,14 @@ def write_atomically(path: Path | str, text: str | bytes) -> None:
         beside.unlink(missing_ok=True)
 
 
+def with_schema(record: Mapping[str, Any]) -> dict[str, Any]:
+    """A record as the commands write it: `schema` first."""
+    return {"schema": SCHEMA} | dict(record)
+
+
 def json_text(record: Mapping[str, Any], indent: int = 2) -> str:
-    """A record as the commands write it: `schema` first; NaN is refused (ValueError)."""
-    marked = {"schema": SCHEMA} | dict(record)
-    return json.dumps(marked, indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
+    """The text of a record with its schema; NaN is refused (ValueError)."""
+    return json.dumps(with_schema(record), indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 def read_json(path: Path, largest: int, what: str) -> dict[str, Any]:

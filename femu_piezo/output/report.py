@@ -21,7 +21,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from femu_piezo.files import write_atomically
+from femu_piezo.files import with_schema, write_atomically
 from femu_piezo.output.chart import embedded
 
 #: Distributions whose versions decide the numbers.
@@ -44,7 +44,7 @@ def write_report(path: Path, title: str, subtitle: str, sections: Sequence[Secti
     ----------
     record : what the command writes as JSON, embedded under the id "record"
     """
-    write_atomically(path, report_html(title, subtitle, sections, record))
+    write_atomically(path, report_html(title, subtitle, sections, with_schema(record)))
 
 
 def report_html(title: str, subtitle: str, sections: Sequence[Section], record: dict) -> str:
