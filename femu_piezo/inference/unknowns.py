@@ -254,7 +254,10 @@ def material_prior(
 
 
 class Read(Protocol):
-    """One number that another instrument has read (`femu_piezo.inference.readings`); value and std in SI."""
+    """One number that another instrument has read (`femu_piezo.inference.readings`).
+
+    name : of the key in `[readings]`;  specimen : as effects name it;  value, std : SI
+    """
 
     @property
     def name(self) -> str: ...
