@@ -73,11 +73,11 @@ def _active(model: RationalModel) -> np.ndarray:
     The residue of Y/(jω) in λ is a positive number turned by the loss angles of the material; a pole that only
     soaks up an error of the instrument has any phase. Broad terms (η > MAX_LOSS) are background and free.
     """
-    return _inside(model) & (np.abs(np.angle(model.residues)) > MAX_PHASE)
+    return resonant(model) & (np.abs(np.angle(model.residues)) > MAX_PHASE)
 
 
-def _inside(model: RationalModel) -> np.ndarray:
-    """(M,) bool: poles in the sweep that are no broader than a resonance."""
+def resonant(model: RationalModel) -> np.ndarray:
+    """(M,) bool: poles in the sweep that are no broader than a resonance; the others are background."""
     value = model.axis.eigenvalue(model.poles)
     return (np.abs(model.poles.real) <= 1) & (value.imag > 0) & (value.imag < MAX_LOSS * value.real)
 
@@ -143,10 +143,10 @@ def _crowd(data: NormalisedSweep, count: int, max_modes: int) -> Fit | None:
     """A passive fit that starts from many poles at once; None where there is none."""
     poles = relocated_poles(data, count)
     model = RationalModel(data.axis, data.scale, poles, np.zeros(count, complex), np.zeros(DEGREE + 1, complex))
-    keep = _inside(model)
+    keep = resonant(model)
     best = _roughly(replace(model, poles=poles[keep], residues=model.residues[keep]), data)
     while best.model.poles.size:
-        strength, active = _significance(best, data), _active(best.model) | ~_inside(best.model)
+        strength, active = _significance(best, data), _active(best.model) | ~resonant(best.model)
         surplus = best.model.poles.size > max_modes
         if not surplus and not np.any(active):
             return best

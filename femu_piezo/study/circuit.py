@@ -8,6 +8,7 @@ from femu_piezo.circuits.branch import Branch, element_deviations
 from femu_piezo.circuits.circuit import Circuit, fit_circuit
 from femu_piezo.errors import InputError
 from femu_piezo.extraction import Extraction, extract
+from femu_piezo.extraction.order import resonant
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Simulation, Specimen
 from femu_piezo.study.rational_curve import RationalCurve
@@ -18,7 +19,7 @@ _SAME = 1e-9
 
 
 def circuit_of_sweep(spectrum: ImpedanceSpectrum) -> Circuit:
-    """The circuit of a measured sweep, a branch for each pole within it of the function that was fitted to it.
+    """The circuit of a measured sweep, a branch for each resonance within it of the function that was fitted to it.
 
     Poles that the extraction reports as doubtful, or several as one, have a branch each, flagged as doubtful: the curve
     needs them. InputError where no resonance was found.
@@ -30,9 +31,7 @@ def circuit_of_sweep(spectrum: ImpedanceSpectrum) -> Circuit:
         )
     curve = 1 / found.model.admittance(spectrum.omega)
     name = spectrum.source.replace("\\", "/").rsplit("/", 1)[-1].rsplit(".", 1)[0]
-    poles = found.model.poles
-    inside = np.flatnonzero((np.abs(poles.real) <= 1) & (poles.imag > 0))
-    branches = [_measured_branch(found, index) for index in inside]
+    branches = [_measured_branch(found, index) for index in np.flatnonzero(resonant(found.model))]
     return fit_circuit(name, branches, spectrum.frequency, curve, spectrum.impedance)
 
 

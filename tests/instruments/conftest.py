@@ -68,7 +68,8 @@ class Running:
         )
 
     def largest_voltage(self) -> float:
-        return max(float(line.split()[1]) for line in self.commands() if re.fullmatch(r":SOUR1:VOLT [\d.e-]+", line))
+        asked = (line.split()[1] for line in self.commands() if re.fullmatch(r":SOUR1:VOLT [\d.e-]+", line))
+        return max(map(float, asked), default=0.0)
 
     def raw(self, data: bytes, reads: int = 0) -> bytes:
         """What answers to bytes that no VISA library would send."""
