@@ -77,6 +77,7 @@ myst_substitutions = {"schema": SCHEMA}
 apidoc_modules = [
     {
         "path": "../femu_piezo",
+        "exclude_patterns": ["**/store/migrations/*"],  # run by Alembic, in an environment of its own
         "destination": "reference/modules",
         "separate_modules": True,
         "implicit_namespaces": True,
