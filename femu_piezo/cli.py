@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -61,6 +62,8 @@ class _Commands(click.Group):
     """Turns every intended error into one sentence on stderr and its exit code."""
 
     def invoke(self, ctx: click.Context):
+        if steps.wanted():  # a program cancels by SIGINT, which it may itself have been started to ignore
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         for stream in (sys.stdout, sys.stderr):  # a terminal without ε shows ? for it
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="replace")

@@ -87,7 +87,7 @@ def started(specimen: Path, address: str, out: Path, until: int) -> subprocess.P
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        env={**os.environ, "OMP_NUM_THREADS": "1", "FEMU_PIEZO_STEPS": "1"},
     )
     for _ in range(600):
         if (out / "points.csv").exists() and points(out).size >= until:
