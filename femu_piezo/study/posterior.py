@@ -6,6 +6,7 @@ Several sweeps of one specimen have one mesh and one basis.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -62,7 +63,7 @@ class Posterior:
 
     Attributes
     ----------
-    models : the reduced model of each specimen;  full : the full ones
+    models : the reduced model of each specimen
     tolerances : effects that every fit has
     """
 
@@ -74,8 +75,13 @@ class Posterior:
         self.tolerances = tolerances_of(several)
         self.problem = several[0].problem
         self.models: tuple[ExtendedModel, ...] = ()
-        self.full: tuple[ElectroelasticModel, ...] = ()
         self._around: PiezoConstants | None = None
+
+    @cached_property
+    def full(self) -> tuple[ElectroelasticModel, ...]:
+        """The full model of each sweep, one for all of a specimen."""
+        self._clock.step("mesh and assemble")
+        return self._of_pieces(self._meshed)
 
     @property
     def unknowns(self) -> int:
@@ -96,9 +102,6 @@ class Posterior:
 
         estimate : unknowns and where to begin (n_x,) → what it finds, with its `x` (n_x,)
         """
-        if not self.full:
-            self._clock.step("mesh and assemble")
-            self.full = self._of_pieces(self._meshed)
         constants, x = start, None
         for _ in range(_REDUCTIONS):
             self._prepare(constants)
@@ -116,11 +119,14 @@ class Posterior:
 
     def _prepare(self, constants: PiezoConstants) -> None:
         """Reduced models around given constants."""
+        full = self.full
         self._clock.step("reduce")
         self._around = self._bases.around(self.problem, constants)
         spread = _FREE_SPREAD + _PER_KELVIN * max(one.context.taken.span_K for one in self.several)
         training = _training(self._around, self.problem.free(self._around), spread)
-        self.models = self._of_pieces(lambda number, several: self._reduced(number, several, training))
+        self.models = self._of_pieces(
+            lambda number, several: self._reduced(full[number], number, several, training)
+        )
 
     def _serves(self, constants: PiezoConstants) -> bool:
         around, found = (self.problem.free(one).start.real for one in (self._around, constants))
@@ -143,11 +149,17 @@ class Posterior:
     def _meshed(self, number: int, several: Sequence[Subject]) -> ElectroelasticModel:
         return self._bases.model(self.several[number].measured, mesh_accuracy(several))
 
-    def _reduced(self, number: int, several: Sequence[Subject], training: Sequence[PiezoConstants]) -> ExtendedModel:
+    def _reduced(
+        self,
+        full: ElectroelasticModel,
+        number: int,
+        several: Sequence[Subject],
+        training: Sequence[PiezoConstants],
+    ) -> ExtendedModel:
         offered = (*self.tolerances, *self._candidates)
         effects = list({effect.key: effect for own in several for effect in served(own, offered)}.values())
         accuracy = _share_of_noise(several, _BASIS_SHARE, _BASIS_RANGE)
-        return self._bases.extended(self.full[number], training, effects, self.several[number].measured, accuracy)
+        return self._bases.extended(full, training, effects, self.several[number].measured, accuracy)
 
     @property
     def evaluation(self) -> Evaluation | Ensemble:

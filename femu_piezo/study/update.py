@@ -32,7 +32,7 @@ from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, Sweep, baseline_constants, measure_each, start_constants
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.pole_zero_update import from_poles_and_zeros, no_history, pole_zero_update
-from femu_piezo.study.posterior import Posterior, mesh_accuracy
+from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.resonances_with_effects import matched_resonances, sensitivity_with_effects
 from femu_piezo.study.results import Outcome, UpdateResult, mesh_words
@@ -146,14 +146,15 @@ def _by_pole_zero(several: Sequence[Subject], clock: Clock, bases: Bases, origin
     baseline, baseline_notes = baseline_constants(measured, start)
     fundamental = _is_the_papers(measured, origin)
     histories = (no_history(measured[0].problem),) * len(measured)
-    clock.step("pole-zero update")
+    posterior = Posterior(several, clock, bases)
     if fundamental:
-        full = [bases.model(one.measured, mesh_accuracy([one])) for one in several]
+        full = posterior.full
+        clock.step("pole-zero update")
         state = pole_zero_update(measured, full, bases, start, _POLE_ZERO_BASIS)
         start, histories = state.constants, state.histories
     else:
+        clock.step("start")
         start = begin(measured, bases).constants
-    posterior = Posterior(several, clock, bases)
     found = from_poles_and_zeros(posterior, start, fundamental=fundamental)
     clock.step("curves")
     outcomes = tuple(
