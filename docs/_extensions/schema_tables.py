@@ -1,10 +1,10 @@
 """Tables of the documentation that are made from the package: keys of specimen files, effects, the material library.
 
-    ```{schema} measurement     keys of one table of a specimen file: unit, bounds, default
-    ```{shapes}                 dimensions and features of each shape
-    ```{effects}                parameters of the effects: unit, bounds, usual size
-    ```{materials}              the material library with its sources
-    ```{rules}                  thresholds of a diagnosis with their principles
+```{schema} measurement     keys of one table of a specimen file: unit, bounds, default
+```{shapes}                 dimensions and features of each shape
+```{effects}                parameters of the effects: unit, bounds, usual size
+```{materials}              the material library with its sources
+```{rules}                  thresholds of a diagnosis with their principles
 """
 
 from __future__ import annotations

@@ -18,9 +18,7 @@ class Rules:
     expected_causes: float = _rule(
         0.5, "prior mean number of causes in a sweep, shared alike by all candidates of the library"
     )
-    discrepancy: float = _rule(
-        PRIOR, "prior probability that a sweep holds something that no candidate describes"
-    )
+    discrepancy: float = _rule(PRIOR, "prior probability that a sweep holds something that no candidate describes")
     significant: float = _rule(
         3.0,
         "a cause that the set could do without is named from this many of its own standard deviations, and of its "
@@ -37,7 +35,7 @@ class Rules:
     )
     contender: float = _rule(
         10.0,
-        "a candidate is tried where its log odds are within this (22 000 to 1) of the best, times χ² per residual there"
+        "a candidate is tried whose log odds are within this (22 000 to 1) of the best, times χ² per residual there",
     )
 
     def to_json(self) -> dict:

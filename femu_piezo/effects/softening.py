@@ -33,9 +33,7 @@ COUPLING = Effect(
 )
 
 
-def softened(
-    inside: Reached, omega: np.ndarray
-) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+def softened(inside: Reached, omega: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Z (k,) at frequencies (k,) rad/s, and dZ/dw at w = 1 of compliances s w²: Z + ω ∂Z/∂ω − d ∂Z/∂d.
 
     Each with its slopes (k, n_x).

@@ -97,9 +97,7 @@ def _extract(
             noise = noise if noise.origin == "file" else replace(noise, relative=result.scale)
             findings += find_systematic(left, result.residual / data.weight, result.degrees_of_freedom, points)
         roots = resonances(result.model, reported, band, systematic=estimate.is_systematic)
-    ordered = gravest_first(
-        findings + find_reversed(data) + find_missing(roots, spectrum) + find_doubtful(roots)
-    )
+    ordered = gravest_first(findings + find_reversed(data) + find_missing(roots, spectrum) + find_doubtful(roots))
     impedance = 1 / result.model.admittance(spectrum.omega)
     residual = np.full(n, complex("nan+nanj"))
     sigma = sweep.noise if noise.origin == "file" else noise.std(impedance[used])

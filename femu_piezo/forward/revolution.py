@@ -101,9 +101,7 @@ class Section:
     def fine_for(cls, radii: tuple[float, float], thickness: float, density: float, wavenumber: float) -> Section:
         """Of elements that follow waves of a wavenumber, 1/m, along the radius and through the height."""
         ends = (radii, (0.0, thickness / 2))
-        radial, axial = (
-            Line.fine_for(*own, order, wavenumber) for own, order in zip(ends, _ORDERS, strict=True)
-        )
+        radial, axial = (Line.fine_for(*own, order, wavenumber) for own, order in zip(ends, _ORDERS, strict=True))
         return cls(radial, axial, density)
 
     @property

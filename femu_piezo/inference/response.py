@@ -167,9 +167,7 @@ def _site_slope(model, effect: Effect, site: np.ndarray, omega, span, e_form) ->
     return total
 
 
-def _closed(
-    model: ExtendedModel, omega: np.ndarray, c: Coefficients, wanted: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _closed(model: ExtendedModel, omega: np.ndarray, c: Coefficients, wanted: int) -> tuple[np.ndarray, np.ndarray]:
     """Y (k,) by partial fractions, ∂Y/∂x (wanted, n_x) from the driven state; coefficients (1, …)."""
     modal = _modal(model, c)
     y, omega = modal.admittance(omega), omega[:wanted]
@@ -196,9 +194,7 @@ def _driven_span(modal: ModalModel, omega: np.ndarray) -> tuple[np.ndarray, np.n
     height = own / np.maximum(np.abs(modal.eigenvalues.imag), _FAINT * np.abs(modal.eigenvalues))
     bright = near & (height > _FAINT * height[near].max(initial=0.0))
     at = top / 2 * (1 + np.cos(np.pi * (np.arange(_SMOOTH) + 0.5) / _SMOOTH))
-    far = modal.states[:, 1:][:, ~near] @ (
-        modal.charges[~near, None] / (modal.eigenvalues[~near, None] - at)
-    )
+    far = modal.states[:, 1:][:, ~near] @ (modal.charges[~near, None] / (modal.eigenvalues[~near, None] - at))
     basis = np.hstack([modal.states[:, :1], modal.states[:, 1:][:, bright], far])
     weights = np.hstack(
         [

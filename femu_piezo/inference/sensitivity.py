@@ -30,4 +30,3 @@ class Sensitivity:
         """Names of the constants by their rms sensitivity, strongest first."""
         rms = np.sqrt(np.mean(np.abs(self.values) ** 2, axis=0))
         return [D_FORM[index] for index in np.argsort(-rms)]
-

@@ -30,7 +30,7 @@ _LIGHT = ("#c8c8c8", "#e59866", "#7dcea0", "#f5b041", "#5dade2")
 
 
 def budget_shares(parameters: Mapping[str, Estimate]) -> dict[str, dict[str, float]]:
-    """"s11", "tan s11", … → source → its share of the variance; those that have a budget."""
+    """ "s11", "tan s11", … → source → its share of the variance; those that have a budget."""
     found = {}
     for name, one in parameters.items():
         for label, parts, std in ((name, one.budget, one.std), (f"tan {name}", one.tan_budget, one.tan_std)):

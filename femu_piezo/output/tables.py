@@ -217,9 +217,7 @@ def told(notes: Iterable[str]) -> list[str]:
 
 def simulation_table(result: SimulationResult) -> RenderableType:
     """Poles and zeros, and what to know about them."""
-    lines = [
-        f"{one.kind} {one.frequency_Hz:14.3f} Hz   loss {one.loss:.6f}" for one in (*result.poles, *result.zeros)
-    ]
+    lines = [f"{one.kind} {one.frequency_Hz:14.3f} Hz   loss {one.loss:.6f}" for one in (*result.poles, *result.zeros)]
     if result.effects:
         names = ", ".join(result.effects)
         lines.append(f"poles, zeros and sweep are those of the specimen with its effects ({names})")

@@ -31,7 +31,6 @@ _SAME = 1e-7
 _ABAQUS = {"C3D8RH": "C3D8E", "C3D6": "C3D6E", "C3D10MH": "C3D10E"}
 
 
-
 @dataclass(frozen=True)
 class Volume:
     """Cells of the whole body.

@@ -427,7 +427,7 @@ class Specimen(Table):
 
     def _wrong_sweeps(self, sweeps: tuple[Sweep, ...]) -> str | None:
         if not sweeps:
-            return "sweep = [] holds no sweep; write [[sweep]] and file = \"up.csv\" below, or take it out"
+            return 'sweep = [] holds no sweep; write [[sweep]] and file = "up.csv" below, or take it out'
         if self.measurement is not None and self.measurement.file is not None:
             return "measurement.file and [[sweep]] both name sweeps; give every sweep a [[sweep]] table of its own"
         labels = [one.label for one in sweeps]

@@ -131,9 +131,7 @@ class Geometry(Table):
         return all(getattr(self, name) is None for name in _ALL if name not in DIMENSIONS[self.shape])
 
     def problem(self) -> str | None:
-        return (
-            self._wrong_dimensions() or self._wrong_feature() or self._wrong_poling() or self._wrong_tolerance()
-        )
+        return self._wrong_dimensions() or self._wrong_feature() or self._wrong_poling() or self._wrong_tolerance()
 
     def _wrong_tolerance(self) -> str | None:
         for name in ("length", "width", "thickness", "diameter"):

@@ -86,7 +86,7 @@ class Expectation:
     improvements: tuple[Improvement, ...]
 
     def to_json(self) -> dict:
-        """"expected" and "improvements" of identifiability.json."""
+        """ "expected" and "improvements" of identifiability.json."""
         return {
             "expected": {name: one.to_json() for name, one in self.parameters.items()},
             "improvements": [one.to_json() for one in self.improvements],

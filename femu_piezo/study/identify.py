@@ -237,9 +237,7 @@ def _material(first: Problem) -> tuple[Unknowns, np.ndarray]:
     return Unknowns(material, material_prior(free, {}, {})), material.x_of(free.start)
 
 
-def _evaluation(
-    problem: Problem, first: Problem, frequency: np.ndarray, effects: Sequence[Effect] = ()
-) -> Evaluation:
+def _evaluation(problem: Problem, first: Problem, frequency: np.ndarray, effects: Sequence[Effect] = ()) -> Evaluation:
     """A predicted sweep of the first specimen's material, by a model that serves some effects as well."""
     free, top = _material(first)[0].material.free, float(frequency[-1])
     model = problem.model(top, _ACCURACY)

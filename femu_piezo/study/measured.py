@@ -200,9 +200,7 @@ def _of_one_piece(piece: Specimen, sweeps: Sequence[_Analysed]) -> list[Measured
         near = pair is not None and pair.pole.frequency_Hz < _SAME_MODE * lowest.pole.frequency_Hz
         pair = pair if near else lowest
         permittivity = _low_permittivity(one.problem, one.fitted, pair)
-        found.append(
-            Measured(one.problem, one.spectrum, one.fitted, one.extraction, pair, permittivity, piece, taken)
-        )
+        found.append(Measured(one.problem, one.spectrum, one.fitted, one.extraction, pair, permittivity, piece, taken))
     return found
 
 

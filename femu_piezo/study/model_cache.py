@@ -54,9 +54,7 @@ class Bases:
         """The constants that bases with effects are trained around, where a fit starts from `constants`."""
         return constants
 
-    def rough(
-        self, model: ElectroelasticModel, around: FreeConstants, one: Measured, accuracy: float
-    ) -> ExtendedModel:
+    def rough(self, model: ElectroelasticModel, around: FreeConstants, one: Measured, accuracy: float) -> ExtendedModel:
         """Basis for the free constants within `SPREAD` of `around`, without effects."""
         band = self._rung(one.problem, one.band_Hz, _RUNG)
         key = (band, accuracy, around.names, _bits(around.start), _bits(around.constants(around.start).vector()))

@@ -112,9 +112,7 @@ def _iterated(measured: Sequence[Measured], models: Sequence[ExtendedModel], fre
     return PoleZeroState(constants, tuple(histories))
 
 
-def _of_one(
-    one: Measured, model: ExtendedModel, constants: PiezoConstants, names: tuple[str, ...]
-) -> PoleZeroUpdate:
+def _of_one(one: Measured, model: ExtendedModel, constants: PiezoConstants, names: tuple[str, ...]) -> PoleZeroUpdate:
     simplified, poling = one.problem.specimen.material.simplified, one.problem.plate.poling
     target = np.array([one.pair.pole.eigenvalue, one.pair.zero.eigenvalue])
     if simplified:

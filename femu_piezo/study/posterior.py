@@ -124,9 +124,7 @@ class Posterior:
         self._around = self._bases.around(self.problem, constants)
         spread = _FREE_SPREAD + _PER_KELVIN * max(one.context.taken.span_K for one in self.several)
         training = _training(self._around, self.problem.free(self._around), spread)
-        self.models = self._of_pieces(
-            lambda number, several: self._reduced(full[number], number, several, training)
-        )
+        self.models = self._of_pieces(lambda number, several: self._reduced(full[number], number, several, training))
 
     def _serves(self, constants: PiezoConstants) -> bool:
         around, found = (self.problem.free(one).start.real for one in (self._around, constants))

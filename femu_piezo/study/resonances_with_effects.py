@@ -29,9 +29,7 @@ def matched_resonances(
         ("zero", found.zeros, modal.zeros[0], modal.zero_amplitudes, one.pair.zero),
     )
     try:
-        pairs = [
-            (kind, data, values[match(data, values, amplitudes)]) for kind, data, values, amplitudes, _ in kinds
-        ]
+        pairs = [(kind, data, values[match(data, values, amplitudes)]) for kind, data, values, amplitudes, _ in kinds]
     except ConvergenceError:
         if not one.holds_fundamental:
             return ()

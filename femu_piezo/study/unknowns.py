@@ -73,8 +73,15 @@ def _readings(one: Subject) -> list[Reading]:
         along = 0 if plate.poling == "length" else 2
         found.append(
             Reading(
-                name, value, std * abs(value), one.name,
-                problem.density, plate.volume, plate.electrode_area, plate.electrode_gap, along,
+                name,
+                value,
+                std * abs(value),
+                one.name,
+                problem.density,
+                plate.volume,
+                plate.electrode_area,
+                plate.electrode_gap,
+                along,
             )
         )
     return found

@@ -157,9 +157,7 @@ def _by_pole_zero(several: Sequence[Subject], clock: Clock, bases: Bases, origin
         start = begin(measured, bases).constants
     found = from_poles_and_zeros(posterior, start, fundamental=fundamental)
     clock.step("curves")
-    outcomes = tuple(
-        _outcome(posterior, index, found, baseline, histories[index]) for index in range(len(measured))
-    )
+    outcomes = tuple(_outcome(posterior, index, found, baseline, histories[index]) for index in range(len(measured)))
     clock.step(None)
     material = found.parameters.material
     return UpdateResult(

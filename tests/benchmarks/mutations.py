@@ -133,8 +133,7 @@ def sweeps() -> dict[str, tuple[bytes, Callable[[Path], str]]]:
         "E4990A": write_e4990a(f, *polar, "|Z|(Ohm)-data, theta-z(deg)-data"),
         "touchstone": "# Hz S RI R 50\n"
         + "".join(
-            f"{a!r} {b.real!r} {b.imag!r}\n"
-            for a, b in zip(f.tolist(), ((z - 50) / (z + 50)).tolist(), strict=True)
+            f"{a!r} {b.real!r} {b.imag!r}\n" for a, b in zip(f.tolist(), ((z - 50) / (z + 50)).tolist(), strict=True)
         ),
     }
 

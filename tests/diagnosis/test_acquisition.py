@@ -94,6 +94,7 @@ def leaning(softening: float, ratio: float) -> np.ndarray:
     top = np.max(np.abs(motional(OMEGA) + 1j * OMEGA * STATIC)) ** 2
     found = []
     for omega in OMEGA:
+
         def answer(level, omega=omega):
             return motional(omega, softening * level * (1 - 1j * ratio)) + 1j * omega * STATIC
 

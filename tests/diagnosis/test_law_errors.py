@@ -63,7 +63,7 @@ def test_the_error_of_a_law_as_a_whole_is_one_of_its_parameters(setup):
     assert np.all(found.std[own] > 0.9 * least) and np.all(replace(found, law=None).std[own] < 0.5 * least)
     parts = budget(found)
     np.testing.assert_allclose(np.sum([part**2 for part in parts.values()], axis=0), found.std**2, rtol=1e-9)
-    np.testing.assert_allclose(parts["law"] ** 2, found.std**2 - replace(found, law=None).std**2, rtol=1e-6)
+    np.testing.assert_allclose(parts["law"] ** 2, found.std**2 - replace(found, law=None).std ** 2, rtol=1e-6)
 
 
 def test_laws_without_approximation_ask_for_no_discrepancy(setup):

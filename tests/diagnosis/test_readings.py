@@ -49,8 +49,13 @@ def test_readings_of_the_bare_plate(setup, name):
 def test_slopes_of_readings_with_causes(setup, name):
     """Against differences, with what moves each: dimensions, density, films, a spot, gap, laws, held constants."""
     causes = {
-        "wrong_length": 0.01, "wrong_thickness": -0.01, "wrong_density": 0.02, "electrode_mass": 0.1,
-        "point_mass": (2e-6, 4e-3, 2e-3, 5e-4), "contact_gap": 1e8, "relaxation": (0.05, 9e4, 0.3),
+        "wrong_length": 0.01,
+        "wrong_thickness": -0.01,
+        "wrong_density": 0.02,
+        "electrode_mass": 0.1,
+        "point_mass": (2e-6, 4e-3, 2e-3, 5e-4),
+        "contact_gap": 1e8,
+        "relaxation": (0.05, 9e4, 0.3),
         "wrong_insensitive_parameter:d33": 0.05,
     }
     parameters, x = setup.with_effects(causes)

@@ -135,8 +135,10 @@ def test_bare_rims_against_a_full_solution(bodies, name):
     """The potential set free on a strip of the reduced body, and elements that are graded to the electrode's end."""
     one, margin = bodies[name], 0.3e-3
     frequency = one.frequency[::6]
-    make = (lambda **o: catalogue.disk(12e-3, THICKNESS, **o)) if name == "disk" else (
-        lambda **o: catalogue.ring(12e-3, 5e-3, THICKNESS, **o)
+    make = (
+        (lambda **o: catalogue.disk(12e-3, THICKNESS, **o))
+        if name == "disk"
+        else (lambda **o: catalogue.ring(12e-3, 5e-3, THICKNESS, **o))
     )
     solved = []
     for electrodes, accuracy in ((Electrodes(margin=margin), 1e-4), (Electrodes(), 1e-6)):

@@ -85,9 +85,7 @@ def clamped_end(build: Build, rng: np.random.Generator) -> None:
 def half_film(build: Build, rng: np.random.Generator) -> None:
     """Paste covers a part of one face, from one end on."""
     mass, end = log_uniform(rng, 0.03, 0.3), float(rng.uniform(-0.5, 0.5)) * build.size[0] / 2
-    build.surfaces.append(
-        Surface((end, build.size[0] / 2), build.whole_face[1], (1,), lambda w: -(w**2) * mass)
-    )
+    build.surfaces.append(Surface((end, build.size[0] / 2), build.whole_face[1], (1,), lambda w: -(w**2) * mass))
 
 
 UNDESCRIBED: Mapping[str, Callable[[Build, np.random.Generator], None]] = {

@@ -82,11 +82,14 @@ def test_promise_is_what_an_update_of_a_sweep_states(piece, tolerance, today, sp
         assert after[label] / before[label] == pytest.approx(1 - one.shrinks(label), rel=0.03), label
 
 
-READ = PLATE + """
+READ = (
+    PLATE
+    + """
 [readings]
 mass = "0.27 g"
 std_mass = 0.003
 """
+)
 
 
 def test_a_reading_is_counted_and_what_a_better_one_would_bring(today, specimen):

@@ -180,9 +180,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             sentence="a length of cable between instrument and specimen was not compensated",
             parameters=(
                 EffectParameter("length", "m", -20.0, 100.0, 0.05, 1.0),
-                EffectParameter(
-                    "wave_impedance", "ohm", 20.0, 200.0, 10.0, 15.0, rest=_WAVE_IMPEDANCE, optional=True
-                ),
+                EffectParameter("wave_impedance", "ohm", 20.0, 200.0, 10.0, 15.0, rest=_WAVE_IMPEDANCE, optional=True),
             ),
             confusable_with=("stray_capacitance", "series_inductance", "eps33T"),
             advice=(

@@ -20,9 +20,7 @@ _CONFUSABLE = {
 
 def _error(context: EffectContext, name: str) -> tuple[EffectParameter, ...]:
     tolerance = context.tolerances.get(name, 0.0)
-    return (
-        EffectParameter("relative_error", "1", -0.1, 0.1, 0.005, max(0.02, 3 * tolerance), tolerance=tolerance),
-    )
+    return (EffectParameter("relative_error", "1", -0.1, 0.1, 0.005, max(0.02, 3 * tolerance), tolerance=tolerance),)
 
 
 def _stretch(along: np.ndarray):

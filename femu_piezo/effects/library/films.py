@@ -1,8 +1,8 @@
 """Heavy electrodes: a film of mass on both faces, and one that is heavier on one face than on the other.
 
-    electrode_mass           −ω² μ ∫ v·u dS over both faces, μ in kg/m² on each face
-    unequal_electrode_mass   −ω² (d/2) (∫_upper − ∫_lower) v·u dS beside the mean film; it couples the driven modes to
-                             those that are odd about the plane between the electrodes, bending among them
+electrode_mass           −ω² μ ∫ v·u dS over both faces, μ in kg/m² on each face
+unequal_electrode_mass   −ω² (d/2) (∫_upper − ∫_lower) v·u dS beside the mean film; it couples the driven modes to
+                         those that are odd about the plane between the electrodes, bending among them
 """
 
 from __future__ import annotations
@@ -19,11 +19,9 @@ def _mass(omega: np.ndarray, p: np.ndarray):
     return np.full(omega.shape, p[0], dtype=complex), np.ones((omega.size, 1), dtype=complex)
 
 
-
 def _difference(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
     one = np.ones(omega.shape, dtype=complex)
     return [LocalTerm("inertia", places.of_displacements(places.films[...]), p[0] / 2 * one, one[:, None] / 2)]
-
 
 
 def _both(context: EffectContext) -> tuple[Effect, ...]:

@@ -134,9 +134,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                     "mass", "kg", _NONE * own, 0.3 * own, 0.001 * own, 0.02 * own, rest=_NONE * own, law_error=0.04
                 ),
                 *(
-                    EffectParameter(
-                        name, "m", low, high, (high - low) / 20, 10 * (high - low), rest=(low + high) / 2
-                    )
+                    EffectParameter(name, "m", low, high, (high - low) / 20, 10 * (high - low), rest=(low + high) / 2)
                     for name, (low, high) in ranges.items()
                 ),
                 EffectParameter("radius", "m", patch / 5, 6 * patch, patch / 2, patch, rest=patch, optional=True),

@@ -188,9 +188,7 @@ def measure_bare_rims(sectors: Sectors) -> BareEnds:
     return _measured(sectors, base, WIDEST * (outer - inner), lambda width: _bare_rims(fields, base, width))
 
 
-def _measured(
-    sectors: Sectors, base: _Base, widest: float, freed: Callable[[float], np.ndarray]
-) -> BareEnds:
+def _measured(sectors: Sectors, base: _Base, widest: float, freed: Callable[[float], np.ndarray]) -> BareEnds:
     equal = np.count_nonzero(_NODES <= 1)
     widths = widest * (_NODES if np.any(base.odd) else _NODES[:equal])
     apart, meeting = np.array(list(in_parallel(freed, widths.tolist()))).swapaxes(0, 1)

@@ -47,9 +47,7 @@ class Face(ABC):
         Also the directions (m, 2) in which they move with the place, and their shares (m,) of the line.
         """
 
-    def mean_at(
-        self, points: np.ndarray, directions: np.ndarray, weights: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def mean_at(self, points: np.ndarray, directions: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Mean over points (m, 2) of one face of NᵗN (u, u), the share of one part, and its slope.
 
         directions : (m, 2) in which the points move;  weights : (m,) their shares of the mean

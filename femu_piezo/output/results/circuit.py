@@ -55,9 +55,7 @@ class EquivalentCircuit(Result, Circuit):
         magnitude, phase, misfit = figure.subplots(3, 1, sharex=True, height_ratios=[3, 2, 2])
         factor, label, scale = frequency_axis(self.frequency)
         x = self.frequency * factor
-        draw_impedance(
-            magnitude, phase, x, ((self.curve, "curve", MEASURED), (self.impedance, "circuit", UPDATED))
-        )
+        draw_impedance(magnitude, phase, x, ((self.curve, "curve", MEASURED), (self.impedance, "circuit", UPDATED)))
         misfit.semilogy(x, 100 * np.abs(self.impedance / self.curve - 1), **UPDATED, label="from its curve")
         if self.sweep is not None:
             misfit.semilogy(x, 100 * np.abs(self.impedance / self.sweep - 1), **MEASURED, label="from the sweep")
