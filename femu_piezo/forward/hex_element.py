@@ -44,13 +44,15 @@ class ElementHexP(ElementH1):
         self._coefficients = np.linalg.inv(legendre.legvander(2 * self.nodes - 1, order))
         self._reference = node_indices(np.arange(8)[:, None], order)
         self.doflocs = self.nodes[self._reference[:, 0]]
-        self._mesh = self._indices = self._points = self._prepared = None
+        # the latest answers, each with what was asked for in one object: threads share an element
+        self._latest_indices = self._latest_points = None
 
     def indices(self, mesh: skfem.Mesh) -> np.ndarray:
         """(functions, cells, 3) number of the node, 0 … p along each reference axis, of every function of a cell."""
-        if self._mesh is not mesh:
-            self._mesh, self._indices = mesh, node_indices(mesh.t, self.order)
-        return self._indices
+        latest = self._latest_indices
+        if latest is None or latest[0] is not mesh:
+            self._latest_indices = latest = mesh, node_indices(mesh.t, self.order)
+        return latest[1]
 
     def lbasis(self, X: np.ndarray, i: int) -> tuple[np.ndarray, np.ndarray]:
         """Value (points,) and reference gradient (3, points) at reference points (3, points)."""
@@ -71,10 +73,10 @@ class ElementHexP(ElementH1):
 
     def _at_points(self, mapping: Mapping, X: np.ndarray, tind: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """What all functions share at the same points: polynomials along each axis, and the inverse Jacobian."""
-        asked = (mapping, X, tind)
-        if self._points is None or any(old is not new for old, new in zip(self._points, asked, strict=True)):
-            self._points, self._prepared = asked, (self._lines(X), mapping.invDF(X, tind))
-        return self._prepared
+        asked, latest = (mapping, X, tind), self._latest_points
+        if latest is None or any(old is not new for old, new in zip(latest[0], asked, strict=True)):
+            self._latest_points = latest = asked, (self._lines(X), mapping.invDF(X, tind))
+        return latest[1]
 
     def _lines(self, X: np.ndarray) -> np.ndarray:
         """(2, p + 1, 3, cells or 1, points) values and slopes of the Lagrange polynomials along each axis."""

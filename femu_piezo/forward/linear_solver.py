@@ -8,6 +8,8 @@ analysis of a pattern is kept by `Analysis`, for sweeps over frequency or consta
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -60,6 +62,26 @@ class Factorization:
         return self._factor.solve(right) if right.ndim == 1 else self._factor.solve_many(np.ascontiguousarray(right))
 
 
+@dataclass(frozen=True)
+class _Symbolic:
+    """The analysis of one pattern (CSC, sorted), and the places of its lower triangle, which rslab reads."""
+
+    indptr: np.ndarray
+    indices: np.ndarray
+    lower: np.ndarray
+    symbolic: Any
+
+    @classmethod
+    def of(cls, matrix: sp.csc_matrix) -> _Symbolic:
+        size = matrix.shape[0]
+        columns = np.repeat(np.arange(size, dtype=np.int32), np.diff(matrix.indptr))
+        symbolic = rslab.analyze(matrix, path="ldlt", ordering="metis", threads=useful_threads(size))
+        return cls(matrix.indptr, matrix.indices, np.flatnonzero(matrix.indices >= columns), symbolic)
+
+    def serves(self, matrix: sp.csc_matrix) -> bool:
+        return np.array_equal(matrix.indptr, self.indptr) and np.array_equal(matrix.indices, self.indices)
+
+
 class Analysis:
     """Symbolic analysis of a sparsity pattern, kept from one matrix to the next for as long as the pattern stays.
 
@@ -70,34 +92,22 @@ class Analysis:
 
     def __init__(self, backend: str | None = None) -> None:
         self._rslab = rslab is not None and backend != "scipy"
-        self._symbolic = self._pattern = None
+        self._latest: _Symbolic | None = None  # in one piece: threads share an analysis
         self.analyses = 0  #: symbolic analyses made so far
 
     def factorize(self, matrix: sp.spmatrix) -> Factorization:
         """Factorise a real or complex symmetric matrix (A = Aᵗ, not Hermitian)."""
         matrix = _canonical(matrix)
         if self._rslab:
-            if not self._matches(matrix):
-                self._analyse(matrix)
+            latest = self._latest
+            if latest is None or not latest.serves(matrix):
+                self._latest = latest = _Symbolic.of(matrix)
+                self.analyses += 1
             try:
-                return Factorization(matrix, self._symbolic.factor(matrix.data[self._lower]), "rslab")
+                return Factorization(matrix, latest.symbolic.factor(matrix.data[latest.lower]), "rslab")
             except RuntimeError as error:
                 warnings.warn(f"rslab could not factorise ({error}); SuperLU is used", RuntimeWarning, stacklevel=2)
         return Factorization(matrix, _superlu(matrix), "scipy")
-
-    def _matches(self, matrix: sp.csc_matrix) -> bool:
-        if self._pattern is None:
-            return False
-        indptr, indices = self._pattern
-        return np.array_equal(matrix.indptr, indptr) and np.array_equal(matrix.indices, indices)
-
-    def _analyse(self, matrix: sp.csc_matrix) -> None:
-        size = matrix.shape[0]
-        columns = np.repeat(np.arange(size, dtype=np.int32), np.diff(matrix.indptr))
-        self._pattern = matrix.indptr, matrix.indices
-        self._lower = np.flatnonzero(matrix.indices >= columns)  # rslab reads the lower triangle
-        self._symbolic = rslab.analyze(matrix, path="ldlt", ordering="metis", threads=useful_threads(size))
-        self.analyses += 1
 
 
 def factorize(matrix: sp.spmatrix, backend: str | None = None) -> Factorization:

@@ -52,10 +52,10 @@ class CurvedMapping(MappingIsoparametric):
 
     def J(self, i: int, j: int, X: np.ndarray, tind: np.ndarray | None = None) -> np.ndarray:
         """(cells, points) ∂x_i/∂X_j; the last points asked for are kept."""
-        asked = (X, tind)
-        if not hasattr(self, "_last") or any(old is not new for old, new in zip(self._last[0], asked, strict=True)):
-            self._last = asked, self.DF(X, tind)
-        return self._last[1][i, j]
+        asked, latest = (X, tind), getattr(self, "_latest", None)
+        if latest is None or any(old is not new for old, new in zip(latest[0], asked, strict=True)):
+            self._latest = latest = asked, self.DF(X, tind)
+        return latest[1][i, j]
 
     def G(self, X: np.ndarray, find: np.ndarray | None = None) -> np.ndarray:
         """(3, facets, points) places of points (2, points) of the reference facet."""
