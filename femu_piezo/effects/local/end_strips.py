@@ -34,6 +34,7 @@ from femu_piezo.effects.local.round_fields import RoundFields
 from femu_piezo.effects.local.sectors import Sectors
 from femu_piezo.forward.box_interpolation import interpolation
 from femu_piezo.forward.gradient_products import FIELDS, GradientProducts, assemble_gradient_products
+from femu_piezo.forward.hex_element import ElementHexP, node_places
 from femu_piezo.forward.linear_solver import factorize
 from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
 from femu_piezo.forward.revolution import Line, Section
@@ -50,8 +51,9 @@ _REACH, _ACROSS, _DEEP = 2.5, 2, 4
 _GROWTH, _SMALLEST = 1.7, 0.01
 #: Order of the elements of the region.
 _ORDER = 2
-#: Share of the largest pattern of charge on a strip below which one is left out, and of momenta that are rounding.
-_FAINT, _ROUNDING = 1e-6, 1e-9
+#: Share of the largest pattern of charge on a strip below which one is left out (S is off by about its square over that
+#: of a field's own charge, 1e-3 at most), and of momenta that are rounding.
+_FAINT, _ROUNDING = 1e-4, 1e-9
 
 
 @dataclass(frozen=True)
@@ -206,8 +208,8 @@ def _bare_end(model: ElectroelasticModel, base: _Base, width: float) -> np.ndarr
         np.linspace(0.0, breadth, _ACROSS + 1),
         _deep(height),
     )
-    basis = skfem.Basis(skfem.MeshHex.init_tensor(*lines), skfem.ElementHex2(), intorder=4)
-    x, y, z = basis.doflocs
+    basis = skfem.Basis(skfem.MeshHex.init_tensor(*lines), ElementHexP(_ORDER), intorder=2 * _ORDER)
+    x, y, z = places = node_places(basis)
     top = np.isclose(z, height, rtol=0, atol=1e-9 * height)
     held = np.zeros((FIELDS, basis.N), dtype=bool)
     held[:, np.isclose(x, start, rtol=0, atol=1e-9 * length) & (start > 0)] = True
@@ -217,7 +219,7 @@ def _bare_end(model: ElectroelasticModel, base: _Base, width: float) -> np.ndarr
     held[3, top] = True
     strip = np.flatnonzero(top & (x > length - width + 1e-9 * length))
     forms = _BoxForms(assemble_gradient_products(basis), model.density)
-    return _freed(forms, held, strip, interpolation(model, basis.doflocs), base)
+    return _freed(forms, held, strip, interpolation(model, places), base)
 
 
 def _bare_rims(fields: RoundFields, base: _Base, width: float) -> np.ndarray:
@@ -261,9 +263,11 @@ def _freed(forms: _Forms, held: np.ndarray, strip: np.ndarray, probe: sp.csr_mat
     answers = np.zeros((interpolated.shape[0], patterns.shape[1]))
     local = operator[free][:, free].multiply(scale).T.multiply(scale).tocsr()
     answers[free] = scale[:, None] * factorize(local).solve(right)
+    count = interpolated.shape[1]
+    joined = forms.between(np.hstack([interpolated, answers]), answers, base.units)
     answered = _Answers(
-        own=forms.within(answers, base.units),
-        between=forms.between(interpolated, answers, base.units),
+        own=joined[:, count:],
+        between=joined[:, :count],
         momentum=interpolated[:, :-1].T @ (forms.mass @ answers),
     )
     both = answered.condensed(base, ~base.odd, 1.0)
