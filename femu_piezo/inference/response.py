@@ -7,14 +7,14 @@ x(ω) the state driven by one volt the charge is stationary, so ∂(Q/V)/∂x_i 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 
-from femu_piezo.effects.effect import Effect, LocalHook
+from femu_piezo.effects.effect import Effect, LocalHook, LocalTerm
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.inference.coefficients import Active, Coefficients, active_effects, collect, e_form_constants
@@ -157,14 +157,24 @@ def _site_slope(model, effect: Effect, site: np.ndarray, omega, span, e_form) ->
     """xᵗ (∂A/∂size) x (k,) with the driven states x = basis · weights, the two of `span`."""
     basis, weights = span
     total = np.zeros(omega.size, dtype=complex)
-    for term in placed(effect)[1](model.places, omega, np.concatenate([[0.0], site[1:]])):
-        slope = term.slopes[:, 0] * (1.0 if term.constant is None else e_form[term.constant])
-        if term.kind == "inertia":
-            slope = -slope * omega**2
-        if np.any(slope):
-            along = _along(term.matrix[None], np.ones((1, 1)), basis[: len(term.matrix)], weights)
-            total += slope * along[:, 0]
+    for kind, matrix, slope in _gathered(placed(effect)[1](model.places, omega, np.append(0.0, site[1:])), e_form):
+        image = matrix @ basis[: len(matrix)]
+        along = np.einsum("ki,ki->k", weights @ (basis[: len(matrix)].T @ image), weights)
+        total += (-(omega**2) if kind == "inertia" else 1.0) * slope * along
     return total
+
+
+def _gathered(terms: Sequence[LocalTerm], e_form: np.ndarray) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Kind, matrix (r, r) and slope by the size (k,) or (1,) of terms; those of one slope everywhere as one matrix."""
+    even: dict[str, np.ndarray] = {}
+    found = []
+    for term in terms:
+        slope = term.slopes[:, 0] * (1.0 if term.constant is None else e_form[term.constant])
+        if np.all(slope == slope[0]):
+            even[term.kind] = even.get(term.kind, 0.0) + slope[0] * term.matrix
+        else:
+            found.append((term.kind, term.matrix, slope))
+    return [*found, *((kind, matrix, np.ones(1)) for kind, matrix in even.items())]
 
 
 def _closed(model: ExtendedModel, omega: np.ndarray, c: Coefficients, wanted: int) -> tuple[np.ndarray, np.ndarray]:
