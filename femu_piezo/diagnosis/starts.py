@@ -10,11 +10,14 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.fit import Fit, linear_fit, stepped
+from femu_piezo.inference.passivity import wall_and_readings
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.measurement.discrepancy import noise_level, profiled
 
 #: Size, over its scale, at which a parameter starts "at rest": there every slope exists.
 _REST = 1e-3
+#: Sizes, over their scale, that count as at rest.
+_AT_REST = 1.001 * _REST
 #: Turns of two causes and the noise level that they leave.
 _TURNS = 4
 #: Most promising sites of an effect at a place that fits start from.
@@ -55,7 +58,7 @@ class Start:
         """(2k, 1) change of the whitened sweep for one scale of the size: slope at rest, or secant from there."""
         own, effect = self.own(self.cause), self.cause
         moved = self.x[own.start] - effect.rest[0] / effect.scale[0]
-        if effect.sites is not None or current.parameters.has(effect) or abs(moved) <= _REST:
+        if effect.sites is not None or current.parameters.has(effect) or abs(moved) <= _AT_REST:
             return self.linear.jacobian[:, own.start : own.start + 1]
         return (self.residual - current.residual)[:, None] / moved
 
@@ -90,8 +93,20 @@ def starts(response, current: Fit, effect: Effect) -> list[Start]:
     for values in (effect.rest + _REST * effect.scale, *_listed(effect)):
         at = x.copy()
         at[own] = values / effect.scale
-        found.append(Start(at, *linear_fit(response, current.data, parameters, at)))
+        if abs(at[own.start] - effect.rest[0] / effect.scale[0]) <= _AT_REST:
+            found.append(_at_rest(response, current, effect, parameters, at))
+        else:
+            found.append(Start(at, *linear_fit(response, current.data, parameters, at)))
     return sorted(found, key=lambda start: start.promised)
+
+
+def _at_rest(response, current: Fit, effect: Effect, parameters: Unknowns, x: np.ndarray) -> Start:
+    """The start at x (n_x,), where the effect moves nothing yet: all other slopes are those of the current fit."""
+    own = parameters.columns(parameters.index(effect.key))
+    residual, slopes = current.data.whitened(*response.with_jacobian(parameters.alone(effect, x), x[own]))
+    share = np.broadcast_to(np.sqrt(current.weight), residual.shape)
+    residual, columns = residual * share, {effect.key: slopes * share[:, None]}
+    return Start(x, stepped(_widened(current, parameters, x, columns, residual)), residual)
 
 
 def _listed(effect: Effect) -> list[np.ndarray]:
@@ -161,27 +176,21 @@ def _widened(
     """A fit with more unknowns, linearised: key → (2k, n) Jacobian of the effects that it had not."""
     old, new = current.parameters, parameters
     jacobian = np.zeros((residual.size, new.count))
-    wall = current.further_residual.size - old.count
-    further = np.concatenate([np.diag(1 / new.prior_std), np.zeros((wall, new.count))])
-
-    def put(target: slice, source: slice) -> None:
-        jacobian[:, target] = current.jacobian[:, source]
-        further[new.count :, target] = current.further_jacobian[old.count :, source]
-
-    put(slice(0, new.of_material), slice(0, old.of_material))
+    jacobian[:, : new.of_material] = current.jacobian[:, : old.of_material]
     for number, effect in enumerate(new.effects):
         if old.has(effect):
-            put(new.columns(number), old.columns(old.index(effect.key)))
+            jacobian[:, new.columns(number)] = current.jacobian[:, old.columns(old.index(effect.key))]
         if effect.key in columns:
             jacobian[:, new.columns(number)] = columns[effect.key]
+    beside, slopes = wall_and_readings(new, x)
     return replace(
         current,
         parameters=new,
         x=x,
         residual=residual,
         jacobian=jacobian,
-        further_residual=np.concatenate([(x - new.prior_mean) / new.prior_std, current.further_residual[old.count :]]),
-        further_jacobian=further,
+        further_residual=np.concatenate([(x - new.prior_mean) / new.prior_std, beside]),
+        further_jacobian=np.concatenate([np.diag(1 / new.prior_std), slopes]),
         discrepancy=None,
         law=None,
         mesh=None,

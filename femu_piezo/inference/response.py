@@ -184,7 +184,8 @@ def _closed(model: ExtendedModel, omega: np.ndarray, c: Coefficients, wanted: in
     if not wanted:
         return y, np.zeros((0, c.stiffness_tangents.shape[2]), dtype=complex)
     basis, weights = _driven_span(modal, omega)
-    move = _along(c.terms, c.stiffness_tangents[0], basis, weights)
+    stiff = np.flatnonzero(np.any(c.stiffness_tangents[0] != 0, axis=1))
+    move = _along(c.terms[stiff], c.stiffness_tangents[0, stiff], basis, weights)
     moving = np.flatnonzero(np.any(c.inertia_tangents[0] != 0, axis=0))
     if moving.size:
         heavy = _along(np.array(c.masses), c.inertia_tangents[0][:, moving], basis[: model.displacements], weights)
@@ -220,8 +221,8 @@ def _along(terms: np.ndarray, tangents: np.ndarray, basis: np.ndarray, weights: 
     """xᵗ (Σ_t tangents[t, i] A_t) x (k, n) of states x = basis · weights, for real symmetric A (n_terms, r, r)."""
     real, imag = np.ascontiguousarray(basis.real), np.ascontiguousarray(basis.imag)
     images = terms.reshape(-1, terms.shape[2]) @ np.hstack([real, imag])
-    count, size = terms.shape[0], basis.shape[1]
-    images = images.reshape(count, -1, 2 * size)
+    size = basis.shape[1]
+    images = images.reshape(*terms.shape[:2], 2 * size)
     small = basis.T @ (images[:, :, :size] + 1j * images[:, :, size:])
     first, second = np.triu_indices(size)  # of symmetric products, each pair once
     pairs = small[:, first, second] * np.where(first == second, 1, 2)

@@ -369,6 +369,14 @@ class Unknowns:
         effects = self.effects if self.has(effect) else (*self.effects, effect)
         return replace(self, effects=effects, candidates=(*self.candidates, effect.key))
 
+    def alone(self, effect: Effect, x: np.ndarray) -> Unknowns:
+        """The parameters of one effect as the only unknowns; material and all other effects keep to x (n_x,)."""
+        constants = FreeConstants.of(self.material.constants(x[: self.of_material]), ())
+        others = [(other, v) for other, v in zip(self.effects, self.values(x), strict=True) if other.key != effect.key]
+        return Unknowns(
+            MaterialParameters.around(constants, constants.start), {}, (effect,), fixed=(*self.fixed, *others)
+        )
+
     def without_candidate(self, key: str) -> Unknowns:
         """The same with one cause less; what has a tolerance goes back to it."""
         kept = tuple(effect for effect in self.effects if effect.key != key or effect.has_tolerance)
