@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 import os
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +13,8 @@ from typing import TYPE_CHECKING
 import click
 
 from femu_piezo import steps
-from femu_piezo.errors import FemuPiezoError, InputError
+from femu_piezo.errors import InputError
+from femu_piezo.terminal import Commands, Quantity, StoreAddress
 
 if TYPE_CHECKING:
     from femu_piezo.output.results.result import Result
@@ -33,61 +32,37 @@ piezoelectric and dielectric constants of the piece, by pole-zero finite element
 Smart Mater. Struct. 31, 2022, 125010).
 
 \b
-  femu-piezo simulate plate.toml --out results    poles, zeros and a sweep of the specimen as described
-  femu-piezo extract sweep.csv --out results      poles and zeros of a measured sweep, without any model
-  femu-piezo circuit sweep.csv --out results      an equivalent circuit of it, for SPICE
-  femu-piezo modes plate.toml --out results       pictures of the driven modes
-  femu-piezo update plate.toml --out results      the constants that explain the measured sweep
-  femu-piezo datasheet plate.toml --out results   one page with constants, standard figures and curves
-  femu-piezo export update.json --to comsol --out results    the material for another program
-  femu-piezo batch lot --out results              update every specimen of a folder, one table and a lot report
-  femu-piezo lots --store URL                     compare the lots of a database, control charts and drift over months
-  femu-piezo diagnose plate.toml --out results    what the simulation gets wrong, and the named cause
-  femu-piezo identify plate.toml --out results    which constants such a sweep tells, which tolerance to improve
-  femu-piezo measure plate.toml --instrument TCPIP::10.0.0.7::5025::SOCKET --out results    the sweep itself, by need
-  femu-piezo analyser plate.toml                  a simulated analyser to try that with
-  femu-piezo serve folder                         all of this as a page in the browser
+  femu-piezo simulate SPEC       poles, zeros and a sweep as it is described
+  femu-piezo extract SWEEP       poles and zeros of a measured sweep, no model
+  femu-piezo circuit SWEEP       an equivalent circuit of it, for SPICE
+  femu-piezo update SPEC         the constants that explain the measured sweep
+  femu-piezo datasheet SPEC      one page: constants, standard figures, curves
+  femu-piezo export UPDATE.json  the material for another program
+  femu-piezo diagnose SPEC       what the simulation gets wrong, and the cause
+  femu-piezo identify SPEC       which constants such a sweep tells, how well
+  femu-piezo modes SPEC          pictures of the driven modes
+  femu-piezo measure SPEC        the sweep itself, taken where it tells most
+  femu-piezo analyser SPEC       a simulated analyser to try that with
+  femu-piezo batch DIR           every specimen of a folder, with a lot report
+  femu-piezo lots --store URL    lots of a database: control charts and drift
+  femu-piezo serve FOLDER        all of this as a page in the browser
+
+\b
+  femu-piezo update plate.toml --out results
+  femu-piezo update --help       what it writes, and its options
 
 Words: a pole is a pole of the admittance (series resonance, short circuit); a zero is a zero of the admittance
 (parallel resonance, open circuit). A constant is written value (1 − j tan). Every command writes machine-readable
 results (JSON, CSV) beside its pictures (PNG) into the folder --out.
 
 \b
-Exit codes: 0 done · 2 the input is wrong (one sentence says what and where) · 3 a computation did not converge ·
-4 an instrument failed.
+Exit codes: 0 done · 2 the input is wrong (one sentence says what and where)
+3 a computation did not converge · 4 an instrument failed
 """
 
 
-class _Commands(click.Group):
-    """Turns every intended error into one sentence on stderr and its exit code."""
-
-    def invoke(self, ctx: click.Context):
-        if steps.wanted():  # a program cancels by SIGINT, which it may itself have been started to ignore
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-        for stream in (sys.stdout, sys.stderr):  # a terminal without ε shows ? for it
-            if isinstance(stream, io.TextIOWrapper):
-                stream.reconfigure(errors="replace")
-        try:
-            return super().invoke(ctx)
-        except FemuPiezoError as error:
-            click.echo(f"femu-piezo: {error}", err=True)
-            _tidy()
-            ctx.exit(error.exit_code)
-        except KeyboardInterrupt:
-            click.echo("femu-piezo: interrupted", err=True)
-            _tidy()
-            ctx.exit(130)
-
-
-def _tidy() -> None:
-    """Leave no empty result folder behind."""
-    from femu_piezo.output.folder import remove_empty_folders
-
-    remove_empty_folders()
-
-
 @click.group(
-    cls=_Commands, help=_MANUAL, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 118}
+    cls=Commands, help=_MANUAL, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 118}
 )
 @click.version_option(package_name="femu-piezo")
 def main() -> None:
@@ -122,6 +97,7 @@ _report = click.option(
 
 _store = click.option(
     "--store",
+    type=StoreAddress(),
     is_flag=False,
     flag_value="sqlite",
     envvar="FEMU_PIEZO_STORE",
@@ -145,8 +121,15 @@ def _prepare(out: Path) -> None:
     prepare_folder(out)
 
 
+def _check_lot(store: str | None, lot: str | None) -> None:
+    """Refuse a lot that nothing would be kept in."""
+    if lot is not None and store is None:
+        raise InputError(f"--lot {lot}: lots are kept in a store; give --store as well, or set FEMU_PIEZO_STORE")
+
+
 def _keeper(store: str | None, out: Path, lot: str | None) -> Callable:
     """What keeps a result in the --store; it does nothing, and imports nothing, where none is asked for."""
+    _check_lot(store, lot)
     if store is None:
         return lambda specimens, result: None
     from femu_piezo.store.write import keeper
@@ -401,6 +384,7 @@ def batch(
     """
     from femu_piezo.batch.command import run_batch
 
+    _check_lot(store, lot)
     if scheduler is not None and workers is not None:
         raise InputError("--workers is for processes of this machine; leave it out where --scheduler is given")
     if folder.resolve() == out.resolve():
@@ -449,11 +433,13 @@ def identify(specimens: tuple[Path, ...], out: Path, noise: float | None, study:
     sweep tells, and which further measurement would determine the rest. Then with the constants and the tolerances of
     the file: the deviation that `update` would state for each, where it comes from, and which tolerance (a dimension,
     density or mass, a held constant, the instrument, the fixture, noise) to improve first and what that brings. Several
-    SPEC files are sweeps of one material taken together. Writes identifiability.json, budget.png and sensitivity.png.
-    With --study also study.png: how far such updates are off the truth, and how often it is within what they state.
-    With --plan also plan.csv, a list of frequencies for the analyser (plan_segments.csv as segments to type in,
-    plan_e4990a.scpi as commands of an E4990A): half of them watch the whole band of the
-    [simulation] table, half are where they tell most; and what it gains over as many points equally spaced.
+    SPEC files are sweeps of one material taken together.
+
+    Writes identifiability.json, budget.png and sensitivity.png; with --study also study.png: how far such updates are
+    off the truth, and how often it is within what they state. With --plan also plan.csv, a list of frequencies for the
+    analyser, half of which watch the whole band and half of which are where they tell most (plan_segments.csv as
+    segments to type in, plan_e4990a.scpi as commands of an E4990A), and what it gains over as many points equally
+    spaced.
     """
     from femu_piezo.api import identify as run
     from femu_piezo.specimen.file import read_specimens
@@ -602,18 +588,6 @@ def modes(
     click.echo(f"{len(result.modes)} modes, {result.model.size} unknowns → {out / 'modes.png'}")
 
 
-class _Quantity(click.ParamType):
-    """A number or a quantity with its unit, such as "0.5 V"."""
-
-    def __init__(self, unit: str, name: str) -> None:
-        self._unit, self.name = unit, name
-
-    def convert(self, value, param, ctx) -> float:
-        from femu_piezo.units import parse_quantity
-
-        return parse_quantity(value, self._unit, f"--{self.name}")
-
-
 @main.command()
 @_specimen
 @_out
@@ -623,24 +597,24 @@ class _Quantity(click.ParamType):
     "--deviation",
     "deviations",
     nargs=2,
-    type=(str, _Quantity("1", "deviation")),
+    type=(str, Quantity("1", "deviation")),
     multiple=True,
     metavar="NAME STD",
     help='what is enough: s11 "0.5 %", tan_s11 1e-4; may be given several times',
 )
 @click.option(
-    "--time", "seconds", type=_Quantity("s", "time"), metavar="TIME", help="no new round after it, such as '5 min'"
+    "--time", "seconds", type=Quantity("s", "time"), metavar="TIME", help="no new round after it, such as '5 min'"
 )
 @click.option(
-    "--band", nargs=2, type=_Quantity("Hz", "band"), metavar="LOW HIGH", help="[default: that of [simulation]]"
+    "--band", nargs=2, type=Quantity("Hz", "band"), metavar="LOW HIGH", help="[default: that of [simulation]]"
 )
 @click.option(
     "--voltage",
-    type=_Quantity("V", "voltage"),
+    type=Quantity("V", "voltage"),
     metavar="V",
     help="drive, rms  [default: limits.voltage, 0.5 V at most]",
 )
-@click.option("--bias", type=_Quantity("V", "bias"), default=0.0, metavar="V", help="DC bias  [default: none]")
+@click.option("--bias", type=Quantity("V", "bias"), default=0.0, metavar="V", help="DC bias  [default: none]")
 @click.option(
     "--speed",
     type=click.IntRange(1, 5),
@@ -661,6 +635,8 @@ class _Quantity(click.ParamType):
     "--plan", is_flag=True, help="no instrument: only write where to measure, after --data what to measure next"
 )
 @_data
+@_store
+@_lot
 def measure(
     specimen: Path,
     out: Path,
@@ -677,6 +653,8 @@ def measure(
     diagnose: bool,
     plan: bool,
     data: Path | None,
+    store: str | None,
+    lot: str | None,
 ) -> None:
     """Measure the specimen SPEC with an impedance analyser, where it tells most of the free constants.
 
@@ -690,8 +668,7 @@ def measure(
     Writes live.png after every round, sweep.csv, measure.json, measured.toml (SPEC with this sweep) and what `update`
     writes; with --diagnose the folder diagnosis, and sweeps in the opposite direction and at a third of the voltage
     where the diagnosis recommends them. With --plan nothing is measured: plan.csv, plan_segments.csv and
-    plan_e4990a.scpi hold the frequencies for an analyser without a connection. Needs
-    pip install 'femu-piezo[measure]'.
+    plan_e4990a.scpi hold the frequencies for an analyser without a connection. Needs pip install 'femu-piezo[measure]'.
     """
     from femu_piezo.specimen.file import read_specimen
     from femu_piezo.study.adaptive import Wish
@@ -709,14 +686,17 @@ def measure(
         raise InputError(
             "--instrument is missing; give its VISA address, or --plan for an analyser without a connection"
         )
-    from femu_piezo.instruments.analyser import Settings
+    from femu_piezo.instruments.analyser import Settings, usual_drive
     from femu_piezo.instruments.measure import measure as run
 
-    drive = min(0.5, wanted.limits.voltage) if voltage is None else voltage
+    drive = usual_drive(wanted.limits) if voltage is None else voltage
     settings = Settings(drive, bias, speed, averages, timeout)
     _prepare(out)
+    keep = _keeper(store, out, lot)
     with _steps_shown() as progress:
-        result = run(wanted, instrument, out, wish, settings, diagnose=diagnose, tell=_line, progress=progress)
+        result = run(
+            wanted, instrument, out, wish, settings, diagnose=diagnose, keep=keep, tell=_line, progress=progress
+        )
     _show(result.updated)
     if result.diagnosed is not None:
         _show(result.diagnosed)
@@ -804,7 +784,7 @@ def analyser(
     "k_eff and misfit]",
 )
 def lots(store: str, out: Path | None, names: tuple[str, ...], quantities: tuple[str, ...]) -> None:
-    """List and compare the lots that `batch`, `update` and `diagnose` kept in a --store, and chart them over time.
+    """List, compare and chart over time the lots that `batch`, `update`, `measure` and `diagnose` kept in a --store.
 
     Of every constant: mean, control limits of single pieces and of lots (ISO 7870-2), scatter within and between lots,
     and its drift per month with the standard deviation. The time of a piece is that of its sweep's file when it was

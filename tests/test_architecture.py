@@ -28,6 +28,7 @@ LAYERS = (
     {"store"},
     {"instruments"},
     {"web"},
+    {"terminal"},
     {"cli"},
 )
 

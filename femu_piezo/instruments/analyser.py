@@ -53,11 +53,16 @@ class Settings:
     timeout : seconds for a reply, beside those that a sweep takes
     """
 
-    voltage: float = 0.5
+    voltage: float = Limits().voltage
     bias: float = 0.0
     speed: int = 5
     averages: int = 1
     timeout: float = 10.0
+
+
+def usual_drive(limits: Limits) -> float:
+    """The drive where none is asked for, V rms: that of silent [limits], or less where these allow less."""
+    return min(Settings.voltage, limits.voltage)
 
 
 class Analyser(ABC):

@@ -55,6 +55,7 @@ def measure(
     settings: Settings,
     *,
     diagnose: bool = False,
+    keep: Callable[[Sequence[Specimen], Updated | Diagnosed], None] = lambda specimens, result: None,
     tell: Callable[[str], None] = lambda line: None,
     progress: Progress | None = None,
 ) -> MeasureResult:
@@ -68,6 +69,7 @@ def measure(
     ----------
     diagnose : diagnose the sweep as well, and take the sweeps in the opposite direction and at a third of the voltage
         where the diagnosis recommends them
+    keep : called with each result once its files are written, and with the specimen that it is of
     tell : called with a line about every round
 
     Raises
@@ -107,15 +109,18 @@ def measure(
         write_json(out / "measure.json", {**adapted.to_json(), **taken})
         updated = api.update(measured, progress=progress, bases=bases)
         updated.save(out)
+        keep([measured], updated)
         found = None
         if diagnose:
-            found = api.diagnose(measured, progress=progress, bases=bases)
+            diagnosed = measured
+            found = api.diagnose(diagnosed, progress=progress, bases=bases)
             more = _recommended(found, settings, analyser.voltages[0])
             if more:
                 tell(f"the diagnosis recommends {' and '.join(more)}: taken now")
-                several = _further(alone, address, out, sweep.frequency, settings, more)
-                found = api.diagnose(several, progress=progress)
+                diagnosed = _further(alone, address, out, sweep.frequency, settings, more)
+                found = api.diagnose(diagnosed, progress=progress)
             found.save(out / "diagnosis")
+            keep([diagnosed], found)
     return MeasureResult(adapted, updated, found)
 
 

@@ -61,7 +61,9 @@ def show_lots(
 def _check(store: str, rows: list[dict[str, Any]], lots: Sequence[str], quantities: Sequence[str]) -> None:
     missing = set(lots) - {row["lot"] for row in rows}
     if not rows and not lots:
-        raise InputError(f"--store {store}: the store holds no piece yet; batch, update and diagnose keep theirs in it")
+        raise InputError(
+            f"--store {store}: the store holds no piece yet; batch, update, measure and diagnose keep theirs in it"
+        )
     if missing:
         raise InputError(
             f"--lot {sorted(missing)[0]}: the store {store} has no such lot; femu-piezo lots without --lot lists them"

@@ -20,10 +20,9 @@ from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, OperationalError, SQLAlchemyError
 
 from femu_piezo.errors import InputError
+from femu_piezo.store.address import FILE, HERE
 from femu_piezo.store.schema import VERSION, VERSION_TABLE
 
-#: The file in a folder of results, and the address that asks for it.
-FILE, HERE = "store.sqlite", "sqlite"
 #: Seconds that a writer waits for another one's lock, and for the answer of a server.
 _LOCK_S, _CONNECT_S = 30, 10
 #: Seconds between attempts of a transaction that met a lock, a deadlock or a lost connection.

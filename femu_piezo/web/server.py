@@ -89,7 +89,8 @@ def serve(folder: Path, host: str, port: int, store: str | None = None) -> None:
 
 def _checked(store: str, folder: Path) -> str:
     """The address of a store that answers, whatever folder a command works in."""
-    from femu_piezo.store.database import FILE, HERE, Database
+    from femu_piezo.store.address import FILE, HERE
+    from femu_piezo.store.database import Database
 
     Database(store, folder).close()
     if "://" in store:

@@ -11,16 +11,21 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from femu_piezo.batch.jobs import file_checksum
 from femu_piezo.cli import main
-from femu_piezo.instruments.analyser import Settings
+from femu_piezo.instruments.analyser import Settings, usual_drive
 from femu_piezo.instruments.measure import PointFile, measure
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.specimen.file import read_specimen
+from femu_piezo.specimen.file import Limits, read_specimen
+from femu_piezo.store.database import Database
+from femu_piezo.store.entry import entry_of_result
+from femu_piezo.store.read import read_pieces
 from femu_piezo.study.adaptive import Wish
 from femu_piezo.study.planning import OPPOSITE, THIRD
 from instruments.conftest import PLATE, analyser
@@ -65,7 +70,7 @@ def test_every_fault_keeps_the_points_and_the_same_command_goes_on(plate, specim
             assert running.is_off()
             assert points(out).size == 32 and np.array_equal(points(out)[: before.size], before)
             before = points(out)
-        done = run(specimen, running.address, out, *wish)
+        done = run(specimen, running.address, out, *wish, "--lot", "may", "--store")
         assert done.exit_code == 0, done.output
         assert running.is_off() and running.largest_voltage() == 0.5
     assert "32 points are in" in done.output and "the deviations asked for are reached" in done.output
@@ -77,6 +82,9 @@ def test_every_fault_keeps_the_points_and_the_same_command_goes_on(plate, specim
     found = json.loads((out / "update.json").read_text())["parameters"]["s11"]
     assert abs(found["value"] - 16.5e-12) < 4 * found["std"]
     assert read_specimen(out / "measured.toml").measurement.file == out / "sweep.csv"
+    (piece,) = read_pieces(Database("sqlite", out, make=False))
+    assert (piece["lot"], piece["specimen"], piece["sweep"]) == ("may", "plate 07", file_checksum(out / "sweep.csv"))
+    assert piece["s11"] == found["value"] and piece["s11_std"] == found["std"]
 
 
 def started(specimen: Path, address: str, out: Path, until: int) -> subprocess.Popen:
@@ -139,8 +147,11 @@ def test_wishes_that_cannot_be_exit_with_2(bench, specimen, tmp_path, options, w
 
 
 def test_the_sweeps_that_the_diagnosis_recommends_are_taken(bench, specimen, tmp_path, monkeypatch):
-    """Whole sweeps up, down and at a third of the voltage, at the frequencies of the first, diagnosed together."""
-    asked = []
+    """Whole sweeps up, down and at a third of the voltage, at the frequencies of the first, diagnosed together.
+
+    What is kept of the update is what `update measured.toml` would find there already; of the diagnosis, the last.
+    """
+    asked, kept = [], []
 
     def diagnose(wanted, **_):
         asked.append(wanted)
@@ -150,7 +161,13 @@ def test_the_sweeps_that_the_diagnosis_recommends_are_taken(bench, specimen, tmp
     monkeypatch.setattr("femu_piezo.api.diagnose", diagnose)
     before = len(bench.commands())
     result = measure(
-        read_specimen(specimen), bench.address, tmp_path, Wish(points=32), Settings(voltage=0.3, speed=1), diagnose=True
+        read_specimen(specimen),
+        bench.address,
+        tmp_path,
+        Wish(points=32),
+        Settings(voltage=0.3, speed=1),
+        diagnose=True,
+        keep=lambda specimens, result: kept.append((specimens, result)),
     )
     first, several = asked
     assert first.measurement.file == tmp_path / "sweep.csv" and (tmp_path / "diagnosis").is_dir()
@@ -160,9 +177,33 @@ def test_the_sweeps_that_the_diagnosis_recommends_are_taken(bench, specimen, tmp
         found = read_spectrum(one.file)
         assert np.array_equal(np.round(found.frequency, 3), np.round(result.adapted.spectrum.frequency, 3))
     assert read_specimen(tmp_path / "several.toml").sweep == several.sweep
+    assert kept == [([first], result.updated), ([several], result.diagnosed)]
+    again = entry_of_result([read_specimen(tmp_path / "measured.toml")], result.updated)
+    assert entry_of_result(*kept[0]).key == again.key
     own = bench.commands()[before:]
     assert [line.split()[1] for line in own if line.startswith(":SENS1:SWE:DIR")][-3:] == ["UP", "DOWN", "UP"]
     assert bench.is_off() and bench.largest_voltage() <= 0.6
+
+
+def test_a_store_that_cannot_be_is_told_before_anything_is_measured(bench, specimen, tmp_path):
+    before = len(bench.commands())
+    for options, words in (
+        (("--store", str(specimen)), "this is no address of a store"),
+        (("--store", str(tmp_path / "none" / "line.sqlite")), "there is no such folder"),
+        (("--lot", "may"), "lots are kept in a store"),
+    ):
+        failed = run(specimen, bench.address, tmp_path / "out", *options)
+        assert failed.exit_code == 2 and words in failed.output and not (tmp_path / "out").exists()
+    assert len(bench.commands()) == before
+
+
+def test_the_usual_drive_is_that_of_the_limits():
+    """One figure in [limits], in the settings of the analysers and in the help of the command."""
+    own = Limits().voltage
+    assert Settings().voltage == own and usual_drive(Limits(voltage=2.0)) == own
+    assert usual_drive(Limits(voltage=own / 2)) == own / 2
+    words = " ".join(main.commands["measure"].get_help(click.Context(main.commands["measure"])).split())
+    assert f"{own:g} V at most" in words and f"({own:g} V, no bias where" in words
 
 
 def test_nothing_at_the_address_exits_with_4(specimen, tmp_path):

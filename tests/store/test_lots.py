@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,7 +12,7 @@ from pathlib import Path
 import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
-from made import entry
+from made import entry, write_in_turn
 from made import lots as made_lots
 from sqlalchemy import select
 
@@ -20,6 +21,7 @@ from femu_piezo.batch.run import run_lot
 from femu_piezo.cli import main
 from femu_piezo.errors import InputError
 from femu_piezo.store import schema
+from femu_piezo.store.address import check_address
 from femu_piezo.store.database import Database
 from femu_piezo.store.read import read_pieces
 from femu_piezo.store.write import keeper, lot_keeper, write
@@ -151,6 +153,24 @@ def test_an_address_that_does_not_answer_is_told_before_the_work(line, tmp_path)
         assert "Connection refused" in said and "secret" not in said and said.count("\n") == 1
         assert not (tmp_path / "out").exists()
     assert "Connection refused" in run("lots", "--store", address, code=2)
+
+
+@pytest.mark.parametrize("command", ["batch", "update", "diagnose", "measure", "serve"])
+@pytest.mark.parametrize("word", ["bar.toml", "sweeps", "line7"])
+def test_a_word_after_store_that_is_no_address_is_told(line, tmp_path, command, word):
+    """Such as the argument of the command: neither a database of that name nor a complaint of a missing argument."""
+    before = {path: path.read_bytes() for path in line.rglob("*") if path.is_file()}
+    out = () if command == "serve" else ("--out", tmp_path / "out")
+    said = run(command, "--store", line / word, *out, code=2)
+    assert "this is no address of a store" in said and "--store=sqlite" in said and said.count("\n") == 1
+    assert {path: path.read_bytes() for path in line.rglob("*") if path.is_file()} == before
+
+
+def test_a_folder_with_a_store_is_an_address(tmp_path):
+    assert check_address("sqlite") == "sqlite" and check_address(str(tmp_path / "new.DB"))
+    write_in_turn(str(tmp_path / "store.sqlite"), [0], "may")
+    shutil.copy(tmp_path / "store.sqlite", tmp_path / "line7")
+    assert check_address(str(tmp_path)) == str(tmp_path) and check_address(str(tmp_path / "line7"))
 
 
 def test_a_refused_run_leaves_no_store(line, tmp_path):

@@ -1,0 +1,100 @@
+"""What the command line has beyond click: errors as sentences, help whose lines can be copied, values with units."""
+
+from __future__ import annotations
+
+import io
+import signal
+import sys
+from typing import Any
+
+import click
+
+from femu_piezo import steps
+from femu_piezo.errors import FemuPiezoError
+
+#: Stands for a hyphen while lines are wrapped, which would end at one; no text has it (private use).
+_HYPHEN = "\ue000"
+
+
+class _Formatter(click.HelpFormatter):
+    """Breaks no line at a hyphen, so that pip install 'femu-piezo[store]' is copied whole."""
+
+    def write_text(self, text: str) -> None:
+        super().write_text(text.replace("-", _HYPHEN))
+
+    def write_dl(self, rows: Any, *args: Any, **kwargs: Any) -> None:
+        super().write_dl([(name, words.replace("-", _HYPHEN)) for name, words in rows], *args, **kwargs)
+
+    def write(self, string: str) -> None:
+        super().write(string.replace(_HYPHEN, "-"))
+
+
+class _Context(click.Context):
+    formatter_class = _Formatter
+
+
+class _Command(click.Command):
+    context_class = _Context
+
+
+class Commands(click.Group):
+    """Turns every intended error into one sentence on stderr and its exit code.
+
+    The manual of the group names its commands; click's own list, which cuts their first sentences off, is left out.
+    """
+
+    context_class = _Context
+    command_class = _Command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Nothing: see the class."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command that was asked for."""
+        if steps.wanted():  # a program cancels by SIGINT, which it may itself have been started to ignore
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        for stream in (sys.stdout, sys.stderr):  # a terminal without ε shows ? for it
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="replace")
+        try:
+            return super().invoke(ctx)
+        except FemuPiezoError as error:
+            click.echo(f"femu-piezo: {error}", err=True)
+            _tidy()
+            ctx.exit(error.exit_code)
+        except KeyboardInterrupt:
+            click.echo("femu-piezo: interrupted", err=True)
+            _tidy()
+            ctx.exit(130)
+
+
+def _tidy() -> None:
+    """Leave no empty result folder behind."""
+    from femu_piezo.output.folder import remove_empty_folders
+
+    remove_empty_folders()
+
+
+class Quantity(click.ParamType):
+    """A number or a quantity with its unit, such as "0.5 V"."""
+
+    def __init__(self, unit: str, name: str) -> None:
+        self._unit, self.name = unit, name
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """The number in the unit."""
+        from femu_piezo.units import parse_quantity
+
+        return parse_quantity(value, self._unit, f"--{self.name}")
+
+
+class StoreAddress(click.ParamType):
+    """The address of a database; --store without one takes the next word, which may be meant as something else."""
+
+    name = "address"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The address; raises InputError where it is none."""
+        from femu_piezo.store.address import check_address
+
+        return check_address(value)
