@@ -22,14 +22,11 @@ from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.effects.effect import EffectContext
 from femu_piezo.effects.library import library
 from femu_piezo.material.library import library_material, library_names
-from femu_piezo.specimen.file import LoadStandard, Material, Measurement, Readings, Residue, Simulation, Sweep, Update
-from femu_piezo.specimen.geometry import DIMENSIONS, OPTIONAL, Geometry
+from femu_piezo.specimen.file import Specimen
+from femu_piezo.specimen.geometry import DIMENSIONS, OPTIONAL
 from femu_piezo.specimen.schema import Quantity, Table
 
-TABLES = {
-    table.model_config["title"]: table
-    for table in (Geometry, Material, Measurement, Residue, LoadStandard, Sweep, Readings, Simulation, Update)
-}
+TABLES = {table.model_config["title"]: table for table in Table.__subclasses__() if table is not Specimen}
 
 
 def keys(table: type[Table]) -> Iterator[tuple[str, ...]]:

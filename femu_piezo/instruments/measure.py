@@ -183,10 +183,13 @@ class PointFile:
         )
         end = f"{self._settings.voltage!r},{self._settings.bias!r}"
         text = "".join(f"{f!r},{r!r},{x!r},{end}\n" for f, r, x in rows)
-        with open(self.path, "a", encoding="utf-8") as stream:
-            stream.write((_HEADER + "\n" if new else "") + text)
-            stream.flush()
-            os.fsync(stream.fileno())
+        try:
+            with open(self.path, "a", encoding="utf-8") as stream:
+                stream.write((_HEADER + "\n" if new else "") + text)
+                stream.flush()
+                os.fsync(stream.fileno())
+        except OSError as error:
+            raise InputError(f"{self.path}: the file cannot be written ({error.strerror or error})") from None
 
 
 @contextmanager

@@ -1,6 +1,6 @@
-"""Throughput of the batch on 1 and 2 processes and through Dask, memory, cost of a first and a further plate; kills.
+"""Throughput of the batch on 1 and 2 processes and through Dask, memory, cost of a first and a further plate.
 
-    python tests/benchmarks/batch.py [sweeps, default 500] [kills, default 50] [most seconds of the rates, default 3600]
+    python tests/benchmarks/batch.py [sweeps, default 500] [most seconds of the rates, default 3600]
     python tests/benchmarks/batch.py growth [sweeps, default 100 1000 10000]
 
 The second form measures everything but the fits: a lot of so many different sweeps of one design is found, checked,
@@ -30,7 +30,6 @@ import psutil
 ROOT = Path(__file__).resolve().parents[2]
 #: Plates that each way computes before it is the turn of the next.
 ROUND = 25
-sys.path[:0] = [str(ROOT / "tests" / "batch")]
 
 SPECIMEN = """
 name = "plate"
@@ -225,23 +224,6 @@ def _accuracy(table: Path) -> None:
     print(f"s11 scatters by {spread:.2%} (put in: 1 %)")
 
 
-def kills(folder: Path, count: int) -> None:
-    """Kill the batch of a small lot `count` times at random moments, in runs of five; compare the tables."""
-    from lots import kill_at_random, write_lot
-
-    from femu_piezo.batch.command import run_batch
-
-    sweeps, specimen = write_lot(folder, 60)
-    run_batch(sweeps, folder / "whole", specimen, workers=2)
-    reference = [(folder / "whole" / name).read_bytes() for name in ("table.csv", "table.parquet")]
-    alive = same = 0
-    for number in range(count):
-        out = folder / f"killed{number}"
-        alive += kill_at_random(sweeps, specimen, out, kills=1, seed=number, longest_s=8)
-        same += [(out / name).read_bytes() for name in ("table.csv", "table.parquet")] == reference
-    print(f"{count} kills ({alive} before its end): {same} identical tables after resume")
-
-
 class Ready:
     """A pool that answers every update with the same record."""
 
@@ -330,9 +312,6 @@ elif __name__ == "__main__" and sys.argv[1:2] == ["one-growth"]:
     with tempfile.TemporaryDirectory() as place:
         growth(int(sys.argv[2]), Path(place) / "lot")
 elif __name__ == "__main__":
-    sweeps_, kills_, budget = (int(item) for item in [*sys.argv[1:], *(500, 50, 3600)[len(sys.argv) - 1 :]])
+    sweeps_, budget = (int(item) for item in [*sys.argv[1:], *(500, 3600)[len(sys.argv) - 1 :]])
     with tempfile.TemporaryDirectory() as place:
-        if sweeps_:
-            throughput(*make_lot(Path(place) / "lot", sweeps_), Path(place), budget)
-        if kills_:
-            kills(Path(place) / "kills", kills_)
+        throughput(*make_lot(Path(place) / "lot", sweeps_), Path(place), budget)

@@ -1,10 +1,12 @@
-"""The page's jobs killed at random moments: what is on disk afterwards is whole, and the next server goes on.
+"""Commands killed at random moments: what is on disk afterwards is whole, and the same command goes on from there.
 
-    python tests/benchmarks/kills.py [kills, default 50] [seed]
+    python tests/benchmarks/kills.py [page|batch|measure|all] [kills of each, default 50] [seed, default 1]
 
-A process works as the server does (`femu_piezo.web.jobs.Jobs`) on extractions and updates of one plate, and is killed
-with all its children. Then every JSON file reads, every picture ends as it should, nothing temporary is left that a new
-server does not survive, and a job asked of that one comes to its end. Kills of `batch`: tests/benchmarks/batch.py.
+page: a process works as the server does (`femu_piezo.web.jobs.Jobs`) on extractions and updates of one plate; after
+each kill a new server brings a job to its end. batch: lots of ten sweeps on two processes with a store; resumed, each
+ends in the table and the store of a run that nobody disturbed. measure: against a simulated analyser, five kills of
+each measurement, with a store; no point that was on disk is lost, the last run ends with all of them. Everything is
+killed with its children by SIGKILL; then every JSON file reads and every picture ends as it should.
 """
 
 from __future__ import annotations
@@ -19,11 +21,14 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 
-from femu_piezo.web.jobs import Jobs
+import numpy as np
 
-PLATE = Path(__file__).resolve().parents[2] / "tutorials" / "k31_plate"
+TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(TESTS), str(TESTS / "batch")]
+PLATE = TESTS.parent / "tutorials" / "k31_plate"
 SERVER = """
 import sys, time
 from pathlib import Path
@@ -36,7 +41,8 @@ while True:
         jobs.ask(command, source, f"results/{source}/{command}")
     time.sleep(0.05)
 """
-LONGEST_S = 6.0
+#: Kills of one measurement, and its points.
+SERIES, POINTS = 5, 96
 
 
 def broken(folder: Path) -> list[str]:
@@ -53,8 +59,43 @@ def broken(folder: Path) -> list[str]:
     return found
 
 
-def goes_on(folder: Path) -> bool:
+def killed(command: list[str], seconds: float) -> bool:
+    """Start a command, kill it and its children after some seconds; whether it was still at work."""
+    process = subprocess.Popen(
+        [sys.executable, *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    time.sleep(seconds)
+    alive = process.poll() is None
+    with suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    return alive
+
+
+def finished(command: list[str]) -> bool:
+    """Whether the command comes to its end."""
+    done = subprocess.run([sys.executable, *command], capture_output=True, text=True)
+    if done.returncode:
+        print(done.stderr)
+    return done.returncode == 0
+
+
+def page(count: int, draw: random.Random, folder: Path) -> Counter[str]:
+    """Kills of a server at work."""
+    found: Counter[str] = Counter()
+    for name in ("plate.toml", "sweep.csv"):
+        shutil.copy(PLATE / name, folder)
+    for _ in range(count):
+        found["at work"] += killed(["-c", SERVER, str(folder)], draw.uniform(0.3, 6.0))
+        found["files whole"] += not broken(folder)
+        found["went on"] += _serves(folder)
+    return found
+
+
+def _serves(folder: Path) -> bool:
     """Whether a new server on the folder brings a job to its end."""
+    from femu_piezo.web.jobs import Jobs
+
     jobs = Jobs(folder, folder / ".femu-piezo", 1)
     try:
         job = jobs.ask("extract", "sweep.csv", "results/sweep.csv/extract")
@@ -66,27 +107,88 @@ def goes_on(folder: Path) -> bool:
         jobs.stop()
 
 
-def main(count: int, seed: int) -> None:
+def batch(count: int, draw: random.Random, folder: Path) -> Counter[str]:
+    """Kills of a lot, each of a run of its own."""
+    from lots import write_lot
+
+    sweeps, specimen = write_lot(folder, 10)
+
+    def command(out: Path) -> list[str]:
+        words = ["-m", "femu_piezo.cli", "batch", str(sweeps), "--specimen", str(specimen), "--workers", "2"]
+        return [*words, "--out", str(out), "--store=sqlite"]
+
+    def contents(out: Path) -> tuple[object, ...]:
+        return *((out / name).read_bytes() for name in ("table.csv", "table.parquet")), _kept(out)
+
+    whole = folder / "whole"
+    start = time.monotonic()
+    assert finished(command(whole))
+    longest, reference, found = time.monotonic() - start, contents(whole), Counter[str]()
+    for number in range(count):
+        out = folder / f"killed{number}"
+        found["at work"] += killed(command(out), draw.uniform(0.3, longest))
+        found["files whole"] += not out.exists() or not broken(out)
+        found["went on"] += finished(command(out)) and contents(out) == reference
+        shutil.rmtree(out)
+    return found
+
+
+def measure(count: int, draw: random.Random, folder: Path) -> Counter[str]:
+    """Kills of measurements, some of each; the last run of each counts for its series."""
+    from instruments.conftest import PLATE as SPECIMEN
+    from instruments.conftest import analyser
+
+    from femu_piezo.measurement.readers import read_spectrum
+
+    specimen, found = folder / "plate.toml", Counter[str]()
+    specimen.write_text(SPECIMEN, encoding="utf-8")
+    with analyser(specimen) as running:
+        words = ["-m", "femu_piezo.cli", "measure", str(specimen), "--instrument", running.address, "--speed", "1"]
+        for first in range(0, count, SERIES):
+            out, seen, whole = folder / f"out{first}", np.zeros(0), 0
+            command = [*words, "--points", str(POINTS), "--out", str(out), "--store=sqlite"]
+            kills = min(SERIES, count - first)
+            for _ in range(kills):
+                found["at work"] += killed(command, draw.uniform(1.0, 15.0))
+                now = _points(out)
+                whole += not out.exists() or not broken(out)
+                found["lost a point"] += not np.array_equal(now[: seen.size], seen)
+                seen = now
+            found["files whole"] += whole
+            done = finished(command) and np.all(np.isin(seen, read_spectrum(out / "sweep.csv").frequency))
+            found["went on"] += kills * bool(done and running.is_off() and len(_kept(out)) == 1)
+    return found
+
+
+def _points(out: Path) -> np.ndarray:
+    """Frequencies of the whole lines of points.csv, Hz."""
+    path = out / "points.csv"
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    lines = text[: text.rfind("\n") + 1].splitlines()[1:]
+    return np.array([float(line.split(",")[0]) for line in lines])
+
+
+def _kept(out: Path) -> list[dict]:
+    """What the store of a folder says of its pieces, but for when and by whom."""
+    from femu_piezo.store.database import Database
+    from femu_piezo.store.read import read_pieces
+
+    rows = read_pieces(Database("sqlite", out, make=False))
+    return [{name: value for name, value in row.items() if name not in ("lot", "written")} for row in rows]
+
+
+KINDS = {"page": page, "batch": batch, "measure": measure}
+
+
+def main(kind: str, count: int, seed: int) -> None:
     """Print how many kills left everything whole."""
-    draw, found = random.Random(seed), Counter()
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
-        for name in ("plate.toml", "sweep.csv"):
-            shutil.copy(PLATE / name, folder)
-        for _ in range(count):
-            server = subprocess.Popen([sys.executable, "-c", SERVER, str(folder)], start_new_session=True)
-            time.sleep(draw.uniform(0.3, LONGEST_S))
-            found["alive"] += server.poll() is None
-            os.killpg(server.pid, signal.SIGKILL)
-            server.wait()
-            faults = broken(folder)
-            found["broken"] += bool(faults)
-            found["goes on"] += goes_on(folder)
-            if faults:
-                print(faults)
-    print(f"{count} kills ({found['alive']} of a server at work): {found['broken']} left a broken file, ", end="")
-    print(f"after {found['goes on']} the next server went on")
+    for name in KINDS if kind == "all" else [kind]:
+        with tempfile.TemporaryDirectory() as place:
+            found = KINDS[name](count, random.Random(seed), Path(place))
+        told = ", ".join(f"{found[what]} {what}" for what in ("at work", "files whole", "went on"))
+        print(f"{name}: {count} kills: {told}, {found['lost a point']} lost a point", flush=True)
 
 
 if __name__ == "__main__":
-    main(*(int(item) for item in [*sys.argv[1:], *(50, 1)[len(sys.argv) - 1 :]]))
+    kind_, *numbers = [*sys.argv[1:], *("all", "50", "1")[len(sys.argv) - 1 :]]
+    main(kind_, *map(int, numbers))
