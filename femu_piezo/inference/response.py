@@ -266,9 +266,9 @@ def _solved(
         part = part[part < wanted]
         state, w, omega = state[: part.size], weights[part], sweep[part]
         along = _quadratic(system.terms, state)  # (part, n_terms)
-        move = np.einsum("kt,kn,ntx->kx", along, w, c.stiffness_tangents, optimize=True)
+        move = _interpolated(along, w, c.stiffness_tangents)
         heavy = _quadratic(system.masses, state[:, : system.displacements])
-        move -= omega[:, None] ** 2 * np.einsum("kj,kn,njx->kx", heavy, w, c.inertia_tangents, optimize=True)
+        move -= omega[:, None] ** 2 * _interpolated(heavy, w, c.inertia_tangents)
         slopes[part] = -1j * omega[:, None] * model.admittance_factor * move
     return y, slopes
 
@@ -285,15 +285,19 @@ class _System:
 
     @cached_property
     def _at_nodes(self) -> np.ndarray:
-        return self.coefficients.stiffness @ self.terms.reshape(len(self.terms), -1)  # (nodes, r²)
+        return self.coefficients.stiffness.astype(complex) @ self.terms.reshape(len(self.terms), -1)  # (nodes, r²)
+
+    @cached_property
+    def _whole_masses(self) -> np.ndarray:
+        rest = self.terms.shape[1] - self.displacements
+        return np.pad(self.masses, ((0, 0), (0, rest), (0, rest))).reshape(len(self.masses), -1)  # (j, r²)
 
     def states(self, sweep: np.ndarray, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(p, r) state under a volt and (p,) charge, at the frequencies number `part` of a sweep."""
-        u, size, w = self.displacements, self.terms.shape[1], self.weights[part]
-        matrix = (w @ self._at_nodes).reshape(-1, size, size)
-        inertia = sweep[part, None] ** 2 * (w @ self.coefficients.inertia)
-        for j, mass in enumerate(self.masses):
-            matrix[:, :u, :u] -= inertia[:, j, None, None] * mass
+        size, w = self.terms.shape[1], self.weights[part]
+        matrix = (w @ self._at_nodes.view(float)).view(complex)  # real by complex is twice the work for numpy
+        matrix -= (sweep[part, None] ** 2 * (w @ self.coefficients.inertia)) @ self._whole_masses
+        matrix = matrix.reshape(-1, size, size)
         inner = np.linalg.solve(matrix[:, :-1, :-1], matrix[:, :-1, -1:])[:, :, 0]
         state = np.concatenate([-inner, np.ones((part.size, 1))], axis=1)
         return state, -np.einsum("ki,ki->k", matrix[:, -1, :], state)
@@ -317,11 +321,18 @@ class _System:
 
 def _quadratic(terms: np.ndarray, states: np.ndarray) -> np.ndarray:
     """xᵗ A_t x (k, n_terms) for real symmetric A (n_terms, r, r) and complex states (k, r)."""
-    real, imag = np.ascontiguousarray(states.real), np.ascontiguousarray(states.imag)
-    found = np.empty((len(states), len(terms)), dtype=complex)
-    for t, matrix in enumerate(terms):
-        found[:, t] = np.einsum("kr,kr->k", real @ matrix + 1j * (imag @ matrix), states)
-    return found
+    parts, count = np.concatenate([states.real, states.imag]), len(states)
+    images = parts @ terms  # (n_terms, 2k, r)
+    real, imag = images[:, :count], images[:, count:]
+    own, crossed = np.einsum("tkr,kr->kt", real, parts[:count]), np.einsum("tkr,kr->kt", real, parts[count:])
+    return own - np.einsum("tkr,kr->kt", imag, parts[count:]) + 2j * crossed
+
+
+def _interpolated(along: np.ndarray, weights: np.ndarray, tangents: np.ndarray) -> np.ndarray:
+    """Σ_tn along[k, t] weights[k, n] tangents[n, t, x] (k, x), as one product of matrices."""
+    nodes, terms, unknowns = tangents.shape
+    pairs = weights[:, :, None] * along[:, None, :]
+    return pairs.reshape(len(along), nodes * terms) @ tangents.reshape(nodes * terms, unknowns)
 
 
 def _nodes(omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
