@@ -26,7 +26,7 @@ from femu_piezo.errors import InputError
 
 SIZE = np.array([12e-3, 6.7e-3, 1.6e-3])
 TANGENTS = {"s11": 0.016, "d31": 0.012, "eps33T": 0.018}
-FREQUENCY = np.linspace(20e3, 240e3, 401)
+FREQUENCY = np.linspace(20e3, 240e3, 201)
 #: True over assumed, of the free constants.
 OFF = {"s11": 1.03, "d31": 0.97, "eps33T": 1.05}
 
@@ -43,7 +43,7 @@ def fundamental() -> float:
     return Build(size=SIZE, density=DENSITY, theta=truth(), fundamental=0.0).pole(115e3)
 
 
-def sweep(law=None, theta=None, frequency=FREQUENCY, noise=1e-3, seed=0, circuits=()) -> np.ndarray:
+def sweep(law=None, theta=None, frequency=FREQUENCY, noise=7e-4, seed=0, circuits=()) -> np.ndarray:
     """Rows of frequency, resistance and reactance."""
     build = Build(SIZE, DENSITY, truth() if theta is None else theta, fundamental())
     build.laws += [] if law is None else [law]

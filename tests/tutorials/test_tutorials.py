@@ -27,7 +27,7 @@ PICTURES = {
     "hidden_effect": ("bias.png", "diagnosis.png"),
     "own_effect": ("end_mass.png", "diagnosis.png"),
 }
-SLOW = {"trapezoid", "full_set", "hidden_effect", "own_effect"}
+SLOW = {"measured_disk", "trapezoid", "full_set", "hidden_effect", "own_effect"}
 MEASURED = {"measured_bar", "measured_disk"}
 PAGES = [FOLDER.parent / "README.md", *sorted((FOLDER.parent / "docs").glob("*.md"))]
 PAGES += sorted((FOLDER.parent / "docs").glob("how-to/*.md"))
