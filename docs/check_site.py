@@ -39,7 +39,7 @@ def faults(site: Path) -> list[str]:
     """One sentence for each reference that is broken, or that needs the network to show the page."""
     paths = [path for path in sorted(site.rglob("*.html")) if "_static" not in path.parts]  # templates of the theme
     pages = {path: _Page(path.read_text(encoding="utf-8")) for path in paths}
-    found = []
+    found = [] if pages else [f"{site}: there is no page"]
     for path, page in pages.items():
         for reference in [*page.loads, *page.leads]:
             parts = urlsplit(reference)

@@ -107,6 +107,7 @@ def test_the_check_of_a_site_finds_what_is_wrong(tmp_path):
     spec = importlib.util.spec_from_file_location("check_site", ROOT / "docs/check_site.py")
     check = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(check)
+    assert check.faults(tmp_path) == [f"{tmp_path}: there is no page"]
     (tmp_path / "a.html").write_text('<p id="here"><a href="b.html#there">b</a><a href="#here">a</a>', encoding="utf-8")
     (tmp_path / "b.html").write_text('<p id="there"><a href="https://example.org">out</a>', encoding="utf-8")
     assert check.faults(tmp_path) == []
