@@ -64,11 +64,11 @@ def test_volume_surface_and_electrodes_are_those_of_the_drawing(name, layers):
     assert boundary_area(domain.mesh, "hot") == pytest.approx(shape.electrode_area, rel=1e-8)
 
 
-@pytest.mark.parametrize("name", ["half trapezoid", "rounded, holed"])
-def test_free_bodies_move_rigidly(name):
+@pytest.mark.parametrize(("name", "order"), [("half trapezoid", 5), ("rounded, holed", 3)])
+def test_free_bodies_move_rigidly(name, order):
     """Six motions without energy, translations exactly, rotations as far as the order follows the maps."""
     shape = BODIES[name][0]
-    model = ElectroelasticModel(shape.domain(3 * MM, symmetric=False, order=5), DENSITY)
+    model = ElectroelasticModel(shape.domain(3 * MM, symmetric=False, order=order), DENSITY)
     stiffness, places = model.stiffness(FORM), model.basis.doflocs
     for axis in range(3):
         for kind in ("translation", "rotation"):
@@ -147,7 +147,7 @@ def against_finer(shape: Slab, band: float, accuracies: tuple[float, ...]) -> li
     "name",
     [
         "disk, margin",
-        "ring, margin",
+        pytest.param("ring, margin", marks=pytest.mark.slow),
         pytest.param("trapezoid, wrapped", marks=pytest.mark.slow),
     ],
 )
