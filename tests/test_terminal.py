@@ -25,4 +25,4 @@ def test_no_line_of_a_help_ends_within_a_word(name, width):
 
 def test_the_manual_names_every_command():
     shown = main.get_help(click.Context(main))
-    assert set(re.findall(r"^  femu-piezo (\w+) ", shown, flags=re.M)) == set(main.commands)
+    assert set(re.findall(r"^ +femu-piezo (\w+) ", shown, flags=re.M)) == set(main.commands)

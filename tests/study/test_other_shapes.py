@@ -95,7 +95,7 @@ def test_update_of_a_partly_covered_trapezoid(tmp_path, truth):
         tmp_path,
         truth,
         body,
-        body.domain(3e-3, order=5),
+        body.domain(3e-3, order=4),
         [
             'shape = "trapezoid"',
             "length = 14e-3",
