@@ -18,6 +18,7 @@ from click.testing import CliRunner
 
 from femu_piezo.batch.jobs import file_checksum
 from femu_piezo.cli import main
+from femu_piezo.errors import InputError
 from femu_piezo.instruments.analyser import Settings, usual_drive
 from femu_piezo.instruments.measure import PointFile, measure
 from femu_piezo.measurement.readers import read_spectrum
@@ -223,6 +224,13 @@ def test_a_plan_for_an_analyser_without_a_connection(specimen, tmp_path):
     command = (tmp_path / "plan_e4990a.scpi").read_text().splitlines()[1]
     numbers = [float(word) for word in command.removeprefix(":SENS1:SEGM:DATA ").split(",")]
     assert numbers[:9] == [7, 0, 0, 0, 0, 0, 0, 0, len(rows)] and np.allclose(numbers[9:], rows.ravel(), atol=1e-3)
+
+
+def test_a_full_disk_is_told():
+    """/dev/full is a file on one."""
+    spectrum = ImpedanceSpectrum(np.array([1e3, 2e3]), np.array([1 - 2j, 3 - 4j]))
+    with pytest.raises(InputError, match=r"/dev/full: the file cannot be written \(No space left on device\)"):
+        PointFile(Path("/dev/full"), Settings()).append(spectrum)
 
 
 def test_points_of_another_voltage_do_not_mix(tmp_path):
