@@ -124,7 +124,7 @@ class FourierOrder:
 
     Attributes
     ----------
-    radii, weights : (q,) of the Gauss points: m, and their volumes m³
+    radii, heights, weights : (q,) of the Gauss points: r and z in m, and their volumes m³
     gradients : [f][a] (q, 4n) the gradient of every field at these points
     """
 
@@ -134,7 +134,8 @@ class FourierOrder:
         (value_r, slope_r), (value_z, slope_z) = section.radial.shapes(r), section.axial.shapes(z)
         # a quarter of ∫ cos² nθ dθ over the turn, half the height: an eighth
         self._turn = np.pi / (4 if number else 2)
-        self.radii, self.weights = np.repeat(r, z.size), np.outer(r * wr, wz).ravel() * self._turn
+        self.radii, self.heights = np.repeat(r, z.size), np.tile(z, r.size)
+        self.weights = np.outer(r * wr, wz).ravel() * self._turn
         self._values = sp.kron(value_r, value_z, format="csr")
         up = sp.kron(value_r, slope_z, format="csr")
         plane = self._in_plane(self._values, sp.kron(slope_r, value_z, format="csr"), self.radii)
@@ -179,6 +180,10 @@ class FourierOrder:
         values = [of_field(value, f) for f in range(FIELDS)]
         return Faces(r * wr * self._turn, values, self._in_plane(value, slope, r))
 
+    def at_points(self, fields: np.ndarray) -> np.ndarray:
+        """(4, 3, q, k) gradients of fields (4n, k) at the Gauss points."""
+        return np.array([[g @ fields for g in row] for row in self.gradients])
+
     def between(
         self, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray], weight: np.ndarray | float = 1.0
     ) -> np.ndarray:
@@ -186,13 +191,35 @@ class FourierOrder:
 
         weight : (q,) a factor at the Gauss points
         """
+        return self.joined(self.at_points(left), self.at_points(right), tensors, weight)
+
+    def joined(
+        self, before: np.ndarray, after: np.ndarray, tensors: Sequence[np.ndarray], weight: np.ndarray | float = 1.0
+    ) -> np.ndarray:
+        """The same of gradients (4, 3, q, k) and (4, 3, q, l) at the Gauss points."""
         tensors, volume = np.asarray(tensors), (self.weights * weight)[:, None]
-        before, after = ([[g @ fields for g in row] for row in self.gradients] for fields in (left, right))
-        found = np.zeros((len(tensors), left.shape[1], right.shape[1]))
+        found = np.zeros((len(tensors), before.shape[3], after.shape[3]))
         for f, a, g, b in zip(*np.nonzero(np.any(tensors, axis=0)), strict=True):
-            image = before[f][a].T @ (volume * after[g][b])
+            image = before[f, a].T @ (volume * after[g, b])
             for number in np.flatnonzero(tensors[:, f, a, g, b]):
                 found[number] += tensors[number, f, a, g, b] * image
+        return found
+
+    def load(self, flow: np.ndarray) -> np.ndarray:
+        """(4n, k) forces and charges of stresses and flux densities (4, 3, q, k) at the Gauss points."""
+        volume = self.weights[:, None]
+        return sum(self.gradients[f][a].T @ (volume * flow[f, a]) for f in range(FIELDS) for a in range(flow.shape[1]))
+
+    def momentum(self, fields: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """(4n, k) ∫ ρ weight v·u of u_r and u_z of fields (4n, k), kg; weight (q,) at the Gauss points.
+
+        The fields may be of order 0, which has no u_θ, and the weight the factor of cos nθ.
+        """
+        volume, n = (self.section.density * self.weights * weight)[:, None], self.section.size
+        found = np.zeros_like(fields)
+        for f in (0, 2):
+            own = slice(f * n, (f + 1) * n)
+            found[own] = self._values.T @ (volume * (self._values @ fields[own]))
         return found
 
     def within(self, fields: np.ndarray, tensors: Sequence[np.ndarray], weight: np.ndarray | float = 1.0) -> np.ndarray:

@@ -34,7 +34,8 @@ def test_page_and_library_agree():
         1e3,
         (12e-3, 5e-3, 1e-3),
     )
-    disk = EffectContext(1e5, ("s11",), constants, {"diameter": (0, 1), "thickness": (2,)}, 7500.0, 1e-3, 1e3)
+    axes, radii = {"diameter": (0, 1), "thickness": (2,)}, (0.0, 10e-3)
+    disk = EffectContext(1e5, ("s11",), constants, axes, 7500.0, 1e-3, 1e3, radii=radii)
     effects = [*library(context), *library(disk)]
     page = rows()
     assert set(page) == {effect.name for effect in effects}

@@ -107,6 +107,18 @@ def gradient(one: Round) -> np.ndarray:
     return one.exact(one.body(profiles=profiles))
 
 
+def wedge(one: Round) -> np.ndarray:
+    return one.exact(one.body(wedge=0.1))
+
+
+def oval(one: Round) -> np.ndarray:
+    return one.exact(one.body(oval=np.expm1(0.005)))
+
+
+def long_oval(one: Round) -> np.ndarray:
+    return one.exact(one.body(oval=np.expm1(0.01)))
+
+
 #: Case → parameters of the effect, how it is built, and the error allowed as a share of what it changes (rms).
 CASES = {
     "point_mass": ((4e-6, 4.2e-3, 1e-3), mass, 0.02),
@@ -115,6 +127,9 @@ CASES = {
     "mounting/circle": ((3e6, 6.0, 5.4e-3), support, 0.02),
     "mounting/three points": ((5e5, 1.0, 5e-3), three_points, 0.02),
     "unequal_electrode_mass": ((0.6,), unequal_films, 0.03),
+    "wedge": ((0.1,), wedge, 0.04),
+    "ovality": ((0.005,), oval, 0.02),
+    "ovality, long": ((0.01,), long_oval, 0.03),
 }
 
 
@@ -123,11 +138,22 @@ CASES = {
 def test_change_of_impedance_against_independent_solution(bodies, bare, name, case):
     (values, change, share), key, one = CASES[case], case.partition(",")[0], bodies[name]
     exact = np.log(change(one) / bare[name])
-    own = np.log(one.impedance(key, values) / one.impedance())
-    error, size = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (own - exact, exact))
-    assert size > 0.005
+    own, mesh = np.log(one.impedance(key, values) / one.impedance()), np.log(one.impedance() / bare[name])
+    error, size, floor = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (own - exact, exact, mesh))
+    assert size > 100 * floor
     print(f"{name} {case}: {error / size:.4f}")
     assert error < share * size, f"{error / size:.4f}"
+
+
+@pytest.mark.parametrize("key", ["wedge", "ovality"])
+def test_slopes_of_a_deformation_against_differences(bodies, key):
+    one, step = bodies["disk"], 1e-3
+    effect = one.library[key]
+    unknowns, size = one.unknowns.with_candidate(effect), 2.0  # in its scale
+    near = [one.evaluation.impedance(unknowns, np.append(one.x, size + way * step)) for way in (-1, 1)]
+    slopes = one.evaluation.with_jacobian(unknowns, np.append(one.x, size))[1][:, -1]
+    difference = (near[1] - near[0]) / (2 * step)
+    assert np.max(np.abs(slopes - difference)) < 1e-5 * np.max(np.abs(difference))
 
 
 @pytest.mark.parametrize("name", RADII)

@@ -67,6 +67,8 @@ class RoundBody:
     radii : inner and outer, m;  thickness : m;  density : kg/m³
     degree : in the plane;  layers : degree through the thickness
     profiles : "c" and "e" → factor over x, y (k,) → (k,) on the stiffness and on the piezoelectric constants
+    wedge : the thickness is t (1 + wedge x/R) at every x, y
+    oval : the outline is stretched by (1 + oval) along x and shrunk by the same along y
     """
 
     radii: tuple[float, float]
@@ -75,6 +77,12 @@ class RoundBody:
     degree: int = 16
     layers: int = 5
     profiles: Mapping[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] = field(default_factory=dict)
+    wedge: float = 0.0
+    oval: float = 0.0
+
+    def heights(self, x: np.ndarray) -> np.ndarray:
+        """Thickness at x over the nominal one."""
+        return 1 + self.wedge * x / self.radii[1]
 
     def classes(self, surfaces: Sequence[RoundSurface]) -> list[tuple[int, ...]]:
         """Sign of the parity in z of the classes that surfaces couple, the driven one first."""
@@ -92,11 +100,12 @@ class RoundBody:
         r, turns = inner + (outer - inner) * (nodes + 1) / 2, 2 * self.degree + 8
         angle = np.pi * (np.arange(turns) + 0.5) / turns
         area = np.outer(r * weights * (outer - inner) / 2, np.full(turns, 2 * np.pi / turns))
-        return np.outer(r, np.cos(angle)).ravel(), np.outer(r, np.sin(angle)).ravel(), area.ravel()
+        longer = 1 + self.oval
+        return longer * np.outer(r, np.cos(angle)).ravel(), np.outer(r, np.sin(angle)).ravel() / longer, area.ravel()
 
     def plane(self, x: np.ndarray, y: np.ndarray, parity: int) -> np.ndarray:
         """(3, k, points) values and slopes by x, y of the functions even (1) or odd (−1) in y."""
-        raw = self._raw(x, y, parity)
+        raw = self._stretched(x, y, parity)
         return raw if raw.shape[1] == 0 else np.einsum("kf,dfp->dkp", self._orthonormal[parity], raw)
 
     @cached_property
@@ -105,11 +114,16 @@ class RoundBody:
         x, y, weights = self.quadrature
         found = {}
         for parity in (1, -1):
-            raw = self._raw(x, y, parity)[0]
+            raw = self._stretched(x, y, parity)[0]
             size, turned = np.linalg.eigh((raw * weights) @ raw.T)
             keep = size > _SAME * size[-1]
             found[parity] = (turned[:, keep] / np.sqrt(size[keep])).T
         return found
+
+    def _stretched(self, x: np.ndarray, y: np.ndarray, parity: int) -> np.ndarray:
+        """Polynomials of the place in the round body before it was made oval, and their slopes in the oval one."""
+        longer = 1 + self.oval
+        return self._raw(x / longer, y * longer, parity) / np.array([1.0, longer, 1 / longer])[:, None, None]
 
     def _raw(self, x: np.ndarray, y: np.ndarray, parity: int) -> np.ndarray:
         inner, outer = self.radii
@@ -188,10 +202,27 @@ class RoundClass(CrystalForms):
         """∫ profile ∂_a f ∂_b g dV; −1: not differentiated."""
         x, y, weights = self._body.quadrature
         weights = weights * self._body.profiles.get(profile, lambda x, y: np.ones_like(x))(x, y)
-        (left, left_z), (right, right_z) = self._functions(f), self._functions(g)
-        plane = (left[a + 1 if a in (0, 1) else 0] * weights) @ right[b + 1 if b in (0, 1) else 0].T
-        along = (left_z[int(a == 2)] * self._weights * self._body.thickness / 2) @ right_z[int(b == 2)].T
-        return np.kron(plane, along)
+        total = 0.0
+        for left, left_z in self._slope(f, a):
+            for right, right_z in self._slope(g, b):
+                plane = (left * weights * self._body.heights(x)) @ right.T
+                along = (left_z * self._weights * self._body.thickness / 2) @ right_z.T
+                total = total + np.kron(plane, along)
+        return total
+
+    def _slope(self, f: int, a: int) -> list[tuple[np.ndarray, np.ndarray]]:
+        """∂_a of a field (−1: the field) as products of functions of x, y and of ζ = z/height, each (k, points)."""
+        plane, line = self._functions(f)
+        x, half = self._body.quadrature[0], self._body.thickness / 2
+        height, rise = self._body.heights(x), self._body.wedge / self._body.radii[1]
+        if a == -1:
+            return [(plane[0], line[0])]
+        if a == 2:
+            return [(plane[0] / height, line[1])]
+        found = [(plane[a + 1], line[0])]
+        if a == 0 and rise:
+            found.append((-plane[0] * rise / height, half * self._nodes * line[1]))
+        return found
 
     def block(self, f: int) -> slice:
         return slice(self._starts[f], self._starts[f + 1])

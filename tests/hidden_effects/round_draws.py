@@ -49,6 +49,8 @@ class RoundBuild(Swept):
     circuits: list[Circuit] = field(default_factory=list)
     warp: Profile | None = None
     profiles: dict[str, Callable] = field(default_factory=dict)
+    wedge: float = 0.0
+    oval: float = 0.0
 
     @property
     def mass(self) -> float:
@@ -57,7 +59,8 @@ class RoundBuild(Swept):
 
     def body(self) -> RoundBody:
         """The piece without what stands on its surfaces."""
-        return RoundBody(tuple(self.radii), self.thickness, self.density, _DEGREE, _LAYERS, self.profiles)
+        outline = tuple(self.radii), self.thickness, self.density
+        return RoundBody(*outline, _DEGREE, _LAYERS, self.profiles, self.wedge, self.oval)
 
     def face(self, side: int, coefficient, directions: tuple[int, ...] = (0, 1, 2)) -> RoundSurface:
         """All of one face."""
@@ -125,6 +128,19 @@ def poling_gradient(build: RoundBuild, rng, variant) -> Hidden:
     return Hidden("poling_gradient", {"gradient": size}, variant="steeper" * variant, sized=not variant)
 
 
+def wedge(build: RoundBuild, rng, variant) -> Hidden:
+    """No variant: one side is thicker."""
+    build.wedge = log_uniform(rng, 0.04, 0.25)
+    return Hidden("wedge", {"wedge": build.wedge})
+
+
+def ovality(build: RoundBuild, rng, variant) -> Hidden:
+    """No variant: one diameter is larger than another, of a ring the inner one with it."""
+    size = log_uniform(rng, 0.002, 0.015)
+    build.oval = float(np.expm1(size))
+    return Hidden("ovality", {"ovality": size})
+
+
 def _wrong(name: str, low: float, high: float) -> catalogue.Entry:
     def entry(build: RoundBuild, rng, variant) -> Hidden:
         """No variant."""
@@ -157,6 +173,8 @@ ROUND_EFFECTS: Mapping[str, catalogue.Entry] = {name: catalogue.EFFECTS[name] fo
     "unequal_electrode_mass": unequal_electrode_mass,
     "fluid_load": fluid_load,
     "poling_gradient": poling_gradient,
+    "wedge": wedge,
+    "ovality": ovality,
     "wrong_diameter": _wrong("diameter", 0.01, 0.03),
     "wrong_thickness": _wrong("thickness", 0.01, 0.04),
 }

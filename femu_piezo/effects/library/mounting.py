@@ -16,7 +16,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalHook, LocalTerm
 from femu_piezo.effects.local.operators import Places
-from femu_piezo.effects.local.round_fields import AROUND, BENDING, FILM
+from femu_piezo.effects.local.round_fields import AT_A_PLACE, FILM
 
 #: Radii to look at first, as shares of the way from the inner to the outer one.
 _RADII = np.array([0.02, 0.25, 0.5, 0.75, 0.9, 0.99])
@@ -88,4 +88,4 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
 
     circle = replace(common, law="circle", parameters=at("radius"), local=_hook(_line), sites=sites)
     points = replace(common, law="three points", parameters=at("points_radius"), local=_hook(_tripod), sites=sites)
-    return circle, replace(points, sectors=(FILM, BENDING, AROUND), onset_hidden=True)
+    return circle, replace(points, sectors=(FILM, *AT_A_PLACE), onset_hidden=True)

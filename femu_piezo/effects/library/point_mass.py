@@ -20,7 +20,7 @@ from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, Lo
 from femu_piezo.effects.local.face_compliance import FaceCompliance
 from femu_piezo.effects.local.faces import Face
 from femu_piezo.effects.local.operators import Places
-from femu_piezo.effects.local.round_fields import AROUND, BENDING
+from femu_piezo.effects.local.round_fields import AT_A_PLACE
 from femu_piezo.effects.local.sectors import SPOT
 
 #: Where to look first, as shares of half the length and half the width, and of the way along the radius.
@@ -116,7 +116,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         return ()
     own = context.mass
     if context.radii is not None:
-        (inner, outer), sectors = context.radii, (SPOT, BENDING, AROUND)
+        (inner, outer), sectors = context.radii, (SPOT, *AT_A_PLACE)
         ranges, size = {"r": (inner, outer)}, 2 * outer
         grid = (inner + (outer - inner) * _OUTWARD)[:, None]
     else:

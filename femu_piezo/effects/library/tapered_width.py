@@ -5,20 +5,7 @@ The taper t couples the driven modes to those that are odd about the middle, and
 
 from __future__ import annotations
 
-import numpy as np
-
-from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalTerm
-from femu_piezo.effects.local.operators import Places
-
-
-def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-    one, taper = np.ones(omega.shape, dtype=complex), places.taper
-    orders = ((taper.first, p[0], 1.0), (taper.second, p[0] ** 2, 2 * p[0]))
-    found = [LocalTerm("inertia", places.of_displacements(taper.inertia[...]), p[0] * one, one[:, None])]
-    for matrices, value, slope in orders:
-        for constant, matrix in enumerate(matrices[...]):
-            found.append(LocalTerm("stiffness", matrix, value * one, slope * one[:, None], constant))
-    return found
+from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
@@ -32,7 +19,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             parameters=(EffectParameter("taper", "1", 0.0, 0.1, 0.005, 0.02, starts=(0.003, 0.01, 0.03)),),
             confusable_with=("poling_gradient", "point_mass", "wrong_width"),
             advice=("measure the width at both ends with a micrometer",),
-            local=_terms,
+            local=lambda places, omega, p: places.taper.terms(places, omega, p),
             sectors=("x", "x ramp", "x taper"),
         ),
     )

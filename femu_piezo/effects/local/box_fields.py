@@ -19,7 +19,7 @@ import scipy.sparse as sp
 
 from femu_piezo.effects.effect import ExtraTerm
 from femu_piezo.effects.local.faces import BoxFace, on_face
-from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Fields
+from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Fields, driven_states
 from femu_piezo.effects.local.weighted_forms import WeightedProducts
 from femu_piezo.forward.box_interpolation import interpolation
 from femu_piezo.forward.gradient_products import FIELDS
@@ -155,7 +155,7 @@ class BoxFields(Fields):
     @cached_property
     def _states(self) -> np.ndarray:
         """(4, n, k) driven states that local responses are made for."""
-        return self._driven @ _driven_states(self.reduced, self.constants, self._top)
+        return self._driven @ driven_states(self.reduced, self.constants, self._top)
 
     def _class(self, flipped: Flipped) -> dict[str, np.ndarray]:
         """Sector → its fields (4, n, k), of a parity class: modes, but for the driven one, and local responses."""
@@ -237,14 +237,6 @@ class _OtherClasses:
         u = fine[:3].reshape(self._mass.shape[0], -1)
         lower = np.linalg.cholesky(u.T @ (self._mass @ u))
         return np.linalg.solve(lower, fine.reshape(-1, u.shape[1]).T).T.reshape(fine.shape)
-
-
-def _driven_states(reduced: ReducedModel, constants: ElasticForm, top: float) -> np.ndarray:
-    """(r, k) plate under a volt, clamped and free to yield slowly; then the driven modes in the band."""
-    modal = reduced.modal(ElasticForm.from_vector(constants.vector().real))
-    clamped, modes = modal.states[:, :1], modal.states[:, 1:]
-    yielding = clamped - modes @ (modal.charges / modal.eigenvalues)[:, None]
-    return np.hstack([clamped, yielding, modes[:, modal.eigenvalues < MODES_BEYOND * top]])
 
 
 def _slice_loads(weighted: WeightedProducts, constants: ElasticForm) -> np.ndarray:

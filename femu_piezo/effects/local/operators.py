@@ -10,16 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TypeVar
 
 import numpy as np
 
+from femu_piezo.effects.effect import LocalTerm
 from femu_piezo.effects.local.blocks import Blocks
 from femu_piezo.effects.local.box_fields import SLICES, Flipped
 from femu_piezo.effects.local.end_strips import BareEnds, measure_bare_ends, measure_bare_rims
 from femu_piezo.effects.local.faces import Face
-from femu_piezo.effects.local.round_fields import RoundFields
+from femu_piezo.effects.local.round_deformations import COUPLED, OVAL, WEDGE
+from femu_piezo.effects.local.round_fields import ORDERS, RoundFields
 from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Sectors
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.threads import Once
@@ -53,22 +55,31 @@ class Slices:
 
 
 @dataclass(frozen=True)
-class Taper:
-    """What a width W (1 + t ξ), ξ = 2x/L, adds to the operators.
+class Deformation:
+    """What a deformation of the body of size ε adds to the operators.
 
     Attributes
     ----------
-    first, second : [10] (r, r) per unit of every e-form constant, of t and of t²
-    inertia : [...] (r, r) of t
+    first, second : [10] (r, r) per unit of every e-form constant, of ε and of ε²
+    inertia : [...] (r, r) of ε
     """
 
     first: Blocks
     second: Blocks
     inertia: Blocks
 
-    def among(self, numbers: np.ndarray, size: int) -> Taper:
+    def among(self, numbers: np.ndarray, size: int) -> Deformation:
         """The same over `size` unknowns, of which those so far are the given ones (indices)."""
-        return Taper(*(blocks.among(numbers, size) for blocks in (self.first, self.second, self.inertia)))
+        return Deformation(*(blocks.among(numbers, size) for blocks in (self.first, self.second, self.inertia)))
+
+    def terms(self, places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
+        """Those of an effect whose only parameter is ε (`femu_piezo.effects.effect.LocalHook`)."""
+        one, size = np.ones(omega.shape, dtype=complex), p[0]
+        found = [LocalTerm("inertia", places.of_displacements(self.inertia[...]), size * one, one[:, None])]
+        for matrices, value, slope in ((self.first, size, 1.0), (self.second, size**2, 2 * size)):
+            for constant, matrix in enumerate(matrices[...]):
+                found.append(LocalTerm("stiffness", matrix, value * one, slope * one[:, None], constant))
+        return found
 
 
 class Places:
@@ -132,9 +143,23 @@ class Places:
         return self._made(_bare_ends, lambda flipped, name: name in (DRIVEN, "x"))
 
     @cached_property
-    def taper(self) -> Taper:
-        """A width that varies along the plate."""
+    def taper(self) -> Deformation:
+        """A width W (1 + ε ξ) of a plate, ξ = 2x/L."""
         return self._made(_taper, lambda flipped, name: flipped in ((), (0,)) and not name.endswith(SLICES))
+
+    @cached_property
+    def wedge(self) -> Deformation:
+        """A thickness t (1 + ε x/R) of a disk or ring."""
+        return self._round_deformation(WEDGE)
+
+    @cached_property
+    def oval(self) -> Deformation:
+        """Diameters D e^ε and D e^−ε of a disk or ring."""
+        return self._round_deformation(OVAL)
+
+    def _round_deformation(self, kind: str) -> Deformation:
+        order = ORDERS[COUPLED[kind]]
+        return self._made(_DEFORMED[kind], lambda flipped, name: flipped == order or name == DRIVEN)
 
     @cached_property
     def films(self) -> Blocks:
@@ -233,7 +258,7 @@ def _films(sectors: Sectors) -> Blocks:
     return Blocks(found, np.arange(sectors.size), sectors.size)
 
 
-def _taper(sectors: Sectors) -> Taper:
+def _taper(sectors: Sectors) -> Deformation:
     """The first order couples the driven class to that whose parity differs about x, the second each with itself."""
     model, (first, second) = sectors.all_fields.weighted.model, sectors.all_fields.weighted.tapered
     (rows, columns), (left, right) = _coupled(sectors, (0,))
@@ -244,4 +269,21 @@ def _taper(sectors: Sectors) -> Taper:
     _put(found[1], second.within(right, units), columns)
     heavy = sectors.all_fields.weighted.tapered_mass(right[:3])
     _put(inertia, left[:3].reshape(-1, rows.size).T @ heavy.reshape(-1, columns.size), rows, columns)
-    return Taper(*(Blocks(matrices, np.arange(size), size) for matrices in (*found, inertia)))
+    return Deformation(*(Blocks(matrices, np.arange(size), size) for matrices in (*found, inertia)))
+
+
+def _deformed(kind: str, sectors: Sectors) -> Deformation:
+    """The first order couples the driven fields to those of another order, the second them with themselves."""
+    fields: RoundFields = sectors.all_fields
+    deformation, units, size = fields.deformation(kind), fields.model.unit_tensors, sectors.size
+    rows, columns = sectors.numbers([DRIVEN]), sectors.numbers(name for name in sectors.names if name != DRIVEN)
+    driven, others = fields.on_section, fields.of_order(COUPLED[kind], sectors.names)
+    found, inertia = np.zeros((2, len(units), size, size)), np.zeros((size, size))
+    _put(found[0], deformation.coupling(driven, others, units), rows, columns)
+    _put(found[1], deformation.own(driven, units), rows)
+    _put(inertia, deformation.inertia(driven, others), rows, columns)
+    return Deformation(*(Blocks(matrices, np.arange(size), size) for matrices in (*found, inertia)))
+
+
+#: Kind of a deformation of a round body → how it is made, one function each: what is made is kept by that.
+_DEFORMED = {kind: partial(_deformed, kind) for kind in COUPLED}

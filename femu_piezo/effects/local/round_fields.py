@@ -2,8 +2,10 @@
 
 The driven fields are of Fourier order 0 (`femu_piezo.forward.revolution`). "z" holds the modes of that order whose
 parity about the mid-plane is flipped, bending first of all, and their local response to a film that moves with driven
-fields, "film" that of driven fields to films that move with bending; "around" has the modes of all other orders and
-both parities, even about the half plane θ = 0: what sits at a place is taken to sit there.
+fields, "film" that of driven fields to films that move with bending. "order 1" and "order 2" have the modes of these
+orders with the driven parity, "wedge" and "oval" their local response to a body that is deformed
+(`femu_piezo.effects.local.round_deformations`); "around" has the modes of all other orders and parities, even about
+the half plane θ = 0: what sits at a place is taken to sit there.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ from numpy.polynomial import legendre
 
 from femu_piezo.effects.effect import ExtraTerm
 from femu_piezo.effects.local.faces import RoundFace
-from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Fields
+from femu_piezo.effects.local.round_deformations import COUPLED, RoundDeformation
+from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Fields, driven_states
 from femu_piezo.forward.electrodes import electrode_film
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.linear_solver import factorize
@@ -29,10 +32,14 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.threads import Once, in_parallel
 
 BENDING, FILM, AROUND = "z", "film", "around"
-#: Frequency of the responses to films, as a share of the band's ω².
+#: Sector of the modes of an order with the driven parity, of the orders that deformations couple.
+ORDERS = {number: f"order {number}" for number in COUPLED.values()}
+#: Sectors that something at any place asks for.
+AT_A_PLACE = (BENDING, *ORDERS.values(), AROUND)
+#: Frequency of the responses, as a share of the band's ω².
 _SHIFT = 0.3
 #: Share of the kinetic energy of a response below which a direction beside the driven fields is left out.
-_NEW = 1e-4
+_NEW = 1e-6
 #: Share of the largest kinetic energy of driven unknowns below which their part of order 0 is rounding.
 _ROUNDING = 1e-12
 #: Radial polynomials at most.
@@ -68,7 +75,8 @@ class RoundFields(Fields):
         self.model, self.reduced, self.reference = model, reduced, constants.lossless()
         self._top, self._once = (2 * np.pi * reduced.band_Hz) ** 2, Once()
         wanted = set(wanted)
-        self.names = (DRIVEN, SPOT, *(name for name in (FILM, BENDING, AROUND) if name in wanted))
+        others = (FILM, BENDING, *(name for kind, m in COUPLED.items() for name in (ORDERS[m], kind)), AROUND)
+        self.names = (DRIVEN, SPOT, *(name for name in others if name in wanted))
         self.constants = self.reference.to_e_form()
         self._tensor = np.tensordot(self.constants.vector().real, model.unit_tensors, axes=1)
 
@@ -91,13 +99,13 @@ class RoundFields(Fields):
         return sum(one.fields.shape[1] for one in self._modes(name))
 
     def class_of(self, name: str) -> Hashable:
-        """Axes of flipped parity of order 0; all other orders are one class: the body is zero between them."""
-        return {DRIVEN: (), FILM: (), BENDING: (2,)}.get(name, name)
+        """Axes of flipped parity of order 0; "around" is one class: the body is zero between its orders."""
+        return {DRIVEN: (), FILM: (), BENDING: (2,)}.get(name, ORDERS.get(COUPLED.get(name, 0), name))
 
     def projected(self, names: tuple[str, ...], tensors: Sequence[np.ndarray]) -> np.ndarray:
         """(n, k, k) forms of extended tensors on the sectors of one class."""
         if DRIVEN not in names:
-            return self._by_order(names[0], len(tensors), lambda one, order: order.within(one.fields, tensors))
+            return self._by_order(names, len(tensors), lambda one, order: order.within(one.fields, tensors))
         whole = self._driven.reshape(FIELDS, self.model.basis.N, -1)
         found = self.model.products.within(whole, tensors)
         if FILM not in names:
@@ -115,7 +123,7 @@ class RoundFields(Fields):
             return left.T @ (term.on_electrodes(order.electrode_faces) @ right)
 
         if DRIVEN not in names:
-            return self._by_order(names[0], 1, lambda one, order: between(order, one.fields, one.fields)[None])[0]
+            return self._by_order(names, 1, lambda one, order: between(order, one.fields, one.fields)[None])[0]
         found = self._driven.T @ (matrix @ self._driven)
         if FILM not in names:
             return found
@@ -168,18 +176,39 @@ class RoundFields(Fields):
         """(4n, r) driven unknowns on the mesh of the model."""
         return self.model.prolongation @ self.reduced.basis
 
-    def _response(self, flipped: bool, moved: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """(4n, k) response of a class of order 0 to films that move with fields (4n, j) of the other.
+    def of_order(self, number: int, names: tuple[str, ...]) -> np.ndarray:
+        """(4n, k) modes and responses of one order with the driven parity, of those of some sectors that have it."""
+        own = [name for name in names if name == ORDERS[number] or COUPLED.get(name) == number]
+        return np.hstack([one.fields for name in own for one in self._modes(name)])
+
+    def deformation(self, kind: str) -> RoundDeformation:
+        """Of the body by one of those that are known."""
+        return self._once.get(("deformation", kind), lambda: RoundDeformation.of(kind, self.order))
+
+    def _film_response(self, flipped: bool, moved: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """(4n, k) response of a class of order 0 to films that move with fields (4n, j) of the other."""
+        order = self.order(0)
+        return self._response(order, flipped, electrode_film(order.electrode_faces) @ moved, known)
+
+    def _deformed_response(self, kind: str) -> np.ndarray:
+        """(4n, k) response of the order that a deformation couples to driven states in the deformed body."""
+        states = self.on_section @ driven_states(self.reduced, self.constants, self._top)
+        (known,) = self._modes(ORDERS[COUPLED[kind]])
+        return self._response(
+            self.order(known.order), False, self.deformation(kind).loads(states, self._tensor), known.fields
+        )
+
+    def _response(self, order: FourierOrder, flipped: bool, loads: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """(4n, k) response of a class to loads (4n, j).
 
         Its displacements are orthonormal and new beside `known` (4n, i), its potential is what they leave between the
         electrodes.
         """
-        order = self.order(0)
         free, stiffness = order.free(flipped), order.stiffness(self._tensor)
-        film = electrode_film(order.electrode_faces)
         operator = free.T @ (stiffness - _SHIFT * self._top * order.mass) @ free
-        found = free @ factorize(operator.tocsr()).solve(free.T @ (film @ moved))
-        found = found / np.sqrt(np.einsum("ik,ik->k", found, order.mass @ found))
+        found = free @ factorize(operator.tocsr()).solve(free.T @ loads)
+        size = np.sqrt(np.einsum("ik,ik->k", found, order.mass @ found))
+        found = found[:, size > 0] / size[size > 0]
         heavy = order.mass @ known
         for _ in range(2):
             found = found - known @ np.linalg.lstsq(heavy.T @ known, heavy.T @ found, rcond=_ROUNDING)[0]
@@ -237,18 +266,26 @@ class RoundFields(Fields):
     def _new_modes(self, name: str) -> list[_Modes]:
         if name == AROUND:
             return self._around()
+        if name in COUPLED:
+            return [_Modes(COUPLED[name], False, self._deformed_response(name))]
+        for number, own in ORDERS.items():
+            if name == own:
+                return [self._of_order(number, False)]
         (driven,) = self._displacements(DRIVEN)
         if name == FILM:
             (bending,) = self._modes(BENDING)
-            return [_Modes(0, False, self._response(False, bending.fields, driven.fields))]
+            return [_Modes(0, False, self._film_response(False, bending.fields, driven.fields))]
         bending = self._of_order(0, True).fields
-        return [_Modes(0, True, np.hstack([bending, self._response(True, driven.fields, bending)]))]
+        return [_Modes(0, True, np.hstack([bending, self._film_response(True, driven.fields, bending)]))]
 
     def _around(self) -> list[_Modes]:
-        """Of the orders from 1 until one has no modes of either parity; that of shifts and tilts always has."""
+        """Of the orders from 1 until one has no modes of either parity; that of shifts and tilts always has.
+
+        But for those that have a sector of their own.
+        """
         found, number = [], 1
         while some := [one for one in self._both_parities(number) if one.fields.shape[1]]:
-            found += some
+            found += [one for one in some if one.flipped or number not in ORDERS]
             number += 1
         return found
 
@@ -256,13 +293,21 @@ class RoundFields(Fields):
         return list(in_parallel(lambda flipped: self._of_order(number, flipped), [False, True]))
 
     def _of_order(self, number: int, flipped: bool) -> _Modes:
-        return _Modes(number, flipped, self.order(number).modes(self._tensor, flipped, MODES_BEYOND * self._top))
+        def new() -> _Modes:
+            return _Modes(number, flipped, self.order(number).modes(self._tensor, flipped, MODES_BEYOND * self._top))
 
-    def _by_order(self, name: str, forms: int, block: Callable[[_Modes, FourierOrder], np.ndarray]) -> np.ndarray:
-        """(forms, k, k) of blocks (forms, j, j) by order and parity."""
-        size, start = self.further(name), 0
+        return self._once.get(("order", number, flipped), new)
+
+    def _by_order(
+        self, names: tuple[str, ...], forms: int, block: Callable[[_Modes, FourierOrder], np.ndarray]
+    ) -> np.ndarray:
+        """(forms, k, k) of blocks (forms, j, j) by order and parity, of the sectors of one class."""
+        parts = [one for name in names for one in self._modes(name)]
+        if len(names) > 1:  # modes and responses of one order
+            parts = [_Modes(parts[0].order, parts[0].flipped, np.hstack([one.fields for one in parts]))]
+        size, start = sum(one.fields.shape[1] for one in parts), 0
         found = np.zeros((forms, size, size))
-        for one in self._modes(name):
+        for one in parts:
             own = slice(start, start + one.fields.shape[1])
             found[:, own, own] = block(one, self.order(one.order))
             start = own.stop

@@ -21,7 +21,7 @@ from femu_piezo.effects.effect import ExtraTerm
 from femu_piezo.effects.local.faces import Face
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import ReducedModel
-from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.material.constants import ElasticForm, PiezoConstants
 
 DRIVEN, SPOT = "driven", "spot"
 #: Modes of the classes that the terminals do not drive are kept up to this multiple of the band's ω².
@@ -140,3 +140,11 @@ class Sectors:
     def numbers(self, names: Iterable[str]) -> np.ndarray:
         """The unknowns (indices) of some of the sectors; the potentials come with the driven one."""
         return np.flatnonzero(np.isin(self.member, [self.names.index(name) for name in names]))
+
+
+def driven_states(reduced: ReducedModel, constants: ElasticForm, top: float) -> np.ndarray:
+    """(r, k) plate under a volt, clamped and free to yield slowly; then the driven modes in the band."""
+    modal = reduced.modal(ElasticForm.from_vector(constants.vector().real))
+    clamped, modes = modal.states[:, :1], modal.states[:, 1:]
+    yielding = clamped - modes @ (modal.charges / modal.eigenvalues)[:, None]
+    return np.hstack([clamped, yielding, modes[:, modal.eigenvalues < MODES_BEYOND * top]])
