@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from femu_piezo.diagnosis.rules import Rules
-from femu_piezo.diagnosis.starts import Start, promises_together, start_together, starts
+from femu_piezo.diagnosis.starts import Start, promises_together, relocated, start_together, starts
 from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.fit import CLOSE, COARSE, RANKED, Fit, fit, with_discrepancy
@@ -35,6 +35,8 @@ _PAIRS = 4
 _AT_ONCE = 2
 #: A rough fit this near to what linearisation promised (in χ², over χ² per residual) has found the minimum there is.
 _AS_PROMISED = 1.0
+#: χ² per residual above which a rough fit may have settled at a wrong place.
+_LEFT = 2.0
 
 Tell = Callable[[str], None]
 
@@ -351,6 +353,9 @@ class _Search:
             reached, unit = rough.chi_square, _AS_PROMISED * max(1.0, rough.chi_square / rough.residual.size)
         further = [places[0].alone()] if reached > places[0].promised + unit else []
         further += [start.x for start in places[1:] if start.promised < reached - unit]
+        if rough is not None and rough.chi_square > _LEFT * rough.residual.size:
+            elsewhere = relocated(self._response, rough, places[0].cause)
+            further += [start.x for start in elsewhere if start.promised < reached - unit]
         if settled and not further:
             return rough
         return self._fitted(places[0].linear.parameters, further if rough is None else [rough.x, *further])

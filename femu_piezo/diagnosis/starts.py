@@ -109,6 +109,24 @@ def _at_rest(response, current: Fit, effect: Effect, parameters: Unknowns, x: np
     return Start(x, stepped(_widened(current, parameters, x, columns, residual)), residual)
 
 
+def relocated(response, reached: Fit, effect: Effect) -> list[Start]:
+    """Starts of a fit with its cause at every other site, sizes and constants as found; the most promising first.
+
+    The first starts stand where the fit without the cause left the constants. Of one whose onset is hidden they may be
+    too far off to tell one place from another.
+    """
+    if effect.sites is None or not effect.onset_hidden:
+        return []
+    own = reached.parameters.columns(reached.parameters.index(effect.key))
+    optional = np.array([parameter.optional for parameter in effect.parameters])
+    placed, found = np.flatnonzero(optional | (np.ptp(effect.sites, axis=0) > 0)), []
+    for site in effect.sites:
+        x = reached.x.copy()
+        x[own.start + placed] = (site / effect.scale)[placed]
+        found.append(Start(x, *linear_fit(response, reached.data, reached.parameters, x)))
+    return sorted(found, key=lambda start: start.promised)[:_SITES]
+
+
 def _listed(effect: Effect) -> list[np.ndarray]:
     """Parameters to start from beside rest: each listed value of each parameter, the others at rest."""
     found = []

@@ -89,8 +89,14 @@ def support(one: Round) -> np.ndarray:
     return one.exact(one.body(), RoundSurface.circle(5.4e-3, (1, -1), lambda w: 3e6 + 6j * w))
 
 
-def three_points(one: Round) -> np.ndarray:
-    return one.exact(one.body(), RoundSurface.circle(5e-3, (1,), lambda w: 5e5 + 1j * w, points=3))
+def three_points(one: Round, stiffness: float = 5e5) -> np.ndarray:
+    patches = RoundSurface.tripod(4.9e-3, 0.8e-3, (1,), lambda w: stiffness * (1 + 2e-6j * w))
+    return one.exact(one.body(), patches)
+
+
+def stiff_points(one: Round) -> np.ndarray:
+    """Each a fifteenth as stiff as the face under it."""
+    return three_points(one, 1e7)
 
 
 def unequal_films(one: Round) -> np.ndarray:
@@ -125,7 +131,8 @@ CASES = {
     "point_mass, rim": ((2e-6, 5e-3, 0.8e-3), mass_at_the_rim, 0.02),
     "poling_gradient": ((0.2,), gradient, 0.02),
     "mounting/circle": ((3e6, 6.0, 5.4e-3), support, 0.02),
-    "mounting/three points": ((5e5, 1.0, 5e-3), three_points, 0.02),
+    "mounting/three points": ((5e5, 1.0, 4.9e-3, 0.8e-3), three_points, 0.02),
+    "mounting/three points, stiff": ((1e7, 20.0, 4.9e-3, 0.8e-3), stiff_points, 0.02),
     "unequal_electrode_mass": ((0.6,), unequal_films, 0.03),
     "wedge": ((0.1,), wedge, 0.04),
     "ovality": ((0.005,), oval, 0.02),

@@ -31,6 +31,7 @@ class RoundSurface:
     faces : 1 for z = +t/2, −1 for z = −t/2
     coefficient : ω (k,) → (k,) on the energy ½ coefficient Σ weight |u|²
     directions : components of u that take part
+    parts : so many equal parts of the points follow one another, of each of which |mean of u|² counts; 0: |u|² of all
     """
 
     x: np.ndarray
@@ -39,6 +40,7 @@ class RoundSurface:
     faces: tuple[int, ...]
     coefficient: Callable[[np.ndarray], np.ndarray]
     directions: tuple[int, ...] = (0, 1, 2)
+    parts: int = 0
 
     @classmethod
     def patch(cls, place: float, radius: float, faces, coefficient) -> RoundSurface:
@@ -49,6 +51,14 @@ class RoundSurface:
         y = np.outer(rho, np.sin(turns)).ravel()
         weights = np.outer(rho * ws, np.ones(12)).ravel()
         return cls(x, y, weights / weights.sum(), faces, coefficient)
+
+    @classmethod
+    def tripod(cls, place: float, radius: float, faces, coefficient) -> RoundSurface:
+        """Three round patches, 120° apart, the first about (place, 0), that press evenly; the coefficient is of all."""
+        one, turns = cls.patch(place, radius, faces, coefficient), 2 * np.pi * np.arange(3) / 3
+        c, s = np.cos(turns)[:, None], np.sin(turns)[:, None]
+        x, y = (c * one.x - s * one.y).ravel(), (s * one.x + c * one.y).ravel()
+        return cls(x, y, np.tile(one.weights / 3, 3), faces, coefficient, parts=3)
 
     @classmethod
     def circle(cls, radius: float, faces, coefficient, points: int = 48) -> RoundSurface:
@@ -230,7 +240,7 @@ class RoundClass(CrystalForms):
     def factor(self, surface: RoundSurface) -> np.ndarray:
         """B (n, g) with Σ weight |u|² = |Bᵗ u|² over the surface; the classes share columns."""
         sign, columns = (1 if self.driven else -1), []
-        plane = {p: _few(self._body.plane(surface.x, surface.y, p)[0] * np.sqrt(surface.weights)) for p in (1, -1)}
+        plane = {p: _on_surface(self._body.plane(surface.x, surface.y, p)[0], surface) for p in (1, -1)}
         for side in surface.faces:
             for f in surface.directions:
                 line = self._line(f, sign, np.array([float(side)]))[0]
@@ -239,6 +249,15 @@ class RoundClass(CrystalForms):
                 block[self.block(f)] = np.einsum("kp,zq->kzp", own, line).reshape(-1, own.shape[1])
                 columns.append(block)
         return np.concatenate(columns, axis=1)
+
+
+def _on_surface(plane: np.ndarray, surface: RoundSurface) -> np.ndarray:
+    """B (k, g) with Σ weight |u|², or Σ |mean of u|² over the parts, = |Bᵗ u|² for functions (k, points)."""
+    if not surface.parts:
+        return _few(plane * np.sqrt(surface.weights))
+    shares = surface.weights.reshape(surface.parts, -1)
+    whole = np.einsum("kpg,pg->kp", plane.reshape(-1, *shares.shape), shares)
+    return whole / np.sqrt(shares.sum(axis=1))
 
 
 def _few(plane: np.ndarray) -> np.ndarray:

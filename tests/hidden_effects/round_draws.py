@@ -24,6 +24,8 @@ FREE = ("s11", "s12", "d31", "eps33T")
 #: Standard deviations of diameters and thickness, m.
 STD_DIAMETER, STD_THICKNESS = 20e-6, 5e-6
 _DEGREE, _LAYERS, _ATTEMPTS = 18, 3, 60
+#: Radius of the patches of a support, m.
+_PAD = 0.9e-3
 
 
 @dataclass
@@ -80,14 +82,21 @@ def point_mass(build: RoundBuild, rng, variant) -> Hidden:
 
 
 def mounting(build: RoundBuild, rng, variant) -> Hidden:
-    """A circle on both faces; or three points below."""
+    """A circle on both faces; or three patches below."""
     omega = 2 * np.pi * build.fundamental
     stiffness = log_uniform(rng, 0.01, 0.2) * build.mass * omega**2
     damping = log_uniform(rng, 0.003, 0.05) * build.mass * omega
     inner, outer = build.radii
     radius = float(rng.uniform(inner + 0.3 * (outer - inner), 0.98 * outer))
-    faces, points = ((-1,), 3) if variant else ((1, -1), 48)
-    build.surfaces.append(RoundSurface.circle(radius, faces, lambda w: stiffness + 1j * w * damping, points))
+
+    def coefficient(w: np.ndarray) -> np.ndarray:
+        return stiffness + 1j * w * damping
+
+    if variant:
+        radius = min(radius, float(outer) - _PAD)
+        build.surfaces.append(RoundSurface.tripod(radius, _PAD, (-1,), coefficient))
+    else:
+        build.surfaces.append(RoundSurface.circle(radius, (1, -1), coefficient, 48))
     sizes = {"stiffness": stiffness, "damping": damping, "points_radius" if variant else "radius": radius}
     return Hidden("mounting", sizes, variant="three points" * variant)
 

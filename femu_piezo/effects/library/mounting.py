@@ -1,10 +1,16 @@
-"""The support is not free: springs and dashpots to ground on both faces.
+"""The support is not free: springs and dashpots to ground.
 
-On a plate they stand on a narrow strip across the middle, |x| < w/2, on a disk or ring on a circle of radius r, evenly
-and alike in all directions, or on three points of that circle on one face: the total stiffness k and the total damping
-d. What is even over a narrow strip is, up to the fourth power of w, what sits at |x| = w/√12:
+On a plate they stand on a narrow strip across the middle of both faces, |x| < w/2, on a disk or ring on a circle of
+radius r of both faces, evenly and alike in all directions, or on three patches of one face, 120° apart: the total
+stiffness k and the total damping d. What is even over a narrow strip is, up to the fourth power of w, what sits at
+|x| = w/√12:
 
-    A → A + (k + jωd) mean NᵗN  over the line across the face at w/√12, over the circle, or over the points
+    A → A + s mean NᵗN,  s = k + jωd,    over the line across the face at w/√12, or over the circle
+
+A patch of radius a yields under the even pressure of its spring by the local compliance C(a) of the face, which the
+modes do not have (`femu_piezo.effects.local.face_compliance`); ⟨N⟩ is the mean over it, i along x, y, z:
+
+    A → A + Σ_patches Σ_i s/3 / (1 + C_i s/3) ⟨N_i⟩ᵗ⟨N_i⟩
 """
 
 from __future__ import annotations
@@ -15,7 +21,9 @@ from dataclasses import replace
 import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalHook, LocalTerm
+from femu_piezo.effects.local.face_compliance import FaceCompliance
 from femu_piezo.effects.local.operators import Places
+from femu_piezo.effects.local.patch import LARGEST, PATCH, SMALLEST, Patch
 from femu_piezo.effects.local.round_fields import AT_A_PLACE, FILM
 
 #: Radii to look at first, as shares of the way from the inner to the outer one.
@@ -48,8 +56,34 @@ def _line(places: Places, place: float) -> tuple[np.ndarray, np.ndarray]:
     return places.face.mean_on_line(place)
 
 
-def _tripod(places: Places, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    return places.face.mean_at(radius * _TRIPOD, _TRIPOD, np.full(len(_TRIPOD), 1 / len(_TRIPOD)))
+def _tripod(context: EffectContext, radii: tuple[float, float]) -> LocalHook:
+    """radii : of the smallest and the largest patch"""
+
+    def terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
+        stiffness, damping, distance, radius = p
+        patches = [Patch(places.face, *(distance * way), radius) for way in _TRIPOD]
+        u, size, found = patches[0].mean.shape[1], places.size, []
+        springs, softer = FaceCompliance.of(context, places.cut, radii).stiffness(radius)
+        zero, one = np.zeros(omega.shape, dtype=complex), np.ones(omega.shape, dtype=complex)
+        own = (stiffness + 1j * omega * damping) / len(_TRIPOD)
+        for axes in ((0, 1), (2,)):
+            spring, slope = springs[axes[0]], softer[axes[0]]  # x and y are alike
+            value, left = own / (1 + own / spring), 1 / (1 + own / spring)
+            by_own = left**2 / len(_TRIPOD)
+            matrices = np.zeros((3, size, size))  # sum over the patches, and by their distance and radius
+            for patch, way in zip(patches, _TRIPOD, strict=True):
+                outward, grown = np.tensordot(way, patch.mean_slopes[:2], axes=1), patch.mean_slopes[2]
+                n = patch.mean[list(axes)]
+                moved = [change[list(axes)].T @ n for change in (outward, grown)]
+                matrices[0, :u, :u] += n.T @ n / places.face.copies
+                matrices[1:, :u, :u] += np.array([half + half.T for half in moved]) / places.face.copies
+            by_size = np.stack([by_own, 1j * omega * by_own, zero, (value / spring) ** 2 * slope], axis=1)
+            found.append(LocalTerm("stiffness", matrices[0], value, by_size))
+            found.append(LocalTerm("stiffness", matrices[1], zero, np.stack([zero, zero, value, zero], axis=1)))
+            found.append(LocalTerm("stiffness", matrices[2], zero, np.stack([zero, zero, zero, value * one], axis=1)))
+        return found
+
+    return terms
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
@@ -86,6 +120,16 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         place = EffectParameter(name, "m", inner, outer, across / 20, 10 * across, rest=(inner + outer) / 2)
         return (*parameters, place)
 
-    circle = replace(common, law="circle", parameters=at("radius"), local=_hook(_line), sites=sites)
-    points = replace(common, law="three points", parameters=at("points_radius"), local=_hook(_tripod), sites=sites)
-    return circle, replace(points, sectors=(FILM, *AT_A_PLACE), onset_hidden=True)
+    patch = PATCH * 2 * outer
+    radii = SMALLEST * patch, LARGEST * patch
+    contact = EffectParameter("contact", "m", *radii, patch / 2, patch, rest=patch, optional=True)
+    points = replace(
+        common,
+        law="three points",
+        parameters=(*at("points_radius"), contact),
+        local=_tripod(context, radii),
+        sites=np.column_stack([sites, np.full(len(sites), patch)]),
+        sectors=(FILM, *AT_A_PLACE),
+        onset_hidden=True,
+    )
+    return replace(common, law="circle", parameters=at("radius"), local=_hook(_line), sites=sites), points

@@ -18,8 +18,8 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalTerm
 from femu_piezo.effects.local.face_compliance import FaceCompliance
-from femu_piezo.effects.local.faces import Face
 from femu_piezo.effects.local.operators import Places
+from femu_piezo.effects.local.patch import LARGEST, PATCH, SMALLEST, Patch
 from femu_piezo.effects.local.round_fields import AT_A_PLACE
 from femu_piezo.effects.local.sectors import SPOT
 
@@ -27,32 +27,6 @@ from femu_piezo.effects.local.sectors import SPOT
 _ALONG, _ACROSS, _OUTWARD = np.linspace(0.06, 0.98, 9), np.linspace(0.08, 0.95, 5), np.linspace(0.02, 0.98, 25)
 #: Smallest mass, as a share of the plate's: at none at all the body has no equation of motion.
 _NONE = 1e-7
-#: Gauss points over a patch, and their weights.
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
-
-
-class _Patch:
-    """Means over a square of the area of a disk of some radius, by Gauss points; all by x, y, radius too.
-
-    Attributes
-    ----------
-    mean : (3, u) mean of N, with slopes (3, 3, u)
-    spread : (u, u) mean of NᵗN less that of the mean, with slopes (3, u, u)
-    """
-
-    def __init__(self, face: Face, x: float, y: float, radius: float) -> None:
-        shares = np.stack(np.meshgrid(*2 * [_NODES], indexing="ij"), axis=-1).reshape(-1, 2) * np.sqrt(np.pi) / 2
-        weights = np.multiply.outer(_WEIGHTS, _WEIGHTS).ravel() / 4
-        values, slopes = zip(*(face.at(x + a * radius, y + b * radius) for a, b in shares), strict=True)
-        n, along = np.array(values), np.array(slopes)  # (points, 3, u), (points, 2, 3, u)
-        grown = np.einsum("gd,gdcu->gcu", shares, along)
-        moved = np.concatenate([along, grown[:, None]], axis=1)  # by x, y, radius
-        self.mean = np.tensordot(weights, n, axes=1)
-        self.mean_slopes = np.tensordot(weights, moved, axes=1)
-        around, away = n - self.mean, moved - self.mean_slopes
-        self.spread = np.einsum("g,gcu,gcv->uv", weights, around, around, optimize=True)
-        half = np.einsum("g,gdcu,gcv->duv", weights, away, around, optimize=True)
-        self.spread_slopes = half + half.transpose(0, 2, 1)
 
 
 def _in_plane(place: Sequence[float]) -> tuple[float, float]:
@@ -62,12 +36,11 @@ def _in_plane(place: Sequence[float]) -> tuple[float, float]:
 
 def _hook(context: EffectContext, radii: tuple[float, float]):
     """Radii of the smallest and the largest patch; the mass of the specimen is the unit of the body's inertia."""
-    own, constants = context.mass, tuple(context.constants.to_e_form().vector().tolist())
-    height = context.thickness if context.dimensions is None else context.dimensions[2]
+    own = context.mass
 
     def terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
         mass, *place, radius = p
-        patch = _Patch(places.face, *_in_plane(place), radius)
+        patch = Patch(places.face, *_in_plane(place), radius)
         size, copies, u = places.size, places.face.copies, patch.mean.shape[1]
         names = ("mass", *("x", "y")[: len(place)], "radius")
 
@@ -81,7 +54,7 @@ def _hook(context: EffectContext, radii: tuple[float, float]):
         gap[:, :u] = -patch.mean
         gap[np.arange(3), places.spot] = 1 / np.sqrt(own)
         moved[:, :, :u] = -patch.mean_slopes
-        compliance = FaceCompliance(constants, context.poling, context.density, height, places.cut, radii)
+        compliance = FaceCompliance.of(context, places.cut, radii)
         springs, softer = (part[:, None] for part in compliance.stiffness(radius))
         found = [
             term("stiffness", gap.T @ (springs * gap), 1.0),
@@ -124,7 +97,8 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         ranges = {name: (0.0, length) for name, length in zip(("x", "y"), half.tolist(), strict=True)}
         sectors = (SPOT, "x", "y", "z", "xy", "xz", "yz", "xyz")
         grid = np.stack(np.meshgrid(_ALONG * half[0], _ACROSS * half[1], indexing="ij"), axis=-1).reshape(-1, 2)
-    patch = size / 25
+    patch = PATCH * size
+    radii = SMALLEST * patch, LARGEST * patch
     return (
         Effect(
             name="point_mass",
@@ -137,11 +111,11 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                     EffectParameter(name, "m", low, high, (high - low) / 20, 10 * (high - low), rest=(low + high) / 2)
                     for name, (low, high) in ranges.items()
                 ),
-                EffectParameter("radius", "m", patch / 5, 6 * patch, patch / 2, patch, rest=patch, optional=True),
+                EffectParameter("radius", "m", *radii, patch / 2, patch, rest=patch, optional=True),
             ),
             confusable_with=("electrode_mass", "local_crack", "wrong_length"),
             advice=("look at both faces and clean them", "weigh the specimen before and after cleaning"),
-            local=_hook(context, (patch / 5, 6 * patch)),
+            local=_hook(context, radii),
             onset=_onset,
             onset_hidden=context.radii is not None,  # it moves radial modes as s11 and s12 do; bending shows it
             sectors=sectors,

@@ -23,6 +23,7 @@ import scipy.linalg as sl
 from scipy.interpolate import CubicSpline
 from scipy.special import j1
 
+from femu_piezo.effects.effect import EffectContext
 from femu_piezo.forward.gradient_products import FIELDS, extended_tensor
 from femu_piezo.forward.revolution import Line
 from femu_piezo.material.constants import ElasticForm
@@ -56,6 +57,13 @@ class FaceCompliance:
     thickness: float
     cut: float
     radii: tuple[float, float]
+
+    @classmethod
+    def of(cls, context: EffectContext, cut: float, radii: tuple[float, float]) -> FaceCompliance:
+        """Of the faces of a specimen, less the modes below Ω = `cut`."""
+        height = context.thickness if context.dimensions is None else context.dimensions[2]
+        constants = tuple(context.constants.to_e_form().vector().tolist())
+        return cls(constants, context.poling, context.density, height, cut, radii)
 
     @property
     def _log(self) -> CubicSpline:

@@ -1,0 +1,46 @@
+"""A small round patch of a face: how the modes of a reduced body move it."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from femu_piezo.effects.local.faces import Face
+
+#: Radius of a patch that nothing is known of, as a share of the body's length; the smallest and largest over that.
+PATCH, SMALLEST, LARGEST = 1 / 25, 1 / 5, 6.0
+#: Gauss points over a patch, and their weights.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
+
+
+class Patch:
+    """Means over a square of the area of a disk of some radius, by Gauss points; all by x, y, radius too.
+
+    Attributes
+    ----------
+    mean : (3, u) mean of N, with slopes (3, 3, u)
+    """
+
+    def __init__(self, face: Face, x: float, y: float, radius: float) -> None:
+        shares = np.stack(np.meshgrid(*2 * [_NODES], indexing="ij"), axis=-1).reshape(-1, 2) * np.sqrt(np.pi) / 2
+        self._weights = np.multiply.outer(_WEIGHTS, _WEIGHTS).ravel() / 4
+        values, slopes = zip(*(face.at(x + a * radius, y + b * radius) for a, b in shares), strict=True)
+        self._values, along = np.array(values), np.array(slopes)  # (points, 3, u), (points, 2, 3, u)
+        grown = np.einsum("gd,gdcu->gcu", shares, along)
+        self._moved = np.concatenate([along, grown[:, None]], axis=1)  # by x, y, radius
+        self.mean = np.tensordot(self._weights, self._values, axes=1)
+        self.mean_slopes = np.tensordot(self._weights, self._moved, axes=1)
+
+    @cached_property
+    def spread(self) -> np.ndarray:
+        """(u, u) mean of NᵗN less that of the mean."""
+        around = self._values - self.mean
+        return np.einsum("g,gcu,gcv->uv", self._weights, around, around, optimize=True)
+
+    @cached_property
+    def spread_slopes(self) -> np.ndarray:
+        """(3, u, u)"""
+        around, away = self._values - self.mean, self._moved - self.mean_slopes
+        half = np.einsum("g,gdcu,gcv->duv", self._weights, away, around, optimize=True)
+        return half + half.transpose(0, 2, 1)
