@@ -26,8 +26,9 @@ PICTURES = {
     "stated_uncertainty": ("intervals.png", "budget.png"),
     "hidden_effect": ("bias.png", "diagnosis.png"),
     "own_effect": ("end_mass.png", "diagnosis.png"),
+    "several_sweeps": ("told_apart.png", "diagnosis.png"),
 }
-SLOW = {"measured_disk", "trapezoid", "full_set", "hidden_effect", "own_effect"}
+SLOW = {"measured_disk", "trapezoid", "full_set", "hidden_effect", "own_effect", "several_sweeps"}
 MEASURED = {"measured_bar", "measured_disk"}
 PAGES = [FOLDER.parent / "README.md", *sorted((FOLDER.parent / "docs").glob("*.md"))]
 PAGES += sorted((FOLDER.parent / "docs").glob("how-to/*.md"))
@@ -82,7 +83,7 @@ def test_thumbnails_are_small_and_shown():
 def test_no_measured_data_among_the_tutorials():
     """The measured sweeps stay outside: the only sweeps here are simulated, each beside the script that makes it."""
     sweeps = [path for path in FOLDER.rglob("*") if path.suffix in {".csv", ".txt"}]
-    assert {path.name for path in sweeps} == {"sweep.csv"}
+    assert {path.name for path in sweeps} == {"sweep.csv", "up.csv", "down.csv"}
     assert all((path.parent / "make_sweep.py").is_file() for path in sweeps)
 
 
