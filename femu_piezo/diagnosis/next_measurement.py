@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.ensemble import Ensemble, is_common, owned_by
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Unknowns
@@ -39,6 +40,7 @@ class Plan:
     readings : direct readings: (effect name, its specimen) → (n,) slope of the reading in the effect's parameters over
         the reading's σ; readings of several effects add up to one number
     new_sweeps : whether there are sweeps beyond the present ones
+    tolerances : further unknowns within their tolerances: what is known of a further specimen
     """
 
     words: str
@@ -47,6 +49,13 @@ class Plan:
     owner: str = ""
     readings: Mapping[tuple[str, str], np.ndarray] = field(default_factory=dict)
     new_sweeps: bool = False
+    tolerances: tuple[Effect, ...] = ()
+
+    def widened(self, point: Point) -> Point:
+        """The point with the unknowns of the plan, each where it is expected."""
+        parameters = replace(point.parameters, effects=(*point.parameters.effects, *self.tolerances))
+        expected = [effect.rest / effect.scale for effect in self.tolerances]
+        return Point(parameters, np.concatenate([point.x, *expected]))
 
     def owned(self, parameters: Unknowns) -> Unknowns:
         """The unknowns with every effect that is not common as that of its specimen."""
@@ -125,6 +134,7 @@ def _figure(sigma: float) -> str:
 
 def between(plan: Plan, first: Point, second: Point) -> float:
     """σ by which the second cause misses what the first predicts, all its unknowns refitted."""
+    first, second = plan.widened(first), plan.widened(second)
     wanted, _ = plan.predicted(first.parameters, first.x)
     rows = _prior_rows(second)
     turn = 2 * np.pi * np.sqrt(2.0) / plan.relative_noise
@@ -154,6 +164,7 @@ def between(plan: Plan, first: Point, second: Point) -> float:
 
 def strength(plan: Plan, point: Point, effect: int, size: float) -> float:
     """size/σ of the first parameter of the effect number `effect`, all other unknowns free; size in SI."""
+    point = plan.widened(point)
     _, jacobian = plan.predicted(point.parameters, point.x)
     own = point.parameters.columns(effect)
     others = np.delete(np.arange(point.x.size), own.start)

@@ -14,7 +14,7 @@ from femu_piezo.diagnosis.verdict import Verdict
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel, extend_model
 from femu_piezo.errors import ConvergenceError, InputError
-from femu_piezo.inference.ensemble import Ensemble, Share, is_common, owned_by
+from femu_piezo.inference.ensemble import Ensemble, Share, belonging_to, is_common, owned_by
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import Specimen
@@ -31,6 +31,8 @@ _ACCURACY, _POINTS = 3e-3, 250
 _TELLS, _MORE = 3.0, 1.5
 #: Alternatives of one cause that are planned for, and plans told of each pair.
 _ALTERNATIVES, _BEST = 3, 3
+#: Name of a second specimen in a plan.
+_SECOND = "the second"
 #: Sweeps that the same set-up can take at once, in words.
 OPPOSITE, THIRD = "sweep again in the opposite direction", "sweep again at a third of the voltage"
 
@@ -209,7 +211,7 @@ def _share(one: Subject, owner: str) -> Share:
 
 
 def _second_specimen(now: Plan, one: Subject, model: ExtendedModel, effects: Sequence[Effect], constants):
-    """The same material half as long, swept over the same part of its resonances."""
+    """The same material half as long, swept over the same part of its resonances; of as uncertain a size."""
     geometry = one.problem.specimen.geometry
     dimension = next((name for name in ("length", "diameter") if getattr(geometry, name, None)), None)
     if dimension is None:
@@ -217,16 +219,27 @@ def _second_specimen(now: Plan, one: Subject, model: ExtendedModel, effects: Seq
     try:
         problem = prepare(_halved(one.problem, dimension), check=False)
         common = [effect for effect in effects if is_common(effect)]
-        other = _coarse(problem, one, common, constants, 2 * one.measured.band_Hz)
+        sizes = [_measured_alike(effect, dimension) for effect in one.library if effect.has_tolerance]
+        sizes = [effect for effect in sizes if effect.stretch is not None or effect.density is not None]
+        other = _coarse(problem, one, [*common, *sizes], constants, 2 * one.measured.band_Hz)
     except (InputError, ConvergenceError):
         return []
     frequency = _thinned(one.measured.fitted.frequency)
     parts = (
         (_share(one, now.owner), Evaluation(model, 2 * np.pi * frequency)),
-        (Share(("the second",)), Evaluation(other, 4 * np.pi * frequency)),
+        (Share((_SECOND,)), Evaluation(other, 4 * np.pi * frequency)),
     )
+    own = tuple(belonging_to(effect, _SECOND) for effect in sizes)
     words = f"measure a second specimen of the same material, half the {dimension}"
-    return [Plan(words, Ensemble(parts), np.tile(_noise(one, frequency.size), 2), now.owner, new_sweeps=True)]
+    noise = np.tile(_noise(one, frequency.size), 2)
+    return [Plan(words, Ensemble(parts), noise, now.owner, new_sweeps=True, tolerances=own)]
+
+
+def _measured_alike(effect: Effect, halved: str) -> Effect:
+    """What is known of a size of the second specimen, by the same tools: half a length is twice as uncertain."""
+    share = 2.0 if effect.name == f"wrong_{halved}" else 1.0
+    known = (replace(one, tolerance=share * one.tolerance) for one in effect.parameters)
+    return replace(effect, parameters=tuple(known)).within_tolerance
 
 
 def _halved(problem: Problem, dimension: str) -> Specimen:

@@ -11,6 +11,7 @@ from diagnosis.conftest import FREQUENCY, SIZE
 from femu_piezo.diagnosis.next_measurement import Plan, Point, Separation, between, strength, summary
 from femu_piezo.diagnosis.readings import readings
 from femu_piezo.effects.effect import EffectContext
+from femu_piezo.inference.ensemble import belonging_to
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.measurement.sweeps import SweepData
@@ -54,6 +55,20 @@ def test_wider_band_separates_as_a_fit_to_it_does(setup, low):
     assert expected > 5 * between(present, *points)
     quiet = replace(plan, relative_noise=plan.relative_noise / 3)
     assert between(quiet, *points) == pytest.approx(3 * expected, rel=1e-5)
+
+
+def test_what_a_further_specimen_is_known_to_bounds_the_strength(setup, low):
+    """A tolerance τ of a size that acts as the cause does adds to its variance: 1/strength² grows by (τ/size)²."""
+    kept, evaluation = low
+    parameters, x = setup.with_effects({"wrong_width": 0.0})
+    plan = Plan("as it is", evaluation, np.full(np.count_nonzero(kept), NOISE))
+    width, tolerance, size = setup.library["wrong_width"], 2e-3, 0.01
+    (one,) = width.parameters
+    known = replace(width, parameters=(replace(one, tolerance=tolerance),)).within_tolerance
+    alone = strength(plan, Point(parameters, x), 0, size)
+    both = strength(replace(plan, tolerances=(belonging_to(known, "the second"),)), Point(parameters, x), 0, size)
+    assert both == pytest.approx((alone**-2 + (tolerance / size) ** 2) ** -0.5, rel=1e-4)
+    assert both < 0.9 * alone
 
 
 def test_strength_is_size_over_its_standard_deviation(setup, low):
