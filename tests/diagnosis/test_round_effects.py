@@ -8,6 +8,7 @@ from hidden_effects.reduced import Plate
 from hidden_effects.round_body import RoundBody, RoundSurface
 
 from diagnosis.conftest import DENSITY, TANGENTS
+from femu_piezo.diagnosis.starts import relocated, starts
 from femu_piezo.effects.effect import EffectContext
 from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.effects.library import library
@@ -15,10 +16,12 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.response import full_impedance
 from femu_piezo.geometry import catalogue
 from femu_piezo.geometry.slab import Electrodes
+from femu_piezo.inference.fit import COARSE, fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
+from femu_piezo.measurement.sweeps import SweepData
 
 THICKNESS = 1.5e-3
 RADII = {"disk": (0.0, 6e-3), "ring": (2.5e-3, 6e-3)}
@@ -150,6 +153,26 @@ def test_change_of_impedance_against_independent_solution(bodies, bare, name, ca
     assert size > 100 * floor
     print(f"{name} {case}: {error / size:.4f}")
     assert error < share * size, f"{error / size:.4f}"
+
+
+@pytest.mark.parametrize("distance", [4e-3, 5.3e-3])
+def test_stiff_points_are_sought_again_with_the_constants_found(bodies, distance):
+    """Constants of a fit without the support mislead all first starts; those of the best of them lead to its place."""
+    one, stiffness = bodies["ring"], 2e7
+    z = one.exact(one.body(), RoundSurface.tripod(distance, 0.8e-3, (1,), lambda w: stiffness * (1 + 2e-6j * w)))
+    noise = 1 + 1e-3 * np.random.default_rng(1).standard_normal(z.size)
+    data = SweepData(one.frequency, z * noise, np.full(z.size, 1e-3), True)
+    effect = one.library["mounting/three points"]
+    base = fit(one.evaluation, data, one.unknowns, [one.x * 1.01])
+    first = starts(one.evaluation, base, effect)
+    own, parameters = first[0].own(effect), first[0].linear.parameters
+    found = fit(one.evaluation, data, parameters, [start.x for start in first], gain=COARSE)
+    assert found.chi_square > 10 * found.residual.size
+    again = [start.x for start in relocated(one.evaluation, found, effect)]
+    better = fit(one.evaluation, data, parameters, [found.x, *again], gain=COARSE)
+    assert better.chi_square < 2 * better.residual.size
+    values = better.x[own] * effect.scale
+    np.testing.assert_allclose(values[[0, 2]], (stiffness, distance), rtol=0.03)
 
 
 @pytest.mark.parametrize("key", ["wedge", "ovality"])
