@@ -631,6 +631,7 @@ def modes(
     help="seconds for a reply, beside the sweep",
 )
 @click.option("--diagnose", is_flag=True, help="diagnose as well, and take the further sweeps that it recommends")
+@click.option("--separate", is_flag=True, help="go where the two best causes of a diagnosis are told apart")
 @click.option(
     "--plan", is_flag=True, help="no instrument: only write where to measure, after --data what to measure next"
 )
@@ -651,6 +652,7 @@ def measure(
     averages: int,
     timeout: float,
     diagnose: bool,
+    separate: bool,
     plan: bool,
     data: Path | None,
     store: str | None,
@@ -661,20 +663,23 @@ def measure(
     A coarse sweep of the band finds the resonances; then each round goes where it tells most after the update of the
     points so far, with all tolerances of the file counted, until the deviations that --deviation asks for, the time or
     the points are reached. Half of the points watch the band, and what departs from the model there is looked at
-    closely. Known analysers: Keysight E4990A, HP/Agilent 4294A. Nothing above voltage, bias and frequency of the
-    [limits] table of SPEC is ever set (0.5 V, no bias where it is silent), and the output is off at the end, after an
-    error and after Ctrl-C. Every point is written to points.csv as it comes: the same command goes on from there.
+    closely. With --separate every round diagnoses, and goes where the best cause and the next one are told apart, until
+    they are; then on to the --deviation asked for, if any. Known analysers: Keysight E4990A, HP/Agilent 4294A. Nothing
+    above voltage, bias and frequency of the [limits] table of SPEC is ever set (0.5 V, no bias where it is silent), and
+    the output is off at the end, after an error and after Ctrl-C. Every point is written to points.csv as it comes: the
+    same command goes on from there.
 
     Writes live.png after every round, sweep.csv, measure.json, measured.toml (SPEC with this sweep) and what `update`
-    writes; with --diagnose the folder diagnosis, and sweeps in the opposite direction and at a third of the voltage
-    where the diagnosis recommends them. With --plan nothing is measured: plan.csv, plan_segments.csv and
-    plan_e4990a.scpi hold the frequencies for an analyser without a connection. Needs pip install 'femu-piezo[measure]'.
+    writes; with --diagnose or --separate the folder diagnosis, with --diagnose also sweeps in the opposite direction
+    and at a third of the voltage where the diagnosis recommends them. With --plan nothing is measured: plan.csv,
+    plan_segments.csv and plan_e4990a.scpi hold the frequencies for an analyser without a connection. Needs
+    pip install 'femu-piezo[measure]'.
     """
     from femu_piezo.specimen.file import read_specimen
     from femu_piezo.study.adaptive import Wish
 
     wanted = read_specimen(specimen)
-    wish = Wish(points, dict(deviations), seconds, band)
+    wish = Wish(points, dict(deviations), seconds, band, separate)
     if plan:
         if instrument is not None:
             raise InputError("--plan is for an analyser without a connection; leave --instrument out")
@@ -716,6 +721,8 @@ def _plan_only(specimen: Specimen, wish: Wish, data: Path | None, out: Path) -> 
     from femu_piezo.study.identify import planned_frequencies
 
     if data is None:
+        if wish.separate:
+            raise InputError("--separate is about the causes that a sweep leaves open; give it by --data")
         frequency = planned_frequencies(specimen, wish.points)
     else:
         frequency = next_frequencies(specimen, read_spectrum(data), wish)

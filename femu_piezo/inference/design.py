@@ -8,9 +8,19 @@ two whitened rows of a frequency, its Gaussian information about S, everything e
 C' being the covariance if S were known (Chaloner, Verdinelli, Statist. Sci. 10 (1995) 273, for D_S-optimality). The
 frequency that tells most is taken, C follows, and so on. Nuisance unknowns, such as the gain of an instrument, get
 points only as far as they stand in the way of S.
+
+Two explanations of the same data are told apart where one misses what the other predicts, all its unknowns fitted
+again (T-optimality: Atkinson, Fedorov, Biometrika 62 (1975) 57). With e what it misses at some frequencies before the
+refit, its misfit after it is
+
+    χ² = eᵗ (1 + J C Jᵗ)^-1 e,
+
+half of it the log odds that these frequencies are expected to bring.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -60,3 +70,42 @@ def chosen(rows: np.ndarray, covariance: np.ndarray, wanted: np.ndarray, count: 
         free[best] = False
         covariance = observed(covariance, rows[best])
     return found
+
+
+def missed(rows: np.ndarray, covariance: np.ndarray, error: np.ndarray) -> float:
+    """χ² of whitened errors (m,) that a refit of the unknowns leaves, with rows (m, n) of slopes."""
+    moved = rows.T @ error
+    left = np.linalg.solve(np.eye(moved.size) + covariance @ (rows.T @ rows), covariance @ moved)
+    return float(error @ error - moved @ left)
+
+
+def telling_apart(explanations: Sequence[tuple[np.ndarray, np.ndarray]], apart: np.ndarray, count: int) -> list[int]:
+    """Numbers of `count` frequencies, each once, in the order in which they tell two explanations apart.
+
+    Each is taken where χ² grows most, the mean of what either explanation misses if the other one holds.
+
+    Parameters
+    ----------
+    explanations : rows (k, 2, n) and covariance (n, n) of each, as of `information`
+    apart : (k, 2) whitened difference of what they predict
+    """
+    rows = [one for one, _ in explanations]
+    covariances, errors = [one for _, one in explanations], [apart for _ in explanations]
+    free, found = np.ones(len(apart), dtype=bool), []
+    for _ in range(min(count, len(apart))):
+        gains = sum(_missed_each(*one) for one in zip(rows, covariances, errors, strict=True))
+        best = int(np.argmax(np.where(free, gains, -np.inf)))
+        found.append(best)
+        free[best] = False
+        for number, (own, covariance, error) in enumerate(zip(rows, covariances, errors, strict=True)):
+            gain = covariance @ own[best].T
+            move = gain @ np.linalg.solve(np.eye(2) + own[best] @ gain, error[best])
+            errors[number] = error - own @ move
+            covariances[number] = observed(covariance, own[best])
+    return found
+
+
+def _missed_each(rows: np.ndarray, covariance: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """χ² (k,) of each frequency (k, 2) alone."""
+    spread = np.eye(2) + rows @ covariance @ rows.transpose(0, 2, 1)
+    return np.einsum("ka,ka->k", error, np.linalg.solve(spread, error[..., None])[..., 0])

@@ -67,8 +67,8 @@ def measure(
 
     Parameters
     ----------
-    diagnose : diagnose the sweep as well, and take the sweeps in the opposite direction and at a third of the voltage
-        where the diagnosis recommends them
+    diagnose : diagnose the sweep as well (as where `wish.separate` asks for it), and take the sweeps in the opposite
+        direction and at a third of the voltage where the diagnosis recommends them
     keep : called with each result once its files are written, and with the specimen that it is of
     tell : called with a line about every round
 
@@ -111,10 +111,10 @@ def measure(
         updated.save(out)
         keep([measured], updated)
         found = None
-        if diagnose:
+        if diagnose or wish.separate:
             diagnosed = measured
             found = api.diagnose(diagnosed, progress=progress, bases=bases)
-            more = _recommended(found, settings, analyser.voltages[0])
+            more = _recommended(found, settings, analyser.voltages[0]) if diagnose else []
             if more:
                 tell(f"the diagnosis recommends {' and '.join(more)}: taken now")
                 diagnosed = _further(alone, address, out, sweep.frequency, settings, more)
@@ -220,6 +220,9 @@ def state_words(state: State) -> str:
         for name, value in state.deviations.items()
     ]
     words += ", ".join(parts)
+    if state.rivals is not None:
+        two = state.rivals
+        words += f"; log odds of {two.first} over {two.second} {two.log_odds:+.1f}"
     if state.departures:
         words += "; departs from the model near " + ", ".join(f"{one / 1e3:.4g} kHz" for one in state.departures)
     return words

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from femu_piezo.output.curves import GRID, MEASURED, UPDATED, draw_impedance, frequency_axis
@@ -20,8 +21,11 @@ _DEPARTED = {"color": "#1f6fb4", "linewidth": 0.9, "linestyle": ":"}
 def measuring_figure(title: str, states: Sequence[State]) -> Figure:
     """|Z| and phase of all points with the model of the last state, and the deviations over the number of points."""
     last = states[-1]
-    figure = Picture(figsize=(8.0, 8.0), layout="constrained")
-    magnitude, phase, fall = figure.subplots(3, 1, height_ratios=[3, 2, 2])
+    between = [one for one in states if one.rivals is not None]
+    figure = Picture(figsize=(8.0, 10.0 if between else 8.0), layout="constrained")
+    magnitude, phase, fall, *odds = figure.subplots(
+        3 + bool(between), 1, height_ratios=[3, 2, 2, 2][: 3 + bool(between)]
+    )
     phase.sharex(magnitude)
     frequency = last.spectrum.frequency
     factor, label, _ = frequency_axis(frequency)
@@ -45,4 +49,20 @@ def measuring_figure(title: str, states: Sequence[State]) -> Figure:
         fall.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")
     else:
         fall.text(0.5, 0.5, "no update yet", ha="center", va="center", transform=fall.transAxes)
+    if between:
+        _draw_odds(odds[0], between)
+        odds[0].sharex(fall)
     return figure
+
+
+def _draw_odds(axes: Axes, states: Sequence[State]) -> None:
+    """Log odds of the better of the two causes of every round, marked where the pair is another one than before."""
+    pairs = [(one.rivals.first, one.rivals.second) for one in states]
+    for pair in dict.fromkeys(pairs):
+        own = [one for one, two in zip(states, pairs, strict=True) if two == pair]
+        points, values = [len(one.spectrum) for one in own], [one.rivals.log_odds for one in own]
+        axes.plot(points, values, marker="o", markersize=3, label=f"{pair[0]} over\n{pair[1]}")
+    axes.axhline(states[-1].rivals.enough, color="black", linewidth=0.8, linestyle="--", label="enough")
+    axes.set(xlabel="points", ylabel="log odds")
+    axes.grid(True, **GRID)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")

@@ -2,12 +2,9 @@
 
 1. watch: equally spaced points over the whole band;
 2. locate: divide the intervals over which the curve changes most, until poles and zeros can be extracted;
-3. refine: update, and take the frequencies that tell most of the constants asked for (`femu_piezo.inference.design`,
-   everything else marginalised); up to half of the points of a round go where the points depart from the model alone.
-
-Far from its resonance a mode of coupling k² changes Z by k² f/(2 |f − f0|), whatever its Q: it is seen by its tail. In
-the middle of a gap Δ between two points it moves both by k² f/Δ. What departs from its neighbours by more than
-`DEPARTS` times the noise is looked at closely, so that no mode above k² = `DEPARTS` √1.5 σ Δ/f is missed.
+3. refine: update, and take the frequencies that tell most of the constants asked for, or that tell the two best causes
+   of what the model gets wrong apart (`femu_piezo.inference.design`, everything else marginalised); up to half of the
+   points of a round go where the points depart from the model alone (`femu_piezo.study.linearised`).
 
 Points come from a function of frequencies: an instrument (`femu_piezo.instruments`) or a model.
 """
@@ -16,22 +13,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from femu_piezo.diagnosis.rivals import Rivals, rivals
+from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.errors import ConvergenceError, InputError
-from femu_piezo.inference.design import chosen, observed
 from femu_piezo.inference.fit import Fit
-from femu_piezo.measurement.segments import RESOLUTION
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.beginning import begin
-from femu_piezo.study.expectation import labels_of
+from femu_piezo.study.comparing import compare_causes
+from femu_piezo.study.linearised import Linearised, between
 from femu_piezo.study.measured import measure_each
 from femu_piezo.study.model_cache import Bases, SharedBases
-from femu_piezo.study.plan import FEWEST, SPREAD, candidate_frequencies, resonances_of
+from femu_piezo.study.plan import FEWEST, SPREAD
 from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.problem import prepare
 from femu_piezo.study.progress import Clock, Progress
@@ -42,15 +39,10 @@ from femu_piezo.threads import with_blas_limit
 
 #: Points of a round, while resonances are located and afterwards.
 _LOCATING, _REFINING = 8, 16
-#: Multiple of its noise by which a point departs from its neighbours, both against the model, that is no chance:
-#: exp(−16) for one point.
-DEPARTS = 4.0
-#: Largest share of a round that looks at departures, and how much sharper than those of the model a mode may be.
-_CLOSER, _SHARPER = 0.5, 4.0
+#: Largest share of a round that looks at departures.
+_CLOSER = 0.5
 #: Share by which a round must shrink one of the deviations asked for, all else being as expected.
 _WORTH = 0.01
-#: Points of the curve that is shown.
-_SHOWN = 1001
 
 #: Frequencies (n,), Hz, rising → the sweep at these, or at a few more
 Take = Callable[[np.ndarray], ImpedanceSpectrum]
@@ -66,12 +58,14 @@ class Wish:
     deviations : "s11", "tan_s11", … → standard deviation that is enough, relative of a constant, absolute of a tangent
     seconds : after which no further round begins; None for no limit
     band_Hz : lowest and highest frequency; that of [simulation] where None
+    separate : tell the two best causes of a diagnosis apart before anything else; every round diagnoses
     """
 
     points: int = 200
     deviations: Mapping[str, float] = field(default_factory=dict)
     seconds: float | None = None
     band_Hz: tuple[float, float] | None = None
+    separate: bool = False
 
 
 @dataclass(frozen=True)
@@ -87,6 +81,7 @@ class State:
     curve : (m,) Hz and (m,) ohm of the updated model; None where there is none
     departures : frequencies about which the points depart from the model alone, Hz
     least_coupling : k_eff that a further mode would have to have to be sure to show
+    rivals : the causes that are hardest to tell apart, where that was asked for and there are any
     """
 
     spectrum: ImpedanceSpectrum
@@ -96,6 +91,7 @@ class State:
     curve: tuple[np.ndarray, np.ndarray] | None = None
     departures: tuple[float, ...] = ()
     least_coupling: float | None = None
+    rivals: Rivals | None = None
 
 
 @dataclass(frozen=True)
@@ -105,7 +101,8 @@ class Adapted:
     Attributes
     ----------
     states : after every round
-    ended : "deviations", "points", "time" or "tolerances" (more points would not bring the deviations asked for)
+    ended : "deviations", "separated", "points", "time", "tolerances" (more points would not bring the deviations asked
+        for) or "alike" (nor tell the causes apart)
     """
 
     states: tuple[State, ...]
@@ -120,8 +117,12 @@ class Adapted:
     def sentence(self) -> str:
         """What ended it, and what would have been seen."""
         last, count = self.states[-1], len(self.spectrum)
+        two = last.rivals
+        first, second = (two.first, two.second) if two else ("", "")
         why = {
             "deviations": "the deviations asked for are reached",
+            "separated": f"{first} is told from {second} and every other cause",
+            "alike": f"more points would not tell {first} from {second}: see what the diagnosis recommends",
             "points": "the points are spent",
             "time": "the time is over",
             "tolerances": "more points would not bring the deviations asked for: see the tolerances in budget.png",
@@ -136,7 +137,13 @@ class Adapted:
             "ended": self.ended,
             "points": len(last.spectrum),
             "rounds": [
-                {"points": len(one.spectrum), "step": one.step, "reason": one.reason, "std": dict(one.deviations)}
+                {
+                    "points": len(one.spectrum),
+                    "step": one.step,
+                    "reason": one.reason,
+                    "std": dict(one.deviations),
+                    **({} if one.rivals is None else {"rivals": one.rivals.to_json()}),
+                }
                 for one in self.states
             ],
             "departures_Hz": list(last.departures),
@@ -272,181 +279,76 @@ class _Planner:
         """What the points say."""
         self._spectrum = spectrum
         try:
-            posterior, found = _updated(self._specimen, spectrum, self._bases, self._progress)
+            posterior, found, two = self._found(spectrum)
         except (InputError, ConvergenceError) as error:
             self._next = self._changing
             watched = len(spectrum) <= watching(self._band, self._wish.points).size
             return State(spectrum, "watch" if watched else "locate", str(error))
-        labels = labels_of(found.parameters.material)
-        design = _Design(posterior, found, labels, self._gap / 2)
-        self._next = lambda left: self._telling(design, left)
-        deviations = design.relative(np.sqrt(np.diag(design.covariance)))
+        about = Linearised(posterior, found, self._gap / 2)
+        deviations = about.relative(np.sqrt(np.diag(about.covariance)))
         missing = [name for name, goal in self._wish.deviations.items() if deviations[name] > goal]
-        if self._wish.deviations and not missing:
-            self.ended = "deviations"
+        if two is not None and not two.told:
+            self._next = lambda left: self._separating(about, two, left)
+        else:
+            self._next = lambda left: self._telling(about, left)
+            if self._wish.deviations and not missing:
+                self.ended = "deviations"
+            elif two is not None and not self._wish.deviations:
+                self.ended = "separated"
         return State(
             spectrum,
             "refine",
             deviations=deviations,
-            curve=design.curve(self._band),
-            departures=design.departures(),
-            least_coupling=design.least_coupling(),
+            curve=about.curve(self._band),
+            departures=about.departures(),
+            least_coupling=about.least_coupling(),
+            rivals=two,
         )
+
+    def _found(self, spectrum: ImpedanceSpectrum) -> tuple[Posterior, Fit, Rivals | None]:
+        """Models and update of the points; where causes are to be told apart with these, and the two to tell apart."""
+        measured = measure_each([self._specimen], [spectrum])
+        several, clock = subjects(measured), Clock(self._progress)
+        if self._wish.separate:
+            posterior, comparison = compare_causes(several, clock, self._bases, Rules())
+            return posterior, comparison.final, rivals(comparison)
+        posterior = Posterior(several, clock, self._bases)
+        return posterior, settled(posterior.base(begin(measured, self._bases).constants)), None
 
     def _changing(self, left: int) -> np.ndarray:
         """Within the intervals over which log(jωZ) changes most."""
         frequency = self._spectrum.frequency
         change = np.abs(_steps(np.log(self._spectrum.impedance * frequency)))
-        return _between(frequency, change, min(_LOCATING, left))
+        return between(frequency, change, min(_LOCATING, left))
 
-    def _telling(self, design: _Design, left: int) -> np.ndarray:
+    def _telling(self, about: Linearised, left: int) -> np.ndarray:
         """Where the points depart from the model alone, and where the constants asked for gain most."""
         count = min(_REFINING, left)
-        closer = design.closer(int(_CLOSER * count))
+        closer = about.closer(int(_CLOSER * count))
         goals = self._wish.deviations
-        deviations = design.relative(np.sqrt(np.diag(design.covariance)))
+        deviations = about.relative(np.sqrt(np.diag(about.covariance)))
         asked = [name for name, goal in goals.items() if deviations[name] > goal] or list(deviations)
-        found, after = design.telling(self._band, asked, count - closer.size)
-        gain = max(1 - design.relative(after)[name] / deviations[name] for name in asked)
+        found, after = about.telling(self._band, asked, count - closer.size)
+        gain = max(1 - about.relative(after)[name] / deviations[name] for name in asked)
         if goals and gain < _WORTH and not closer.size:
             self.ended = "tolerances"
             return np.zeros(0)
         return np.unique(np.concatenate([closer, found]))
 
-
-class _Design:
-    """An update, linearised about its solution.
-
-    Attributes
-    ----------
-    covariance : (n_x, n_x) in units of the priors, of everything that the update counts
-    """
-
-    def __init__(self, posterior: Posterior, found: Fit, labels: Mapping[str, tuple[int, float]], reach: float):
-        self._found, self._labels, self._reach = found, labels, reach
-        self._evaluation, self._own, _ = posterior.whole_sweep(0, found)
-        self._frequency = posterior.several[0].measured.fitted.frequency
-        self._impedance = posterior.several[0].measured.fitted.impedance
-        self._scale = found.parameters.prior_std
-        self.covariance = found.covariance / np.outer(self._scale, self._scale)
-        self._noise = found.data.relative_noise * min(1.0, found.level)  # a misfit is no noise
-        self._resonances = resonances_of(self._evaluation, self._own, found.x)
-
-    def relative(self, std: np.ndarray) -> dict[str, float]:
-        """Deviations by label: of (n_x,) in units of the priors; relative of constants, absolute of tangents."""
-        found = {}
-        for label, (column, size) in self._labels.items():
-            own = std[column] * self._scale[column] * size
-            found[label] = float(own if label.startswith("tan_") else own / abs(self._value(label)))
-        return found
-
-    def _value(self, label: str) -> float:
-        material = self._found.parameters.material
-        return getattr(material.constants(self._found.x[: self._found.parameters.of_material]), label).real
-
-    def curve(self, band: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-        """The model over the band and at every point: Hz (m,), ohm (m,)."""
-        frequency = np.union1d(np.linspace(*band, _SHOWN), candidate_frequencies(self._resonances, *band))
-        return frequency, self._at(frequency)[0]
-
-    def _at(self, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return replace(self._evaluation, omega=2 * np.pi * frequency).with_jacobian(self._own, self._found.x)
-
-    def telling(self, band: tuple[float, float], asked: list[str], count: int) -> tuple[np.ndarray, np.ndarray]:
-        """`count` frequencies that tell most of what is asked for, and the deviations (n_x,) with them."""
-        candidates = candidate_frequencies(self._resonances, *band)
-        place = np.searchsorted(self._frequency, candidates).clip(1, self._frequency.size - 1)
-        near = np.minimum(np.abs(candidates - self._frequency[place]), np.abs(candidates - self._frequency[place - 1]))
-        candidates = candidates[near > RESOLUTION]
-        z, slopes = self._at(candidates)
-        white = slopes / z[:, None] * self._scale * (np.sqrt(2) / np.median(self._noise))
-        rows = np.stack([white.real, white.imag], axis=1)
-        wanted = np.array([self._labels[name][0] for name in asked])
-        places = chosen(rows, self.covariance, wanted, count)
-        after = observed(self.covariance, rows[places].reshape(-1, self._scale.size))
-        return candidates[places], np.sqrt(np.diag(after))
-
-    @cached_property
-    def _left(self) -> np.ndarray:
-        """(k,) log Z measured less that of the model."""
-        return np.log(self._impedance / self._at(self._frequency)[0])
-
-    @cached_property
-    def _departing(self) -> np.ndarray:
-        """(k,) bool: points that depart from those beside them, both against the model.
-
-        From the nearest ones, which a mode between two points moves alone; and from those half a gap of the watching
-        points away, since a mode that has been looked at closely is smooth from point to point.
-        """
-        return self._departing_from(0.0) | self._departing_from(self._reach)
-
-    def _departing_from(self, reach: float) -> np.ndarray:
-        """(k,) bool, the points to compare with being further than `reach` away, Hz."""
-        f, left, noise = self._frequency, self._left, self._noise
-        before = np.searchsorted(f, f - reach, side="left") - 1
-        behind = np.searchsorted(f, f + reach, side="right")
-        own = np.flatnonzero((before >= 0) & (behind < f.size))
-        before, behind = before[own], behind[own]
-        share = (f[own] - f[before]) / (f[behind] - f[before])
-        apart = left[own] - (1 - share) * left[before] - share * left[behind]
-        sigma = np.sqrt(noise[own] ** 2 + ((1 - share) * noise[before]) ** 2 + (share * noise[behind]) ** 2)
-        times = np.abs(apart) / sigma
-        usual = max(1.0, float(np.median(times)) / np.sqrt(np.log(2)))
-        found = np.zeros(f.size, dtype=bool)
-        found[own] = times > DEPARTS * usual
-        return found
-
-    def closer(self, count: int) -> np.ndarray:
-        """At most `count` frequencies beside departing points, where what is left changes most, Hz."""
-        alone = self._departing
-        change = np.abs(np.diff(self._left)) * (alone[1:] | alone[:-1])
-        change[change < DEPARTS * np.hypot(self._noise[1:], self._noise[:-1])] = 0.0
-        sharpest = np.min(np.abs(self._resonances.imag / self._resonances.real)) / _SHARPER
-        return _between(self._frequency, change, count, sharpest / 2 * self._frequency[1:])
-
-    def departures(self) -> tuple[float, ...]:
-        """The middle of every run of departing points, Hz."""
-        places = np.flatnonzero(self._departing)
-        runs = np.split(places, np.flatnonzero(np.diff(places) > 2) + 1) if places.size else []
-        left = np.abs(self._left)
-        return tuple(float(self._frequency[run[np.argmax(left[run])]]) for run in runs)
-
-    def least_coupling(self) -> float:
-        """k_eff of a mode in the widest gap, from half the lowest pole on, that moves its neighbours clearly."""
-        lowest = np.sqrt(np.min(self._resonances.real)) / (2 * np.pi)
-        above = self._frequency[1:] > lowest / 2
-        gap = np.max((np.diff(self._frequency) / self._frequency[1:])[above])
-        return float(np.sqrt(DEPARTS * np.sqrt(1.5) * np.median(self._noise) * gap))
-
-
-def _updated(
-    specimen: Specimen, spectrum: ImpedanceSpectrum, bases: Bases, progress: Progress
-) -> tuple[Posterior, Fit]:
-    measured = measure_each([specimen], [spectrum])
-    posterior = Posterior(subjects(measured), Clock(progress), bases)
-    return posterior, settled(posterior.base(begin(measured, bases).constants))
+    def _separating(self, about: Linearised, two: Rivals, left: int) -> np.ndarray:
+        """Where the points depart from the model alone, and where one cause misses what the other predicts."""
+        count = min(_REFINING, left)
+        closer = about.closer(int(_CLOSER * count))
+        found, all_told = about.telling_apart(self._band, two.fits, count - closer.size)
+        if two.log_odds + all_told < two.enough and not closer.size:
+            if self._wish.deviations:
+                return self._telling(about, left)
+            self.ended = "alike"
+            return np.zeros(0)
+        return np.unique(np.concatenate([closer, found]))
 
 
 def _steps(logs: np.ndarray) -> np.ndarray:
     """Differences (n − 1,) of complex logarithms (n,), angles less than half a turn."""
     step = np.diff(logs)
     return step.real + 1j * np.angle(np.exp(1j * step.imag))
-
-
-def _between(frequency: np.ndarray, change: np.ndarray, count: int, least: np.ndarray | float = 0.0) -> np.ndarray:
-    """At most `count` points, equally spaced within intervals (n − 1,), so that the largest change of a part is small.
-
-    least : width that no part falls below; intervals without any change get none
-    """
-    width, inside = np.diff(frequency), np.zeros(change.size, dtype=int)
-    for _ in range(count):
-        left = np.where(width / (inside + 2) >= least, change / (inside + 1), 0.0)
-        best = int(np.argmax(left))
-        if left[best] <= 0:
-            break
-        inside[best] += 1
-    parts = [
-        frequency[place] + width[place] * np.arange(1, inside[place] + 1) / (inside[place] + 1)
-        for place in np.flatnonzero(inside)
-    ]
-    return np.concatenate(parts or [np.zeros(0)])

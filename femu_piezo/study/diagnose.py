@@ -10,10 +10,8 @@ import numpy as np
 
 from femu_piezo.diagnosis.next_measurement import Separation
 from femu_piezo.diagnosis.rules import Rules
-from femu_piezo.diagnosis.selection import Comparison, compare_from
+from femu_piezo.diagnosis.selection import Comparison
 from femu_piezo.diagnosis.verdict import Verdict, judge
-from femu_piezo.diagnosis.whiteness import remaining
-from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.library import FREE, REFERENCE, Maker
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.linear_body import linear_body_misfit
@@ -24,7 +22,7 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.standards.figures import StandardFigures
-from femu_piezo.study.beginning import begin
+from femu_piezo.study.comparing import compare_causes
 from femu_piezo.study.measured import Measured, Sweep, measure_each
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.planning import recommended, separations
@@ -34,7 +32,7 @@ from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.results import mesh_words
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.study.standard_figures import figures_of
-from femu_piezo.study.subjects import LEAST_ERROR, Subject, shared_library, subjects
+from femu_piezo.study.subjects import LEAST_ERROR, Subject, subjects
 from femu_piezo.study.temperature import constants_under
 from femu_piezo.threads import with_blas_limit
 
@@ -42,8 +40,6 @@ from femu_piezo.threads import with_blas_limit
 _FEW = 4
 #: Share of the model's misfit, and multiple of the noise, from which a linear body misses the points as well.
 _NEARLY, _CLEARLY = 0.6, 3.0
-#: Probability of what is left over by chance below which effects at a place are tried as well.
-_DOUBT = 0.05
 
 
 @dataclass(frozen=True)
@@ -229,10 +225,7 @@ def diagnose(
     clock, bases, rules = Clock(progress), bases or Bases(), rules or Rules()
     clock.step("read and extract")
     several = subjects(measure_each(specimens, spectra), effects)
-    library = tuple(effect for effect in shared_library(several) if effect.is_candidate)
-    clock.step("start")
-    start = begin([one.measured for one in several], bases).constants
-    posterior, comparison = _compared(several, library, start, clock, bases, rules)
+    posterior, comparison = compare_causes(several, clock, bases, rules)
     clock.step("verdict")
     frequency = np.concatenate([one.measured.fitted.frequency for one in several])
     verdict = judge(comparison, frequency)
@@ -275,32 +268,6 @@ def _constants_under(posterior: Posterior, index: int, final: Fit) -> PiezoConst
     """The constants of a fit under the conditions of one sweep."""
     _, own, columns = posterior.whole_sweep(index, final)
     return constants_under(own, final.x[columns])
-
-
-def _compared(
-    several: Sequence[Subject],
-    library: Sequence[Effect],
-    start: PiezoConstants,
-    clock: Clock,
-    bases: Bases,
-    rules: Rules,
-) -> tuple[Posterior, Comparison]:
-    """Models and comparison; effects at a place join where something is left that they might explain."""
-    posterior = Posterior(several, clock, bases, library)
-    base = posterior.base(start)
-    if not _leaves_something(base):
-        library = tuple(effect for effect in library if effect.local is None)
-    clock.step("compare")
-    return posterior, compare_from(
-        base, posterior.evaluation, library, rules=rules, loss=posterior.loss, progress=clock.tell
-    )
-
-
-def _leaves_something(base: Fit) -> bool:
-    """Whether a fit leaves more than about one null in ten does."""
-    left = remaining(base.residual, base.determined, base.data.frequency, base.data.noise_known, base.data.sweeps)
-    doubt = min(left.p_white, 1.0 if left.p_size is None else left.p_size)
-    return doubt < _DOUBT or base.learned.log_evidence > 0
 
 
 def _accuracy_notes(several: Sequence[Subject]) -> tuple[str, ...]:

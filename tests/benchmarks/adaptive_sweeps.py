@@ -15,11 +15,13 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import argparse
+import json
 import sys
 import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -81,17 +83,20 @@ def crowded(bench: Bench, points: int) -> ImpedanceSpectrum:
     return bench(np.unique(np.concatenate([np.linspace(*BAND, points - points // 2), half])))
 
 
-def adaptive(points: int) -> Callable[[Specimen, Bench, SharedBases], ImpedanceSpectrum]:
+Recipe = Callable[[Specimen, Bench, SharedBases], ImpedanceSpectrum]
+
+
+def adaptive(points: int) -> Recipe:
     return lambda specimen, bench, bases: (
         adapt(specimen, bench, Wish(points=points, band_Hz=BAND), bases=bases).spectrum
     )
 
 
-def equal(points: int) -> Callable[[Specimen, Bench, SharedBases], ImpedanceSpectrum]:
+def equal(points: int) -> Recipe:
     return lambda specimen, bench, bases: bench(np.linspace(*BAND, points))
 
 
-RECIPES = {
+RECIPES: dict[str, Recipe] = {
     "adaptive, 100": adaptive(100),
     "adaptive, 200": adaptive(200),
     "dense at resonances, 200": lambda specimen, bench, bases: crowded(bench, 200),
@@ -109,79 +114,114 @@ def specimen_of(drawn: Draw, folder: Path) -> Specimen:
     )
 
 
-def deviations(bodies: list[str], draws: int) -> None:
+@dataclass
+class Kept:
+    """Results one by one, as lines of a file where one is named: a run that was broken off goes on.
+
+    Every result says under "of" what it is the result of.
+    """
+
+    path: Path | None
+    lines: list[dict] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        if self.path is not None and self.path.exists():
+            self.lines = [json.loads(line) for line in self.path.read_text(encoding="utf-8").splitlines()]
+
+    def result(self, of: list, make: Callable[[], dict]) -> None:
+        """What `make` gives, unless it is there; {"failed": why} where there is no result."""
+        if any(line["of"] == of for line in self.lines):
+            return
+        begun = time.process_time()
+        try:
+            made = make()
+        except FemuPiezoError as error:
+            made = {"failed": str(error)}
+        self.lines.append({"of": of, **made, "processor_s": time.process_time() - begun})
+        if self.path is not None:
+            with open(self.path, "a", encoding="utf-8") as stream:
+                stream.write(json.dumps(self.lines[-1]) + "\n")
+
+    def all_of(self, *of) -> list[dict]:
+        """Results whose "of" begins so."""
+        return [line for line in self.lines if line["of"][: len(of)] == list(of)]
+
+
+def deviations(bodies: list[str], draws: range, kept: Kept) -> None:
     """Median stated deviations of every constant by every recipe, and how far off the truth these are."""
     with tempfile.TemporaryDirectory() as folder:
         for body in bodies:
             bases = SharedBases()
-            stated: dict[str, list[dict[str, float]]] = {name: [] for name in RECIPES}
-            noise: dict[str, list[dict[str, float]]] = {name: [] for name in RECIPES}
-            off: dict[str, list[float]] = {name: [] for name in RECIPES}
-            failed: dict[str, int] = dict.fromkeys(RECIPES, 0)
-            begun = time.perf_counter()
-            for number in range(draws):
+            for number in draws:
                 drawn = BODIES[body](number, "none")
                 specimen = specimen_of(drawn, Path(folder))
                 for name, recipe in RECIPES.items():
-                    try:
-                        spectrum = recipe(specimen, Bench(drawn), bases)
-                        found = update(specimen, bases=bases, spectra=[spectrum]).parameters
-                    except FemuPiezoError:
-                        failed[name] += 1
-                        continue
-                    own, of_noise = {}, {}
-                    for constant, one in found.items():
-                        true = drawn.theta[NAMES.index(constant)]
-                        tangent = -true.imag / true.real
-                        own |= {constant: one.std / abs(one.value), f"tan_{constant}": one.tan_std}
-                        of_noise[constant] = one.budget["noise"] / abs(one.value)
-                        of_noise[f"tan_{constant}"] = one.tan_budget["noise"]
-                        off[name] += [(one.value - true.real) / one.std, (one.tan - tangent) / one.tan_std]
-                    stated[name].append(own)
-                    noise[name].append(of_noise)
-            table(f"{body}, {draws} draws: median stated deviation", stated, off, failed)
-            table(f"{body}: the part of it from noise", noise, off, failed)
-            CONSOLE.print(f"{time.perf_counter() - begun:.0f} s")
+                    make = partial(updated, drawn, specimen, recipe, bases)
+                    kept.result(["deviations", body, name, number], make)
+            own = {name: kept.all_of("deviations", body, name) for name in RECIPES}
+            table(f"{body}, {len(own['adaptive, 100'])} draws: median stated deviation", own, "stated")
+            table(f"{body}: the part of it from noise", own, "noise")
 
 
-def table(title: str, stated, off, failed) -> None:
+def updated(drawn: Draw, specimen: Specimen, recipe: Recipe, bases: SharedBases) -> dict:
+    """Stated deviations, the part of noise, and by how many of them the truth is missed."""
+    stated, noise, off = {}, {}, []
+    found = update(specimen, bases=bases, spectra=[recipe(specimen, Bench(drawn), bases)])
+    for constant, one in found.parameters.items():
+        true = drawn.theta[NAMES.index(constant)]
+        tangent = -true.imag / true.real
+        stated |= {constant: one.std / abs(one.value), f"tan_{constant}": one.tan_std}
+        noise[constant] = one.budget["noise"] / abs(one.value)
+        noise[f"tan_{constant}"] = one.tan_budget["noise"]
+        off += [(one.value - true.real) / one.std, (one.tan - tangent) / one.tan_std]
+    return {"stated": stated, "noise": noise, "off": [float(value) for value in off]}
+
+
+def table(title: str, results: dict[str, list[dict]], which: str) -> None:
     """Medians by recipe, how far off the truth in stated deviations, and how many draws had no result."""
-    labels = list(next(own for own in stated.values() if own)[0])
+    done = {name: [one for one in own if "failed" not in one] for name, own in results.items()}
+    labels = list(next(own[0] for own in done.values() if own)[which])
     shown = Table(title=f"{title} (% of constants, 1e-5 of tangents)")
     shown.add_column("recipe")
     for label in [*labels, "rms (found − true)/σ", "no result"]:
         shown.add_column(label, justify="right")
-    for name, own in stated.items():
-        median = {label: np.median([one[label] for one in own]) if own else np.nan for label in labels}
+    for name, own in done.items():
+        median = {label: np.median([one[which][label] for one in own]) if own else np.nan for label in labels}
         cells = [f"{1e5 * v:.3g}" if label.startswith("tan_") else f"{100 * v:.3g}" for label, v in median.items()]
-        shown.add_row(name, *cells, f"{np.sqrt(np.mean(np.square(off[name]))):.2f}", str(failed[name]))
+        off = [value for one in own for value in one["off"]]
+        shown.add_row(name, *cells, f"{np.sqrt(np.mean(np.square(off))):.2f}", str(len(results[name]) - len(own)))
     CONSOLE.print(shown)
 
 
-def effects(bodies: list[str], draws: int) -> None:
+def diagnosed(drawn: Draw, specimen: Specimen, recipe: Recipe, bases: SharedBases) -> dict:
+    """The verdict and its causes."""
+    found = diagnose(specimen, bases=bases, spectra=[recipe(specimen, Bench(drawn), bases)]).verdict
+    return {"word": found.word, "causes": [one.effect.name for one in found.causes]}
+
+
+def effects(bodies: list[str], draws: range, kept: Kept) -> None:
     """How many hidden effects are named, alone, after every recipe."""
     recipes = {name: RECIPES[name] for name in ("adaptive, 100", "adaptive, 200", "equally spaced, 401")}
     with tempfile.TemporaryDirectory() as folder:
         for body in bodies:
             bases = SharedBases()
-            named = {name: dict.fromkeys(EFFECTS, 0) for name in recipes}
             for effect in EFFECTS:
-                for number in range(draws):
+                for number in draws:
                     drawn = BODIES[body](number, effect)
                     specimen = specimen_of(drawn, Path(folder))
                     for name, recipe in recipes.items():
-                        try:
-                            spectrum = recipe(specimen, Bench(drawn), bases)
-                            found = diagnose(specimen, bases=bases, spectra=[spectrum])
-                        except FemuPiezoError:
-                            continue
-                        named[name][effect] += [one.effect.name for one in found.verdict.causes] == [effect]
-            shown = Table(title=f"{body}: hidden effects named, of {draws} draws each")
+                        make = partial(diagnosed, drawn, specimen, recipe, bases)
+                        kept.result(["effects", body, name, effect, number], make)
+            shown = Table(title=f"{body}: hidden effects named alone")
             shown.add_column("recipe")
             for effect in EFFECTS:
                 shown.add_column(effect, justify="right")
-            for name, own in named.items():
-                shown.add_row(name, *map(str, own.values()))
+            for name in recipes:
+                own = {effect: kept.all_of("effects", body, name, effect) for effect in EFFECTS}
+                named = {
+                    effect: sum(one.get("causes") == [effect] for one in several) for effect, several in own.items()
+                }
+                shown.add_row(name, *(f"{count} of {len(own[effect])}" for effect, count in named.items()))
             CONSOLE.print(shown)
 
 
@@ -190,5 +230,8 @@ if __name__ == "__main__":
     parser.add_argument("what", choices=["deviations", "effects"])
     parser.add_argument("--bodies", nargs="+", choices=list(BODIES), default=list(BODIES))
     parser.add_argument("--draws", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0, help="number of the first draw")
+    parser.add_argument("--keep", type=Path, help="file of results as lines, to which others are added")
     given = parser.parse_args()
-    {"deviations": deviations, "effects": effects}[given.what](given.bodies, given.draws)
+    draws = range(given.first, given.first + given.draws)
+    {"deviations": deviations, "effects": effects}[given.what](given.bodies, draws, Kept(given.keep))

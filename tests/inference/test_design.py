@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from femu_piezo.inference.design import chosen, information, observed
+from femu_piezo.inference.design import chosen, information, missed, observed, telling_apart
 
 
 @pytest.fixture
@@ -53,3 +53,51 @@ def test_nothing_is_spent_on_what_is_not_asked_for():
     rows[1, 0] = [1, 0]
     rows[2, 0] = [0.5, 0]
     assert chosen(rows, np.eye(2), np.array([0]), 3) == [1, 2, 0]
+
+
+@pytest.fixture
+def explanations(problem):
+    """Two explanations with different unknowns, and how far apart what they predict is."""
+    rng = np.random.default_rng(7)
+    rows, covariance, _ = problem
+    root = rng.standard_normal((4, 4))
+    other = (0.7 * rng.standard_normal((40, 2, 4)), root @ root.T + 0.1 * np.eye(4))
+    return [(rows, covariance), other], 3 * rng.standard_normal((40, 2))
+
+
+def test_what_is_missed_is_the_misfit_of_a_refit(explanations):
+    """min over moves of |e − J δ|² + δᵗ C^-1 δ."""
+    for (rows, covariance), error in ((one, explanations[1]) for one in explanations[0]):
+        flat = rows.reshape(80, -1)
+        stacked = np.concatenate([flat, np.linalg.cholesky(np.linalg.inv(covariance)).T])
+        target = np.concatenate([error.ravel(), np.zeros(len(covariance))])
+        left = target - stacked @ np.linalg.lstsq(stacked, target, rcond=None)[0]
+        assert missed(flat, covariance, error.ravel()) == pytest.approx(left @ left, rel=1e-9)
+
+
+def test_each_choice_tells_two_explanations_apart_best(explanations):
+    """The sum of what either misses of all taken so far, refitted, grows most."""
+    two, apart = explanations
+    found = telling_apart(two, apart, 6)
+    assert len(set(found)) == 6
+
+    def told(places: list[int]) -> float:
+        return sum(
+            missed(rows[places].reshape(2 * len(places), -1), covariance, apart[places].ravel())
+            for rows, covariance in two
+        )
+
+    for place, number in enumerate(found):
+        left = [k for k in range(len(apart)) if k not in found[:place]]
+        assert left[int(np.argmax([told([*found[:place], k]) for k in left]))] == number
+    assert told(found) > 2 * told(list(range(0, 36, 6)))
+
+
+def test_a_difference_that_a_refit_takes_up_tells_nothing():
+    """The largest difference lies along what either may still move; the smaller one beside it is taken."""
+    rows = np.zeros((2, 2, 1))
+    rows[0, 0] = 1.0
+    apart = np.array([[3.0, 0.0], [1.0, 0.0]])
+    loose = (rows, np.array([[100.0]]))
+    assert telling_apart([loose, loose], apart, 1) == [1]
+    assert missed(rows[:1].reshape(2, 1), np.array([[100.0]]), apart[0]) == pytest.approx(9 / 101)

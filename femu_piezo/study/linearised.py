@@ -1,0 +1,181 @@
+"""What the points so far say of the next ones: an update, linearised about its solution.
+
+Far from its resonance a mode of coupling k² changes Z by k² f/(2 |f − f0|), whatever its Q: it is seen by its tail. In
+the middle of a gap Δ between two points it moves both by k² f/Δ. What departs from its neighbours by more than
+`DEPARTS` times the noise is looked at closely, so that no mode above k² = `DEPARTS` √1.5 σ Δ/f is missed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from femu_piezo.inference.design import chosen, missed, observed, telling_apart
+from femu_piezo.inference.fit import Fit
+from femu_piezo.measurement.segments import RESOLUTION
+from femu_piezo.study.expectation import labels_of
+from femu_piezo.study.plan import candidate_frequencies, resonances_of
+from femu_piezo.study.posterior import Posterior
+
+#: Multiple of its noise by which a point departs from its neighbours, both against the model, that is no chance:
+#: exp(−16) for one point.
+DEPARTS = 4.0
+#: How much sharper than those of the model a mode may be.
+_SHARPER = 4.0
+#: Points of the curve that is shown.
+_SHOWN = 1001
+
+
+class Linearised:
+    """An update of one sweep, linearised about its solution.
+
+    Attributes
+    ----------
+    covariance : (n_x, n_x) in units of the priors, of everything that the update counts
+    """
+
+    def __init__(self, posterior: Posterior, found: Fit, reach: float) -> None:
+        self._posterior, self._found, self._reach = posterior, found, reach
+        self._labels = labels_of(found.parameters.material)
+        self._evaluation, self._own, _ = posterior.whole_sweep(0, found)
+        self._frequency = posterior.several[0].measured.fitted.frequency
+        self._impedance = posterior.several[0].measured.fitted.impedance
+        self._scale = found.parameters.prior_std
+        self.covariance = found.covariance / np.outer(self._scale, self._scale)
+        self._noise = found.data.relative_noise * min(1.0, found.level)  # a misfit is no noise
+        self._resonances = resonances_of(self._evaluation, self._own, found.x)
+
+    def relative(self, std: np.ndarray) -> dict[str, float]:
+        """Deviations by label: of (n_x,) in units of the priors; relative of constants, absolute of tangents."""
+        found = {}
+        for label, (column, size) in self._labels.items():
+            own = std[column] * self._scale[column] * size
+            found[label] = float(own if label.startswith("tan_") else own / abs(self._value(label)))
+        return found
+
+    def _value(self, label: str) -> float:
+        material = self._found.parameters.material
+        return getattr(material.constants(self._found.x[: self._found.parameters.of_material]), label).real
+
+    def curve(self, band: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+        """The model over the band and at every point: Hz (m,), ohm (m,)."""
+        frequency = np.union1d(np.linspace(*band, _SHOWN), candidate_frequencies(self._resonances, *band))
+        return frequency, self._at(frequency)[0]
+
+    def _at(self, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return replace(self._evaluation, omega=2 * np.pi * frequency).with_jacobian(self._own, self._found.x)
+
+    def telling(self, band: tuple[float, float], asked: list[str], count: int) -> tuple[np.ndarray, np.ndarray]:
+        """`count` frequencies that tell most of what is asked for, and the deviations (n_x,) with them."""
+        candidates = self._candidates(band)
+        rows = self._rows(self._found, candidates)[0]
+        wanted = np.array([self._labels[name][0] for name in asked])
+        places = chosen(rows, self.covariance, wanted, count)
+        after = observed(self.covariance, rows[places].reshape(-1, self._scale.size))
+        return candidates[places], np.sqrt(np.diag(after))
+
+    def telling_apart(self, band: tuple[float, float], two: tuple[Fit, Fit], count: int) -> tuple[np.ndarray, float]:
+        """`count` frequencies that tell two fits apart, and the log odds that all of the band would bring."""
+        candidates = self._candidates(band)
+        (first, one), (second, other) = (self._rows(fit, candidates) for fit in two)
+        apart = np.log(one / other) * self._weight
+        errors = np.stack([apart.real, apart.imag], axis=1)
+        scales = [fit.parameters.prior_std for fit in two]
+        covariances = [fit.covariance / np.outer(scale, scale) for fit, scale in zip(two, scales, strict=True)]
+        places = telling_apart(list(zip((first, second), covariances, strict=True)), errors, count)
+        whole = [
+            missed(rows.reshape(errors.size, -1), covariance, errors.ravel())
+            for rows, covariance in zip((first, second), covariances, strict=True)
+        ]
+        return candidates[places], float(np.mean(whole)) / 2
+
+    def _candidates(self, band: tuple[float, float]) -> np.ndarray:
+        """Frequencies (k,) to choose from that were not measured yet, Hz."""
+        candidates = candidate_frequencies(self._resonances, *band)
+        place = np.searchsorted(self._frequency, candidates).clip(1, self._frequency.size - 1)
+        near = np.minimum(np.abs(candidates - self._frequency[place]), np.abs(candidates - self._frequency[place - 1]))
+        return candidates[near > RESOLUTION]
+
+    @cached_property
+    def _weight(self) -> float:
+        return float(np.sqrt(2) / np.median(self._noise))
+
+    def _rows(self, found: Fit, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Whitened slopes (k, 2, n_x) of a fit in units of its priors, and its Z (k,), ohm."""
+        evaluation, own, _ = self._posterior.whole_sweep(0, found)
+        z, slopes = replace(evaluation, omega=2 * np.pi * frequency).with_jacobian(own, found.x)
+        white = slopes / z[:, None] * found.parameters.prior_std * self._weight
+        return np.stack([white.real, white.imag], axis=1), z
+
+    @cached_property
+    def _left(self) -> np.ndarray:
+        """(k,) log Z measured less that of the model."""
+        return np.log(self._impedance / self._at(self._frequency)[0])
+
+    @cached_property
+    def _departing(self) -> np.ndarray:
+        """(k,) bool: points that depart from those beside them, both against the model.
+
+        From the nearest ones, which a mode between two points moves alone; and from those half a gap of the watching
+        points away, since a mode that has been looked at closely is smooth from point to point.
+        """
+        return self._departing_from(0.0) | self._departing_from(self._reach)
+
+    def _departing_from(self, reach: float) -> np.ndarray:
+        """(k,) bool, the points to compare with being further than `reach` away, Hz."""
+        f, left, noise = self._frequency, self._left, self._noise
+        before = np.searchsorted(f, f - reach, side="left") - 1
+        behind = np.searchsorted(f, f + reach, side="right")
+        own = np.flatnonzero((before >= 0) & (behind < f.size))
+        before, behind = before[own], behind[own]
+        share = (f[own] - f[before]) / (f[behind] - f[before])
+        apart = left[own] - (1 - share) * left[before] - share * left[behind]
+        sigma = np.sqrt(noise[own] ** 2 + ((1 - share) * noise[before]) ** 2 + (share * noise[behind]) ** 2)
+        times = np.abs(apart) / sigma
+        usual = max(1.0, float(np.median(times)) / np.sqrt(np.log(2)))
+        found = np.zeros(f.size, dtype=bool)
+        found[own] = times > DEPARTS * usual
+        return found
+
+    def closer(self, count: int) -> np.ndarray:
+        """At most `count` frequencies beside departing points, where what is left changes most, Hz."""
+        alone = self._departing
+        change = np.abs(np.diff(self._left)) * (alone[1:] | alone[:-1])
+        change[change < DEPARTS * np.hypot(self._noise[1:], self._noise[:-1])] = 0.0
+        sharpest = np.min(np.abs(self._resonances.imag / self._resonances.real)) / _SHARPER
+        return between(self._frequency, change, count, sharpest / 2 * self._frequency[1:])
+
+    def departures(self) -> tuple[float, ...]:
+        """The middle of every run of departing points, Hz."""
+        places = np.flatnonzero(self._departing)
+        runs = np.split(places, np.flatnonzero(np.diff(places) > 2) + 1) if places.size else []
+        left = np.abs(self._left)
+        return tuple(float(self._frequency[run[np.argmax(left[run])]]) for run in runs)
+
+    def least_coupling(self) -> float:
+        """k_eff of a mode in the widest gap, from half the lowest pole on, that moves its neighbours clearly."""
+        lowest = np.sqrt(np.min(self._resonances.real)) / (2 * np.pi)
+        above = self._frequency[1:] > lowest / 2
+        gap = np.max((np.diff(self._frequency) / self._frequency[1:])[above])
+        return float(np.sqrt(DEPARTS * np.sqrt(1.5) * np.median(self._noise) * gap))
+
+
+def between(frequency: np.ndarray, change: np.ndarray, count: int, least: np.ndarray | float = 0.0) -> np.ndarray:
+    """At most `count` points, equally spaced within intervals (n − 1,), so that the largest change of a part is small.
+
+    least : width that no part falls below; intervals without any change get none
+    """
+    width, inside = np.diff(frequency), np.zeros(change.size, dtype=int)
+    for _ in range(count):
+        left = np.where(width / (inside + 2) >= least, change / (inside + 1), 0.0)
+        best = int(np.argmax(left))
+        if left[best] <= 0:
+            break
+        inside[best] += 1
+    parts = [
+        frequency[place] + width[place] * np.arange(1, inside[place] + 1) / (inside[place] + 1)
+        for place in np.flatnonzero(inside)
+    ]
+    return np.concatenate(parts or [np.zeros(0)])
