@@ -256,6 +256,7 @@ class _Planner:
         self._readings = 0
         self._gap = float(np.diff(watching(band, wish.points)[:2])[0])
         self._next: Callable[[int], np.ndarray] = self._changing
+        self._looked = False  # where causes differ, in the round before
         self.ended: str | None = None
 
     def rounds(self, begun: ImpedanceSpectrum | None) -> Iterator[np.ndarray]:
@@ -287,7 +288,7 @@ class _Planner:
         about = Linearised(posterior, found, self._gap / 2)
         deviations = about.relative(np.sqrt(np.diag(about.covariance)))
         missing = [name for name, goal in self._wish.deviations.items() if deviations[name] > goal]
-        if two is not None and not two.told:
+        if two is not None and not (two.told and self._looked):
             self._next = lambda left: self._separating(about, two, left)
         else:
             self._next = lambda left: self._telling(about, left)
@@ -336,7 +337,10 @@ class _Planner:
         return np.unique(np.concatenate([closer, found]))
 
     def _separating(self, about: Linearised, two: Rivals, left: int) -> np.ndarray:
-        """Where the points depart from the model alone, and where one cause misses what the other predicts."""
+        """Where the points depart from the model alone, and where one cause misses what the other predicts.
+
+        Also once where they are told apart already: by points that did not look there.
+        """
         count = min(_REFINING, left)
         closer = about.closer(int(_CLOSER * count))
         found, all_told = about.telling_apart(self._band, two.fits, count - closer.size)
@@ -345,6 +349,7 @@ class _Planner:
                 return self._telling(about, left)
             self.ended = "alike"
             return np.zeros(0)
+        self._looked = True
         return np.unique(np.concatenate([closer, found]))
 
 
