@@ -24,6 +24,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+#: Whitened slopes (k, 2, n) of an explanation, and its covariance (n, n), in the same units
+Explanation = tuple[np.ndarray, np.ndarray]
+
 
 def information(rows: np.ndarray, covariance: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """I (k,), in nats, of each of k frequencies about some unknowns.
@@ -79,14 +82,14 @@ def missed(rows: np.ndarray, covariance: np.ndarray, error: np.ndarray) -> float
     return float(error @ error - moved @ left)
 
 
-def telling_apart(explanations: Sequence[tuple[np.ndarray, np.ndarray]], apart: np.ndarray, count: int) -> list[int]:
+def telling_apart(explanations: Sequence[Explanation], apart: np.ndarray, count: int) -> list[int]:
     """Numbers of `count` frequencies, each once, in the order in which they tell two explanations apart.
 
     Each is taken where χ² grows most, the mean of what either explanation misses if the other one holds.
 
     Parameters
     ----------
-    explanations : rows (k, 2, n) and covariance (n, n) of each, as of `information`
+    explanations : the two
     apart : (k, 2) whitened difference of what they predict
     """
     rows = [one for one, _ in explanations]

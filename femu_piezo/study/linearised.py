@@ -7,12 +7,13 @@ the middle of a gap Δ between two points it moves both by k² f/Δ. What depart
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
-from femu_piezo.inference.design import chosen, missed, observed, telling_apart
+from femu_piezo.inference.design import Explanation, chosen, missed, observed, telling_apart
 from femu_piezo.inference.fit import Fit
 from femu_piezo.measurement.segments import RESOLUTION
 from femu_piezo.study.expectation import labels_of
@@ -79,17 +80,22 @@ class Linearised:
     def telling_apart(self, band: tuple[float, float], two: tuple[Fit, Fit], count: int) -> tuple[np.ndarray, float]:
         """`count` frequencies that tell two fits apart, and the log odds that all of the band would bring."""
         candidates = self._candidates(band)
-        (first, one), (second, other) = (self._rows(fit, candidates) for fit in two)
+        explanations, apart = self._explanations(two, candidates)
+        places = telling_apart(explanations, apart, count)
+        return candidates[places], _expected(explanations, apart)
+
+    def separation(self, two: tuple[Fit, Fit], frequency: np.ndarray) -> float:
+        """Log odds that points at frequencies (k,), Hz, are expected to bring, the mean of either fit being right."""
+        return _expected(*self._explanations(two, frequency))
+
+    def _explanations(self, two: tuple[Fit, Fit], frequency: np.ndarray) -> tuple[list[Explanation], np.ndarray]:
+        """Whitened slopes with the covariance of each fit, and the difference (k, 2) of what they predict."""
+        (first, one), (second, other) = (self._rows(fit, frequency) for fit in two)
         apart = np.log(one / other) * self._weight
-        errors = np.stack([apart.real, apart.imag], axis=1)
-        scales = [fit.parameters.prior_std for fit in two]
-        covariances = [fit.covariance / np.outer(scale, scale) for fit, scale in zip(two, scales, strict=True)]
-        places = telling_apart(list(zip((first, second), covariances, strict=True)), errors, count)
-        whole = [
-            missed(rows.reshape(errors.size, -1), covariance, errors.ravel())
-            for rows, covariance in zip((first, second), covariances, strict=True)
-        ]
-        return candidates[places], float(np.mean(whole)) / 2
+        scales = [np.outer(fit.parameters.prior_std, fit.parameters.prior_std) for fit in two]
+        covariances = [fit.covariance / scale for fit, scale in zip(two, scales, strict=True)]
+        found = list(zip((first, second), covariances, strict=True))
+        return found, np.stack([apart.real, apart.imag], axis=1)
 
     def _candidates(self, band: tuple[float, float]) -> np.ndarray:
         """Frequencies (k,) to choose from that were not measured yet, Hz."""
@@ -160,6 +166,12 @@ class Linearised:
         above = self._frequency[1:] > lowest / 2
         gap = np.max((np.diff(self._frequency) / self._frequency[1:])[above])
         return float(np.sqrt(DEPARTS * np.sqrt(1.5) * np.median(self._noise) * gap))
+
+
+def _expected(explanations: Sequence[Explanation], apart: np.ndarray) -> float:
+    """Half the mean χ² that either explanation misses of the other."""
+    every = [missed(rows.reshape(apart.size, -1), covariance, apart.ravel()) for rows, covariance in explanations]
+    return float(np.mean(every)) / 2
 
 
 def between(frequency: np.ndarray, change: np.ndarray, count: int, least: np.ndarray | float = 0.0) -> np.ndarray:

@@ -137,6 +137,7 @@ def test_interrupted_and_killed_runs_go_on(bench, specimen, tmp_path):
         (("--deviation", "s33", "1 %"), "s33 is asked for, which is not free"),
         (("--deviation", "s11", "1 m"), "--deviation"),
         (("--data", "x.csv"), "--data goes with --plan"),
+        (("--separate", "--band", "9 kHz", "8 kHz"), "no band"),
     ],
 )
 def test_wishes_that_cannot_be_exit_with_2(bench, specimen, tmp_path, options, words):
@@ -231,6 +232,35 @@ def test_a_full_disk_is_told():
     spectrum = ImpedanceSpectrum(np.array([1e3, 2e3]), np.array([1 - 2j, 3 - 4j]))
     with pytest.raises(InputError, match=r"/dev/full: the file cannot be written \(No space left on device\)"):
         PointFile(Path("/dev/full"), Settings()).append(spectrum)
+
+
+def test_a_plan_that_separates_needs_a_sweep(specimen, tmp_path):
+    command = ["measure", str(specimen), "--plan", "--separate", "--out", str(tmp_path / "out")]
+    failed = CliRunner().invoke(main, command)
+    assert failed.exit_code == 2 and "give it by --data" in failed.output and not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_causes_are_told_apart_at_the_analyser(specimen, tmp_path):
+    """6 ohm that the file says nothing of: named, told from the next cause, looked at once more; and planned alike."""
+    hidden = tmp_path / "hidden.toml"
+    hidden.write_text(PLATE.replace("1.5 ohm", "6 ohm"), encoding="utf-8")
+    out = tmp_path / "out"
+    with analyser(hidden) as running:
+        done = run(specimen, running.address, out, "--separate", "--speed", "5")
+        assert done.exit_code == 0, done.output
+        assert running.is_off() and running.largest_voltage() == 0.5
+    assert "log odds of series_resistance over" in done.output
+    assert "series_resistance is told from" in done.output.splitlines()[-1]
+    record = json.loads((out / "measure.json").read_text())
+    assert record["ended"] == "separated" and len(record["rounds"]) >= 2
+    assert json.loads((out / "diagnosis" / "diagnosis.json").read_text())["causes"][0]["effect"] == "series_resistance"
+    first = np.loadtxt(out / "points.csv", delimiter=",", skiprows=1)[:32, :3]
+    np.savetxt(tmp_path / "first.csv", first, delimiter=",", header="frequency_Hz,R_ohm,X_ohm", comments="")
+    plan = ["measure", str(specimen), "--plan", "--separate", "--points", "64", "--out", str(tmp_path / "plan")]
+    planned = CliRunner().invoke(main, [*plan, "--data", str(tmp_path / "first.csv")])
+    assert planned.exit_code == 0, planned.output
+    assert [float(line) for line in planned.output.split()] == pytest.approx(np.sort(points(out)[32:48]), rel=1e-3)
 
 
 def test_points_of_another_voltage_do_not_mix(tmp_path):

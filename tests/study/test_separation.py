@@ -1,0 +1,116 @@
+"""Two causes told apart by where the sweep goes, on an independent discretisation (`hidden_effects`)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hidden_effects.draws import draw
+
+from femu_piezo.diagnosis.rivals import rivals
+from femu_piezo.diagnosis.rules import Rules
+from femu_piezo.effects.library import losses, relaxation
+from femu_piezo.inference.fit import Fit, fit
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.measurement.sweeps import SweepData
+from femu_piezo.specimen.file import read_specimen
+from femu_piezo.study.adaptive import Wish, adapt
+from femu_piezo.study.comparing import compare_causes
+from femu_piezo.study.linearised import Linearised
+from femu_piezo.study.measured import measure_each
+from femu_piezo.study.model_cache import SharedBases
+from femu_piezo.study.progress import Clock
+from femu_piezo.study.subjects import subjects
+
+BAND = (20e3, 240e3)
+
+
+def bench(drawn, noise: float):
+    """Reads a drawn plate."""
+    rng = np.random.default_rng([21, drawn.seed])
+
+    def take(frequency: np.ndarray) -> ImpedanceSpectrum:
+        z = drawn.build.impedance(np.append(frequency, BAND[1]))[:-1]
+        normal = rng.standard_normal((2, frequency.size))
+        return ImpedanceSpectrum(frequency, z * (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2)))
+
+    return take
+
+
+def specimen_of(drawn, folder):
+    (folder / "plate.toml").write_text(drawn.specification, encoding="utf-8")
+    return read_specimen(folder / "plate.toml")
+
+
+@pytest.fixture(scope="module")
+def bases() -> SharedBases:
+    return SharedBases()
+
+
+@pytest.fixture(scope="module")
+def compared(bases, tmp_path_factory):
+    """A plate with a permittivity that falls with frequency, after 64 points; what falls so may be a relaxation."""
+    drawn = draw("laboratory:dielectric_dispersion", 0)
+    specimen = specimen_of(drawn, tmp_path_factory.mktemp("separation"))
+    spectrum = bench(drawn, 1e-3)(np.linspace(*BAND, 64))
+    several = subjects(measure_each([specimen], [spectrum]), [losses.candidates, relaxation.candidates])
+    return compare_causes(several, Clock(lambda step: None), bases, Rules())
+
+
+def test_the_pair_is_the_named_cause_and_the_best_in_its_place(compared):
+    two = rivals(compared[1])
+    assert (two.first, two.second, two.named) == ("dielectric_dispersion", "relaxation", True)
+    assert two.log_odds == -next(t.log_odds for t in compared[1].found[0].fits if t.effect.title == "relaxation")
+    assert two.told == (two.log_odds > Rules().alike)
+    assert not replace(two, named=False, log_odds=99.0).told
+
+
+def test_where_nothing_is_named_the_pair_is_the_best_cause_and_none(compared):
+    comparison = compared[1]
+    alone = replace(comparison, final=comparison.base, found=(), discrepant=False)
+    by_title = {one.effect.title: one for one in comparison.singles}
+    odds = {"relaxation": -1.0, "dielectric_dispersion": -2.0}
+    weak = tuple(replace(by_title[title], log_odds=value) for title, value in odds.items())
+    two = rivals(replace(alone, singles=weak))
+    assert (two.first, two.second, two.log_odds) == ("no cause", "relaxation", 1.0)
+    assert rivals(replace(alone, singles=tuple(replace(one, log_odds=-9.0) for one in weak))) is None
+    two = rivals(replace(alone, singles=weak, discrepant=True))
+    assert (two.first, two.second, two.told) == ("relaxation", "dielectric_dispersion", False)
+
+
+def test_sixteen_points_tell_what_sixty_four_equally_spaced_do(compared):
+    """By what either cause, fitted to noiseless data of the other one at all points, leaves of them."""
+    posterior, comparison = compared
+    two = rivals(comparison)
+    about = Linearised(posterior, comparison.final, 0.0)
+    chosen, whole = about.telling_apart(BAND, two.fits, 16)
+    few, many = (np.linspace(*BAND, count + 2)[1:-1] for count in (16, 64))
+    assert np.unique(chosen).size == 16 and BAND[0] <= chosen.min() and chosen.max() <= BAND[1]
+    assert whole > about.separation(two.fits, chosen) > 3 * about.separation(two.fits, few)
+    for right, wrong in (two.fits, two.fits[::-1]):
+        before, best, equal, dense = (
+            left_by(posterior, right, wrong, extra) for extra in (np.zeros(0), chosen, few, many)
+        )
+        assert best > 0.9 * dense and best - before > 3 * (equal - before) > 0
+
+
+def left_by(posterior, right: Fit, wrong: Fit, extra: np.ndarray) -> float:
+    """χ² of the wrong cause fitted to what the right one predicts at the points there are and some further ones, Hz."""
+    evaluation, own, _ = posterior.whole_sweep(0, right)
+    evaluation = replace(evaluation, omega=np.sort(np.concatenate([evaluation.omega, 2 * np.pi * extra])))
+    noise = np.full(evaluation.omega.size, float(np.median(right.data.relative_noise)))
+    z = evaluation.impedance(own, right.x)
+    data = SweepData(evaluation.omega / (2 * np.pi), z, noise, noise_known=True)
+    return fit(evaluation, data, wrong.parameters, [wrong.x]).chi_square
+
+
+def test_it_ends_when_the_causes_are_told_apart(bases, tmp_path):
+    """Once more after that: the first points have not looked where the two differ."""
+    drawn = draw("laboratory:series_resistance", 6)
+    found = adapt(specimen_of(drawn, tmp_path), bench(drawn, 2e-3), Wish(128, band_Hz=BAND, separate=True), bases=bases)
+    last = found.states[-1]
+    assert found.ended == "separated" and len(found.states) >= 2 and len(found.spectrum) < 128
+    assert last.rivals.first == "series_resistance" and last.rivals.log_odds > Rules().alike
+    assert f"series_resistance is told from {last.rivals.second}" in found.sentence
+    assert found.to_json()["rounds"][-1]["rivals"]["told"] is True
