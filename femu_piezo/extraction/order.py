@@ -104,8 +104,9 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
     residual finds most to explain" and "one, two or three more background degrees" compete by `evidence`;
     models that are not passive are not considered. Where none gains and neighbouring residuals are alike, modes that
     may be two are tried as two. Where they stay alike, modes may overlap too closely to be found one by one: starts
-    with many poles at once (`relocated_poles`) then compete as well, unless a start is given. A sweep of very many
-    points is searched on some of them first.
+    with many poles at once (`relocated_poles`) then compete as well, unless a start is given. Where they stay alike
+    beside many modes, the search may have ended beside the best fit: the modes of a search on half of the points, whose
+    way is another one, then compete too. A sweep of very many points is searched on some of them first.
     """
     tried: list[Candidate] = []
     way: list[Fit] = []
@@ -123,6 +124,10 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
         if crowd is not None:
             rival = _grown(_prune(_record(crowd, data, tried), data, tried), data, max_modes, tried, way)
             best = min(best, rival, key=lambda f: evidence(f, data))
+    if start is None and is_correlated(best, data) and min(CROWDS) <= best.model.poles.size < len(data) / 8:
+        other = refit(search(data.thinned(len(data) // 2), max_modes).best.model, data)
+        rival = _grown(_prune(_record(other, data, tried), data, tried), data, max_modes, tried, way)
+        best = min((one for one in (best, rival) if is_passive(one.model)), key=lambda f: evidence(f, data))
     return Search(best, tuple(tried), (*way, best))
 
 

@@ -1,0 +1,107 @@
+"""How many equally spaced points tell two causes apart as well as a few that are chosen for it (`measure --separate`).
+
+    python tests/benchmarks/separation.py --draws 3
+
+Plates of the independent discretisation, 64 points equally spaced with noise. The two causes are those that explain
+them best. Either one is then fitted to noiseless data of the other one, at these points and at some further ones:
+16 chosen, or equally spaced. Shown is χ² that the further points add; and how many equally spaced ones add as much.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import argparse
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from adaptive_sweeps import BAND, BODIES, Bench, specimen_of
+
+from femu_piezo.diagnosis.rivals import rivals
+from femu_piezo.diagnosis.rules import Rules
+from femu_piezo.effects.library import circuits, electrode_resistance, losses, mounting, relaxation
+from femu_piezo.inference.fit import Fit, fit
+from femu_piezo.measurement.sweeps import SweepData
+from femu_piezo.study.comparing import compare_causes
+from femu_piezo.study.linearised import Linearised
+from femu_piezo.study.measured import measure_each
+from femu_piezo.study.model_cache import SharedBases
+from femu_piezo.study.posterior import Posterior
+from femu_piezo.study.progress import Clock
+from femu_piezo.study.subjects import subjects
+
+#: Hidden effect → the candidates: it and what imitates it.
+PAIRS = {
+    "dielectric_dispersion": (losses, relaxation),
+    "series_resistance": (circuits, electrode_resistance),
+    "mounting": (mounting, circuits),
+}
+START, CHOSEN, EQUAL = 64, 16, (16, 32, 64, 128, 256)
+
+
+def left_by(posterior: Posterior, right: Fit, wrong: Fit, extra: np.ndarray) -> float:
+    """χ² of the wrong cause fitted to what the right one predicts at the points there are and some further ones, Hz."""
+    evaluation, own, _ = posterior.whole_sweep(0, right)
+    evaluation = replace(evaluation, omega=np.sort(np.concatenate([evaluation.omega, 2 * np.pi * extra])))
+    noise = np.full(evaluation.omega.size, float(np.median(right.data.relative_noise)))
+    data = SweepData(evaluation.omega / (2 * np.pi), evaluation.impedance(own, right.x), noise, noise_known=True)
+    return fit(evaluation, data, wrong.parameters, [wrong.x]).chi_square
+
+
+def added(posterior: Posterior, two: tuple[Fit, Fit], extra: np.ndarray) -> float:
+    """χ² that further points add, the mean of either cause being right."""
+    return float(
+        np.mean(
+            [left_by(posterior, *pair, extra) - left_by(posterior, *pair, np.zeros(0)) for pair in (two, two[::-1])]
+        )
+    )
+
+
+def row(effect: str, number: int, bases: SharedBases, folder: Path) -> list[str]:
+    drawn = BODIES["plate"](number, effect)
+    spectrum = Bench(drawn)(np.linspace(*BAND, START))
+    several = subjects(
+        measure_each([specimen_of(drawn, folder)], [spectrum]), [module.candidates for module in PAIRS[effect]]
+    )
+    posterior, comparison = compare_causes(several, Clock(lambda step: None), bases, Rules())
+    two = rivals(comparison)
+    if two is None:
+        return [effect, str(number), "nothing shows", *[""] * (len(EQUAL) + 3)]
+    about = Linearised(posterior, comparison.final, 0.0)
+    best = added(posterior, two.fits, about.telling_apart(BAND, two.fits, CHOSEN)[0])
+    equal = [added(posterior, two.fits, np.linspace(*BAND, count + 2)[1:-1]) for count in EQUAL]
+    above = next((place for place, value in enumerate(equal) if value >= best), None)
+    if above is None:
+        worth = f"> {EQUAL[-1]}"
+    elif above == 0:
+        worth = f"< {EQUAL[0]}"
+    else:
+        worth = f"{np.exp(np.interp(best, equal[above - 1 : above + 1], np.log(EQUAL[above - 1 : above + 1]))):.0f}"
+    shown = [f"{value:.3g}" for value in (best, *equal)]
+    return [effect, str(number), f"{two.first}, {two.second}", f"{two.log_odds:.1f}", *shown, worth]
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draws", type=int, default=3)
+    parser.add_argument("--effects", nargs="+", choices=list(PAIRS), default=list(PAIRS))
+    given = parser.parse_args()
+    shown = Table(title=f"χ² that further points add to {START} equally spaced ones")
+    for heading in ("hidden", "draw", "the two", "log odds", f"{CHOSEN} chosen", *map(str, EQUAL), "worth"):
+        shown.add_column(heading)
+    bases = SharedBases()
+    with tempfile.TemporaryDirectory() as folder:
+        for effect in given.effects:
+            for number in range(given.draws):
+                shown.add_row(*row(effect, number, bases, Path(folder)))
+    Console(width=160).print(shown)
