@@ -546,8 +546,11 @@ def export(file: Path, to: str, out: Path, density: float | None, poling: tuple[
     ANSYS and Abaqus real ones and the loss factors that they take.
     """
     from femu_piezo.api import export as run
+    from femu_piezo.study.export import cautions, constants_of_record
 
     run(file, to, density=density, poling=poling, folder=out)
+    for caution in cautions(constants_of_record(file)[0]):
+        click.echo(f"note: {caution}")
     click.echo(f"the material of {file} for {to} is in {out}")
 
 

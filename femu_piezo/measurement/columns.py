@@ -21,7 +21,7 @@ UNDERSTOOD = (
 )
 
 _LABELS = {
-    "frequency": "f freq frequency",
+    "frequency": "f freq frequency frequenz",
     "abs_z": "z |z| absz abs(z) zabs magz mag(z) zmag |impedance| impedance impedancemagnitude impedancemag",
     "phase_z": "thetaz phiz phasez phase(z) zphase argz arg(z) anglez angle(z) zangle impedancephase impedanceangle",
     "abs_y": "y |y| absy abs(y) yabs magy mag(y) ymag |admittance| admittance admittancemagnitude admittancemag",

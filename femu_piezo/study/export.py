@@ -60,9 +60,17 @@ def export_text(
     return target.write(matrices, float(density), name, _origin(constants, found))
 
 
+def cautions(constants: PiezoConstants) -> list[str]:
+    """Why these constants together are those of no stable material, which other programs may take without a word."""
+    return [
+        f"{fault}: a program that computes with these constants gives answers without a meaning"
+        for fault in constants.physical_faults(tolerance=1e-3, passive=False)
+    ]
+
+
 def _origin(constants: PiezoConstants, found: Sequence[str]) -> list[str]:
     """Which constants were found from a sweep, and which are no values at all."""
-    sentences = []
+    sentences = [f"Caution: {one}." for one in cautions(constants)]
     if found:
         sentences.append(f"Found from a sweep: {', '.join(found)}. The others were given, or follow from these.")
     empty = [name for name in D_FORM if getattr(constants, name) == 0]

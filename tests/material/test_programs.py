@@ -205,6 +205,23 @@ def test_wrong_input_is_one_sentence(content, extra, told, tmp_path):
     assert answer.exit_code == 2 and told in answer.output and not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_constants_of_no_stable_material_are_told_of(name, tmp_path):
+    """d31 three times as large, k31² above one: file and terminal say so; of a stable material they say nothing."""
+    constants = {**RECORD["constants"], "d31": {"value": 3 * PZT.d31.real, "tan": 0.01}}
+    (tmp_path / "update.json").write_text(json.dumps({**RECORD, "constants": constants}), encoding="utf-8")
+    arguments = ["export", str(tmp_path / "update.json"), "--to", name, "--out", str(tmp_path / "out")]
+    answer = CliRunner().invoke(main, arguments)
+    assert answer.exit_code == 0 and "note: " in answer.output and "no stable material" in answer.output
+    text = (tmp_path / "out" / f"material.{PROGRAMS[name].suffix}").read_text(encoding="utf-8")
+    assert "Caution: " in text and "not positive definite" in " ".join(text.split())
+    assert PROGRAMS[name].read(text)[1] == 7500.0
+    (tmp_path / "update.json").write_text(json.dumps(RECORD), encoding="utf-8")
+    assert "note" not in CliRunner().invoke(main, arguments).output and "Caution" not in fp.export(
+        tmp_path / "update.json", name
+    )
+
+
 def test_an_unknown_program_is_told():
     with pytest.raises(fp.InputError, match="not written for 'nastran'; give one of comsol"):
         program("nastran")

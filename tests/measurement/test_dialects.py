@@ -249,6 +249,11 @@ def test_list_sweeps_of_lcr_meters(tmp_path: Path, names: str) -> None:
     assert_same(read_text(tmp_path, "\n".join([f"Freq[kHz],{names}", *table, ""])), 1e-11)
 
 
+def test_a_list_sweep_with_a_german_header(tmp_path: Path) -> None:
+    columns = (FREQUENCY, Y.imag / OMEGA, Y.real / Y.imag)
+    assert_same(read_text(tmp_path, "\n".join(["Frequenz (Hz);Cp (F);D", *_rows(columns, ";", True), ""])), 1e-11)
+
+
 def _formatted(second) -> str:
     rows = [f"{f:+.11e}, {p:+.15e}, {q:+.15e}" for f, p, q in zip(FREQUENCY, IMPEDANCE.real, second, strict=True)]
     return "\n".join(['"# Channel 1"', '"# Trace 1"', "Frequency, Formatted Data, Formatted Data", *rows, ""])
