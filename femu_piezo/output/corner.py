@@ -11,16 +11,19 @@ from femu_piezo.output.curves import PRINTED, UPDATED
 from femu_piezo.output.picture import Picture
 from femu_piezo.output.tables import number
 
-#: Bins of a histogram, and places of a Gaussian.
-_BINS, _POINTS = 24, 120
+#: Places of a Gaussian.
+_POINTS = 120
 
 
 def corner_figure(title: str, samples: Samples, parameters: dict[str, Estimate]) -> Figure:
-    """Samples of the free constants and tangents; the line is the Gaussian of the stated deviation."""
+    """Samples of the free constants and tangents; the line is the Gaussian of the stated deviation.
+
+    Every column has one axis, and histograms as many bins as the number of samples bears (Freedman, Diaconis, 1981).
+    """
     rows = [row for name, one in parameters.items() for row in _rows(name, one)]
     size = len(rows)
     picture = Picture(figsize=(1.9 * size + 1.0, 1.9 * size + 0.6), layout="constrained")
-    axes = picture.subplots(size, size, squeeze=False)
+    axes = picture.subplots(size, size, squeeze=False, sharex="col")
     for i, (name, words, times, value, std) in enumerate(rows):
         for j, (other, _, factor, *_) in enumerate(rows):
             own = axes[i, j]
@@ -28,7 +31,7 @@ def corner_figure(title: str, samples: Samples, parameters: dict[str, Estimate])
                 own.set_axis_off()
                 continue
             if i == j:
-                own.hist(times * samples.of(name), _BINS, density=True, color="#d0d7de")
+                own.hist(times * samples.of(name), "auto", density=True, color="#d0d7de")
                 at = np.linspace(value - 3.5 * std, value + 3.5 * std, _POINTS)
                 own.plot(at, np.exp(-0.5 * ((at - value) / std) ** 2) / (std * np.sqrt(2 * np.pi)), **UPDATED)
                 own.set_yticks([])

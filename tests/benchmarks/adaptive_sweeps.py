@@ -2,7 +2,6 @@
 
     python tests/benchmarks/adaptive_sweeps.py deviations --draws 20    constants of plates, k33 bars and disks
     python tests/benchmarks/adaptive_sweeps.py effects --draws 3        hidden effects named
-    python tests/benchmarks/adaptive_sweeps.py causes --draws 3         points until a hidden effect is told from others
 
 The data come from the independent discretisation of tests/hidden_effects, everything off by the tolerances of a
 laboratory, one noise in every reading. The usual recipe: half of the points equally spaced, half within four half
@@ -35,19 +34,13 @@ from hidden_effects.catalogue import NAMES
 from hidden_effects.draws import Draw, draw
 from hidden_effects.round_draws import draw_round
 
-from femu_piezo.diagnosis.rivals import Rivals, rivals
-from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.errors import FemuPiezoError
 from femu_piezo.extraction import extract
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Specimen, read_specimen
 from femu_piezo.study.adaptive import Wish, adapt
-from femu_piezo.study.comparing import compare_causes
 from femu_piezo.study.diagnose import diagnose
-from femu_piezo.study.measured import measure_each
 from femu_piezo.study.model_cache import SharedBases
-from femu_piezo.study.progress import Clock
-from femu_piezo.study.subjects import subjects
 from femu_piezo.study.update import update
 
 BAND, NOISE = (20e3, 240e3), 1e-3
@@ -58,9 +51,6 @@ BODIES: dict[str, Callable[[int, str], Draw]] = {
     "disk": lambda number, effect: draw_round(f"disk:{effect}", number),
 }
 EFFECTS = ("series_resistance", "leakage", "frequency_dependent_elastic_loss", "wrong_insensitive_parameter")
-#: Effects that others imitate, in noise that hides the difference at first, and numbers of points equally spaced.
-IMITATED, NOISY = ("dielectric_dispersion", "mounting", "series_resistance", "wrong_insensitive_parameter"), 2e-3
-COUNTS = (64, 96, 128, 192, 256, 384, 512)
 CONSOLE = Console(width=150)
 
 
@@ -69,7 +59,6 @@ class Bench:
     """Reads a drawn piece; counts its readings."""
 
     drawn: Draw
-    noise: float = NOISE
     readings: int = 0
     rng: np.random.Generator = field(init=False)
 
@@ -80,9 +69,7 @@ class Bench:
         self.readings += frequency.size
         z = self.drawn.build.impedance(np.append(frequency, BAND[1]))[:-1]
         normal = self.rng.standard_normal((2, frequency.size))
-        return ImpedanceSpectrum(
-            frequency, z * (1 + self.noise * (normal[0] + 1j * normal[1]) / np.sqrt(2)), source="bench"
-        )
+        return ImpedanceSpectrum(frequency, z * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2)), source="bench")
 
 
 def crowded(bench: Bench, points: int) -> ImpedanceSpectrum:
@@ -238,76 +225,13 @@ def effects(bodies: list[str], draws: range, kept: Kept) -> None:
             CONSOLE.print(shown)
 
 
-def equally_spaced(drawn: Draw, specimen: Specimen, bases: SharedBases) -> dict:
-    """Up to the second in a row of `COUNTS` equally spaced points after which the hidden effect is told from others."""
-    rounds = []
-    for count in COUNTS:
-        spectrum = Bench(drawn, NOISY)(np.linspace(*BAND, count))
-        comparison = compare_causes(
-            subjects(measure_each([specimen], [spectrum])), Clock(lambda step: None), bases, Rules()
-        )[1]
-        rounds.append(judged(count, rivals(comparison), drawn))
-        if all(one["told"] for one in rounds[-2:]) and len(rounds) > 1:
-            break
-    return {"rounds": rounds}
-
-
-def separating(drawn: Draw, specimen: Specimen, bases: SharedBases) -> dict:
-    """The same with `measure --separate`, which begins with the fewest of them and looks once more as well."""
-    wish = Wish(points=2 * COUNTS[0], band_Hz=BAND, separate=True)
-    found = adapt(specimen, Bench(drawn, NOISY), wish, bases=bases)
-    return {"ended": found.ended, "rounds": [judged(len(one.spectrum), one.rivals, drawn) for one in found.states]}
-
-
-def judged(points: int, two: Rivals | None, drawn: Draw) -> dict:
-    """What is known after so many points; whether the hidden effect is told from others, and whether another one is."""
-    pair = None if two is None else [two.first, two.second, two.log_odds]
-    right = two is not None and two.first == drawn.key[0].title
-    return {
-        "points": points,
-        "pair": pair,
-        "told": bool(two and two.told and right),
-        "wrong": bool(two and two.told and not right),
-    }
-
-
-def causes(bodies: list[str], draws: range, kept: Kept) -> None:
-    """Points until a hidden effect is told from others, by equal spacing and by `--separate`."""
-    ways = {"equally spaced": equally_spaced, "--separate": separating}
-    with tempfile.TemporaryDirectory() as folder:
-        for body in bodies:
-            bases = SharedBases()
-            shown = Table(title=f"{body}, noise {NOISY:g}: points until the effect is told from all others")
-            for heading in ("effect", "draw", *ways):
-                shown.add_column(heading)
-            for effect in IMITATED:
-                for number in draws:
-                    drawn = BODIES[body](number, effect)
-                    specimen = specimen_of(drawn, Path(folder))
-                    for name, way in ways.items():
-                        kept.result(["causes", body, name, effect, number], partial(way, drawn, specimen, bases))
-                own = {name: kept.all_of("causes", body, name, effect) for name in ways}
-                for results in zip(*own.values(), strict=True):
-                    shown.add_row(effect, str(results[0]["of"][-1]), *(in_words(one) for one in results))
-            CONSOLE.print(shown)
-
-
-def in_words(result: dict) -> str:
-    """Points at the end of a series, and what it ended with where the effect was not told."""
-    if "failed" in result:
-        return result["failed"]
-    last = result["rounds"][-1]
-    wrong = f"{last['pair'][0]} instead, after " if last["wrong"] else ""
-    return f"{wrong}{last['points']}" if last["told"] or wrong else f"not with {last['points']}"
-
-
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["deviations", "effects", "causes"])
+    parser.add_argument("what", choices=["deviations", "effects"])
     parser.add_argument("--bodies", nargs="+", choices=list(BODIES), default=list(BODIES))
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--first", type=int, default=0, help="number of the first draw")
     parser.add_argument("--keep", type=Path, help="file of results as lines, to which others are added")
     given = parser.parse_args()
     draws = range(given.first, given.first + given.draws)
-    {"deviations": deviations, "effects": effects, "causes": causes}[given.what](given.bodies, draws, Kept(given.keep))
+    {"deviations": deviations, "effects": effects}[given.what](given.bodies, draws, Kept(given.keep))
