@@ -10,7 +10,7 @@ from hidden_effects.draws import draw
 
 from femu_piezo.diagnosis.rivals import rivals
 from femu_piezo.diagnosis.rules import Rules
-from femu_piezo.effects.library import losses, relaxation
+from femu_piezo.effects.library import circuits, electrode_resistance, losses, relaxation
 from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.sweeps import SweepData
@@ -105,9 +105,11 @@ def left_by(posterior, right: Fit, wrong: Fit, extra: np.ndarray) -> float:
     return fit(evaluation, data, wrong.parameters, [wrong.x]).chi_square
 
 
-def test_it_ends_when_the_causes_are_told_apart(bases, tmp_path):
-    """Once more after that: the first points have not looked where the two differ."""
+def test_it_ends_when_the_causes_are_told_apart(bases, tmp_path, monkeypatch):
+    """Once more after that: the first points have not looked where the two differ. Circuits alone may be the cause."""
     drawn = draw("laboratory:series_resistance", 6)
+    offered = [circuits.candidates, electrode_resistance.candidates]
+    monkeypatch.setattr("femu_piezo.study.adaptive.subjects", lambda measured: subjects(measured, offered))
     found = adapt(specimen_of(drawn, tmp_path), bench(drawn, 2e-3), Wish(128, band_Hz=BAND, separate=True), bases=bases)
     last = found.states[-1]
     assert found.ended == "separated" and len(found.states) >= 2 and len(found.spectrum) < 128
