@@ -9,7 +9,7 @@ import secrets
 import stat
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from femu_piezo.errors import InputError
 
@@ -63,16 +63,36 @@ def write_atomically(path: Path | str, text: str | bytes) -> None:
     try:
         data = text if isinstance(text, bytes) else text.encode("utf-8")
         with open(beside, "xb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
+            _to_disk(stream, data)
         os.replace(beside, path)
     except UnicodeEncodeError:
         raise InputError(f"{path}: the text to write has characters outside Unicode; rename what has them") from None
     except OSError as error:
-        raise InputError(f"{path}: the file cannot be written ({error.strerror or error})") from None
+        raise _unwritable(path, error) from None
     finally:
         beside.unlink(missing_ok=True)
+
+
+def append_durably(path: Path, text: str) -> None:
+    """Add UTF-8 text to a file, on the disk when this returns.
+
+    Raises InputError where the file cannot be written.
+    """
+    try:
+        with open(path, "ab") as stream:
+            _to_disk(stream, text.encode("utf-8"))
+    except OSError as error:
+        raise _unwritable(path, error) from None
+
+
+def _to_disk(stream: BinaryIO, data: bytes) -> None:
+    stream.write(data)
+    stream.flush()
+    os.fsync(stream.fileno())
+
+
+def _unwritable(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path}: the file cannot be written ({error.strerror or error})")
 
 
 def with_schema(record: Mapping[str, Any]) -> dict[str, Any]:

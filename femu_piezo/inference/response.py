@@ -158,8 +158,8 @@ def _site_slope(model, effect: Effect, site: np.ndarray, omega, span, e_form) ->
     basis, weights = span
     total = np.zeros(omega.size, dtype=complex)
     for kind, matrix, slope in _gathered(placed(effect)[1](model.places, omega, np.append(0.0, site[1:])), e_form):
-        image = matrix @ basis[: len(matrix)]
-        along = np.einsum("ki,ki->k", weights @ (basis[: len(matrix)].T @ image), weights)
+        moved = basis[: len(matrix)]
+        along = np.einsum("ki,ki->k", weights @ (moved.T @ (matrix @ moved)), weights)
         total += (-(omega**2) if kind == "inertia" else 1.0) * slope * along
     return total
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,7 +12,7 @@ import numpy as np
 
 from femu_piezo import api
 from femu_piezo.errors import InputError
-from femu_piezo.files import write_atomically
+from femu_piezo.files import append_durably, write_atomically
 from femu_piezo.instruments.analyser import Analyser, Settings
 from femu_piezo.instruments.connect import connect
 from femu_piezo.measurement.readers import write_spectrum
@@ -183,13 +182,7 @@ class PointFile:
         )
         end = f"{self._settings.voltage!r},{self._settings.bias!r}"
         text = "".join(f"{f!r},{r!r},{x!r},{end}\n" for f, r, x in rows)
-        try:
-            with open(self.path, "a", encoding="utf-8") as stream:
-                stream.write((_HEADER + "\n" if new else "") + text)
-                stream.flush()
-                os.fsync(stream.fileno())
-        except OSError as error:
-            raise InputError(f"{self.path}: the file cannot be written ({error.strerror or error})") from None
+        append_durably(self.path, (_HEADER + "\n" if new else "") + text)
 
 
 @contextmanager
