@@ -225,7 +225,10 @@ class _Search:
             if fit_ is not None:
                 one = self._hypothesis(fit_)
                 old = self._known.get(one.keys)
-                if old is None or one.log_posterior > old.log_posterior:
+                if old is None or (not one.fit.extrapolated, one.log_posterior) > (
+                    not old.fit.extrapolated,
+                    old.log_posterior,
+                ):
                     self._known[one.keys] = one
 
     def run(self) -> None:
@@ -244,13 +247,15 @@ class _Search:
             pass
 
     def _beam(self, size: int) -> list[Hypothesis]:
-        """The best sets of so many causes, those that may yet become the best of all."""
-        found = sorted((h for h in self._known.values() if len(h.keys) == size), key=lambda h: -h.log_posterior)
+        """The best sets of so many causes, those that were fitted and may yet become the best of all."""
+        known = (one for one in self._known.values() if len(one.keys) == size and not one.fit.extrapolated)
+        found = sorted(known, key=lambda one: -one.log_posterior)
         least = self._best().log_posterior - self._rules.contender
         return [one for one in found[: self._rules.beam] if one.log_posterior > least]
 
     def _best(self) -> Hypothesis:
-        return max(self._known.values(), key=lambda one: one.log_posterior)
+        fitted = (one for one in self._known.values() if not one.fit.extrapolated)
+        return max(fitted, key=lambda one: one.log_posterior)
 
     def _exchange(self) -> bool:
         """Try every candidate in each place of the best set; whether a better set was found."""
@@ -263,10 +268,12 @@ class _Search:
 
     def _without(self, current: Fit, key: str) -> Fit:
         keys = frozenset(current.parameters.candidates) - {key}
-        if keys not in self._known:
+        if keys not in self._known or self._known[keys].fit.extrapolated:
             parameters = current.parameters.without_candidate(key)
             x = parameters.carried(current.parameters, current.x)
-            self._keep([self._fitted(parameters, [x])])
+            found = self._fitted(parameters, [x])
+            if found is not None:
+                self._known[keys] = self._hypothesis(found)
         return self._known[keys].fit if keys in self._known else self._base.fit
 
     def _expand(self, current: Fit) -> tuple[tuple[Effect, Fit | None], ...]:

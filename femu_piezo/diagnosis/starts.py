@@ -85,7 +85,7 @@ def starts(response, current: Fit, effect: Effect) -> list[Start]:
         for site in effect.sites if effect.onset_hidden else ():
             at = x.copy()
             at[own] = site / effect.scale
-            found.append(Start(at, *linear_fit(response, current.data, parameters, at)))
+            found.append(Start(at, *linear_fit(response, current, parameters, at)))
         return sorted(found, key=lambda start: start.promised)[:_SITES]
     if current.parameters.has(effect):
         lifted = _widened(current, parameters, x, {}, current.residual)
@@ -96,7 +96,7 @@ def starts(response, current: Fit, effect: Effect) -> list[Start]:
         if abs(at[own.start] - effect.rest[0] / effect.scale[0]) <= _AT_REST:
             found.append(_at_rest(response, current, effect, parameters, at))
         else:
-            found.append(Start(at, *linear_fit(response, current.data, parameters, at)))
+            found.append(Start(at, *linear_fit(response, current, parameters, at)))
     return sorted(found, key=lambda start: start.promised)
 
 
@@ -123,7 +123,7 @@ def relocated(response, reached: Fit, effect: Effect) -> list[Start]:
     for site in effect.sites:
         x = reached.x.copy()
         x[own.start + placed] = (site / effect.scale)[placed]
-        found.append(Start(x, *linear_fit(response, reached.data, reached.parameters, x)))
+        found.append(Start(x, *linear_fit(response, reached, reached.parameters, x)))
     return sorted(found, key=lambda start: start.promised)[:_SITES]
 
 
@@ -210,8 +210,6 @@ def _widened(
         further_residual=np.concatenate([(x - new.prior_mean) / new.prior_std, beside]),
         further_jacobian=np.concatenate([np.diag(1 / new.prior_std), slopes]),
         discrepancy=None,
-        law=None,
-        mesh=None,
     )
 
 

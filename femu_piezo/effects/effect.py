@@ -103,6 +103,8 @@ class EffectParameter:
     optional : whether a specimen file may leave it out; it is at `rest` then
     law_error : standard deviation, relative to the value, by which the law's own approximations miss the parameter; of
         the first one, the size, also the share of the effect's change of log Z that they miss in each band by itself
+    law_detuning : of the first one, where the law ends with the square of the size: relative standard deviation of the
+        frequency at which it has that change, in each band by itself, over that square
     """
 
     name: str
@@ -115,6 +117,7 @@ class EffectParameter:
     rest: float = 0.0
     optional: bool = False
     law_error: float = 0.0
+    law_detuning: float = 0.0
     tolerance: float = 0.0
 
     @property

@@ -7,7 +7,10 @@ Free constants, tolerances and effects are all in x (`femu_piezo.inference.unkno
 is this fit for several lists of causes. About the solution the model is taken as linear (Laplace): with J the Jacobian
 of data and priors, H = JᵗJ, the covariance is H^-1 and the evidence
 
-    log p(data) = −½ χ² − ½ log det(H Σ_prior) + constant.
+    log p(data) = −½ χ² − ½ log det(H Σ_prior) + constant,
+
+in which what the laws of causes miss (`femu_piezo.inference.laws`) are unknowns too: a second cause has to explain more
+than the error of the law of a first one.
 """
 
 from __future__ import annotations
@@ -18,10 +21,10 @@ from functools import cache, cached_property
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 
 from femu_piezo.errors import ConvergenceError
-from femu_piezo.inference.laws import law_misses
+from femu_piezo.inference.laws import STEP, law_misses
 from femu_piezo.inference.passivity import wall_and_readings
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, noise_level
@@ -45,10 +48,8 @@ _DAMPING, _EASED, _RAISED, _KEPT, _BROKEN = 1e-3, 0.1, 10.0, 0.75, 0.25
 _WALL_STEPS, _WALL_GAIN = 20, 1e-9
 #: Most turns of a linearised fit and its noise level.
 _TURNS = 5
-#: Change of the logarithm of the noise level below which a fit counts as made at it.
-_LEVEL = 0.03
-#: Relative step of the frequency for ∂log Z/∂log f.
-_STEP = 1e-5
+#: Change of the logarithm of the noise level below which a fit counts as made at it, and below which its evidence does.
+_LEVEL, _EXACT_LEVEL = 0.03, 1e-3
 
 
 class Response(Protocol):
@@ -59,6 +60,30 @@ class Response(Protocol):
 
     def at(self, factor: float) -> Response:
         """The same at frequencies larger by a factor."""
+
+
+@dataclass(frozen=True)
+class Marginal:
+    """What is left over of a linearised model whose unknowns are integrated out.
+
+    Attributes
+    ----------
+    residual : (2k,) whitened, of the data;  further : (m,) of priors, wall and readings
+    basis : (2k + m, n) Q of all columns at the noise level
+    log_determinant : log |det R| of the same, columns in prior standard deviations
+    level : factor on the noise
+    """
+
+    residual: np.ndarray
+    further: np.ndarray
+    basis: np.ndarray
+    log_determinant: float
+    level: float
+
+    @property
+    def span(self) -> np.ndarray:
+        """(2k, n) rows of the data of Q: r − Q Qᵗ r is what no change within the priors explains."""
+        return self.basis[: self.residual.size]
 
 
 @dataclass(frozen=True)
@@ -77,6 +102,7 @@ class Fit:
     loss : of the readings
     weight : (2k,) that the loss gives them, in squares of residual and jacobian
     promise : gain in χ² that a further step promises, of a fit that was not brought to its end
+    extrapolated : whether it is what linearisation elsewhere promises; its unknowns may be beyond their bounds
     discrepancy : what the intervals count beside noise and priors; None where nothing is left
     law, mesh : (2k, m) what the laws of causes and the mesh may miss, whitened, each column one standard deviation; the
         intervals count them
@@ -95,6 +121,7 @@ class Fit:
     loss: str = "linear"
     weight: np.ndarray | float = field(default=1.0, repr=False)
     promise: float = 0.0
+    extrapolated: bool = False
     discrepancy: Discrepancy | None = field(default=None, repr=False)
     law: np.ndarray | None = field(default=None, repr=False)
     mesh: np.ndarray | None = field(default=None, repr=False)
@@ -185,22 +212,47 @@ class Fit:
         return np.sqrt(np.diag(self.covariance))
 
     @cached_property
+    def marginal(self) -> Marginal:
+        """What is left when all unknowns, and the errors of laws as unknowns of deviation 1, do their best (linear)."""
+        count, std = self.residual.size, self.parameters.prior_std
+        laws = np.zeros((count, 0)) if self.law is None else self.law
+        columns = np.hstack([self.jacobian * std, laws])
+        beside = block_diag(self.further_jacobian * std, np.eye(laws.shape[1]))
+        right = np.concatenate([self.residual, self.further_residual, np.zeros(laws.shape[1])])
+        held = np.isin(self.parameters.names, self.on_bound)
+        moving = np.flatnonzero(~np.append(held, np.zeros(laws.shape[1], dtype=bool)))
+        level, left = self.noise_scale, right
+        for _ in range(_MANY):
+            over = np.ones(right.size)
+            over[:count] = 1 / level
+            rows = np.concatenate([columns, beside]) * over[:, None]
+            basis, triangle = np.linalg.qr(rows)
+            if not laws.size:
+                break
+            step = np.linalg.lstsq(rows[:, moving], -right * over, rcond=1e-12)[0]
+            left = right + np.concatenate([columns, beside])[:, moving] @ step
+            freedom = count - float(np.sum(basis[:count] ** 2))
+            found = _level_of(left[:count] ** 2, self.weight, self.loss, freedom, self.data.level_std)
+            if abs(np.log(found / level)) < _EXACT_LEVEL:
+                break
+            level = found
+        return Marginal(left[:count], left[count:], basis, float(np.sum(np.log(np.abs(np.diag(triangle))))), level)
+
+    @cached_property
     def log_evidence(self) -> float:
-        """log p(data) by Laplace's method at the most probable noise level, noise alone in the likelihood."""
-        scale, std = self.noise_scale, self.data.level_std
-        rows = self.further_jacobian * self.parameters.prior_std
-        stacked = np.concatenate([self.jacobian * (self.parameters.prior_std / scale), rows])
-        determinant = np.sum(np.log(np.abs(np.diag(np.linalg.qr(stacked, mode="r")))))
-        misfit = float(self.residual @ self.residual) / scale**2 + float(self.further_residual @ self.further_residual)
-        level = self.residual.size * np.log(scale) - log_level_prior(np.log(scale), std)
-        return float(-0.5 * misfit - determinant - level)
+        """log p(data) by Laplace's method at the most probable noise level, without a discrepancy."""
+        left, std = self.marginal, self.data.level_std
+        misfit = float(left.residual @ left.residual) / left.level**2 + float(left.further @ left.further)
+        level = self.residual.size * np.log(left.level) - log_level_prior(np.log(left.level), std)
+        return float(-0.5 * misfit - left.log_determinant - level)
 
     @cached_property
     def learned(self) -> Discrepancy:
-        """The discrepancy that the residual asks for, noise alone in the likelihood so far."""
-        left = self._levelled(np.concatenate([self.residual, self.further_residual])) * self.level
-        left = left - self._span @ (self._span.T @ left)
-        return learn_discrepancy(self.data, self.log_slope, left, self.span, self.weight)
+        """The discrepancy that the residual asks for, which noise, unknowns and laws leave so far."""
+        one = self.marginal
+        left = np.concatenate([one.residual / one.level, one.further])
+        left = (left - one.basis @ (one.basis.T @ left)) * one.level
+        return learn_discrepancy(self.data, self.log_slope, left, one.span, self.weight)
 
     @property
     def log_error(self) -> np.ndarray:
@@ -219,7 +271,7 @@ class Fit:
     def _left_out(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """(rows of the residual, their values for the fit that did not see them) of each band of each sweep; linear."""
         k = self.residual.size // 2
-        residual, basis = self.residual, self.span
+        residual, basis = self.residual, self._levers
         found = []
         for points in self.data.bands():
             rows = np.concatenate([points, points + k])
@@ -227,15 +279,16 @@ class Fit:
             found.append((rows, np.linalg.lstsq(np.eye(rows.size) - hat, residual[rows], rcond=1e-10)[0]))
         return found
 
-    @cached_property
+    @property
     def span(self) -> np.ndarray:
-        """(2k, n) rows of the data of Q of the unknowns: r − Q Qᵗ r is what no change within their priors explains."""
-        return self._span[: self.residual.size]
+        """(2k, n) Q: r − Q Qᵗ r is what no change of the unknowns within their priors, or of laws, explains."""
+        return self.marginal.span
 
     @cached_property
-    def _span(self) -> np.ndarray:
+    def _levers(self) -> np.ndarray:
+        """(2k, n_x) rows of the data of Q of the unknowns alone, noise alone in the likelihood."""
         rows = np.concatenate([self.jacobian, self.further_jacobian])
-        return np.linalg.qr(self._levelled(rows) * self.parameters.prior_std)[0]
+        return np.linalg.qr(self._levelled(rows) * self.parameters.prior_std)[0][: self.residual.size]
 
     def predicted(self) -> np.ndarray:
         """(k,) complex whitened error of each point as predicted by a fit that did not see its band of its sweep.
@@ -335,12 +388,12 @@ def fit(
                 f"no fit of {', '.join(parameters.material.free.names)} settled: check dimensions, density and "
                 "poling, or free fewer constants"
             )
-        ahead, behind = (response.at(1 + sign * _STEP).with_jacobian(parameters, best.x)[0] for sign in (1, -1))
-        law = None if coarse else law_misses(response, data, parameters, best.x, best.parts[:2])
-    return _at(best, np.log(ahead / behind) / (2 * _STEP), law)
+        ahead, behind = (response.at(1 + sign * STEP).with_jacobian(parameters, best.x)[0] for sign in (1, -1))
+        law = law_misses(response, data, parameters, best.x, best.parts[:2])
+    return _at(best, np.log(ahead / behind) / (2 * STEP), law)
 
 
-def _at(found: _Descent, log_slope: np.ndarray, law: np.ndarray | None) -> Fit:
+def _at(found: _Descent, log_slope: np.ndarray, law: np.ndarray) -> Fit:
     """The fit where a descent ended; law: (2k, m) what laws miss, before the loss weighs it."""
     posterior = found.posterior
     residual, jacobian, further_residual, further_jacobian = found.parts
@@ -360,7 +413,7 @@ def _at(found: _Descent, log_slope: np.ndarray, law: np.ndarray | None) -> Fit:
         loss=found.loss,
         weight=weight,
         promise=found.promise,
-        law=None if law is None else law * share[:, None],
+        law=law * share[:, None],
         mesh=posterior.data.mesh_misses(log_slope) * share[:, None],
     )
 
@@ -544,16 +597,16 @@ def with_discrepancy(plain: Fit, discrepancy: Discrepancy | None) -> Fit:
     return replace(plain, discrepancy=discrepancy)
 
 
-def linear_fit(
-    response: Response, data: SweepData, parameters: Unknowns, x: np.ndarray, moving: np.ndarray | None = None
-) -> tuple[Fit, np.ndarray]:
+def linear_fit(response: Response, before: Fit, parameters: Unknowns, x: np.ndarray) -> tuple[Fit, np.ndarray]:
     """What one Gauss-Newton step from x (n_x,) promises: the fit by linearisation, and the residual (2k,) at x.
 
-    moving : indices of the unknowns that may move; all where None
+    before : the fit whose data these are, and whose causes have laws that miss what they missed there
     """
-    residual, jacobian, further, slopes = _Posterior(response, data, parameters).parts(x)
-    at_x = Fit(parameters, x, data, residual, jacobian, further, slopes, np.zeros(data.impedance.size))
-    return stepped(at_x, moving), residual
+    residual, jacobian, further, slopes = _Posterior(response, before.data, parameters).parts(x)
+    at_x = Fit(
+        parameters, x, before.data, residual, jacobian, further, slopes, np.zeros(residual.size // 2), law=before.law
+    )
+    return stepped(at_x), residual
 
 
 def stepped(at_x: Fit, moving: np.ndarray | None = None) -> Fit:
@@ -573,6 +626,7 @@ def stepped(at_x: Fit, moving: np.ndarray | None = None) -> Fit:
             residual=at_x.residual + at_x.jacobian @ step,
             further_residual=at_x.further_residual + at_x.further_jacobian @ step,
             level=found.level,
+            extrapolated=True,
         )
         level = found.noise_scale
         if abs(np.log(level / found.level)) < _LEVEL:

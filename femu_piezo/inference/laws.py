@@ -2,7 +2,10 @@
 
 The law of a cause is an approximation that is wrong by a share e of what it describes (`EffectParameter.law_error`). It
 may be wrong as a whole, so that the parameter that fits best is off by e of its value, and in shape, so that it misses
-e of its change of log Z in each band by itself. Both move what is fitted beside the cause as any change of data does.
+e of its change of log Z in each band by itself. One that ends with the square of the size p may also have that change
+at a frequency that is off by φ p² (`EffectParameter.law_detuning`): modes which nothing else drives are not put in
+place by any fit. All of it moves what is fitted beside the cause as any change of data does, and is what a further
+cause might be taken for.
 """
 
 from __future__ import annotations
@@ -19,6 +22,9 @@ from femu_piezo.measurement.sweeps import SweepData
 if TYPE_CHECKING:
     from femu_piezo.inference.fit import Response
 
+#: Relative step of the frequency for slopes in log f.
+STEP = 1e-5
+
 
 def law_misses(
     response: Response,
@@ -29,8 +35,8 @@ def law_misses(
 ) -> np.ndarray:
     """(2k, m) whitened errors of log Z, independent and of one standard deviation each, of all laws at x (n_x,).
 
-    Of every parameter p: e p ∂log Z/∂p. Of the first one, the size, in each band: e times the change of log Z between
-    the effect as it is at x and none. Known effects have laws as fitted ones do.
+    Of every parameter p: e p ∂log Z/∂p. Of the first one, the size, with Δ the change of log Z between the effect as it
+    is at x and none, in each band: e Δ, and φ p² ∂Δ/∂log f. Known effects have laws as fitted ones do.
 
     at_x : whitened residual (2k,) and Jacobian (2k, n_x) there
     """
@@ -45,6 +51,12 @@ def law_misses(
         return np.zeros((2 * data.impedance.size, 0))
     at = np.concatenate([x, *(values / effect.scale for effect, values in known)])
     residual, jacobian = data.whitened(*response.with_jacobian(whole, at)) if known else at_x
+
+    def slope(at: np.ndarray) -> np.ndarray:
+        """(2k,) of the whitened residual in log f."""
+        ends = (data.whitened(*response.at(1 + sign * STEP).with_jacobian(whole, at))[0] for sign in (1, -1))
+        return (next(ends) - next(ends)) / (2 * STEP)
+
     found = []
     for number in numbers:
         effect, own = whole.effects[number], whole.columns(number)
@@ -52,13 +64,23 @@ def law_misses(
         found.append(jacobian[:, own] * (errors * at[own]))
         without = at.copy()
         without[own] = effect.rest / effect.scale
-        change = residual - data.whitened(*response.with_jacobian(whole, without))[0]
-        for band in data.bands():
-            rows = np.concatenate([band, band + data.impedance.size])
-            miss = np.zeros((residual.size, 1))
-            miss[rows, 0] = errors[0] * change[rows]
-            found.append(miss)
+        misses = [errors[0] * (residual - data.whitened(*response.with_jacobian(whole, without))[0])]
+        if detuning := effect.parameters[0].law_detuning:
+            size = (at - without)[own.start] * effect.scale[0]
+            misses.append(detuning * size**2 * (slope(at) - slope(without)))
+        found += [_in_bands(data, miss) for miss in misses]
     return np.hstack(found)
+
+
+def _in_bands(data: SweepData, miss: np.ndarray) -> np.ndarray:
+    """(2k, m) the part of a whitened (2k,) in each band."""
+    found = []
+    for band in data.bands():
+        rows = np.concatenate([band, band + data.impedance.size])
+        own = np.zeros(miss.size)
+        own[rows] = miss[rows]
+        found.append(own)
+    return np.stack(found, axis=1)
 
 
 def _approximate(effect: Effect) -> bool:

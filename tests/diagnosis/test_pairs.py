@@ -27,7 +27,7 @@ def test_slopes_of_two_effects_together_promise_what_both_in_one_fit_do(setup):
     base = fit(setup.evaluation, data, setup.unknowns, [setup.x])
     alone = [starts(setup.evaluation, base, setup.library[key])[0] for key in TRUTH]
     together = start_together(base, *alone)
-    direct, _ = linear_fit(setup.evaluation, data, together.linear.parameters, together.x)
+    direct, _ = linear_fit(setup.evaluation, base, together.linear.parameters, together.x)
     assert together.promised == pytest.approx(direct.chi_square, rel=1e-3)
     assert together.promised < min(start.promised for start in alone)
     assert np.allclose(together.alone()[: base.x.size], base.x)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from laboratory import FREQUENCY, NOISE
 
-from femu_piezo.inference.fit import fit, linear_fit
-from femu_piezo.inference.passivity import TOLERANCE, passivity_wall
+from femu_piezo.inference.fit import COARSE, fit, linear_fit, stepped
+from femu_piezo.inference.passivity import TOLERANCE, passivity_wall, wall_and_readings
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.discrepancy import log_level_prior
@@ -179,6 +179,35 @@ def test_evidence_is_the_integral_over_prior_and_likelihood(known, curvature):
     np.testing.assert_allclose(np.sqrt(spread), found.std, rtol=1e-5 if curvature == 0 else 0.02)
 
 
+def test_evidence_integrates_over_what_laws_miss():
+    """The density of the data themselves: priors, noise and errors of laws in one covariance, of a linear model."""
+    free = FreeConstants.of(library_material("pzt-5h").constants, ("s11",))
+    prior = {"s11": (1.05 * free.start[0].real, 0.1 * free.start[0].real), "tan_s11": (0.03, 0.04)}
+    unknowns = Unknowns(MaterialParameters.around(free, free.start), prior)
+    response, noise, rng = Curved(2, 5, 0.05, 0.0), 3e-3, np.random.default_rng(6)
+    misses = 8 * np.repeat(np.eye(6), 10, axis=0) * rng.standard_normal((60, 1))  # of a band each, by noise
+    wrong = misses @ rng.standard_normal(6) * noise / np.sqrt(2)
+    error = noise * rng.standard_normal(30) * (1 + 1j) / np.sqrt(2) + wrong[:30] + 1j * wrong[30:]
+    z = np.exp(response.logarithm(np.array([1.01, 0.04])) + error)
+    data = SweepData(np.linspace(1e3, 2e3, 30), z, np.full(30, noise), True)
+    plain = fit(response, data, unknowns, [unknowns.prior_mean])
+    honest = replace(plain, law=misses)
+    centre = data.whitened(*response.with_jacobian(unknowns, unknowns.prior_mean))[0]
+
+    def density(one, laws: np.ndarray) -> float:
+        scale, slopes = one.marginal.level, plain.jacobian * unknowns.prior_std
+        covariance = scale**2 * np.eye(60) + slopes @ slopes.T + laws @ laws.T
+        _, determinant = np.linalg.slogdet(covariance)
+        level = log_level_prior(np.log(scale), data.level_std)
+        return float(-0.5 * (centre @ np.linalg.solve(covariance, centre) + determinant) + level)
+
+    assert plain.log_evidence == pytest.approx(density(plain, np.zeros((60, 1))), abs=1e-6)
+    assert honest.log_evidence == pytest.approx(density(honest, misses), abs=1e-6)
+    assert honest.log_evidence > plain.log_evidence + 10
+    assert honest.marginal.level == pytest.approx(1.0, abs=0.2) and plain.marginal.level > 3
+    assert not honest.learned.probable
+
+
 def test_evidence_of_one_more_unknown_is_paid_by_its_prior(lab):
     """A leak that is not there costs log(prior/posterior deviation); one that is there brings Δχ²/2 more."""
     leak = lab.library["leakage"]
@@ -213,7 +242,8 @@ def test_a_linear_step_is_the_step_of_the_linearised_model(lab):
     """Against normal equations with priors; unknowns that are held do not move."""
     data = lab.measured(lab.evaluation.impedance(lab.unknowns, lab.truth(8)), 8)
     x = lab.unknowns.prior_mean
-    promised, _ = linear_fit(lab.evaluation, data, lab.unknowns, x)
+    before = fit(lab.evaluation, data, lab.unknowns, [x], gain=COARSE)
+    promised, _ = linear_fit(lab.evaluation, before, lab.unknowns, x)
     residual, jacobian = data.whitened(*lab.evaluation.with_jacobian(lab.unknowns, x))
     level = promised.level
     precision = jacobian.T @ jacobian / level**2 + np.diag(1 / lab.unknowns.prior_std**2)
@@ -221,7 +251,13 @@ def test_a_linear_step_is_the_step_of_the_linearised_model(lab):
     assert level == pytest.approx(promised.noise_scale, rel=0.03)
     assert np.max(np.abs(promised.x - x - step) / lab.unknowns.prior_std) < 1e-6
     some = np.arange(3)
-    held, _ = linear_fit(lab.evaluation, data, lab.unknowns, x, some)
+    beside, slopes = wall_and_readings(lab.unknowns, x)
+    further = np.concatenate([(x - lab.unknowns.prior_mean) / lab.unknowns.prior_std, beside])
+    slopes = np.concatenate([np.diag(1 / lab.unknowns.prior_std), slopes])
+    at_x = replace(
+        before, x=x, residual=residual, jacobian=jacobian, further_residual=further, further_jacobian=slopes, level=1.0
+    )
+    held = stepped(at_x, some)
     assert np.array_equal(held.x[3:], x[3:]) and np.all(held.x[:3] != x[:3])
 
 
