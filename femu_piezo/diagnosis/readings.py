@@ -33,8 +33,8 @@ def readings(effects: Sequence[Effect], contexts: dict[str, EffectContext]) -> l
         if effect.name in _FIXTURE:
             words, std = _FIXTURE[effect.name]
             found.append((words, {key: np.array([1 / std])}))
-        elif effect.stretch is not None:
-            dimension = effect.name.removeprefix("wrong_")
+        elif effect.stretch is not None or effect.reshaping is not None:
+            dimension = effect.name.removeprefix("wrong_").replace("_", " ")
             words = f"measure the {dimension}{_whose(effect)} with a micrometer, to 0.1 %"
             found.append((words, {key: np.array([1 / _MICROMETER])}))
     for name, context in contexts.items():
@@ -55,6 +55,8 @@ def _mass(effect: Effect, context: EffectContext) -> np.ndarray | None:
     slopes = np.zeros(len(effect.parameters))
     if effect.stretch is not None:
         slopes[:] = effect.stretch(effect.rest)[1].sum(axis=0)  # volume grows with every dimension that does
+    elif effect.reshaping is not None:
+        slopes[0] = effect.reshaping.volume(0.0)[1]
     elif effect.name == "electrode_mass":
         slopes[0] = 2 / (context.density * context.thickness)
     elif effect.name == "point_mass" and context.mass is not None:

@@ -5,6 +5,7 @@ An effect changes the affine model A = Σ c_q A_q − ω² M at one or more of t
     constants   the ten d-form constants, over frequency or not         θ → θ'(ω, p)
     stretch     the dimensions along the axes                           s_a(p): ∂_a → ∂_a/s_a, dV → s_x s_y s_z dV
     density     the density                                             ρ → m(p) ρ
+    reshaping   the body, by a smooth map                               x → x + p g(x)
     terms       further stiffness or inertia terms on the mesh          + c(ω, p) A_extra, − ω² m(p) M_extra
     local       terms at a place that is itself a parameter             + c(ω, p) A(p), on the reduced plate
     circuit     a two-port around the terminals                         Z → Z'(ω, p)
@@ -30,6 +31,7 @@ from femu_piezo.material.constants import PiezoConstants
 
 if TYPE_CHECKING:
     from femu_piezo.effects.local.operators import Places
+    from femu_piezo.geometry.reshaping import Reshaping
 
 #: (θ (k, 10), tangents (k, 10, n_x) = ∂θ/∂x, ω (k,), p (n,)) → (θ', its tangents, ∂θ'/∂p (k, 10, n)). The map may be
 #: real-linear only (it may treat Re and Im apart); x and p are real.
@@ -159,6 +161,7 @@ class Effect:
     ----------
     name : as in results and in the [effects] table of a specimen file
     sentence : what it is, in physical words
+    reshaping : map of the body whose size is the first parameter, of a dimension that no stretch along an axis changes
     variant : the constant that is meant, where one name has several candidates
     law : another formula of the same cause, where it has several
     specimen : name of the specimen that has the effect, of several diagnosed together; "" where all share it
@@ -188,6 +191,7 @@ class Effect:
     constants: ConstantsHook | None = None
     stretch: StretchHook | None = None
     density: DensityHook | None = None
+    reshaping: Reshaping | None = None
     terms: tuple[ExtraTerm, ...] = ()
     local: LocalHook | None = None
     circuit: CircuitHook | None = None
@@ -306,6 +310,7 @@ class EffectContext:
     free : names of the free constants; all others are held
     constants : the ten constants of the base model
     axes : the dimensions that the specimen has, by name, as the axes (0, 1, 2) along which they lie
+    reshapings : further ones, by name, as maps of the body
     density : kg/m³
     thickness : extent along the electrodes' normal, m
     impedance : typical |Z| of the sweep, ohm
@@ -333,6 +338,7 @@ class EffectContext:
     poling: str = "thickness"
     tolerances: Mapping[str, float] = field(default_factory=dict)
     band_Hz: tuple[float, float] = (100.0, 1e6)
+    reshapings: Mapping[str, Reshaping] = field(default_factory=dict)
     weighed: bool = False
     pace_Hz: tuple[float, ...] = ()
     taken: Taken = field(default_factory=Taken)

@@ -192,6 +192,48 @@ def assemble_gradient_products(basis: skfem.Basis) -> GradientProducts:
     return GradientProducts(indices, indptr, gradients, mass, TensorGrid.of(basis))
 
 
+def reshaped_products(
+    basis: skfem.Basis, gradient: Callable[[np.ndarray], np.ndarray]
+) -> tuple[GradientProducts, GradientProducts]:
+    """What a map x → x + p g(x) of the body adds to its products: the factors of p and of p².
+
+    With G = ∂g/∂x, ∇ → (1 − p Gᵗ + p² Gᵗ²) ∇ and dV → (1 + p v₁ + p² v₂ + …) dV, v₁ = tr G, v₂ = (v₁² − tr G²)/2: of
+    products of a = ∇φ_i and b = ∇φ_j these are
+
+        p:   v₁ a bᵗ − (Gᵗa) bᵗ − a (Gᵗb)ᵗ
+        p²:  v₂ a bᵗ − v₁ [(Gᵗa) bᵗ + a (Gᵗb)ᵗ] + (Gᵗa)(Gᵗb)ᵗ + (Gᵗ²a) bᵗ + a (Gᵗ²b)ᵗ
+
+    gradient : points (3, …), m → G (3, 3, …)
+    """
+    here = gradient(np.asarray(basis.global_coordinates()))
+    trace = np.einsum("aa...->...", here)
+    volumes = trace, (trace**2 - np.einsum("ab...,ba...->...", here, here)) / 2
+    plain = np.stack([np.stack([shape[0].grad[axis] for shape in basis.basis], axis=1) for axis in range(3)])
+    once = np.einsum("ba...,b...->a...", here[:, :, :, None], plain)
+    twice = np.einsum("ba...,b...->a...", here[:, :, :, None], once)
+    value = np.stack([np.broadcast_to(shape[0], basis.dx.shape) for shape in basis.basis], axis=1)
+    summed, indices, indptr = _scatter(basis)
+    first, second = np.empty((2, 3, 3, indices.size))
+    weights = [(basis.dx * part)[:, None] for part in (1.0, *volumes)]
+    for a, b in itertools.product(range(3), repeat=2):
+
+        def joined(left: np.ndarray, right: np.ndarray, weight: np.ndarray, a: int = a, b: int = b) -> np.ndarray:
+            return (left[a] * weight) @ right[b].transpose(0, 2, 1)
+
+        one, v1, v2 = weights
+        first[a, b] = summed(joined(plain, plain, v1) - joined(once, plain, one) - joined(plain, once, one))
+        second[a, b] = summed(
+            joined(plain, plain, v2)
+            - joined(once, plain, v1)
+            - joined(plain, once, v1)
+            + joined(once, once, one)
+            + joined(twice, plain, one)
+            + joined(plain, twice, one)
+        )
+    masses = [summed((value * weight) @ value.transpose(0, 2, 1)) for weight in weights[1:]]
+    return tuple(GradientProducts(indices, indptr, *both) for both in zip((first, second), masses, strict=True))
+
+
 def _scatter(basis: skfem.Basis) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray, np.ndarray]:
     """How element matrices (elements, shapes, shapes) become the data of a CSR matrix, its indices and row starts."""
     dofs = np.asarray(basis.element_dofs, dtype=np.int64).T  # (elements, shapes)

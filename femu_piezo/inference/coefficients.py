@@ -138,6 +138,8 @@ def _extra_terms(model: ExtendedModel, item: Active, omega: np.ndarray) -> list[
     """The terms that an effect adds, on the mesh and at a place."""
     effect, u = item.effect, model.displacements
     found = [] if effect.local is None else effect.local(model.places, omega, item.values)
+    if effect.reshaping is not None:
+        found += model.places.reshaped(effect.reshaping).terms(model.places, omega, item.values)
     for term in effect.terms:
         matrix = model.extra(term.name)
         matrix = matrix[:u, :u] if term.kind == "inertia" else matrix

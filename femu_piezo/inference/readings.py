@@ -118,13 +118,20 @@ def _plain(active: list[Active]) -> list[Active]:
 
 
 def _scaled(active: list[Active], unknowns: int, powers: np.ndarray, density: int) -> tuple[float, np.ndarray]:
-    """Product of the factors on the dimensions to given powers (3,) and on the density, and its logarithmic slopes."""
+    """Product of the factors on the dimensions to given powers (3,) and on the density, and its logarithmic slopes.
+
+    The powers of x and y are alike.
+    """
     found, slopes = 1.0, np.zeros(unknowns)
     for item in active:
         if item.effect.stretch is not None:
             factors, own = item.effect.stretch(item.values)
             found *= float(np.prod(factors**powers))
             item.put(slopes, (powers / factors) @ own)
+        if powers[0] and item.effect.reshaping is not None:  # the outline, and the electrodes with it
+            factor, slope = item.effect.reshaping.volume(item.values[0])
+            found *= factor
+            item.put(slopes, np.array([slope / factor]))
         if density and item.effect.density is not None:
             factor, own = item.effect.density(item.values)
             found *= factor

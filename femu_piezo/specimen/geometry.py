@@ -33,6 +33,8 @@ DIMENSIONS = {
     "ring": ("diameter", "inner_diameter", "thickness"),
     "mesh": ("file",),
 }
+#: Dimensions that have a standard deviation, `std_NAME`.
+MEASURED = ("length", "width", "width_end", "thickness", "diameter", "inner_diameter")
 #: What a slab may have beyond its dimensions.
 FEATURES = (
     "hole_diameter",
@@ -117,6 +119,10 @@ class Geometry(Table):
     std_width: Tolerance | None = described("standard deviation of the width", usual=20e-6)
     std_thickness: Tolerance | None = described("standard deviation of the thickness", usual=5e-6)
     std_diameter: Tolerance | None = described("standard deviation of the diameter", usual=20e-6)
+    std_inner_diameter: Tolerance | None = described("standard deviation of the inner diameter of a ring", usual=20e-6)
+    std_width_end: Tolerance | None = described(
+        "standard deviation of the width of a trapezoid at the end x_max", usual=20e-6
+    )
     std_density: RelativeStd | None = described("relative standard deviation of the density", usual=0.005)
     std_mass: MassStd | None = described("standard deviation of the mass; 0.1 % of it where absent")
     poling: Annotated[str | tuple[float, float, float], BeforeValidator(_to_poling)] = described(
@@ -134,10 +140,11 @@ class Geometry(Table):
         return self._wrong_dimensions() or self._wrong_feature() or self._wrong_poling() or self._wrong_tolerance()
 
     def _wrong_tolerance(self) -> str | None:
-        for name in ("length", "width", "thickness", "diameter"):
+        for name in MEASURED:
             if getattr(self, f"std_{name}") is not None and getattr(self, name) is None:
-                return f"geometry.std_{name} is given, but a {self.shape} has no {name}; take it out"
-        for name in ("length", "width", "thickness", "diameter", "mass"):
+                words = name.replace("_", " ")
+                return f"geometry.std_{name} is given, but a {self.shape} has no {words}; take it out"
+        for name in (*MEASURED, "mass"):
             size, std = getattr(self, name), getattr(self, f"std_{name}")
             if size is not None and std is not None and std > _LOOSEST * size:
                 unit = "kg" if name == "mass" else "m"

@@ -11,6 +11,7 @@ from femu_piezo.effects.effect import Effect, EffectContext, Taken
 from femu_piezo.effects.extended_model import ExtendedModel, extend_model
 from femu_piezo.effects.library import Maker, from_table, with_library
 from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry.reshaping import reshapings
 from femu_piezo.geometry.shapes import EIGHTH, Plate
 from femu_piezo.geometry.slab import Slab
 from femu_piezo.inference.response import Evaluation
@@ -21,7 +22,7 @@ from femu_piezo.study.problem import Problem
 from femu_piezo.study.shapes import shape_of
 from femu_piezo.study.tolerances import tolerances
 
-#: Dimensions by name as axes; all radii of a disk or a ring go with its diameter, both widths of a trapezoid together.
+#: Dimensions by name as axes: all of a disk or a ring goes with its diameter, of a trapezoid with its width.
 _ROUND = {"diameter": (0, 1), "thickness": (2,)}
 _LONG = {"length": (0,), "width": (1,), "thickness": (2,)}
 _AXES = {
@@ -63,6 +64,7 @@ def effect_context(
         free=tuple(problem.specimen.material.free),
         constants=problem.constants,
         axes=_AXES.get(problem.specimen.geometry.shape, {}),
+        reshapings=reshapings(plate),
         density=problem.density,
         thickness=problem.plate.electrode_gap,
         impedance=impedance,
@@ -136,12 +138,15 @@ def body_as_simulated(problem: Problem, known: Sequence[tuple[Effect, np.ndarray
     Also the names of the effects that no body shows: circuits, and terms on the mesh.
     """
     constants, stretch, density = problem.fitted.vector()[None], np.ones(3), problem.density
+    reshaped: dict[str, float] = {}
     omega, none = 2 * np.pi * np.array([problem.expected_pole_Hz]), np.zeros((1, constants.size, 0), dtype=complex)
     for effect, values in sorted(known, key=lambda item: item[0].place):
         if effect.constants is not None:
             constants = effect.constants(constants, none, omega, values)[0]
         if effect.stretch is not None:
             stretch = stretch * effect.stretch(values)[0]
+        if effect.reshaping is not None:
+            reshaped[effect.name.removeprefix("wrong_")] = 1 + float(values[0])
         if effect.density is not None:
             density = density * effect.density(values)[0]
     geometry = problem.specimen.geometry
@@ -149,8 +154,10 @@ def body_as_simulated(problem: Problem, known: Sequence[tuple[Effect, np.ndarray
     for name, leader in (("inner_diameter", "diameter"), ("width_end", "width")):
         if getattr(geometry, name) is not None:
             axes[name] = axes[leader]
-    sizes = {name: getattr(geometry, name) * stretch[along[0]] for name, along in axes.items()}
+    sizes = {
+        name: getattr(geometry, name) * stretch[along[0]] * reshaped.get(name, 1.0) for name, along in axes.items()
+    }
     plate = shape_of(problem.specimen.model_copy(update={"geometry": geometry.model_copy(update=sizes)}))
     body = replace(problem, plate=plate, constants=PiezoConstants.from_vector(constants[0]), density=float(density))
-    hooks = ("constants", "stretch", "density")
+    hooks = ("constants", "stretch", "density", "reshaping")
     return body, tuple(effect.name for effect, _ in known if all(getattr(effect, hook) is None for hook in hooks))

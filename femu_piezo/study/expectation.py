@@ -195,7 +195,7 @@ def _tolerance_of(effect: Effect, parameter: str) -> str:
 def _in_file(name: str, one: Subject) -> tuple[str, float, str]:
     """Key, value and unit of a tolerance as the specimen file has them."""
     today, geometry = one.context.tolerances[name], one.problem.specimen.geometry
-    if name in one.context.axes:
+    if name in (*one.context.axes, *one.context.reshapings):
         return f"std_{name}", today * getattr(geometry, name), "m"
     if name == "density":
         weighed = geometry.mass is not None

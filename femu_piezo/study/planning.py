@@ -14,6 +14,7 @@ from femu_piezo.diagnosis.verdict import Verdict
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel, extend_model
 from femu_piezo.errors import ConvergenceError, InputError
+from femu_piezo.geometry.reshaping import reshapings
 from femu_piezo.inference.ensemble import Ensemble, Share, belonging_to, is_common, owned_by
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.material.constants import PiezoConstants
@@ -219,8 +220,12 @@ def _second_specimen(now: Plan, one: Subject, model: ExtendedModel, effects: Seq
     try:
         problem = prepare(_halved(one.problem, dimension), check=False)
         common = [effect for effect in effects if is_common(effect)]
-        sizes = [_measured_alike(effect, dimension) for effect in one.library if effect.has_tolerance]
-        sizes = [effect for effect in sizes if effect.stretch is not None or effect.density is not None]
+        sizes = []
+        for effect in one.library:
+            if effect.has_tolerance and effect.reshaping is not None:
+                sizes.append(_of_body(effect, problem))
+            elif effect.has_tolerance and (effect.stretch is not None or effect.density is not None):
+                sizes.append(_measured_alike(effect, dimension))
         other = _coarse(problem, one, [*common, *sizes], constants, 2 * one.measured.band_Hz)
     except (InputError, ConvergenceError):
         return []
@@ -233,6 +238,12 @@ def _second_specimen(now: Plan, one: Subject, model: ExtendedModel, effects: Seq
     words = f"measure a second specimen of the same material, half the {dimension}"
     noise = np.tile(_noise(one, frequency.size), 2)
     return [Plan(words, Ensemble(parts), noise, now.owner, new_sweeps=True, tolerances=own)]
+
+
+def _of_body(effect: Effect, problem: Problem) -> Effect:
+    """A dimension that a map of the body changes, of another one of the kind; as well known."""
+    name = effect.name.removeprefix("wrong_")
+    return replace(effect, reshaping=reshapings(problem.plate)[name]).within_tolerance
 
 
 def _measured_alike(effect: Effect, halved: str) -> Effect:

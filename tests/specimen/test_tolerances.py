@@ -23,12 +23,16 @@ from femu_piezo.specimen.file import (
 #: [geometry] of each key, its own value left open.
 PLATE = 'shape = "plate"\nlength = "40 mm"\nwidth = "5 mm"\nthickness = "1 mm"\n'
 DISK = 'shape = "disk"\ndiameter = "20 mm"\nthickness = "1 mm"\n'
+RING = 'shape = "ring"\ndiameter = "20 mm"\ninner_diameter = "8 mm"\nthickness = "1 mm"\n'
+TRAPEZOID = 'shape = "trapezoid"\nlength = "20 mm"\nwidth = "6 mm"\nwidth_end = "3 mm"\nthickness = "1 mm"\n'
 #: Key → ([geometry] beside it, a right value with its unit, the same in SI, a value of another dimension).
 GEOMETRY = {
     "std_length": (PLATE, "20 um", 20e-6, "1 kg"),
     "std_width": (PLATE, "0.02 mm", 20e-6, "1 %"),
     "std_thickness": (PLATE, "5 um", 5e-6, "1 Hz"),
     "std_diameter": (DISK, "0.02 mm", 20e-6, "1 kg"),
+    "std_inner_diameter": (RING, "0.05 mm", 50e-6, "1 kg"),
+    "std_width_end": (TRAPEZOID, "10 um", 10e-6, "1 %"),
     "std_density": (PLATE, "0.3 %", 0.003, "10 kg/m^3"),
     "mass": (PLATE, "1.58 g", 1.58e-3, "7900 kg/m^3"),
     "std_mass": (PLATE + "mass = 1.58e-3\n", "1 mg", 1e-6, "0.1 %"),

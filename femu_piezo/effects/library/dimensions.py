@@ -9,12 +9,15 @@ from __future__ import annotations
 import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
+from femu_piezo.geometry.reshaping import Reshaping
 
 _CONFUSABLE = {
     "length": ("s11", "s33"),
     "width": ("eps33T", "wrong_insensitive_parameter"),
     "thickness": ("eps33T", "d31"),
     "diameter": ("s11", "s12", "wrong_thickness"),
+    "inner_diameter": ("s12", "s11", "wrong_diameter"),
+    "width_end": ("s11", "wrong_length", "wrong_width"),
 }
 
 
@@ -39,10 +42,25 @@ def _lighter(axes: int):
     return density
 
 
+def _thinner(reshaping: Reshaping):
+    """Density at a given mass of a body that is reshaped."""
+
+    def density(p: np.ndarray) -> tuple[float, np.ndarray]:
+        volume, slope = reshaping.volume(p[0])
+        return 1 / volume, np.array([-slope / volume**2])
+
+    return density
+
+
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """One for each dimension that the specimen has by name, all radii of a disk going together, and the density."""
-    dimensions = tuple(
-        Effect(
+    """One for each dimension that the specimen has by name, and the density.
+
+    A ring grows as a whole with its diameter, a trapezoid with its width; the inner diameter and the width of the other
+    end are off from there.
+    """
+
+    def dimension(name: str, **hooks) -> Effect:
+        return Effect(
             name=f"wrong_{name}",
             sentence=f"the {name} in the specimen file is not that of the specimen",
             parameters=_error(context, name),
@@ -52,10 +70,21 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 "widen the band to the modes of the other dimensions",
                 "measure a second specimen of the same material and other size: a constant is common to both",
             ),
+            **hooks,
+        )
+
+    weighed = context.weighed
+    stretched = (
+        dimension(
+            name,
             stretch=_stretch(np.isin(np.arange(3), axes).astype(float)),
-            density=_lighter(len(axes)) if context.weighed else None,
+            density=_lighter(len(axes)) if weighed else None,
         )
         for name, axes in context.axes.items()
+    )
+    reshaped = (
+        dimension(name, reshaping=one, density=_thinner(one) if weighed else None)
+        for name, one in context.reshapings.items()
     )
     density = Effect(
         name="wrong_density",
@@ -65,4 +94,4 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         advice=("weigh the specimen and divide by its volume",),
         density=lambda p: (1 + p[0], np.ones(1)),
     )
-    return (*dimensions, density)
+    return (*stretched, *reshaped, density)

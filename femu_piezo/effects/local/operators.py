@@ -23,7 +23,8 @@ from femu_piezo.effects.local.faces import Face
 from femu_piezo.effects.local.round_deformations import COUPLED, OVAL, WEDGE
 from femu_piezo.effects.local.round_fields import ORDERS, RoundFields
 from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Sectors
-from femu_piezo.forward.gradient_products import FIELDS
+from femu_piezo.forward.gradient_products import FIELDS, reshaped_products
+from femu_piezo.geometry.reshaping import Reshaping
 from femu_piezo.threads import Once
 
 Made = TypeVar("Made")
@@ -61,22 +62,28 @@ class Deformation:
     Attributes
     ----------
     first, second : [10] (r, r) per unit of every e-form constant, of ε and of ε²
-    inertia : [...] (r, r) of ε
+    inertia, inertia_second : [...] (r, r) of ε and of ε²; None where the latter is zero
     """
 
     first: Blocks
     second: Blocks
     inertia: Blocks
+    inertia_second: Blocks | None = None
 
     def among(self, numbers: np.ndarray, size: int) -> Deformation:
         """The same over `size` unknowns, of which those so far are the given ones (indices)."""
-        return Deformation(*(blocks.among(numbers, size) for blocks in (self.first, self.second, self.inertia)))
+        parts = (self.first, self.second, self.inertia, self.inertia_second)
+        return Deformation(*(part if part is None else part.among(numbers, size) for part in parts))
 
     def terms(self, places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
         """Those of an effect whose only parameter is ε (`femu_piezo.effects.effect.LocalHook`)."""
-        one, size = np.ones(omega.shape, dtype=complex), p[0]
-        found = [LocalTerm("inertia", places.of_displacements(self.inertia[...]), size * one, one[:, None])]
-        for matrices, value, slope in ((self.first, size, 1.0), (self.second, size**2, 2 * size)):
+        one, size, found = np.ones(omega.shape, dtype=complex), p[0], []
+        powers = ((size, 1.0), (size**2, 2 * size))
+        for heavy, (value, slope) in zip((self.inertia, self.inertia_second), powers, strict=True):
+            if heavy is not None:
+                matrix = places.of_displacements(heavy[...])
+                found.append(LocalTerm("inertia", matrix, value * one, slope * one[:, None]))
+        for matrices, (value, slope) in zip((self.first, self.second), powers, strict=True):
             for constant, matrix in enumerate(matrices[...]):
                 found.append(LocalTerm("stiffness", matrix, value * one, slope * one[:, None], constant))
         return found
@@ -156,6 +163,11 @@ class Places:
     def oval(self) -> Deformation:
         """Diameters D e^ε and D e^−ε of a disk or ring."""
         return self._round_deformation(OVAL)
+
+    def reshaped(self, reshaping: Reshaping) -> Deformation:
+        """A map of the body that keeps its symmetry, so that the driven class alone is concerned."""
+        make = self._shared.get(("reshaped", reshaping), lambda: partial(_reshaped, reshaping))
+        return self._made(make, lambda flipped, name: name == DRIVEN)
 
     def _round_deformation(self, kind: str) -> Deformation:
         order = ORDERS[COUPLED[kind]]
@@ -283,6 +295,19 @@ def _deformed(kind: str, sectors: Sectors) -> Deformation:
     _put(found[1], deformation.own(driven, units), rows)
     _put(inertia, deformation.inertia(driven, others), rows, columns)
     return Deformation(*(Blocks(matrices, np.arange(size), size) for matrices in (*found, inertia)))
+
+
+def _reshaped(reshaping: Reshaping, sectors: Sectors) -> Deformation:
+    """On the driven fields alone."""
+    model, reduced = sectors.all_fields.model, sectors.all_fields.reduced
+    fields = (model.prolongation @ reduced.basis).reshape(FIELDS, model.basis.N, -1)
+    moved, at = fields[:3, :, : reduced.displacements], np.arange(sectors.size)
+    stiff, heavy = [], []
+    for products in reshaped_products(model.basis, reshaping.gradient):
+        stiff.append(Blocks(products.within(fields, model.unit_tensors), at, sectors.size))
+        mass = sum(one.T @ products.mass_times(one) for one in moved) * model.density
+        heavy.append(Blocks(mass, at[: moved.shape[2]], sectors.size))
+    return Deformation(*stiff, *heavy)
 
 
 #: Kind of a deformation of a round body → how it is made, one function each: what is made is kept by that.
