@@ -313,19 +313,23 @@ class _Search:
 
         def roughly(number: int) -> Fit | None:
             effect, places = candidates[number], found[number]
-            if known(effect) is not None:
-                return known(effect)
             begins = places if effect.sites is not None and first_cause else places[:1]
             return self._fitted(places[0].linear.parameters, [place.x for place in begins], COARSE)
+
+        def settle(fits: dict[int, Fit | None]) -> None:
+            rough.update(fits)
+            settled.update({n: odds(one, candidates[n]) for n, one in fits.items() if one is not None})
 
         def reach() -> float:
             return max(settled.values(), default=-np.inf) - self._reach(rough.values())
 
         by_promise = [n for n in np.argsort(promised)[::-1].tolist() if promised[n] > self._rules.promise]
-        for first in range(0, len(by_promise), _AT_ONCE):
-            worth = [n for n in by_promise[first : first + _AT_ONCE] if promised[n] > reach()]
-            rough.update(zip(worth, in_parallel(roughly, worth), strict=True))
-            settled.update({n: odds(rough[n], candidates[n]) for n in worth if rough[n] is not None})
+        settle({n: one for n in by_promise if (one := known(candidates[n])) is not None})
+        untried = [n for n in by_promise if n not in settled]
+        # the best one alone: most often no other is worth a fit after it
+        for batch in [untried[:1], *(untried[n : n + _AT_ONCE] for n in range(1, len(untried), _AT_ONCE))]:
+            worth = [n for n in batch if promised[n] > reach()]
+            settle(dict(zip(worth, in_parallel(roughly, worth), strict=True)))
         least = max(settled.values(), default=-np.inf) - self._rules.contender
 
         def hoped(number: int, one: Fit) -> float:

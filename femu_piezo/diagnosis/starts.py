@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.fit import Fit, linear_fit, stepped
@@ -118,8 +119,7 @@ def relocated(response, reached: Fit, effect: Effect) -> list[Start]:
     if effect.sites is None or not effect.onset_hidden:
         return []
     own = reached.parameters.columns(reached.parameters.index(effect.key))
-    optional = np.array([parameter.optional for parameter in effect.parameters])
-    placed, found = np.flatnonzero(optional | (np.ptp(effect.sites, axis=0) > 0)), []
+    placed, found = np.setdiff1d(np.arange(len(effect.parameters)), effect.sizes), []
     for site in effect.sites:
         x = reached.x.copy()
         x[own.start + placed] = (site / effect.scale)[placed]
@@ -214,34 +214,48 @@ def _widened(
 
 
 def _at_sites(response, current: Fit, effect: Effect, parameters: Unknowns, x: np.ndarray) -> list[Start]:
-    """Starts at the most promising sites, judged by how a small size at each moves Z outside what all else can do."""
+    """Starts at the most promising sites, judged by how small sizes at each move Z outside what all else can do."""
     slopes = response.slopes_at_sites(current.parameters, current.x, effect)
     z = current.data.impedance * np.exp(current.log_error)
-    slopes = slopes / z[:, None] * current.data.weight[:, None]
+    slopes = slopes / z[:, None, None] * current.data.weight[:, None, None] * effect.scale[effect.sizes]
     rows = np.concatenate([slopes.real, slopes.imag])
-    outside = rows - current.span @ (current.span.T @ rows)
-    power, along = np.sum(outside**2, axis=0), -(outside.T @ current.residual)
-    low, high = effect.bounds[0]
-    size = np.clip(along / np.where(power > 0, power, np.inf), low, high / 2)
-    gain = 2 * size * along - size**2 * power
+    outside = rows - np.tensordot(current.span, np.tensordot(current.span.T, rows, axes=1), axes=1)
+    low, high = effect.bounds[effect.sizes].T / effect.scale[effect.sizes]
+    sizes, gains = [], []
+    for columns in outside.transpose(1, 0, 2):
+        basis, triangle = np.linalg.qr(columns)
+        right = -basis.T @ current.residual
+        one = lsq_linear(triangle, right, (np.minimum(low, 0.0), high / 2), method="bvls")
+        sizes.append(one.x)
+        gains.append(right @ right - 2 * one.cost)
     return [
-        _at_site(current, effect, parameters, x, rows[:, site], size[site], effect.sites[site, 1:])
-        for site in np.argsort(-gain)[:_SITES]
+        _at_site(current, effect, parameters, x, rows[:, site], sizes[site], effect.sites[site])
+        for site in np.argsort(gains)[::-1][:_SITES]
     ]
 
 
-def _at_site(current: Fit, effect: Effect, parameters: Unknowns, x, slopes, size: float, place) -> Start:
-    """The start of `size` at a site, with the promise of the slopes (2k,) there."""
+def _at_site(current: Fit, effect: Effect, parameters: Unknowns, x, slopes, sizes, site) -> Start:
+    """The start at a site with sizes (s,) in their scales, and the promise of their slopes (2k, s) there."""
     own = parameters.columns(parameters.index(effect.key))
-    at = x.copy()
-    at[own] = np.concatenate([[effect.rest[0]], place]) / effect.scale
-    columns = np.zeros((slopes.size, len(effect.parameters)))
-    columns[:, 0] = slopes * effect.scale[0]
+    at, here = x.copy(), own.start + effect.sizes
+    at[own] = site / effect.scale
+    at[here] = effect.rest[effect.sizes] / effect.scale[effect.sizes]
+    columns = np.zeros((len(slopes), len(effect.parameters)))
+    columns[:, effect.sizes] = slopes
     at_rest = _widened(current, parameters, at, {effect.key: columns}, current.residual)
-    moving = np.delete(np.arange(x.size), np.arange(own.start + 1, own.stop))
-    linear = stepped(at_rest, moving)
-    if linear.x[own.start] * effect.scale[0] < effect.bounds[0, 0]:  # a size of the wrong sign: nothing is gained
-        linear = at_rest
+    linear = _of_right_sign(at_rest, np.delete(np.arange(x.size), np.arange(own.start, own.stop)), here)
     at = at.copy()
-    at[own.start] = size / effect.scale[0]
+    at[here] = sizes
     return Start(at, linear, current.residual)
+
+
+def _of_right_sign(at_rest: Fit, others: np.ndarray, sizes: np.ndarray) -> Fit:
+    """What linearisation promises where those of the sizes move that it does not move below their bounds."""
+    low = at_rest.parameters.bounds[:, 0]
+    while sizes.size:
+        linear = stepped(at_rest, np.sort(np.concatenate([others, sizes])))
+        below = linear.x[sizes] < low[sizes]
+        if not np.any(below):
+            return linear
+        sizes = sizes[~below]
+    return at_rest

@@ -224,6 +224,13 @@ class Effect:
         )
 
     @cached_property
+    def sizes(self) -> np.ndarray:
+        """Numbers of the parameters of an effect at a place that say how large it is: those that vanish with it."""
+        optional = np.array([parameter.optional for parameter in self.parameters])
+        placed = optional if self.sites is None else optional | (np.ptp(self.sites, axis=0) > 0)
+        return np.flatnonzero(~placed)
+
+    @cached_property
     def place(self) -> tuple[float, bool]:
         """Where it stands among the effects of a body: laws over frequency act on the constants as they are, circuits
         follow outward, the instrument is last."""

@@ -106,14 +106,14 @@ class Ensemble:
         return np.concatenate(values), np.concatenate(slopes)
 
     def slopes_at_sites(self, parameters: Unknowns, x: np.ndarray, effect: Effect) -> np.ndarray:
-        """∂Z/∂(size) (k, m) at size zero for each of an effect's m sites; zero for other specimens than its own."""
+        """∂Z/∂(sizes) (k, m, s) at size zero at each of an effect's m sites; zero for other specimens than its own."""
         found = []
         for share, part in self.parts:
             own, columns = share.of(parameters)
             if share.has(effect):
                 found.append(part.slopes_at_sites(own, x[columns], effect))
             else:
-                found.append(np.zeros((part.omega.size, len(placed(effect)[0])), dtype=complex))
+                found.append(np.zeros((part.omega.size, len(placed(effect)[0]), effect.sizes.size), dtype=complex))
         return np.concatenate(found)
 
 

@@ -121,7 +121,7 @@ class Evaluation:
         return z, tangents
 
     def slopes_at_sites(self, parameters: Unknowns, x: np.ndarray, effect: Effect) -> np.ndarray:
-        """∂Z/∂(size) (k, m) at size zero for each of an effect's m sites, on top of the effects at x; ohm per SI unit.
+        """∂Z/∂(sizes) (k, m, s) at size zero, an effect at each of its m sites, on top of those at x; ohm per SI unit.
 
         Where coefficients depend on ω, those at the middle of the sweep are taken: this serves to find starts.
         """
@@ -134,10 +134,11 @@ class Evaluation:
             span, y = _driven_span(modal, self.omega), modal.admittance(self.omega)
             e_form = e_form_constants(parameters, x, [], middle)[0][0]
             sites = placed(effect)[0]
-            found = np.array([_site_slope(model, effect, site, self.omega, span, e_form) for site in sites]).T
-        along = 1j * (self.omega * model.admittance_factor)[:, None] * found / y[:, None] ** 2
-        frozen = _frozen(active)
-        return self._through_circuits(frozen, 1 / y, along)[1]
+            found = np.array([_site_slopes(model, effect, site, self.omega, span, e_form) for site in sites])
+        factor = 1j * self.omega * model.admittance_factor / y**2
+        along = (found * factor).transpose(2, 0, 1).reshape(self.omega.size, -1)
+        through = self._through_circuits(_frozen(active), 1 / y, along)[1]
+        return through.reshape(self.omega.size, *found.shape[:2])
 
 
 def placed(effect: Effect) -> tuple[np.ndarray, LocalHook]:
@@ -153,23 +154,29 @@ def _frozen(active: list[Active]) -> list[Active]:
     return [replace(item, columns=None) for item in active]
 
 
-def _site_slope(model, effect: Effect, site: np.ndarray, omega, span, e_form) -> np.ndarray:
-    """xᵗ (∂A/∂size) x (k,) with the driven states x = basis · weights, the two of `span`."""
+def _site_slopes(model, effect: Effect, site: np.ndarray, omega, span, e_form) -> np.ndarray:
+    """xᵗ (∂A/∂size) x (s, k) by every size with the driven states x = basis · weights, the two of `span`."""
     basis, weights = span
-    total = np.zeros(omega.size, dtype=complex)
-    for kind, matrix, slope in _gathered(placed(effect)[1](model.places, omega, np.append(0.0, site[1:])), e_form):
-        moved = basis[: len(matrix)]
-        along = np.einsum("ki,ki->k", weights @ (moved.T @ (matrix @ moved)), weights)
-        total += (-(omega**2) if kind == "inertia" else 1.0) * slope * along
+    at = site.copy()
+    at[effect.sizes] = 0.0
+    terms = placed(effect)[1](model.places, omega, at)
+    total = np.zeros((effect.sizes.size, omega.size), dtype=complex)
+    for own, size in zip(total, effect.sizes, strict=True):
+        for kind, matrix, slope in _gathered(terms, e_form, int(size)):
+            moved = basis[: len(matrix)]
+            along = np.einsum("ki,ki->k", weights @ (moved.T @ (matrix @ moved)), weights)
+            own += (-(omega**2) if kind == "inertia" else 1.0) * slope * along
     return total
 
 
-def _gathered(terms: Sequence[LocalTerm], e_form: np.ndarray) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Kind, matrix (r, r) and slope by the size (k,) or (1,) of terms; those of one slope everywhere as one matrix."""
+def _gathered(terms: Sequence[LocalTerm], e_form: np.ndarray, size: int) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Kind, matrix (r, r) and slope by a size (k,) or (1,) of terms; those of one slope everywhere as one matrix."""
     even: dict[str, np.ndarray] = {}
     found = []
     for term in terms:
-        slope = term.slopes[:, 0] * (1.0 if term.constant is None else e_form[term.constant])
+        if not np.any(term.slopes[:, size]):
+            continue
+        slope = term.slopes[:, size] * (1.0 if term.constant is None else e_form[term.constant])
         if np.all(slope == slope[0]):
             even[term.kind] = even.get(term.kind, 0.0) + slope[0] * term.matrix
         else:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from femu_piezo.effects.effect import EffectContext
 from femu_piezo.effects.library import library
+from femu_piezo.geometry.reshaping import EndWidth, InnerDiameter
 from femu_piezo.material.library import library_material
 
 PAGE = Path(__file__).resolve().parents[2] / "tutorials" / "effects.md"
@@ -35,7 +36,8 @@ def test_page_and_library_agree():
         (12e-3, 5e-3, 1e-3),
     )
     axes, radii = {"diameter": (0, 1), "thickness": (2,)}, (0.0, 10e-3)
-    disk = EffectContext(1e5, ("s11",), constants, axes, 7500.0, 1e-3, 1e3, radii=radii)
+    reshaped = {"inner_diameter": InnerDiameter(2e-3, 10e-3), "width_end": EndWidth(20e-3, 6e-3, 3e-3)}
+    disk = EffectContext(1e5, ("s11",), constants, axes, 7500.0, 1e-3, 1e3, radii=radii, reshapings=reshaped)
     effects = [*library(context), *library(disk)]
     page = rows()
     assert set(page) == {effect.name for effect in effects}

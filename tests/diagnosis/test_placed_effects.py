@@ -8,7 +8,10 @@ from hidden_effects.body import Surface
 from hidden_effects.build import Build
 
 from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
+from femu_piezo.diagnosis.starts import starts
+from femu_piezo.effects.effect import Effect, EffectParameter, LocalTerm
 from femu_piezo.effects.local.box_fields import flipped_axes
+from femu_piezo.inference.fit import fit
 
 
 def impedance(setup, key: str = "", values=()):
@@ -130,7 +133,7 @@ def test_sites_promise_what_a_small_mass_does(setup):
     """∂Z/∂m at a site against a difference quotient with a small patch; a mass that vanishes follows the face."""
     effect = setup.library["point_mass"]
     index = 17
-    slopes = setup.evaluation.slopes_at_sites(setup.unknowns, setup.x, effect)[:, index]
+    slopes = setup.evaluation.slopes_at_sites(setup.unknowns, setup.x, effect)[:, index, 0]
     site = effect.sites[index].copy()
     site[-1] = effect.bounds[-1, 0]
     found = []
@@ -139,3 +142,41 @@ def test_sites_promise_what_a_small_mass_does(setup):
         found.append(impedance(setup, "point_mass", site))
     difference = (found[1] - found[0]) / 2e-9
     assert np.max(np.abs(difference - slopes)) < 0.01 * np.max(np.abs(slopes))
+
+
+def test_every_size_at_a_place_is_promised(setup):
+    """A thing that holds the plate at a place by a spring and a dashpot: slopes of both, and what they promise."""
+
+    def terms(places, omega, p):
+        line, _ = places.face.mean_on_line(abs(p[2]) + 1e-4)
+        matrix = np.zeros((places.size, places.size))
+        matrix[: len(line), : len(line)] = line
+        one = np.ones(omega.shape, dtype=complex)
+        by = np.stack([one, 1j * omega, 0 * one], axis=1)
+        return [LocalTerm("stiffness", matrix, p[0] + 1j * omega * p[1], by)]
+
+    sizes = (EffectParameter("k", "N/m", 0.0, 1e8, 1e5, 1e6), EffectParameter("c", "N s/m", 0.0, 1e3, 1.0, 5.0))
+    place = EffectParameter("x", "m", 0.0, 6e-3, 1e-3, 0.1)
+    sites = np.array([(1e5, 0.0, 2e-3), (1e5, 0.0, 4e-3), (1e5, 0.0, 5.5e-3)])
+    effect = Effect("clamp", "a clamp", (*sizes, place), dispersive=True, local=terms, sites=sites)
+    assert effect.sizes.tolist() == [0, 1]
+    unknowns = setup.unknowns.with_candidate(effect)
+
+    def at(*values: float) -> np.ndarray:
+        return setup.evaluation.impedance(unknowns, np.append(setup.x, np.array(values) / effect.scale))
+
+    slopes = setup.evaluation.slopes_at_sites(setup.unknowns, setup.x, effect)[:, 1]
+    middle = setup.evaluation.omega.size // 2
+    rest = at(0.0, 0.0, 4e-3)
+    for size, step in ((0, (1e2, 0.0)), (1, (0.0, 1e-4))):  # coefficients are those of the middle of the sweep
+        difference = (at(*step, 4e-3)[middle] - rest[middle]) / step[size]
+        assert slopes[middle, size] == pytest.approx(difference, rel=1e-3)
+    data = setup.data(at(0.0, 30.0, 4e-3), 1e-4)
+    base = fit(setup.evaluation, data, setup.unknowns, [setup.x])
+    best = starts(setup.evaluation, base, effect)[0]
+    own = best.own(effect)
+    assert best.x[own.start + 1] > 0
+    found = fit(setup.evaluation, data, best.linear.parameters, [best.x])
+    gained = found.log_evidence - base.log_evidence
+    assert gained > 30
+    assert best.linear.log_evidence - base.log_evidence > 0.5 * gained
