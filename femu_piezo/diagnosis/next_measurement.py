@@ -15,14 +15,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.ensemble import Ensemble, is_common, owned_by
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.threads import Once
 
-#: Most Gauss-Newton steps of a refit, and the gain of one below which it has settled.
-_STEPS, _SETTLED = 6, 0.01
+#: Most evaluations of a refit, relative gain of a step in χ² below which it has settled, and distance from bounds at
+#: which it starts, over the range.
+_EVALUATIONS, _SETTLED, _INSIDE = 40, 1e-3, 1e-9
 #: Separation beyond which the figure has no meaning, and pairs told in one recommendation.
 _FAR, _TOLD = 100, 3
 
@@ -140,26 +143,28 @@ def between(plan: Plan, first: Point, second: Point) -> float:
     turn = 2 * np.pi * np.sqrt(2.0) / plan.relative_noise
     phases = slice(turn.size, 2 * turn.size)
 
-    def missed(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    def pulled(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         reached, jacobian = plan.predicted(second.parameters, x)
-        difference = wanted - reached
+        difference = reached - wanted
         difference[phases] -= turn * np.round(difference[phases] / turn)  # phases differ by less than half a turn
-        pulled = np.concatenate([difference, rows @ (second.x - x)])
-        return pulled, np.concatenate([jacobian, rows]), float(np.linalg.norm(pulled))
+        return np.concatenate([difference, rows @ (x - second.x)]), np.concatenate([jacobian, rows])
+
+    at_last = Once(1)
+
+    def at(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return at_last.get(x.tobytes(), lambda: pulled(x))
 
     low, high = second.parameters.bounds.T
-    x, (difference, jacobian, left) = second.x, missed(second.x)
-    for _ in range(_STEPS):
-        step, before = _solved(jacobian, difference), left
-        for share in (1.0, 0.3, 0.1):
-            other = np.clip(x + share * step, low, high)
-            tried = missed(other)
-            if tried[2] < left:
-                x, (difference, jacobian, left) = other, tried
-                break
-        if left > (1 - _SETTLED) * before:
-            break
-    return left
+    found = least_squares(
+        lambda x: at(x)[0],
+        np.clip(second.x, low + _INSIDE * (high - low), high - _INSIDE * (high - low)),
+        lambda x: at(x)[1],
+        (low, high),
+        x_scale="jac",
+        ftol=_SETTLED,
+        max_nfev=_EVALUATIONS,
+    )
+    return float(np.sqrt(2 * found.cost))
 
 
 def strength(plan: Plan, point: Point, effect: int, size: float) -> float:

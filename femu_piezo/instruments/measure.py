@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from femu_piezo import api
-from femu_piezo.errors import InputError
+from femu_piezo.errors import FemuPiezoError, InputError
 from femu_piezo.files import append_durably, write_atomically
 from femu_piezo.instruments.analyser import Analyser, Settings
 from femu_piezo.instruments.connect import connect
@@ -84,7 +84,10 @@ def measure(
 
     def shown(state: State) -> None:
         states.append(state)
-        write_figure(out / "live.png", measuring_figure(specimen.name, states), dots_per_inch=100)
+        try:
+            write_figure(out / "live.png", measuring_figure(specimen.name, states), dots_per_inch=100)
+        except FemuPiezoError as error:
+            tell(f"{error}; measuring goes on without the picture")
         tell(state_words(state))
 
     with interruptible():

@@ -40,6 +40,8 @@ def corner_figure(title: str, samples: Samples, parameters: dict[str, Estimate])
                 own.plot(factor * samples.of(other), times * samples.of(name), ".", color="#1f4e79", markersize=2)
             own.tick_params(labelsize=6, labelbottom=i == size - 1, labelleft=j == 0 < i)
             own.locator_params(nbins=3)
+            own.ticklabel_format(style="plain", useOffset=False)
+            own.tick_params(axis="x", labelrotation=30)
             if i == size - 1:
                 own.set_xlabel(rows[j][1], fontsize="small")
             if j == 0 < i:

@@ -121,8 +121,11 @@ def test_interrupted_and_killed_runs_go_on(bench, specimen, tmp_path):
     assert np.array_equal(second[: first.size], first) and second.size > first.size
     with open(out / "points.csv", "a", encoding="utf-8") as stream:
         stream.write("123456.7,12.3,-4")  # as a crash of the machine may leave it
+    (out / "live.png").unlink(missing_ok=True)
+    (out / "live.png").mkdir()  # a picture that cannot be written costs no measurement
     done = run(specimen, bench.address, out, "--points", str(second.size))
     assert done.exit_code == 0, done.output
+    assert "live.png" in done.output and "measuring goes on without the picture" in done.output
     sweep = read_spectrum(out / "sweep.csv")
     assert np.all(np.isin(second, sweep.frequency)) and 123456.7 not in sweep.frequency
     assert bench.is_off() and bench.largest_voltage() <= 0.6
