@@ -213,7 +213,10 @@ class Fit:
 
     @cached_property
     def marginal(self) -> Marginal:
-        """What is left when all unknowns, and the errors of laws as unknowns of deviation 1, do their best (linear)."""
+        """What is left when errors of laws, as unknowns of deviation 1, do their best and the others follow (linear).
+
+        What the others could gain without the laws is left: a fit that was not brought to its end stays where it is.
+        """
         count, std = self.residual.size, self.parameters.prior_std
         laws = np.zeros((count, 0)) if self.law is None else self.law
         columns = np.hstack([self.jacobian * std, laws])
@@ -221,21 +224,25 @@ class Fit:
         right = np.concatenate([self.residual, self.further_residual, np.zeros(laws.shape[1])])
         held = np.isin(self.parameters.names, self.on_bound)
         moving = np.flatnonzero(~np.append(held, np.zeros(laws.shape[1], dtype=bool)))
-        level, left = self.noise_scale, right
+        whole, over = np.concatenate([columns, beside]), np.ones(right.size)
+        level, left, ended = self.noise_scale, right, right
+        if laws.size:
+            over[:count] = 1 / self.level
+            own = whole[:, moving[moving < std.size]]
+            ended = right + own @ np.linalg.lstsq(own * over[:, None], -right * over, rcond=1e-12)[0]
         for _ in range(_MANY):
-            over = np.ones(right.size)
             over[:count] = 1 / level
-            rows = np.concatenate([columns, beside]) * over[:, None]
+            rows = whole * over[:, None]
             basis, triangle = np.linalg.qr(rows)
             if not laws.size:
                 break
-            step = np.linalg.lstsq(rows[:, moving], -right * over, rcond=1e-12)[0]
-            left = right + np.concatenate([columns, beside])[:, moving] @ step
+            step = np.linalg.lstsq(rows[:, moving], -ended * over, rcond=1e-12)[0]
+            left = right + whole[:, moving] @ step
             freedom = count - float(np.sum(basis[:count] ** 2))
-            found = _level_of(left[:count] ** 2, self.weight, self.loss, freedom, self.data.level_std)
-            if abs(np.log(found / level)) < _EXACT_LEVEL:
+            probable = _level_of(left[:count] ** 2, self.weight, self.loss, freedom, self.data.level_std)
+            if abs(np.log(probable / level)) < _EXACT_LEVEL:
                 break
-            level = found
+            level = probable
         return Marginal(left[:count], left[count:], basis, float(np.sum(np.log(np.abs(np.diag(triangle))))), level)
 
     @cached_property

@@ -206,6 +206,11 @@ def test_evidence_integrates_over_what_laws_miss():
     assert honest.log_evidence > plain.log_evidence + 10
     assert honest.marginal.level == pytest.approx(1.0, abs=0.2) and plain.marginal.level > 3
     assert not honest.learned.probable
+    # a fit that did not come to its end gains nothing by a law that misses next to nothing
+    unfinished = replace(plain, residual=plain.residual + 3 * plain.jacobian @ plain.std)
+    almost = replace(unfinished, law=1e-9 * misses)
+    assert almost.log_evidence == pytest.approx(unfinished.log_evidence, abs=1.0)
+    assert unfinished.log_evidence < plain.log_evidence - 10
 
 
 def test_evidence_of_one_more_unknown_is_paid_by_its_prior(lab):
