@@ -35,7 +35,7 @@ _PAIRS = 4
 _AT_ONCE = 2
 #: A rough fit this near to what linearisation promised (in χ², over χ² per residual) has found the minimum there is.
 _AS_PROMISED = 1.0
-#: χ² per residual above which linearisation may be far off, and a rough fit have settled at a wrong place.
+#: χ² per residual above which a rough fit may have settled at a wrong place.
 _LEFT = 2.0
 
 Tell = Callable[[str], None]
@@ -324,9 +324,11 @@ class _Search:
             return max(settled.values(), default=-np.inf) - self._reach(rough.values())
 
         def most(number: int) -> bool:
-            """Whether linearisation explains most of a large misfit; what it leaves may be its own curvature."""
+            """Whether linearisation explains most of a misfit that no fit explains; what it leaves may be curvature."""
             left, misfit, size = found[number][0].promised, current.chi_square, current.residual.size
-            return misfit > _LEFT * size and left - size < (misfit - size) / 2
+            loudest = size * np.exp(2 * self._rules.significant * current.data.level_std)
+            unexplained = all(one is None or one.chi_square > loudest for one in rough.values())
+            return unexplained and left - size < (misfit - size) / 2
 
         by_promise = [n for n in np.argsort(promised)[::-1].tolist() if promised[n] > self._rules.promise]
         settle({n: one for n in by_promise if (one := known(candidates[n])) is not None})
