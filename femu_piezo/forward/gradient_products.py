@@ -203,7 +203,7 @@ def reshaped_products(
         p:   v₁ a bᵗ − (Gᵗa) bᵗ − a (Gᵗb)ᵗ
         p²:  v₂ a bᵗ − v₁ [(Gᵗa) bᵗ + a (Gᵗb)ᵗ] + (Gᵗa)(Gᵗb)ᵗ + (Gᵗ²a) bᵗ + a (Gᵗ²b)ᵗ
 
-    gradient : points (3, …), m → G (3, 3, …)
+    gradient : points (3, m, q) in m → G (3, 3, m, q), for the q Gauss points of m cells
     """
     here = gradient(np.asarray(basis.global_coordinates()))
     trace = np.einsum("aa...->...", here)
