@@ -176,6 +176,11 @@ def test_stiff_points_are_sought_again_with_the_constants_found(bodies, distance
     assert better.chi_square < 2 * better.residual.size
     values = better.x[own] * effect.scale
     np.testing.assert_allclose(values[[0, 2]], (stiffness, distance), rtol=0.03)
+    damped = found.x.copy()
+    damped[own.start + 1] = 0.3
+    elsewhere = [start.x[own] for start in relocated(one.evaluation, replace(found, x=damped), effect)]
+    assert all(np.array_equal(x[:2], damped[own][:2]) for x in elsewhere)  # sizes as found, at another place
+    assert len({x[2] for x in elsewhere}) == len(elsewhere)
 
 
 @pytest.mark.parametrize("key", ["wedge", "ovality"])
