@@ -181,9 +181,7 @@ class GradientProducts(ScalarProducts):
 
 def assemble_gradient_products(basis: skfem.Basis) -> GradientProducts:
     """Assemble the nine gradient products and the mass on a scalar scikit-fem basis."""
-    dx = basis.dx[:, None, :]
-    value = np.stack([np.broadcast_to(shape[0], basis.dx.shape) for shape in basis.basis], axis=1)
-    slopes = [np.stack([shape[0].grad[axis] for shape in basis.basis], axis=1) for axis in range(3)]
+    dx, (value, slopes) = basis.dx[:, None, :], _shapes(basis)
     summed, indices, indptr = _scatter(basis)
     gradients = np.empty((3, 3, indices.size))
     for a, b in itertools.product(range(3), repeat=2):
@@ -207,31 +205,30 @@ def reshaped_products(
     """
     here = gradient(np.asarray(basis.global_coordinates()))
     trace = np.einsum("aa...->...", here)
-    volumes = trace, (trace**2 - np.einsum("ab...,ba...->...", here, here)) / 2
-    plain = np.stack([np.stack([shape[0].grad[axis] for shape in basis.basis], axis=1) for axis in range(3)])
+    v1, v2 = trace[:, None], ((trace**2 - np.einsum("ab...,ba...->...", here, here)) / 2)[:, None]
+    value, plain = _shapes(basis)
     once = np.einsum("ba...,b...->a...", here[:, :, :, None], plain)
     twice = np.einsum("ba...,b...->a...", here[:, :, :, None], once)
+    # of each order: the growth of the volume, and left factors of right ones.
+    orders = (
+        (v1, ((v1 * plain - once, plain), (-plain, once))),
+        (v2, ((v2 * plain - v1 * once + twice, plain), (once - v1 * plain, once), (plain, twice))),
+    )
+    dx, (summed, indices, indptr) = basis.dx[:, None, :], _scatter(basis)
+    found = []
+    for growth, pairs in orders:
+        gradients = np.empty((3, 3, indices.size))
+        for a, b in itertools.product(range(3), repeat=2):
+            gradients[a, b] = summed(sum((dx * left[a]) @ right[b].transpose(0, 2, 1) for left, right in pairs))
+        mass = summed((value * dx * growth) @ value.transpose(0, 2, 1))
+        found.append(GradientProducts(indices, indptr, gradients, mass))
+    return found[0], found[1]
+
+
+def _shapes(basis: skfem.Basis) -> tuple[np.ndarray, np.ndarray]:
+    """Values (m, n, q) of the n shape functions at the q Gauss points of m cells, and their slopes (3, m, n, q)."""
     value = np.stack([np.broadcast_to(shape[0], basis.dx.shape) for shape in basis.basis], axis=1)
-    summed, indices, indptr = _scatter(basis)
-    first, second = np.empty((2, 3, 3, indices.size))
-    weights = [(basis.dx * part)[:, None] for part in (1.0, *volumes)]
-    for a, b in itertools.product(range(3), repeat=2):
-
-        def joined(left: np.ndarray, right: np.ndarray, weight: np.ndarray, a: int = a, b: int = b) -> np.ndarray:
-            return (left[a] * weight) @ right[b].transpose(0, 2, 1)
-
-        one, v1, v2 = weights
-        first[a, b] = summed(joined(plain, plain, v1) - joined(once, plain, one) - joined(plain, once, one))
-        second[a, b] = summed(
-            joined(plain, plain, v2)
-            - joined(once, plain, v1)
-            - joined(plain, once, v1)
-            + joined(once, once, one)
-            + joined(twice, plain, one)
-            + joined(plain, twice, one)
-        )
-    masses = [summed((value * weight) @ value.transpose(0, 2, 1)) for weight in weights[1:]]
-    return tuple(GradientProducts(indices, indptr, *both) for both in zip((first, second), masses, strict=True))
+    return value, np.stack([np.stack([shape[0].grad[axis] for shape in basis.basis], axis=1) for axis in range(3)])
 
 
 def _scatter(basis: skfem.Basis) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray, np.ndarray]:
