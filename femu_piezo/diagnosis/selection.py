@@ -80,6 +80,11 @@ class Hypothesis:
         """log posterior of the set, with a discrepancy or without."""
         return float(np.logaddexp(self.log_plain, self.log_with_discrepancy))
 
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """What is fitted goes before what is only extrapolated, and then what is more probable."""
+        return not self.fit.extrapolated, self.log_posterior
+
 
 @dataclass(frozen=True)
 class Trial:
@@ -225,10 +230,7 @@ class _Search:
             if fit_ is not None:
                 one = self._hypothesis(fit_)
                 old = self._known.get(one.keys)
-                if old is None or (not one.fit.extrapolated, one.log_posterior) > (
-                    not old.fit.extrapolated,
-                    old.log_posterior,
-                ):
+                if old is None or one.rank > old.rank:
                     self._known[one.keys] = one
 
     def run(self) -> None:
@@ -254,8 +256,7 @@ class _Search:
         return [one for one in found[: self._rules.beam] if one.log_posterior > least]
 
     def _best(self) -> Hypothesis:
-        fitted = (one for one in self._known.values() if not one.fit.extrapolated)
-        return max(fitted, key=lambda one: one.log_posterior)
+        return max(self._known.values(), key=lambda one: one.rank)
 
     def _exchange(self) -> bool:
         """Try every candidate in each place of the best set; whether a better set was found."""
@@ -271,9 +272,7 @@ class _Search:
         if keys not in self._known or self._known[keys].fit.extrapolated:
             parameters = current.parameters.without_candidate(key)
             x = parameters.carried(current.parameters, current.x)
-            found = self._fitted(parameters, [x])
-            if found is not None:
-                self._known[keys] = self._hypothesis(found)
+            self._keep([self._fitted(parameters, [x])])
         return self._known[keys].fit if keys in self._known else self._base.fit
 
     def _expand(self, current: Fit) -> tuple[tuple[Effect, Fit | None], ...]:

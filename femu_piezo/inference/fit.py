@@ -24,7 +24,7 @@ import numpy as np
 from scipy.linalg import block_diag, solve_triangular
 
 from femu_piezo.errors import ConvergenceError
-from femu_piezo.inference.laws import STEP, law_misses
+from femu_piezo.inference.laws import law_misses, log_slope
 from femu_piezo.inference.passivity import wall_and_readings
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, noise_level
@@ -80,10 +80,12 @@ class Marginal:
     log_determinant: float
     level: float
 
-    @property
-    def span(self) -> np.ndarray:
-        """(2k, n) rows of the data of Q: r − Q Qᵗ r is what no change within the priors explains."""
-        return self.basis[: self.residual.size]
+    @classmethod
+    def of(cls, columns: np.ndarray, left: np.ndarray, count: int, level: float) -> Marginal:
+        """Of all columns (2k + m, n) in prior standard deviations and what is left, the `count` rows of data first."""
+        over = np.where(np.arange(left.size) < count, 1 / level, 1.0)
+        basis, triangle = np.linalg.qr(columns * over[:, None])
+        return cls(left[:count], left[count:], basis, float(np.sum(np.log(np.abs(np.diag(triangle))))), level)
 
 
 @dataclass(frozen=True)
@@ -219,31 +221,28 @@ class Fit:
         """
         count, std = self.residual.size, self.parameters.prior_std
         laws = np.zeros((count, 0)) if self.law is None else self.law
-        columns = np.hstack([self.jacobian * std, laws])
         beside = block_diag(self.further_jacobian * std, np.eye(laws.shape[1]))
+        whole = np.concatenate([np.hstack([self.jacobian * std, laws]), beside])
         right = np.concatenate([self.residual, self.further_residual, np.zeros(laws.shape[1])])
-        held = np.isin(self.parameters.names, self.on_bound)
-        moving = np.flatnonzero(~np.append(held, np.zeros(laws.shape[1], dtype=bool)))
-        whole, over = np.concatenate([columns, beside]), np.ones(right.size)
-        level, left, ended = self.noise_scale, right, right
-        if laws.size:
-            over[:count] = 1 / self.level
-            own = whole[:, moving[moving < std.size]]
-            ended = right + own @ np.linalg.lstsq(own * over[:, None], -right * over, rcond=1e-12)[0]
+        if not laws.size:
+            return Marginal.of(whole, right, count, self.noise_scale)
+        own = np.flatnonzero(~np.isin(self.parameters.names, self.on_bound))
+        moving = np.append(own, np.arange(std.size, whole.shape[1]))
+
+        def followed(columns: np.ndarray, right: np.ndarray, level: float) -> np.ndarray:
+            """What the columns can change of the right side at their best, at a noise level."""
+            over = np.where(np.arange(right.size) < count, 1 / level, 1.0)
+            step = np.linalg.lstsq(columns * over[:, None], -right * over, rcond=1e-12)[0]
+            return columns @ step
+
+        ended, level = right + followed(whole[:, own], right, self.level), self.noise_scale
         for _ in range(_MANY):
-            over[:count] = 1 / level
-            rows = whole * over[:, None]
-            basis, triangle = np.linalg.qr(rows)
-            if not laws.size:
+            left = Marginal.of(whole, right + followed(whole[:, moving], ended, level), count, level)
+            freedom = count - float(np.sum(left.basis[:count] ** 2))
+            level = _level_of(left.residual**2, self.weight, self.loss, freedom, self.data.level_std)
+            if abs(np.log(level / left.level)) < _EXACT_LEVEL:
                 break
-            step = np.linalg.lstsq(rows[:, moving], -ended * over, rcond=1e-12)[0]
-            left = right + whole[:, moving] @ step
-            freedom = count - float(np.sum(basis[:count] ** 2))
-            probable = _level_of(left[:count] ** 2, self.weight, self.loss, freedom, self.data.level_std)
-            if abs(np.log(probable / level)) < _EXACT_LEVEL:
-                break
-            level = probable
-        return Marginal(left[:count], left[count:], basis, float(np.sum(np.log(np.abs(np.diag(triangle))))), level)
+        return left
 
     @cached_property
     def log_evidence(self) -> float:
@@ -259,7 +258,7 @@ class Fit:
         one = self.marginal
         left = np.concatenate([one.residual / one.level, one.further])
         left = (left - one.basis @ (one.basis.T @ left)) * one.level
-        return learn_discrepancy(self.data, self.log_slope, left, one.span, self.weight)
+        return learn_discrepancy(self.data, self.log_slope, left, self.span, self.weight)
 
     @property
     def log_error(self) -> np.ndarray:
@@ -289,7 +288,7 @@ class Fit:
     @property
     def span(self) -> np.ndarray:
         """(2k, n) Q: r − Q Qᵗ r is what no change of the unknowns within their priors, or of laws, explains."""
-        return self.marginal.span
+        return self.marginal.basis[: self.residual.size]
 
     @cached_property
     def _levers(self) -> np.ndarray:
@@ -395,9 +394,9 @@ def fit(
                 f"no fit of {', '.join(parameters.material.free.names)} settled: check dimensions, density and "
                 "poling, or free fewer constants"
             )
-        ahead, behind = (response.at(1 + sign * STEP).with_jacobian(parameters, best.x)[0] for sign in (1, -1))
-        law = law_misses(response, data, parameters, best.x, best.parts[:2])
-    return _at(best, np.log(ahead / behind) / (2 * STEP), law)
+        slope = log_slope(response, parameters, best.x)
+        law = law_misses(response, data, parameters, best.x, best.parts[:2], slope)
+    return _at(best, slope, law)
 
 
 def _at(found: _Descent, log_slope: np.ndarray, law: np.ndarray) -> Fit:

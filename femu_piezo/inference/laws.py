@@ -17,13 +17,19 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.measurement.sweeps import SweepData
+from femu_piezo.measurement.sweeps import SweepData, stacked
 
 if TYPE_CHECKING:
     from femu_piezo.inference.fit import Response
 
-#: Relative step of the frequency for slopes in log f.
-STEP = 1e-5
+#: Relative step of the frequency for ∂log Z/∂log f.
+_STEP = 1e-5
+
+
+def log_slope(response: Response, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
+    """(k,) ∂log Z/∂log f at x (n_x,)."""
+    ahead, behind = (response.at(1 + sign * _STEP).with_jacobian(parameters, x)[0] for sign in (1, -1))
+    return np.log(ahead / behind) / (2 * _STEP)
 
 
 def law_misses(
@@ -32,13 +38,14 @@ def law_misses(
     parameters: Unknowns,
     x: np.ndarray,
     at_x: tuple[np.ndarray, np.ndarray],
+    slope: np.ndarray,
 ) -> np.ndarray:
     """(2k, m) whitened errors of log Z, independent and of one standard deviation each, of all laws at x (n_x,).
 
     Of every parameter p: e p ∂log Z/∂p. Of the first one, the size, with Δ the change of log Z between the effect as it
     is at x and none, in each band: e Δ, and φ p² ∂Δ/∂log f. Known effects have laws as fitted ones do.
 
-    at_x : whitened residual (2k,) and Jacobian (2k, n_x) there
+    at_x : whitened residual (2k,) and Jacobian (2k, n_x) there;  slope : (k,) ∂log Z/∂log f there
     """
     known = [item for item in parameters.fixed if _approximate(item[0])]
     whole = replace(
@@ -51,12 +58,6 @@ def law_misses(
         return np.zeros((2 * data.impedance.size, 0))
     at = np.concatenate([x, *(values / effect.scale for effect, values in known)])
     residual, jacobian = data.whitened(*response.with_jacobian(whole, at)) if known else at_x
-
-    def slope(at: np.ndarray) -> np.ndarray:
-        """(2k,) of the whitened residual in log f."""
-        ends = (data.whitened(*response.at(1 + sign * STEP).with_jacobian(whole, at))[0] for sign in (1, -1))
-        return (next(ends) - next(ends)) / (2 * STEP)
-
     found = []
     for number in numbers:
         effect, own = whole.effects[number], whole.columns(number)
@@ -67,7 +68,8 @@ def law_misses(
         misses = [errors[0] * (residual - data.whitened(*response.with_jacobian(whole, without))[0])]
         if detuning := effect.parameters[0].law_detuning:
             size = (at - without)[own.start] * effect.scale[0]
-            misses.append(detuning * size**2 * (slope(at) - slope(without)))
+            change = (slope - log_slope(response, whole, without)) * data.weight
+            misses.append(detuning * size**2 * stacked(change))
         found += [_in_bands(data, miss) for miss in misses]
     return np.hstack(found)
 
