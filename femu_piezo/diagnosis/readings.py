@@ -33,7 +33,7 @@ def readings(effects: Sequence[Effect], contexts: dict[str, EffectContext]) -> l
         if effect.name in _FIXTURE:
             words, std = _FIXTURE[effect.name]
             found.append((words, {key: np.array([1 / std])}))
-        elif effect.stretch is not None or effect.reshaping is not None:
+        elif effect.resizes:
             dimension = effect.name.removeprefix("wrong_").replace("_", " ")
             words = f"measure the {dimension}{_whose(effect)} with a micrometer, to 0.1 %"
             found.append((words, {key: np.array([1 / _MICROMETER])}))

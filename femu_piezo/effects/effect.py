@@ -161,12 +161,12 @@ class Effect:
     ----------
     name : as in results and in the [effects] table of a specimen file
     sentence : what it is, in physical words
-    reshaping : map of the body whose size is the first parameter, of a dimension that no stretch along an axis changes
     variant : the constant that is meant, where one name has several candidates
     law : another formula of the same cause, where it has several
     specimen : name of the specimen that has the effect, of several diagnosed together; "" where all share it
     confusable_with : names of effects and constants it may be hard to tell from
     advice : further measurements that separate it from those
+    reshaping : map of the body whose size is the first parameter, of a dimension that no stretch along an axis changes
     dispersive : whether `constants` or a coefficient depends on ω
     sectors : groups of unknowns beyond the driven ones that the terms couple
         (`femu_piezo.effects.local.sectors`)
@@ -222,6 +222,11 @@ class Effect:
             parameters=tuple(replace(one, spread=0.0, tolerance=float(spread)) for one, spread in wide),
             freed=True,
         )
+
+    @property
+    def resizes(self) -> bool:
+        """Whether it is about a dimension of the body."""
+        return self.stretch is not None or self.reshaping is not None
 
     @cached_property
     def sizes(self) -> np.ndarray:

@@ -30,7 +30,7 @@ def source_of(effect: Effect) -> str:
     """Which source of the budget the tolerance of an effect belongs to."""
     if effect.freed:
         return "prior"
-    if effect.stretch is not None or effect.reshaping is not None:
+    if effect.resizes:
         return "geometry"
     if effect.density is not None:
         return "density"

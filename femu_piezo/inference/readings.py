@@ -120,7 +120,7 @@ def _plain(active: list[Active]) -> list[Active]:
 def _scaled(active: list[Active], unknowns: int, powers: np.ndarray, density: int) -> tuple[float, np.ndarray]:
     """Product of the factors on the dimensions to given powers (3,) and on the density, and its logarithmic slopes.
 
-    The powers of x and y are alike.
+    A body that is reshaped has its electrodes on the faces along z; x and y have the same power there.
     """
     found, slopes = 1.0, np.zeros(unknowns)
     for item in active:

@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from femu_piezo.output.curves import MEASURED, PRINTED, UPDATED, draw_impedance, frequency_axis
 from femu_piezo.output.picture import Picture
 from femu_piezo.output.tables import deviation_percent, figure_words, number
+from femu_piezo.specimen.geometry import LENGTHS
 from femu_piezo.standards.figures import StandardFigures
 from femu_piezo.study.results import Outcome, UpdateResult
 
@@ -62,8 +63,7 @@ def _body_words(outcome: Outcome) -> str:
     sizes = [
         f"{key.replace('_', ' ')} {1e3 * value:.5g} mm"
         for key, value in geometry
-        if isinstance(value, float)
-        and key in ("length", "width", "width_end", "thickness", "diameter", "inner_diameter")
+        if isinstance(value, float) and key in LENGTHS
     ]
     low, high = spectrum.frequency[[0, -1]]
     sweep = f"{len(spectrum)} points, {low / 1e3:.5g} to {high / 1e3:.5g} kHz"

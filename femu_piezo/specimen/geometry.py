@@ -33,8 +33,8 @@ DIMENSIONS = {
     "ring": ("diameter", "inner_diameter", "thickness"),
     "mesh": ("file",),
 }
-#: Dimensions that have a standard deviation, `std_NAME`.
-MEASURED = ("length", "width", "width_end", "thickness", "diameter", "inner_diameter")
+#: Dimensions by name, each with a standard deviation `std_NAME`.
+LENGTHS = ("length", "width", "width_end", "thickness", "diameter", "inner_diameter")
 #: What a slab may have beyond its dimensions.
 FEATURES = (
     "hole_diameter",
@@ -140,11 +140,11 @@ class Geometry(Table):
         return self._wrong_dimensions() or self._wrong_feature() or self._wrong_poling() or self._wrong_tolerance()
 
     def _wrong_tolerance(self) -> str | None:
-        for name in MEASURED:
+        for name in LENGTHS:
             if getattr(self, f"std_{name}") is not None and getattr(self, name) is None:
                 words = name.replace("_", " ")
                 return f"geometry.std_{name} is given, but a {self.shape} has no {words}; take it out"
-        for name in (*MEASURED, "mass"):
+        for name in (*LENGTHS, "mass"):
             size, std = getattr(self, name), getattr(self, f"std_{name}")
             if size is not None and std is not None and std > _LOOSEST * size:
                 unit = "kg" if name == "mass" else "m"

@@ -220,12 +220,8 @@ def _second_specimen(now: Plan, one: Subject, model: ExtendedModel, effects: Seq
     try:
         problem = prepare(_halved(one.problem, dimension), check=False)
         common = [effect for effect in effects if is_common(effect)]
-        sizes = []
-        for effect in one.library:
-            if effect.has_tolerance and effect.reshaping is not None:
-                sizes.append(_of_body(effect, problem))
-            elif effect.has_tolerance and (effect.stretch is not None or effect.density is not None):
-                sizes.append(_measured_alike(effect, dimension))
+        sizes = [_measured_alike(effect, dimension, problem) for effect in one.library if effect.has_tolerance]
+        sizes = [effect for effect in sizes if effect.resizes or effect.density is not None]
         other = _coarse(problem, one, [*common, *sizes], constants, 2 * one.measured.band_Hz)
     except (InputError, ConvergenceError):
         return []
@@ -240,17 +236,12 @@ def _second_specimen(now: Plan, one: Subject, model: ExtendedModel, effects: Seq
     return [Plan(words, Ensemble(parts), noise, now.owner, new_sweeps=True, tolerances=own)]
 
 
-def _of_body(effect: Effect, problem: Problem) -> Effect:
-    """A dimension that a map of the body changes, of another one of the kind; as well known."""
-    name = effect.name.removeprefix("wrong_")
-    return replace(effect, reshaping=reshapings(problem.plate)[name]).within_tolerance
-
-
-def _measured_alike(effect: Effect, halved: str) -> Effect:
+def _measured_alike(effect: Effect, halved: str, second: Problem) -> Effect:
     """What is known of a size of the second specimen, by the same tools: half a length is twice as uncertain."""
-    share = 2.0 if effect.name == f"wrong_{halved}" else 1.0
-    known = (replace(one, tolerance=share * one.tolerance) for one in effect.parameters)
-    return replace(effect, parameters=tuple(known)).within_tolerance
+    name = effect.name.removeprefix("wrong_")
+    share = 2.0 if name == halved else 1.0
+    known = tuple(replace(one, tolerance=share * one.tolerance) for one in effect.parameters)
+    return replace(effect, parameters=known, reshaping=reshapings(second.plate).get(name)).within_tolerance
 
 
 def _halved(problem: Problem, dimension: str) -> Specimen:

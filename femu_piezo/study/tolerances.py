@@ -9,7 +9,7 @@ import numpy as np
 
 from femu_piezo.material.constants import D_FORM
 from femu_piezo.specimen.file import Measurement, Residue, Update
-from femu_piezo.specimen.geometry import MEASURED, Geometry
+from femu_piezo.specimen.geometry import LENGTHS, Geometry
 from femu_piezo.study.problem import Problem
 
 #: Of a mass, relative.
@@ -31,7 +31,7 @@ def tolerances(problem: Problem) -> dict[str, float]:
 
 def _geometry(geometry: Geometry) -> dict[str, float]:
     found = {}
-    for name in MEASURED:
+    for name in LENGTHS:
         size = getattr(geometry, name)
         if size is not None:
             found[name] = geometry.stated(f"std_{name}") / size

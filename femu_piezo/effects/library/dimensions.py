@@ -60,13 +60,14 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     """
 
     def dimension(name: str, **hooks) -> Effect:
+        words = name.replace("_", " ")
         return Effect(
             name=f"wrong_{name}",
-            sentence=f"the {name} in the specimen file is not that of the specimen",
+            sentence=f"the {words} in the specimen file is not that of the specimen",
             parameters=_error(context, name),
             confusable_with=_CONFUSABLE[name],
             advice=(
-                f"measure the {name} with a micrometer",
+                f"measure the {words} with a micrometer",
                 "widen the band to the modes of the other dimensions",
                 "measure a second specimen of the same material and other size: a constant is common to both",
             ),
