@@ -116,7 +116,7 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
         way = [refit(one.model, data) for one in few.way]
     nothing = np.zeros(0, complex)
     first = start or RationalModel(data.axis, data.scale, nothing, nothing, np.zeros(2, complex))
-    best = _grown(_record(refit(first, data), data, tried), data, max_modes, tried, way)
+    best = _grown(_record(_passive(refit(first, data), data), data, tried), data, max_modes, tried, way)
     for count in CROWDS if start is None else ():
         if not is_correlated(best, data) or 2 * count + DEGREE + 1 >= len(data) or count > 2 * max_modes:
             break
@@ -125,10 +125,18 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
             rival = _grown(_prune(_record(crowd, data, tried), data, tried), data, max_modes, tried, way)
             best = min(best, rival, key=lambda f: evidence(f, data))
     if start is None and is_correlated(best, data) and min(CROWDS) <= best.model.poles.size < len(data) / 8:
-        other = refit(search(data.thinned(len(data) // 2), max_modes).best.model, data)
+        other = _passive(refit(search(data.thinned(len(data) // 2), max_modes).best.model, data), data)
         rival = _grown(_prune(_record(other, data, tried), data, tried), data, max_modes, tried, way)
-        best = min((one for one in (best, rival) if is_passive(one.model)), key=lambda f: evidence(f, data))
+        best = min(best, rival, key=lambda f: evidence(f, data))
     return Search(best, tuple(tried), (*way, best))
+
+
+def _passive(best: Fit, data: NormalisedSweep) -> Fit:
+    """A fit without the modes that draw power the wrong way, the weakest of them first."""
+    while not is_passive(best.model):
+        strength = np.where(_active(best.model), _significance(best, data), np.inf)
+        best = refit(without(best.model, int(np.argmin(strength))), data)
+    return best
 
 
 def _grown(best: Fit, data: NormalisedSweep, max_modes: int, tried: list[Candidate], way: list[Fit]) -> Fit:

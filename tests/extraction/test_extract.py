@@ -1,12 +1,14 @@
 """`extract` on the exact 1-D bar: true poles and zeros are known to all digits."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from femu_piezo.errors import InputError
 from femu_piezo.extraction import extract
+from femu_piezo.extraction.order import is_passive
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 from .bar import Bar, sweep
@@ -154,3 +156,17 @@ def test_impossible_readings_are_refused():
         extract(ImpedanceSpectrum(np.linspace(28e3, 48e3, 50), z))
     with pytest.raises(InputError, match="guess"):
         extract(ImpedanceSpectrum(np.linspace(28e3, 48e3, 50), np.ones(50)), method="guess")
+
+
+def test_a_start_that_draws_power_the_wrong_way_is_left():
+    """Beside a resonance the data hold a pole of negative residue, and the start has both: the first alone remains."""
+    model = extract(sweep(BAR, np.linspace(28e3, 48e3, 401))).model
+    (pole,), (residue,) = model.poles, model.residues
+    start = replace(
+        model, poles=np.array([pole, pole + pole.imag]), residues=residue * np.array([1.0 - 0.1j, -0.2 + 0.1j])
+    )
+    frequency = np.linspace(28e3, 48e3, 401)
+    impedance = 1 / start.admittance(2 * np.pi * frequency)
+    found = extract(ImpedanceSpectrum(frequency, impedance, noise=1e-3 * np.abs(impedance)), start=start)
+    assert found.model.poles.size >= 1
+    assert is_passive(found.model)
