@@ -16,10 +16,10 @@ import scipy.sparse as sp
 
 from femu_piezo.effects.effect import Effect, ExtraTerm
 from femu_piezo.effects.local.box_fields import BoxFields
+from femu_piezo.effects.local.mesh_fields import MeshFields
 from femu_piezo.effects.local.operators import Places
 from femu_piezo.effects.local.round_fields import RoundFields
 from femu_piezo.effects.local.sectors import DRIVEN, Fields, Sectors
-from femu_piezo.effects.local.weighted_forms import WeightedProducts
 from femu_piezo.forward.mesh_error import MeshError, mesh_error
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.model import ElectroelasticModel
@@ -221,8 +221,10 @@ def extend_model(
     reduced = _driven(model, training, needs, matrices, band_Hz, accuracy)
     if model.domain.radii is not None:
         fields = RoundFields(model, reduced, training[0], needs.sectors)
+    elif model.products.grid is not None and len(model.domain.symmetry) == 3:
+        fields = BoxFields(model, reduced, training, needs.sectors)
     else:
-        fields = BoxFields(WeightedProducts(model), reduced, training, needs.sectors)
+        fields = MeshFields(model, reduced, training[0], needs.sectors)
     return _Source(fields, needs, matrices).model(())
 
 

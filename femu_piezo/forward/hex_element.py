@@ -71,6 +71,18 @@ class ElementHexP(ElementH1):
         gradient = np.einsum("ijkl,ikl->jkl", inverse, np.broadcast_to(gradient, (3, *shape)))
         return (DiscreteField(np.broadcast_to(value, shape), gradient),)
 
+    def all_functions(self, mapping: Mapping, X: np.ndarray, tind: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values (functions, cells, points) and gradients (3, functions, cells, points) of all functions at once.
+
+        X : (3, cells, points) reference points of the cells `tind`
+        """
+        (lines, slopes), own = self._lines(X), self.indices(mapping.mesh)[:, tind]
+        number, axis, cell = own.transpose(2, 0, 1), np.arange(3)[:, None, None], np.arange(len(tind))
+        x, y, z = lines[number, axis, cell]
+        dx, dy, dz = slopes[number, axis, cell]
+        reference = np.array([dx * y * z, x * dy * z, x * y * dz])
+        return x * y * z, np.einsum("ijkl,ifkl->jfkl", mapping.invDF(X, tind), reference)
+
     def _at_points(self, mapping: Mapping, X: np.ndarray, tind: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """What all functions share at the same points: polynomials along each axis, and the inverse Jacobian."""
         asked, latest = (mapping, X, tind), self._latest_points
@@ -83,6 +95,17 @@ class ElementHexP(ElementH1):
         at = 2 * X.reshape(3, -1, X.shape[-1]) - 1
         slopes = 2 * legendre.legder(self._coefficients)
         return np.array([legendre.legval(at, self._coefficients), legendre.legval(at, slopes)])
+
+
+def shapes_at(basis: skfem.CellBasis, at: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values (functions, m) and gradients (3, functions, m) of a scalar basis at one point (3, m) of each cell (m,)."""
+    X = at[:, :, None]
+    if isinstance(basis.elem, ElementHexP):
+        value, gradient = basis.elem.all_functions(basis.mapping, X, cells)
+        return value[:, :, 0], gradient[:, :, :, 0]
+    own = [basis.elem.gbasis(basis.mapping, X, i, tind=cells)[0] for i in range(basis.Nbfun)]
+    values = [np.broadcast_to(np.asarray(one), (cells.size, 1))[:, 0] for one in own]
+    return np.array(values), np.stack([one.grad[:, :, 0] for one in own], axis=1)
 
 
 def lobatto_nodes(order: int) -> np.ndarray:

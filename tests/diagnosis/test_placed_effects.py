@@ -10,7 +10,7 @@ from hidden_effects.build import Build
 from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
 from femu_piezo.diagnosis.starts import starts
 from femu_piezo.effects.effect import Effect, EffectParameter, LocalTerm
-from femu_piezo.effects.local.box_fields import flipped_axes
+from femu_piezo.effects.local.mesh_fields import flipped_axes
 from femu_piezo.inference.fit import fit
 
 

@@ -1,4 +1,7 @@
-"""Displacements of a reduced body on one of its faces, at any point: polynomials along x and y, or along r."""
+"""Displacements of a reduced body on one of its faces, at any point: polynomials along x and y, or along r.
+
+Those on any other mesh: `femu_piezo.effects.local.face_on_mesh`.
+"""
 
 from __future__ import annotations
 
@@ -40,6 +43,15 @@ class Face(ABC):
     def at(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
         """N (3, u) and its slopes ∂N/∂x, ∂N/∂y (2, 3, u) at a point, m."""
 
+    def at_all(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """N (m, 3, u) and its slopes ∂N/∂x, ∂N/∂y (m, 2, 3, u) at points (m, 2), m."""
+        values, slopes = zip(*(self.at(*point) for point in points.tolist()), strict=True)
+        return np.array(values), np.array(slopes)
+
+
+class RuledFace(Face):
+    """One whose lines across it, or circles on it, can be named by one number."""
+
     @abstractmethod
     def line(self, place: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points (m, 2) of the line across the face at x = place, or of the circle of that radius, m.
@@ -67,7 +79,7 @@ class Face(ABC):
 
 
 @dataclass(frozen=True)
-class BoxFace(Face):
+class BoxFace(RuledFace):
     """Displacements on the face z = +t/2 of the positive octant as polynomials in ξ = 4x/L − 1, η = 4y/W − 1.
 
     Attributes
@@ -123,7 +135,7 @@ def on_face(model: ElectroelasticModel, fields: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class RoundFace(Face):
+class RoundFace(RuledFace):
     """Of a disk or ring: u_r, u_z ∝ cos nθ and u_θ ∝ sin nθ, polynomials of r.
 
     Attributes

@@ -17,9 +17,10 @@ import numpy as np
 
 from femu_piezo.effects.effect import LocalTerm
 from femu_piezo.effects.local.blocks import Blocks
-from femu_piezo.effects.local.box_fields import SLICES, Flipped
+from femu_piezo.effects.local.box_fields import SLICES
 from femu_piezo.effects.local.end_strips import BareEnds, measure_bare_ends, measure_bare_rims
 from femu_piezo.effects.local.faces import Face
+from femu_piezo.effects.local.mesh_fields import Flipped
 from femu_piezo.effects.local.round_deformations import COUPLED, OVAL, WEDGE
 from femu_piezo.effects.local.round_fields import ORDERS, RoundFields
 from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Sectors

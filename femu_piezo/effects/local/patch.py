@@ -25,8 +25,7 @@ class Patch:
     def __init__(self, face: Face, x: float, y: float, radius: float) -> None:
         shares = np.stack(np.meshgrid(*2 * [_NODES], indexing="ij"), axis=-1).reshape(-1, 2) * np.sqrt(np.pi) / 2
         self._weights = np.multiply.outer(_WEIGHTS, _WEIGHTS).ravel() / 4
-        values, slopes = zip(*(face.at(x + a * radius, y + b * radius) for a, b in shares), strict=True)
-        self._values, along = np.array(values), np.array(slopes)  # (points, 3, u), (points, 2, 3, u)
+        self._values, along = face.at_all((x, y) + shares * radius)  # (points, 3, u), (points, 2, 3, u)
         grown = np.einsum("gd,gdcu->gcu", shares, along)
         self._moved = np.concatenate([along, grown[:, None]], axis=1)  # by x, y, radius
         self.mean = np.tensordot(self._weights, self._values, axes=1)

@@ -12,10 +12,7 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-import scipy.sparse as sp
-import scipy.sparse.linalg as spla
 
-from femu_piezo.forward.electrodes import electrode_faces, electrode_film
 from femu_piezo.forward.gradient_products import ScalarProducts
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.tensor_grid import kronecker_times, line_products
@@ -134,21 +131,6 @@ class WeightedProducts:
         for own, image in zip(displacements, found, strict=True):
             image[grid.order] = self.model.density * kronecker_times(factors, own[grid.order])
         return found
-
-    @cached_property
-    def film(self) -> sp.csr_matrix:
-        """(4n, 4n) ∫ v·u over the electrode of the part, m² per unit of displacement²."""
-        return electrode_film(electrode_faces(self.model))
-
-    @cached_property
-    def mass(self) -> spla.LinearOperator:
-        """(3n, 3n) mass of all displacements, symmetry planes not held, kg."""
-
-        def times(displacements: np.ndarray) -> np.ndarray:
-            parts = displacements.reshape(3, self.model.basis.N, -1)
-            return self.model.density * np.concatenate([self.model.products.mass_times(part) for part in parts])
-
-        return spla.LinearOperator((3 * self.model.basis.N,) * 2, matvec=times, matmat=times, dtype=float)
 
     @property
     def _half(self) -> float:

@@ -1,0 +1,149 @@
+"""Displacements on the upper face of any mesh, at any point of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.sparse as sp
+from skfem.refdom import RefHex
+
+from femu_piezo.effects.local.faces import Face
+from femu_piezo.forward.hex_element import shapes_at
+from femu_piezo.forward.model import ElectroelasticModel
+
+#: Points along each side of a facet that tell where it lies.
+_SAMPLES = 5
+#: Elements in which a point is looked for, the nearest first.
+_CANDIDATES = 6
+#: Distance over the height of the mesh within which points are the same.
+_NEAR = 1e-9
+#: How far beside an element its polynomials are used, over its size.
+_BESIDE = 0.25
+#: Steps of Newton's method to the place in an element.
+_STEPS = 12
+
+
+class FaceOnMesh:
+    """The facets of a mesh whose z is largest: where a point lies among them, and the shape functions there.
+
+    Parameters
+    ----------
+    model : the mesh with its basis of n functions, and its mirror planes
+    """
+
+    def __init__(self, model: ElectroelasticModel) -> None:
+        mesh, basis = model.domain.mesh, model.basis
+        self._basis, self._top = basis, float(mesh.p[2].max())
+        near = _NEAR * float(np.ptp(mesh.p[2]))
+        facets = np.flatnonzero(np.all(mesh.p[2][mesh.facets] > self._top - near, axis=0))
+        self._cells = mesh.f2t[0, facets]
+        side = np.linspace(0, 1, _SAMPLES)
+        samples = np.stack(np.meshgrid(side, side, indexing="ij")).reshape(2, -1)
+        self._is_hexahedral = mesh.elem.refdom is RefHex
+        if not self._is_hexahedral:
+            samples = samples[:, samples.sum(axis=0) < 1 + _NEAR]
+        places = mesh.mapping().G(samples, find=facets)[:2]
+        self._low, self._high = places.min(axis=2), places.max(axis=2)
+        self._nodes = np.flatnonzero(basis.doflocs[2] > self._top - near)
+        self._number = np.full(basis.N, -1)
+        self._number[self._nodes] = np.arange(self._nodes.size)
+        self.mirrors = tuple(axis for axis in sorted(model.domain.symmetry.values()) if axis < 2)
+
+    def of(self, fields: np.ndarray) -> np.ndarray:
+        """(nodes, 3, k) displacements at the nodes of the face, of fields (4, n, k)."""
+        return np.ascontiguousarray(fields[:3, self._nodes].transpose(1, 0, 2))
+
+    def probe(self, points: np.ndarray) -> list[sp.csr_matrix]:
+        """Values and slopes along x and y, each (m, nodes), at points (m, 2) in m.
+
+        Somewhat beside the face the polynomials of the nearest element go on; farther away, values are those at the
+        nearest point of that.
+        """
+        cells, at = self._located(points)
+        value, gradient = shapes_at(self._basis, at, cells)  # (functions, m), (3, functions, m)
+        slopes = np.einsum("bfm,bam->afm", gradient, self._followed(at, cells))
+        columns = self._number[self._basis.element_dofs[:, cells]]
+        on, rows = columns >= 0, np.broadcast_to(np.arange(len(points)), columns.shape)
+        shape = (len(points), self._nodes.size)
+        return [sp.csr_matrix((one[on], (rows[on], columns[on])), shape=shape) for one in (value, *slopes[:2])]
+
+    def _located(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The element (m,) of each point and its place there (3, m)."""
+        gap = np.maximum(self._low.T - points[:, None], points[:, None] - self._high.T)
+        nearest = np.argsort(np.linalg.norm(np.maximum(gap, 0.0), axis=2), axis=1)[:, :_CANDIDATES]
+        cells, found, least = np.zeros(len(points), dtype=int), np.zeros((3, len(points))), np.full(len(points), np.inf)
+        places = np.column_stack([points, np.full(len(points), self._top)]).T
+        for candidates in nearest.T:
+            left = np.flatnonzero(least > _NEAR)
+            if left.size == 0:
+                break
+            own = self._cells[candidates[left]]
+            at = self._within(places[:, left], own)
+            away = np.linalg.norm(places[:, left] - self._basis.mapping.F(at[:, :, None], own)[:, :, 0], axis=0)
+            beside = np.linalg.norm(np.maximum(self._beyond(at), 0.0), axis=0) + away / self._top
+            better = beside < least[left]
+            chosen = left[better]
+            cells[chosen], found[:, chosen], least[chosen] = own[better], at[:, better], beside[better]
+        return cells, found
+
+    def _beyond(self, at: np.ndarray) -> np.ndarray:
+        """How far reference points (3, m) are beyond each plane that bounds an element: (6 or 4, m), < 0 inside."""
+        upper = at - 1 if self._is_hexahedral else at.sum(axis=0, keepdims=True) - 1
+        return np.concatenate([-at, upper])
+
+    def _within(self, places: np.ndarray, cells: np.ndarray) -> np.ndarray:
+        """Reference points (3, m) of the somewhat enlarged elements nearest to places (3, m), by Newton's method."""
+        mapping, at = self._basis.mapping, np.full((3, cells.size, 1), 1 / 3)
+        for _ in range(_STEPS):
+            step = np.einsum("ijkl,jkl->ikl", mapping.invDF(at, cells), places[:, :, None] - mapping.F(at, cells))
+            at = np.clip(at + step, -_BESIDE, 1.0 + _BESIDE)
+            if not self._is_hexahedral:
+                at = at - np.maximum(at.sum(axis=0) - 1.0 - _BESIDE, 0.0) / 3
+        return at[:, :, 0]
+
+    def _followed(self, at: np.ndarray, cells: np.ndarray) -> np.ndarray:
+        """(3, 3, m) what of a change of a place its point (3, m) follows: nothing across a plane that holds it."""
+        held = self._beyond(at) > _BESIDE - _NEAR
+        outward = np.concatenate([-np.eye(3), np.eye(3) if self._is_hexahedral else np.ones((1, 3)) / np.sqrt(3)])
+        kept = np.eye(3)[:, :, None] - np.einsum("pi,pj,pm->ijm", outward, outward, held.astype(float))
+        mapping, X = self._basis.mapping, at[:, :, None]
+        return np.einsum("ijm,jkm,klm->ilm", mapping.DF(X, cells)[..., 0], kept, mapping.invDF(X, cells)[..., 0])
+
+
+@dataclass(frozen=True)
+class MeshFace(Face):
+    """Displacements on the face of a part whose z is largest, and by parity on what its mirror planes show.
+
+    Attributes
+    ----------
+    face : the facets
+    coefficients : (nodes, 3, u) of every displacement unknown
+    flipped : (3, u) about which axes the parity of each unknown differs from that of the driven class
+    """
+
+    face: FaceOnMesh
+    coefficients: np.ndarray = field(repr=False)
+    flipped: np.ndarray = field(repr=False)
+    group: np.ndarray = field(repr=False)
+    copies: int
+
+    def at_all(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """N (m, 3, u) and its slopes ∂N/∂x, ∂N/∂y (m, 2, 3, u) at points (m, 2), m."""
+        own, sign = points.copy(), np.ones((len(points), 2))
+        for axis in self.face.mirrors:
+            sign[:, axis], own[:, axis] = np.where(points[:, axis] < 0, -1.0, 1.0), np.abs(points[:, axis])
+        flat = self.coefficients.reshape(self.coefficients.shape[0], -1)
+        value, *slopes = ((one @ flat).reshape(len(points), 3, -1) for one in self.face.probe(own))
+        parity = np.ones_like(value)
+        for axis in self.face.mirrors:
+            # in the driven class the displacement along the axis is odd, the others are even
+            odd = (np.arange(3) == axis)[:, None] != self.flipped[axis]
+            parity[(sign[:, axis] < 0)[:, None, None] & odd] *= -1
+        along = np.stack([slope * parity * way[:, None, None] for slope, way in zip(slopes, sign.T, strict=True)], 1)
+        return value * parity, along
+
+    def at(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray]:
+        """N (3, u) and its slopes ∂N/∂x, ∂N/∂y (2, 3, u) at a point, m."""
+        value, slopes = self.at_all(np.array([[x, y]]))
+        return value[0], slopes[0]

@@ -1,0 +1,227 @@
+"""`MeshFields`: fields of every sector of a body on its own mesh, or on the part that its mirror planes cut.
+
+Beside "driven" and "spot", a sector with letters holds the modes of the parity class that is flipped about those axes,
+"x" to "xyz" (`femu_piezo.forward.parity`), as far as the body has such mirror planes; "undriven" those modes of the
+driven class that the driven unknowns lack, which on a body without mirror planes are all that the terminals hardly
+drive; "film" and "z film" the local response of a class to films on the electrodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+
+from femu_piezo.effects.effect import ExtraTerm
+from femu_piezo.effects.local.face_on_mesh import FaceOnMesh, MeshFace
+from femu_piezo.effects.local.faces import Face
+from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Fields, driven_states
+from femu_piezo.forward.electrodes import electrode_faces, electrode_film
+from femu_piezo.forward.gradient_products import FIELDS
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.parity import ParityClass
+from femu_piezo.forward.reduced_basis import new_directions
+from femu_piezo.forward.reduction import ReducedModel
+from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.threads import Once, in_parallel
+
+UNDRIVEN, FILM = "undriven", "film"
+#: Local responses smaller than this share of the largest, outside what is known, are dropped.
+_KEEP = 1e-3
+#: Part of a mode beside the driven unknowns below which these have it already.
+_UNDRIVEN = 1e-2
+#: Frequency of the local responses, as a share of the band's ω².
+_SHIFT = 0.3
+
+#: Axes about whose mirror plane the parity of a class is flipped.
+Flipped = tuple[int, ...]
+#: How a class responds to loads (4n, k): (4n, k).
+Response = Callable[[np.ndarray], np.ndarray]
+
+
+def flipped_axes(sector: str) -> Flipped:
+    """Axes about whose mirror plane the parity is flipped: "xz" → (0, 2), "x slices" → (0,), "driven" → ()."""
+    letters = sector.split()[0]
+    return tuple("xyz".index(letter) for letter in letters) if set(letters) <= set("xyz") else ()
+
+
+def letters(flipped: Flipped) -> str:
+    """The name of the modes of a class: (0, 2) → "xz"."""
+    return "".join("xyz"[axis] for axis in flipped)
+
+
+def at_a_place(mirrors: Iterable[int]) -> tuple[str, ...]:
+    """Sectors that something at any place of a body with such mirror planes asks for."""
+    axes = [axis for axis in range(3) if axis in set(mirrors)]
+    return tuple(letters(flipped) for count in range(1, 4) for flipped in combinations(axes, count))
+
+
+class MeshFields(Fields):
+    """Of a body, or of the part that its mirror planes cut.
+
+    Parameters
+    ----------
+    model : of the part;  reduced : its driven class
+    constants : modes and responses belong to them, lossless
+    wanted : the sectors that effects may ask for
+
+    Attributes
+    ----------
+    constants : the lossless reference in the e-form
+    """
+
+    #: Kinds of local responses, in the order in which they are made.
+    kinds: tuple[str, ...] = (FILM,)
+
+    def __init__(
+        self, model: ElectroelasticModel, reduced: ReducedModel, constants: PiezoConstants, wanted: Iterable[str]
+    ) -> None:
+        self.model, self.reduced, self.reference = model, reduced, constants.lossless()
+        self.constants = self.reference.to_e_form()
+        self._top, self._once = (2 * np.pi * reduced.band_Hz) ** 2, Once()
+        wanted = set(wanted) - {DRIVEN, SPOT}
+        classes = sorted({flipped_axes(name) for name in wanted}, key=lambda flipped: (len(flipped), flipped))
+        self._local = {
+            flipped: [name for name in (f"{letters(flipped)} {kind}".strip() for kind in self.kinds) if name in wanted]
+            for flipped in classes
+        }
+        modes = {flipped: letters(flipped) or UNDRIVEN for flipped in classes}
+        further = [[modes[one]] * (bool(one) or UNDRIVEN in wanted) + local for one, local in self._local.items()]
+        self.names = (DRIVEN, SPOT, *(name for own in further for name in own))
+
+    def prepare(self, names: Iterable[str]) -> None:
+        """All sectors of a class at once, and classes on several threads."""
+        tuple(in_parallel(self._class, {flipped_axes(name) for name in names}))
+
+    def further(self, name: str) -> int:
+        """Number of unknowns of a sector beyond the driven one."""
+        return self.of(name).shape[2]
+
+    def class_of(self, name: str) -> Flipped:
+        """The axes about whose mirror planes the parity is flipped."""
+        return flipped_axes(name)
+
+    def fields(self, names: Iterable[str]) -> np.ndarray:
+        """(4, n, k) of the unknowns of some sectors in their order, potentials with the driven one."""
+        names = tuple(names)
+        parts = [self.of(name) for name in self.names if name in names]
+        return np.concatenate([*parts, self._potentials] if DRIVEN in names else parts, axis=2)
+
+    def projected(self, names: tuple[str, ...], tensors: Sequence[np.ndarray]) -> np.ndarray:
+        """(n, k, k) forms of extended tensors on the sectors of one class."""
+        return self.model.products.within(self.fields(names), tensors)
+
+    def extra(self, names: tuple[str, ...], term: ExtraTerm, matrix: sp.spmatrix) -> np.ndarray:
+        """(k, k) a further term on the sectors of one class."""
+        fields = self.fields(names)
+        flat = fields.reshape(-1, fields.shape[2])
+        return flat.T @ (matrix @ flat)
+
+    def film(self, left: tuple[str, ...], right: tuple[str, ...]) -> np.ndarray:
+        """(k, l) ∫ v·u over the electrode of the part between the unknowns of sectors."""
+        before, after = (self.fields(names) for names in (left, right))
+        return before.reshape(-1, before.shape[2]).T @ (self.electrode @ after.reshape(-1, after.shape[2]))
+
+    def face(self, names: tuple[str, ...]) -> Face:
+        """Displacements on the face of the part whose z is largest."""
+        top = self._once.get("top", lambda: FaceOnMesh(self.model))
+        parts = [self._once.get(("face", name), lambda name=name: top.of(self.of(name))) for name in names]
+        group, flipped = self._groups(names, [part.shape[2] for part in parts])
+        return MeshFace(top, np.concatenate(parts, axis=2), flipped, group, self.model.domain.copies)
+
+    def _groups(self, names: tuple[str, ...], counts: list[int]) -> tuple[np.ndarray, np.ndarray]:
+        """(u,) number of the class of every displacement unknown, and (3, u) whether it is flipped about each axis."""
+        classes = [flipped_axes(name) for name in names]
+        group = np.repeat([classes.index(one) for one in classes], counts)
+        return group, np.repeat([[axis in one for one in classes] for axis in range(3)], counts, axis=1)
+
+    def of(self, name: str) -> np.ndarray:
+        """(4, n, k) displacement (m) and potential (V) of a sector's unknowns; of "driven" the displacements alone."""
+        if name == DRIVEN:
+            return self._driven[:, :, : self.reduced.displacements]
+        if name == SPOT:
+            return np.zeros((FIELDS, self.model.basis.N, 3))
+        return self._class(flipped_axes(name))[name]
+
+    @property
+    def _potentials(self) -> np.ndarray:
+        """(4, n, k) of the inner potentials, and of the hot potential last."""
+        return self._driven[:, :, self.reduced.displacements :]
+
+    @cached_property
+    def _driven(self) -> np.ndarray:
+        return (self.model.prolongation @ self.reduced.basis).reshape(FIELDS, self.model.basis.N, -1)
+
+    @cached_property
+    def _states(self) -> np.ndarray:
+        """(4, n, k) driven states that local responses are made for."""
+        return self._driven @ driven_states(self.reduced, self.constants, self._top)
+
+    @cached_property
+    def electrode(self) -> sp.csr_matrix:
+        """(4n, 4n) ∫ v·u over the electrode of the part, m² per unit of displacement²."""
+        return electrode_film(electrode_faces(self.model))
+
+    @cached_property
+    def mass(self) -> spla.LinearOperator:
+        """(3n, 3n) mass of all displacements, symmetry planes not held, kg."""
+        model = self.model
+
+        def times(displacements: np.ndarray) -> np.ndarray:
+            parts = displacements.reshape(3, model.basis.N, -1)
+            return model.density * np.concatenate([model.products.mass_times(part) for part in parts])
+
+        return spla.LinearOperator((3 * model.basis.N,) * 2, matvec=times, matmat=times, dtype=float)
+
+    def _class(self, flipped: Flipped) -> dict[str, np.ndarray]:
+        """Sector → its fields (4, n, k), of a parity class: modes, and local responses."""
+        return self._once.get(flipped, lambda: self._new_class(flipped))
+
+    def _new_class(self, flipped: Flipped) -> dict[str, np.ndarray]:
+        """All sectors of a class at once: its factor, which is large, is not kept."""
+        local, found, known = self._local[flipped], {}, self.of(DRIVEN)
+        respond = self._responding(flipped) if local else None
+        if flipped:
+            known = found[letters(flipped)] = self._modes(flipped, respond)
+        elif UNDRIVEN in self.names:
+            found[UNDRIVEN] = self._outside(self._modes(flipped, respond), known, _UNDRIVEN)
+            known = np.concatenate([known, found[UNDRIVEN]], axis=2)
+        for name in local:
+            found[name] = self._outside(respond(self._loads(name.split()[-1], flipped)), known)
+            known = np.concatenate([known, found[name]], axis=2)
+        return found
+
+    def _modes(self, flipped: Flipped, respond: Response | None) -> np.ndarray:
+        """(4, n, k) short-circuited modes of a class, in the band and somewhat beyond."""
+        found = ParityClass(self.model, self.constants, flipped).modes(MODES_BEYOND * self._top)
+        return found.reshape(FIELDS, self.model.basis.N, -1)
+
+    def _responding(self, flipped: Flipped) -> Response:
+        own = ParityClass(self.model, self.constants, flipped)
+        factor = own.factor(_SHIFT * self._top)
+        return lambda loads: own.prolongation @ factor.solve(own.prolongation.T @ loads)
+
+    def _loads(self, kind: str, flipped: Flipped) -> np.ndarray:
+        """(4n, k) loads on a class, of one kind of local responses: inertia of a film under driven states."""
+        loads = self.electrode @ self._states.reshape(-1, self._states.shape[2])
+        norm = np.linalg.norm(loads, axis=0)
+        return loads[:, norm > 0] / norm[norm > 0]
+
+    def _outside(self, responses: np.ndarray, known: np.ndarray, least: float | None = None) -> np.ndarray:
+        """Combinations (4, n, k) of responses (…, j), their displacements orthonormal and new beside `known` (4, n, i).
+
+        least : size below which a direction is dropped; a share of the largest response where None
+        """
+        n = self.mass.shape[0]
+        known, responses = known.reshape(-1, known.shape[2]), responses.reshape(-1, responses.shape[-1])
+        old = known[:n]
+        outside = responses - known @ (old.T @ (self.mass @ responses[:n]))
+        largest = np.sqrt(np.max(np.sum(outside[:n] * (self.mass @ outside[:n]), axis=0)))
+        fresh = new_directions(old, outside[:n], _KEEP if least is None else least / largest, self.mass)
+        # the potentials follow the same combinations
+        mix = np.linalg.lstsq(fresh.T @ (self.mass @ outside[:n]), np.eye(fresh.shape[1]), rcond=1e-10)[0]
+        return np.concatenate([fresh, outside[n:] @ mix]).reshape(FIELDS, n // 3, fresh.shape[1])
