@@ -32,6 +32,7 @@ from femu_piezo.material.constants import PiezoConstants
 if TYPE_CHECKING:
     from femu_piezo.effects.local.operators import Places
     from femu_piezo.geometry.reshaping import Reshaping
+    from femu_piezo.geometry.upper_face import UpperFace
 
 #: (θ (k, 10), tangents (k, 10, n_x) = ∂θ/∂x, ω (k,), p (n,)) → (θ', its tangents, ∂θ'/∂p (k, 10, n)). The map may be
 #: real-linear only (it may treat Re and Im apart); x and p are real.
@@ -334,6 +335,7 @@ class EffectContext:
     pace_Hz : frequencies of the sweep after even shares of its time, rising; `band_Hz` at an even pace where empty
     dimensions : length, width, thickness of a plate with three mirror planes, m; None for other bodies
     radii : inner and outer radius of a disk or ring with covered faces, poled along its axis, m; None for others
+    upper : the face of any other body where something may stick or stand; None for those
     poling : "thickness" (k31) or "length" (k33)
     taken : how the sweep was taken
     """
@@ -354,10 +356,18 @@ class EffectContext:
     weighed: bool = False
     pace_Hz: tuple[float, ...] = ()
     taken: Taken = field(default_factory=Taken)
+    upper: UpperFace | None = None
+
+    @property
+    def is_regular(self) -> bool:
+        """Whether it is a plate with three mirror planes, a disk or a ring."""
+        return self.dimensions is not None or self.radii is not None
 
     @property
     def mass(self) -> float | None:
-        """Of the body, kg; None for others than such plates, disks and rings."""
+        """Of the body, kg; None where its dimensions are not known."""
         if self.radii is not None:
             return float(np.pi * (self.radii[1] ** 2 - self.radii[0] ** 2) * self.thickness * self.density)
+        if self.upper is not None:
+            return self.upper.volume * self.density
         return None if self.dimensions is None else float(np.prod(self.dimensions) * self.density)

@@ -18,6 +18,7 @@ from femu_piezo.geometry.shape import (
     unit_direction,
     wave_error,
 )
+from femu_piezo.geometry.upper_face import UpperFace
 
 #: Orders of the elements to choose from.
 ORDERS = range(2, 9)
@@ -62,6 +63,14 @@ class Plate:
     def mirrors(self) -> tuple[int, ...]:
         """Axes about whose mid-plane the driven field is symmetric: all three where poled along the field."""
         return driven_mirrors(EIGHTH, self.poling_direction, self.poling_axis)
+
+    @property
+    def upper_face(self) -> UpperFace | None:
+        """Where something may stick or stand; None with three mirror planes, where there is more to know."""
+        if self.mirrors == EIGHTH:
+            return None
+        (x, y), volume = self.dimensions[:2] / 2, self.volume
+        return UpperFace.within((-x, x, -y, y), self.mirrors, volume, lambda x, y: np.ones(x.shape, dtype=bool))
 
     @property
     def dimensions(self) -> np.ndarray:

@@ -33,6 +33,7 @@ from femu_piezo.geometry.slab_cad import (
     partial_footprints,
 )
 from femu_piezo.geometry.slab_mesh import NoQuadrangles, is_grid, is_round, mesh_for, mesh_of_edge
+from femu_piezo.geometry.upper_face import UpperFace
 
 #: Eigenvalue error of quadratic elements of edge h at shear wavenumber k: at most this times (k h)^4
 #: (tests/geometry/test_slab.py holds it as an upper bound).
@@ -247,6 +248,14 @@ class Slab:
     def revolved(self) -> tuple[float, float] | None:
         """The radii where fields are axisymmetric: poled along the axis; None for others."""
         return self.radii if self.mirrors == (0, 1, 2) and self.poling_direction == (0.0, 0.0, 1.0) else None
+
+    @property
+    def upper_face(self) -> UpperFace | None:
+        """Where something may stick or stand; None where the fields are those of a body of revolution."""
+        if self.revolved is not None:
+            return None
+        outline = self.outline.inset(self.chamfer) if self.chamfer else self.outline
+        return UpperFace.within(outline.extents, self.mirrors, self.volume, Footprint(outline, self.holes).covers)
 
     @property
     def element_order(self) -> int:

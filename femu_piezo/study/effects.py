@@ -70,6 +70,7 @@ def effect_context(
         impedance=impedance,
         dimensions=tuple(plate.dimensions.tolist()) if whole else None,
         radii=plate.revolved if isinstance(plate, Slab) else None,
+        upper=plate.upper_face,
         poling=plate.poling,
         tolerances=tolerances(problem),
         band_Hz=band_Hz,

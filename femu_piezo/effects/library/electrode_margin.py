@@ -24,7 +24,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
 
     Which end has the wider strip cannot be told.
     """
-    if context.mass is None or context.poling != "thickness":
+    if not context.is_regular or context.poling != "thickness":
         return ()
     if context.radii is None:
         size, where, sectors = context.dimensions[0], "both faces are bare at both ends", ("x",)

@@ -41,7 +41,7 @@ def _both(context: EffectContext) -> tuple[Effect, ...]:
 
 def _unequal(context: EffectContext) -> tuple[Effect, ...]:
     """For bodies with a plane of symmetry between their electrodes; which one is the heavier cannot be told."""
-    if context.mass is None or context.poling != "thickness":
+    if context.mass is None or context.poling != "thickness" or (context.upper and 2 not in context.upper.mirrors):
         return ()
     own = context.density * context.thickness / 2
     return (

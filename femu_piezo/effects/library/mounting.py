@@ -1,16 +1,16 @@
 """The support is not free: springs and dashpots to ground.
 
 On a plate they stand on a narrow strip across the middle of both faces, |x| < w/2, on a disk or ring on a circle of
-radius r of both faces, evenly and alike in all directions, or on three patches of one face, 120° apart: the total
-stiffness k and the total damping d. What is even over a narrow strip is, up to the fourth power of w, what sits at
-|x| = w/√12:
+radius r of both faces, evenly and alike in all directions, or on three patches of one face, 120° apart, on any other
+body on one patch of its upper face: the total stiffness k and the total damping d. What is even over a narrow strip is,
+up to the fourth power of w, what sits at |x| = w/√12:
 
     A → A + s mean NᵗN,  s = k + jωd,    over the line across the face at w/√12, or over the circle
 
 A patch of radius a yields under the even pressure of its spring by the local compliance C(a) of the face, which the
 modes do not have (`femu_piezo.effects.local.face_compliance`); ⟨N⟩ is the mean over it, i along x, y, z:
 
-    A → A + Σ_patches Σ_i s/3 / (1 + C_i s/3) ⟨N_i⟩ᵗ⟨N_i⟩
+    A → A + Σ_patches Σ_i s/n / (1 + C_i s/n) ⟨N_i⟩ᵗ⟨N_i⟩,    n the number of patches
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalHook, LocalTerm
 from femu_piezo.effects.local.face_compliance import FaceCompliance
+from femu_piezo.effects.local.mesh_fields import UNDRIVEN, at_a_place
 from femu_piezo.effects.local.operators import Places
 from femu_piezo.effects.local.patch import LARGEST, PATCH, SMALLEST, Patch
 from femu_piezo.effects.local.round_fields import AT_A_PLACE, FILM
@@ -56,38 +57,46 @@ def _line(places: Places, place: float) -> tuple[np.ndarray, np.ndarray]:
     return places.face.mean_on_line(place)
 
 
-def _tripod(context: EffectContext, radii: tuple[float, float]) -> LocalHook:
-    """radii : of the smallest and the largest patch"""
+def _patches(context: EffectContext, radii: tuple[float, float], directions: np.ndarray) -> LocalHook:
+    """On patches whose places (x, y) are linear in parameters.
+
+    radii : of the smallest and the largest patch;  directions : (patches, parameters, 2) slopes of the places
+    """
 
     def terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-        stiffness, damping, distance, radius = p
-        patches = [Patch(places.face, *(distance * way), radius) for way in _TRIPOD]
-        u, size, found = patches[0].mean.shape[1], places.size, []
+        (stiffness, damping), place, radius = p[:2], p[2:-1], p[-1]
+        patches = [Patch(places.face, *(place @ ways), radius) for ways in directions]
+        u, size, count, found = patches[0].mean.shape[1], places.size, len(patches), []
         springs, softer = FaceCompliance.of(context, places.cut, radii).stiffness(radius)
         zero, one = np.zeros(omega.shape, dtype=complex), np.ones(omega.shape, dtype=complex)
-        own = (stiffness + 1j * omega * damping) / len(_TRIPOD)
-        for axes in ((0, 1), (2,)):
+        own = (stiffness + 1j * omega * damping) / count
+
+        def term(matrix: np.ndarray, value: np.ndarray, slopes: dict[int, np.ndarray]) -> LocalTerm:
+            full = np.zeros((size, size))
+            full[:u, :u] = matrix / places.face.copies
+            columns = [slopes.get(number, zero) for number in range(p.size)]
+            return LocalTerm("stiffness", full, value, np.stack(columns, axis=1))
+
+        for axes in ([0, 1], [2]):
             spring, slope = springs[axes[0]], softer[axes[0]]  # x and y are alike
             value, left = own / (1 + own / spring), 1 / (1 + own / spring)
-            by_own = left**2 / len(_TRIPOD)
-            matrices = np.zeros((3, size, size))  # sum over the patches, and by their distance and radius
-            for patch, way in zip(patches, _TRIPOD, strict=True):
-                outward, grown = np.tensordot(way, patch.mean_slopes[:2], axes=1), patch.mean_slopes[2]
-                n = patch.mean[list(axes)]
-                moved = [change[list(axes)].T @ n for change in (outward, grown)]
-                matrices[0, :u, :u] += n.T @ n / places.face.copies
-                matrices[1:, :u, :u] += np.array([half + half.T for half in moved]) / places.face.copies
-            by_size = np.stack([by_own, 1j * omega * by_own, zero, (value / spring) ** 2 * slope], axis=1)
-            found.append(LocalTerm("stiffness", matrices[0], value, by_size))
-            found.append(LocalTerm("stiffness", matrices[1], zero, np.stack([zero, zero, value, zero], axis=1)))
-            found.append(LocalTerm("stiffness", matrices[2], zero, np.stack([zero, zero, zero, value * one], axis=1)))
+            by_own = left**2 / count
+            matrix, moved = 0.0, [0.0] * (place.size + 1)  # by what moves the patches, and by their radius
+            for patch, ways in zip(patches, directions, strict=True):
+                n = patch.mean[axes]
+                matrix = matrix + n.T @ n
+                changes = [*np.tensordot(ways, patch.mean_slopes[:2], axes=1), patch.mean_slopes[2]]
+                moved = [own + change[axes].T @ n for own, change in zip(moved, changes, strict=True)]
+            by_size = {0: by_own, 1: 1j * omega * by_own, p.size - 1: (value / spring) ** 2 * slope}
+            found.append(term(matrix, value, by_size))
+            found += [term(half + half.T, zero, {2 + i: value * one}) for i, half in enumerate(moved)]
         return found
 
     return terms
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For plates with three mirror planes, disks and rings; sizes against the body's inertia at its fundamental."""
+    """For every body with an upper face; sizes against the body's inertia at its fundamental."""
     if context.mass is None:
         return ()
     omega = 2 * np.pi * context.fundamental_Hz
@@ -104,6 +113,8 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         advice=("measure again hung on thin wires or lying on foam", "move the support and see what changes"),
         dispersive=True,
     )
+    if context.upper is not None:
+        return (_on_a_patch(context, common, 0.1 * stiffness),)
     if context.radii is None:
         length = context.dimensions[0]
         width = EffectParameter(
@@ -120,16 +131,41 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         place = EffectParameter(name, "m", inner, outer, across / 20, 10 * across, rest=(inner + outer) / 2)
         return (*parameters, place)
 
-    patch = PATCH * 2 * outer
-    radii = SMALLEST * patch, LARGEST * patch
-    contact = EffectParameter("contact", "m", *radii, patch / 2, patch, rest=patch, optional=True)
+    contact = _contact(2 * outer)
     points = replace(
         common,
         law="three points",
         parameters=(*at("points_radius"), contact),
-        local=_tripod(context, radii),
-        sites=np.column_stack([sites, np.full(len(sites), patch)]),
+        local=_patches(context, (contact.low, contact.high), _TRIPOD[:, None]),
+        sites=np.column_stack([sites, np.full(len(sites), contact.rest)]),
         sectors=(FILM, *AT_A_PLACE),
         onset_hidden=True,
     )
     return replace(common, law="circle", parameters=at("radius"), local=_hook(_line), sites=sites), points
+
+
+def _contact(size: float) -> EffectParameter:
+    """Radius of a patch on a body of some size, m."""
+    patch = PATCH * size
+    return EffectParameter(
+        "contact", "m", SMALLEST * patch, LARGEST * patch, patch / 2, patch, rest=patch, optional=True
+    )
+
+
+def _on_a_patch(context: EffectContext, common: Effect, stiffness: float) -> Effect:
+    """On one patch of the upper face; stiffness : with which it is looked for, N/m."""
+    face, contact = context.upper, _contact(context.upper.size)
+    place = [
+        EffectParameter(name, "m", low, high, (high - low) / 20, 10 * (high - low), rest=(low + high) / 2)
+        for name, (low, high) in zip(("x", "y"), face.extents, strict=True)
+    ]
+    count = len(face.places)
+    sizes = [np.full(count, stiffness), np.zeros(count)]
+    return replace(
+        common,
+        law="one patch",
+        parameters=(*common.parameters, *place, contact),
+        local=_patches(context, (contact.low, contact.high), np.eye(2)[None]),
+        sites=np.column_stack([*sizes, face.places, np.full(count, contact.rest)]),
+        sectors=(UNDRIVEN, *at_a_place(face.mirrors)),
+    )

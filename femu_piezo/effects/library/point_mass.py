@@ -18,6 +18,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalTerm
 from femu_piezo.effects.local.face_compliance import FaceCompliance
+from femu_piezo.effects.local.mesh_fields import UNDRIVEN, at_a_place
 from femu_piezo.effects.local.operators import Places
 from femu_piezo.effects.local.patch import LARGEST, PATCH, SMALLEST, Patch
 from femu_piezo.effects.local.round_fields import AT_A_PLACE
@@ -81,9 +82,9 @@ def _onset(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For plates with three mirror planes, and for disks and rings.
+    """For every body with an upper face.
 
-    By symmetry the spot is taken in the quadrant x, y > 0 of the upper face, of a round body on a given radius.
+    By symmetry the spot is taken on the part that mirror lines cut, of a round body on a given radius.
     """
     if context.mass is None:
         return ()
@@ -92,10 +93,14 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         (inner, outer), sectors = context.radii, (SPOT, *AT_A_PLACE)
         ranges, size = {"r": (inner, outer)}, 2 * outer
         grid = (inner + (outer - inner) * _OUTWARD)[:, None]
+    elif context.upper is not None:
+        face = context.upper
+        ranges, size, grid = dict(zip(("x", "y"), face.extents, strict=True)), face.size, face.places
+        sectors = (SPOT, UNDRIVEN, *at_a_place(face.mirrors))
     else:
         half, size = np.array(context.dimensions[:2]) / 2, context.dimensions[0]
         ranges = {name: (0.0, length) for name, length in zip(("x", "y"), half.tolist(), strict=True)}
-        sectors = (SPOT, "x", "y", "z", "xy", "xz", "yz", "xyz")
+        sectors = (SPOT, *at_a_place(range(3)))
         grid = np.stack(np.meshgrid(_ALONG * half[0], _ACROSS * half[1], indexing="ij"), axis=-1).reshape(-1, 2)
     patch = PATCH * size
     radii = SMALLEST * patch, LARGEST * patch

@@ -33,7 +33,7 @@ def _radial(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
     """For plates with three mirror planes, whose sign of g cannot be told and is taken as positive; disks and rings."""
-    if context.mass is None:
+    if not context.is_regular:
         return ()
     if context.radii is None:
         along, low, local, sectors = "the length", 0.0, _along, ("ramp", "x", "x ramp")

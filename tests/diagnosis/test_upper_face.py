@@ -1,0 +1,218 @@
+"""Effects at a place on bodies that are neither plates with three mirror planes nor round, against the spectral solver.
+
+A trapezoid with two mirror planes, a plate with rounded corners and one in a mesh of the user without any.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden_effects.body import Surface
+from hidden_effects.build import Build
+
+from diagnosis.conftest import AXES, BAND, DENSITY, FREQUENCY, FUNDAMENTAL, SIZE, TANGENTS
+from femu_piezo.effects.effect import EffectContext
+from femu_piezo.effects.extended_model import extend_model
+from femu_piezo.effects.library import library
+from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry import catalogue
+from femu_piezo.geometry.gmsh_session import gmsh_session
+from femu_piezo.geometry.mesh_file import MeshFile
+from femu_piezo.geometry.slab import Slab
+from femu_piezo.inference.response import Evaluation
+from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
+from femu_piezo.material.constants import D_FORM, PiezoConstants
+from femu_piezo.material.library import library_material
+from femu_piezo.specimen.file import read_specimen
+from femu_piezo.study.diagnose import diagnose
+
+THETA = library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS)
+TAPER = 0.25
+
+
+def trapezoid(folder) -> Slab:
+    length, width, thickness = SIZE
+    return catalogue.trapezoid(length, width * (1 - TAPER), width * (1 + TAPER), thickness)
+
+
+def rounded(folder) -> Slab:
+    """So little that the sharp plate of the spectral solver is nearly the same."""
+    return catalogue.plate(*SIZE, corner_radius=0.1e-3)
+
+
+def meshed(folder) -> MeshFile:
+    """The whole plate, so that all of its modes are in one class."""
+    divisions, half = (14, 8, 2), np.array(SIZE) / 2
+    with gmsh_session():
+        import gmsh
+
+        box = gmsh.model.occ.addBox(*(-half), *SIZE)
+        gmsh.model.occ.synchronize()
+        for _, line in gmsh.model.getEntities(1):
+            low, high = np.array(gmsh.model.getBoundingBox(1, line)).reshape(2, 3)
+            gmsh.model.mesh.setTransfiniteCurve(line, divisions[int(np.argmax(high - low))] + 1)
+        for dimension, entity in (*gmsh.model.getEntities(2), (3, box)):
+            if dimension == 2:
+                gmsh.model.mesh.setTransfiniteSurface(entity)
+                gmsh.model.mesh.setRecombine(2, entity)
+        gmsh.model.mesh.setTransfiniteVolume(box)
+        for _, face in gmsh.model.getEntities(2):
+            z = gmsh.model.occ.getCenterOfMass(2, face)[2]
+            if abs(z) > 0.4 * SIZE[2]:
+                gmsh.model.addPhysicalGroup(2, [face], name="hot" if z > 0 else "ground")
+        gmsh.model.addPhysicalGroup(3, [box], name="body")
+        gmsh.model.mesh.generate(3)
+        gmsh.write(str(folder / "plate.msh"))
+    return MeshFile(folder / "plate.msh")
+
+
+class Body:
+    """A body as a reduced model, with the library of its effects."""
+
+    def __init__(self, shape) -> None:
+        self.shape = shape
+        constants = PiezoConstants.from_vector(THETA)
+        free = FreeConstants.of(constants, ("s11", "d31", "eps33T"))
+        self.material = MaterialParameters.around(free, free.start)
+        self.x, self.unknowns = self.material.x_of(free.start), Unknowns(self.material, material_prior(free, {}, {}))
+        context = EffectContext(
+            FUNDAMENTAL, free.names, constants, AXES, DENSITY, SIZE[2], 2e3, band_Hz=BAND, upper=shape.upper_face
+        )
+        self.library = {effect.key: effect for effect in library(context)}
+        full = ElectroelasticModel(shape.domain_for(1e-4, FREQUENCY[-1], 1900.0), DENSITY)
+        self.model = extend_model(full, [constants], [*self.library.values()], FREQUENCY[-1], accuracy=1e-5)
+        self.evaluation = Evaluation(self.model, 2 * np.pi * FREQUENCY)
+
+    def at(self, key: str, values) -> tuple[Unknowns, np.ndarray]:
+        effect = self.library[key]
+        values = np.append(values, effect.rest[len(values) :])
+        return self.unknowns.with_candidate(effect), np.concatenate([self.x, values / effect.scale])
+
+    def impedance(self, key: str = "", values=()) -> np.ndarray:
+        return self.evaluation.impedance(*(self.at(key, values) if key else (self.unknowns, self.x)))
+
+
+BODIES = {"trapezoid": (trapezoid, TAPER), "rounded plate": (rounded, 0.0), "mesh of a user": (meshed, 0.0)}
+SIDE = 0.8e-3
+RADIUS = SIDE / np.sqrt(np.pi)
+PLACE = (4.1e-3, 1.4e-3)
+
+
+def patch(built: Build) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Ends along x and y of the square patch, in the coordinates of the plate that is stretched along y."""
+    half = SIDE / 2
+    x, y = PLACE
+    stretch = 1 + built.taper * 2 * x / SIZE[0]
+    return (x - half, x + half), ((y - half) / stretch, (y + half) / stretch)
+
+
+def mass(built: Build) -> None:
+    built.surfaces.append(Surface(*patch(built), (1,), lambda w: -(w**2) * 2.5e-6 / SIDE**2))
+
+
+def support(built: Build) -> None:
+    built.surfaces.append(Surface(*patch(built), (1,), lambda w: (3e5 + 2j * w) / SIDE**2))
+
+
+def films(built: Build) -> None:
+    for side in (1, -1):
+        built.surfaces.append(Surface(*built.whole_face, (side,), lambda w, side=side: -(w**2) * side * 0.3))
+
+
+#: Effect → its parameters, how it is built, and the error allowed as a share of what it changes (rms over the sweep).
+CASES = {
+    "point_mass": ((2.5e-6, *PLACE, RADIUS), mass, 0.02),
+    "mounting/one patch": ((3e5, 2.0, *PLACE, RADIUS), support, 0.03),
+    "unequal_electrode_mass": ((0.6,), films, 0.03),
+}
+
+
+@pytest.fixture(scope="module", params=BODIES)
+def both(request, tmp_path_factory):
+    """A body, and how the spectral solver builds it."""
+    make, taper = BODIES[request.param]
+    body = Body(make(tmp_path_factory.mktemp("mesh")))
+    return body, lambda: Build(np.array(SIZE), DENSITY, THETA, FUNDAMENTAL, taper=taper)
+
+
+@pytest.mark.parametrize("key", CASES)
+def test_change_of_impedance_against_independent_solution(both, key):
+    body, make = both
+    values, change, share = CASES[key]
+    if key not in body.library:  # what is heavier above is not known of a body that may bend by itself
+        assert 2 not in body.shape.mirrors and key == "unequal_electrode_mass"
+        return
+    bare = make().impedance(FREQUENCY)
+    built = make()
+    change(built)
+    exact = np.log(built.impedance(FREQUENCY) / bare)
+    own = np.log(body.impedance(key, values) / body.impedance())
+    error, size = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (own - exact, exact))
+    print(f"{key}: changes {size:.3g}, error {error / size:.3g} of it")
+    assert size > 0.005
+    assert error < share * size
+
+
+@pytest.mark.parametrize("place", [PLACE, (-2.3e-3, 0.2e-3), (5.95e-3, 1.0e-3)], ids=["inside", "middle line", "end"])
+@pytest.mark.parametrize("key", ["point_mass", "mounting/one patch"])
+def test_slopes_are_those_of_differences(both, key, place):
+    """Also where the patch lies across a mirror line, and partly beside the body."""
+    body, _ = both
+    values = (*CASES[key][0][:-3], *place, RADIUS)
+    parameters, x = body.at(key, values)
+    slopes = body.evaluation.with_jacobian(parameters, x)[1][:, -len(values) :]
+    steps = 1e-5 * np.eye(x.size)[-len(values) :]
+    ahead, behind = (np.array([body.evaluation.impedance(parameters, x + way * h) for h in steps]) for way in (1, -1))
+    differences = ((ahead - behind) / 2e-5).T
+    np.testing.assert_allclose(slopes, differences, atol=1e-4 * np.abs(differences).max(axis=0).min(), rtol=1e-3)
+
+
+@pytest.mark.slow
+def test_a_support_of_a_trapezoid_is_found(tmp_path):
+    """In a laboratory: dimensions are off by their tolerances, held constants by 1 %, and the noise is 1e-3."""
+    length, width, thickness = SIZE
+    built = Build(np.array(SIZE) * (1.0002, 0.9995, 1.001), DENSITY, THETA, FUNDAMENTAL, taper=TAPER)
+    support(built)
+    frequency = np.linspace(20e3, 240e3, 401)
+    normal = np.random.default_rng(5).standard_normal((2, frequency.size))
+    impedance = built.impedance(frequency) * (1 + 1e-3 * (normal[0] + 1j * normal[1]) / np.sqrt(2))
+    rows = np.column_stack([frequency, impedance.real, impedance.imag])
+    np.savetxt(tmp_path / "sweep.csv", rows, delimiter=",", header="frequency_Hz,resistance_ohm,reactance_ohm")
+    free = ("s11", "s12", "d31", "eps33T")
+    given = dict(zip(D_FORM, (THETA * [1.03 if name in free else 1.01 for name in D_FORM]).tolist(), strict=True))
+    material = [f"{name} = {one.real!r}\ntan_{name} = {-one.imag / one.real!r}" for name, one in given.items()]
+    text = f"""
+name = "trapezoid"
+[geometry]
+shape = "trapezoid"
+poling = "thickness"
+length = {length}
+width = {width * (1 - TAPER)}
+width_end = {width * (1 + TAPER)}
+thickness = {thickness}
+density = {DENSITY}
+[material]
+free = {list(free)}
+{chr(10).join(material)}
+[measurement]
+file = "sweep.csv"
+"""
+    (tmp_path / "trapezoid.toml").write_text(text, encoding="utf-8")
+    result = diagnose(read_specimen(tmp_path / "trapezoid.toml"))
+    (cause,) = result.verdict.causes
+    assert cause.effect.key == "mounting/one patch" and cause.probability > 0.9
+    place = dict(zip((parameter.name for parameter in cause.effect.parameters), cause.values, strict=True))
+    assert np.hypot(place["x"] - PLACE[0], place["y"] - PLACE[1]) < 0.3e-3
+    final = result.constants(result.comparison.final)
+    for name in free:
+        assert abs(final[name].value - THETA[D_FORM.index(name)].real) < 3 * final[name].std.real, name
+
+
+def test_places_lie_on_the_face_and_mirror_lines_halve_it(both):
+    body, _ = both
+    face, half = body.shape.upper_face, np.array(SIZE[:2]) / 2
+    low, high = np.array(face.extents).T
+    assert np.all(low == [0.0 if axis in face.mirrors else -half[axis] for axis in range(2)])
+    assert np.all((face.places > low) & (face.places < high))
+    assert face.volume == pytest.approx(np.prod(SIZE), rel=2e-3)
+    assert len(face.places) > 30 * 4 / 2 ** len({0, 1} & set(face.mirrors))
