@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import lapack
 
 from femu_piezo.extraction.model import FrequencyAxis, RationalModel
 
@@ -107,31 +108,47 @@ def fit(model: RationalModel, data: NormalisedSweep, tolerance: float = 1e-5, ma
     """Levenberg-Marquardt over all parameters with the exact Jacobian, in complex arithmetic.
 
     The model is holomorphic in its complex parameters, so the complex Gauss-Newton step −(JᴴJ + μD²)⁻¹Jᴴr is the
-    real one, at a quarter of the work of (Re, Im) columns. D are the column norms of J; μ falls by 10 after a
-    step that lowers Σ|r|² and grows by 10 after one that does not. Ends where a step lowers Σ|r|² by less than
-    `tolerance` (relative), or none does.
+    real one, at a quarter of the work of (Re, Im) columns. D are the column norms of J; μ follows the share ρ of the
+    promised fall of Σ|r|² that a step brought (Nielsen 1999, Damping parameter in Marquardt's method, IMM-REP-1999-05):
+    times max(1/10, 1 − (2ρ − 1)³) after a step that lowers it, times 2, 4, 8, … after those that do not. Ends where a
+    step lowers Σ|r|² by less than `tolerance` (relative), or none does.
     """
-    row = (data.weight / data.charge)[:, None]
+    row, size = (data.weight / data.charge)[:, None], model.size
     r = residual(model, data)
     cost, damping = _power(r), 1e-3
     for _ in range(max_steps):
-        triangle = np.asarray(np.linalg.qr(np.column_stack([row * model.jacobian(data.x), r]), mode="r"))
-        upper, target = triangle[: model.size, : model.size], -triangle[: model.size, model.size]
-        lower = np.diag(np.linalg.norm(upper, axis=0))
+        triangle = np.linalg.qr(np.column_stack([row * model.jacobian(data.x), r]), mode="r")
+        upper, target = triangle[:size, :size], -triangle[:size, size]
+        lower, growth = np.diag(np.linalg.norm(upper, axis=0)), 2.0
         while damping < MAX_DAMPING:
-            system = np.vstack([upper, np.sqrt(damping) * lower])
-            step = np.linalg.lstsq(system, np.concatenate([target, np.zeros_like(target)]), rcond=None)[0]
+            step = _damped(upper, target, np.sqrt(damping) * lower)
             trial = model.with_parameters(model.parameters + step)
             r = residual(trial, data)
-            if _power(r) < cost:
+            if (power := _power(r)) < cost:
                 break
-            damping *= 10
+            damping, growth = damping * growth, 2 * growth
         else:
             break
-        gained, cost, model, damping = 1 - _power(r) / cost, _power(r), trial, damping / 10
+        promised = _power(target) - _power(upper @ step - target)
+        share = (cost - power) / promised if promised > 0 else 1.0
+        damping *= max(0.1, 1 - (2 * share - 1) ** 3)
+        gained, cost, model = 1 - power / cost, power, trial
         if gained < tolerance:
             break
     return _as_fit(model, data)
+
+
+def _damped(upper: np.ndarray, target: np.ndarray, lower: np.ndarray) -> np.ndarray:
+    """(k,) least squares of upper (k, k) x = target (k,) and lower (k, k) x = 0.
+
+    A column that is zero has no part in the solution of least norm.
+    """
+    system = np.vstack([upper, lower])
+    aim = np.concatenate([target, np.zeros_like(target)])
+    triangle = np.linalg.qr(np.column_stack([system, aim]), mode="r")
+    count = target.size
+    step, singular = lapack.ztrtrs(triangle[:count, :count], triangle[:count, count])
+    return np.linalg.lstsq(system, aim, rcond=None)[0] if singular else step
 
 
 def _power(r: np.ndarray) -> float:
