@@ -28,6 +28,11 @@ class Rules:
     unexplained: float = _rule(
         0.25, "above this share of the misfit (rms) that the named causes leave, the verdict is unknown"
     )
+    loudest: float = _rule(
+        3.0,
+        "residuals of which neighbours are alike are no noise above this factor on what is stated or seen; below it "
+        "they may be noise that is correlated",
+    )
     most_causes: int = _rule(3, "most causes that may act together")
     beam: int = _rule(2, "best sets of causes that are enlarged by one more cause")
     promise: float = _rule(

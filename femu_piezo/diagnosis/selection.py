@@ -418,9 +418,8 @@ class _Search:
         final = self._settled(one)
         while weakest := self._insignificant(final):
             rest = self._finished(self._hypothesis(self._without(one.fit, weakest)))
-            demanded = rest.log_posterior < one.log_posterior - self._rules.contender
-            if demanded and weakest != self._insignificant(one.fit):
-                break  # the data demand the cause, however uncertain a discrepancy makes its size
+            if rest.log_posterior < one.log_posterior - self._rules.contender:
+                break  # the data demand the cause, however uncertain its size: of a damped support, beside its place
             one, final = rest, self._settled(rest)
         total = logsumexp([other.log_posterior for other in self._known.values()])
         base = final if not one.keys else self._settled(self._base)

@@ -91,10 +91,13 @@ def judge(comparison: Comparison, frequency: np.ndarray) -> Verdict:
         remaining(fit.residual, fit.determined, frequency, fit.data.noise_known, fit.data.sweeps)
         for fit in (comparison.base, comparison.final)
     )
-    discrepant = comparison.discrepant and _beyond_noise(comparison.final, comparison.rules.significant)
-    unexplained = _unexplained(comparison.base, comparison.final) if discrepant else 0.0
+    final, rules = comparison.final, comparison.rules
+    discrepant = comparison.discrepant and _beyond_noise(final, rules.significant)
+    # what is left may be too rough for a smooth discrepancy, and still no noise
+    discrepant |= after.alike and final.marginal.level > rules.loudest
+    unexplained = _unexplained(comparison.base, final) if discrepant else 0.0
     causes = tuple(_cause(found, comparison, moves, 1 - unexplained) for found in comparison.found)
-    unknown = discrepant and (not causes or unexplained > comparison.rules.unexplained)
+    unknown = discrepant and (not causes or unexplained > rules.unexplained)
     word = "unknown" if unknown else "effect" if causes else "none"
     hidden = tuple((t.effect, t.nearest) for t in moves if t.hidden)
     return Verdict(word, causes, before, after, unexplained, hidden)

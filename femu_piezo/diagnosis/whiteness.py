@@ -40,6 +40,11 @@ class Remaining:
         return replace(self, worst_Hz=own, worst_sweep=(sweep,) * len(own))
 
     @property
+    def alike(self) -> bool:
+        """Whether neighbours are alike beyond chance."""
+        return self.p_white < _LEVEL
+
+    @property
     def structured(self) -> bool:
         """Whether something is left beyond noise; false alarms at most 0.4 % (tests/diagnosis/test_residuals.py).
 
@@ -47,7 +52,7 @@ class Remaining:
         """
         if self.size < _BELOW:
             return False
-        return self.p_white < _LEVEL or (self.p_size is not None and self.p_size < _LEVEL)
+        return self.alike or (self.p_size is not None and self.p_size < _LEVEL)
 
 
 def remaining(

@@ -140,3 +140,14 @@ def test_likeness_of_an_effect_with_itself_and_with_another(setup):
     assert parallel(found["series_resistance"], found["series_resistance"], 1.0)
     assert not parallel(found["series_resistance"], found["wrong_width"], 1.0)
     assert found["stray_capacitance"].hidden and not found["wrong_width"].hidden
+
+
+@pytest.mark.parametrize("share", [0.0, 0.15])
+def test_what_causes_leave_that_is_no_noise_makes_the_verdict_unknown(setup, share):
+    """Beside a resistance the sweep has ripples that no candidate makes, too rough for a smooth discrepancy."""
+    ripples = share * np.sin(np.arange(FREQUENCY.size) * 0.9) * np.exp(1j * np.arange(FREQUENCY.size) * 0.2)
+    data = data_with(setup, {"series_resistance": 8.0}, 1)
+    data = replace(data, impedance=data.impedance * (1 + ripples))
+    result, verdict = run(setup, data)
+    assert not result.discrepant
+    assert verdict.word == ("unknown" if share else "effect")
