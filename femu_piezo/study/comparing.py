@@ -21,12 +21,16 @@ _DOUBT = 0.05
 def compare_causes(
     several: Sequence[Subject], clock: Clock, bases: Bases, rules: Rules
 ) -> tuple[Posterior, Comparison]:
-    """Models and comparison; effects at a place join where something is left that they might explain."""
+    """Models and comparison; effects at a place join where something is left that they might explain.
+
+    Without its cause a sweep may be so far from the model that no fit of the constants alone ends; what a cause
+    explains is asked all the same.
+    """
     library = tuple(effect for effect in shared_library(several) if effect.is_candidate)
     clock.step("start")
     start = begin([one.measured for one in several], bases).constants
     posterior = Posterior(several, clock, bases, library)
-    base = posterior.base(start)
+    base = posterior.base(start, settled=False)
     if not _leaves_something(base):
         library = tuple(effect for effect in library if effect.local is None)
     clock.step("compare")

@@ -295,7 +295,7 @@ def start_constants(measured: list[Measured]) -> PiezoConstants:
     for one in measured:
         constants = constants.with_values(**one.start_values(problem.specimen.material.free))
     constants = problem.simplified(constants)
-    if constants.physical_faults() and not problem.constants.physical_faults():
+    if constants.physical_faults(passive=False) and not problem.constants.physical_faults(passive=False):
         return problem.constants
     where = f"{problem.specimen.path}: with the start values of the thin body"
     return constants.check(where, passive=False)

@@ -13,9 +13,10 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel
+from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.inference.ensemble import Ensemble, together
-from femu_piezo.inference.fit import Fit, fit
+from femu_piezo.inference.fit import COARSE, Fit, fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.many_modes import ManyModes
 from femu_piezo.inference.unknowns import FreeConstants, Unknowns
@@ -93,9 +94,23 @@ class Posterior:
         """Loss of the fits, as the file asks."""
         return (self.problem.specimen.update or Update()).loss
 
-    def base(self, start: PiezoConstants) -> Fit:
-        """The fit of constants and tolerances alone, from start constants."""
-        return self.following(start, lambda one, begin: fit(self.evaluation, self.data, one, [begin], loss=self.loss))
+    def base(self, start: PiezoConstants, *, settled: bool = True) -> Fit:
+        """The fit of constants and tolerances alone, from start constants.
+
+        settled : whether it has to end at a minimum; else a fit that goes on and on is taken where it stands
+
+        Raises ConvergenceError where it has to settle and does not.
+        """
+
+        def estimate(unknowns: Unknowns, at: np.ndarray) -> Fit:
+            try:
+                return fit(self.evaluation, self.data, unknowns, [at], loss=self.loss)
+            except ConvergenceError:
+                if settled:
+                    raise
+                return fit(self.evaluation, self.data, unknowns, [at], loss=self.loss, gain=COARSE)
+
+        return self.following(start, estimate)
 
     def following(self, start: PiezoConstants, estimate: Callable[[Unknowns, np.ndarray], Found]) -> Found:
         """What an estimate finds from start constants, on models that are made anew where it leaves their range.

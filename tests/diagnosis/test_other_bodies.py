@@ -9,7 +9,9 @@ from hidden_effects.build import Build
 from diagnosis.conftest import DENSITY, TANGENTS
 from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.effects.library import library
+from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.response import full_impedance
+from femu_piezo.inference.fit import CLOSE, COARSE, fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM, PiezoConstants
@@ -18,7 +20,7 @@ from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.beginning import begin
 from femu_piezo.study.diagnose import diagnose
 from femu_piezo.study.effects import effect_context
-from femu_piezo.study.measured import measure
+from femu_piezo.study.measured import measure, start_constants
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.problem import prepare
 from femu_piezo.study.update import update
@@ -118,6 +120,34 @@ def test_update_of_a_square_plate_starts_from_the_file(tmp_path):
     found = update(specimen).parameters
     for name in driving("square"):
         assert found[name].value == pytest.approx(TRUTH[D_FORM.index(name)].real, rel=1e-3), name
+
+
+def test_file_that_is_stable_but_not_passive_is_a_start(tmp_path):
+    """Where thin-bar formulas make no stable material: that losses of the file do not go together is no obstacle."""
+    write(tmp_path, "square")
+    text = (tmp_path / "square.toml").read_text(encoding="utf-8")
+    (line,) = [one for one in text.splitlines() if one.startswith("tan_d31 ")]
+    (tmp_path / "square.toml").write_text(text.replace(line, "tan_d31 = 0.2"), encoding="utf-8")
+    measured = measure(read_specimen(tmp_path / "square.toml"))
+    given = measured.problem.constants
+    assert given.physical_faults() and not given.physical_faults(passive=False)
+    assert not start_constants([measured]).physical_faults(passive=False)
+
+
+def test_a_base_that_does_not_settle_is_taken_where_it_stands(tmp_path, monkeypatch):
+    """A diagnosis asks what a cause explains, an update says that it found nothing."""
+    specimen = write(tmp_path, "k33", conductance=CONDUCTANCE)
+
+    def restless(*given, gain: float = CLOSE, **named):
+        if gain < COARSE:
+            raise ConvergenceError("no fit settled")
+        return fit(*given, gain=gain, **named)
+
+    monkeypatch.setattr("femu_piezo.study.posterior.fit", restless)
+    with pytest.raises(ConvergenceError, match="settled"):
+        update(specimen)
+    verdict = diagnose(specimen).verdict
+    assert [cause.effect.key for cause in verdict.causes] == ["leakage"]
 
 
 @pytest.mark.parametrize("resistance", [RESISTANCE, pytest.param(0.0, marks=pytest.mark.slow)])
