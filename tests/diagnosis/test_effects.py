@@ -26,7 +26,7 @@ SIZES = {
     "series_inductance": 5e-6,
     "stray_capacitance": 20e-12,
     "leakage": 2e-5,
-    "contact_gap": 1 / 20e-9,
+    "contact_gap": (1 / 20e-9, 6e3),
     "cable": (1.5, 75.0),
     "relaxation": (0.05, 90e3, 0.35),
     "dielectric_dispersion": 0.03,
@@ -133,8 +133,11 @@ def reference(key: str, size: float, theta: np.ndarray, bare) -> np.ndarray:
         length, own = size
         beta = OMEGA * length / (0.66 * 299792458)
         return own * (z + 1j * own * np.tan(beta)) / (own + 1j * z * np.tan(beta))
+    if key == "contact_gap":
+        inverse, corner = size
+        capacitance, conductance = 1 / inverse, 2 * np.pi * corner / inverse
+        return z + 1 / (1j * OMEGA * capacitance + conductance)
     return {
-        "contact_gap": z + size / (1j * OMEGA),
         "series_resistance": z + size,
         "series_inductance": z + 1j * OMEGA * size,
         "stray_capacitance": 1 / (1 / z + 1j * OMEGA * size),

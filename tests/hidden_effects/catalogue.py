@@ -142,7 +142,8 @@ def contact_gap(build, rng, variant) -> Hidden:
     value, anchor = log_uniform(rng, 1e-8, 2e-7), 2 * np.pi * build.fundamental
     loss = 0.05 * anchor * value if variant else 0.0
     build.circuits.append(lambda w, z: z + 1 / (1j * w * value + loss))
-    return Hidden("contact_gap", {"inverse_capacitance": 1 / value}, variant="leaking" * variant, sized=not variant)
+    sizes = {"inverse_capacitance": 1 / value} | ({"corner_frequency": 0.05 * build.fundamental} if variant else {})
+    return Hidden("contact_gap", sizes, variant="leaking" * variant)
 
 
 def cable(build, rng, variant) -> Hidden:

@@ -2,9 +2,10 @@
 
     series_resistance   Z' = Z + R            stray_capacitance   Y' = Y + jωC
     series_inductance   Z' = Z + jωL          leakage             Y' = Y + G
-    contact_gap         Z' = Z + E/(jω)       cable               Z' = Z0 (Z + jZ0 tan β)/(Z0 + jZ tan β), β = ωℓ/v
+    contact_gap         Z' = Z + E/(jω + 2πc) cable               Z' = Z0 (Z + jZ0 tan β)/(Z0 + jZ tan β), β = ωℓ/v
 
-E = 1/C is the inverse of the capacitance of a gap between a face and its electrode, C = ε0 A/g where the gap g is even.
+E = 1/C is the inverse of the capacitance of a gap between a face and its electrode, C = ε0 A/g where the gap g is even;
+below its corner frequency c = G/(2πC) a gap of conductance G leaks more than it stores.
 A cable of length ℓ is lossless, with the wave speed v of solid polyethylene (velocity factor 0.66, as RG-58 has): ℓ is
 the length of such a cable. What is short against the wave is ℓ/(v Z0) of stray capacitance and Z0 ℓ/v of inductance.
 
@@ -50,10 +51,15 @@ def _derivative(omega: np.ndarray) -> np.ndarray:
     return 1j * omega
 
 
-def _integral(omega: np.ndarray) -> np.ndarray:
-    return 1 / (1j * omega)
+def _gap(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
+    """Z' = Z + E/(jω + 2πc), p = (E, c)."""
+    share = 1 / (1j * omega + 2 * np.pi * p[1])
+    return z + p[0] * share, np.ones_like(z), np.stack([share, -2 * np.pi * p[0] * share**2], axis=1)
 
 
+#: Usual capacitance of a specimen over that of a gap: 0.34 where 1 mm of ceramic with ε33T = 3400 ε0 has a tenth of a
+#: micrometre of air beside it.
+_GAP = 0.5
 #: Wave speed in a cable, m/s, and its usual wave impedance, ohm.
 _WAVE_SPEED, _WAVE_IMPEDANCE = 0.66 * 299792458.0, 50.0
 
@@ -163,7 +169,17 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                     0.0,
                     10 / typical_capacitance,
                     1e-3 / typical_capacitance,
-                    0.05 / typical_capacitance,
+                    _GAP / typical_capacitance,
+                ),
+                EffectParameter(
+                    "corner_frequency",
+                    "Hz",
+                    0.0,
+                    context.fundamental_Hz,
+                    0.02 * context.fundamental_Hz,
+                    0.05 * context.fundamental_Hz,
+                    starts=(0.02 * context.fundamental_Hz, 0.1 * context.fundamental_Hz),
+                    optional=True,
                 ),
             ),
             confusable_with=("eps33T", "d31", "series_inductance"),
@@ -172,7 +188,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 "press the contacts harder, or move them: a gap changes, the material does not",
                 "measure a second specimen of the same material and other thickness: ε33T is common to both",
             ),
-            circuit=_in_series(_integral),
+            circuit=_gap,
             outward=0.5,
         ),
         Effect(
