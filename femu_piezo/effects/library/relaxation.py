@@ -50,7 +50,14 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             parameters=(
                 EffectParameter("strength", "1", 0.0, 3.0, 0.01, 0.1),
                 EffectParameter(
-                    "relaxation_frequency", "Hz", 1e-3 * own, 1e3 * own, 0.2 * own, 2 * own, (0.1 * own,), rest=own
+                    "relaxation_frequency",
+                    "Hz",
+                    1e-3 * own,
+                    1e3 * own,
+                    0.2 * own,
+                    2 * own,
+                    starts=(0.1 * own, 0.3 * own, 3 * own),
+                    rest=own,
                 ),
                 EffectParameter("width", "1", 0.0, 0.9, 0.1, 0.2, rest=0.3, optional=True),
             ),
