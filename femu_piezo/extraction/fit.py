@@ -117,7 +117,7 @@ def fit(model: RationalModel, data: NormalisedSweep, tolerance: float = 1e-5, ma
     r = residual(model, data)
     cost, damping = _power(r), 1e-3
     for _ in range(max_steps):
-        triangle = np.linalg.qr(np.column_stack([row * model.jacobian(data.x), r]), mode="r")
+        triangle = _triangle(row * model.jacobian(data.x), r)
         upper, target = triangle[:size, :size], -triangle[:size, size]
         lower, growth = np.diag(np.linalg.norm(upper, axis=0)), 2.0
         while damping < MAX_DAMPING:
@@ -145,10 +145,15 @@ def _damped(upper: np.ndarray, target: np.ndarray, lower: np.ndarray) -> np.ndar
     """
     system = np.vstack([upper, lower])
     aim = np.concatenate([target, np.zeros_like(target)])
-    triangle = np.linalg.qr(np.column_stack([system, aim]), mode="r")
     count = target.size
+    triangle = _triangle(system, aim)
     step, singular = lapack.ztrtrs(triangle[:count, :count], triangle[:count, count])
     return np.linalg.lstsq(system, aim, rcond=None)[0] if singular else step
+
+
+def _triangle(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(k + 1, k + 1) R of the QR factors of [matrix (m, k), right (m,)]: least squares of both from k + 1 rows."""
+    return np.asarray(np.linalg.qr(np.column_stack([matrix, right]), mode="r"))
 
 
 def _power(r: np.ndarray) -> float:
