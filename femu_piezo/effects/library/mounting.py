@@ -22,9 +22,9 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalHook, LocalTerm
 from femu_piezo.effects.local.face_compliance import FaceCompliance
-from femu_piezo.effects.local.mesh_fields import UNDRIVEN, at_a_place
 from femu_piezo.effects.local.operators import Places
 from femu_piezo.effects.local.patch import LARGEST, PATCH, SMALLEST, Patch
+from femu_piezo.effects.local.placement import Placement
 from femu_piezo.effects.local.round_fields import AT_A_PLACE, FILM
 
 #: Radii to look at first, as shares of the way from the inner to the outer one.
@@ -154,18 +154,12 @@ def _contact(size: float) -> EffectParameter:
 
 def _on_a_patch(context: EffectContext, common: Effect, stiffness: float) -> Effect:
     """On one patch of the upper face; stiffness : with which it is looked for, N/m."""
-    face, contact = context.upper, _contact(context.upper.size)
-    place = [
-        EffectParameter(name, "m", low, high, (high - low) / 20, 10 * (high - low), rest=(low + high) / 2)
-        for name, (low, high) in zip(("x", "y"), face.extents, strict=True)
-    ]
-    count = len(face.places)
-    sizes = [np.full(count, stiffness), np.zeros(count)]
+    contact, place = _contact(context.upper.size), Placement.on(context)
     return replace(
         common,
         law="one patch",
-        parameters=(*common.parameters, *place, contact),
+        parameters=(*common.parameters, *place.parameters, contact),
         local=_patches(context, (contact.low, contact.high), np.eye(2)[None]),
-        sites=np.column_stack([*sizes, face.places, np.full(count, contact.rest)]),
-        sectors=(UNDRIVEN, *at_a_place(face.mirrors)),
+        sites=np.insert(place.sites_with(stiffness, contact.rest), 1, 0.0, axis=1),
+        sectors=place.sectors,
     )

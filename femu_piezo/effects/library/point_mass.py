@@ -12,27 +12,17 @@ add to it (`femu_piezo.effects.local.face_compliance`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalTerm
 from femu_piezo.effects.local.face_compliance import FaceCompliance
-from femu_piezo.effects.local.mesh_fields import UNDRIVEN, at_a_place
 from femu_piezo.effects.local.operators import Places
 from femu_piezo.effects.local.patch import LARGEST, PATCH, SMALLEST, Patch
-from femu_piezo.effects.local.round_fields import AT_A_PLACE
+from femu_piezo.effects.local.placement import Placement, in_plane
 from femu_piezo.effects.local.sectors import SPOT
 
-#: Where to look first, as shares of half the length and half the width, and of the way along the radius.
-_ALONG, _ACROSS, _OUTWARD = np.linspace(0.06, 0.98, 9), np.linspace(0.08, 0.95, 5), np.linspace(0.02, 0.98, 25)
 #: Smallest mass, as a share of the plate's: at none at all the body has no equation of motion.
 _NONE = 1e-7
-
-
-def _in_plane(place: Sequence[float]) -> tuple[float, float]:
-    """x, y of a place on a plate, or of a distance from the axis, which is taken along x."""
-    return (place[0], place[1]) if len(place) == 2 else (place[0], 0.0)
 
 
 def _hook(context: EffectContext, radii: tuple[float, float]):
@@ -41,7 +31,7 @@ def _hook(context: EffectContext, radii: tuple[float, float]):
 
     def terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
         mass, *place, radius = p
-        patch = Patch(places.face, *_in_plane(place), radius)
+        patch = Patch(places.face, *in_plane(place), radius)
         size, copies, u = places.size, places.face.copies, patch.mean.shape[1]
         names = ("mass", *("x", "y")[: len(place)], "radius")
 
@@ -75,34 +65,18 @@ def _hook(context: EffectContext, radii: tuple[float, float]):
 
 def _onset(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
     """A vanishing mass follows the face: − ½ ω² m (N u)ᵗ N u."""
-    n, _ = places.face.at(*_in_plane(p[1:-1]))
+    n, _ = places.face.at(*in_plane(p[1:-1]))
     slopes = np.zeros((omega.size, p.size), dtype=complex)
     slopes[:, 0] = 1.0
     return [LocalTerm("inertia", n.T @ n / places.face.copies, slopes[:, 0] * p[0], slopes)]
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For every body with an upper face.
-
-    By symmetry the spot is taken on the part that mirror lines cut, of a round body on a given radius.
-    """
+    """For every body with an upper face."""
     if context.mass is None:
         return ()
-    own = context.mass
-    if context.radii is not None:
-        (inner, outer), sectors = context.radii, (SPOT, *AT_A_PLACE)
-        ranges, size = {"r": (inner, outer)}, 2 * outer
-        grid = (inner + (outer - inner) * _OUTWARD)[:, None]
-    elif context.upper is not None:
-        face = context.upper
-        ranges, size, grid = dict(zip(("x", "y"), face.extents, strict=True)), face.size, face.places
-        sectors = (SPOT, UNDRIVEN, *at_a_place(face.mirrors))
-    else:
-        half, size = np.array(context.dimensions[:2]) / 2, context.dimensions[0]
-        ranges = {name: (0.0, length) for name, length in zip(("x", "y"), half.tolist(), strict=True)}
-        sectors = (SPOT, *at_a_place(range(3)))
-        grid = np.stack(np.meshgrid(_ALONG * half[0], _ACROSS * half[1], indexing="ij"), axis=-1).reshape(-1, 2)
-    patch = PATCH * size
+    own, place = context.mass, Placement.on(context)
+    patch = PATCH * place.size
     radii = SMALLEST * patch, LARGEST * patch
     return (
         Effect(
@@ -112,10 +86,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 EffectParameter(
                     "mass", "kg", _NONE * own, 0.3 * own, 0.001 * own, 0.02 * own, rest=_NONE * own, law_error=0.04
                 ),
-                *(
-                    EffectParameter(name, "m", low, high, (high - low) / 20, 10 * (high - low), rest=(low + high) / 2)
-                    for name, (low, high) in ranges.items()
-                ),
+                *place.parameters,
                 EffectParameter("radius", "m", *radii, patch / 2, patch, rest=patch, optional=True),
             ),
             confusable_with=("electrode_mass", "local_crack", "wrong_length"),
@@ -123,7 +94,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             local=_hook(context, radii),
             onset=_onset,
             onset_hidden=context.radii is not None,  # it moves radial modes as s11 and s12 do; bending shows it
-            sectors=sectors,
-            sites=np.column_stack([np.full(len(grid), 0.002 * own), grid, np.full(len(grid), patch)]),
+            sectors=(SPOT, *place.sectors),
+            sites=place.sites_with(0.002 * own, patch),
         ),
     )

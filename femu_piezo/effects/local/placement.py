@@ -1,0 +1,66 @@
+"""Where on its faces a body may have something: the parameters of a place, where to look first, the unknowns it moves.
+
+By symmetry the place lies on the part that mirror lines cut, on a disk or ring at a distance from the axis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from femu_piezo.effects.effect import EffectContext, EffectParameter
+from femu_piezo.effects.local.mesh_fields import UNDRIVEN, at_a_place
+from femu_piezo.effects.local.round_fields import AT_A_PLACE
+
+#: Where to look first, as shares of half the length and half the width, and of the way along the radius.
+_ALONG, _ACROSS, _OUTWARD = np.linspace(0.06, 0.98, 9), np.linspace(0.08, 0.95, 5), np.linspace(0.02, 0.98, 25)
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A place on the faces of a body.
+
+    Attributes
+    ----------
+    parameters : x and y, or the distance r from the axis
+    sites : (m, 2 or 1) where to look first, m
+    sectors : groups of unknowns that something there may couple
+    size : the longest dimension of the faces, m
+    """
+
+    parameters: tuple[EffectParameter, ...]
+    sites: np.ndarray = field(repr=False)
+    sectors: tuple[str, ...]
+    size: float
+
+    @classmethod
+    def on(cls, context: EffectContext) -> Placement:
+        """On a body with an upper face."""
+        if context.radii is not None:
+            (inner, outer), sectors = context.radii, AT_A_PLACE
+            ranges, size = {"r": (inner, outer)}, 2 * outer
+            sites = (inner + (outer - inner) * _OUTWARD)[:, None]
+        elif context.upper is not None:
+            face, sectors = context.upper, (UNDRIVEN, *at_a_place(context.upper.mirrors))
+            ranges, size, sites = dict(zip(("x", "y"), face.extents, strict=True)), face.size, face.places
+        else:
+            half, size, sectors = np.array(context.dimensions[:2]) / 2, context.dimensions[0], at_a_place(range(3))
+            ranges = {name: (0.0, length) for name, length in zip(("x", "y"), half.tolist(), strict=True)}
+            sites = np.stack(np.meshgrid(_ALONG * half[0], _ACROSS * half[1], indexing="ij"), axis=-1).reshape(-1, 2)
+        parameters = (
+            EffectParameter(name, "m", low, high, (high - low) / 20, 10 * (high - low), rest=(low + high) / 2)
+            for name, (low, high) in ranges.items()
+        )
+        return cls(tuple(parameters), sites, sectors, size)
+
+    def sites_with(self, *others: float) -> np.ndarray:
+        """(m, …) a size, the places and whatever follows them: `Effect.sites`."""
+        before, after = (np.tile(part, (len(self.sites), 1)) for part in (others[:1], others[1:]))
+        return np.column_stack([before, self.sites, after])
+
+
+def in_plane(place: Sequence[float]) -> tuple[float, float]:
+    """x, y of a place on a plate, or of a distance from the axis, which is taken along x."""
+    return (place[0], place[1]) if len(place) == 2 else (place[0], 0.0)
