@@ -10,6 +10,7 @@ from hidden_effects.reduced import Plate
 from hidden_effects.round_body import RoundBody, RoundSurface
 
 from diagnosis.conftest import DENSITY, TANGENTS
+from diagnosis.test_upper_face import soft_volume
 from femu_piezo.diagnosis.selection import Comparison, compare
 from femu_piezo.diagnosis.starts import relocated, starts
 from femu_piezo.effects.effect import EffectContext
@@ -27,6 +28,7 @@ from femu_piezo.material.library import library_material
 from femu_piezo.measurement.sweeps import SweepData
 
 THICKNESS = 1.5e-3
+SPOT_RADIUS = 0.5e-3
 RADII = {"disk": (0.0, 6e-3), "ring": (2.5e-3, 6e-3)}
 #: Up to the second radial mode of the disk, and past the second of the ring.
 FREQUENCY = {
@@ -131,6 +133,16 @@ def long_oval(one: Round) -> np.ndarray:
     return one.exact(one.body(oval=np.expm1(0.01)))
 
 
+def soft_spot(one: Round, place: float = 4.2e-3) -> np.ndarray:
+    return one.exact(
+        one.body(profiles={"c": lambda x, y: 1 - 0.4 * np.exp(-((x - place) ** 2 + y**2) / SPOT_RADIUS**2)})
+    )
+
+
+def soft_spot_near_the_rim(one: Round) -> np.ndarray:
+    return soft_spot(one, 5.2e-3)
+
+
 #: Case → parameters of the effect, how it is built, and the error allowed as a share of what it changes (rms).
 CASES = {
     "point_mass": ((4e-6, 4.2e-3, 1e-3), mass, 0.02),
@@ -140,6 +152,8 @@ CASES = {
     "mounting/three points": ((5e5, 1.0, 4.9e-3, 0.8e-3), three_points, 0.02),
     "mounting/three points, stiff": ((1e7, 20.0, 4.9e-3, 0.8e-3), stiff_points, 0.02),
     "unequal_electrode_mass": ((0.6,), unequal_films, 0.03),
+    "local_crack": ((soft_volume(THICKNESS, 0.4, SPOT_RADIUS), 4.2e-3), soft_spot, 0.08),
+    "local_crack, rim": ((soft_volume(THICKNESS, 0.4, SPOT_RADIUS), 5.2e-3), soft_spot_near_the_rim, 0.13),
     "wedge": ((0.1,), wedge, 0.04),
     "ovality": ((0.005,), oval, 0.02),
     "ovality, long": ((0.01,), long_oval, 0.03),

@@ -119,11 +119,30 @@ def films(built: Build) -> None:
         built.surfaces.append(Surface(*built.whole_face, (side,), lambda w, side=side: -(w**2) * side * 0.3))
 
 
+#: Depth k, radius a and place of a soft spot 1 − k exp(−r²/a²) on the middle line.
+SOFT, SPOT_RADIUS, SPOT_X = 0.4, 0.7e-3, 3.1e-3
+
+
+def soft_volume(thickness: float, depth: float, radius: float) -> float:
+    """t ∫ k(r)/(1 − 0.66 k(r)) dA: as if every ring of the spot were the middle of one."""
+    r = np.linspace(0, 5, 2001)
+    k = depth * np.exp(-(r**2))
+    return float(thickness * radius**2 * np.trapezoid(2 * np.pi * r * k / (1 - 0.66 * k), r))
+
+
+def soft_spot(built: Build) -> None:
+    built.soft = (
+        lambda x: SOFT * np.exp(-(((x - SPOT_X) / SPOT_RADIUS) ** 2)),
+        lambda y: np.exp(-((y / SPOT_RADIUS) ** 2)),
+    )
+
+
 #: Effect → its parameters, how it is built, and the error allowed as a share of what it changes (rms over the sweep).
 CASES = {
     "point_mass": ((2.5e-6, *PLACE, RADIUS), mass, 0.02),
     "mounting/one patch": ((3e5, 2.0, *PLACE, RADIUS), support, 0.03),
     "unequal_electrode_mass": ((0.6,), films, 0.03),
+    "local_crack": ((soft_volume(SIZE[2], SOFT, SPOT_RADIUS), SPOT_X, 0.0), soft_spot, 0.11),
 }
 
 
@@ -165,6 +184,23 @@ def test_slopes_are_those_of_differences(both, key, place):
     ahead, behind = (np.array([body.evaluation.impedance(parameters, x + way * h) for h in steps]) for way in (1, -1))
     differences = ((ahead - behind) / 2e-5).T
     np.testing.assert_allclose(slopes, differences, atol=1e-4 * np.abs(differences).max(axis=0).min(), rtol=1e-3)
+
+
+@pytest.mark.parametrize("place", [PLACE, (-2.3e-3, 0.2e-3), (5.95e-3, 1.0e-3)], ids=["inside", "middle line", "end"])
+def test_slopes_of_the_terms_of_a_soft_spot(both, place):
+    """Likewise, of the terms themselves: across a mirror line Z hardly moves with the place."""
+    body, _ = both
+    effect, omega, values = body.library["local_crack"], np.ones(1), np.array([3e-9, *place])
+    places = body.model.restricted(effect.sectors).places
+
+    def total(p, slope=None):
+        terms = effect.local(places, omega, p)
+        return sum(term.matrix * (term.value[0] if slope is None else term.slopes[0, slope]) for term in terms)
+
+    for number, step in enumerate(np.diag([1e-13, 1e-8, 1e-8])):
+        difference = (total(values + step) - total(values - step)) / (2 * step[number])
+        slope = total(values, number)
+        assert np.max(np.abs(slope - difference)) < 1e-7 * np.max(np.abs(difference))
 
 
 @pytest.mark.slow

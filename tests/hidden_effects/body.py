@@ -17,6 +17,9 @@ import numpy as np
 from hidden_effects.crystal_forms import CrystalForms
 from hidden_effects.spectral import Axis, Line, joined, quadrature
 
+#: A factor (k,) over places (k,), m.
+Profile = Callable[[np.ndarray], np.ndarray]
+
 
 @dataclass(frozen=True)
 class Body:
@@ -29,6 +32,7 @@ class Body:
     poling : 2 electrodes on z = ±t/2, 0 on x = ±L/2
     margins : bare strips at x = −L/2 and +L/2 of both faces, m (poling 2)
     profiles : "c" and "e" → factor over x (k,) → (k,) on the stiffness and on the piezoelectric constants
+    soft : (p over x, q over y, even), by whose product the stiffness is less, relative
     taper : the width is w (1 + taper 2x/L)
     symmetric : whether the body has parity in x
     """
@@ -39,7 +43,8 @@ class Body:
     potential_axes: tuple[Axis, Axis, Axis]
     poling: int = 2
     margins: tuple[float, float] = (0.0, 0.0)
-    profiles: Mapping[str, Callable[[np.ndarray], np.ndarray]] = field(default_factory=dict)
+    profiles: Mapping[str, Profile] = field(default_factory=dict)
+    soft: tuple[Profile, Profile] | None = None
     taper: float = 0.0
     symmetric: bool = True
 
@@ -164,11 +169,11 @@ class ParityClass(CrystalForms):
             held = (np.abs(np.abs(x) - body.size[0] / 2) < 1e-12)[:, None, None]
         return np.flatnonzero(~np.broadcast_to(held, shape).ravel())
 
-    def _tensor(self, f: int, g: int, left: int, right: int, x_factor: np.ndarray, y_power: int) -> np.ndarray:
+    def _tensor(self, f: int, g: int, left: int, right: int, x_factor: np.ndarray, y_factor: np.ndarray) -> np.ndarray:
         """∫ of f, differentiated along the axis `left` (−1: not), times g, likewise."""
         parts = []
-        for a, (points, weights) in enumerate(self._body.gauss):
-            weight = weights * (x_factor if a == 0 else points**y_power if a == 1 else 1.0)
+        for a, (_, weights) in enumerate(self._body.gauss):
+            weight = weights * (x_factor, y_factor, 1.0)[a]
             first, second = self._samples[f][a][int(a == left)], self._samples[g][a][int(a == right)]
             parts.append((first * weight) @ second.T)
         return np.kron(np.kron(parts[0], parts[1]), parts[2])
@@ -176,12 +181,16 @@ class ParityClass(CrystalForms):
     def product(self, f: int, a: int, g: int, b: int, profile: str) -> np.ndarray:
         """∫ profile ∂_a f ∂_b g dV."""
         if (f, a, g, b) not in self._products:
-            x = self._body.gauss[0][0]
+            x, y = (points for points, _ in self._body.gauss[:2])
             base = self._body.widths(x) * self._body.profiles.get(profile, np.ones_like)(x)
+            weights = [(base, np.ones_like(y))]
+            if profile == "c" and self._body.soft is not None:
+                weights.append((-base * self._body.soft[0](x), self._body.soft[1](y)))
             total = 0.0
-            for left, u, p in self._body.derivative(a):
-                for right, v, q in self._body.derivative(b):
-                    total = total + self._tensor(f, g, left, right, base * u * v, p + q)
+            for along, across in weights:
+                for left, u, p in self._body.derivative(a):
+                    for right, v, q in self._body.derivative(b):
+                        total = total + self._tensor(f, g, left, right, along * u * v, across * y ** (p + q))
             total = total[self._kept] if f == 3 else total
             self._products[f, a, g, b] = total[:, self._kept] if g == 3 else total
         return self._products[f, a, g, b]
@@ -193,7 +202,7 @@ class ParityClass(CrystalForms):
         found = np.zeros((self.displacements, self.displacements))
         widths = self._body.widths(self._body.gauss[0][0])
         for f in range(3):
-            found[self.block(f), self.block(f)] = self._body.density * self._tensor(f, f, -1, -1, widths, 0)
+            found[self.block(f), self.block(f)] = self._body.density * self._tensor(f, f, -1, -1, widths, 1.0)
         return found
 
     def factor(self, surface: Surface) -> np.ndarray:

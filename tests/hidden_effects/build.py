@@ -92,6 +92,7 @@ class Build(Swept):
     margins: tuple[float, float] = (0.0, 0.0)
     stiffness: list[Profile] = field(default_factory=list)
     piezoelectric: list[Profile] = field(default_factory=list)
+    soft: tuple[Profile, Profile] | None = None
     elements: list[float] = field(default_factory=list)
     surfaces: list[Surface] = field(default_factory=list)
     laws: list[Law] = field(default_factory=list)
@@ -120,7 +121,9 @@ class Build(Swept):
     def body(self) -> Body:
         """The piece without what stands on its surfaces."""
         half = self.size / 2
-        symmetric = not (self.taper or self.stiffness or self.piezoelectric) and self.margins[0] == self.margins[1]
+        symmetric = (
+            not (self.taper or self.stiffness or self.piezoelectric or self.soft) and self.margins[0] == self.margins[1]
+        )
         degrees = _FINE if any(not all(surface.keeps()[:2]) for surface in self.surfaces) else _DEGREES
         ends = joined((-half[0], half[0]), self.elements)
         axes = [self._along(ends, degrees[0]), *self._across(degrees[1:])]
@@ -135,6 +138,7 @@ class Build(Swept):
             poling=self.poling,
             margins=self.margins,
             profiles={"c": _product(self.stiffness), "e": _product(self.piezoelectric)},
+            soft=self.soft,
             taper=self.taper,
             symmetric=symmetric,
         )

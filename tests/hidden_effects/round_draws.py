@@ -137,6 +137,24 @@ def poling_gradient(build: RoundBuild, rng, variant) -> Hidden:
     return Hidden("poling_gradient", {"gradient": size}, variant="steeper" * variant, sized=not variant)
 
 
+def local_crack(build: RoundBuild, rng, variant) -> Hidden:
+    """A soft spot of a Gaussian profile. Variant: it has lost its poling too."""
+    depth, radius = rng.uniform(0.15, 0.6), rng.uniform(0.8e-3, 1.2e-3)
+    inner, outer = build.radii
+    place = float(inner + rng.uniform(0.1, 0.95) * (outer - inner))
+
+    def spot(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return 1 - depth * np.exp(-((x - place) ** 2 + y**2) / radius**2)
+
+    build.profiles["c"] = spot
+    if variant:
+        build.profiles["e"] = spot
+    r = np.linspace(0, 5, 2001)
+    k = depth * np.exp(-(r**2))
+    volume = build.thickness * radius**2 * np.trapezoid(2 * np.pi * r * k / (1 - 0.66 * k), r)
+    return Hidden("local_crack", {"volume": float(volume), "r": place}, variant="unpoled" * variant, sized=not variant)
+
+
 def wedge(build: RoundBuild, rng, variant) -> Hidden:
     """No variant: one side is thicker."""
     build.wedge = log_uniform(rng, 0.04, 0.25)
@@ -182,6 +200,7 @@ ROUND_EFFECTS: Mapping[str, catalogue.Entry] = {name: catalogue.EFFECTS[name] fo
     "unequal_electrode_mass": unequal_electrode_mass,
     "fluid_load": fluid_load,
     "poling_gradient": poling_gradient,
+    "local_crack": local_crack,
     "wedge": wedge,
     "ovality": ovality,
     "wrong_diameter": _wrong("diameter", 0.01, 0.03),

@@ -1,4 +1,4 @@
-"""Displacements on the upper face of any mesh, at any point of it."""
+"""Displacements on the upper face of any mesh, or at another height, at any point there."""
 
 from __future__ import annotations
 
@@ -24,34 +24,44 @@ _BESIDE = 0.25
 _STEPS = 12
 
 
-class FaceOnMesh:
-    """The facets of a mesh whose z is largest: where a point lies among them, and the shape functions there.
+class LevelOfMesh:
+    """The elements of a mesh at a height: in which one a point lies, and the shape functions there.
 
     Parameters
     ----------
     model : the mesh with its basis of n functions, and its mirror planes
+    height : 0 for the smallest z of the mesh, 1 for the largest, where it has a face
     """
 
-    def __init__(self, model: ElectroelasticModel) -> None:
+    def __init__(self, model: ElectroelasticModel, height: float = 1.0) -> None:
         mesh, basis = model.domain.mesh, model.basis
-        self._basis, self._top = basis, float(mesh.p[2].max())
-        near = _NEAR * float(np.ptp(mesh.p[2]))
-        facets = np.flatnonzero(np.all(mesh.p[2][mesh.facets] > self._top - near, axis=0))
-        self._cells = mesh.f2t[0, facets]
-        side = np.linspace(0, 1, _SAMPLES)
-        samples = np.stack(np.meshgrid(side, side, indexing="ij")).reshape(2, -1)
+        lowest, self._thickness = float(mesh.p[2].min()), float(np.ptp(mesh.p[2]))
+        self._basis, self._z = basis, lowest + height * self._thickness
+        near = _NEAR * self._thickness
+        facets = np.flatnonzero(np.all(np.abs(mesh.p[2][mesh.facets] - self._z) < near, axis=0))
         self._is_hexahedral = mesh.elem.refdom is RefHex
-        if not self._is_hexahedral:
-            samples = samples[:, samples.sum(axis=0) < 1 + _NEAR]
-        places = mesh.mapping().G(samples, find=facets)[:2]
-        self._low, self._high = places.min(axis=2), places.max(axis=2)
-        self._nodes = np.flatnonzero(basis.doflocs[2] > self._top - near)
+        if facets.size:
+            self._cells, places = mesh.f2t[0, facets], mesh.mapping().G(self._samples(2), find=facets)
+            self._nodes = np.flatnonzero(np.abs(basis.doflocs[2] - self._z) < near)
+        else:
+            heights = mesh.p[2][mesh.t]
+            self._cells = np.flatnonzero((heights.min(axis=0) < self._z) & (heights.max(axis=0) > self._z))
+            places = mesh.mapping().F(self._samples(3), tind=self._cells)
+            self._nodes = np.unique(basis.element_dofs[:, self._cells])
+        self._low, self._high = places[:2].min(axis=2), places[:2].max(axis=2)
         self._number = np.full(basis.N, -1)
         self._number[self._nodes] = np.arange(self._nodes.size)
-        self.mirrors = tuple(axis for axis in sorted(model.domain.symmetry.values()) if axis < 2)
+        self.planes = tuple(sorted(model.domain.symmetry.values()))
+        self.mirrors = tuple(axis for axis in self.planes if axis < 2)
+
+    def _samples(self, dimension: int) -> np.ndarray:
+        """(dimension, samples) of a reference facet or element, to tell its extent."""
+        sides = np.meshgrid(*dimension * [np.linspace(0, 1, _SAMPLES)], indexing="ij")
+        found = np.stack(sides).reshape(dimension, -1)
+        return found if self._is_hexahedral else found[:, found.sum(axis=0) < 1 + _NEAR]
 
     def of(self, fields: np.ndarray) -> np.ndarray:
-        """(nodes, 3, k) displacements at the nodes of the face, of fields (4, n, k)."""
+        """(nodes, 3, k) displacements at the nodes that count here, of fields (4, n, k)."""
         return np.ascontiguousarray(fields[:3, self._nodes].transpose(1, 0, 2))
 
     def probe(self, points: np.ndarray) -> list[sp.csr_matrix]:
@@ -73,7 +83,7 @@ class FaceOnMesh:
         gap = np.maximum(self._low.T - points[:, None], points[:, None] - self._high.T)
         nearest = np.argsort(np.linalg.norm(np.maximum(gap, 0.0), axis=2), axis=1)[:, :_CANDIDATES]
         cells, found, least = np.zeros(len(points), dtype=int), np.zeros((3, len(points))), np.full(len(points), np.inf)
-        places = np.column_stack([points, np.full(len(points), self._top)]).T
+        places = np.column_stack([points, np.full(len(points), self._z)]).T
         for candidates in nearest.T:
             left = np.flatnonzero(least > _NEAR)
             if left.size == 0:
@@ -81,7 +91,7 @@ class FaceOnMesh:
             own = self._cells[candidates[left]]
             at = self._within(places[:, left], own)
             away = np.linalg.norm(places[:, left] - self._basis.mapping.F(at[:, :, None], own)[:, :, 0], axis=0)
-            beside = np.linalg.norm(np.maximum(self._beyond(at), 0.0), axis=0) + away / self._top
+            beside = np.linalg.norm(np.maximum(self._beyond(at), 0.0), axis=0) + away / self._thickness
             better = beside < least[left]
             chosen = left[better]
             cells[chosen], found[:, chosen], least[chosen] = own[better], at[:, better], beside[better]
@@ -113,30 +123,35 @@ class FaceOnMesh:
 
 @dataclass(frozen=True)
 class MeshFace(Face):
-    """Displacements on the face of a part whose z is largest, and by parity on what its mirror planes show.
+    """Displacements on the face of a part, or at another height, and by parity on what its mirror planes show.
 
     Attributes
     ----------
-    face : the facets
+    level : the elements there
     coefficients : (nodes, 3, u) of every displacement unknown
     flipped : (3, u) about which axes the parity of each unknown differs from that of the driven class
     """
 
-    face: FaceOnMesh
+    level: LevelOfMesh
     coefficients: np.ndarray = field(repr=False)
     flipped: np.ndarray = field(repr=False)
     group: np.ndarray = field(repr=False)
     copies: int
 
+    @property
+    def bends(self) -> np.ndarray | None:
+        """(u,) whether an unknown moves in the plane as an odd function of z; None without a mirror plane between."""
+        return self.flipped[2] if 2 in self.level.planes else None
+
     def at_all(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """N (m, 3, u) and its slopes ∂N/∂x, ∂N/∂y (m, 2, 3, u) at points (m, 2), m."""
         own, sign = points.copy(), np.ones((len(points), 2))
-        for axis in self.face.mirrors:
+        for axis in self.level.mirrors:
             sign[:, axis], own[:, axis] = np.where(points[:, axis] < 0, -1.0, 1.0), np.abs(points[:, axis])
         flat = self.coefficients.reshape(self.coefficients.shape[0], -1)
-        value, *slopes = ((one @ flat).reshape(len(points), 3, -1) for one in self.face.probe(own))
+        value, *slopes = ((one @ flat).reshape(len(points), 3, -1) for one in self.level.probe(own))
         parity = np.ones_like(value)
-        for axis in self.face.mirrors:
+        for axis in self.level.mirrors:
             # in the driven class the displacement along the axis is odd, the others are even
             odd = (np.arange(3) == axis)[:, None] != self.flipped[axis]
             parity[(sign[:, axis] < 0)[:, None, None] & odd] *= -1

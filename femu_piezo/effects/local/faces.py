@@ -29,10 +29,12 @@ class Face(ABC):
     ----------
     group : (u,) number of the class of every displacement unknown
     copies : parts of the whole, on one of which uᵗMu = 1
+    bends : (u,) whether an unknown moves in the plane as an odd function of z, even otherwise; None where neither
     """
 
     group: np.ndarray
     copies: int
+    bends: np.ndarray | None = None
 
     @property
     def same_class(self) -> np.ndarray:
@@ -150,6 +152,7 @@ class RoundFace(RuledFace):
     order: np.ndarray = field(repr=False)
     group: np.ndarray = field(repr=False)
     copies: int
+    bends: np.ndarray = field(repr=False)
 
     def line(self, place: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points of the half y > 0 of the circle r = place."""

@@ -17,9 +17,9 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from femu_piezo.effects.effect import ExtraTerm
-from femu_piezo.effects.local.face_on_mesh import FaceOnMesh, MeshFace
+from femu_piezo.effects.local.face_on_mesh import LevelOfMesh, MeshFace
 from femu_piezo.effects.local.faces import Face
-from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Fields, driven_states
+from femu_piezo.effects.local.sectors import DRIVEN, FACES, MIDDLE, MODES_BEYOND, SPOT, Fields, driven_states
 from femu_piezo.forward.electrodes import electrode_faces, electrode_film
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.model import ElectroelasticModel
@@ -128,10 +128,20 @@ class MeshFields(Fields):
 
     def face(self, names: tuple[str, ...]) -> Face:
         """Displacements on the face of the part whose z is largest."""
-        top = self._once.get("top", lambda: FaceOnMesh(self.model))
-        parts = [self._once.get(("face", name), lambda name=name: top.of(self.of(name))) for name in names]
+        return self._level(names, 1.0)
+
+    def levels(self, names: tuple[str, ...]) -> list[tuple[float, Face]]:
+        """Displacements at heights of the part, and the shares of the thickness that they stand for."""
+        mirrored = 2 in self.model.domain.symmetry.values()
+        shares = {1.0: FACES, 0.0: MIDDLE} if mirrored else {1.0: FACES / 2, 0.5: MIDDLE, 0.0: FACES / 2}
+        return [(share, self._level(names, height)) for height, share in shares.items()]
+
+    def _level(self, names: tuple[str, ...], height: float) -> MeshFace:
+        """At a height of the part, 0 the lowest and 1 the highest."""
+        level = self._once.get(("level", height), lambda: LevelOfMesh(self.model, height))
+        parts = [self._once.get(("level", height, name), lambda name=name: level.of(self.of(name))) for name in names]
         group, flipped = self._groups(names, [part.shape[2] for part in parts])
-        return MeshFace(top, np.concatenate(parts, axis=2), flipped, group, self.model.domain.copies)
+        return MeshFace(level, np.concatenate(parts, axis=2), flipped, group, self.model.domain.copies)
 
     def _groups(self, names: tuple[str, ...], counts: list[int]) -> tuple[np.ndarray, np.ndarray]:
         """(u,) number of the class of every displacement unknown, and (3, u) whether it is flipped about each axis."""

@@ -21,9 +21,11 @@ from femu_piezo.effects.local.box_fields import SLICES
 from femu_piezo.effects.local.end_strips import BareEnds, measure_bare_ends, measure_bare_rims
 from femu_piezo.effects.local.faces import Face
 from femu_piezo.effects.local.mesh_fields import Flipped
+from femu_piezo.effects.local.plane_stress import unstressed
 from femu_piezo.effects.local.round_deformations import COUPLED, OVAL, WEDGE
 from femu_piezo.effects.local.round_fields import ORDERS, RoundFields
 from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Sectors
+from femu_piezo.effects.local.spot import in_plane_stiffness
 from femu_piezo.forward.gradient_products import FIELDS, reshaped_products
 from femu_piezo.geometry.reshaping import Reshaping
 from femu_piezo.threads import Once
@@ -32,6 +34,8 @@ Made = TypeVar("Made")
 
 #: Constants (numbers in the e-form) of the elastic and of the piezoelectric terms.
 ELASTIC, PIEZOELECTRIC = range(5), range(5, 8)
+#: ω² over that of the cut below which an unknown moves without strain.
+_RIGID = 1e-7
 
 
 @dataclass(frozen=True)
@@ -117,6 +121,11 @@ class Places:
         """Displacements on one face."""
         return self.sectors.all_fields.face(self.sectors.names)
 
+    @cached_property
+    def levels(self) -> list[tuple[float, Face]]:
+        """Displacements at heights, and the shares of the thickness that these stand for."""
+        return self.sectors.all_fields.levels(self.sectors.names)
+
     @property
     def cut(self) -> float:
         """Ω, rad/s: modes of other classes than the driven one are kept below it."""
@@ -126,6 +135,26 @@ class Places:
     def spot(self) -> np.ndarray:
         """(3,) unknowns that are the displacement of an attached body; empty where the sector is not there."""
         return self.sectors.spot
+
+    @cached_property
+    def elastic_flexibility(self) -> np.ndarray:
+        """(u, j) R, such that R Rᵗ is the static flexibility of the whole body by c^E, without its rigid motion."""
+        fields = self.sectors.all_fields
+        tensor = np.tensordot(fields.constants.vector().real, fields.model.unit_tensors, axes=1)
+        tensor[3], tensor[:, :, 3] = 0.0, 0.0
+        stiffness = np.zeros((self.size, self.size))
+        for names in self.sectors.classes.values():
+            own = self.sectors.numbers(names)
+            stiffness[np.ix_(own, own)] = fields.projected(names, [tensor])[0]
+        values, vectors = np.linalg.eigh(self.face.copies * self.of_displacements(stiffness))
+        strained = values > _RIGID * self.face.copies * self.cut**2
+        return vectors[:, strained] / np.sqrt(values[strained])
+
+    @cached_property
+    def in_plane_stiffness(self) -> np.ndarray:
+        """(3, 3) c̄ of a spot (`femu_piezo.effects.local.spot`), at the reference constants."""
+        fields = self.sectors.all_fields
+        return in_plane_stiffness(np.tensordot(fields.constants.vector().real, fields.model.unit_tensors, axes=1))
 
     @cached_property
     def slices(self) -> Slices:
@@ -199,21 +228,12 @@ def _slices(sectors: Sectors) -> Slices:
     for names in sectors.classes.values():
         fields[:, :, sectors.numbers(names)] = sectors.all_fields.fields(names)
     whole = np.tensordot(constants.vector().real, units, axes=1)
-    tensors = [*units[ELASTIC.start : ELASTIC.stop], lateral_tensor(whole)]
+    tensors = [*units[ELASTIC.start : ELASTIC.stop], unstressed(whole, 0)]
     # the slice at x > 0 alone is half an even and half an odd weight
     inner = np.array([0.5 * products.within(fields, tensors) for products in weighted.slices])
     ends = weighted.slice_ends
     matrices, lateral = Blocks(inner[:, :-1], own, own.size), Blocks(inner[:, -1] / constants.c11.real, own, own.size)
     return Slices((ends[1:] + ends[:-1]) / 2, float(ends[-1] / len(inner)), matrices, lateral)
-
-
-def lateral_tensor(whole: np.ndarray) -> np.ndarray:
-    """c_abcd − c_abkx (c_kxlx)^-1 c_lxcd (4, 4, 4, 4) of a coupled tensor: c^E at T_xx = T_xy = T_xz = 0, no field."""
-    c = whole[:3, :, :3]
-    found = np.zeros_like(whole)
-    normal = np.linalg.inv(c[:, 0, :, 0])
-    found[:3, :, :3] = c - np.einsum("iak,kl,ljb->iajb", c[:, :, :, 0], normal, c[:, 0])
-    return found
 
 
 def _bare_ends(sectors: Sectors) -> BareEnds:

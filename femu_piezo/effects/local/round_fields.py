@@ -21,7 +21,7 @@ from numpy.polynomial import legendre
 from femu_piezo.effects.effect import ExtraTerm
 from femu_piezo.effects.local.faces import RoundFace
 from femu_piezo.effects.local.round_deformations import COUPLED, RoundDeformation
-from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Fields, driven_states
+from femu_piezo.effects.local.sectors import DRIVEN, FACES, MIDDLE, MODES_BEYOND, SPOT, Fields, driven_states
 from femu_piezo.forward.electrodes import electrode_film
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.linear_solver import factorize
@@ -140,20 +140,24 @@ class RoundFields(Fields):
 
     def face(self, names: tuple[str, ...]) -> RoundFace:
         """Displacements on the face z = +t/2."""
-        parts, orders, groups = [], [], []
+        return self._level(names, -1)
+
+    def levels(self, names: tuple[str, ...]) -> list[tuple[float, RoundFace]]:
+        """Displacements at heights of the part, and the shares of the thickness that they stand for."""
+        return [(share, self._level(names, at)) for share, at in ((FACES, -1), (MIDDLE, 0))]
+
+    def _level(self, names: tuple[str, ...], at: int) -> RoundFace:
+        """On the nodes of that number along z of the half z > 0."""
+        parts, orders, flipped = [], [], []
         for name in names:
             for one in self._displacements(name):
-                part = self._on_face(one.fields)
+                part = self._on_nodes(one.fields, at)
                 parts.append(part)
                 orders += [one.order] * part.shape[2]
-                groups += [2 * one.order + one.flipped] * part.shape[2]
-        return RoundFace(
-            self.model.domain.radii,
-            np.concatenate(parts, axis=2),
-            np.array(orders),
-            np.array(groups),
-            self.model.domain.copies,
-        )
+                flipped += [one.flipped] * part.shape[2]
+        order, bends = np.array(orders), np.array(flipped)
+        radii, copies = self.model.domain.radii, self.model.domain.copies
+        return RoundFace(radii, np.concatenate(parts, axis=2), order, 2 * order + bends, copies, bends)
 
     def film(self, left: tuple[str, ...], right: tuple[str, ...]) -> np.ndarray:
         """(k, l) ∫ v·u over one electrode between the unknowns of sectors of order 0."""
@@ -247,13 +251,13 @@ class RoundFields(Fields):
         radial, turn, axial = (Line(own * unit, order) for own, unit in zip(ends, (outer, 1.0, outer), strict=True))
         return Section(radial, axial, self.model.density), turn, number
 
-    def _on_face(self, fields: np.ndarray) -> np.ndarray:
-        """(j, 3, k) Legendre coefficients along r of displacements in fields (4n, k)."""
+    def _on_nodes(self, fields: np.ndarray, at: int) -> np.ndarray:
+        """(j, 3, k) Legendre coefficients along r of displacements in fields (4n, k), on the nodes `at` along z."""
         radial = self.section.radial
         nodes = legendre.leggauss(min(_SAMPLES, radial.places.size))[0]
         inner, outer = self.model.domain.radii
-        on_top = fields.reshape(FIELDS, radial.places.size, -1, fields.shape[1])[:3, :, -1]
-        values = np.stack([radial.shapes(inner + (nodes + 1) / 2 * (outer - inner))[0] @ part for part in on_top])
+        there = fields.reshape(FIELDS, radial.places.size, -1, fields.shape[1])[:3, :, at]
+        values = np.stack([radial.shapes(inner + (nodes + 1) / 2 * (outer - inner))[0] @ part for part in there])
         return np.einsum("jq,fqk->jfk", np.linalg.inv(legendre.legvander(nodes, nodes.size - 1)), values)
 
     def order(self, number: int) -> FourierOrder:

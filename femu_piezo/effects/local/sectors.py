@@ -26,6 +26,8 @@ from femu_piezo.material.constants import ElasticForm, PiezoConstants
 DRIVEN, SPOT = "driven", "spot"
 #: Modes of the classes that the terminals do not drive are kept up to this multiple of the band's ω².
 MODES_BEYOND = 2.5
+#: Shares of the thickness that both faces and the middle plane stand for: Simpson's rule.
+FACES, MIDDLE = 1 / 3, 2 / 3
 
 
 class Fields(ABC):
@@ -91,6 +93,13 @@ class Fields(ABC):
     @abstractmethod
     def face(self, names: tuple[str, ...]) -> Face:
         """Displacements on one face, of the displacement unknowns of some sectors."""
+
+    @abstractmethod
+    def levels(self, names: tuple[str, ...]) -> list[tuple[float, Face]]:
+        """The same on faces and the middle plane, with the shares of the thickness that they stand for.
+
+        Of a body with a mirror plane between its faces those of the half z > 0.
+        """
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,52 @@
+"""A spot of a body that yields in the plane of its faces: mean strains over a disk, all through the thickness.
+
+Over a disk of radius a, with n the outward normal of its edge, at any height
+
+    S_xx = ⟨2 n_x u_x⟩/a,   S_yy = ⟨2 n_y u_y⟩/a,   2 S_xy = ⟨2 (n_x u_y + n_y u_x)⟩/a      (means along the edge).
+
+Faces and middle plane stand for shares of the thickness. What is even and what is odd in z has no energy in common.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from femu_piezo.effects.local.faces import Face
+from femu_piezo.effects.local.plane_stress import unstressed
+
+#: Points along the edge of a spot: means are exact for polynomials up to this degree less two.
+_POINTS = 12
+_TURNS = 2 * np.pi * (np.arange(_POINTS) + 0.5) / _POINTS
+_NORMAL = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])
+
+
+def spot_strains(
+    levels: Sequence[tuple[float, Face]], x: float, y: float, radius: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean S_xx, S_yy, 2 S_xy of the unknowns at heights: (l, 3, u), by x, y (2, l, 3, u), and their shares (l,).
+
+    levels : with their shares of the thickness (`femu_piezo.effects.local.sectors.Fields.levels`)
+    """
+    weights = np.zeros((3, _POINTS, 2))
+    weights[0, :, 0], weights[1, :, 1] = _NORMAL.T
+    weights[2] = _NORMAL[:, ::-1]
+    weights *= 2 / (radius * _POINTS)
+    shares, strains, slopes = [], [], []
+    for share, face in levels:
+        value, along = face.at_all((x, y) + radius * _NORMAL)
+        strain = np.einsum("vpf,pfu->vu", weights, value[:, :2])
+        slope = np.einsum("vpf,pdfu->dvu", weights, along[:, :, :2])
+        for part in [1.0] if face.bends is None else [~face.bends, face.bends]:
+            if np.any(part):
+                shares.append(share)
+                strains.append(strain * part)
+                slopes.append(slope * part)
+    return np.array(strains), np.stack(slopes, axis=1), np.array(shares)
+
+
+def in_plane_stiffness(whole: np.ndarray) -> np.ndarray:
+    """(3, 3) c̄ of S_xx, S_yy, 2 S_xy: c^E at T_xz = T_yz = T_zz = 0, of a coupled tensor, no field."""
+    pairs, free = ((0, 0), (1, 1), (0, 1)), unstressed(whole, 2)
+    return np.array([[free[i, a, j, b] for j, b in pairs] for i, a in pairs])
