@@ -146,12 +146,15 @@ class Linearised:
         return found
 
     def closer(self, count: int) -> np.ndarray:
-        """At most `count` frequencies beside departing points, where what is left changes most, Hz."""
+        """At most `count` frequencies beside departing points, where what is left changes most, Hz.
+
+        Intervals are divided until they are shorter than half the width of the sharpest mode that is looked for.
+        """
         alone = self._departing
         change = np.abs(np.diff(self._left)) * (alone[1:] | alone[:-1])
         change[change < DEPARTS * np.hypot(self._noise[1:], self._noise[:-1])] = 0.0
         sharpest = np.min(np.abs(self._resonances.imag / self._resonances.real)) / _SHARPER
-        return between(self._frequency, change, count, sharpest / 2 * self._frequency[1:])
+        return between(self._frequency, change, count, sharpest / 4 * self._frequency[1:])
 
     def departures(self) -> tuple[float, ...]:
         """The middle of every run of departing points, Hz."""

@@ -32,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from hidden_effects.catalogue import NAMES
 from hidden_effects.draws import Draw, draw
-from hidden_effects.round_draws import draw_round
+from hidden_effects.round_draws import ROUND_EFFECTS, draw_round
 
 from femu_piezo.errors import FemuPiezoError
 from femu_piezo.extraction import extract
@@ -204,8 +204,11 @@ def effects(bodies: list[str], draws: range, kept: Kept) -> None:
     recipes = {name: RECIPES[name] for name in ("adaptive, 100", "adaptive, 200", "equally spaced, 401")}
     with tempfile.TemporaryDirectory() as folder:
         for body in bodies:
-            bases = SharedBases()
-            for effect in EFFECTS:
+            bases, drawable = (
+                SharedBases(),
+                EFFECTS if body != "disk" else [one for one in EFFECTS if one in ROUND_EFFECTS],
+            )
+            for effect in drawable:
                 for number in draws:
                     drawn = BODIES[body](number, effect)
                     specimen = specimen_of(drawn, Path(folder))
@@ -214,10 +217,10 @@ def effects(bodies: list[str], draws: range, kept: Kept) -> None:
                         kept.result(["effects", body, name, effect, number], make)
             shown = Table(title=f"{body}: hidden effects named alone")
             shown.add_column("recipe")
-            for effect in EFFECTS:
+            for effect in drawable:
                 shown.add_column(effect, justify="right")
             for name in recipes:
-                own = {effect: kept.all_of("effects", body, name, effect) for effect in EFFECTS}
+                own = {effect: kept.all_of("effects", body, name, effect) for effect in drawable}
                 named = {
                     effect: sum(one.get("causes") == [effect] for one in several) for effect, several in own.items()
                 }
