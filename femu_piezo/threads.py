@@ -14,13 +14,15 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache, wraps
-from threading import Lock, RLock
+from threading import Lock, RLock, local
 from typing import Any, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
 #: Unknowns below which one thread is fastest, and the most threads that an operator gains from.
-_SMALL, _MOST_THREADS = 20_000, 4
+_SMALL, _MOST_THREADS = 5_000, 4
+#: Whether a thread is one of those of `in_parallel`, which share the cores.
+_here = local()
 
 
 Item = TypeVar("Item")
@@ -50,7 +52,9 @@ def with_blas_limit(work: Callable[..., Result]) -> Callable[..., Result]:
 
 
 def available_cores() -> int:
-    """Cores that this process may use; no more than OMP_NUM_THREADS where that is set."""
+    """Cores that this process may use; no more than OMP_NUM_THREADS where that is set, one where threads share them."""
+    if getattr(_here, "shares", False):
+        return 1
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     wish = os.environ.get("OMP_NUM_THREADS", "")
     return min(cores, int(wish)) if wish.isdigit() and int(wish) > 0 else cores
@@ -95,11 +99,14 @@ class Once:
 
 
 def in_parallel(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-    """work(item) of every item, in their order, on the available cores; the results are those of a plain loop."""
+    """work(item) of every item, in their order, on the available cores; the results are those of a plain loop.
+
+    It is one where a thread that shares the cores with others asks for it.
+    """
     items = list(items)
     threads = min(available_cores(), len(items))
     if threads < 2:
         yield from map(work, items)
         return
-    with blas_limit(), ThreadPoolExecutor(threads) as pool:
+    with blas_limit(), ThreadPoolExecutor(threads, initializer=lambda: setattr(_here, "shares", True)) as pool:
         yield from pool.map(work, items)

@@ -23,6 +23,7 @@ from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.shapes import shape_of
 from femu_piezo.study.subjects import Subject
+from femu_piezo.threads import in_parallel
 
 #: Bands beyond the present end of the sweep, and how much lower a noise, that are planned for.
 _WIDER, _QUIETER = (1.5,), 3.0
@@ -61,15 +62,16 @@ def separations(
     ]
     if len(several) == 1:
         plans += _again(now, several[0], posterior.models[0])
+    asked = [(pair, plan) for pair in pairs for plan in (now, *plans) if plan is now or pair.concerns(plan)]
+    sigmas = list(in_parallel(lambda item: item[0].sigma(item[1]), asked))
     found: list[Separation] = []
     for pair in pairs:
-        present = pair.sigma(now)
+        (_, present), *own = [(plan, sigma) for (of, plan), sigma in zip(asked, sigmas, strict=True) if of is pair]
         told = [
-            Separation(plan.words, pair.cause, pair.other, pair.size, present, pair.sigma(plan))
-            for plan in plans
-            if pair.concerns(plan)
+            Separation(plan.words, pair.cause, pair.other, pair.size, present, sigma)
+            for plan, sigma in own
+            if sigma >= max(_TELLS, _MORE * present)
         ]
-        told = [one for one in told if one.expected >= max(_TELLS, _MORE * present)]
         found += sorted(told, key=lambda one: -one.expected)[:_BEST]
     return tuple(found)
 

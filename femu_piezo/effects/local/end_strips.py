@@ -21,7 +21,7 @@ strips at both ends, whose ψ meet in the momenta that are taken out, it is
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -39,10 +39,10 @@ from femu_piezo.forward.linear_solver import factorize
 from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
 from femu_piezo.forward.revolution import Line, Section
 from femu_piezo.material.constants import ElasticForm
-from femu_piezo.threads import in_parallel
+from femu_piezo.threads import Once, in_parallel
 
 #: Widest strips, on the mean of both ends, as a share of the length of a plate or of the way across a ring; shares of
-#: that where S is computed, those above 1 for the wider one of two.
+#: that where S is computed, those above 1 once the wider one of two is wider than that.
 WIDEST = 0.1
 _NODES = np.array([0.05, 0.11, 0.22, 0.42, 0.75, 1.0, 1.5, 2.0])
 #: Reach of the end region beyond the strip, in thicknesses; elements over width and half thickness.
@@ -65,15 +65,19 @@ class BareEnds:
     widths : (n,) m
     apart : [n, 10] (r, r) ∂T/∂c of every e-form constant at the reference;  mirrored : P ∂T/∂c P
     meeting : [m, 10] (r, r) ∂D/∂c at the first m widths
+    further : the same with further widths, where a strip may be wider than the last one
     """
 
     widths: np.ndarray
     apart: Blocks
     mirrored: Blocks
     meeting: Blocks
+    further: Callable[[], BareEnds] | None = None
 
     def at(self, width: float, asymmetry: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """∂S/∂c (10, r, r) of strips m (1 ± a) wide, and its slopes by m and by a."""
+        if self.further is not None and width * (1 + asymmetry) > self.widths[-1]:
+            return self.further().at(width, asymmetry)
         ratio = np.sqrt(max(1 - asymmetry**2, _ROUNDING))
         right, by_right = self._at(self.apart, 2, width * (1 + asymmetry))
         left, by_left = self._at(self.mirrored, 2, width * (1 - asymmetry))
@@ -94,7 +98,8 @@ class BareEnds:
     def among(self, numbers: np.ndarray, size: int) -> BareEnds:
         """The same over `size` unknowns, of which those so far are the given ones (indices)."""
         every = (blocks.among(numbers, size) for blocks in (self.apart, self.mirrored, self.meeting))
-        return BareEnds(self.widths, *every)
+        further = None if self.further is None else lambda: self.further().among(numbers, size)
+        return BareEnds(self.widths, *every, further)
 
 
 class _Forms(Protocol):
@@ -191,12 +196,24 @@ def measure_bare_rims(sectors: Sectors) -> BareEnds:
 
 
 def _measured(sectors: Sectors, base: _Base, widest: float, freed: Callable[[float], np.ndarray]) -> BareEnds:
-    equal = np.count_nonzero(_NODES <= 1)
-    widths = widest * (_NODES if np.any(base.odd) else _NODES[:equal])
-    apart, meeting = np.array(list(in_parallel(freed, widths.tolist()))).swapaxes(0, 1)
-    sign = np.where(base.odd, -1.0, 1.0)
-    every = apart, apart * sign[:, None] * sign, meeting[:equal]
-    return BareEnds(widths, *(Blocks(one, base.kept, sectors.size) for one in every))
+    """freed : width → ∂T/∂c and ∂D/∂c (2, 10, k, k)"""
+    usual, kept = np.count_nonzero(_NODES <= 1), Once()
+
+    def matrices(nodes: np.ndarray) -> np.ndarray:
+        return np.array(list(in_parallel(freed, (widest * nodes).tolist()))).swapaxes(0, 1)
+
+    def strips(apart: np.ndarray, meeting: np.ndarray) -> BareEnds:
+        sign = np.where(base.odd, -1.0, 1.0)
+        every = apart, apart * sign[:, None] * sign, meeting
+        return BareEnds(widest * _NODES[: len(apart)], *(Blocks(one, base.kept, sectors.size) for one in every))
+
+    apart, meeting = matrices(_NODES[:usual])
+
+    def further() -> BareEnds:
+        return strips(np.concatenate([apart, matrices(_NODES[usual:])[0]]), meeting)
+
+    equal = strips(apart, meeting)
+    return replace(equal, further=lambda: kept.get("further", further)) if np.any(base.odd) else equal
 
 
 def _bare_end(model: ElectroelasticModel, base: _Base, width: float) -> np.ndarray:
