@@ -14,6 +14,7 @@ from diagnosis.conftest import AXES, BAND, DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
 from femu_piezo.effects.effect import EffectContext
 from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.effects.library import library
+from femu_piezo.effects.local.face_on_mesh import LevelOfMesh
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry import catalogue
 from femu_piezo.geometry.gmsh_session import gmsh_session
@@ -201,6 +202,26 @@ def test_slopes_of_the_terms_of_a_soft_spot(both, place):
         difference = (total(values + step) - total(values - step)) / (2 * step[number])
         slope = total(values, number)
         assert np.max(np.abs(slope - difference)) < 1e-7 * np.max(np.abs(difference))
+
+
+@pytest.mark.parametrize("height", [0.0, 0.3, 0.5, 1.0])
+def test_displacements_at_a_height_are_those_of_a_polynomial(height):
+    """Also inside of elements, where no facets lie."""
+    shape = catalogue.plate(*SIZE, corner_radius=0.5e-3)
+    model = ElectroelasticModel(shape.domain(2e-3, symmetric=False, order=4), DENSITY)
+    x, y, z = model.basis.doflocs / 1e-3
+    fields = np.zeros((4, model.basis.N, 1))
+    fields[:3, :, 0] = x + 2 * z, y * z, z**2
+    level = LevelOfMesh(model, height)
+    points, at = np.array([[1.0, 0.5], [-4.0, -1.2], [3.3, 2.0]]), (height - 0.5) * SIZE[2] / 1e-3
+    value, along_x, along_y = (
+        (one @ level.of(fields).reshape(-1, 3)).reshape(-1, 3) for one in level.probe(points * 1e-3)
+    )
+    np.testing.assert_allclose(
+        value, np.column_stack([points[:, 0] + 2 * at, points[:, 1] * at, np.full(3, at**2)]), atol=1e-9
+    )
+    np.testing.assert_allclose(along_x * 1e-3, np.tile([1.0, 0, 0], (3, 1)), atol=1e-8)
+    np.testing.assert_allclose(along_y * 1e-3, np.tile([0, at, 0], (3, 1)), atol=1e-8)
 
 
 @pytest.mark.slow
