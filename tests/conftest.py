@@ -14,13 +14,13 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.constants import EPS0
 from femu_piezo.material.library import library_material
 from femu_piezo.material.simplified import SimplifiedK31
-from tests.missing_libraries import skip_without_gmsh
+from tests.missing_libraries import skip_without_libraries
 
 
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_makereport(item, call):
     """Tests that need what the machine lacks are skipped with a reason."""
-    skip_without_gmsh((yield).get_result())
+    skip_without_libraries((yield).get_result())
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""Tests that fail because the machine lacks shared libraries of gmsh are skipped, and say what to install."""
+"""Tests that fail because the machine lacks shared libraries of gmsh or VTK are skipped, and say what to install."""
 
 from __future__ import annotations
 
@@ -6,9 +6,6 @@ import re
 from functools import cache
 
 import pytest
-
-#: How `femu_piezo.geometry.gmsh_session` says that gmsh cannot be loaded, and what Debian has against it.
-_SENTENCE = re.compile(r"gmsh cannot be loaded on this machine")
 
 
 @cache
@@ -25,11 +22,32 @@ def gmsh_lacks() -> str:
         return f"gmsh lacks {library[0] if library else 'shared libraries'}: apt-get install {GMSH_PACKAGES}"
 
 
-def skip_without_gmsh(report: pytest.TestReport) -> None:
-    """Make a failure that says that gmsh cannot be loaded a skip, where that is so."""
+@cache
+def drawing_lacks() -> str:
+    """What VTK lacks to draw without a display, and how to get it; "" where it can draw."""
+    from femu_piezo.errors import InputError
+    from femu_piezo.output.off_screen import RENDER_PACKAGES, pyvista_off_screen
+
+    try:
+        pyvista_off_screen()
+        return ""
+    except InputError:
+        return f"VTK lacks libEGL and libOSMesa: apt-get install {RENDER_PACKAGES}"
+
+
+#: How femu_piezo says that something is missing → what is missing.
+_SENTENCES = {
+    "gmsh cannot be loaded on this machine": gmsh_lacks,
+    "mode pictures need a library to draw with": drawing_lacks,
+}
+
+
+def skip_without_libraries(report: pytest.TestReport) -> None:
+    """Make a failure that says that a library is missing a skip, where that is so."""
     if not report.failed:
         return
     told = "\n".join([report.longreprtext, *(text for _, text in report.sections)])
-    if _SENTENCE.search(told) and (missing := gmsh_lacks()):
-        report.outcome = "skipped"
-        report.longrepr = (__file__, 1, f"Skipped: {missing}")
+    for sentence, lacks in _SENTENCES.items():
+        if sentence in told and (missing := lacks()):
+            report.outcome = "skipped"
+            report.longrepr = (__file__, 1, f"Skipped: {missing}")

@@ -266,13 +266,13 @@ tan_s11 = 0.01
 
 def meshes() -> dict[str, tuple[bytes, Callable[[Path], str]]]:
     """A text and a binary gmsh file of one small box."""
-    import gmsh
-
     from femu_piezo.geometry.gmsh_session import gmsh_session
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "x.msh"
         with gmsh_session("geo"):
+            import gmsh
+
             gmsh.open(str(ROOT / "meshes/box_7x1x1.msh"))
             gmsh.option.setNumber("Mesh.Binary", 0)
             gmsh.write(str(path))

@@ -152,7 +152,7 @@ class RoundFace(RuledFace):
     order: np.ndarray = field(repr=False)
     group: np.ndarray = field(repr=False)
     copies: int
-    bends: np.ndarray = field(repr=False)
+    bends: np.ndarray | None = field(default=None, repr=False)
 
     def line(self, place: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points of the half y > 0 of the circle r = place."""
