@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from femu_piezo.effects.extended_model import extend_model
+from femu_piezo.errors import InputError
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.effects import effects_as_simulated, simulated_with_effects
 from femu_piezo.study.problem import prepare
@@ -44,6 +45,10 @@ class Piece:
     Attributes
     ----------
     clock : seconds that have been measured so far
+
+    Raises
+    ------
+    InputError : the specimen has no losses at all
     """
 
     specimen: Specimen
@@ -57,6 +62,11 @@ class Piece:
         size, turn = _CHART[0] * _GAIN * self._rng.standard_normal(2)
         self._gain = (1 + size) * np.exp(1j * turn)
         self._problem = prepare(self.specimen)
+        if not np.any(self._problem.fitted.vector().imag):
+            raise InputError(
+                f"{self.specimen.path or self.specimen.name}: [material] has no losses, so that resonances have no "
+                "width and no sweep can show them; give loss tangents such as tan_s11 = 0.01"
+            )
         band = sweep_frequencies(self._problem)[[0, -1]]
         self._known = effects_as_simulated(self._problem, (float(band[0]), float(band[1])))
         top = _BEYOND * float(band[1])

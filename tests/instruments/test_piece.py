@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from femu_piezo.errors import InputError
 from femu_piezo.instruments.piece import Piece
 from femu_piezo.specimen.file import read_specimen
 
@@ -71,3 +72,11 @@ def test_the_lean_grows_with_the_square_of_the_drive(specimen):
     places = [resonance(Piece(leaning, seed=3).measured(FREQUENCY, voltage, 5, 4096)) for voltage in (0.006, 0.3, 0.6)]
     small, large = places[0] - places[1], places[0] - places[2]
     assert large > 50 and large / small == pytest.approx(4, rel=0.2)
+
+
+def test_a_specimen_without_losses_is_refused(plate, tmp_path):
+    """Its resonances would have no width: a sweep would show noise alone."""
+    lines = [line for line in plate.read_text(encoding="utf-8").splitlines() if "tan_" not in line]
+    (tmp_path / "lossless.toml").write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(InputError, match="has no losses"):
+        Piece(read_specimen(tmp_path / "lossless.toml"))
