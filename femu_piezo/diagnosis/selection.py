@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from femu_piezo.diagnosis.rules import Rules
-from femu_piezo.diagnosis.starts import Start, promises_together, relocated, start_together, starts
+from femu_piezo.diagnosis.starts import Start, promises_together, relocated, start_together, starts, stepped_start
 from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.fit import CLOSE, COARSE, RANKED, Fit, fit, with_discrepancy
@@ -322,12 +322,15 @@ class _Search:
         def reach() -> float:
             return max(settled.values(), default=-np.inf) - self._reach(rough.values())
 
+        def unexplained() -> bool:
+            """Whether no fit explains the misfit."""
+            loudest = current.residual.size * np.exp(2 * self._rules.significant * current.data.level_std)
+            return all(one is None or one.chi_square > loudest for one in rough.values())
+
         def most(number: int) -> bool:
             """Whether linearisation explains most of a misfit that no fit explains; what it leaves may be curvature."""
             left, misfit, size = found[number][0].promised, current.chi_square, current.residual.size
-            loudest = size * np.exp(2 * self._rules.significant * current.data.level_std)
-            unexplained = all(one is None or one.chi_square > loudest for one in rough.values())
-            return unexplained and left - size < (misfit - size) / 2
+            return unexplained() and left - size < (misfit - size) / 2
 
         by_promise = [n for n in np.argsort(promised)[::-1].tolist() if promised[n] > self._rules.promise]
         settle({n: one for n in by_promise if (one := known(candidates[n])) is not None})
@@ -335,6 +338,15 @@ class _Search:
         # the best one alone: most often no other is worth a fit after it
         for batch in [untried[:1], *(untried[n : n + _AT_ONCE] for n in range(1, len(untried), _AT_ONCE))]:
             worth = [n for n in batch if promised[n] > reach() or most(n)]
+            settle(dict(zip(worth, in_parallel(roughly, worth), strict=True)))
+        if first_cause and rough and unexplained():
+            # constants that make up for a cause move far with it: what that promises shows from where they went
+            left = [n for n in by_promise if n not in settled and candidates[n].sites is None]
+            further = in_parallel(lambda n: stepped_start(self._response, current, found[n][0]), left)
+            for number, start in zip(left, further, strict=True):
+                found[number].insert(0, start)
+                promised[number] = max(promised[number], odds(start.linear, candidates[number]))
+            worth = [n for n in left if promised[n] > reach()]
             settle(dict(zip(worth, in_parallel(roughly, worth), strict=True)))
         least = max(settled.values(), default=-np.inf) - self._rules.contender
 

@@ -110,6 +110,13 @@ def _at_rest(response, current: Fit, effect: Effect, parameters: Unknowns, x: np
     return Start(x, stepped(_widened(current, parameters, x, columns, residual)), residual)
 
 
+def stepped_start(response, current: Fit, start: Start) -> Start:
+    """The start where linearisation at another one leads, within the bounds."""
+    parameters = start.linear.parameters
+    x = np.clip(start.linear.x, *parameters.bounds.T)
+    return Start(x, *linear_fit(response, current, parameters, x))
+
+
 def relocated(response, reached: Fit, effect: Effect) -> list[Start]:
     """Starts of a fit with its cause at every other site, sizes and constants as found; the most promising first.
 
