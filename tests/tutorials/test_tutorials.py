@@ -26,7 +26,7 @@ PICTURES = {
     "stated_uncertainty": ("intervals.png", "budget.png"),
     "hidden_effect": ("bias.png", "diagnosis.png"),
     "own_effect": ("end_mass.png", "diagnosis.png"),
-    "several_sweeps": ("told_apart.png", "diagnosis.png"),
+    "several_sweeps": ("told_apart.png", "diagnosis_1.png", "diagnosis_2.png"),
 }
 SLOW = {"measured_disk", "trapezoid", "full_set", "hidden_effect", "several_sweeps"}
 MEASURED = {"measured_bar", "measured_disk"}
