@@ -12,10 +12,11 @@ couples order 0 to order m in first order, and order 0 to itself in second order
 of gradients l, r and the tensor H of the crystal. Fields of order 0 are even about every half plane through the axis,
 and H joins nothing even to anything odd: so Tc meets cosines and Ts sines alone, and both act at once.
 
-    wedge   thickness t (1 + ε x/R), the map z → z (1 + ε x/R), with q = z/R:
-            m = 1,  T₁ = (x/R) ẑẑᵗ + q x̂ẑᵗ,  T₂ = (x/R) T₁,  v = x/R
-    oval    diameters D e^ε and D e^−ε, the map x → e^ε x, y → e^−ε y:
-            m = 2,  T₁ = x̂x̂ᵗ − ŷŷᵗ,  T₂ = (x̂x̂ᵗ + ŷŷᵗ)/2,  v = 0
+    wedge: thickness t (1 + ε x/R), the map z → z (1 + ε x/R), with q = z/R:
+    m = 1,  T₁ = (x/R) ẑẑᵗ + q x̂ẑᵗ,  T₂ = (x/R) T₁,  v = x/R
+
+    oval: diameters D e^ε and D e^−ε, the map x → e^ε x, y → e^−ε y:
+    m = 2,  T₁ = x̂x̂ᵗ − ŷŷᵗ,  T₂ = (x̂x̂ᵗ + ŷŷᵗ)/2,  v = 0
 
 x̂ = r̂ cos θ − θ̂ sin θ in the frame of the axis. What the deformation does within order m and between m and further
 orders is left out: it moves modes that the terminals only drive through ε by a share ε².
