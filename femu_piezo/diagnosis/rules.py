@@ -30,8 +30,8 @@ class Rules:
     )
     loudest: float = _rule(
         3.0,
-        "residuals of which neighbours are alike are no noise above this factor on what is stated or seen; below it "
-        "they may be noise that is correlated",
+        "residuals whose neighbours are alike are no noise where they are more than this many times the noise that is "
+        "stated or seen; smaller ones may be correlated noise",
     )
     most_causes: int = _rule(3, "most causes that may act together")
     beam: int = _rule(2, "best sets of causes that are enlarged by one more cause")

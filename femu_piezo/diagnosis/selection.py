@@ -324,8 +324,8 @@ class _Search:
 
         def unexplained() -> bool:
             """Whether no fit explains the misfit."""
-            loudest = current.residual.size * np.exp(2 * self._rules.significant * current.data.level_std)
-            return all(one is None or one.chi_square > loudest for one in rough.values())
+            by_noise = current.residual.size * np.exp(2 * self._rules.significant * current.data.level_std)
+            return all(one is None or one.chi_square > by_noise for one in rough.values())
 
         def most(number: int) -> bool:
             """Whether linearisation explains most of a misfit that no fit explains; what it leaves may be curvature."""
@@ -344,7 +344,7 @@ class _Search:
             left = [n for n in by_promise if n not in settled and candidates[n].sites is None]
             further = in_parallel(lambda n: stepped_start(self._response, current, found[n][0]), left)
             for number, start in zip(left, further, strict=True):
-                found[number].insert(0, start)
+                found[number] = sorted([*found[number], start], key=lambda one: one.promised)
                 promised[number] = max(promised[number], odds(start.linear, candidates[number]))
             worth = [n for n in left if promised[n] > reach()]
             settle(dict(zip(worth, in_parallel(roughly, worth), strict=True)))

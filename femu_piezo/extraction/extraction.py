@@ -32,7 +32,7 @@ from femu_piezo.measurement.noise import estimate_noise
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.resonances import Resonance, ResonanceSet
-from femu_piezo.threads import blas_limit, in_parallel
+from femu_piezo.threads import blas_limit
 
 MAX_MODES = 40
 MIN_POINTS = 8
@@ -135,14 +135,13 @@ def _most_probable(fits: Sequence[Fit], data: NormalisedSweep, points: SweepData
     passive = sorted((one for one in fits if is_passive(one.model)), key=lambda one: one.misfit)
     near = [one for one in passive if one.misfit < CLOSE**2 * passive[0].misfit]
     orders = {(one.model.poles.size, one.model.background.size): one for one in near[::-1]}
-    each = list(in_parallel(judged, orders.values()))
+    each = [judged(one) for one in orders.values()]
     modes = min(each, key=lambda one: one[2])[0].model.poles.size
     best, error, level = min((one for one in each if one[0].model.poles.size == modes), key=lambda one: one[0].misfit)
     while True:
         spread = systematic_spread(best.model, data, points, error)
         fewer = [without(best.model, mode) for mode in unsettled_modes(best.model, spread)]
-        rivals = in_parallel(lambda model: judged(refit(model, data)), fewer)
-        rival = min(rivals, key=lambda one: one[2], default=None)
+        rival = min((judged(refit(model, data)) for model in fewer), key=lambda one: one[2], default=None)
         if rival is None or rival[2] >= level:
             return best, error
         best, error, level = rival

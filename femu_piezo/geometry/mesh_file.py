@@ -24,15 +24,13 @@ from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.memory import memory_limit
 from femu_piezo.geometry.quality import boundary_area, check_electrodes, check_elements
 from femu_piezo.geometry.shape import unit_direction
-from femu_piezo.geometry.upper_face import UpperFace
+from femu_piezo.geometry.upper_face import UpperFace, facets_at
 
 _LARGEST_FILE = 500_000_000
 #: Bytes that reading a mesh may take: for any file, and for each byte of it (a sound one takes some four).
 _LEAST_MEMORY, _MEMORY_PER_BYTE = 256_000_000, 16
 _SUPPORTED = ("hexahedron27", "tetra10", "hexahedron", "tetra")
 _SURFACE_ONLY = {"triangle", "quad", "triangle6", "quad8", "quad9"}
-#: Distance over the height of a mesh within which points lie on its face.
-_PLANE = 1e-9
 #: Extents in m outside which the unit is probably wrong.
 _PLAUSIBLE = (2e-5, 1.0)
 
@@ -112,9 +110,8 @@ class MeshFile:
     @property
     def upper_face(self) -> UpperFace | None:
         """The part of the mesh whose z is largest, where something may stick or stand; None where it is no face."""
-        mesh, top = self.mesh, float(self.mesh.p[2].max())
-        near = _PLANE * float(np.ptp(mesh.p[2]))
-        corners = mesh.p[:2, mesh.facets[:, np.all(mesh.p[2][mesh.facets] > top - near, axis=0)]]  # (2, corners, n)
+        mesh = self.mesh
+        corners = mesh.p[:2, mesh.facets[:, facets_at(mesh, mesh.p[2].max())]]  # (2, corners, n)
         if corners.shape[2] == 0:
             return None
         middles = corners.mean(axis=1)

@@ -6,11 +6,19 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
+import skfem
 
 #: Places on a quarter of a face that has two mirror lines; a half has twice as many, a whole four times.
 _ON_A_QUARTER = 45
 #: Distance of the outermost places from the edge of the box around a face, as a share of the steps between them.
 _FROM_EDGE = 0.3
+#: Distance over the height of a mesh within which points are at one height.
+_NEAR = 1e-9
+
+
+def facets_at(mesh: skfem.Mesh, z: float) -> np.ndarray:
+    """Numbers of the facets of a mesh that lie at a height, m."""
+    return np.flatnonzero(np.all(np.abs(mesh.p[2][mesh.facets] - z) < _NEAR * np.ptp(mesh.p[2]), axis=0))
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.study.standard_figures import figures_of
 from femu_piezo.study.subjects import LEAST_ERROR, Subject, subjects
 from femu_piezo.study.temperature import constants_under
-from femu_piezo.threads import in_parallel, with_blas_limit
+from femu_piezo.threads import with_blas_limit
 
 #: Most resonances of a linear body that is fitted for comparison.
 _FEW = 4
@@ -245,11 +245,7 @@ def diagnose(
         for index, one in enumerate(several)
     )
     clock.step("plan")
-    further = (
-        lambda: separations(several, posterior, comparison, verdict),
-        lambda: [sweep.pole_zero for sweep in sweeps],  # kept by the sweeps
-    )
-    planned, _ = in_parallel(lambda work: work(), further)
+    planned = separations(several, posterior, comparison, verdict)
     clock.step(None)
     return Diagnosis(
         comparison=comparison,

@@ -204,10 +204,8 @@ def effects(bodies: list[str], draws: range, kept: Kept) -> None:
     recipes = {name: RECIPES[name] for name in ("adaptive, 100", "adaptive, 200", "equally spaced, 401")}
     with tempfile.TemporaryDirectory() as folder:
         for body in bodies:
-            bases, drawable = (
-                SharedBases(),
-                EFFECTS if body != "disk" else [one for one in EFFECTS if one in ROUND_EFFECTS],
-            )
+            bases = SharedBases()
+            drawable = [effect for effect in EFFECTS if body != "disk" or effect in ROUND_EFFECTS]
             for effect in drawable:
                 for number in draws:
                     drawn = BODIES[body](number, effect)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hidden_effects.reduced import Plate
 from hidden_effects.round_body import RoundBody, RoundSurface
+from hidden_effects.round_draws import soft_volume
 
 from diagnosis.conftest import DENSITY, TANGENTS
-from diagnosis.test_upper_face import soft_volume
 from femu_piezo.diagnosis.selection import Comparison, compare
 from femu_piezo.diagnosis.starts import relocated, starts
 from femu_piezo.effects.effect import EffectContext

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hidden_effects.body import Surface
 from hidden_effects.build import Build
+from hidden_effects.round_draws import soft_volume
 
 from diagnosis.conftest import AXES, BAND, DENSITY, FREQUENCY, FUNDAMENTAL, SIZE, TANGENTS
 from femu_piezo.effects.effect import EffectContext
@@ -122,13 +123,6 @@ def films(built: Build) -> None:
 
 #: Depth k, radius a and place of a soft spot 1 − k exp(−r²/a²) on the middle line.
 SOFT, SPOT_RADIUS, SPOT_X = 0.4, 0.7e-3, 3.1e-3
-
-
-def soft_volume(thickness: float, depth: float, radius: float) -> float:
-    """t ∫ k(r)/(1 − 0.66 k(r)) dA: as if every ring of the spot were the middle of one."""
-    r = np.linspace(0, 5, 2001)
-    k = depth * np.exp(-(r**2))
-    return float(thickness * radius**2 * np.trapezoid(2 * np.pi * r * k / (1 - 0.66 * k), r))
 
 
 def soft_spot(built: Build) -> None:

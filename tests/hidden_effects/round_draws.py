@@ -137,6 +137,13 @@ def poling_gradient(build: RoundBuild, rng, variant) -> Hidden:
     return Hidden("poling_gradient", {"gradient": size}, variant="steeper" * variant, sized=not variant)
 
 
+def soft_volume(thickness: float, depth: float, radius: float) -> float:
+    """t ∫ k/(1 − 0.66 k) dA, m³, of k = depth exp(−r²/a²): as if every ring were the middle of a spot of its k."""
+    r = np.linspace(0, 5, 2001)
+    k = depth * np.exp(-(r**2))
+    return float(thickness * radius**2 * np.trapezoid(2 * np.pi * r * k / (1 - 0.66 * k), r))
+
+
 def local_crack(build: RoundBuild, rng, variant) -> Hidden:
     """A soft spot of a Gaussian profile. Variant: it has lost its poling too."""
     depth, radius = rng.uniform(0.15, 0.6), rng.uniform(0.8e-3, 1.2e-3)
@@ -149,10 +156,8 @@ def local_crack(build: RoundBuild, rng, variant) -> Hidden:
     build.profiles["c"] = spot
     if variant:
         build.profiles["e"] = spot
-    r = np.linspace(0, 5, 2001)
-    k = depth * np.exp(-(r**2))
-    volume = build.thickness * radius**2 * np.trapezoid(2 * np.pi * r * k / (1 - 0.66 * k), r)
-    return Hidden("local_crack", {"volume": float(volume), "r": place}, variant="unpoled" * variant, sized=not variant)
+    sizes = {"volume": soft_volume(build.thickness, depth, radius), "r": place}
+    return Hidden("local_crack", sizes, variant="unpoled" * variant, sized=not variant)
 
 
 def wedge(build: RoundBuild, rng, variant) -> Hidden:

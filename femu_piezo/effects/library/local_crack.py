@@ -95,7 +95,7 @@ def _spot(radius: float) -> LocalHook:
 
         def term(matrix: np.ndarray, value: float, **slopes: float) -> LocalTerm:
             full, one = np.zeros((places.size, places.size)), np.ones(omega.size, dtype=complex)
-            full[:u, :u] = matrix / (places.face.copies * places.sectors.all_fields.constants.c11.real)
+            full[:u, :u] = matrix / (places.copies * places.sectors.all_fields.constants.c11.real)
             row = np.array([slopes.get(name, 0.0) for name in ("volume", "x", "y")[: p.size]])
             return LocalTerm("stiffness", full, value * one, one[:, None] * row, _C11)
 

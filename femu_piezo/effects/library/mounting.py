@@ -23,8 +23,8 @@ import numpy as np
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalHook, LocalTerm
 from femu_piezo.effects.local.face_compliance import FaceCompliance
 from femu_piezo.effects.local.operators import Places
-from femu_piezo.effects.local.patch import LARGEST, PATCH, SMALLEST, Patch
-from femu_piezo.effects.local.placement import Placement
+from femu_piezo.effects.local.patch import Patch
+from femu_piezo.effects.local.placement import Placement, patch_radius
 from femu_piezo.effects.local.round_fields import AT_A_PLACE, FILM
 
 #: Radii to look at first, as shares of the way from the inner to the outer one.
@@ -131,7 +131,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         place = EffectParameter(name, "m", inner, outer, across / 20, 10 * across, rest=(inner + outer) / 2)
         return (*parameters, place)
 
-    contact = _contact(2 * outer)
+    contact = patch_radius("contact", 2 * outer)
     points = replace(
         common,
         law="three points",
@@ -144,17 +144,9 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     return replace(common, law="circle", parameters=at("radius"), local=_hook(_line), sites=sites), points
 
 
-def _contact(size: float) -> EffectParameter:
-    """Radius of a patch on a body of some size, m."""
-    patch = PATCH * size
-    return EffectParameter(
-        "contact", "m", SMALLEST * patch, LARGEST * patch, patch / 2, patch, rest=patch, optional=True
-    )
-
-
 def _on_a_patch(context: EffectContext, common: Effect, stiffness: float) -> Effect:
     """On one patch of the upper face; stiffness : with which it is looked for, N/m."""
-    contact, place = _contact(context.upper.size), Placement.on(context)
+    contact, place = patch_radius("contact", context.upper.size), Placement.on(context)
     return replace(
         common,
         law="one patch",

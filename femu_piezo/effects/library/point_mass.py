@@ -17,8 +17,8 @@ import numpy as np
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalTerm
 from femu_piezo.effects.local.face_compliance import FaceCompliance
 from femu_piezo.effects.local.operators import Places
-from femu_piezo.effects.local.patch import LARGEST, PATCH, SMALLEST, Patch
-from femu_piezo.effects.local.placement import Placement, in_plane
+from femu_piezo.effects.local.patch import Patch
+from femu_piezo.effects.local.placement import Placement, in_plane, patch_radius
 from femu_piezo.effects.local.sectors import SPOT
 
 #: Smallest mass, as a share of the plate's: at none at all the body has no equation of motion.
@@ -76,8 +76,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     if context.mass is None:
         return ()
     own, place = context.mass, Placement.on(context)
-    patch = PATCH * place.size
-    radii = SMALLEST * patch, LARGEST * patch
+    radius = patch_radius("radius", place.size)
     return (
         Effect(
             name="point_mass",
@@ -87,14 +86,14 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                     "mass", "kg", _NONE * own, 0.3 * own, 0.001 * own, 0.02 * own, rest=_NONE * own, law_error=0.04
                 ),
                 *place.parameters,
-                EffectParameter("radius", "m", *radii, patch / 2, patch, rest=patch, optional=True),
+                radius,
             ),
             confusable_with=("electrode_mass", "local_crack", "wrong_length"),
             advice=("look at both faces and clean them", "weigh the specimen before and after cleaning"),
-            local=_hook(context, radii),
+            local=_hook(context, (radius.low, radius.high)),
             onset=_onset,
             onset_hidden=context.radii is not None,  # it moves radial modes as s11 and s12 do; bending shows it
             sectors=(SPOT, *place.sectors),
-            sites=place.sites_with(0.002 * own, patch),
+            sites=place.sites_with(0.002 * own, radius.rest),
         ),
     )

@@ -11,6 +11,7 @@ from skfem.refdom import RefHex
 from femu_piezo.effects.local.faces import Face
 from femu_piezo.forward.hex_element import shapes_at
 from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry.upper_face import facets_at
 
 #: Points along each side of a facet that tell where it lies.
 _SAMPLES = 5
@@ -37,12 +38,11 @@ class LevelOfMesh:
         mesh, basis = model.domain.mesh, model.basis
         lowest, self._thickness = float(mesh.p[2].min()), float(np.ptp(mesh.p[2]))
         self._basis, self._z = basis, lowest + height * self._thickness
-        near = _NEAR * self._thickness
-        facets = np.flatnonzero(np.all(np.abs(mesh.p[2][mesh.facets] - self._z) < near, axis=0))
+        facets = facets_at(mesh, self._z)
         self._is_hexahedral = mesh.elem.refdom is RefHex
         if facets.size:
             self._cells, places = mesh.f2t[0, facets], mesh.mapping().G(self._samples(2), find=facets)
-            self._nodes = np.flatnonzero(np.abs(basis.doflocs[2] - self._z) < near)
+            self._nodes = np.flatnonzero(np.abs(basis.doflocs[2] - self._z) < _NEAR * self._thickness)
         else:
             heights = mesh.p[2][mesh.t]
             self._cells = np.flatnonzero((heights.min(axis=0) < self._z) & (heights.max(axis=0) > self._z))

@@ -127,6 +127,11 @@ class Places:
         return self.sectors.all_fields.levels(self.sectors.names)
 
     @property
+    def copies(self) -> int:
+        """Parts of the whole body, on one of which uᵗMu = 1."""
+        return self.sectors.all_fields.model.domain.copies
+
+    @property
     def cut(self) -> float:
         """Ω, rad/s: modes of other classes than the driven one are kept below it."""
         return 2 * np.pi * self.sectors.all_fields.reduced.band_Hz * np.sqrt(MODES_BEYOND)
@@ -139,22 +144,26 @@ class Places:
     @cached_property
     def elastic_flexibility(self) -> np.ndarray:
         """(u, j) R, such that R Rᵗ is the static flexibility of the whole body by c^E, without its rigid motion."""
-        fields = self.sectors.all_fields
-        tensor = np.tensordot(fields.constants.vector().real, fields.model.unit_tensors, axes=1)
+        tensor = self._whole.copy()
         tensor[3], tensor[:, :, 3] = 0.0, 0.0
         stiffness = np.zeros((self.size, self.size))
         for names in self.sectors.classes.values():
             own = self.sectors.numbers(names)
-            stiffness[np.ix_(own, own)] = fields.projected(names, [tensor])[0]
-        values, vectors = np.linalg.eigh(self.face.copies * self.of_displacements(stiffness))
-        strained = values > _RIGID * self.face.copies * self.cut**2
+            stiffness[np.ix_(own, own)] = self.sectors.all_fields.projected(names, [tensor])[0]
+        values, vectors = np.linalg.eigh(self.copies * self.of_displacements(stiffness))
+        strained = values > _RIGID * self.copies * self.cut**2
         return vectors[:, strained] / np.sqrt(values[strained])
 
     @cached_property
     def in_plane_stiffness(self) -> np.ndarray:
         """(3, 3) c̄ of a spot (`femu_piezo.effects.local.spot`), at the reference constants."""
+        return in_plane_stiffness(self._whole)
+
+    @cached_property
+    def _whole(self) -> np.ndarray:
+        """(4, 3, 4, 3) extended tensor of the reference constants."""
         fields = self.sectors.all_fields
-        return in_plane_stiffness(np.tensordot(fields.constants.vector().real, fields.model.unit_tensors, axes=1))
+        return np.tensordot(fields.constants.vector().real, fields.model.unit_tensors, axes=1)
 
     @cached_property
     def slices(self) -> Slices:

@@ -12,6 +12,7 @@ import numpy as np
 
 from femu_piezo.effects.effect import EffectContext, EffectParameter
 from femu_piezo.effects.local.mesh_fields import UNDRIVEN, at_a_place
+from femu_piezo.effects.local.patch import LARGEST, PATCH, SMALLEST
 from femu_piezo.effects.local.round_fields import AT_A_PLACE
 
 #: Where to look first, as shares of half the length and half the width, and of the way along the radius.
@@ -59,6 +60,12 @@ class Placement:
         """(m, …) a size, the places and whatever follows them: `Effect.sites`."""
         before, after = (np.tile(part, (len(self.sites), 1)) for part in (others[:1], others[1:]))
         return np.column_stack([before, self.sites, after])
+
+
+def patch_radius(name: str, size: float) -> EffectParameter:
+    """The radius of a patch that sticks to or stands under a body of a size, m."""
+    usual = PATCH * size
+    return EffectParameter(name, "m", SMALLEST * usual, LARGEST * usual, usual / 2, usual, rest=usual, optional=True)
 
 
 def in_plane(place: Sequence[float]) -> tuple[float, float]:
