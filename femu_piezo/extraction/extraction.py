@@ -125,8 +125,9 @@ def _extract(
 def _most_probable(fits: Sequence[Fit], data: NormalisedSweep, points: SweepData) -> tuple[Fit, Discrepancy]:
     """The fit of most evidence beside a systematic error of the sweep, and this error.
 
-    How many modes there are is decided by the closest fits of each order; of that many the closest is taken, since an
-    omitted degree of the background biases and an idle one costs little. Then modes go that the error explains as well.
+    Of fits with as many modes and degrees the closest competes, passive ones within `CLOSE` of the closest of all. A
+    fit closer than the evidence asks for has followed the error, and what it leaves says too little of it. Then modes
+    go that the error explains as well.
     """
 
     def judged(one: Fit) -> tuple[Fit, Discrepancy, float]:
@@ -136,8 +137,7 @@ def _most_probable(fits: Sequence[Fit], data: NormalisedSweep, points: SweepData
     near = [one for one in passive if one.misfit < CLOSE**2 * passive[0].misfit]
     orders = {(one.model.poles.size, one.model.background.size): one for one in near[::-1]}
     each = [judged(one) for one in orders.values()]
-    modes = min(each, key=lambda one: one[2])[0].model.poles.size
-    best, error, level = min((one for one in each if one[0].model.poles.size == modes), key=lambda one: one[0].misfit)
+    best, error, level = min(each, key=lambda one: one[2])
     while True:
         spread = systematic_spread(best.model, data, points, error)
         fewer = [without(best.model, mode) for mode in unsettled_modes(best.model, spread)]
