@@ -51,6 +51,8 @@ PLACED = {
     "mounting": (1e6, 4.0, 0.8e-3),
     "electrode_margin": (0.25e-3,),
     "tapered_width": (0.03,),
+    "wedge": (0.05,),
+    "edge_depoling": (0.12e-3,),
     "unequal_electrode_mass": (0.6,),
 }
 #: Effects with an independent solution of their own, in a file of theirs.

@@ -67,6 +67,21 @@ def slight_taper(built: Build) -> None:
     built.taper = 0.01
 
 
+def wedge(built: Build) -> None:
+    built.wedge = 0.05
+
+
+def depoled(built: Build, reach: float = 0.12e-3) -> None:
+    axes = ((built.piezoelectric, built.elements), (built.piezoelectric_across, built.elements_across))
+    for size, (profiles, elements) in zip(SIZE, axes, strict=False):
+        profiles.append(lambda x, half=size / 2: 1 - np.exp((np.abs(x) - half) / reach))
+        elements += [side * (size / 2 - reach * away) for side in (-1, 1) for away in (1.5, 5.0)]
+
+
+def depoled_deep(built: Build) -> None:
+    depoled(built, 0.4e-3)
+
+
 def unequal_films(built: Build) -> None:
     for side in (1, -1):
         built.surfaces.append(Surface(*built.whole_face, (side,), lambda w, side=side: -(w**2) * side * 0.3))
@@ -87,6 +102,9 @@ CASES = {
     "unequal_electrode_mass": ((0.6,), unequal_films, 0.08),
     "tapered_width": ((0.03,), taper, 0.003),
     "tapered_width, slight": ((0.01,), slight_taper, 0.003),
+    "edge_depoling": ((0.12e-3,), depoled, 0.05),
+    "edge_depoling, deep": ((0.4e-3,), depoled_deep, 0.05),
+    "wedge": ((0.05,), wedge, 0.04),
 }
 
 

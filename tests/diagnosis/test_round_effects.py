@@ -121,6 +121,14 @@ def gradient(one: Round) -> np.ndarray:
     return one.exact(one.body(profiles=profiles))
 
 
+def depoled(one: Round, reach: float = 0.25e-3) -> np.ndarray:
+    def left(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        rims = [rim for rim in one.radii if rim > 0]
+        return np.prod([-np.expm1(-np.abs(np.hypot(x, y) - rim) / reach) for rim in rims], axis=0)
+
+    return one.exact(one.body(profiles={"e": left}))
+
+
 def wedge(one: Round) -> np.ndarray:
     return one.exact(one.body(wedge=0.1))
 
@@ -154,6 +162,7 @@ CASES = {
     "unequal_electrode_mass": ((0.6,), unequal_films, 0.03),
     "local_crack": ((soft_volume(THICKNESS, 0.4, SPOT_RADIUS), 4.2e-3), soft_spot, 0.08),
     "local_crack, rim": ((soft_volume(THICKNESS, 0.4, SPOT_RADIUS), 5.2e-3), soft_spot_near_the_rim, 0.13),
+    "edge_depoling": ((0.25e-3,), depoled, 0.03),
     "wedge": ((0.1,), wedge, 0.04),
     "ovality": ((0.005,), oval, 0.02),
     "ovality, long": ((0.01,), long_oval, 0.03),

@@ -33,7 +33,8 @@ class Body:
     margins : bare strips at x = −L/2 and +L/2 of both faces, m (poling 2)
     profiles : "c" and "e" → factor over x (k,) → (k,) on the stiffness and on the piezoelectric constants
     soft : (p over x, q over y, even), by whose product the stiffness is less, relative
-    taper : the width is w (1 + taper 2x/L)
+    across : factor over y (k,) → (k,) on the piezoelectric constants beside that over x
+    taper, wedge : the width is w (1 + taper 2x/L), the thickness t (1 + wedge 2x/L)
     symmetric : whether the body has parity in x
     """
 
@@ -45,7 +46,9 @@ class Body:
     margins: tuple[float, float] = (0.0, 0.0)
     profiles: Mapping[str, Profile] = field(default_factory=dict)
     soft: tuple[Profile, Profile] | None = None
+    across: Profile = np.ones_like
     taper: float = 0.0
+    wedge: float = 0.0
     symmetric: bool = True
 
     def classes(self, surfaces: Sequence[Surface]) -> list[tuple[int, int, int]]:
@@ -70,22 +73,29 @@ class Body:
             found.append(quadrature(joined(a.breaks, b.breaks), max(*a.degrees, *b.degrees) + 3))
         return found
 
-    def widths(self, x: np.ndarray) -> np.ndarray:
-        """Width at x over the nominal one."""
-        return 1 + self.taper * 2 * x / self.size[0]
+    def extent(self, a: int, x: np.ndarray) -> np.ndarray:
+        """Width (a = 1) or thickness (2) at x over the nominal one."""
+        return 1 + (self.taper, self.wedge)[a - 1] * 2 * x / self.size[0]
+
+    def volumes(self, x: np.ndarray) -> np.ndarray:
+        """dV at x over that of the nominal plate."""
+        return self.extent(1, x) * self.extent(2, x)
 
     def electroded(self, x: np.ndarray) -> np.ndarray:
         """Whether the faces at x carry electrodes; their edges belong to them."""
         half, edge = self.size[0] / 2, 1e-9
         return (x > -half + self.margins[0] - edge) & (x < half - self.margins[1] + edge)
 
-    def derivative(self, a: int) -> list[tuple[int, np.ndarray, int]]:
-        """∂_a in the coordinates of the nominal plate: [(axis, factor over the points of x, power of y)]."""
+    def derivative(self, a: int) -> list[tuple[int, np.ndarray, tuple[int, int]]]:
+        """∂_a in the coordinates of the nominal plate: [(axis, factor over the points of x, powers of y and z)]."""
         x = self.gauss[0][0]
-        ones, stretch = np.ones_like(x), self.widths(x)
-        if a == 0 and self.taper:
-            return [(0, ones, 0), (1, -self.taper * 2 / self.size[0] / stretch, 1)]
-        return [(1, 1 / stretch, 0)] if a == 1 else [(a, ones, 0)]
+        if a > 0:
+            return [(a, 1 / self.extent(a, x), (0, 0))]
+        found = [(0, np.ones_like(x), (0, 0))]
+        for side, size, powers in ((1, self.taper, (1, 0)), (2, self.wedge, (0, 1))):
+            if size:
+                found.append((side, -size * 2 / self.size[0] / self.extent(side, x), powers))
+        return found
 
 
 @dataclass(frozen=True)
@@ -169,28 +179,28 @@ class ParityClass(CrystalForms):
             held = (np.abs(np.abs(x) - body.size[0] / 2) < 1e-12)[:, None, None]
         return np.flatnonzero(~np.broadcast_to(held, shape).ravel())
 
-    def _tensor(self, f: int, g: int, left: int, right: int, x_factor: np.ndarray, y_factor: np.ndarray) -> np.ndarray:
-        """∫ of f, differentiated along the axis `left` (−1: not), times g, likewise."""
+    def _tensor(self, f: int, g: int, left: int, right: int, *factors: np.ndarray | float) -> np.ndarray:
+        """∫ of f, differentiated along the axis `left` (−1: not), times g, likewise, with factors over x, y, z."""
         parts = []
-        for a, (_, weights) in enumerate(self._body.gauss):
-            weight = weights * (x_factor, y_factor, 1.0)[a]
+        for a, ((_, weights), factor) in enumerate(zip(self._body.gauss, factors, strict=True)):
             first, second = self._samples[f][a][int(a == left)], self._samples[g][a][int(a == right)]
-            parts.append((first * weight) @ second.T)
+            parts.append((first * weights * factor) @ second.T)
         return np.kron(np.kron(parts[0], parts[1]), parts[2])
 
     def product(self, f: int, a: int, g: int, b: int, profile: str) -> np.ndarray:
         """∫ profile ∂_a f ∂_b g dV."""
         if (f, a, g, b) not in self._products:
-            x, y = (points for points, _ in self._body.gauss[:2])
-            base = self._body.widths(x) * self._body.profiles.get(profile, np.ones_like)(x)
-            weights = [(base, np.ones_like(y))]
+            x, y, z = (points for points, _ in self._body.gauss)
+            base = self._body.volumes(x) * self._body.profiles.get(profile, np.ones_like)(x)
+            weights = [(base, self._body.across(y) if profile == "e" else np.ones_like(y))]
             if profile == "c" and self._body.soft is not None:
                 weights.append((-base * self._body.soft[0](x), self._body.soft[1](y)))
             total = 0.0
             for along, across in weights:
                 for left, u, p in self._body.derivative(a):
                     for right, v, q in self._body.derivative(b):
-                        total = total + self._tensor(f, g, left, right, along * u * v, across * y ** (p + q))
+                        factors = along * u * v, across * y ** (p[0] + q[0]), z ** (p[1] + q[1])
+                        total = total + self._tensor(f, g, left, right, *factors)
             total = total[self._kept] if f == 3 else total
             self._products[f, a, g, b] = total[:, self._kept] if g == 3 else total
         return self._products[f, a, g, b]
@@ -200,9 +210,9 @@ class ParityClass(CrystalForms):
 
     def _mass(self) -> np.ndarray:
         found = np.zeros((self.displacements, self.displacements))
-        widths = self._body.widths(self._body.gauss[0][0])
+        volumes = self._body.volumes(self._body.gauss[0][0])
         for f in range(3):
-            found[self.block(f), self.block(f)] = self._body.density * self._tensor(f, f, -1, -1, widths, 1.0)
+            found[self.block(f), self.block(f)] = self._body.density * self._tensor(f, f, -1, -1, volumes, 1.0, 1.0)
         return found
 
     def factor(self, surface: Surface) -> np.ndarray:
@@ -213,7 +223,7 @@ class ParityClass(CrystalForms):
             inner = [b for b in axis.breaks if ends[0] < b < ends[1]]
             sides.append(quadrature(joined(ends, inner), count))
         (x, wx), (y, wy) = sides
-        root_x, root_y = np.sqrt(wx * self._body.widths(x)), np.sqrt(wy)
+        root_x, root_y = np.sqrt(wx * self._body.extent(1, x)), np.sqrt(wy)
         columns = []
         for side in surface.faces:
             end = np.array([side * self._body.size[2] / 2])

@@ -77,7 +77,7 @@ class Build(Swept):
     ----------
     theta : (10,) true d-form constants
     fundamental : Hz, where laws over frequency are anchored: the first pole of the plate without effects
-    elements : further ends of elements along x, m
+    elements, elements_across : further ends of elements along x, and along y, m
     admittance : of the specimen over that of the plates, for the sizes of what stands parallel to it
     warp : frequency (k,) → frequency at which the linear body answers, for what no linear body does
     """
@@ -89,11 +89,14 @@ class Build(Swept):
     poling: int = 2
     admittance: float = 1.0
     taper: float = 0.0
+    wedge: float = 0.0
     margins: tuple[float, float] = (0.0, 0.0)
     stiffness: list[Profile] = field(default_factory=list)
     piezoelectric: list[Profile] = field(default_factory=list)
+    piezoelectric_across: list[Profile] = field(default_factory=list)
     soft: tuple[Profile, Profile] | None = None
     elements: list[float] = field(default_factory=list)
+    elements_across: list[float] = field(default_factory=list)
     surfaces: list[Surface] = field(default_factory=list)
     laws: list[Law] = field(default_factory=list)
     circuits: list[Circuit] = field(default_factory=list)
@@ -122,11 +125,14 @@ class Build(Swept):
         """The piece without what stands on its surfaces."""
         half = self.size / 2
         symmetric = (
-            not (self.taper or self.stiffness or self.piezoelectric or self.soft) and self.margins[0] == self.margins[1]
+            not (self.taper or self.wedge or self.stiffness or self.piezoelectric or self.soft)
+            and self.margins[0] == self.margins[1]
         )
         degrees = _FINE if any(not all(surface.keeps()[:2]) for surface in self.surfaces) else _DEGREES
         ends = joined((-half[0], half[0]), self.elements)
         axes = [self._along(ends, degrees[0]), *self._across(degrees[1:])]
+        if self.elements_across:
+            axes[1] = self._along(joined((-half[1], half[1]), self.elements_across), degrees[1])
         potential = axes
         if max(self.margins) > 0:
             axes, potential = ([self._margined(ends, g), *self._across(g.across)] for g in _GRADING)
@@ -139,12 +145,14 @@ class Build(Swept):
             margins=self.margins,
             profiles={"c": _product(self.stiffness), "e": _product(self.piezoelectric)},
             soft=self.soft,
+            across=_product(self.piezoelectric_across),
             taper=self.taper,
+            wedge=self.wedge,
             symmetric=symmetric,
         )
 
     def _along(self, ends: np.ndarray, degree: int, least: int = 3) -> Axis:
-        """Elements along x, their degrees by their length but not below `least`."""
+        """Elements along x or y, their degrees by their length but not below `least`."""
         share = np.diff(ends) / np.ptp(ends)
         return Axis(tuple(ends), tuple(int(np.clip(round(degree * s) + 3, least, degree)) for s in share))
 

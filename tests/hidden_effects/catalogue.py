@@ -234,6 +234,13 @@ def tapered_width(build, rng, variant) -> Hidden:
     return Hidden("tapered_width", {"taper": size})
 
 
+def wedge(build, rng, variant) -> Hidden:
+    """The thickness grows along the length."""
+    size = log_uniform(rng, 0.015, 0.08)
+    build.wedge += size
+    return Hidden("wedge", {"wedge": size})
+
+
 def electrode_mass(build, rng, variant) -> Hidden:
     """Variant: unequal films on the two faces; the size is the mean."""
     size, share = log_uniform(rng, 0.02, 0.2), 0.3 if variant else 0.0
@@ -324,6 +331,21 @@ def electrode_margin(build, rng, variant) -> Hidden:
     return Hidden("electrode_margin", sizes, variant="unequal" * variant)
 
 
+def depoled(distance: np.ndarray, reach: float, ramp: bool) -> np.ndarray:
+    """Share (k,) of e left at distances (k,) from an edge: exponential, or a ramp that loses as much."""
+    return np.minimum(distance / (2 * reach), 1.0) if ramp else -np.expm1(-distance / reach)
+
+
+def edge_depoling(build, rng, variant) -> Hidden:
+    """Along all four sides. Variant: a linear ramp in place of the exponential law."""
+    reach = log_uniform(rng, 0.02e-3, 0.3e-3)
+    axes = ((build.piezoelectric, build.elements), (build.piezoelectric_across, build.elements_across))
+    for size, (profiles, elements) in zip(build.size, axes, strict=False):
+        profiles.append(lambda x, half=size / 2: depoled(half - np.abs(x), reach, variant))
+        elements += [side * (size / 2 - reach * away) for side in (-1, 1) for away in (2.0, 6.0)]
+    return Hidden("edge_depoling", {"reach": reach}, variant="ramp" * variant, sized=not variant)
+
+
 EFFECTS: Mapping[str, Entry] = {
     "series_resistance": series_resistance,
     "series_inductance": series_inductance,
@@ -342,10 +364,12 @@ EFFECTS: Mapping[str, Entry] = {
     "wrong_width": _wrong("width", 1, 0.003, 0.015),
     "wrong_thickness": _wrong("thickness", 2, 0.01, 0.04),
     "tapered_width": tapered_width,
+    "wedge": wedge,
     "electrode_mass": electrode_mass,
     "point_mass": point_mass,
     "local_crack": local_crack,
     "poling_gradient": poling_gradient,
     "mounting": mounting,
     "electrode_margin": electrode_margin,
+    "edge_depoling": edge_depoling,
 }

@@ -137,6 +137,17 @@ def poling_gradient(build: RoundBuild, rng, variant) -> Hidden:
     return Hidden("poling_gradient", {"gradient": size}, variant="steeper" * variant, sized=not variant)
 
 
+def edge_depoling(build: RoundBuild, rng, variant) -> Hidden:
+    """Along all rims. Variant: a linear ramp in place of the exponential law."""
+    reach, rims = log_uniform(rng, 0.04e-3, 0.4e-3), build.radii[build.radii > 0]
+
+    def left(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.prod([catalogue.depoled(np.abs(np.hypot(x, y) - rim), reach, variant) for rim in rims], axis=0)
+
+    build.profiles["e"] = left
+    return Hidden("edge_depoling", {"reach": reach}, variant="ramp" * variant, sized=not variant)
+
+
 def soft_volume(thickness: float, depth: float, radius: float) -> float:
     """t ∫ k/(1 − 0.66 k) dA, m³, of k = depth exp(−r²/a²): as if every ring were the middle of a spot of its k."""
     r = np.linspace(0, 5, 2001)
@@ -206,6 +217,7 @@ ROUND_EFFECTS: Mapping[str, catalogue.Entry] = {name: catalogue.EFFECTS[name] fo
     "fluid_load": fluid_load,
     "poling_gradient": poling_gradient,
     "local_crack": local_crack,
+    "edge_depoling": edge_depoling,
     "wedge": wedge,
     "ovality": ovality,
     "wrong_diameter": _wrong("diameter", 0.01, 0.03),

@@ -2,8 +2,9 @@
 
 Beside what any body has (`femu_piezo.effects.local.mesh_fields`), "slices" and "x slices" hold the local response of
 the driven and of the x class to a yielding slice across the plate, "ramp" and "x ramp" theirs to driven fields whose
-piezoelectric coupling varies along x, "x taper" that of the x class to driven fields whose width varies along x. The
-local responses of a class are orthonormal to its modes and to those before them in the order ramp, taper, film, slices.
+piezoelectric coupling varies along x, "x taper" and "x wedge" that of the x class to driven fields whose width or
+thickness varies along x. The local responses of a class are orthonormal to its modes and to those before them in the
+order ramp, taper, wedge, film, slices.
 """
 
 from __future__ import annotations
@@ -25,7 +26,9 @@ from femu_piezo.forward.reduction import ReducedModel
 from femu_piezo.geometry.boxes import grid_lines, tensor_box
 from femu_piezo.material.constants import ElasticForm, PiezoConstants
 
-SLICES, RAMP, TAPER = "slices", "ramp", "taper"
+SLICES, RAMP = "slices", "ramp"
+#: Local response to sides that are not parallel → the axis along which the extent varies.
+TAPERED = {"taper": 1, "wedge": 2}
 #: Part of a mode at other constants below which a correction is dropped: its eigenvalue errs by the square.
 _FOLLOWED = 1e-3
 
@@ -45,7 +48,7 @@ class BoxFields(MeshFields):
     weighted : weighted forms on the part
     """
 
-    kinds = (RAMP, TAPER, FILM, SLICES)
+    kinds = (RAMP, *TAPERED, FILM, SLICES)
 
     def __init__(
         self,
@@ -68,7 +71,7 @@ class BoxFields(MeshFields):
     def _modes(self, flipped: Flipped, respond: Response | None) -> np.ndarray:
         others = self._once.get("others", lambda: _OtherClasses(self, MODES_BEYOND * self._top))
         known = others.modes(flipped)
-        if not (self._others_trained and any(name.endswith((RAMP, TAPER)) for name in self._local[flipped])):
+        if not (self._others_trained and any(name.endswith((RAMP, *TAPERED)) for name in self._local[flipped])):
             return known
         loads = self._moved_mode_loads(known)
         if not loads.shape[1]:
@@ -95,8 +98,8 @@ class BoxFields(MeshFields):
         """Those of films, and of what else a plate may have."""
         if kind == RAMP:
             return _ramp_loads(self.weighted, self.constants, self._states, 0 in flipped)
-        if kind == TAPER:
-            return _taper_loads(self.weighted, self.constants, self._states)
+        if kind in TAPERED:
+            return _taper_loads(self.weighted, TAPERED[kind], self.constants, self._states)
         return super()._loads(kind, flipped) if kind == FILM else _slice_loads(self.weighted, self.constants)
 
 
@@ -142,9 +145,9 @@ def _ramp_loads(weighted: WeightedProducts, constants: ElasticForm, states: np.n
     return loads / np.linalg.norm(loads, axis=0)
 
 
-def _taper_loads(weighted: WeightedProducts, constants: ElasticForm, states: np.ndarray) -> np.ndarray:
-    """(4n, k) forces, charges and inertia of a width that varies, on states (4, n, k)."""
-    first, whole = weighted.tapered[0], np.tensordot(constants.vector().real, weighted.model.unit_tensors, axes=1)
+def _taper_loads(weighted: WeightedProducts, side: int, constants: ElasticForm, states: np.ndarray) -> np.ndarray:
+    """(4n, k) forces, charges and inertia of an extent that varies, on states (4, n, k)."""
+    first, whole = weighted.tapered(side)[0], np.tensordot(constants.vector().real, weighted.model.unit_tensors, axes=1)
     flat = states.reshape(-1, states.shape[2])
     stiff, heavy = first.applied([whole], states).reshape(flat.shape), np.zeros_like(states)
     heavy[:3] = weighted.tapered_mass(states[:3])

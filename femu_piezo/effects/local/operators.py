@@ -14,10 +14,11 @@ from functools import cached_property, partial
 from typing import TypeVar
 
 import numpy as np
+from scipy.interpolate import BarycentricInterpolator
 
 from femu_piezo.effects.effect import LocalTerm
 from femu_piezo.effects.local.blocks import Blocks
-from femu_piezo.effects.local.box_fields import SLICES
+from femu_piezo.effects.local.box_fields import SLICES, TAPERED
 from femu_piezo.effects.local.end_strips import BareEnds, measure_bare_ends, measure_bare_rims
 from femu_piezo.effects.local.faces import Face
 from femu_piezo.effects.local.mesh_fields import Flipped
@@ -26,7 +27,9 @@ from femu_piezo.effects.local.round_deformations import COUPLED, OVAL, WEDGE
 from femu_piezo.effects.local.round_fields import ORDERS, RoundFields
 from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Sectors
 from femu_piezo.effects.local.spot import in_plane_stiffness
+from femu_piezo.effects.local.weighted_forms import DEEPEST, cut_near
 from femu_piezo.forward.gradient_products import FIELDS, reshaped_products
+from femu_piezo.forward.revolution import Line, Section
 from femu_piezo.geometry.reshaping import Reshaping
 from femu_piezo.threads import Once
 
@@ -34,6 +37,8 @@ Made = TypeVar("Made")
 
 #: Constants (numbers in the e-form) of the elastic and of the piezoelectric terms.
 ELASTIC, PIEZOELECTRIC = range(5), range(5, 8)
+#: Reaches at which operators near edges are made.
+_REACHES = 6
 #: ω² over that of the cut below which an unknown moves without strain.
 _RIGID = 1e-7
 
@@ -92,6 +97,30 @@ class Deformation:
             for constant, matrix in enumerate(matrices[...]):
                 found.append(LocalTerm("stiffness", matrix, value * one, slope * one[:, None], constant))
         return found
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Piezoelectric operators near the edges of a body, with a weight that falls as e^(−d/ρ).
+
+    Attributes
+    ----------
+    reaches : (n,) ρ, m
+    matrices : [n, 3] (r, r) per unit of e31 e33 e15 and per metre of ρ
+    """
+
+    reaches: np.ndarray
+    matrices: Blocks
+
+    def at(self, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        """Matrices (3, r, r) at a reach, ρ times a polynomial of ρ, and their slopes by it."""
+        lagrange = BarycentricInterpolator(self.reaches, np.eye(self.reaches.size))
+        value, slope = lagrange(reach), lagrange.derivative(reach)
+        return self.matrices.combined(reach * value), self.matrices.combined(value + reach * slope)
+
+    def among(self, numbers: np.ndarray, size: int) -> Edges:
+        """The same over `size` unknowns, of which those so far are the given ones (indices)."""
+        return Edges(self.reaches, self.matrices.among(numbers, size))
 
 
 class Places:
@@ -189,14 +218,21 @@ class Places:
         return self._made(_bare_ends, lambda flipped, name: name in (DRIVEN, "x"))
 
     @cached_property
+    def edges(self) -> Edges:
+        """Along the sides of a plate, or the rims of a disk or ring."""
+        return self._made(_edges, lambda flipped, name: name == DRIVEN)
+
+    @cached_property
     def taper(self) -> Deformation:
         """A width W (1 + ε ξ) of a plate, ξ = 2x/L."""
-        return self._made(_taper, lambda flipped, name: flipped in ((), (0,)) and not name.endswith(SLICES))
+        return self._tapered("taper")
 
     @cached_property
     def wedge(self) -> Deformation:
-        """A thickness t (1 + ε x/R) of a disk or ring."""
-        return self._round_deformation(WEDGE)
+        """A thickness t (1 + ε ξ) of a plate, or t (1 + ε x/R) of a disk or ring."""
+        if isinstance(self.sectors.all_fields, RoundFields):
+            return self._round_deformation(WEDGE)
+        return self._tapered("wedge")
 
     @cached_property
     def oval(self) -> Deformation:
@@ -207,6 +243,9 @@ class Places:
         """A map of the body that keeps its symmetry, so that the driven class alone is concerned."""
         make = self._shared.get(("reshaped", reshaping), lambda: partial(_reshaped, reshaping))
         return self._made(make, lambda flipped, name: name == DRIVEN)
+
+    def _tapered(self, kind: str) -> Deformation:
+        return self._made(_TAPERED[kind], lambda flipped, name: flipped in ((), (0,)) and not name.endswith(SLICES))
 
     def _round_deformation(self, kind: str) -> Deformation:
         order = ORDERS[COUPLED[kind]]
@@ -280,6 +319,36 @@ def _radial_ramp(sectors: Sectors) -> Blocks:
     return Blocks(found, np.arange(sectors.size), sectors.size)
 
 
+def _edges(sectors: Sectors) -> Edges:
+    """On the driven fields alone, whose symmetry edges that are alike keep."""
+    fields = sectors.all_fields
+    units = fields.model.unit_tensors[PIEZOELECTRIC.start : PIEZOELECTRIC.stop]
+    nodes = (1 - np.cos(np.pi * (np.arange(_REACHES) + 0.5) / _REACHES)) / 2
+    if isinstance(fields, RoundFields):
+        reaches = DEEPEST * np.ptp(fields.model.domain.radii) * nodes
+        found = _near_rims(fields, units, reaches)
+    else:
+        reaches = DEEPEST * 2 * min(fields.model.domain.mesh.p.max(axis=1)[:2]) * nodes
+        own = fields.fields([DRIVEN])
+        found = np.array([fields.weighted.edges(reach).within(own, units) for reach in reaches])
+    return Edges(reaches, Blocks(found / reaches[:, None, None, None], np.arange(sectors.size), sectors.size))
+
+
+def _near_rims(fields: RoundFields, units: np.ndarray, reaches: np.ndarray) -> np.ndarray:
+    """(n, 3, r, r) of the unit tensors with weights 1 − Π (1 − e^(−d/ρ)), d the distances to the rims."""
+    whole, (inner, outer) = fields.section, fields.model.domain.radii
+    rims = np.array([inner, outer] if inner > 0 else [outer])
+    found = []
+    for reach in reaches:
+        ends = np.unique(np.append(whole.radial.ends, cut_near(rims, reach, inner, outer)))
+        fine = Section(Line(ends, whole.radial.order), whole.axial, whole.density)
+        order = fine.order(0)
+        left = np.prod(-np.expm1(-np.abs(order.radii[:, None] - rims) / reach), axis=1)
+        own = np.concatenate([whole.to_nodes_of(fine) @ part for part in np.split(fields.on_section, FIELDS)])
+        found.append(order.within(own, units, 1 - left))
+    return np.array(found)
+
+
 def _put(found: np.ndarray, block: np.ndarray, rows: np.ndarray, columns: np.ndarray | None = None) -> None:
     """Write blocks (…, k, l) to rows and columns of symmetric (…, r, r); a block of rows with themselves without."""
     found[(..., *np.ix_(rows, rows if columns is None else columns))] = block
@@ -300,9 +369,9 @@ def _films(sectors: Sectors) -> Blocks:
     return Blocks(found, np.arange(sectors.size), sectors.size)
 
 
-def _taper(sectors: Sectors) -> Deformation:
+def _tapered(side: int, sectors: Sectors) -> Deformation:
     """The first order couples the driven class to that whose parity differs about x, the second each with itself."""
-    model, (first, second) = sectors.all_fields.weighted.model, sectors.all_fields.weighted.tapered
+    model, (first, second) = sectors.all_fields.weighted.model, sectors.all_fields.weighted.tapered(side)
     (rows, columns), (left, right) = _coupled(sectors, (0,))
     size, units = sectors.size, model.unit_tensors
     found, inertia = np.zeros((2, len(units), size, size)), np.zeros((size, size))
@@ -340,5 +409,7 @@ def _reshaped(reshaping: Reshaping, sectors: Sectors) -> Deformation:
     return Deformation(*stiff, *heavy)
 
 
-#: Kind of a deformation of a round body → how it is made, one function each: what is made is kept by that.
+#: Kind of a deformation of a round body, and of a plate → how it is made, one function each: what is made is kept by
+#: that.
 _DEFORMED = {kind: partial(_deformed, kind) for kind in COUPLED}
+_TAPERED = {kind: partial(_tapered, side) for kind, side in TAPERED.items()}

@@ -19,6 +19,10 @@ from femu_piezo.forward.tensor_grid import kronecker_times, line_products
 
 #: Slices across the part along its length, at least.
 _SLICES = 16
+#: Deepest reach of what happens at edges, as a share of the shortest side of a face or of the way between rims.
+DEEPEST = 0.1
+#: Distances from an edge, over the reach, between which e^−(distance / reach) is a polynomial of the order of elements.
+_CUTS = np.array([0.0, 1.0, 2.0, 4.0, 7.0, 11.0, 16.0])
 #: Coefficient and the factors along x, y, z of one Kronecker product.
 Kronecker = tuple[float, tuple[np.ndarray, np.ndarray, np.ndarray]]
 
@@ -43,6 +47,12 @@ class SeparableProducts(ScalarProducts):
         for coefficient, factors in self.terms.get((a, b), ()):
             found += coefficient * kronecker_times(factors, vectors)
         return found if rows is None else found[rows]
+
+
+def cut_near(edges: np.ndarray, reach: float, left: float, right: float) -> np.ndarray:
+    """(n,) places from left to right between which e^(−d/ρ) is smooth, d the distance to the nearest of some edges."""
+    cuts = (edges[:, None] + reach * np.concatenate([-_CUTS, _CUTS])).ravel()
+    return np.concatenate([[left], np.unique(cuts[(cuts > left) & (cuts < right)]), [right]])
 
 
 class WeightedProducts:
@@ -91,41 +101,56 @@ class WeightedProducts:
         weight = self._grid.weighted(0, lambda x: (x / self._half) ** 2 - 1 / 3)
         return self._all(self._along_x(weight))
 
-    @cached_property
-    def tapered(self) -> tuple[SeparableProducts, SeparableProducts]:
-        """Parts of first and second order in t where the width is W (1 + t ξ), ξ = 2x/L.
+    def tapered(self, side: int) -> tuple[SeparableProducts, SeparableProducts]:
+        """Parts of first and second order in t where the extent along an axis, 1 or 2, is that of the box (1 + t ξ).
 
-        The map y → y (1 + t ξ) turns ∂_x into ∂_x − t η/(1 + tξ) ∂_y with η = 2y/L, ∂_y into ∂_y/(1 + tξ), and dV into
-        (1 + tξ) dV.
+        With ξ = 2x/L the map y → y (1 + t ξ), of the width, turns ∂_x into ∂_x − t η/(1 + tξ) ∂_y with η = 2y/L, ∂_y
+        into ∂_y/(1 + tξ), and dV into (1 + tξ) dV; that of the thickness does the same with z.
         """
-        xi, eta = self._power(0, 1), self._power(1, 1)
+        xi, other = self._power(0, 1), 3 - side
 
         def along(a: int, b: int, sign: float = 1.0) -> Kronecker:
-            return self._term(a, b, sign, x=xi)
+            return self._term(a, b, sign, {0: xi})
 
         def across(a: int, b: int) -> Kronecker:
-            return self._term(a, b, -1.0, y=eta)
+            return self._term(a, b, -1.0, {side: self._power(side, 1)})
 
         first = {
-            (0, 0): [along(0, 0), across(0, 1), across(1, 0)],
-            (1, 1): [along(1, 1, -1.0)],
-            (2, 2): [along(2, 2)],
-            (0, 1): [across(1, 1)],
-            (1, 0): [across(1, 1)],
-            (0, 2): [along(0, 2), across(1, 2)],
-            (2, 0): [along(2, 0), across(2, 1)],
+            (0, 0): [along(0, 0), across(0, side), across(side, 0)],
+            (side, side): [along(side, side, -1.0)],
+            (other, other): [along(other, other)],
+            (0, side): [across(side, side)],
+            (side, 0): [across(side, side)],
+            (0, other): [along(0, other), across(side, other)],
+            (other, 0): [along(other, 0), across(other, side)],
         }
-        mixed = [self._term(1, 1, x=xi, y=eta)]
+        mixed = [self._term(side, side, 1.0, {0: xi, side: self._power(side, 1)})]
         second = {
-            (0, 0): [self._term(1, 1, y=self._power(1, 2))],
-            (1, 1): [self._term(1, 1, x=self._power(0, 2))],
-            (0, 1): mixed,
-            (1, 0): mixed,
+            (0, 0): [self._term(side, side, 1.0, {side: self._power(side, 2)})],
+            (side, side): [self._term(side, side, 1.0, {0: self._power(0, 2)})],
+            (0, side): mixed,
+            (side, 0): mixed,
         }
         return self._all(first), self._all(second)
 
+    def edges(self, reach: float) -> SeparableProducts:
+        """With the weight 1 − (1 − e^(−d_x/ρ)) (1 − e^(−d_y/ρ)), d the distances to the nearest sides."""
+        x, y = (self._near_end(axis, reach) for axis in (0, 1))
+        parts = ((1.0, {0: x}), (1.0, {1: y}), (-1.0, {0: x, 1: y}))
+        return self._all({(a, b): [self._term(a, b, *part) for part in parts] for a in range(3) for b in range(3)})
+
+    def _near_end(self, axis: int, reach: float) -> np.ndarray:
+        """(2, 2, n, n) one-dimensional products with the weight e^(−d/ρ), d the distance to the end of the part."""
+        line, places = self._grid.lines[axis], self._grid.places[axis]
+        order, found = (places.size - 1) // (line.size - 1), np.zeros((2, 2, places.size, places.size))
+        for element, (left, right) in enumerate(pairwise(line)):
+            own = slice(element * order, element * order + order + 1)
+            for low, high in pairwise(cut_near(line[-1:], reach, left, right)):
+                found[:, :, own, own] += line_products(places[own], low, high, lambda x: np.exp((x - line[-1]) / reach))
+        return found
+
     def tapered_mass(self, displacements: np.ndarray) -> np.ndarray:
-        """∫ ρ ξ v·u on displacements (3, n, k), the part of first order in t of the mass: (3, n, k), kg."""
+        """∫ ρ ξ v·u on displacements (3, n, k), the part of first order in t of either mass: (3, n, k), kg."""
         grid, found = self._grid, np.empty_like(displacements)
         factors = (self._power(0, 1)[0, 0], *(axis[0, 0] for axis in grid.axes[1:]))
         for own, image in zip(displacements, found, strict=True):
@@ -138,19 +163,17 @@ class WeightedProducts:
         return float(self._grid.lines[0][-1])
 
     def _power(self, axis: int, power: int) -> np.ndarray:
-        """One-dimensional products with the weight (2x/L)^power or (2y/L)^power."""
+        """One-dimensional products with the weight (2x/L)^power, (2y/L)^power or (2z/L)^power."""
         return self._grid.weighted(axis, lambda place: (place / self._half) ** power)
 
-    def _term(
-        self, a: int, b: int, coefficient: float = 1.0, x: np.ndarray | None = None, y: np.ndarray | None = None
-    ) -> Kronecker:
-        """coefficient · ∫ w ∂_aφ_i ∂_bφ_j with the one-dimensional products of a weight along x, along y."""
-        lines = [plain if own is None else own for own, plain in zip((x, y, None), self._grid.axes, strict=True)]
+    def _term(self, a: int, b: int, coefficient: float, weighted: Mapping[int, np.ndarray]) -> Kronecker:
+        """coefficient · ∫ w ∂_aφ_i ∂_bφ_j with the one-dimensional products of weights along some axes."""
+        lines = [weighted.get(i, plain) for i, plain in enumerate(self._grid.axes)]
         return coefficient, tuple(line[int(a == i), int(b == i)] for i, line in enumerate(lines))
 
     def _along_x(self, weighted: np.ndarray) -> dict[tuple[int, int], list[Kronecker]]:
         """Every product with the one-dimensional products of a weight along x."""
-        return {(a, b): [self._term(a, b, x=weighted)] for a in range(3) for b in range(3)}
+        return {(a, b): [self._term(a, b, 1.0, {0: weighted})] for a in range(3) for b in range(3)}
 
     def _all(self, terms: Mapping[tuple[int, int], Sequence[Kronecker]]) -> SeparableProducts:
         return SeparableProducts(self.model.basis.N, self._grid.order, terms)
