@@ -11,6 +11,7 @@ from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
 from femu_piezo.diagnosis.starts import starts
 from femu_piezo.effects.effect import Effect, EffectParameter, LocalTerm
 from femu_piezo.effects.local.mesh_fields import flipped_axes
+from femu_piezo.effects.local.operators import PIEZOELECTRIC
 from femu_piezo.inference.fit import fit
 
 
@@ -137,6 +138,22 @@ def test_sectors_are_orthonormal_and_classes_do_not_couple(setup):
     apart = groups[:, None] != groups
     assert np.max(np.abs(model.bulk[:, apart])) == 0.0
     assert {"spot", "slices", "x ramp", "xyz"} <= set(model.sectors)
+
+
+def test_operators_near_edges_between_the_reaches_that_are_made(setup):
+    """The polynomial of ρ, and its slope, against operators made at ρ."""
+    places = setup.model.restricted([]).places
+    fields = places.sectors.all_fields
+    units = fields.model.unit_tensors[PIEZOELECTRIC.start : PIEZOELECTRIC.stop]
+
+    def made(reach: float) -> np.ndarray:
+        return fields.weighted.edges(reach).within(fields.fields(["driven"]), units)
+
+    for reach in (0.03e-3, 0.12e-3, 0.35e-3):
+        value, slope = places.edges.at(reach)
+        exact, steep = made(reach), (made(1.001 * reach) - made(0.999 * reach)) / (2e-3 * reach)
+        assert np.linalg.norm(value - exact) < 6e-3 * np.linalg.norm(exact)
+        assert np.linalg.norm(slope - steep) < 2e-2 * np.linalg.norm(steep)
 
 
 def test_even_effects_need_no_further_sectors(setup):

@@ -238,6 +238,7 @@ def test_bare_rims_against_a_full_solution(bodies, name):
     assert error < 0.02 * size
 
 
+@pytest.mark.slow
 def test_what_the_law_of_a_wedge_misses_is_no_further_cause(bodies):
     """Modes of order 1 a little off their place leave more than the noise; other causes do not stand in for that."""
     one, noise, size = bodies["disk"], 1e-3, 0.185

@@ -88,6 +88,7 @@ def test_update_of_a_disk(tmp_path, truth):
     assert result.outcomes[0].rms_after < 1e-2
 
 
+@pytest.mark.slow
 def test_update_of_a_partly_covered_trapezoid(tmp_path, truth):
     """No closed form for this one: the start comes from a bar of the same first mode."""
     body = trapezoid(14e-3, 4e-3, 2e-3, 1e-3, electrodes=Electrodes(span=(0.0, 9e-3)))

@@ -114,6 +114,7 @@ def down(frequency):
     return DRIFT * (2 - time(frequency) - time(fundamental()))
 
 
+@pytest.mark.slow
 def test_a_drift_that_one_sweep_cannot_tell_is_told_by_the_recommended_second(bench):
     """The plan says which second sweep and how far it will separate the two; that sweep does, and gives the drift."""
     bench.put("up", sweep(softer(up), seed=1))

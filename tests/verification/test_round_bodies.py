@@ -77,6 +77,7 @@ def test_the_accuracy_asked_for_is_kept(body):
         assert found.size >= 2 and found.max() < accuracy
 
 
+@pytest.mark.slow
 def test_convergence_with_the_order():
     """Two cells along the radius: the errors of all poles and zeros fall by a factor of ten and more per order.
 

@@ -38,7 +38,7 @@ Made = TypeVar("Made")
 #: Constants (numbers in the e-form) of the elastic and of the piezoelectric terms.
 ELASTIC, PIEZOELECTRIC = range(5), range(5, 8)
 #: Reaches at which operators near edges are made.
-_REACHES = 6
+_REACHES = 4
 #: ω² over that of the cut below which an unknown moves without strain.
 _RIGID = 1e-7
 
