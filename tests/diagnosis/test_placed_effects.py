@@ -153,7 +153,7 @@ def test_operators_near_edges_between_the_reaches_that_are_made(setup):
         value, slope = places.edges.at(reach)
         exact, steep = made(reach), (made(1.001 * reach) - made(0.999 * reach)) / (2e-3 * reach)
         assert np.linalg.norm(value - exact) < 6e-3 * np.linalg.norm(exact)
-        assert np.linalg.norm(slope - steep) < 2e-2 * np.linalg.norm(steep)
+        assert np.linalg.norm(slope - steep) < 5e-2 * np.linalg.norm(steep)
 
 
 def test_even_effects_need_no_further_sectors(setup):
