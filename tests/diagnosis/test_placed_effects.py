@@ -12,6 +12,7 @@ from femu_piezo.diagnosis.starts import starts
 from femu_piezo.effects.effect import Effect, EffectParameter, LocalTerm
 from femu_piezo.effects.local.mesh_fields import flipped_axes
 from femu_piezo.effects.local.operators import PIEZOELECTRIC
+from femu_piezo.effects.local.sectors import driven_states
 from femu_piezo.inference.fit import fit
 
 
@@ -141,16 +142,17 @@ def test_sectors_are_orthonormal_and_classes_do_not_couple(setup):
 
 
 def test_operators_near_edges_between_the_reaches_that_are_made(setup):
-    """The polynomial of ρ, and its slope, against operators made at ρ."""
+    """The polynomial of ρ, and its slope, against operators made at ρ, on the states that the terminals drive."""
     places = setup.model.restricted([]).places
     fields = places.sectors.all_fields
     units = fields.model.unit_tensors[PIEZOELECTRIC.start : PIEZOELECTRIC.stop]
+    states = driven_states(fields.reduced, fields.constants, (2 * np.pi * FREQUENCY[-1]) ** 2)
 
     def made(reach: float) -> np.ndarray:
-        return fields.weighted.edges(reach).within(fields.fields(["driven"]), units)
+        return fields.weighted.edges(reach).within(fields.fields(["driven"]) @ states, units)
 
     for reach in (0.03e-3, 0.12e-3, 0.35e-3):
-        value, slope = places.edges.at(reach)
+        value, slope = (states.T @ part @ states for part in places.edges.at(reach))
         exact, steep = made(reach), (made(1.001 * reach) - made(0.999 * reach)) / (2e-3 * reach)
         assert np.linalg.norm(value - exact) < 6e-3 * np.linalg.norm(exact)
         assert np.linalg.norm(slope - steep) < 5e-2 * np.linalg.norm(steep)

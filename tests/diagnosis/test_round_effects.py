@@ -19,6 +19,9 @@ from femu_piezo.effects.library import library
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.response import full_impedance
 from femu_piezo.geometry import catalogue
+from femu_piezo.geometry.domain import Domain
+from femu_piezo.geometry.plane_mesh import extruded, labelled, polar_plane
+from femu_piezo.geometry.round_body import PINHOLE
 from femu_piezo.geometry.slab import Electrodes
 from femu_piezo.inference.fit import COARSE, fit
 from femu_piezo.inference.response import Evaluation
@@ -236,6 +239,74 @@ def test_bare_rims_against_a_full_solution(bodies, name):
     error, size = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (own - exact, exact))
     print(f"{name}: {error / size:.4f}")
     assert error < 0.02 * size
+
+
+def off_the_middle(name: str, margin: float, asymmetry: float) -> Domain:
+    """Half of a disk or ring whose electrode is shifted along x: elements graded to its ends, moved with it."""
+    inner, outer = RADII[name]
+
+    def towards(end: float, edge: float) -> np.ndarray:
+        return edge + (end - edge) * np.array([0.0, 0.03, 0.1, 0.3, 0.6, 1.0])
+
+    middle = (inner + outer) / 2 if inner else 0.0
+    ends = np.concatenate([towards(outer, outer - margin), towards(middle, outer - margin)])
+    if inner:
+        ends = np.concatenate([ends, towards(inner, inner + margin), towards(middle, inner + margin)])
+    else:
+        ends = np.append(ends[ends > 0], PINHOLE * outer)
+    across = np.unique(np.round(ends, 12))
+    edges = np.array([inner + margin, outer - margin]) if inner else np.array([0.0, outer - margin])
+    plane = polar_plane(across, np.linspace(0, np.pi, 7))
+    near = 1e-9 * outer
+
+    def hot(x: np.ndarray) -> np.ndarray:
+        r = np.hypot(x[0], x[1])
+        return (np.abs(x[2] - THICKNESS / 2) < near) & (r > edges[0] - near) & (r < edges[1] + near)
+
+    labels = {"hot": hot, "mirror_z": lambda x: np.abs(x[2]) < near, "mirror_y": lambda x: np.abs(x[1]) < near}
+
+    def moved(points: np.ndarray) -> np.ndarray:
+        """As a whole within the electrode's ends, and less and less towards the rims."""
+        r = np.hypot(*points)
+        share = np.minimum((outer - r) / margin, 1.0)
+        if inner:
+            share = np.minimum(share, (r - inner) / margin)
+        return points + np.array([asymmetry * margin * share, 0 * r])
+
+    shifted = replace(plane, p=moved(plane.p), middles=moved(plane.middles.reshape(2, -1)).reshape(plane.middles.shape))
+    heights = THICKNESS / 2 * np.array([0.0, 0.6, 0.92, 1.0])
+    names = labelled(extruded(plane, heights), labels).boundaries
+    return Domain(
+        mesh=extruded(shifted, heights).with_boundaries(names),
+        hot=("hot",),
+        ground=("mirror_z",),
+        symmetry={"mirror_z": 2, "mirror_y": 1},
+        copies=4,
+        voltage_factor=2.0,
+        order=3,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RADII)
+def test_an_electrode_off_the_middle_against_a_full_solution(bodies, name):
+    """Strips as wide as they are at each angle, and elements that are graded to the electrode's end."""
+    one, margin, asymmetry = bodies[name], 0.3e-3, 0.6
+    frequency, constants = one.frequency[::12], PiezoConstants.from_vector(one.theta).to_e_form()
+    solved = [
+        full_impedance(ElectroelasticModel(off_the_middle(name, margin, shift), DENSITY), constants, frequency)
+        for shift in (asymmetry, 0.0)
+    ]
+    bare, even, own = (
+        one.impedance(*key)[::12]
+        for key in ((), ("electrode_margin", (margin,)), ("electrode_margin", (margin, asymmetry)))
+    )
+    exact, found, whole = np.log(solved[0] / solved[1]), np.log(own / even), np.log(even / bare)
+    error, size, all_of_it = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (found - exact, exact, whole))
+    print(f"{name}: {error / size:.4f}, {error / all_of_it:.4f}")
+    assert size > 0.1 * all_of_it
+    assert error < {"disk": 0.4, "ring": 0.1}[name] * size
+    assert error < 0.05 * all_of_it
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import numpy as np
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalTerm
 from femu_piezo.effects.local.end_strips import WIDEST
 from femu_piezo.effects.local.operators import Places
+from femu_piezo.effects.local.round_fields import ORDERS, RIMS
 
 
 def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
@@ -20,18 +21,19 @@ def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For thickness-poled plates with three mirror planes, whose strips are m (1 ± a) wide; disks and rings.
+    """For thickness-poled plates with three mirror planes, whose strips are m (1 ± a) wide; disks and rings, with
+    electrodes that are off the middle by a m.
 
-    Which end has the wider strip cannot be told.
+    Which end has the wider strip, or which side, cannot be told.
     """
     if not context.is_regular or context.poling != "thickness":
         return ()
     if context.radii is None:
         size, where, sectors = context.dimensions[0], "both faces are bare at both ends", ("x",)
-        unequal = (EffectParameter("asymmetry", "1", 0.0, 1.0, 0.3, 0.3, starts=(0.4,), optional=True),)
+        misses = (0.03, 0.03)
     else:
         size, where = context.radii[1] - context.radii[0], "both faces are bare along their rims"
-        sectors, unequal = (), ()
+        sectors, misses = (ORDERS[1], RIMS), (0.05, 0.15)
     return (
         Effect(
             name="electrode_margin",
@@ -45,9 +47,9 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                     0.01 * size,
                     0.03 * size,
                     starts=(0.005 * size, 0.02 * size, 0.06 * size),
-                    law_error=0.03,
+                    law_error=misses[0],
                 ),
-                *unequal,
+                EffectParameter("asymmetry", "1", 0.0, 1.0, 0.3, 0.3, (0.4,), optional=True, law_error=misses[1]),
             ),
             confusable_with=("eps33T", "wrong_length", "poling_gradient"),
             advice=("measure the width of the bare strips under a microscope",),

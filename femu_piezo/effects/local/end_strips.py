@@ -9,7 +9,8 @@ them to those. With K the operator the amplitudes a = −(ψᵗKψ)^-1 ψᵗK x 
 stationary, so its parts per unit constant are exact derivatives of S; and since S is homogeneous of degree one in the
 constants, it is the sum of constant times derivative. The mesh of the region is graded to the end of the electrode, m
 from the edge, where the field is singular; the inertia of ψ itself is left out. S starts as m² and is interpolated
-between a few strips, over √m. They lie at both ends of a plate or along the rims of a disk or ring.
+between a few strips, over √m. They lie at both ends of a plate, or along the rims of a disk or ring
+(`femu_piezo.effects.local.rim_strips`).
 
 Strips of unequal widths at the ends of a plate, m₊ and m₋, couple the driven fields to those that are odd about the
 middle. With P = ±1 for even and odd fields, T(m) twice the S of a ψ at one end alone, and D(m) what S is more for
@@ -30,27 +31,25 @@ import skfem
 from scipy.interpolate import BarycentricInterpolator
 
 from femu_piezo.effects.local.blocks import Blocks
-from femu_piezo.effects.local.round_fields import RoundFields
 from femu_piezo.effects.local.sectors import Sectors
 from femu_piezo.forward.box_interpolation import interpolation
 from femu_piezo.forward.gradient_products import FIELDS, GradientProducts, assemble_gradient_products
 from femu_piezo.forward.hex_element import ElementHexP, node_places
 from femu_piezo.forward.linear_solver import factorize
 from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
-from femu_piezo.forward.revolution import Line, Section
 from femu_piezo.material.constants import ElasticForm
 from femu_piezo.threads import Once, in_parallel
 
 #: Widest strips, on the mean of both ends, as a share of the length of a plate or of the way across a ring; shares of
 #: that where S is computed, those above 1 once the wider one of two is wider than that.
 WIDEST = 0.1
-_NODES = np.array([0.05, 0.11, 0.22, 0.42, 0.75, 1.0, 1.5, 2.0])
+NODES = np.array([0.05, 0.11, 0.22, 0.42, 0.75, 1.0, 1.5, 2.0])
 #: Reach of the end region beyond the strip, in thicknesses; elements over width and half thickness.
-_REACH, _ACROSS, _DEEP = 2.5, 2, 4
+REACH, _ACROSS, _DEEP = 2.5, 2, 4
 #: Growth of element lengths away from the electrode's edge, and the smallest, in half thicknesses.
 _GROWTH, _SMALLEST = 1.7, 0.01
 #: Order of the elements of the region.
-_ORDER = 2
+ORDER = 2
 #: Share of the largest pattern of charge on a strip below which one is left out (S is off by about its square over that
 #: of a field's own charge, 1e-3 at most), and of momenta that are rounding.
 _FAINT, _ROUNDING = 1e-4, 1e-9
@@ -87,12 +86,8 @@ class BareEnds:
         return 0.5 * (right + left) + both, by_width, by_asymmetry
 
     def _at(self, blocks: Blocks, power: int, width: float) -> tuple[np.ndarray, np.ndarray]:
-        """Matrices (10, r, r) at a width, (m/m_k)ⁿ times Lagrange polynomials of √m, and their slopes by m."""
-        widths = self.widths[: len(blocks.inner)]
-        root, lagrange = np.sqrt(width), BarycentricInterpolator(np.sqrt(widths), np.eye(widths.size))
-        value, slope = lagrange(root), lagrange.derivative(root)
-        shares = value * width**power, power * value * width ** (power - 1) + 0.5 * slope * root ** (2 * power - 1)
-        value, slope = (blocks.combined(weights / widths**power) for weights in shares)
+        """Matrices (10, r, r) at a width and their slopes by it."""
+        value, slope = (blocks.combined(one) for one in between_widths(self.widths[: len(blocks.inner)], power, width))
         return value, slope
 
     def among(self, numbers: np.ndarray, size: int) -> BareEnds:
@@ -102,7 +97,19 @@ class BareEnds:
         return BareEnds(self.widths, *every, further)
 
 
-class _Forms(Protocol):
+def between_widths(widths: np.ndarray, power: int, width: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+    """(…, n) shares of what is known at widths (n,), (m/m_k)ⁿ times Lagrange polynomials of √m, and their slopes by m.
+
+    width : one, or (…,) of them
+    """
+    width = np.asarray(width, dtype=float)[..., None]
+    root, lagrange = np.sqrt(width), BarycentricInterpolator(np.sqrt(widths), np.eye(widths.size))
+    value, slope = lagrange(root[..., 0]), lagrange.derivative(root[..., 0])
+    shares = value * width**power, power * value * width ** (power - 1) + 0.5 * slope * root ** (2 * power - 1)
+    return shares[0] / widths**power, shares[1] / widths**power
+
+
+class Forms(Protocol):
     """Forms on fields (4n, k) of a region."""
 
     mass: sp.spmatrix
@@ -133,7 +140,7 @@ class _BoxForms:
 
 
 @dataclass(frozen=True)
-class _Base:
+class Base:
     """Base fields of the body: its displacement unknowns and the hot potential, inner potentials following them.
 
     What the inner potentials do for a strip, ψ does. No form of the body couples fields of different parity.
@@ -156,8 +163,13 @@ class _Base:
     constants: np.ndarray
     units: np.ndarray
 
+    @property
+    def tensor(self) -> np.ndarray:
+        """Extended tensor of all constants."""
+        return np.tensordot(self.constants, self.units, axes=1)
+
     @classmethod
-    def of(cls, sectors: Sectors, fields: np.ndarray, forms: _Forms, constants: ElasticForm, units) -> _Base:
+    def of(cls, sectors: Sectors, fields: np.ndarray, forms: Forms, constants: ElasticForm, units) -> Base:
         """Of all unknowns' fields (4n, r): displacements, inner potentials, hot potential."""
         values, size = constants.vector().real, fields.shape[1]
         odd = sectors.member > 0
@@ -178,26 +190,14 @@ def measure_bare_ends(sectors: Sectors) -> BareEnds:
     model, constants = sectors.all_fields.model, sectors.all_fields.constants
     fields = sectors.all_fields.fields(sectors.names).reshape(-1, sectors.size)
     forms = _BoxForms(model.products, model.density)
-    base = _Base.of(sectors, fields, forms, constants, model.unit_tensors)
+    base = Base.of(sectors, fields, forms, constants, model.unit_tensors)
     widest = WIDEST * 2 * model.domain.mesh.p[0].max()
     return _measured(sectors, base, widest, lambda width: _bare_end(model, base, width))
 
 
-def measure_bare_rims(sectors: Sectors) -> BareEnds:
-    """S of strips along the rims of a disk or ring, all of one width, up to a tenth of the way across.
-
-    sectors : the driven one alone
-    """
-    fields: RoundFields = sectors.all_fields
-    inner, outer = fields.model.domain.radii
-    order, units = fields.order(0), fields.model.unit_tensors
-    base = _Base.of(sectors, fields.on_section, order, fields.constants, units)
-    return _measured(sectors, base, WIDEST * (outer - inner), lambda width: _bare_rims(fields, base, width))
-
-
-def _measured(sectors: Sectors, base: _Base, widest: float, freed: Callable[[float], np.ndarray]) -> BareEnds:
+def _measured(sectors: Sectors, base: Base, widest: float, freed: Callable[[float], np.ndarray]) -> BareEnds:
     """freed : width → ∂T/∂c and ∂D/∂c (2, 10, k, k)"""
-    usual, kept = np.count_nonzero(_NODES <= 1), Once()
+    usual, kept = np.count_nonzero(NODES <= 1), Once()
 
     def matrices(nodes: np.ndarray) -> np.ndarray:
         return np.array(list(in_parallel(freed, (widest * nodes).tolist()))).swapaxes(0, 1)
@@ -205,27 +205,27 @@ def _measured(sectors: Sectors, base: _Base, widest: float, freed: Callable[[flo
     def strips(apart: np.ndarray, meeting: np.ndarray) -> BareEnds:
         sign = np.where(base.odd, -1.0, 1.0)
         every = apart, apart * sign[:, None] * sign, meeting
-        return BareEnds(widest * _NODES[: len(apart)], *(Blocks(one, base.kept, sectors.size) for one in every))
+        return BareEnds(widest * NODES[: len(apart)], *(Blocks(one, base.kept, sectors.size) for one in every))
 
-    apart, meeting = matrices(_NODES[:usual])
+    apart, meeting = matrices(NODES[:usual])
 
     def further() -> BareEnds:
-        return strips(np.concatenate([apart, matrices(_NODES[usual:])[0]]), meeting)
+        return strips(np.concatenate([apart, matrices(NODES[usual:])[0]]), meeting)
 
     equal = strips(apart, meeting)
     return replace(equal, further=lambda: kept.get("further", further)) if np.any(base.odd) else equal
 
 
-def _bare_end(model: ElectroelasticModel, base: _Base, width: float) -> np.ndarray:
+def _bare_end(model: ElectroelasticModel, base: Base, width: float) -> np.ndarray:
     """∂T/∂c and ∂D/∂c (2, 10, k, k) of the strip at one end of a plate."""
     length, breadth, height = model.domain.mesh.p.max(axis=1)
-    start = max(0.0, length - width - 2 * _REACH * height)
+    start = max(0.0, length - width - 2 * REACH * height)
     lines = (
-        _graded(start, length - width, length, height),
+        graded(start, length - width, length, height),
         np.linspace(0.0, breadth, _ACROSS + 1),
-        _deep(height),
+        deep(height),
     )
-    basis = skfem.Basis(skfem.MeshHex.init_tensor(*lines), ElementHexP(_ORDER), intorder=2 * _ORDER)
+    basis = skfem.Basis(skfem.MeshHex.init_tensor(*lines), ElementHexP(ORDER), intorder=2 * ORDER)
     x, y, z = places = node_places(basis)
     top = np.isclose(z, height, rtol=0, atol=1e-9 * height)
     held = np.zeros((FIELDS, basis.N), dtype=bool)
@@ -239,28 +239,7 @@ def _bare_end(model: ElectroelasticModel, base: _Base, width: float) -> np.ndarr
     return _freed(forms, held, strip, interpolation(model, places), base)
 
 
-def _bare_rims(fields: RoundFields, base: _Base, width: float) -> np.ndarray:
-    """∂S/∂c and 0 (2, 10, k, k) of the strips along the rims: the region at that of a disk, or all of a ring."""
-    whole, (inner, outer) = fields.section, fields.model.domain.radii
-    height, ring = whole.axial.ends[-1], inner > 0
-    start = (inner + outer) / 2 if ring else max(0.0, outer - width - 2 * _REACH * height)
-    ends = _graded(start, outer - width, outer, height)
-    if ring:
-        ends = np.concatenate([2 * start - ends[:0:-1], ends])
-    section = Section(Line(ends, _ORDER), Line(_deep(height), _ORDER), whole.density)
-    r, z = (part.ravel() for part in np.meshgrid(section.radial.places, section.axial.places, indexing="ij"))
-    top, near = z > height * (1 - 1e-9), 1e-9 * outer
-    held = np.zeros((FIELDS, r.size), dtype=bool)
-    held[:, (r < start + near) & (not ring) & (start > 0)] = True
-    held[0, r == 0] = True
-    held[1] = True
-    held[2:, z == 0] = True
-    held[3, top] = True
-    strip = np.flatnonzero(top & ((r > outer - width + near) | (ring & (r < inner + width - near))))
-    return _freed(section.order(0), held, strip, whole.to_nodes_of(section), base)
-
-
-def _freed(forms: _Forms, held: np.ndarray, strip: np.ndarray, probe: sp.csr_matrix, base: _Base) -> np.ndarray:
+def _freed(forms: Forms, held: np.ndarray, strip: np.ndarray, probe: sp.csr_matrix, base: Base) -> np.ndarray:
     """∂T/∂c and ∂D/∂c (2, 10, k, k) of a region with one strip.
 
     Parameters
@@ -268,25 +247,9 @@ def _freed(forms: _Forms, held: np.ndarray, strip: np.ndarray, probe: sp.csr_mat
     held : (4, n) what is zero in the region while the electrode is whole;  strip : nodes that are freed
     probe : (n, nodes of the body) values of a field in the region
     """
-    n, interpolated = held.shape[1], np.concatenate([probe @ part for part in np.split(base.fields, FIELDS)])
-    held[3, strip] = False
-    free = np.flatnonzero(~held.ravel())
-    scale = np.where(free >= 3 * n, POTENTIAL_SCALE, 1.0)
-    operator = forms.stiffness(np.tensordot(base.constants, base.units, axes=1))
-    rows = 3 * n + strip
-    patterns = _patterns(operator[rows] @ interpolated)
-    right = np.zeros((free.size, patterns.shape[1]))
-    right[np.searchsorted(free, rows)] = patterns * POTENTIAL_SCALE
-    answers = np.zeros((interpolated.shape[0], patterns.shape[1]))
-    local = operator[free][:, free].multiply(scale).T.multiply(scale).tocsr()
-    answers[free] = scale[:, None] * factorize(local).solve(right)
-    count = interpolated.shape[1]
-    joined = forms.between(np.hstack([interpolated, answers]), answers, base.units)
-    answered = _Answers(
-        own=joined[:, count:],
-        between=joined[:, :count],
-        momentum=interpolated[:, :-1].T @ (forms.mass @ answers),
-    )
+    interpolated, operator = in_region(probe, base.fields), forms.stiffness(base.tensor)
+    charges = operator[3 * held.shape[1] + strip] @ interpolated
+    answered = Answers.of(forms, interpolated, answers(operator, held, strip, charges), base.units)
     both = answered.condensed(base, ~base.odd, 1.0)
     if not np.any(base.odd):
         return np.array([both, np.zeros_like(both)])
@@ -295,8 +258,31 @@ def _freed(forms: _Forms, held: np.ndarray, strip: np.ndarray, probe: sp.csr_mat
     return np.array([apart, (both - apart) * (base.odd[:, None] == base.odd)])
 
 
+def in_region(probe: sp.csr_matrix, fields: np.ndarray) -> np.ndarray:
+    """(4n, k) values in a region of fields (4n', k) of the body; probe (n, n') those of one."""
+    return np.concatenate([probe @ part for part in np.split(fields, FIELDS)])
+
+
+def answers(operator: sp.csr_matrix, held: np.ndarray, strip: np.ndarray, charges: np.ndarray) -> np.ndarray:
+    """(4n, r) ψ: what a region of an operator (4n, 4n) answers to the patterns of charges (s, k) on nodes of a strip.
+
+    held : (4, n) what is zero while the electrode is whole
+    """
+    n, free = held.shape[1], ~held
+    free[3, strip] = True
+    free = np.flatnonzero(free.ravel())
+    scale = np.where(free >= 3 * n, POTENTIAL_SCALE, 1.0)
+    patterns = _patterns(charges)
+    right = np.zeros((free.size, patterns.shape[1]))
+    right[np.searchsorted(free, 3 * n + strip)] = patterns * POTENTIAL_SCALE
+    found = np.zeros((held.size, patterns.shape[1]))
+    local = operator[free][:, free].multiply(scale).T.multiply(scale).tocsr()
+    found[free] = scale[:, None] * factorize(local).solve(right)
+    return found
+
+
 @dataclass(frozen=True)
-class _Answers:
+class Answers:
     """The static answers of a region, without the rest of the body.
 
     Attributes
@@ -309,25 +295,39 @@ class _Answers:
     between: np.ndarray
     momentum: np.ndarray
 
-    def condensed(self, base: _Base, chosen: np.ndarray, ends: float) -> np.ndarray:
+    @classmethod
+    def of(cls, forms: Forms, interpolated: np.ndarray, found: np.ndarray, units: np.ndarray) -> Answers:
+        """Of base fields (4n, k) and answers (4n, r) on the region."""
+        count = interpolated.shape[1]
+        joined = forms.between(np.hstack([interpolated, found]), found, units)
+        return cls(joined[:, count:], joined[:, :count], interpolated[:, :-1].T @ (forms.mass @ found))
+
+    def condensed(self, base: Base, chosen: np.ndarray, ends: float) -> np.ndarray:
         """∂S/∂c (10, k, k) per part of the body, among some of the base fields (bool (k,)) and zero for the others.
 
         ends : 1 where the answers are at both ends, with the parity of the base fields; ½ where they are at one
         """
+        found = np.zeros_like(base.bulk)
+        found[(..., *np.ix_(chosen, chosen))] = stationary(*self.apart(base, chosen, ends), base.constants)
+        return found
+
+    def apart(self, base: Base, chosen: np.ndarray, ends: float) -> tuple[np.ndarray, np.ndarray]:
+        """`own` and `between` with some of the base fields (bool (k,)), of ψ less those that have its momentum."""
         moving, bulk = np.flatnonzero(chosen[:-1]), base.bulk[(..., *np.ix_(chosen, chosen))]
         share = np.zeros((bulk.shape[1], self.own.shape[1]))
         momenta = base.momenta[np.ix_(moving, moving)]
-        # less the base fields that have their momentum
         share[: moving.size] = np.linalg.lstsq(momenta, ends * self.momentum[moving], rcond=_ROUNDING)[0]
         between = ends * self.between[:, chosen]
         own = ends * self.own - share.T @ between - between.transpose(0, 2, 1) @ share
-        own, crossed = own + share.T @ bulk @ share, between - bulk @ share
-        whole, joined = (np.tensordot(base.constants, part, axes=1) for part in (own, crossed))
-        amplitudes = -np.linalg.solve(whole, joined.T)
-        half = crossed @ amplitudes
-        found = np.zeros_like(base.bulk)
-        found[(..., *np.ix_(chosen, chosen))] = half + half.transpose(0, 2, 1) + amplitudes.T @ own @ amplitudes
-        return found
+        return own + share.T @ bulk @ share, between - bulk @ share
+
+
+def stationary(own: np.ndarray, crossed: np.ndarray, constants: np.ndarray) -> np.ndarray:
+    """∂S/∂c (10, k, k) of forms (10, r, r) of answers and (10, k, r) with base fields, constants (10,)."""
+    whole, joined = (np.tensordot(constants, part, axes=1) for part in (own, crossed))
+    amplitudes = -np.linalg.solve(whole, joined.T)
+    half = crossed @ amplitudes
+    return half + half.transpose(0, 2, 1) + amplitudes.T @ own @ amplitudes
 
 
 def _patterns(charges: np.ndarray) -> np.ndarray:
@@ -336,12 +336,12 @@ def _patterns(charges: np.ndarray) -> np.ndarray:
     return left[:, singular > _FAINT * singular[0]]
 
 
-def _deep(height: float) -> np.ndarray:
+def deep(height: float) -> np.ndarray:
     """Lines along z, finest at the face."""
     return height * (1 - np.linspace(1.0, 0.0, _DEEP + 1) ** 2)
 
 
-def _graded(start: float, edge: float, end: float, height: float) -> np.ndarray:
+def graded(start: float, edge: float, end: float, height: float) -> np.ndarray:
     """Lines along x, finest at the electrode's edge, at most half a height apart."""
     steps = [_SMALLEST * height]
     while sum(steps) < max(edge - start, end - edge):

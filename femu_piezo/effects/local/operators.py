@@ -19,12 +19,13 @@ from scipy.interpolate import BarycentricInterpolator
 from femu_piezo.effects.effect import LocalTerm
 from femu_piezo.effects.local.blocks import Blocks
 from femu_piezo.effects.local.box_fields import SLICES, TAPERED
-from femu_piezo.effects.local.end_strips import BareEnds, measure_bare_ends, measure_bare_rims
+from femu_piezo.effects.local.end_strips import WIDEST, BareEnds, measure_bare_ends
 from femu_piezo.effects.local.faces import Face
 from femu_piezo.effects.local.mesh_fields import Flipped
 from femu_piezo.effects.local.plane_stress import unstressed
+from femu_piezo.effects.local.rim_strips import BareRims, measure_bare_rims
 from femu_piezo.effects.local.round_deformations import COUPLED, OVAL, WEDGE
-from femu_piezo.effects.local.round_fields import ORDERS, RoundFields
+from femu_piezo.effects.local.round_fields import ORDERS, RIMS, RoundFields
 from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Sectors
 from femu_piezo.effects.local.spot import in_plane_stiffness
 from femu_piezo.effects.local.weighted_forms import DEEPEST, cut_near
@@ -38,7 +39,7 @@ Made = TypeVar("Made")
 #: Constants (numbers in the e-form) of the elastic and of the piezoelectric terms.
 ELASTIC, PIEZOELECTRIC = range(5), range(5, 8)
 #: Reaches at which operators near edges are made.
-_REACHES = 4
+_REACHES = 6
 #: ω² over that of the cut below which an unknown moves without strain.
 _RIGID = 1e-7
 
@@ -210,12 +211,13 @@ class Places:
         return self._made(_radial_ramp, lambda flipped, name: name == DRIVEN)
 
     @cached_property
-    def bare_ends(self) -> BareEnds:
+    def bare_ends(self) -> BareEnds | BareRims:
         """Bare strips at both ends of a thickness-poled plate, or along the rims of a disk or ring.
 
-        On the driven class and, where it is there, the modes that are odd about the middle of a plate.
+        On the driven class and, where they are there, the modes that are odd about the middle of a plate, or those of
+        order 1.
         """
-        return self._made(_bare_ends, lambda flipped, name: name in (DRIVEN, "x"))
+        return self._made(_bare_ends, lambda flipped, name: name in (DRIVEN, "x", ORDERS[1], RIMS))
 
     @cached_property
     def edges(self) -> Edges:
@@ -284,8 +286,10 @@ def _slices(sectors: Sectors) -> Slices:
     return Slices((ends[1:] + ends[:-1]) / 2, float(ends[-1] / len(inner)), matrices, lateral)
 
 
-def _bare_ends(sectors: Sectors) -> BareEnds:
-    return (measure_bare_rims if isinstance(sectors.all_fields, RoundFields) else measure_bare_ends)(sectors)
+def _bare_ends(sectors: Sectors) -> BareEnds | BareRims:
+    if isinstance(sectors.all_fields, RoundFields):
+        return measure_bare_rims(sectors, WIDEST * float(np.ptp(sectors.all_fields.model.domain.radii)))
+    return measure_bare_ends(sectors)
 
 
 def _ramp(sectors: Sectors) -> Blocks:

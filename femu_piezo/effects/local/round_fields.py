@@ -4,7 +4,8 @@ The driven fields are of Fourier order 0 (`femu_piezo.forward.revolution`). "z" 
 parity about the mid-plane is flipped, bending first of all, and their local response to a film that moves with driven
 fields, "film" that of driven fields to films that move with bending. "order 1" and "order 2" have the modes of these
 orders with the driven parity, "wedge" and "oval" their local response to a body that is deformed
-(`femu_piezo.effects.local.round_deformations`); "around" has the modes of all other orders and parities, even about
+(`femu_piezo.effects.local.round_deformations`), "rims" what differs of driven fields near rims on one side and the
+other; "around" has the modes of all other orders and parities, even about
 the half plane θ = 0: what sits at a place is taken to sit there.
 """
 
@@ -31,9 +32,11 @@ from femu_piezo.forward.revolution import FourierOrder, Line, Section
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.threads import Once, in_parallel
 
-BENDING, FILM, AROUND = "z", "film", "around"
+BENDING, FILM, AROUND, RIMS = "z", "film", "around", "rims"
 #: Sector of the modes of an order with the driven parity, of the orders that deformations couple.
 ORDERS = {number: f"order {number}" for number in COUPLED.values()}
+#: Sector of what joins the modes of an order → the order.
+JOINING = {**COUPLED, RIMS: 1}
 #: Sectors that something at any place asks for.
 AT_A_PLACE = (BENDING, *ORDERS.values(), AROUND)
 #: Frequency of the responses, as a share of the band's ω².
@@ -75,7 +78,7 @@ class RoundFields(Fields):
         self.model, self.reduced, self.reference = model, reduced, constants.lossless()
         self._top, self._once = (2 * np.pi * reduced.band_Hz) ** 2, Once()
         wanted = set(wanted)
-        others = (FILM, BENDING, *(name for kind, m in COUPLED.items() for name in (ORDERS[m], kind)), AROUND)
+        others = (FILM, BENDING, *(name for kind, m in COUPLED.items() for name in (ORDERS[m], kind)), RIMS, AROUND)
         self.names = (DRIVEN, SPOT, *(name for name in others if name in wanted))
         self.constants = self.reference.to_e_form()
         self._tensor = np.tensordot(self.constants.vector().real, model.unit_tensors, axes=1)
@@ -100,7 +103,7 @@ class RoundFields(Fields):
 
     def class_of(self, name: str) -> Hashable:
         """Axes of flipped parity of order 0; "around" is one class: the body is zero between its orders."""
-        return {DRIVEN: (), FILM: (), BENDING: (2,)}.get(name, ORDERS.get(COUPLED.get(name, 0), name))
+        return {DRIVEN: (), FILM: (), BENDING: (2,)}.get(name, ORDERS.get(JOINING.get(name, 0), name))
 
     def projected(self, names: tuple[str, ...], tensors: Sequence[np.ndarray]) -> np.ndarray:
         """(n, k, k) forms of extended tensors on the sectors of one class."""
@@ -182,7 +185,7 @@ class RoundFields(Fields):
 
     def of_order(self, number: int, names: tuple[str, ...]) -> np.ndarray:
         """(4n, k) modes and responses of one order with the driven parity, of those of some sectors that have it."""
-        own = [name for name in names if name == ORDERS[number] or COUPLED.get(name) == number]
+        own = [name for name in names if name == ORDERS[number] or JOINING.get(name) == number]
         return np.hstack([one.fields for name in own for one in self._modes(name)])
 
     def deformation(self, kind: str) -> RoundDeformation:
@@ -211,6 +214,25 @@ class RoundFields(Fields):
         free, stiffness = order.free(flipped), order.stiffness(self._tensor)
         operator = free.T @ (stiffness - _SHIFT * self._top * order.mass) @ free
         found = free @ factorize(operator.tocsr()).solve(free.T @ loads)
+        return self._new_beside(order, flipped, found, known)
+
+    def _driven_across(self) -> np.ndarray:
+        """(4n, k) driven displacements times (r/R)² cos θ, what is new of them on order 1.
+
+        With them the body may do near a rim on one side what the driven fields do there, and on the other side not.
+        """
+        order, n = self.order(JOINING[RIMS]), self.section.size
+        r, axial = self.section.radial.places, self.section.axial.places.size
+        outward = np.tile(np.repeat((r / r[-1]) ** 2, axial), FIELDS)[:, None]
+        fields = self.on_section[:, : self.reduced.displacements] * outward
+        fields[3 * n :] = 0.0
+        known = [ORDERS[1], *(kind for kind, m in COUPLED.items() if m == 1 and kind in self.names)]
+        beside = np.hstack([one.fields for name in known for one in self._modes(name)])
+        return self._new_beside(order, False, fields, beside)
+
+    def _new_beside(self, order: FourierOrder, flipped: bool, found: np.ndarray, known: np.ndarray) -> np.ndarray:
+        """(4n, k) fields of a class, orthonormal and new beside `known`, of displacements (4n, j)."""
+        free, stiffness = order.free(flipped), order.stiffness(self._tensor)
         size = np.sqrt(np.einsum("ik,ik->k", found, order.mass @ found))
         found = found[:, size > 0] / size[size > 0]
         heavy = order.mass @ known
@@ -270,6 +292,8 @@ class RoundFields(Fields):
     def _new_modes(self, name: str) -> list[_Modes]:
         if name == AROUND:
             return self._around()
+        if name == RIMS:
+            return [_Modes(JOINING[RIMS], False, self._driven_across())]
         if name in COUPLED:
             return [_Modes(COUPLED[name], False, self._deformed_response(name))]
         for number, own in ORDERS.items():

@@ -1,0 +1,190 @@
+"""Bare strips along the rims of a disk or ring, all of one width or of an electrode that is off the middle.
+
+An electrode off the middle by a m leaves strips m (1 − a cos θ) wide along an outer rim and m (1 + a cos θ) along an
+inner one, which couple the driven fields to those of Fourier order 1. A strip is narrow beside its radius, so at θ the
+body does what it does with a strip of the width there. With T_nn'(m) the S of one rim (`femu_piezo.effects.local.
+end_strips`) between fields of orders n and n' as they are at θ = 0, and D_nn(m) what is more of the strips of all rims,
+
+    S_nn' = Σ ⟨cosⁿθ cosⁿ'θ T_nn'(m(θ))⟩ + ⟨cos²ⁿθ⟩ D_nn(m)
+
+over the rims, ⟨ ⟩ the mean over θ. T_00 and T_11 are those of strips of one width, with what the ψ have of the momenta
+of the fields of their order taken out; between the orders the ψᵗKψ of both are averaged. Against a full solution the
+sum is exact to 0.2 % (disk) and 2 % (ring) at a = 0; what a adds comes out too large by 30 % and 9 %.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from femu_piezo.effects.local.blocks import Blocks
+from femu_piezo.effects.local.end_strips import (
+    NODES,
+    ORDER,
+    REACH,
+    Answers,
+    Base,
+    answers,
+    between_widths,
+    deep,
+    graded,
+    in_region,
+    stationary,
+)
+from femu_piezo.effects.local.round_fields import ORDERS, RIMS, RoundFields
+from femu_piezo.effects.local.sectors import DRIVEN, Sectors
+from femu_piezo.forward.gradient_products import FIELDS
+from femu_piezo.forward.revolution import Line, Section
+from femu_piezo.threads import Once, in_parallel
+
+#: Angles of half a turn at which the width counts.
+_ANGLES = 12
+
+
+@dataclass(frozen=True)
+class BareRims:
+    """S at strips of several widths.
+
+    Attributes
+    ----------
+    widths : (n,) m
+    apart : of each rim, for n + n' = 0, 1, 2: [n, 10] (r, r) ∂T_nn'/∂c of every e-form constant at the reference
+    meeting : [m, 10] (r, r) ∂D/∂c at the first m widths
+    further : the same with further widths, where a strip may be wider than the last one
+    """
+
+    widths: np.ndarray
+    apart: tuple[tuple[Blocks, Blocks, Blocks], ...]
+    meeting: Blocks
+    further: Callable[[], BareRims] | None = None
+
+    def at(self, width: float, asymmetry: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """∂S/∂c (10, r, r) of strips m (1 ∓ a cos θ) wide, and its slopes by m and by a."""
+        if self.further is not None and width * (1 + asymmetry) > self.widths[-1]:
+            return self.further().at(width, asymmetry)
+        cosine = np.cos(np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES)
+        shares, slopes = between_widths(self.widths[: len(self.meeting.inner)], 4, width)
+        value, by_width = self.meeting.combined(shares), self.meeting.combined(slopes)
+        by_asymmetry = np.zeros_like(value)
+        for side, of_orders in zip((-1.0, 1.0), self.apart, strict=False):
+            relative = 1 + side * asymmetry * cosine
+            shares, slopes = between_widths(self.widths, 2, width * relative)
+            for power, blocks in enumerate(of_orders):
+                weight = cosine[:, None] ** power / _ANGLES
+                value = value + blocks.combined(np.sum(weight * shares, axis=0))
+                by_width = by_width + blocks.combined(np.sum(weight * relative[:, None] * slopes, axis=0))
+                moved = side * width * cosine[:, None] * slopes
+                by_asymmetry = by_asymmetry + blocks.combined(np.sum(weight * moved, axis=0))
+        return value, by_width, by_asymmetry
+
+    def among(self, numbers: np.ndarray, size: int) -> BareRims:
+        """The same over `size` unknowns, of which those so far are the given ones (indices)."""
+        apart = tuple(tuple(blocks.among(numbers, size) for blocks in rim) for rim in self.apart)
+        further = None if self.further is None else lambda: self.further().among(numbers, size)
+        return BareRims(self.widths, apart, self.meeting.among(numbers, size), further)
+
+
+def measure_bare_rims(sectors: Sectors, widest: float) -> BareRims:
+    """S of strips along the rims of a disk or ring, up to a width.
+
+    sectors : the driven one and, for an electrode off the middle, the modes of order 1
+    """
+    fields: RoundFields = sectors.all_fields
+    base = _base(sectors)
+    usual, kept = np.count_nonzero(NODES <= 1), Once()
+    both = base.odd[:, None].astype(int) + base.odd
+
+    def made(nodes: np.ndarray) -> list[np.ndarray]:
+        return list(in_parallel(lambda width: _freed(fields, base, width), (widest * nodes).tolist()))
+
+    def strips(found: list[np.ndarray]) -> BareRims:
+        *rims, meeting = np.array(found).swapaxes(0, 1)
+        apart = tuple(
+            tuple(Blocks(rim * (both == power), base.kept, sectors.size) for power in range(3)) for rim in rims
+        )
+        return BareRims(widest * NODES[: len(found)], apart, Blocks(meeting[:usual], base.kept, sectors.size))
+
+    first = made(NODES[:usual])
+    if not np.any(base.odd):
+        return strips(first)
+    whole = strips(first)
+    return replace(whole, further=lambda: kept.get("further", lambda: strips([*first, *made(NODES[usual:])])))
+
+
+def _base(sectors: Sectors) -> Base:
+    """Driven fields, those of order 1 (`odd`) and the hot potential; forms and momenta of these as at θ = 0."""
+    fields: RoundFields = sectors.all_fields
+    even, odd, units = fields.order(0), fields.order(1), fields.model.unit_tensors
+    plain = Base.of(Sectors((DRIVEN,), fields), fields.on_section, even, fields.constants, units)
+    names = [name for name in sectors.names if name in (ORDERS[1], RIMS)]
+    aside, own = fields.of_order(1, names), sectors.numbers(names)
+    moving, count = plain.kept.size - 1, aside.shape[1]
+    at, driven = moving + np.arange(count), np.append(np.arange(moving), moving + count)
+    bulk, momenta = np.zeros((len(units), *[plain.kept.size + count] * 2)), np.zeros([moving + count] * 2)
+    bulk[(..., *np.ix_(driven, driven))], momenta[:moving, :moving] = plain.bulk, plain.momenta
+    bulk[(..., *np.ix_(at, at))] = 2 * odd.within(aside, units)
+    momenta[moving:, moving:] = 2 * aside.T @ (odd.mass @ aside)
+    return replace(
+        plain,
+        kept=np.insert(sectors.numbers([DRIVEN])[plain.kept], moving, own),
+        odd=np.isin(np.arange(plain.kept.size + count), at),
+        fields=np.insert(plain.fields, [moving] * count, aside, axis=1),
+        bulk=bulk,
+        momenta=momenta,
+    )
+
+
+def _freed(fields: RoundFields, base: Base, width: float) -> np.ndarray:
+    """∂T/∂c (10, k, k) of the outer rim, of the inner one of a ring, and ∂D/∂c."""
+    whole, (inner, outer) = fields.section, fields.model.domain.radii
+    height, ring = whole.axial.ends[-1], inner > 0
+    start = (inner + outer) / 2 if ring else max(0.0, outer - width - 2 * REACH * height)
+    ends = graded(start, outer - width, outer, height)
+    if ring:
+        ends = np.concatenate([2 * start - ends[:0:-1], ends])
+    section = Section(Line(ends, ORDER), Line(deep(height), ORDER), whole.density)
+    even, around = section.order(0), section.order(1)
+    r, z = (part.ravel() for part in np.meshgrid(section.radial.places, section.axial.places, indexing="ij"))
+    top, near = z > height * (1 - 1e-9), 1e-9 * outer
+    held = np.zeros((FIELDS, r.size), dtype=bool)
+    held[:, (r < start + near) & (not ring) & (start > 0)] = True
+    held[0, r == 0] = True
+    held[1] = True
+    held[2:, z == 0] = True
+    held[3, top] = True
+    rims = [np.flatnonzero(top & (r > outer - width + near))]
+    rims += [np.flatnonzero(top & (r < inner + width - near))] * ring
+    inside = in_region(whole.to_nodes_of(section), base.fields)
+    operator, turned = even.stiffness(base.tensor), around.stiffness(base.tensor)
+    gradients = np.where(base.odd, around.at_points(inside), even.at_points(inside))
+
+    def answered(strip: np.ndarray) -> Answers:
+        rows = 3 * r.size + strip
+        charges = np.where(base.odd, 2 * (turned[rows] @ inside), operator[rows] @ inside)
+        psi = answers(operator, held, strip, charges)
+        after = even.at_points(psi)
+        return Answers(
+            own=even.joined(after, after, base.units),
+            between=even.joined(gradients, after, base.units),
+            momentum=inside[:, :-1].T @ (even.mass @ psi),
+        )
+
+    apart = [_of_both_orders(answered(strip), base) for strip in rims]
+    together = apart[0] if len(rims) == 1 else _of_both_orders(answered(np.concatenate(rims)), base)
+    mean = np.where(base.odd, 0.5, 1.0) * (base.odd[:, None] == base.odd)
+    return np.array([*apart, mean * (together - sum(apart))])
+
+
+def _of_both_orders(one: Answers, base: Base) -> np.ndarray:
+    """∂T/∂c (10, k, k) of the answers of one region."""
+    of_orders = [chosen for chosen in (~base.odd, base.odd) if np.any(chosen)]
+    parts = [one.apart(base, chosen, 1.0) for chosen in of_orders]
+    crossed = np.zeros((len(base.units), base.kept.size, one.own.shape[1]))
+    for chosen, (_, between) in zip(of_orders, parts, strict=True):
+        crossed[:, chosen] = between
+    found = stationary(sum(own for own, _ in parts) / len(parts), crossed, base.constants)
+    for chosen, part in zip(of_orders, parts, strict=True):
+        found[(..., *np.ix_(chosen, chosen))] = stationary(*part, base.constants)
+    return found
