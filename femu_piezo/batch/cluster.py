@@ -122,7 +122,7 @@ class DaskPool:
 
     def restart(self) -> None:
         """Dask replaces its workers; a scheduler that was lost is waited for, another one at its address taken."""
-        if self._answers():
+        if self.answers():
             return
         self._client.close(timeout=1)
         end = time.monotonic() + RETURN_S
@@ -139,7 +139,7 @@ class DaskPool:
             return False
         return True
 
-    def _answers(self) -> bool:
+    def answers(self) -> bool:
         """Whether the scheduler is still the same one."""
         with suppress(OSError, TimeoutError, ValueError, RuntimeError):
             return self._client.status == "running" and self._client.scheduler_info()["id"] == self._scheduler

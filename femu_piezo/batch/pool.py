@@ -27,6 +27,8 @@ _HOPELESS = 4
 class Pool(Protocol):
     """Workers: `width` jobs at once, `submit` one, `restart` after a loss, `close` at the end.
 
+    `answers`: whether what hands jobs to them is still the same one.
+
     Attributes
     ----------
     lost : exceptions that mean a dead worker
@@ -46,6 +48,8 @@ class Pool(Protocol):
     def width(self) -> int: ...
 
     def submit(self, function: Callable, *arguments) -> Future: ...
+
+    def answers(self) -> bool: ...
 
     def restart(self) -> None: ...
 
@@ -75,6 +79,9 @@ class LocalPool:
 
     def submit(self, function: Callable, *arguments) -> Future:
         return self._executor.submit(function, *arguments)
+
+    def answers(self) -> bool:
+        return True
 
     def restart(self) -> None:
         self._end()
@@ -195,8 +202,10 @@ class _Dispatch:
         if not self._is_lost(future):
             try:
                 result = future.result()
-            except (CancelledError, OSError):  # with the scheduler, and no fault of the task
-                self._take_back(tasks)
+            except Exception as error:
+                if not isinstance(error, (CancelledError, OSError)) and self._pool.answers():
+                    raise
+                self._take_back(tasks)  # it went with the scheduler, and is no fault of the task
                 return True
             self._succeeded += 1
             for task, one in zip(tasks, [result] if len(tasks) == 1 else result, strict=True):

@@ -69,6 +69,9 @@ class InlinePool:
     def __init__(self) -> None:
         self.done: list[str] = []
 
+    def answers(self) -> bool:
+        return True
+
     def submit(self, function, *arguments) -> Future:
         future = Future()
         future.set_result(function(*arguments))

@@ -90,8 +90,9 @@ def test_a_scheduler_that_is_started_again_costs_nothing():
             one.close()
 
 
-def test_what_a_lost_scheduler_never_answers_is_handed_over_again():
-    """Of two tasks in flight one is cancelled, the other is never heard of; both are done by the next scheduler."""
+@pytest.mark.parametrize("error", [None, ValueError("a future of the old scheduler")], ids=["cancelled", "in error"])
+def test_what_a_lost_scheduler_never_answers_is_handed_over_again(error):
+    """Of two tasks in flight one is cancelled or broken, the other is never heard of; the next scheduler does both."""
     restarts, found = [], {}
 
     class Lost(InlinePool):
@@ -101,10 +102,15 @@ def test_what_a_lost_scheduler_never_answers_is_handed_over_again():
             future = Future()
             if restarts:
                 future.set_result(function(*arguments))
+            elif arguments[0] == "a 1" and error is not None:
+                future.set_exception(error)
             elif arguments[0] == "a 1":
                 future.cancel()
                 future.set_running_or_notify_cancel()
             return future
+
+        def answers(self) -> bool:
+            return bool(restarts)
 
         def restart(self) -> None:
             restarts.append(1)
@@ -112,6 +118,17 @@ def test_what_a_lost_scheduler_never_answers_is_handed_over_again():
     tasks = [("a 1",), ("a 2",), ("a 3",)]
     run_all(Lost(), lambda task, limit: task, tasks, lambda task, result, _: found.update({task[0]: result}), 60)
     assert found == {"a 1": "a 1", "a 2": "a 2", "a 3": "a 3"} and restarts == [1]
+
+
+def test_an_error_of_the_program_ends_a_lot_whose_scheduler_answers():
+    class Wrong(InlinePool):
+        def submit(self, function, *arguments) -> Future:
+            future = Future()
+            future.set_exception(ValueError("a defect"))
+            return future
+
+    with pytest.raises(ValueError, match="a defect"):
+        run_all(Wrong(), lambda task, limit: task, [("a 1",)], lambda *_: None, 60)
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs the signal masks of /proc")
