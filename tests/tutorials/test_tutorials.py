@@ -28,7 +28,15 @@ PICTURES = {
     "own_effect": ("end_mass.png", "diagnosis.png"),
     "several_sweeps": ("told_apart.png", "diagnosis_1.png", "diagnosis_2.png"),
 }
-SLOW = {"measured_bar", "measured_disk", "trapezoid", "full_set", "hidden_effect", "several_sweeps"}
+SLOW = {
+    "measured_bar",
+    "measured_disk",
+    "trapezoid",
+    "full_set",
+    "stated_uncertainty",
+    "hidden_effect",
+    "several_sweeps",
+}
 MEASURED = {"measured_bar", "measured_disk"}
 PAGES = [FOLDER.parent / "README.md", *sorted((FOLDER.parent / "docs").glob("*.md"))]
 PAGES += sorted((FOLDER.parent / "docs").glob("how-to/*.md"))

@@ -161,6 +161,7 @@ def test_parts_have_volume_electrodes_and_planes(inner, mirrors):
         assert np.all(domain.mesh.p[axis, domain.mesh.facets[:, domain.mesh.boundaries[name]]] < 1e-15)
 
 
+@pytest.mark.slow
 def test_the_whole_has_the_driven_modes_of_the_part():
     """And a body poled along x, which has one mirror plane, is as quadratic hexahedra of gmsh find it."""
     part, whole = (disk(10 * MM, 2 * MM).domain_for(1e-5, 3e5, 1947.0, symmetric) for symmetric in (True, False))

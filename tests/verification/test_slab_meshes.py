@@ -173,6 +173,7 @@ def random_body(seed: int) -> tuple[Slab, float]:
     return kinds[seed % len(kinds)], 2.2e3 / length
 
 
+@pytest.mark.slow
 def test_the_rule_for_rims_holds_for_a_body_it_was_not_fitted_to():
     assert max(against_finer(*random_body(1), (1e-3, 3e-4))) < 1
 
