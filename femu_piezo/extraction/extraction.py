@@ -123,11 +123,12 @@ def _extract(
 
 
 def _most_probable(fits: Sequence[Fit], data: NormalisedSweep, points: SweepData) -> tuple[Fit, Discrepancy]:
-    """The fit of most evidence beside a systematic error of the sweep, and this error.
+    """The fit that a sweep with a systematic error asks for, and this error.
 
-    Of fits with as many modes and degrees the closest competes, passive ones within `CLOSE` of the closest of all. A
-    fit closer than the evidence asks for has followed the error, and what it leaves says too little of it. Then modes
-    go that the error explains as well.
+    Of fits with as many modes and degrees the closest competes, passive ones within `CLOSE` of the closest of all. The
+    error is what the one of most evidence leaves. Of as many modes the closest is taken, since an omitted degree of the
+    background biases and an idle one costs little; what it leaves itself says too little of an error that it has
+    followed. Then modes go that the error explains as well.
     """
 
     def judged(one: Fit) -> tuple[Fit, Discrepancy, float]:
@@ -137,14 +138,16 @@ def _most_probable(fits: Sequence[Fit], data: NormalisedSweep, points: SweepData
     near = [one for one in passive if one.misfit < CLOSE**2 * passive[0].misfit]
     orders = {(one.model.poles.size, one.model.background.size): one for one in near[::-1]}
     each = [judged(one) for one in orders.values()]
-    best, error, level = min(each, key=lambda one: one[2])
+    likely, error, _ = min(each, key=lambda one: one[2])
+    alike = [one for one in each if one[0].model.poles.size == likely.model.poles.size]
+    best, _, level = min(alike, key=lambda one: one[0].misfit)
     while True:
         spread = systematic_spread(best.model, data, points, error)
         fewer = [without(best.model, mode) for mode in unsettled_modes(best.model, spread)]
         rival = min((judged(refit(model, data)) for model in fewer), key=lambda one: one[2], default=None)
         if rival is None or rival[2] >= level:
             return best, error
-        best, error, level = rival
+        best, _, level = rival
 
 
 def _points(sweep: ImpedanceSpectrum) -> SweepData:
