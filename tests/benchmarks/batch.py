@@ -238,6 +238,10 @@ class Ready:
         future.set_result(self._record | {"name": job.name, "checksum": checksum})
         return future
 
+    def answers(self) -> bool:
+        """There is nobody else to ask."""
+        return True
+
     def restart(self) -> None: ...
 
     def close(self) -> None: ...

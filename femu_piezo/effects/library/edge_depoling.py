@@ -10,16 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalTerm
-from femu_piezo.effects.local.operators import PIEZOELECTRIC, Places
+from femu_piezo.effects.local.operators import PIEZOELECTRIC, Places, stiffness_terms
 from femu_piezo.effects.local.weighted_forms import DEEPEST
 
 
 def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-    one, found = np.ones(omega.shape, dtype=complex), []
-    for constant, value, slope in zip(PIEZOELECTRIC, *places.edges.at(p[0]), strict=True):
-        found.append(LocalTerm("stiffness", value, -one, np.zeros((omega.size, 1)), constant))
-        found.append(LocalTerm("stiffness", slope, 0 * one, -one[:, None], constant))
-    return found
+    lost, slope = places.edges.at(p[0])
+    return stiffness_terms(PIEZOELECTRIC, -lost, [-slope], omega)
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:

@@ -6,18 +6,13 @@ import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalTerm
 from femu_piezo.effects.local.end_strips import WIDEST
-from femu_piezo.effects.local.operators import Places
+from femu_piezo.effects.local.operators import Places, stiffness_terms
 from femu_piezo.effects.local.round_fields import ORDERS, RIMS
 
 
 def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-    one, found = np.ones(omega.shape, dtype=complex), []
     value, *slopes = places.bare_ends.at(*p)
-    for constant in range(len(value)):
-        found.append(LocalTerm("stiffness", value[constant], one, np.zeros((omega.size, p.size)), constant))
-        for unit, slope in zip(np.eye(p.size), slopes, strict=False):
-            found.append(LocalTerm("stiffness", slope[constant], 0 * one, unit * one[:, None], constant))
-    return found
+    return stiffness_terms(range(len(value)), value, slopes, omega)
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
@@ -30,7 +25,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         return ()
     if context.radii is None:
         size, where, sectors = context.dimensions[0], "both faces are bare at both ends", ("x",)
-        misses = (0.03, 0.03)
+        misses = (0.03, 0.0)
     else:
         size, where = context.radii[1] - context.radii[0], "both faces are bare along their rims"
         sectors, misses = (ORDERS[1], RIMS), (0.05, 0.15)

@@ -8,7 +8,7 @@ has the product of their parities; on the part, with its share 1/copies of the w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TypeVar
@@ -19,7 +19,7 @@ from scipy.interpolate import BarycentricInterpolator
 from femu_piezo.effects.effect import LocalTerm
 from femu_piezo.effects.local.blocks import Blocks
 from femu_piezo.effects.local.box_fields import SLICES, TAPERED
-from femu_piezo.effects.local.end_strips import WIDEST, BareEnds, measure_bare_ends
+from femu_piezo.effects.local.end_strips import BareEnds, in_region, measure_bare_ends
 from femu_piezo.effects.local.faces import Face
 from femu_piezo.effects.local.mesh_fields import Flipped
 from femu_piezo.effects.local.plane_stress import unstressed
@@ -98,6 +98,23 @@ class Deformation:
             for constant, matrix in enumerate(matrices[...]):
                 found.append(LocalTerm("stiffness", matrix, value * one, slope * one[:, None], constant))
         return found
+
+
+def stiffness_terms(
+    constants: Iterable[int], value: np.ndarray, slopes: Sequence[np.ndarray], omega: np.ndarray
+) -> list[LocalTerm]:
+    """Terms of some e-form constants (numbers) that are no product of a value and a matrix.
+
+    Parameters
+    ----------
+    value : (n, r, r) per unit of each constant;  slopes : of every parameter of the effect, likewise
+    """
+    one, found = np.ones(omega.shape, dtype=complex), []
+    for number, constant in enumerate(constants):
+        found.append(LocalTerm("stiffness", value[number], one, np.zeros((omega.size, len(slopes))), constant))
+        for unit, slope in zip(np.eye(len(slopes)), slopes, strict=True):
+            found.append(LocalTerm("stiffness", slope[number], 0 * one, unit * one[:, None], constant))
+    return found
 
 
 @dataclass(frozen=True)
@@ -287,9 +304,7 @@ def _slices(sectors: Sectors) -> Slices:
 
 
 def _bare_ends(sectors: Sectors) -> BareEnds | BareRims:
-    if isinstance(sectors.all_fields, RoundFields):
-        return measure_bare_rims(sectors, WIDEST * float(np.ptp(sectors.all_fields.model.domain.radii)))
-    return measure_bare_ends(sectors)
+    return (measure_bare_rims if isinstance(sectors.all_fields, RoundFields) else measure_bare_ends)(sectors)
 
 
 def _ramp(sectors: Sectors) -> Blocks:
@@ -348,8 +363,7 @@ def _near_rims(fields: RoundFields, units: np.ndarray, reaches: np.ndarray) -> n
         fine = Section(Line(ends, whole.radial.order), whole.axial, whole.density)
         order = fine.order(0)
         left = np.prod(-np.expm1(-np.abs(order.radii[:, None] - rims) / reach), axis=1)
-        own = np.concatenate([whole.to_nodes_of(fine) @ part for part in np.split(fields.on_section, FIELDS)])
-        found.append(order.within(own, units, 1 - left))
+        found.append(order.within(in_region(whole.to_nodes_of(fine), fields.on_section), units, 1 - left))
     return np.array(found)
 
 

@@ -24,6 +24,7 @@ from femu_piezo.effects.local.end_strips import (
     NODES,
     ORDER,
     REACH,
+    WIDEST,
     Answers,
     Base,
     answers,
@@ -86,13 +87,13 @@ class BareRims:
         return BareRims(self.widths, apart, self.meeting.among(numbers, size), further)
 
 
-def measure_bare_rims(sectors: Sectors, widest: float) -> BareRims:
-    """S of strips along the rims of a disk or ring, up to a width.
+def measure_bare_rims(sectors: Sectors) -> BareRims:
+    """S of strips along the rims of a disk or ring, up to a tenth of the way across.
 
-    sectors : the driven one and, for an electrode off the middle, the modes of order 1
+    sectors : the driven one and those of order 1
     """
     fields: RoundFields = sectors.all_fields
-    base = _base(sectors)
+    base, widest = _base(sectors), WIDEST * float(np.ptp(fields.model.domain.radii))
     usual, kept = np.count_nonzero(NODES <= 1), Once()
     both = base.odd[:, None].astype(int) + base.odd
 
@@ -107,10 +108,7 @@ def measure_bare_rims(sectors: Sectors, widest: float) -> BareRims:
         return BareRims(widest * NODES[: len(found)], apart, Blocks(meeting[:usual], base.kept, sectors.size))
 
     first = made(NODES[:usual])
-    if not np.any(base.odd):
-        return strips(first)
-    whole = strips(first)
-    return replace(whole, further=lambda: kept.get("further", lambda: strips([*first, *made(NODES[usual:])])))
+    return replace(strips(first), further=lambda: kept.get("further", lambda: strips([*first, *made(NODES[usual:])])))
 
 
 def _base(sectors: Sectors) -> Base:
@@ -179,12 +177,12 @@ def _freed(fields: RoundFields, base: Base, width: float) -> np.ndarray:
 
 def _of_both_orders(one: Answers, base: Base) -> np.ndarray:
     """∂T/∂c (10, k, k) of the answers of one region."""
-    of_orders = [chosen for chosen in (~base.odd, base.odd) if np.any(chosen)]
+    of_orders = ~base.odd, base.odd
     parts = [one.apart(base, chosen, 1.0) for chosen in of_orders]
     crossed = np.zeros((len(base.units), base.kept.size, one.own.shape[1]))
     for chosen, (_, between) in zip(of_orders, parts, strict=True):
         crossed[:, chosen] = between
-    found = stationary(sum(own for own, _ in parts) / len(parts), crossed, base.constants)
+    found = stationary(sum(own for own, _ in parts) / 2, crossed, base.constants)
     for chosen, part in zip(of_orders, parts, strict=True):
         found[(..., *np.ix_(chosen, chosen))] = stationary(*part, base.constants)
     return found
