@@ -120,12 +120,14 @@ class Found:
     effect : the cause
     probability : summed posterior of the sets that hold it
     fits : the final set with each candidate in its place, the others kept, best first; odds over the final set
-    without : log odds of the final set over that without it
+    rest : the closest fit of the final set without it
+    without : log odds of the final set over that set
     """
 
     effect: Effect
     probability: float
     fits: tuple[Trial, ...]
+    rest: Fit
     without: float
 
 
@@ -348,20 +350,23 @@ class _Search:
                 promised[number] = max(promised[number], odds(start.linear, candidates[number]))
             worth = [n for n in left if promised[n] > reach()]
             settle(dict(zip(worth, in_parallel(roughly, worth), strict=True)))
-        least = max(settled.values(), default=-np.inf) - self._rules.contender
 
-        def hoped(number: int, one: Fit) -> float:
-            """Log odds of a rough fit brought to its end; the first cause may yet reach what linearisation promised."""
-            further = settled[number] + one.promise / 2
-            return max(further, promised[number]) if first_cause else further
+        def hope(number: int) -> float:
+            """Log odds of a rough fit brought to its end: what its next step or linearisation promises."""
+            one = rough[number]
+            return promised[number] if one is None else max(settled[number] + one.promise / 2, promised[number])
 
         def closely(number: int) -> Fit | None:
-            one = rough[number]
-            if one is not None and hoped(number, one) < least:
-                return one
-            return self._closely(found[number], one, known(candidates[number]) is not None)
+            if hope(number) < best - self._rules.contender:
+                return rough[number]
+            return self._closely(found[number], rough[number], known(candidates[number]) is not None)
 
-        close = dict(zip(rough, in_parallel(closely, rough), strict=True))
+        best, by_hope = max(settled.values(), default=-np.inf), sorted(rough, key=hope, reverse=True)
+        close: dict[int, Fit | None] = {}
+        for batch in (by_hope[n : n + _AT_ONCE] for n in range(0, len(by_hope), _AT_ONCE)):
+            ended = dict(zip(batch, in_parallel(closely, batch), strict=True))
+            best = max([best, *(odds(one, candidates[n]) for n, one in ended.items() if one is not None)])
+            close.update(ended)
         return tuple(
             (effect, close[number] if number in close else found[number][0].linear)
             for number, effect in enumerate(candidates)
@@ -485,11 +490,13 @@ class _Search:
             for keys, h in others.items()
             if len(keys) == 1
         ]
+        self._without(one.fit, effect.key)
         without = self._known.get(rest)
         return Found(
             effect=effect,
             probability=self._probability(effect.title, total),
             fits=tuple(sorted(fits, key=lambda trial: -trial.log_odds)),
+            rest=min((h.fit for keys, h in self._known.items() if keys <= rest), key=lambda fit_: fit_.chi_square),
             without=np.inf if without is None else one.log_posterior - without.log_posterior,
         )
 

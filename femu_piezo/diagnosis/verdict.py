@@ -30,8 +30,8 @@ class Cause:
     Attributes
     ----------
     values, std : of its parameters, SI; the deviation includes what the law's approximations miss
-    probability : summed posterior of the sets of causes that hold it, times the share (as an amplitude) of the misfit
-        that the causes explain
+    probability : summed posterior of the sets of causes that hold it, times the share (as an amplitude) that they
+        explain of the misfit which they would leave without it
     indistinguishable_from : names of effects or constants (as "s11", or "NAME (constant)" for a held one)
     """
 
@@ -95,8 +95,9 @@ def judge(comparison: Comparison, frequency: np.ndarray) -> Verdict:
     discrepant = comparison.discrepant and _beyond_noise(final, rules.significant)
     # what is left may be too rough for a smooth discrepancy, and still no noise
     discrepant |= after.alike and final.marginal.level > rules.loudest
-    unexplained = _unexplained(comparison.base, final) if discrepant else 0.0
-    causes = tuple(_cause(found, comparison, moves, 1 - unexplained) for found in comparison.found)
+    unexplained = _unexplained(comparison.base, final, rules.significant) if discrepant else 0.0
+    explained = [1 - _unexplained(one.rest, final, rules.significant) * discrepant for one in comparison.found]
+    causes = tuple(_cause(*pair, comparison, moves) for pair in zip(comparison.found, explained, strict=True))
     unknown = discrepant and (not causes or unexplained > rules.unexplained)
     word = "unknown" if unknown else "effect" if causes else "none"
     hidden = tuple((t.effect, t.nearest) for t in moves if t.hidden)
@@ -106,22 +107,37 @@ def judge(comparison: Comparison, frequency: np.ndarray) -> Verdict:
 def _beyond_noise(final: Fit, significant: float) -> bool:
     """Whether a discrepancy changes log Z by more than the noise of a point; a smaller one is noise that is correlated.
 
-    It widens the intervals all the same. The noise is that which is left beside the discrepancy, as far as it is
-    uncertain: an estimate from the roughness of the sweep is too low where neighbours err alike.
+    It widens the intervals all the same.
+    """
+    level = max(_noise_level(final, significant), 1.0)
+    return final.learned.sigma > level * float(np.sqrt(np.mean(final.data.relative_noise**2)))
+
+
+def _noise_level(final: Fit, significant: float) -> float:
+    """Factor on the noise that is left beside the discrepancy, as far as the noise is uncertain.
+
+    An estimate from the roughness of the sweep is too low where neighbours err alike.
 
     significant : deviations of its logarithm by which a noise level may be off
     """
-    level = min(final.noise_scale, float(np.exp(significant * final.data.level_std)))
-    return final.learned.sigma > max(level, 1.0) * float(np.sqrt(np.mean(final.data.relative_noise**2)))
+    return min(final.noise_scale, float(np.exp(significant * final.data.level_std)))
 
 
-def _unexplained(base: Fit, final: Fit) -> float:
-    """√[(χ²_final − freedom)/(χ²_base − freedom)] of the data within 0…1; 0 where the base has no excess."""
-    left, excess = (float(fit.residual @ fit.residual) - fit.freedom for fit in (final, base))
+def _unexplained(before: Fit, final: Fit, significant: float) -> float:
+    """√[(χ²_final − n s²)/(χ²_before − n s²)] within 0…1; 0 where nothing was in excess before.
+
+    χ² of data and priors, of which a right model leaves n s², n the residuals of the data and s the level of the noise:
+    a tolerance that has to be off by many of its deviations is as unexplained as data that are.
+    """
+    by_noise = final.residual.size * _noise_level(final, significant) ** 2
+    left, excess = (
+        float(fit.residual @ fit.residual + fit.further_residual @ fit.further_residual) - by_noise
+        for fit in (final, before)
+    )
     return float(np.sqrt(np.clip(left / excess, 0.0, 1.0))) if excess > 0 else 0.0
 
 
-def _cause(found: Found, comparison: Comparison, moves: list[Tangent], explained: float) -> Cause:
+def _cause(found: Found, explained: float, comparison: Comparison, moves: list[Tangent]) -> Cause:
     effect, final = found.effect, comparison.final
     place = final.parameters.index(effect.key)
     values = final.parameters.values(final.x)[place]

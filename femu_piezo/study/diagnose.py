@@ -13,6 +13,7 @@ from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.selection import Comparison
 from femu_piezo.diagnosis.verdict import Verdict, judge
 from femu_piezo.effects.library import FREE, REFERENCE, Maker
+from femu_piezo.errors import ConvergenceError
 from femu_piezo.extraction import extract
 from femu_piezo.extraction.linear_body import linear_body_misfit
 from femu_piezo.inference.budget import constants_of
@@ -245,7 +246,7 @@ def diagnose(
         for index, one in enumerate(several)
     )
     clock.step("plan")
-    planned = separations(several, posterior, comparison, verdict)
+    planned, unplanned = _planned(several, posterior, comparison, verdict)
     clock.step(None)
     return Diagnosis(
         comparison=comparison,
@@ -257,6 +258,7 @@ def diagnose(
             *(note for one in several for note in one.measured.spectrum.notes),
             *dict.fromkeys(note for one in several for note in electrode_notes(one.measured.piece)),
             *_accuracy_notes(several),
+            *unplanned,
         ),
         seconds={step: round(value, 3) for step, value in clock.seconds.items()},
         sweeps=sweeps,
@@ -268,6 +270,16 @@ def _constants_under(posterior: Posterior, index: int, final: Fit) -> PiezoConst
     """The constants of a fit under the conditions of one sweep."""
     _, own, columns = posterior.whole_sweep(index, final)
     return constants_under(own, final.x[columns])
+
+
+def _planned(
+    several: Sequence[Subject], posterior: Posterior, comparison: Comparison, verdict: Verdict
+) -> tuple[tuple[Separation, ...], tuple[str, ...]]:
+    """Further measurements, and a note where constants that went far astray leave none that can be simulated."""
+    try:
+        return separations(several, posterior, comparison, verdict), ()
+    except ConvergenceError as error:
+        return (), (f"No further measurement was planned: {error}",)
 
 
 def _accuracy_notes(several: Sequence[Subject]) -> tuple[str, ...]:

@@ -181,9 +181,9 @@ def calibration(outcomes: Sequence[Outcome]) -> Calibration:
     outcomes = [one for one in outcomes if one.word != "refused"]
     right = [one for one in outcomes if _right(one)]
     return Calibration(
-        named=_against_truth((one.said, one.truth) for one in outcomes),
-        in_class=sum(bool({title, *one.alike[title]} & set(one.truth)) for one in outcomes for title in one.said),
-        candidates=_against_truth((one.chances, one.truth) for one in outcomes),
+        named=_against_truth((one.said, _true(one)) for one in outcomes),
+        in_class=sum(bool({title, *one.alike[title]} & {*_true(one)}) for one in outcomes for title in one.said),
+        candidates=_against_truth((one.chances, _true(one)) for one in outcomes),
         constants=transform(one.bias for one in right),
         all_constants=transform(one.bias for one in outcomes),
         sizes=transform({"first parameter": next(iter(one.sizes.values()))} for one in right if one.sizes),
@@ -193,6 +193,11 @@ def calibration(outcomes: Sequence[Outcome]) -> Calibration:
 def _right(one: Outcome) -> bool:
     """Nothing said of a null, exactly the true causes named of the others."""
     return one.word == "none" if one.kind == "null" else one.word == "effect" and set(one.said) == set(one.truth)
+
+
+def _true(one: Outcome) -> tuple[str, ...]:
+    """What a name of it may be: what is hidden, and what comes with that."""
+    return (*one.truth, *one.along)
 
 
 def _against_truth(stated: Iterable[tuple[dict[str, float], Sequence[str]]]) -> tuple[np.ndarray, np.ndarray]:

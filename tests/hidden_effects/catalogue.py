@@ -30,6 +30,7 @@ class Hidden:
     sizes : parameter → true value, SI
     variant : in words, empty where the effect follows the library's law
     sized : whether its sizes can be judged: the law is the library's, or the meaning is plain all the same
+    along : effects that come with it, so that their names are true as well
     """
 
     effect: str
@@ -37,6 +38,7 @@ class Hidden:
     detail: str = ""
     variant: str = ""
     sized: bool = True
+    along: tuple[str, ...] = ()
 
     @property
     def title(self) -> str:
@@ -181,7 +183,7 @@ def temperature_drift(build, rng, variant) -> Hidden:
 
 
 def film_stiffness(build, rng, variant) -> Hidden:
-    """Layers on both faces. Variant: glue on one face alone."""
+    """Layers on both faces, which have a mass as well. Variant: glue on one face alone."""
     thickness, modulus = log_uniform(rng, 10e-6, 60e-6), log_uniform(rng, 5e9, 5e10)
     loss, heavy, faces = float(rng.uniform(0.01, 0.08)), 1200.0 * thickness, (-1,) if variant else (1, -1)
     stiff = modulus * thickness / (1 - 0.35**2)
@@ -189,7 +191,9 @@ def film_stiffness(build, rng, variant) -> Hidden:
         Surface(*build.whole_face, faces, lambda w: stiff * (1 + 1j * loss) * np.ones_like(w), membrane=0.35)
     )
     build.surfaces.append(Surface(*build.whole_face, faces, lambda w: -(w**2) * heavy))
-    return Hidden("film_stiffness", {"membrane_stiffness": stiff}, variant="one face" * variant, sized=not variant)
+    along = ("electrode_mass", *(["unequal_electrode_mass"] * variant))
+    sizes = {"membrane_stiffness": stiff}
+    return Hidden("film_stiffness", sizes, variant="one face" * variant, sized=not variant, along=along)
 
 
 def fluid_load(build, rng, variant) -> Hidden:

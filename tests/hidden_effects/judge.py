@@ -35,7 +35,7 @@ class Outcome:
     Attributes
     ----------
     name, seed : of the draw;  kind : null, single, variant, pair or undescribed
-    truth : the hidden effects
+    truth : the hidden effects;  along : what comes with them
     sigma : misfit of each (of the whole for what is undescribed), σ; −1 where the fit it needs is missing
     word, said : the verdict and the causes, as effect → probability
     alike : causes that are reported as indistinguishable from each cause
@@ -56,6 +56,7 @@ class Outcome:
     said: dict[str, float]
     alike: dict[str, list[str]]
     variant: str = ""
+    along: tuple[str, ...] = ()
     sizes: dict[str, float] = field(default_factory=dict)
     bias: dict[str, float] = field(default_factory=dict)
     ratio: tuple[float, float] = (0.0, 0.0)
@@ -130,6 +131,7 @@ def judge_draw(draw: Draw, folder: Path, bases: Bases | None = None) -> Outcome:
         said={cause.effect.title: cause.probability for cause in causes},
         alike={cause.effect.title: list(cause.indistinguishable_from) for cause in causes},
         variant=", ".join(hidden.variant for hidden in draw.key if hidden.variant),
+        along=tuple(name for hidden in draw.key for name in hidden.along),
         sizes=_in_deviations(found),
         bias=_in_deviations(constants),
         ratio=(result.gain["held_out_after"] / draw.noise, result.gain["held_out_before"] / draw.noise),

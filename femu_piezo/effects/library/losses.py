@@ -25,6 +25,8 @@ from femu_piezo.material.constants import D_FORM
 
 _EPS33T = D_FORM.index("eps33T")
 _ELASTIC = slice(0, 5)
+#: Neither law has a theory behind it: a decade is like the next to about a twentieth.
+_LAW_ERROR = 0.05
 _SENTENCE = "the elastic loss tangent follows a power of frequency about the fundamental"
 
 
@@ -71,7 +73,7 @@ def _elastic(context: EffectContext) -> tuple[Effect, ...]:
             name="frequency_dependent_elastic_loss",
             law=law,
             sentence=_SENTENCE + words,
-            parameters=(EffectParameter(name, "1", -1.5, 1.5, 0.3, 1.0),),
+            parameters=(EffectParameter(name, "1", -1.5, 1.5, 0.3, 1.0, law_error=_LAW_ERROR),),
             confusable_with=("wrong_insensitive_parameter", "tan_s11"),
             advice=("measure up to the next overtones: each new mode is one more loss",),
             constants=_hook(anchor, causal),
@@ -99,7 +101,7 @@ def _dielectric(context: EffectContext) -> tuple[Effect, ...]:
         Effect(
             name="dielectric_dispersion",
             sentence="ε33T falls with frequency, by a constant share per decade",
-            parameters=(EffectParameter("fall_per_decade", "1", -0.1, 0.4, 0.01, 0.1),),
+            parameters=(EffectParameter("fall_per_decade", "1", -0.1, 0.4, 0.01, 0.1, law_error=_LAW_ERROR),),
             confusable_with=("eps33T", "series_inductance", "leakage"),
             advice=("measure over two more decades towards low frequency, where no resonance disturbs",),
             constants=constants,
