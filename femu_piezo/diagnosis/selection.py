@@ -310,6 +310,7 @@ class _Search:
             self._smooth_starts = [s for own, e in zip(found, candidates, strict=True) if e.sites is None for s in own]
         promised = [max(odds(s.linear, e) for s in own) for own, e in zip(found, candidates, strict=True)]
         rough: dict[int, Fit | None] = {}
+        close: dict[int, Fit | None] = {}
         settled: dict[int, float] = {}
 
         def roughly(number: int) -> Fit | None:
@@ -327,7 +328,8 @@ class _Search:
         def unexplained() -> bool:
             """Whether no fit explains the misfit."""
             by_noise = current.residual.size * np.exp(2 * self._rules.significant * current.data.level_std)
-            return all(one is None or one.chi_square > by_noise for one in rough.values())
+            fits = (*rough.values(), *close.values())
+            return all(one is None or one.chi_square > by_noise for one in fits)
 
         def most(number: int) -> bool:
             """Whether linearisation explains most of a misfit that no fit explains; what it leaves may be curvature."""
@@ -357,12 +359,13 @@ class _Search:
             return promised[number] if one is None else max(settled[number] + one.promise / 2, promised[number])
 
         def closely(number: int) -> Fit | None:
-            if hope(number) < best - self._rules.contender:
-                return rough[number]
-            return self._closely(found[number], rough[number], known(candidates[number]) is not None)
+            one = rough[number]
+            on_its_way = first_cause and one is not None and one.promise > COARSE and unexplained()
+            if hope(number) < best - self._rules.contender and not on_its_way:
+                return one
+            return self._closely(found[number], one, known(candidates[number]) is not None)
 
         best, by_hope = max(settled.values(), default=-np.inf), sorted(rough, key=hope, reverse=True)
-        close: dict[int, Fit | None] = {}
         for batch in (by_hope[n : n + _AT_ONCE] for n in range(0, len(by_hope), _AT_ONCE)):
             ended = dict(zip(batch, in_parallel(closely, batch), strict=True))
             best = max([best, *(odds(one, candidates[n]) for n, one in ended.items() if one is not None)])
@@ -438,6 +441,8 @@ class _Search:
             if rest.log_posterior < one.log_posterior - self._rules.contender:
                 break  # the data demand the cause, however uncertain its size: of a damped support, beside its place
             one, final = rest, self._settled(rest)
+        for effect in final.parameters.causes:
+            self._without(one.fit, effect.key)
         total = logsumexp([other.log_posterior for other in self._known.values()])
         base = final if not one.keys else self._settled(self._base)
         found = tuple(self._found(one, effect, total) for effect in final.parameters.causes)
@@ -490,7 +495,6 @@ class _Search:
             for keys, h in others.items()
             if len(keys) == 1
         ]
-        self._without(one.fit, effect.key)
         without = self._known.get(rest)
         return Found(
             effect=effect,
