@@ -115,7 +115,13 @@ def bare(setup):
     return build(setup).impedance(FREQUENCY)
 
 
-@pytest.mark.parametrize("case", CASES)
+#: The case that takes longest.
+LONG = "edge_depoling, deep"
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=[pytest.mark.slow] if case == LONG else []) for case in CASES]
+)
 def test_change_of_impedance_against_independent_solution(setup, bare, case):
     (values, change, share), key = CASES[case], case.partition(",")[0]
     built = build(setup)

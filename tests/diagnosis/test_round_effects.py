@@ -220,7 +220,7 @@ def test_slopes_of_a_deformation_against_differences(bodies, key):
     assert np.max(np.abs(slopes - difference)) < 1e-5 * np.max(np.abs(difference))
 
 
-@pytest.mark.parametrize("name", RADII)
+@pytest.mark.parametrize("name", ["disk", pytest.param("ring", marks=pytest.mark.slow)])
 def test_bare_rims_against_a_full_solution(bodies, name):
     """The potential set free on a strip of the reduced body, and elements that are graded to the electrode's end."""
     one, margin = bodies[name], 0.3e-3

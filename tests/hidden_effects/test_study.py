@@ -19,12 +19,26 @@ import pytest
 
 from hidden_effects.catalogue import EFFECTS
 from hidden_effects.confusion import rates, report
+from hidden_effects.draws import draw
+from hidden_effects.judge import judge_draw
 from hidden_effects.round_draws import ROUND_EFFECTS
 from hidden_effects.study import jobs, round_jobs, run
 
 
 def _number(name: str, default: int) -> int:
     return int(os.environ.get(f"HIDDEN_{name}", default))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "seed"),
+    [("laboratory:series_inductance+poling_gradient", 102004), ("laboratory:electrode_margin", 103000)],
+)
+def test_causes_whose_fits_take_many_steps_are_found(name, seed, tmp_path):
+    """After a rough fit other causes promise more: three of them stood for a margin, a third one for a pair."""
+    outcome = judge_draw(draw(name, seed), tmp_path)
+    assert set(outcome.said) == set(outcome.truth) and min(outcome.said.values()) > 0.9
+    assert outcome.sizes and all(abs(size) < 3 for size in outcome.sizes.values())
 
 
 @pytest.mark.slow

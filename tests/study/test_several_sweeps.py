@@ -143,6 +143,7 @@ def test_a_drift_that_one_sweep_cannot_tell_is_told_by_the_recommended_second(be
 FEW = tuple(one.candidates for one in (circuits, drive_level, losses, sweep_too_fast, temperature_drift))
 
 
+@pytest.mark.slow
 def test_what_is_alike_in_both_directions_is_no_drift(bench):
     """Losses that depend on frequency and not on time; two quiet sweeps beside them."""
 
