@@ -120,7 +120,7 @@ class Found:
     effect : the cause
     probability : summed posterior of the sets that hold it
     fits : the final set with each candidate in its place, the others kept, best first; odds over the final set
-    rest : the closest fit of the final set without it
+    rest : the closest fit with no causes but the others of the final set
     without : log odds of the final set over that set
     """
 
@@ -360,8 +360,9 @@ class _Search:
 
         def closely(number: int) -> Fit | None:
             one = rough[number]
-            on_its_way = first_cause and one is not None and one.promise > COARSE and unexplained()
-            if hope(number) < best - self._rules.contender and not on_its_way:
+            unfinished = one is not None and one.promise > COARSE  # it ran out of evaluations
+            goes_on = first_cause and unfinished and unexplained()
+            if hope(number) < best - self._rules.contender and not goes_on:
                 return one
             return self._closely(found[number], one, known(candidates[number]) is not None)
 
@@ -441,7 +442,7 @@ class _Search:
             if rest.log_posterior < one.log_posterior - self._rules.contender:
                 break  # the data demand the cause, however uncertain its size: of a damped support, beside its place
             one, final = rest, self._settled(rest)
-        for effect in final.parameters.causes:
+        for effect in final.parameters.causes:  # before the sum of all posteriors, which these sets are among
             self._without(one.fit, effect.key)
         total = logsumexp([other.log_posterior for other in self._known.values()])
         base = final if not one.keys else self._settled(self._base)

@@ -11,7 +11,7 @@ from femu_piezo.diagnosis.confounding import Tangent, parallel, tangents
 from femu_piezo.diagnosis.selection import Comparison, Found
 from femu_piezo.diagnosis.whiteness import Remaining, remaining
 from femu_piezo.effects.effect import Effect
-from femu_piezo.inference.fit import Fit
+from femu_piezo.inference.fit import Fit, with_discrepancy
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class Cause:
     Attributes
     ----------
     values, std : of its parameters, SI; the deviation includes what the law's approximations miss
-    probability : summed posterior of the sets of causes that hold it, times the share (as an amplitude) that they
-        explain of the misfit which they would leave without it
+    probability : summed posterior of the sets of causes that hold it, times the share (as an amplitude) that it
+        explains of the misfit which the other named causes leave
     indistinguishable_from : names of effects or constants (as "s11", or "NAME (constant)" for a held one)
     """
 
@@ -95,9 +95,13 @@ def judge(comparison: Comparison, frequency: np.ndarray) -> Verdict:
     discrepant = comparison.discrepant and _beyond_noise(final, rules.significant)
     # what is left may be too rough for a smooth discrepancy, and still no noise
     discrepant |= after.alike and final.marginal.level > rules.loudest
-    unexplained = _unexplained(comparison.base, final, rules.significant) if discrepant else 0.0
-    explained = [1 - _unexplained(one.rest, final, rules.significant) * discrepant for one in comparison.found]
-    causes = tuple(_cause(*pair, comparison, moves) for pair in zip(comparison.found, explained, strict=True))
+
+    def left_of(before: Fit) -> float:
+        """Share of the misfit of a fit that the final one leaves; none where that may be noise."""
+        return _unexplained(before, final, rules.significant) if discrepant else 0.0
+
+    unexplained = left_of(comparison.base)
+    causes = tuple(_cause(found, comparison, moves, 1 - left_of(found.rest)) for found in comparison.found)
     unknown = discrepant and (not causes or unexplained > rules.unexplained)
     word = "unknown" if unknown else "effect" if causes else "none"
     hidden = tuple((t.effect, t.nearest) for t in moves if t.hidden)
@@ -130,14 +134,11 @@ def _unexplained(before: Fit, final: Fit, significant: float) -> float:
     a tolerance that has to be off by many of its deviations is as unexplained as data that are.
     """
     by_noise = final.residual.size * _noise_level(final, significant) ** 2
-    left, excess = (
-        float(fit.residual @ fit.residual + fit.further_residual @ fit.further_residual) - by_noise
-        for fit in (final, before)
-    )
+    left, excess = (with_discrepancy(fit, None).chi_square - by_noise for fit in (final, before))
     return float(np.sqrt(np.clip(left / excess, 0.0, 1.0))) if excess > 0 else 0.0
 
 
-def _cause(found: Found, explained: float, comparison: Comparison, moves: list[Tangent]) -> Cause:
+def _cause(found: Found, comparison: Comparison, moves: list[Tangent], explained: float) -> Cause:
     effect, final = found.effect, comparison.final
     place = final.parameters.index(effect.key)
     values = final.parameters.values(final.x)[place]

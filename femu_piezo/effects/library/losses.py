@@ -25,7 +25,7 @@ from femu_piezo.material.constants import D_FORM
 
 _EPS33T = D_FORM.index("eps33T")
 _ELASTIC = slice(0, 5)
-#: Neither law has a theory behind it: a decade is like the next to about a twentieth.
+#: Share of their change that the laws miss: they are empirical, and this is assumed, not measured.
 _LAW_ERROR = 0.05
 _SENTENCE = "the elastic loss tangent follows a power of frequency about the fundamental"
 
