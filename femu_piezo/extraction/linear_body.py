@@ -9,22 +9,27 @@ from scipy.optimize import least_squares
 
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
-#: Losses and shares of the capacitance that fits start from.
-_LOSS, _SHARES, _STRENGTHS = 0.012, (0.5, 1.0, 2.0), (0.05, 0.2)
+#: Losses of the resonances that fits start from.
+_LOSSES = (0.001, 0.003, 0.01, 0.03)
+#: (End of the sweep / resonance above it)² at most, and its loss.
+_NEAREST, _LOSSIEST = 0.98, 0.1
+#: Most steps of one fit.
+_STEPS = 100
 
 
 def linear_body_misfit(
     spectrum: ImpedanceSpectrum, poles_Hz: Sequence[float], relative_noise: np.ndarray | None = None
 ) -> float:
-    """rms misfit of the best C(ω) = Y/(jω) = a + b ω² + c ω⁴ + Σ_k r_k/(λ_k − ω²), all numbers complex.
+    """rms misfit of the best C(ω) = Y/(jω) = a + b ω² + Σ_k r_k/(λ_k − ω²) + r/(λ − ω²), all numbers complex.
 
-    So looks any linear body with these resonances in the sweep and all others well beyond it. What a simulation
-    misses and this misses as well is no matter of its constants or of an effect that keeps the body linear.
+    So looks any linear body with these resonances λ_k in the sweep: one resonance λ above the sweep stands for all
+    beyond. What a simulation misses and this misses as well is no matter of its constants or of an effect that keeps
+    the body linear, as long as this follows the simulation itself, which is a linear body too.
 
     Parameters
     ----------
     poles_Hz : where the resonances are, roughly
-    relative_noise : (k,) sqrt(E|δZ/Z|²); the result is |Δ log Z| over it, 1 for noise alone. Plain |Δ log Z| where None
+    relative_noise : (k,) sqrt(E|δZ/Z|²); the result is |ΔC/C| over it, 1 for noise alone. Plain |ΔC/C| where None
 
     Raises
     ------
@@ -34,22 +39,22 @@ def linear_body_misfit(
         raise ValueError("a linear body needs a resonance; give at least one pole")
     near = float(np.median(poles_Hz))
     x = (spectrum.frequency / near) ** 2
-    capacitance = spectrum.admittance / (1j * spectrum.omega)
-    capacitance = capacitance / np.median(np.abs(capacitance))
-    weight = 1.0 if relative_noise is None else 1 / relative_noise
+    weight = np.ones(x.size) if relative_noise is None else 1 / np.asarray(relative_noise)
+    relative = weight / (spectrum.admittance / (1j * spectrum.omega))
+    places = (np.asarray(poles_Hz) / near) ** 2
 
     def misfit(u: np.ndarray) -> np.ndarray:
-        a, b, c, *rest = u[::2] + 1j * u[1::2]
-        background = a + b * (x - 1) + c * (x - 1) ** 2
-        modes = sum(r / (pole - x) for pole, r in zip(rest[::2], rest[1::2], strict=True))
-        error = weight * np.log((background + modes) / capacitance)
+        """Error of C over its noise with the best strengths, which are linear where λ_k and λ are known."""
+        *poles, (near_end, loss) = u.reshape(-1, 2)
+        above = 1 / (1 - near_end * (1 - 1j * loss) * x / x.max())
+        resonances = [1 / (place * (real + 1j * imag) - x) for place, (real, imag) in zip(places, poles, strict=True)]
+        parts = relative[:, None] * np.column_stack([np.ones_like(x), x - 1, *resonances, above])
+        parts /= np.linalg.norm(parts, axis=0)
+        error = parts @ np.linalg.lstsq(parts, weight.astype(complex), rcond=None)[0] - weight
         return np.concatenate([error.real, error.imag])
 
-    places = (np.asarray(poles_Hz) / near) ** 2
-    starts = (
-        [share, -_LOSS, *4 * [0.0], *np.outer(places, [1.0, _LOSS, strength, 0.0]).ravel()]
-        for share in _SHARES
-        for strength in _STRENGTHS
-    )
-    cost = min(least_squares(misfit, start, x_scale="jac").cost for start in starts)
+    free = np.full(2 * places.size, np.inf)
+    bounds = ([*-free, 0.0, 0.0], [*free, _NEAREST, _LOSSIEST])
+    starts = ([*places.size * [1.0, loss], 0.5, loss] for loss in _LOSSES)
+    cost = min(least_squares(misfit, start, bounds=bounds, x_scale="jac", max_nfev=_STEPS).cost for start in starts)
     return float(np.sqrt(2 * cost / x.size))

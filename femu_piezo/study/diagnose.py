@@ -91,8 +91,9 @@ class DiagnosedSweep:
         if not 0 < len(poles) <= _FEW:
             return None
         error = np.abs(np.log(self.curves[0] / self.spectrum.impedance)) / self.relative_noise
-        least = linear_body_misfit(self.spectrum, poles, self.relative_noise)
-        return LinearBody(len(poles), least, float(np.sqrt(np.mean(error**2))))
+        simulated = replace(self.spectrum, impedance=self.curves[0])
+        least, control = (linear_body_misfit(z, poles, self.relative_noise) for z in (self.spectrum, simulated))
+        return LinearBody(len(poles), least, control, float(np.sqrt(np.mean(error**2))))
 
 
 @dataclass(frozen=True)
@@ -103,16 +104,19 @@ class LinearBody:
     ----------
     resonances : how many it has
     least : its rms misfit over the noise;  model : that of the base model
+    control : the same as `least` for the curve of the base model, which is a linear body: how far resonances beyond
+        the sweep are from looking like one
     """
 
     resonances: int
     least: float
+    control: float
     model: float
 
     @property
     def to_blame(self) -> bool:
         """Whether it misses the points nearly as much as the model: what is wrong is not the simulation."""
-        return self.least > max(_NEARLY * self.model, _CLEARLY)
+        return np.sqrt(max(self.least**2 - self.control**2, 0.0)) > max(_NEARLY * self.model, _CLEARLY)
 
 
 @dataclass(frozen=True)

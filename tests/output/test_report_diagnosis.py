@@ -154,9 +154,13 @@ def test_points_that_no_linear_body_follows_are_told(tmp_path):
     assert "at a tenth of the voltage" in case.first and "best guess" not in case.first
 
 
-@pytest.mark.parametrize(("least", "model", "blamed"), [(20.2, 20.7, True), (1.1, 20.7, False), (1.6, 1.7, False)])
-def test_points_are_blamed_where_no_linear_body_follows_them(least, model, blamed):
-    assert LinearBody(1, least, model).to_blame == blamed
+@pytest.mark.parametrize(
+    ("least", "control", "model", "blamed"),
+    [(20.2, 0.1, 20.7, True), (1.1, 0.1, 20.7, False), (1.6, 0.1, 1.7, False), (21.1, 21.0, 1.05, False)],
+)
+def test_points_are_blamed_where_no_linear_body_follows_them(least, control, model, blamed):
+    """Not where the form of a linear body with so few resonances does not follow the simulation either."""
+    assert LinearBody(1, least, control, model).to_blame == blamed
 
 
 @pytest.mark.parametrize("name", ["effect", "none", "unknown"])

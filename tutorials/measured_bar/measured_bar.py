@@ -148,14 +148,15 @@ assert max((cause.probability for cause in diagnosis.causes), default=0.0) < 0.9
 # %% [markdown]
 # ## Is it the simulation at all?
 #
-# A test that needs no finite elements: one resonance on a background, C(ω) = a + b ω² + c ω⁴ + r/(λ − ω²) with five
-# complex numbers. Any linear body with one mode in the band looks like this, whatever its shape, its constants, its
-# electrodes and its cable are. It cannot follow these points any better, and the diagnosis says so.
+# A test that needs no finite elements: one resonance in the sweep and one above it on a background, C(ω) = a + b ω² +
+# r/(λ − ω²) + r′/(λ′ − ω²) with six complex numbers. Any linear body with one mode in the band looks like this,
+# whatever its shape, its constants, its electrodes and its cable are. It cannot follow these points any better, and the
+# diagnosis says so.
 
 # %%
 bound = linear_body_misfit(sweep, [128.1e3])
 print(f"\none resonance of any body: {100 * bound:.2f} %; the finite elements: {100 * outcome.rms_after:.2f} %")
-# The finite elements have six numbers, the resonance ten.
+# The finite elements have six numbers, the linear body twelve.
 assert bound < outcome.rms_after < 1.1 * bound
 print("so the misfit is in the points, not in the simulation: read off a figure, to three digits, joined by lines.")
 # The diagnosis makes the same test, and the reader of the file has noticed the lines.

@@ -201,12 +201,12 @@ assert max((cause.probability for cause in diagnosis.causes), default=0.0) < 0.9
 # %% [markdown]
 # ## Is it the simulation at all?
 #
-# A test that needs no finite elements: one resonance on a background, C(ω) = a + b ω² + c ω⁴ + r/(λ − ω²) with five
-# complex numbers. Any linear body with one mode in the band looks like this, whatever its constants, its electrodes and
-# its cable are. It leaves nearly the same, and the diagnosis says so. No better constants and no effect that keeps the
-# disk linear will do; what can are the drive level (a resonance that moves with the current), a drift of temperature
-# over the sweep, or the way the figure became numbers. One sweep does not tell them apart: measure up and down, and at
-# a tenth of the voltage.
+# A test that needs no finite elements: one resonance in the sweep and one above it on a background, C(ω) = a + b ω² +
+# r/(λ − ω²) + r′/(λ′ − ω²) with six complex numbers. Any linear body with one mode in the band looks like this,
+# whatever its constants, its electrodes and its cable are. It leaves nearly the same, and the diagnosis says so. No
+# better constants and no effect that keeps the disk linear will do; what can are the drive level (a resonance that
+# moves with the current), a drift of temperature over the sweep, or the way the figure became numbers. One sweep does
+# not tell them apart: measure up and down, and at a tenth of the voltage.
 
 # %%
 bound, found_rms = linear_body_misfit(sweep, [55.6e3]), result.outcomes[0].rms_after
