@@ -32,7 +32,7 @@ def readings(effects: Sequence[Effect], contexts: dict[str, EffectContext]) -> l
         key = (effect.name, effect.specimen)
         if effect.name in _FIXTURE:
             words, std = _FIXTURE[effect.name]
-            found.append((words, {key: np.array([1 / std])}))
+            found.append((words, {key: np.eye(1, len(effect.parameters))[0] / std}))
         elif effect.resizes:
             dimension = effect.name.removeprefix("wrong_").replace("_", " ")
             words = f"measure the {dimension}{_whose(effect)} with a micrometer, to 0.1 %"

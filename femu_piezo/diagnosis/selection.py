@@ -237,15 +237,17 @@ class _Search:
 
     def run(self) -> None:
         """Enlarge the best sets by one cause after another, then exchange each cause of the best."""
-        beam = [self._base]
+        beam, fruitless = [self._base], 0
         for size in range(1, self._rules.most_causes + 1):
             before = self._best().log_posterior
             for current in beam:
                 self._keep(f for _, f in self._expand(current.fit))
             if size == 1 and self._rules.most_causes > 1:
                 self._keep(self._pairs(frozenset().union(*(one.keys for one in self._beam(1)))))
-            best, tried, beam = self._best().log_posterior, bool(beam), self._beam(size)
-            if tried and best <= before:
+            best, tried, beam = self._best(), bool(beam), self._beam(size)
+            fruitless = fruitless + 1 if tried and best.log_posterior <= before else 0
+            # a discrepancy stands for all of several causes: one of them may gain nothing where two do
+            if fruitless > best.discrepant:
                 break
         while self._exchange():
             pass

@@ -23,7 +23,7 @@ ORDERS = (13, 10, 5)
 #: Effect → size at which it is tested, with the tangent of a held constant where two are given.
 SIZES = {
     "series_resistance": 3.0,
-    "series_inductance": 5e-6,
+    "series_inductance": (5e-6, 2e-7),
     "stray_capacitance": 20e-12,
     "leakage": 2e-5,
     "contact_gap": (1 / 20e-9, 6e3),
@@ -139,9 +139,11 @@ def reference(key: str, size: float, theta: np.ndarray, bare) -> np.ndarray:
         inverse, corner = size
         capacitance, conductance = 1 / inverse, 2 * np.pi * corner / inverse
         return z + 1 / (1j * OMEGA * capacitance + conductance)
+    if key == "series_inductance":
+        inductance, time_constant = size
+        return z + 1 / (1 / (1j * OMEGA * inductance) + time_constant / inductance)  # a resistor beside it
     return {
         "series_resistance": z + size,
-        "series_inductance": z + 1j * OMEGA * size,
         "stray_capacitance": 1 / (1 / z + 1j * OMEGA * size),
         "leakage": 1 / (1 / z + size),
     }[key]
@@ -174,7 +176,7 @@ def test_every_jacobian_against_richardson_differences(setup):
         def along(t, parameters=parameters, x=x, direction=direction):
             return setup.evaluation.impedance(parameters, x + t * direction)
 
-        h = 1e-3
+        h = 3e-4
         numeric = (8 * (along(h) - along(-h)) - along(2 * h) + along(-2 * h)) / (12 * h)
         slope = tangents @ direction
         assert np.max(np.abs((slope - numeric) / z)) < 1e-5 * np.max(np.abs(slope / z)), key

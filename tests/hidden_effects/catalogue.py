@@ -67,7 +67,7 @@ def series_inductance(build, rng, variant) -> Hidden:
     value = log_uniform(rng, 2e-6, 12e-6)
     damping = 8 * 2 * np.pi * 240e3 * value if variant else np.inf
     build.circuits.append(lambda w, z: z + 1 / (1 / (1j * w * value) + 1 / damping))
-    return Hidden("series_inductance", {"inductance": value}, variant="damped" * variant, sized=not variant)
+    return Hidden("series_inductance", {"inductance": value}, variant="damped" * variant)
 
 
 def stray_capacitance(build, rng, variant) -> Hidden:

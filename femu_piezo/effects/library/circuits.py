@@ -1,11 +1,12 @@
 """What leads, contacts and the fixture add around the terminals; either sign, since a compensation can take too much.
 
-    series_resistance   Z' = Z + R            stray_capacitance   Y' = Y + jωC
-    series_inductance   Z' = Z + jωL          leakage             Y' = Y + G
-    contact_gap         Z' = Z + E/(jω + 2πc) cable               Z' = Z0 (Z + jZ0 tan β)/(Z0 + jZ tan β), β = ωℓ/v
+    series_resistance   Z' = Z + R              stray_capacitance   Y' = Y + jωC
+    series_inductance   Z' = Z + jωL/(1 + jωτ)  leakage             Y' = Y + G
+    contact_gap         Z' = Z + E/(jω + 2πc)   cable               Z' = Z0 (Z + jZ0 tan β)/(Z0 + jZ tan β), β = ωℓ/v
 
 E = 1/C is the inverse of the capacitance of a gap between a face and its electrode, C = ε0 A/g where the gap g is even;
 below its corner frequency c = G/(2πC) a gap of conductance G leaks more than it stores.
+Metal beside the leads carries eddy currents: of their inductance L it makes a resistance ω²τL below the frequency 1/τ.
 A cable of length ℓ is lossless, with the wave speed v of solid polyethylene (velocity factor 0.66, as RG-58 has): ℓ is
 the length of such a cable. What is short against the wave is ℓ/(v Z0) of stray capacitance and Z0 ℓ/v of inductance.
 
@@ -51,6 +52,13 @@ def _derivative(omega: np.ndarray) -> np.ndarray:
     return 1j * omega
 
 
+def _lead(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
+    """Z' = Z + jωL/(1 + jωτ), p = (L, τ)."""
+    share = 1 / (1 + 1j * omega * p[1])
+    own = 1j * omega * share
+    return z + own * p[0], np.ones_like(z), np.stack([own, -p[0] * own**2], axis=1)
+
+
 def _gap(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
     """Z' = Z + E/(jω + 2πc), p = (E, c)."""
     share = 1 / (1j * omega + 2 * np.pi * p[1])
@@ -77,8 +85,8 @@ def _cable(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
     """Usual sizes follow the specimen: a share of its impedance, of its capacitance, of its admittance."""
-    typical_capacitance = 1 / (2 * np.pi * context.fundamental_Hz * context.impedance)
-    typical_inductance = context.impedance / (2 * np.pi * context.fundamental_Hz)
+    omega = 2 * np.pi * context.fundamental_Hz
+    typical_capacitance, typical_inductance = 1 / (omega * context.impedance), context.impedance / omega
     conductance = 1 / context.impedance
     tolerances = context.tolerances
     return (
@@ -114,10 +122,20 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                     0.02 * typical_inductance,
                     tolerance=tolerances.get("inductance", 0.0),
                 ),
+                EffectParameter(
+                    "time_constant",
+                    "s",
+                    0.0,
+                    1 / omega,
+                    0.02 / omega,
+                    0.05 / omega,
+                    starts=(0.05 / omega,),
+                    optional=True,
+                ),
             ),
             confusable_with=("series_resistance", "dielectric_dispersion"),
             advice=("measure with a four-wire fixture after a short-circuit compensation",),
-            circuit=_in_series(_derivative),
+            circuit=_lead,
             outward=3.0,
         ),
         Effect(
