@@ -264,7 +264,7 @@ class Fit:
     def log_error(self) -> np.ndarray:
         """(k,) complex log Z_model − log Z."""
         k = self.residual.size // 2
-        return (self.residual[:k] + 1j * self.residual[k:]) / self.data.weight
+        return self.data.from_noise(self.residual[:k] + 1j * self.residual[k:])
 
     @property
     def std_of_effects(self) -> list[np.ndarray]:

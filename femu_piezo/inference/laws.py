@@ -68,7 +68,7 @@ def law_misses(
         misses = [errors[0] * (residual - data.whitened(*response.with_jacobian(whole, without))[0])]
         if detuning := effect.parameters[0].law_detuning:
             size = (at - without)[own.start] * effect.scale[0]
-            change = (slope - log_slope(response, whole, without)) * data.weight
+            change = data.over_noise(slope - log_slope(response, whole, without))
             misses.append(detuning * size**2 * stacked(change))
         found += [_in_bands(data, miss) for miss in misses]
     return np.hstack(found)

@@ -111,8 +111,8 @@ def _features(
             parts = [np.sqrt(1 - share) * own] if share < 1 else []
             parts += [np.sqrt(share) / steep * own * slope] if share > 0 else []
             block = np.zeros((data.impedance.size, 2 * sum(part.shape[1] for part in parts)), dtype=complex)
-            block[sweep] = np.hstack([turn * part for part in parts for turn in (1, 1j)]) * data.weight[sweep, None]
-            blocks.append(stacked(block))
+            block[sweep] = np.hstack([turn * part for part in parts for turn in (1, 1j)])
+            blocks.append(stacked(data.over_noise(block)))
         yield length, share, np.hstack(blocks)
 
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from femu_piezo.measurement.autoregression import Autoregression, whitened_each
+
 #: Bands of the leave-band-out prediction.
 _BANDS = 10
 #: Standard deviation of the logarithm of a noise level that was given, and of one estimated from the roughness of the
@@ -26,6 +28,7 @@ class SweepData:
     sizes : points of each sweep where there are several
     model_share : (k,) share of the variance that is error of the reduced basis; none where empty
     mesh_error : (k,) relative error of eigenvalues that the mesh may have at each frequency; none where empty
+    noise_memory : of each sweep, how its neighbouring errors follow each other; white where empty
     """
 
     frequency: np.ndarray
@@ -35,6 +38,7 @@ class SweepData:
     sizes: tuple[int, ...] = ()
     model_share: np.ndarray = field(default_factory=lambda: np.zeros(0))
     mesh_error: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    noise_memory: tuple[Autoregression, ...] = ()
 
     @property
     def sweeps(self) -> list[np.ndarray]:
@@ -46,10 +50,22 @@ class SweepData:
         """(k,) √2/σ of the relative noise: Re and Im of log Z have half of its variance each."""
         return np.sqrt(2.0) / self.relative_noise
 
+    def over_noise(self, errors: np.ndarray) -> np.ndarray:
+        """(k, …) complex errors of log Z, whitened: over their deviation, and less what those before them predict."""
+        weight = self.weight.reshape(-1, *[1] * (errors.ndim - 1))
+        return whitened_each(self.noise_memory, self.sweeps, errors * weight)
+
+    def from_noise(self, whitened: np.ndarray) -> np.ndarray:
+        """(k,) errors of log Z of whitened ones: the inverse of `over_noise`."""
+        found = np.array(whitened)
+        for memory, sweep in zip(self.noise_memory, self.sweeps, strict=False):
+            found[sweep] = memory.coloured(whitened[sweep])
+        return found / self.weight
+
     @property
     def level_std(self) -> float:
         """Prior standard deviation of the logarithm of the noise level."""
-        return _GIVEN if self.noise_known else _ESTIMATED
+        return level_std(self.noise_known)
 
     def bands(self, count: int = _BANDS) -> list[np.ndarray]:
         """Indices of the points of contiguous bands, so many of each sweep."""
@@ -77,8 +93,8 @@ class SweepData:
         bands = self.bands() if self.mesh_error.size else []
         found = np.zeros((self.impedance.size, len(bands)), dtype=complex)
         for number, band in enumerate(bands):
-            found[band, number] = (0.5 * self.mesh_error * log_slope * self.weight)[band]
-        return stacked(found)
+            found[band, number] = (0.5 * self.mesh_error * log_slope)[band]
+        return stacked(self.over_noise(found))
 
     def whitened(self, impedance: np.ndarray, tangents: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Residual (2k,) = (log Z_model − log Z)/σ as Re, Im, and its Jacobian (2k, n_x).
@@ -87,9 +103,13 @@ class SweepData:
         ----------
         impedance : (k,) of a model, ohm;  tangents : (k, n_x) its slopes
         """
-        difference = np.log(impedance / self.impedance) * self.weight
-        slopes = tangents / impedance[:, None] * self.weight[:, None]
-        return stacked(difference), stacked(slopes)
+        difference, slopes = np.log(impedance / self.impedance), tangents / impedance[:, None]
+        return stacked(self.over_noise(difference)), stacked(self.over_noise(slopes))
+
+
+def level_std(noise_known: bool) -> float:
+    """Standard deviation of the logarithm of the noise level of a sweep, that was given with it or estimated."""
+    return _GIVEN if noise_known else _ESTIMATED
 
 
 def stacked(values: np.ndarray) -> np.ndarray:

@@ -203,6 +203,7 @@ class Posterior:
                     for one, model in zip(several, self.models, strict=True)
                 ]
             ),
+            noise_memory=tuple(one.noise_memory for one in several),
         )
 
     def curve(self, index: int, fit_: Fit) -> np.ndarray:

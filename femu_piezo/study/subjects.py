@@ -12,13 +12,18 @@ from femu_piezo.effects.effect import Effect, EffectContext
 from femu_piezo.effects.library import Maker, effects_of, library
 from femu_piezo.errors import InputError
 from femu_piezo.inference.ensemble import Share, belonging_to, is_common
+from femu_piezo.measurement.autoregression import WHITE, Autoregression, autoregression
 from femu_piezo.measurement.noise import estimate_noise
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.measurement.sweeps import level_std
 from femu_piezo.study.effects import effect_context, known_effects
 from femu_piezo.study.measured import Measured
 from femu_piezo.study.problem import Problem
 
 #: Relative error of Z that meshes and bases leave at least: sweeps are not taken to be more exact than the model.
 LEAST_ERROR = 1e-5
+#: Deviations of a noise level within which what an extraction leaves is taken for noise.
+_ALIKE = 3.0
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,7 @@ class Subject:
     problem : the specimen as computed
     measured : its sweep; None before there is one (`femu_piezo.study.expectation`)
     noise : (k,) relative noise of the whole sweep, no less than the error of the model
+    noise_memory : how its neighbouring errors follow each other
     fixed : the effects of its file with their values;  freed : those whose values are where a fit starts
     effects : what it may have beside those; the library where None
     """
@@ -45,6 +51,7 @@ class Subject:
     effects: tuple[Maker, ...] | None = None
     freed: tuple[tuple[Effect, np.ndarray], ...] = ()
     fixture: str = ""
+    noise_memory: Autoregression = WHITE
 
     def owned(self, effect: Effect) -> Effect:
         """The effect as that of its owner: of all where it is of the material, of the fixture, or of the specimen."""
@@ -118,8 +125,9 @@ def _subject(measured: Measured, name: str, fixture: str, effects: tuple[Maker, 
     band = (float(frequency[0]), float(frequency[-1]))
     pole = measured.pair.pole.frequency_Hz
     context = effect_context(measured.problem, pole, typical, band, frequency, measured.taken)
-    noise = np.hypot(_relative_noise(measured), LEAST_ERROR)
-    return subject(name, measured.problem, measured, noise, context, effects, fixture)
+    memory, louder = _noise_memory(measured)
+    noise = np.hypot(_relative_noise(measured.spectrum, measured.fitted), LEAST_ERROR) * louder
+    return subject(name, measured.problem, measured, noise, context, effects, fixture, memory)
 
 
 def subject(
@@ -130,6 +138,7 @@ def subject(
     context: EffectContext,
     effects: tuple[Maker, ...] | None = None,
     fixture: str = "",
+    noise_memory: Autoregression = WHITE,
 ) -> Subject:
     """The specimen with the effects of its file; arguments as the attributes of `Subject`."""
     known = known_effects(problem, context, effects)
@@ -139,7 +148,7 @@ def subject(
         if not effect.freed
     )
     freed = tuple(item for item in known if item[0].freed)
-    return Subject(name, problem, measured, noise, context, fixed, effects, freed, fixture)
+    return Subject(name, problem, measured, noise, context, fixed, effects, freed, fixture, noise_memory)
 
 
 def shared_library(several: Sequence[Subject]) -> tuple[Effect, ...]:
@@ -164,9 +173,31 @@ def _open(effect: Effect, one: Subject) -> bool:
     return all((effect.name, effect.variant) != (known.name, known.variant) for known, _ in one.fixed)
 
 
-def _relative_noise(measured: Measured) -> np.ndarray:
-    """(k,) over the whole sweep: of the file, else estimated from the roughness of the fitted part alone."""
-    impedance = measured.spectrum.impedance
-    if measured.spectrum.noise is not None:
-        return measured.spectrum.noise / np.abs(impedance)
-    return estimate_noise(measured.fitted).std(impedance) / np.abs(impedance)
+def _relative_noise(spectrum: ImpedanceSpectrum, fitted: ImpedanceSpectrum) -> np.ndarray:
+    """(k,) of a sweep: of the file, else estimated from the roughness of its fitted part alone."""
+    impedance = spectrum.impedance
+    if spectrum.noise is not None:
+        return spectrum.noise / np.abs(impedance)
+    return estimate_noise(fitted).std(impedance) / np.abs(impedance)
+
+
+def _noise_memory(measured: Measured) -> tuple[Autoregression, float]:
+    """How neighbouring errors of a sweep follow each other, and by how much more noise than its roughness shows.
+
+    Both by what the extraction leaves, which needs no finite elements; only where that may be noise: where it is as
+    large as the file says, or, without its neighbours' share, as the roughness of the sweep.
+    """
+    found, fitted = measured.extraction, measured.fitted
+    if found.model is None:
+        return WHITE, 1.0
+    relative = np.hypot(_relative_noise(fitted, fitted), LEAST_ERROR)
+    left = (np.log(found.impedance / fitted.impedance) / relative)[found.used]
+    freedom = left.size - found.model.size
+    memory = autoregression(left)
+    if not memory or freedom <= 0:
+        return WHITE, 1.0
+    size = float(np.sqrt(np.sum(np.abs(left) ** 2) / freedom))
+    alone = size if measured.noise_known else size * memory.predictor(len(memory.correlations))[1]
+    if abs(np.log(alone)) > _ALIKE * np.hypot(level_std(measured.noise_known), 1 / np.sqrt(freedom)):
+        return WHITE, 1.0
+    return memory, 1.0 if measured.noise_known else size

@@ -125,7 +125,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 EffectParameter(
                     "time_constant",
                     "s",
-                    0.0,
+                    -1 / omega,
                     1 / omega,
                     0.02 / omega,
                     0.05 / omega,
