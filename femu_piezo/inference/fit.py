@@ -9,8 +9,8 @@ of data and priors, H = JᵗJ, the covariance is H^-1 and the evidence
 
     log p(data) = −½ χ² − ½ log det(H Σ_prior) + constant,
 
-in which what the laws of causes miss (`femu_piezo.inference.laws`) are unknowns too: a second cause has to explain more
-than the error of the law of a first one.
+in which a wall that is touched is a border and no information, and what the laws of causes miss
+(`femu_piezo.inference.laws`) are unknowns too: a second cause has to explain more than the error of the law of a first.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from typing import Protocol
 
 import numpy as np
 from scipy.linalg import block_diag, solve_triangular
+from scipy.special import erfcx
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.laws import law_misses, log_slope
@@ -70,22 +71,57 @@ class Marginal:
     ----------
     residual : (2k,) whitened, of the data;  further : (m,) of priors, wall and readings
     basis : (2k + m, n) Q of all columns at the noise level
-    log_determinant : log |det R| of the same, columns in prior standard deviations
+    log_volume : logarithm of the integral over the unknowns, over its value at the best ones and (2π)^(n/2), in prior
+        standard deviations: −log |det R| of all but the walls that are touched, and the share that these leave
     level : factor on the noise
     """
 
     residual: np.ndarray
     further: np.ndarray
     basis: np.ndarray
-    log_determinant: float
+    log_volume: float
     level: float
 
     @classmethod
-    def of(cls, columns: np.ndarray, left: np.ndarray, count: int, level: float) -> Marginal:
-        """Of all columns (2k + m, n) in prior standard deviations and what is left, the `count` rows of data first."""
+    def of(
+        cls, columns: np.ndarray, left: np.ndarray, count: int, level: float, walls: np.ndarray, held: np.ndarray
+    ) -> Marginal:
+        """Of all columns (2k + m, n) in prior standard deviations and what is left, the `count` rows of data first.
+
+        walls : (2k + m,) bool, all rows of walls that are touched;  held : those that keep the best place from beyond
+        """
         over = np.where(np.arange(left.size) < count, 1 / level, 1.0)
-        basis, triangle = np.linalg.qr(columns * over[:, None])
-        return cls(left[:count], left[count:], basis, float(np.sum(np.log(np.abs(np.diag(triangle))))), level)
+        rows, values = columns * over[:, None], left * over
+        basis, triangle = np.linalg.qr(rows)
+        share = 0.0
+        if np.any(walls):
+            inner, triangle = np.linalg.qr(rows[~walls])
+            free = values[held] - rows[held] @ solve_triangular(triangle, inner.T @ values[~walls])
+            share = _behind_walls(triangle, rows[held], free)
+        volume = share - float(np.sum(np.log(np.abs(np.diag(triangle)))))
+        return cls(left[:count], left[count:], basis, volume, level)
+
+
+def _behind_walls(triangle: np.ndarray, slopes: np.ndarray, rows: np.ndarray) -> float:
+    """log of the share of a normal distribution that is behind walls, over its density at the best place there.
+
+    A wall whose row is −uΔ without it, u² = gᵗ (RᵗR)⁻¹ g of its slope g, leaves ∫ exp(−t²/2) dt/√(2π) from Δ on, where
+    the density is exp(−Δ²/2). That counts twice, so that it is 1 where a wall is just touched, as it is just before. Of
+    several walls each finds the mean and the covariance that those before have left.
+
+    triangle : (n, n) R of all other rows;  slopes : (w, n) of the walls;  rows : (w,) their values without them
+    """
+    found, rows = 0.0, np.array(rows)
+    for number, slope in enumerate(slopes):
+        own = solve_triangular(triangle, slope, trans="T")
+        size = float(np.linalg.norm(own))
+        away = max(-rows[number] / size, 0.0)
+        found += float(np.log(erfcx(away / np.sqrt(2))))
+        mean = np.sqrt(2 / np.pi) / erfcx(away / np.sqrt(2))  # of t, over Δ
+        narrowed = max(1 - mean * (mean - away), 1 / (2 + away) ** 2)  # not below by rounding
+        rows += slopes @ solve_triangular(triangle, own) * mean / size
+        triangle = np.linalg.qr(np.vstack([triangle, np.sqrt(1 / narrowed - 1) / size * slope]), mode="r")
+    return found
 
 
 @dataclass(frozen=True)
@@ -224,8 +260,12 @@ class Fit:
         beside = block_diag(self.further_jacobian * std, np.eye(laws.shape[1]))
         whole = np.concatenate([np.hstack([self.jacobian * std, laws]), beside])
         right = np.concatenate([self.residual, self.further_residual, np.zeros(laws.shape[1])])
+        walls = np.zeros(right.size, dtype=bool)
+        of_walls = slice(count + std.size, count + self.further_residual.size - len(self.parameters.readings))
+        walls[of_walls] = np.any(whole[of_walls] != 0, axis=1)
+        held = walls & (right < 0)
         if not laws.size:
-            return Marginal.of(whole, right, count, self.noise_scale)
+            return Marginal.of(whole, right, count, self.noise_scale, walls, held)
         own = np.flatnonzero(~np.isin(self.parameters.names, self.on_bound))
         moving = np.append(own, np.arange(std.size, whole.shape[1]))
 
@@ -237,7 +277,7 @@ class Fit:
 
         ended, level = right + followed(whole[:, own], right, self.level), self.noise_scale
         for _ in range(_MANY):
-            left = Marginal.of(whole, right + followed(whole[:, moving], ended, level), count, level)
+            left = Marginal.of(whole, right + followed(whole[:, moving], ended, level), count, level, walls, held)
             freedom = count - float(np.sum(left.basis[:count] ** 2))
             level = _level_of(left.residual**2, self.weight, self.loss, freedom, self.data.level_std)
             if abs(np.log(level / left.level)) < _EXACT_LEVEL:
@@ -250,7 +290,7 @@ class Fit:
         left, std = self.marginal, self.data.level_std
         misfit = float(left.residual @ left.residual) / left.level**2 + float(left.further @ left.further)
         level = self.residual.size * np.log(left.level) - log_level_prior(np.log(left.level), std)
-        return float(-0.5 * misfit - left.log_determinant - level)
+        return float(-0.5 * misfit + left.log_volume - level)
 
     @cached_property
     def learned(self) -> Discrepancy:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from laboratory import FREQUENCY, NOISE
 
-from femu_piezo.inference.fit import COARSE, fit, linear_fit, stepped
+from femu_piezo.inference.fit import COARSE, Marginal, fit, linear_fit, stepped
 from femu_piezo.inference.passivity import TOLERANCE, passivity_wall, wall_and_readings
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
 from femu_piezo.material.library import library_material
@@ -177,6 +177,46 @@ def test_evidence_is_the_integral_over_prior_and_likelihood(known, curvature):
     middle = np.sum(share * grid, axis=(1, 2))
     spread = np.sum(share * (grid - middle[:, None, None]) ** 2, axis=(1, 2))
     np.testing.assert_allclose(np.sqrt(spread), found.std, rtol=1e-5 if curvature == 0 else 0.02)
+
+
+@pytest.mark.parametrize("away", [0.0, 0.3, 3.0, 40.0])
+def test_walls_are_borders_of_the_integral(away):
+    """Two unknowns behind x + 2y > b on a grid; twice that is counted: nothing jumps where a wall is touched."""
+    stiff, slope = 1e4, np.array([1.0, 2.0])
+    columns = np.array([[2.0, 0.3], [0.1, 1.5], [1.0, 0.0], [0.0, 1.0]])
+    right = -columns @ np.array([0.2, -0.1])
+    deviation = np.sqrt(slope @ np.linalg.solve(columns.T @ columns, slope))
+    border = slope @ np.array([0.2, -0.1]) + away * deviation
+    wall = stiff * np.append(slope, -border)
+    rows, left = np.vstack([columns, wall[:2]]), np.append(right, wall[2])
+    best = np.linalg.lstsq(rows, -left, rcond=None)[0]
+    left = left + rows @ best
+    found = Marginal.of(rows, left, 2, 1.0, *2 * [np.arange(5) == 4])
+    # in x along the wall and the distance t behind it
+    along = np.array([2.0, -1.0])
+    u, t = np.meshgrid(np.linspace(-12, 12, 801), np.geomspace(1e-6, 12, 1601))
+    places = best + u[..., None] * along / np.sqrt(5) + (t[..., None] * slope / np.sqrt(5))
+    squares = np.sum((places @ columns.T + right) ** 2, axis=-1)
+    density = np.exp(-0.5 * (squares - np.sum((columns @ best + right) ** 2)))
+    integral = np.trapezoid(np.trapezoid(density, u[0], axis=1), t[:, 0])
+    assert found.log_volume == pytest.approx(np.log(2 * integral / (2 * np.pi)), abs=2e-3)
+    if away == 0:
+        free = Marginal.of(columns, right + columns @ best, 2, 1.0, *2 * [np.zeros(4, dtype=bool)])
+        assert found.log_volume == pytest.approx(free.log_volume, abs=1e-6)
+
+
+def test_second_wall_finds_what_the_first_has_left():
+    """Two borders at right angles are two factors; the same border twice is hardly more than one."""
+
+    def volume(*walls):
+        rows = np.vstack([np.eye(2), *(1e4 * np.array(wall) for wall in walls)])
+        left = np.append(np.zeros(2), np.full(len(walls), -1e4))  # one deviation beyond each, without it
+        best = np.linalg.lstsq(rows, -left, rcond=None)[0]
+        return Marginal.of(rows, left + rows @ best, 0, 1.0, *2 * [np.arange(left.size) > 1]).log_volume
+
+    one = volume((1.0, 0.0))
+    assert volume((1.0, 0.0), (0.0, 1.0)) == pytest.approx(2 * one, abs=1e-3)
+    assert volume((1.0, 0.0), (1.0, 1e-3)) == pytest.approx(one, abs=0.05)
 
 
 def test_evidence_integrates_over_what_laws_miss():
