@@ -54,7 +54,7 @@ def budget(fit: Fit) -> dict[str, np.ndarray]:
     for source, columns in groups(fit.parameters).items():
         own = inverse[:, columns] / fit.parameters.prior_std[columns]
         parts[source] = parts.get(source, 0.0) + np.sum(own**2, axis=1)
-    further = (inverse @ fit.further_jacobian[fit.x.size :].T) ** 2
+    further = (inverse @ fit.prior_rows[fit.x.size :].T) ** 2
     wall, read = np.split(further, [further.shape[1] - len(fit.parameters.readings)], axis=1)
     parts["prior"] = parts["prior"] + np.sum(wall, axis=1)
     if read.size:

@@ -97,13 +97,15 @@ class Marginal:
         if np.any(walls):
             inner, triangle = np.linalg.qr(rows[~walls])
             free = values[held] - rows[held] @ solve_triangular(triangle, inner.T @ values[~walls])
-            share = _behind_walls(triangle, rows[held], free)
+            share = _behind_walls(triangle, rows[held], free)[0]
         volume = share - float(np.sum(np.log(np.abs(np.diag(triangle)))))
         return cls(left[:count], left[count:], basis, volume, level)
 
 
-def _behind_walls(triangle: np.ndarray, slopes: np.ndarray, rows: np.ndarray) -> float:
+def _behind_walls(triangle: np.ndarray, slopes: np.ndarray, rows: np.ndarray) -> tuple[float, np.ndarray]:
     """log of the share of a normal distribution that is behind walls, over its density at the best place there.
+
+    And (w,) weights of the slopes with which the distribution had, beside the best place, the same mean squares.
 
     A wall whose row is −uΔ without it, u² = gᵗ (RᵗR)⁻¹ g of its slope g, leaves ∫ exp(−t²/2) dt/√(2π) from Δ on, where
     the density is exp(−Δ²/2). That counts twice, so that it is 1 where a wall is just touched, as it is just before. Of
@@ -111,7 +113,7 @@ def _behind_walls(triangle: np.ndarray, slopes: np.ndarray, rows: np.ndarray) ->
 
     triangle : (n, n) R of all other rows;  slopes : (w, n) of the walls;  rows : (w,) their values without them
     """
-    found, rows = 0.0, np.array(rows)
+    found, weights, rows = 0.0, np.zeros(rows.size), np.array(rows)
     for number, slope in enumerate(slopes):
         own = solve_triangular(triangle, slope, trans="T")
         size = float(np.linalg.norm(own))
@@ -121,7 +123,9 @@ def _behind_walls(triangle: np.ndarray, slopes: np.ndarray, rows: np.ndarray) ->
         narrowed = max(1 - mean * (mean - away), 1 / (2 + away) ** 2)  # not below by rounding
         rows += slopes @ solve_triangular(triangle, own) * mean / size
         triangle = np.linalg.qr(np.vstack([triangle, np.sqrt(1 / narrowed - 1) / size * slope]), mode="r")
-    return found
+        square = narrowed + (mean - away) ** 2  # of the distance behind the wall
+        weights[number] = np.sqrt(max(1 / square - 1, 0.0)) / size
+    return found, weights
 
 
 @dataclass(frozen=True)
@@ -212,10 +216,37 @@ class Fit:
         squares = (own[: self.residual.size] * self.level) ** 2
         return _level_of(squares, self.weight, self.loss, self.residual.size - self.determined, self.data.level_std)
 
+    @property
+    def _walls(self) -> np.ndarray:
+        """(m,) bool: rows of `further_jacobian` that are of walls which the estimate touches."""
+        found = np.any(self.further_jacobian != 0, axis=1)
+        found[: self.x.size] = False
+        found[found.size - len(self.parameters.readings) :] = False
+        return found
+
+    @cached_property
+    def prior_rows(self) -> np.ndarray:
+        """F (m, n_x): `further_jacobian`, walls as weak as makes what is behind them as far from the estimate (rms).
+
+        Of a wall that just touches the estimate one half of the intervals is left, and they are as long as without it.
+        """
+        walls = self._walls
+        if not np.any(walls):
+            return self.further_jacobian
+        held, std = walls & (self.further_residual < 0), self.parameters.prior_std
+        rows = np.concatenate([self.jacobian / self.level, self.further_jacobian[~walls]]) * std
+        values = np.concatenate([self.residual / self.level, self.further_residual[~walls]])
+        inner, triangle = np.linalg.qr(rows)
+        own = self.further_jacobian[held] * std
+        free = self.further_residual[held] - own @ solve_triangular(triangle, inner.T @ values)
+        found = self.further_jacobian * ~walls[:, None]
+        found[held] = _behind_walls(triangle, own, free)[1][:, None] * self.further_jacobian[held]
+        return found
+
     @cached_property
     def precision_inverse(self) -> np.ndarray:
-        """H^-1 (n_x, n_x) of data, priors and wall at the noise level of the fit."""
-        rows = np.concatenate([self.jacobian / self.level, self.further_jacobian])
+        """H^-1 (n_x, n_x) of data, priors and what walls leave at the noise level of the fit."""
+        rows = np.concatenate([self.jacobian / self.level, self.prior_rows])
         return precision_inverse(rows, self.parameters.prior_std)
 
     @cached_property
@@ -241,7 +272,7 @@ class Fit:
             if misses is not None:
                 moved = self.gain @ misses
                 found = found + moved @ moved.T
-        pulled = self.precision_inverse @ self.further_jacobian.T
+        pulled = self.precision_inverse @ self.prior_rows.T
         return found + pulled @ pulled.T
 
     @property
@@ -260,9 +291,7 @@ class Fit:
         beside = block_diag(self.further_jacobian * std, np.eye(laws.shape[1]))
         whole = np.concatenate([np.hstack([self.jacobian * std, laws]), beside])
         right = np.concatenate([self.residual, self.further_residual, np.zeros(laws.shape[1])])
-        walls = np.zeros(right.size, dtype=bool)
-        of_walls = slice(count + std.size, count + self.further_residual.size - len(self.parameters.readings))
-        walls[of_walls] = np.any(whole[of_walls] != 0, axis=1)
+        walls = np.concatenate([np.zeros(count, dtype=bool), self._walls, np.zeros(laws.shape[1], dtype=bool)])
         held = walls & (right < 0)
         if not laws.size:
             return Marginal.of(whole, right, count, self.noise_scale, walls, held)

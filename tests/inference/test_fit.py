@@ -219,6 +219,30 @@ def test_second_wall_finds_what_the_first_has_left():
     assert volume((1.0, 0.0), (1.0, 1e-3)) == pytest.approx(one, abs=0.05)
 
 
+@pytest.mark.parametrize("away", [0.0, 0.3, 3.0, 40.0])
+def test_intervals_at_a_wall_reach_as_far_as_what_is_behind_it(lab, away):
+    """rms distance from the estimate of a normal distribution behind t > Δ, by quadrature, where one wall is held."""
+    x = lab.material.x_of(lab.free.start)
+    found = fit(lab.evaluation, lab.measured(lab.evaluation.impedance(lab.ideal, x), 1), lab.ideal, [x])
+    assert not np.any(found.further_jacobian[found.x.size :])
+    direction = np.zeros(found.x.size)
+    direction[[1, 3]] = 1.0, -0.5
+    deviation = np.sqrt(direction @ found.covariance @ direction)
+    stiff = 1e6 / deviation
+    further, residual = found.further_jacobian.copy(), found.further_residual.copy()
+    further[found.x.size] = stiff * direction
+    residual[found.x.size] = -away / (stiff * deviation) - 1e-12  # what holds it there
+    force = stiff * -residual[found.x.size] * direction
+    pulled = np.linalg.lstsq(found.jacobian.T, found.level**2 * force, rcond=None)[0]
+    one = replace(found, further_jacobian=further, further_residual=residual, residual=found.residual + pulled)
+    t = np.linspace(0, 12, 200001)
+    density = np.exp(-0.5 * t**2 - away * t)
+    expected = np.sqrt(np.sum(t**2 * density) / np.sum(density))
+    rows = np.concatenate([one.jacobian / one.level, one.prior_rows])
+    inverse = np.linalg.inv(rows.T @ rows)
+    assert np.sqrt(direction @ inverse @ direction) / deviation == pytest.approx(expected, rel=1e-2)
+
+
 def test_evidence_integrates_over_what_laws_miss():
     """The density of the data themselves: priors, noise and errors of laws in one covariance, of a linear model."""
     free = FreeConstants.of(library_material("pzt-5h").constants, ("s11",))
