@@ -55,6 +55,7 @@ def diagnosis_record(result: Diagnosis) -> dict:
         "noise": {
             "relative": float(np.median(result.relative_noise)),
             "origin": "file" if comparison.base.data.noise_known else "estimated from the sweep",
+            "correlations": [list(one.correlations) for one in comparison.base.data.noise_memory],
         },
         "discrepancy": _discrepancy(comparison),
         "tolerances": _tolerances(result),

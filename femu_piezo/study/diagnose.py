@@ -262,6 +262,7 @@ def diagnose(
             *(note for one in several for note in one.measured.spectrum.notes),
             *dict.fromkeys(note for one in several for note in electrode_notes(one.measured.piece)),
             *_accuracy_notes(several),
+            *(note for one in several for note in one.noise_notes),
             *unplanned,
         ),
         seconds={step: round(value, 3) for step, value in clock.seconds.items()},

@@ -76,6 +76,16 @@ class Subject:
         """Whether the noise came with the data."""
         return self.measured.spectrum.noise is not None
 
+    @property
+    def noise_notes(self) -> tuple[str, ...]:
+        """That neighbouring points err alike, where they do."""
+        if not self.noise_memory:
+            return ()
+        return (
+            f"{self.name or self.problem.specimen.name}: the noise of neighbouring points is alike (correlation "
+            f"{self.noise_memory.correlations[0]:.2f}), as a filter or smoothing makes it; each counts for less",
+        )
+
     @cached_property
     def library(self) -> tuple[Effect, ...]:
         """Every effect whose size is not known: tolerances, candidates and those that the file frees.

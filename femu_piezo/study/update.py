@@ -308,6 +308,7 @@ def _notes(
     notes += dict.fromkeys(note for one in measured for note in electrode_notes(one.piece))
     notes += [f"poles and zeros: {note}" for one in measured for note in one.extraction.notes]
     notes += [f"updated constants: {fault}" for fault in constants.physical_faults(tolerance=1e-3)]
+    notes += [note for one in several for note in one.noise_notes]
     if known is not None:
         loose = [name for name in known.names if known.verdict(name) == "not"]
         if loose:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from laboratory import NOISE
 
 from femu_piezo.inference.fit import fit
+from femu_piezo.measurement.autoregression import autoregression
 
 #: The shares of one draw scatter by about 0.23 (its six constants err together), so the mean of 100 by 0.023.
 DRAWS = 100
@@ -52,3 +56,21 @@ def test_noise_alone_promises_far_too_much(lab):
         ideal = fit(lab.evaluation, data, lab.ideal, [truth[: lab.ideal.count]])
         assert np.all(ideal.std[[0, 2, 4]] < 0.2 * whole.std[[0, 2, 4]])
         assert np.max(np.abs(ideal.x - truth[:6]) / ideal.std) > 5
+
+
+@pytest.mark.parametrize(("known", "whitened"), [(True, True), (False, True), (True, False)])
+def test_intervals_hold_where_neighbours_err_alike(lab, known, whitened):
+    """Noise averaged over three points, as its correlations say; taken as white, deviations are far too small."""
+    truth = lab.material.x_of(lab.free.start)
+    z = lab.evaluation.impedance(lab.ideal, truth)
+    squares = []
+    for seed in range(40):
+        normal = np.random.default_rng([77, seed]).standard_normal((2, z.size + 2))
+        mean = np.lib.stride_tricks.sliding_window_view(normal, 3, 1).sum(axis=2) / np.sqrt(6)
+        data = replace(lab.measured(z, 0, known=known), impedance=z * (1 + NOISE * (mean[0] + 1j * mean[1])))
+        if whitened:
+            data = replace(data, noise_memory=(autoregression(np.log(data.impedance / z)),))
+        found = fit(lab.evaluation, data, lab.ideal, [truth])
+        squares.append(((found.x - truth) / found.std) ** 2)
+    rms = np.sqrt(np.mean(squares))
+    assert 0.85 < rms < 1.2 if whitened else 1.4 < rms < 2.0
