@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 #: Lags of the whiteness test; share of false alarms that each test accepts.
 _LAGS, _LEVEL = 6, 2e-3
@@ -72,7 +72,7 @@ def remaining(
     worst = _worst(residual, frequency, square / freedom, sweeps)
     return Remaining(
         size=square / freedom,
-        p_size=float(chi2.sf(square, freedom)) if noise_known else None,
+        p_size=float(chdtrc(freedom, square)) if noise_known else None,
         p_white=whiteness(residual, sweeps),
         worst_Hz=tuple(band for _, _, band in worst),
         worst_sweep=tuple(number for _, number, _ in worst),
@@ -89,7 +89,7 @@ def whiteness(residual: np.ndarray, sweeps: list[np.ndarray] | None = None) -> f
         for lag in range(1, _LAGS + 1):
             correlation = np.sum(part[lag:] * part[:-lag]) / power
             total += part.size * (part.size + 2) / (part.size - lag) * correlation**2
-    return float(chi2.sf(total, 2 * _LAGS * len(sweeps)))
+    return float(chdtrc(2 * _LAGS * len(sweeps), total))
 
 
 def _worst(
@@ -102,7 +102,7 @@ def _worst(
     for number, sweep in enumerate(sweeps):
         for points in np.array_split(sweep, min(_PARTS, sweep.size)):
             excess = float(np.sum(power[points]))
-            if chi2.sf(excess, 2 * points.size) < 1e-3:
+            if chdtrc(2 * points.size, excess) < 1e-3:
                 band = (float(frequency[points[0]]), float(frequency[points[-1]]))
                 found.append((excess - 2 * points.size, number, band))
     return sorted(found, reverse=True)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 #: Most neighbours before a point that predict it.
 _MOST = 4
@@ -79,7 +79,7 @@ def autoregression(errors: np.ndarray) -> Autoregression:
 
     The partial correlation of p steps is φ_p of the order p; of white noise it has the standard deviation 1/√(2k).
     """
-    power, least = float(np.sum(np.abs(errors) ** 2)), chi2.isf(_CHANCE, 1) / (2 * errors.size)
+    power, least = float(np.sum(np.abs(errors) ** 2)), chdtri(1, _CHANCE) / (2 * errors.size)
     steps = range(1, min(_MOST, errors.size // 8) + 1) if power > 0 else ()
     rho = [float(np.sum(errors[step:] * errors[:-step].conj()).real) / power for step in steps]
     tried = [Autoregression(tuple(rho[:step])) for step in steps]
