@@ -6,8 +6,9 @@ the prior probability π of δ, its posterior is proportional to
     p(data | S, δ) (q/N)^|S| π^δ (1 − π)^(1−δ),
 
 p(data | S, δ) by Laplace's method with everything else marginalised (`femu_piezo.inference.fit`). The probability of a
-cause is the summed posterior of the sets that hold it. Sets are found by enlarging the best ones, and by exchanging
-each cause of the best one; candidates are screened by linearisation and fitted roughly before they are fitted closely.
+cause is the summed posterior of the sets that hold it. Sets are found by enlarging the best ones until that gains
+nothing, once more where the best has a discrepancy, and by exchanging each cause of the best one; candidates are
+screened by linearisation and fitted roughly before they are fitted closely.
 """
 
 from __future__ import annotations
@@ -247,7 +248,7 @@ class _Search:
             best, tried, beam = self._best(), bool(beam), self._beam(size)
             fruitless = fruitless + 1 if tried and best.log_posterior <= before else 0
             # a discrepancy stands for all of several causes: one of them may gain nothing where two do
-            if fruitless > best.discrepant:
+            if fruitless == (2 if best.discrepant else 1):
                 break
         while self._exchange():
             pass

@@ -122,7 +122,8 @@ def _behind_walls(triangle: np.ndarray, slopes: np.ndarray, rows: np.ndarray) ->
         mean = np.sqrt(2 / np.pi) / erfcx(away / np.sqrt(2))  # of t, over Δ
         narrowed = max(1 - mean * (mean - away), 1 / (2 + away) ** 2)  # not below by rounding
         rows += slopes @ solve_triangular(triangle, own) * mean / size
-        triangle = np.linalg.qr(np.vstack([triangle, np.sqrt(1 / narrowed - 1) / size * slope]), mode="r")
+        more = np.sqrt(1 / narrowed - 1) / size * slope
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, more]), mode="r"))
         square = narrowed + (mean - away) ** 2  # of the distance behind the wall
         weights[number] = np.sqrt(max(1 / square - 1, 0.0)) / size
     return found, weights
