@@ -88,7 +88,7 @@ def autoregression(errors: np.ndarray) -> Autoregression:
 
 
 def whitened_each(of_each: Sequence[Autoregression], sweeps: Sequence[np.ndarray], errors: np.ndarray) -> np.ndarray:
-    """e (k, …) of several sweeps, whose points are at the indices given; each has its own noise."""
+    """e (k, n) or (k,) of such errors of several sweeps, whose points are at the indices given, each with its noise."""
     if not any(of_each):
         return errors
     found = np.array(errors)

@@ -236,7 +236,7 @@ def test_covariance_is_the_scatter_of_the_estimate():
     drawn = np.linalg.solve(hessian, jacobian.T @ noise.T / level**2 + means.T / std[:, None] ** 2)
     residual = noise[0] - jacobian @ drawn[:, 0]
     one = Fit(
-        SimpleNamespace(prior_std=std),
+        SimpleNamespace(prior_std=std, readings=()),
         np.zeros(4),
         data,
         residual,
