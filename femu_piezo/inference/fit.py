@@ -95,38 +95,42 @@ class Marginal:
         basis, triangle = np.linalg.qr(rows)
         share = 0.0
         if np.any(walls):
-            inner, triangle = np.linalg.qr(rows[~walls])
-            free = values[held] - rows[held] @ solve_triangular(triangle, inner.T @ values[~walls])
-            share = _behind_walls(triangle, rows[held], free)[0]
+            triangle, share, _ = _behind_walls(rows, values, walls, held)
         volume = share - float(np.sum(np.log(np.abs(np.diag(triangle)))))
         return cls(left[:count], left[count:], basis, volume, level)
 
 
-def _behind_walls(triangle: np.ndarray, slopes: np.ndarray, rows: np.ndarray) -> tuple[float, np.ndarray]:
-    """log of the share of a normal distribution that is behind walls, over its density at the best place there.
+def _behind_walls(
+    rows: np.ndarray, values: np.ndarray, walls: np.ndarray, held: np.ndarray
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """What walls leave of the normal distribution that all other rows (m, n) with values (m,) make.
 
-    And (w,) weights of the slopes with which the distribution had, beside the best place, the same mean squares.
+    R (n, n) of those rows; log of the share that is behind the walls, over the density at the best place there; and
+    (w,) weights of the walls with which the distribution had, about that place, the same mean squares.
 
     A wall whose row is −uΔ without it, u² = gᵗ (RᵗR)⁻¹ g of its slope g, leaves ∫ exp(−t²/2) dt/√(2π) from Δ on, where
     the density is exp(−Δ²/2). That counts twice, so that it is 1 where a wall is just touched, as it is just before. Of
     several walls each finds the mean and the covariance that those before have left.
 
-    triangle : (n, n) R of all other rows;  slopes : (w, n) of the walls;  rows : (w,) their values without them
+    walls, held : as in `Marginal.of`
     """
-    found, weights, rows = 0.0, np.zeros(rows.size), np.array(rows)
+    inner, other = np.linalg.qr(rows[~walls])
+    slopes, triangle = rows[held], other
+    free = values[held] - slopes @ solve_triangular(other, inner.T @ values[~walls])
+    found, weights = 0.0, np.zeros(free.size)
     for number, slope in enumerate(slopes):
         own = solve_triangular(triangle, slope, trans="T")
         size = float(np.linalg.norm(own))
-        away = max(-rows[number] / size, 0.0)
+        away = max(-free[number] / size, 0.0)
         found += float(np.log(erfcx(away / np.sqrt(2))))
         mean = np.sqrt(2 / np.pi) / erfcx(away / np.sqrt(2))  # of t, over Δ
         narrowed = max(1 - mean * (mean - away), 1 / (2 + away) ** 2)  # not below by rounding
-        rows += slopes @ solve_triangular(triangle, own) * mean / size
+        free += slopes @ solve_triangular(triangle, own) * mean / size
         more = np.sqrt(1 / narrowed - 1) / size * slope
         triangle = np.asarray(np.linalg.qr(np.vstack([triangle, more]), mode="r"))
         square = narrowed + (mean - away) ** 2  # of the distance behind the wall
         weights[number] = np.sqrt(max(1 / square - 1, 0.0)) / size
-    return found, weights
+    return other, found, weights
 
 
 @dataclass(frozen=True)
@@ -219,9 +223,9 @@ class Fit:
 
     @property
     def _walls(self) -> np.ndarray:
-        """(m,) bool: rows of `further_jacobian` that are of walls which the estimate touches."""
-        found = np.any(self.further_jacobian != 0, axis=1)
-        found[: self.x.size] = False
+        """(2k + m,) bool: rows of walls which the estimate touches, among those of data and of `further_jacobian`."""
+        found = np.append(np.zeros(self.residual.size, dtype=bool), np.any(self.further_jacobian != 0, axis=1))
+        found[: self.residual.size + self.x.size] = False
         found[found.size - len(self.parameters.readings) :] = False
         return found
 
@@ -231,18 +235,14 @@ class Fit:
 
         Of a wall that just touches the estimate one half of the intervals is left, and they are as long as without it.
         """
-        walls = self._walls
+        walls, count = self._walls, self.residual.size
         if not np.any(walls):
             return self.further_jacobian
-        held, std = walls & (self.further_residual < 0), self.parameters.prior_std
-        rows = np.concatenate([self.jacobian / self.level, self.further_jacobian[~walls]]) * std
-        values = np.concatenate([self.residual / self.level, self.further_residual[~walls]])
-        inner, triangle = np.linalg.qr(rows)
-        own = self.further_jacobian[held] * std
-        free = self.further_residual[held] - own @ solve_triangular(triangle, inner.T @ values)
-        found = self.further_jacobian * ~walls[:, None]
-        found[held] = _behind_walls(triangle, own, free)[1][:, None] * self.further_jacobian[held]
-        return found
+        values = self._levelled(np.concatenate([self.residual, self.further_residual]))
+        rows = self._levelled(np.concatenate([self.jacobian, self.further_jacobian]))
+        held, weights = walls & (values < 0), (~walls).astype(float)
+        weights[held] = _behind_walls(rows * self.parameters.prior_std, values, walls, held)[2]
+        return weights[count:, None] * self.further_jacobian
 
     @cached_property
     def precision_inverse(self) -> np.ndarray:
@@ -292,7 +292,7 @@ class Fit:
         beside = block_diag(self.further_jacobian * std, np.eye(laws.shape[1]))
         whole = np.concatenate([np.hstack([self.jacobian * std, laws]), beside])
         right = np.concatenate([self.residual, self.further_residual, np.zeros(laws.shape[1])])
-        walls = np.concatenate([np.zeros(count, dtype=bool), self._walls, np.zeros(laws.shape[1], dtype=bool)])
+        walls = np.append(self._walls, np.zeros(laws.shape[1], dtype=bool))
         held = walls & (right < 0)
         if not laws.size:
             return Marginal.of(whole, right, count, self.noise_scale, walls, held)

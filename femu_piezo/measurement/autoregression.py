@@ -11,7 +11,6 @@ less. The first p points are predicted by those that they have.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,13 +84,3 @@ def autoregression(errors: np.ndarray) -> Autoregression:
     tried = [Autoregression(tuple(rho[:step])) for step in steps]
     beyond = [one for one, step in zip(tried, steps, strict=True) if one.predictor(step)[0][-1] ** 2 > least]
     return beyond[-1] if beyond and rho[0] > _LEAST else WHITE
-
-
-def whitened_each(of_each: Sequence[Autoregression], sweeps: Sequence[np.ndarray], errors: np.ndarray) -> np.ndarray:
-    """e (k, n) or (k,) of such errors of several sweeps, whose points are at the indices given, each with its noise."""
-    if not any(of_each):
-        return errors
-    found = np.array(errors)
-    for one, sweep in zip(of_each, sweeps, strict=True):
-        found[sweep] = one.whitened(errors[sweep])
-    return found

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from femu_piezo.measurement.autoregression import Autoregression, whitened_each
+from femu_piezo.measurement.autoregression import Autoregression
 
 #: Bands of the leave-band-out prediction.
 _BANDS = 10
@@ -52,15 +52,22 @@ class SweepData:
 
     def over_noise(self, errors: np.ndarray) -> np.ndarray:
         """(k, …) complex errors of log Z, whitened: over their deviation, and less what those before them predict."""
-        weight = self.weight.reshape(-1, *[1] * (errors.ndim - 1))
-        return whitened_each(self.noise_memory, self.sweeps, errors * weight)
+        found = errors * self.weight.reshape(-1, *[1] * (errors.ndim - 1))
+        for memory, sweep in self._correlated:
+            found[sweep] = memory.whitened(found[sweep])
+        return found
 
     def from_noise(self, whitened: np.ndarray) -> np.ndarray:
         """(k,) errors of log Z of whitened ones: the inverse of `over_noise`."""
         found = np.array(whitened)
-        for memory, sweep in zip(self.noise_memory, self.sweeps, strict=False):
+        for memory, sweep in self._correlated:
             found[sweep] = memory.coloured(whitened[sweep])
         return found / self.weight
+
+    @property
+    def _correlated(self) -> list[tuple[Autoregression, np.ndarray]]:
+        """Noise and points of the sweeps whose noise is not white."""
+        return [(memory, sweep) for memory, sweep in zip(self.noise_memory, self.sweeps, strict=False) if memory]
 
     @property
     def level_std(self) -> float:

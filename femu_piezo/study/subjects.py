@@ -14,7 +14,6 @@ from femu_piezo.errors import InputError
 from femu_piezo.inference.ensemble import Share, belonging_to, is_common
 from femu_piezo.measurement.autoregression import WHITE, Autoregression, autoregression
 from femu_piezo.measurement.noise import estimate_noise
-from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.sweeps import level_std
 from femu_piezo.study.effects import effect_context, known_effects
 from femu_piezo.study.measured import Measured
@@ -135,9 +134,9 @@ def _subject(measured: Measured, name: str, fixture: str, effects: tuple[Maker, 
     band = (float(frequency[0]), float(frequency[-1]))
     pole = measured.pair.pole.frequency_Hz
     context = effect_context(measured.problem, pole, typical, band, frequency, measured.taken)
-    memory, louder = _noise_memory(measured)
-    noise = np.hypot(_relative_noise(measured.spectrum, measured.fitted), LEAST_ERROR) * louder
-    return subject(name, measured.problem, measured, noise, context, effects, fixture, memory)
+    noise = np.hypot(_relative_noise(measured), LEAST_ERROR)
+    memory, louder = _noise_memory(measured, noise[np.isin(frequency, measured.fitted.frequency)])
+    return subject(name, measured.problem, measured, noise * louder, context, effects, fixture, memory)
 
 
 def subject(
@@ -183,25 +182,26 @@ def _open(effect: Effect, one: Subject) -> bool:
     return all((effect.name, effect.variant) != (known.name, known.variant) for known, _ in one.fixed)
 
 
-def _relative_noise(spectrum: ImpedanceSpectrum, fitted: ImpedanceSpectrum) -> np.ndarray:
-    """(k,) of a sweep: of the file, else estimated from the roughness of its fitted part alone."""
-    impedance = spectrum.impedance
-    if spectrum.noise is not None:
-        return spectrum.noise / np.abs(impedance)
-    return estimate_noise(fitted).std(impedance) / np.abs(impedance)
+def _relative_noise(measured: Measured) -> np.ndarray:
+    """(k,) over the whole sweep: of the file, else estimated from the roughness of the fitted part alone."""
+    impedance = measured.spectrum.impedance
+    if measured.spectrum.noise is not None:
+        return measured.spectrum.noise / np.abs(impedance)
+    return estimate_noise(measured.fitted).std(impedance) / np.abs(impedance)
 
 
-def _noise_memory(measured: Measured) -> tuple[Autoregression, float]:
+def _noise_memory(measured: Measured, noise: np.ndarray) -> tuple[Autoregression, float]:
     """How neighbouring errors of a sweep follow each other, and by how much more noise than its roughness shows.
 
     Both by what the extraction leaves, which needs no finite elements; only where that may be noise: where it is as
     large as the file says, or, without its neighbours' share, as the roughness of the sweep.
+
+    noise : (k,) relative, of the fitted part
     """
-    found, fitted = measured.extraction, measured.fitted
+    found = measured.extraction
     if found.model is None:
         return WHITE, 1.0
-    relative = np.hypot(_relative_noise(fitted, fitted), LEAST_ERROR)
-    left = (np.log(found.impedance / fitted.impedance) / relative)[found.used]
+    left = (np.log(found.impedance / measured.fitted.impedance) / noise)[found.used]
     freedom = left.size - found.model.size
     memory = autoregression(left)
     if not memory or freedom <= 0:
