@@ -109,12 +109,11 @@ def judge(comparison: Comparison, frequency: np.ndarray) -> Verdict:
 
 
 def _beyond_noise(final: Fit, significant: float) -> bool:
-    """Whether a discrepancy changes log Z by more than the noise of a point; a smaller one is noise that is correlated.
+    """Whether a discrepancy changes log Z where it acts by more than the noise of a point.
 
-    It widens the intervals all the same.
+    A smaller one is noise that is correlated; it widens the intervals all the same.
     """
-    level = max(_noise_level(final, significant), 1.0)
-    return final.learned.sigma > level * float(np.sqrt(np.mean(final.data.relative_noise**2)))
+    return final.learned.over_noise * final.learned.level > max(_noise_level(final, significant), 1.0)
 
 
 def _noise_level(final: Fit, significant: float) -> float:

@@ -8,7 +8,8 @@ import numpy as np
 
 from femu_piezo.extraction.fit import NormalisedSweep
 from femu_piezo.extraction.model import RationalModel
-from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, matern, profiled
+from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, profiled
+from femu_piezo.measurement.discrepancy_forms import matern, smooth
 from femu_piezo.measurement.sweeps import SweepData, stacked
 
 LENGTHS = (1 / 4, 1 / 12, 1 / 40)  # correlation lengths of systematic errors that compete, shares of the sweep
@@ -71,15 +72,8 @@ def systematic_error(model: RationalModel, data: NormalisedSweep, sweep: SweepDa
     sweep : the same points with the noise that neighbours show
     """
     residual = stacked((model.charge(data.x) / data.charge - 1) * sweep.weight)
-    found = learn_discrepancy(
-        sweep,
-        model.log_slope(data.x),
-        residual,
-        np.zeros((residual.size, 0)),
-        lengths=LENGTHS,
-        shares=SHARES,
-        kernel=matern,
-    )
+    forms = [smooth(sweep, model.log_slope(data.x), LENGTHS, SHARES, matern)]
+    found = learn_discrepancy(sweep, residual, np.zeros((residual.size, 0)), forms)
     likelihood = profiled(float(residual @ residual), residual.size, sweep.level_std) + found.log_evidence
     return found, float(-2 * likelihood + 2 * model.size * np.log(2 * len(data)))
 

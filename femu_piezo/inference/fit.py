@@ -15,7 +15,7 @@ in which a wall that is touched is a border and no information, and what the law
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Protocol
@@ -29,6 +29,7 @@ from femu_piezo.inference.laws import law_misses, log_slope
 from femu_piezo.inference.passivity import wall_and_readings
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, noise_level
+from femu_piezo.measurement.discrepancy_forms import Alternatives, of_every_resonance, of_one_resonance, smooth
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import blas_limit, in_parallel
 
@@ -144,6 +145,7 @@ class Fit:
     jacobian : (2k, n_x) of it
     further_residual, further_jacobian : (m,), (m, n_x) rows of the priors, of the passivity wall and of readings
     log_slope : (k,) ∂log Z/∂log f of the model
+    impedance : (k,) Z of the model, ohm; None of what is only extrapolated
     on_bound : names of the unknowns that ended on a bound
     level : factor on the noise that the fit was made with
     loss : of the readings
@@ -163,6 +165,7 @@ class Fit:
     further_residual: np.ndarray = field(repr=False)
     further_jacobian: np.ndarray = field(repr=False)
     log_slope: np.ndarray = field(repr=False)
+    impedance: np.ndarray | None = field(default=None, repr=False)
     on_bound: tuple[str, ...] = ()
     level: float = 1.0
     loss: str = "linear"
@@ -328,13 +331,16 @@ class Fit:
         one = self.marginal
         left = np.concatenate([one.residual / one.level, one.further])
         left = (left - one.basis @ (one.basis.T @ left)) * one.level
-        return learn_discrepancy(self.data, self.log_slope, left, self.span, self.weight)
+        forms: list[Iterable[Alternatives]] = [smooth(self.data, self.log_slope)]
+        if self.impedance is not None:
+            forms.append(of_every_resonance(self.data, self.impedance))
+            forms.append(of_one_resonance(self.data, self.impedance, self.log_slope))
+        return learn_discrepancy(self.data, left, self.span, forms, self.weight)
 
     @property
     def log_error(self) -> np.ndarray:
         """(k,) complex log Z_model − log Z."""
-        k = self.residual.size // 2
-        return self.data.from_noise(self.residual[:k] + 1j * self.residual[k:])
+        return self.data.log_error(self.residual)
 
     @property
     def std_of_effects(self) -> list[np.ndarray]:
@@ -484,6 +490,7 @@ def _at(found: _Descent, log_slope: np.ndarray, law: np.ndarray) -> Fit:
         further_residual=further_residual,
         further_jacobian=further_jacobian,
         log_slope=log_slope,
+        impedance=posterior.data.modelled(residual),
         on_bound=tuple(posterior.parameters.names[i] for i in found.on_bound),
         level=found.level,
         loss=found.loss,
@@ -702,6 +709,7 @@ def stepped(at_x: Fit, moving: np.ndarray | None = None) -> Fit:
             residual=at_x.residual + at_x.jacobian @ step,
             further_residual=at_x.further_residual + at_x.further_jacobian @ step,
             level=found.level,
+            impedance=None,
             extrapolated=True,
         )
         level = found.noise_scale

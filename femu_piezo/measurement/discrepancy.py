@@ -1,42 +1,30 @@
-"""What no known effect describes: a smooth function of frequency in log Z and in relative frequency.
+"""What no known effect describes: how much of a misfit may be of a form that no unknown has, and its evidence.
 
-    log Z_data = log Z_model + a(f) + b(f) ∂log Z/∂log f + noise
+    log Z_data = log Z_model + Φ c + noise,   c normal of variance σ²
 
-a and b are complex Gaussian processes over log f of one correlation length ℓ: an error of the impedance, and one of the
-frequency (Im: of the loss) of whatever resonates there. Kennedy and O'Hagan (J. R. Statist. Soc. B 63 (2001) 425) put
-such a function beside a model so that its errors widen the intervals by themselves. Each process is the sum of its
-principal components (Karhunen-Loève).
-
-A sweep knows both by the change of log Z that they make, so σ is the rms of that change over a sweep, and a share w of
-σ² is due to b: a has the standard deviation σ √(1 − w), b has σ √w / g with g the rms of |∂log Z/∂log f| (up to Q at a
-resonance, about 1 far from it). ℓ, σ and w are learned from the evidence; w may be 0, 1 or, as neither is known to be
-the larger, ½.
+The columns of Φ are those of a form (`femu_piezo.measurement.discrepancy_forms`): a smooth function of frequency, an
+error of every resonance, a resonance of its own. Kennedy and O'Hagan (J. R. Statist. Soc. B 63 (2001) 425) put such a
+function beside a model so that its errors widen the intervals by themselves. A sweep knows it by the change of log Z
+that it makes, so σ is the rms of Re and Im of that change over a sweep; σ, the form and what a form leaves open are
+learned from the evidence.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import lru_cache
-from itertools import product
+from functools import cached_property
 
 import numpy as np
 from scipy.special import logsumexp
 
-from femu_piezo.measurement.sweeps import SweepData, stacked
+from femu_piezo.measurement.discrepancy_forms import Alternatives, Form
+from femu_piezo.measurement.sweeps import SweepData
 
-#: Correlation lengths, as shares of the sweep in log f, and standard deviations that compete (equal prior weight each).
-_LENGTHS, _SIGMAS = (1 / 4, 1 / 12, 1 / 40), np.geomspace(1e-6, 0.3, 23)
-#: Shares of the variance that errors of frequency have, which compete likewise.
-_SHARES = (0.0, 0.5, 1.0)
+#: Standard deviations that compete (equal prior weight each).
+_SIGMAS = np.geomspace(1e-6, 3.0, 27)
 #: Prior probability that a sweep holds something that the model does not describe.
 PRIOR = 0.1
-#: Share of the largest variance below which a component is left out.
-_NEGLIGIBLE = 1e-4
-
-
-#: Correlation of a process at distances (…) in correlation lengths.
-Kernel = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -45,18 +33,17 @@ class Discrepancy:
 
     Attributes
     ----------
-    sigma : rms over a sweep of the change of log Z that it makes, at the noise level found with it
-    length : correlation length as a share of the sweep in log f
-    share : of its variance that is an error of the frequency
+    form : the most probable one;  place : what it leaves open, as `Alternatives.places` has it
+    sigma : rms over a sweep of Re and Im of the change of log Z that it makes, at the noise level found with it
     level : factor on the noise found with it
-    log_evidence : gain over none, averaged over sizes, lengths and shares
+    log_evidence : gain over none, averaged over forms, what they leave open, and sizes
     columns : (2k, m) change by every coefficient at its standard deviation, whitened and over the noise level: a fit
         whose noise has the level s has the discrepancy s² Σ columns columnsᵗ
     """
 
+    form: Form
+    place: float
     sigma: float
-    length: float
-    share: float
     level: float
     log_evidence: float
     columns: np.ndarray
@@ -66,65 +53,31 @@ class Discrepancy:
         """Whether it is more probable than none."""
         return self.log_evidence > np.log(1 / PRIOR - 1)
 
+    def __str__(self) -> str:
+        if self.form == "smooth":
+            return "a smooth function of frequency"
+        if self.form == "of every resonance":
+            return "an error of its own at every resonance"
+        return f"a resonance of its own near {self.place / 1e3:.3g} kHz"
+
+    @property
+    def over_noise(self) -> float:
+        """rms over the noise of the change of log Z, over where it acts: each point counts by the square of its own."""
+        squares = np.sum(self.columns**2, axis=1).reshape(2, -1).mean(axis=0)
+        return float(np.sqrt(np.sum(squares**2) / np.sum(squares)))
+
     @property
     def factor(self) -> np.ndarray:
         """(2k, 2k) lower Cholesky factor of the covariance of noise and discrepancy, whitened, over s²."""
         return np.linalg.cholesky(np.eye(len(self.columns)) + self.columns @ self.columns.T)
 
 
-def squared_exponential(distance: np.ndarray) -> np.ndarray:
-    """(k, m) correlation exp(−d²/2) of a process without any roughness, d (k, m) in correlation lengths."""
-    return np.exp(-0.5 * distance**2)
-
-
-def matern(distance: np.ndarray) -> np.ndarray:
-    """(k, m) correlation (1 + √3 d) exp(−√3 d) of a process with a slope and no curvature (Matérn, 3/2)."""
-    return (1 + np.sqrt(3) * distance) * np.exp(-np.sqrt(3) * distance)
-
-
-def components(log_frequency: np.ndarray, length: float, kernel: Kernel = squared_exponential) -> np.ndarray:
-    """(k, m) values of the principal components of a process of unit variance at log f (k,), scaled by their σ."""
-    return _components(np.ascontiguousarray(log_frequency, dtype=float).tobytes(), length, kernel)
-
-
-@lru_cache(maxsize=32)
-def _components(frequencies: bytes, length: float, kernel: Kernel) -> np.ndarray:
-    """Of the same, kept: the fits of a sweep ask for them again and again."""
-    log_frequency = np.frombuffer(frequencies)
-    low, high = float(log_frequency.min()), float(log_frequency.max())
-    at = np.linspace(low, high, int(np.ceil(6 / length)) + 1)
-    scale = length * (high - low)
-    values, vectors = np.linalg.eigh(kernel(np.abs(at[:, None] - at) / scale))
-    kept = values > _NEGLIGIBLE * values[-1]
-    return kernel(np.abs(log_frequency[:, None] - at) / scale) @ vectors[:, kept] / np.sqrt(values[kept])
-
-
-def _features(
-    data: SweepData, log_slope: np.ndarray, lengths: Sequence[float], shares: Sequence[float], kernel: Kernel
-) -> Iterator[tuple[float, float, np.ndarray]]:
-    """ℓ, w and whitened columns (2k, m) of both processes at σ = 1, for every ℓ and w; each sweep has its own."""
-    for length, share in product(lengths, shares):
-        blocks = []
-        for sweep in data.sweeps:
-            own, slope = components(np.log(data.frequency[sweep]), length, kernel), log_slope[sweep, None]
-            steep = np.sqrt(np.mean(np.abs(slope) ** 2)) or 1.0
-            parts = [np.sqrt(1 - share) * own] if share < 1 else []
-            parts += [np.sqrt(share) / steep * own * slope] if share > 0 else []
-            block = np.zeros((data.impedance.size, 2 * sum(part.shape[1] for part in parts)), dtype=complex)
-            block[sweep] = np.hstack([turn * part for part in parts for turn in (1, 1j)])
-            blocks.append(stacked(data.over_noise(block)))
-        yield length, share, np.hstack(blocks)
-
-
 def learn_discrepancy(
     data: SweepData,
-    log_slope: np.ndarray,
     residual: np.ndarray,
     span: np.ndarray,
+    forms: Iterable[Iterable[Alternatives]],
     weight: np.ndarray | float = 1.0,
-    lengths: Sequence[float] = _LENGTHS,
-    shares: Sequence[float] = _SHARES,
-    kernel: Kernel = squared_exponential,
 ) -> Discrepancy:
     """The discrepancy that the residual of a fit asks for, all unknowns of the fit marginalised (linear).
 
@@ -135,33 +88,85 @@ def learn_discrepancy(
 
     Parameters
     ----------
-    log_slope : (k,) complex ∂log Z/∂log f of the model
     residual : (2k + m,) r, whitened, the data first;  span : (2k, n) Q, the rows of the data
+    forms : that compete, of equal prior weight each, with what each of them leaves open
     weight : (2k,) that a robust loss gives the readings, in squares of residual and span
-    lengths : correlation lengths that compete, as shares of the sweep in log f
-    shares : of the variance that errors of frequency have, which compete
-    kernel : correlation over the distance in correlation lengths
     """
-    rows, chi_square = len(span), float(residual @ residual)
-    found, plain = [], profiled(chi_square, rows, data.level_std)
-    best = (-np.inf,)
-    for length, share, columns in _features(data, log_slope, lengths, shares, kernel):
-        columns = columns * np.reshape(np.sqrt(weight), (-1, 1))
-        inside = span.T @ columns
-        values, vectors = np.linalg.eigh(columns.T @ columns - inside.T @ inside)
-        values = np.maximum(values, 0.0)
-        along = (vectors.T @ (columns.T @ residual[:rows])) ** 2
-        grown = 1 + _SIGMAS[:, None] ** 2 * values
-        left = chi_square - (_SIGMAS[:, None] ** 2 / grown) @ along
-        gains = profiled(left, rows, data.level_std) - 0.5 * np.sum(np.log(grown), axis=1) - plain
-        found.append(gains)
-        most = int(np.argmax(gains))
-        if gains[most] > best[0]:
-            best = gains[most], left[most], _SIGMAS[most], length, share, columns
-    gain = float(logsumexp(found) - np.log(np.size(found)))
-    _, left, size, length, share, columns = best
-    level = float(noise_level(left, rows, data.level_std))
-    return Discrepancy(float(size * level), length, share, level, gain, size * columns)
+    left = _Left(data, residual, span, np.sqrt(np.broadcast_to(weight, len(span))))
+    own = [[left.gains(one) for one in form] for form in forms]
+    of_forms = [logsumexp([one.mean for one in form]) - np.log(len(form)) for form in own if form]
+    best = max((one for form in own for one in form), key=lambda one: one.most)
+    level = float(noise_level(best.left, len(span), data.level_std))
+    gain = float(logsumexp(of_forms) - np.log(len(of_forms)))
+    return Discrepancy(best.form, best.place, float(best.size * level), level, gain, best.size * best.columns)
+
+
+@dataclass(frozen=True)
+class _Gains:
+    """Evidence of alternatives over none, averaged over places and sizes (log), and the best of them.
+
+    Attributes
+    ----------
+    most : its evidence over none;  size : its σ/s;  left : χ² beside it
+    columns : (2k, m) of it, whitened, at σ = 1
+    """
+
+    mean: float
+    most: float
+    form: Form
+    place: float
+    size: float
+    left: float
+    columns: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Left:
+    """What a fit leaves; arguments as of `learn_discrepancy`.
+
+    share : (2k,) square root of the weight
+    """
+
+    data: SweepData
+    residual: np.ndarray
+    span: np.ndarray
+    share: np.ndarray
+
+    @cached_property
+    def chi_square(self) -> float:
+        """Of data and priors."""
+        return float(self.residual @ self.residual)
+
+    @cached_property
+    def plain(self) -> float:
+        """log likelihood without a discrepancy."""
+        return float(profiled(self.chi_square, len(self.span), self.data.level_std))
+
+    def gains(self, one: Alternatives) -> _Gains:
+        """What alternatives gain."""
+        rows = one.rows(self.data)
+        columns = one.whitened(self.data) * self.share[rows, None, None]  # (r, n, m)
+        turned = np.ascontiguousarray(columns.transpose(1, 2, 0))  # (n, m, r)
+        inside = turned @ self.span[rows]
+        values, vectors = np.linalg.eigh(turned @ turned.transpose(0, 2, 1) - inside @ inside.transpose(0, 2, 1))
+        along = np.einsum("nab,na->nb", vectors, turned @ self.residual[rows]) ** 2
+        sizes = _SIGMAS[:, None, None] ** 2
+        grown = 1 + sizes * np.maximum(values, 0.0)
+        left = self.chi_square - np.sum(sizes / grown * along, axis=2)
+        likelihood = profiled(left, len(self.span), self.data.level_std)
+        gains = likelihood - 0.5 * np.sum(np.log(grown), axis=2) - self.plain
+        size, which = np.unravel_index(np.argmax(gains), gains.shape)
+        best = np.zeros((len(self.span), columns.shape[2]))
+        best[rows] = columns[:, which]
+        return _Gains(
+            mean=float(logsumexp(gains) - np.log(gains.size)),
+            most=float(gains[size, which]),
+            form=one.form,
+            place=float(one.places[which]),
+            size=float(_SIGMAS[size]),
+            left=float(left[size, which]),
+            columns=best,
+        )
 
 
 #: Standard deviations of its logarithm below which a noise level is not taken to be.

@@ -64,6 +64,15 @@ class SweepData:
             found[sweep] = memory.coloured(whitened[sweep])
         return found / self.weight
 
+    def log_error(self, residual: np.ndarray) -> np.ndarray:
+        """(k,) complex log Z_model − log Z of whitened residuals (2k,), Re then Im."""
+        k = residual.size // 2
+        return self.from_noise(residual[:k] + 1j * residual[k:])
+
+    def modelled(self, residual: np.ndarray) -> np.ndarray:
+        """(k,) Z of a model, ohm, with these whitened residuals (2k,)."""
+        return self.impedance * np.exp(self.log_error(residual))
+
     @property
     def _correlated(self) -> list[tuple[Autoregression, np.ndarray]]:
         """Noise and points of the sweeps whose noise is not white."""

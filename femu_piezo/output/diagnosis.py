@@ -96,9 +96,16 @@ def _cause_record(cause: Cause) -> dict:
 
 
 def _discrepancy(comparison: Comparison) -> dict | None:
-    """Size and correlation length of what no named cause describes; None where nothing is left."""
+    """Form and size of what no named cause describes; None where nothing is left."""
     left = comparison.final.discrepancy
-    return None if left is None else {"sigma": left.sigma, "length": left.length, "log_evidence": left.log_evidence}
+    if left is None:
+        return None
+    place = {
+        "smooth": "length",
+        "of every resonance": "strength_over_frequency",
+        "a resonance of its own": "frequency_Hz",
+    }
+    return {"form": left.form, place[left.form]: left.place, "sigma": left.sigma, "log_evidence": left.log_evidence}
 
 
 def _tolerances(result: Diagnosis) -> list[dict]:

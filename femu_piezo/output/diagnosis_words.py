@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femu_piezo.diagnosis.verdict import Cause
+from femu_piezo.inference.fit import Fit
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.wording import band, listed, merged, percent, sizes, spoken
 from femu_piezo.study.diagnose import Diagnosis, LinearBody
@@ -110,10 +111,24 @@ def _wrong(result: Diagnosis) -> tuple[str, ...]:
         if _points_to_blame(result):
             found.append(_linear(result.linear_body))
         else:
+            found += _form(result.comparison.final)
             found += [f"The best guess takes a part of it away. {_cause(cause)}" for cause in verdict.causes[:1]]
             found += [_cause(cause) for cause in verdict.causes[1:]]
     found += _resonances(result)
     return tuple(found)
+
+
+def _form(final: Fit) -> list[str]:
+    """What the discrepancy looks like."""
+    left = final.discrepancy
+    if left is None:
+        return []
+    why = {
+        "smooth": "as the instrument, the fixture, or a law of losses or of drift would",
+        "of every resonance": "as where the body is not the same all along, or is held or loaded in places",
+        "a resonance of its own": "as a loose part, a second piece or the fixture would",
+    }
+    return [f"It looks like {left}, {why[left.form]}."]
 
 
 def _points_to_blame(result: Diagnosis) -> bool:

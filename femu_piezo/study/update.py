@@ -338,8 +338,8 @@ def _fit_notes(found: Fit) -> list[str]:
             notes.append(f"{effect.title}, which the file leaves free, is found with the constants: {told}")
     if found.discrepancy is not None:
         notes.append(
-            f"the model misses the sweep by a smooth function of frequency of about {found.discrepancy.sigma:.1g} "
-            "(relative), which the standard deviations take into account; `femu-piezo diagnose` looks for its cause"
+            f"the model misses the sweep by {found.discrepancy}, about {found.discrepancy.sigma:.1g} of |Z| (rms), "
+            "which the standard deviations take into account; `femu-piezo diagnose` looks for its cause"
         )
     if found.data.noise_known and found.noise_scale > _LOUD:
         notes.append(

@@ -50,7 +50,7 @@ def test_pair_for_which_a_third_effect_stands_even_beside_a_discrepancy(setup, s
     data = data_with(setup, truth, 1, noise=3e-4)  # at 1e-3 a wrong s12 alone leaves no more than the noise
     result = compare(setup.evaluation, data, setup.unknowns, setup.x, smooth)
     odds = {trial.effect.key: trial.log_odds for trial in result.singles}
-    assert max(odds[key] for key in set(odds) - set(truth)) > odds["wrong_thickness"] + 20
+    assert max(odds[key] for key in set(odds) - set(truth)) > odds["wrong_thickness"] + 10
     assert {found.effect.key for found in result.found} == set(truth)
     for found in result.found:
         (own,) = [trial for trial in found.fits if trial.effect.key == found.effect.key]

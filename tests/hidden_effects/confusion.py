@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import beta
 
+from hidden_effects.draws import LABORATORY
 from hidden_effects.judge import Outcome
 
 
@@ -80,11 +81,13 @@ def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     found.append(Rate("pairs: both named", sum(o.first for o in pairs), len(pairs), 0.8))
     found.append(Rate("pairs: both named or in a class", sum(o.in_class for o in pairs), len(pairs), 0.8))
     exact = [o for o in library if o.first and o.word == "effect"]
+    # in a laboratory the tolerances, which leave a prediction more than the noise, are a part of what is expected
+    ideal = [o for o in exact if not o.name.startswith(LABORATORY)]
     for words, good in (
-        ("noise", [o.ratio[0] < 1.3 for o in exact]),
+        ("noise", [o.ratio[0] < 1.3 for o in ideal]),
         ("what noise makes of their prediction", [o.misfit < 1.3 for o in exact]),
     ):
-        found.append(Rate(f"single effects: unseen points within 1.3 × {words}", sum(good), len(exact), 1.0))
+        found.append(Rate(f"single effects: unseen points within 1.3 × {words}", sum(good), len(good), 1.0))
     biases = [value for o in exact for value in o.bias.values()]
     found.append(Rate("single effects: constants within 3 σ", sum(abs(b) < 3 for b in biases), len(biases), 0.97))
     return found

@@ -14,14 +14,14 @@ from femu_piezo.inference.fit import Fit, fit, with_discrepancy
 from femu_piezo.measurement.discrepancy import (
     PRIOR,
     Discrepancy,
-    components,
     learn_discrepancy,
     log_level_prior,
     noise_level,
 )
-from femu_piezo.measurement.sweeps import SweepData
+from femu_piezo.measurement.discrepancy_forms import components, of_one_resonance, smooth
+from femu_piezo.measurement.sweeps import SweepData, stacked
 
-LENGTHS, SHARES, SIZES = (1 / 4, 1 / 12, 1 / 40), (0.0, 0.5, 1.0), np.geomspace(1e-6, 0.3, 23)
+LENGTHS, SHARES, SIZES = (1 / 4, 1 / 12, 1 / 40), (0.0, 0.5, 1.0), np.geomspace(1e-6, 3.0, 27)
 #: Ratio of neighbouring sizes that the discrepancy may have.
 STEP = SIZES[1] / SIZES[0]
 
@@ -85,7 +85,7 @@ def test_evidence_is_that_of_a_dense_gaussian(wave, known):
     q = np.linalg.qr(rows * std)[0]
     whole = np.concatenate([target, np.zeros(4)])
     residual = whole - q @ (q.T @ whole)
-    learned = learn_discrepancy(data, log_slope, residual, q[: 2 * k])
+    learned = learn_discrepancy(data, residual, q[: 2 * k], [smooth(data, log_slope)])
 
     def log_density(covariance: np.ndarray) -> tuple[float, float]:
         """And the noise level."""
@@ -108,10 +108,45 @@ def test_evidence_is_that_of_a_dense_gaussian(wave, known):
     expected = values.max() + np.log(np.mean(np.exp(values - values.max())))
     assert learned.log_evidence == pytest.approx(expected, abs=1e-5 * max(1.0, abs(expected)))
     best = max(found, key=found.get)
-    assert (learned.length, learned.sigma / levels[best], learned.share) == pytest.approx(best)
+    assert (learned.place, learned.sigma / levels[best]) == pytest.approx(best[:2])
+    own = columns_of(data, log_slope, best[0], best[2]) * best[1]
+    np.testing.assert_allclose(learned.columns @ learned.columns.T, own @ own.T, rtol=1e-9, atol=1e-12)
     assert learned.probable == (expected > np.log(1 / PRIOR - 1)) == (wave > 0)
     change = np.sum(learned.columns**2, axis=1).reshape(2, -1).sum(axis=0) / data.weight**2
     assert np.sqrt(np.mean(change / 2)) * levels[best] == pytest.approx(learned.sigma, rel=2e-2)
+
+
+def test_forms_compete_with_equal_weight():
+    """The evidence of two forms: the mean of both, of a resonance's over all of its places, qualities and sizes."""
+    data, log_slope, target, _, _ = linear(6, 2e-3)
+    impedance = np.exp(-1j * np.pi / 2 + 0.1j * np.log(FREQUENCY)) * 1e3
+    k, span = data.impedance.size, np.zeros((target.size, 1))
+
+    def forms(*which: int):
+        both = (lambda: smooth(data, log_slope), lambda: of_one_resonance(data, impedance, log_slope, (10.0,)))
+        return [both[number]() for number in which]
+
+    one, other = (learn_discrepancy(data, target, span, forms(number)).log_evidence for number in (0, 1))
+    whole = learn_discrepancy(data, target, span, forms(0, 1)).log_evidence
+    assert whole == pytest.approx(np.log((np.exp(one) + np.exp(other)) / 2), abs=1e-9)
+
+    def log_density(chi_square: float, log_volume: float) -> float:
+        level = np.log(noise_level(chi_square, 2 * k, data.level_std))
+        own = -2 * k * level - 0.5 * chi_square * np.exp(-2 * level) + log_level_prior(level, data.level_std)
+        return own - log_volume
+
+    none, found = log_density(float(target @ target), 0.0), []
+    for alternatives in of_one_resonance(data, impedance, log_slope, (10.0,)):
+        own = []
+        for place in range(alternatives.places.size):
+            both = alternatives.columns[:, place]
+            columns = stacked(data.weight[:, None] * np.hstack([both, 1j * both]))
+            for size in SIZES:
+                factor = np.linalg.cholesky(np.eye(2 * k) + size**2 * columns @ columns.T)
+                white = np.linalg.solve(factor, target)
+                own.append(log_density(float(white @ white), float(np.sum(np.log(np.diag(factor))))) - none)
+        found.append(np.mean(np.exp(own)))
+    assert other == pytest.approx(np.log(np.mean(found)), abs=1e-6)
 
 
 def smooth_error(seed: int, sigma: float, length: float = 1 / 6) -> np.ndarray:
@@ -193,7 +228,7 @@ def test_its_size_is_not_that_of_the_stated_noise():
     size, spread = [], []
     for factor in (1.0, 5.0, 25.0):
         own = replace(data, relative_noise=data.relative_noise / factor)
-        learned = learn_discrepancy(own, log_slope, factor * target, np.zeros((target.size, 1)))
+        learned = learn_discrepancy(own, factor * target, np.zeros((target.size, 1)), [smooth(own, log_slope)])
         size.append(learned.sigma)
         level = learned.sigma / np.sqrt(np.mean(np.sum(learned.columns**2, axis=1)) / own.weight[0] ** 2)
         spread.append(level / factor)
@@ -208,7 +243,8 @@ def test_each_sweep_of_several_has_its_own():
     rng = np.random.default_rng(3)
     wave = np.concatenate([1e-2 * np.sin(np.log(FREQUENCY)), np.zeros(k)]) * data.weight
     residual = np.concatenate([wave, np.zeros(2 * k)]) + rng.standard_normal(4 * k)
-    learned = learn_discrepancy(data, np.zeros(2 * k, complex), residual, np.zeros((4 * k, 1)))
+    forms = [smooth(data, np.zeros(2 * k, complex))]
+    learned = learn_discrepancy(data, residual, np.zeros((4 * k, 1)), forms)
     assert learned.probable
     covariance = learned.columns @ learned.columns.T
     first = np.concatenate([np.arange(k), np.arange(2 * k, 3 * k)])
@@ -220,7 +256,7 @@ def test_each_sweep_of_several_has_its_own():
 def test_the_factor_is_that_of_noise_and_discrepancy():
     """L Lᵗ = I + Φ Φᵗ."""
     columns = np.random.default_rng(1).standard_normal((20, 3))
-    factor = Discrepancy(1.0, 0.1, 0.0, 1.0, 0.0, columns).factor
+    factor = Discrepancy("smooth", 0.1, 1.0, 1.0, 0.0, columns).factor
     np.testing.assert_allclose(factor @ factor.T, np.eye(20) + columns @ columns.T, atol=1e-12)
     assert np.all(np.triu(factor, 1) == 0)
 
@@ -245,7 +281,7 @@ def test_covariance_is_the_scatter_of_the_estimate():
         np.diag(1 / std),
         np.zeros(FREQUENCY.size),
         level=level,
-        discrepancy=Discrepancy(1.0, 0.1, 0.0, 1.0, 0.0, columns),
+        discrepancy=Discrepancy("smooth", 0.1, 1.0, 1.0, 0.0, columns),
     )
     assert one.noise_scale == pytest.approx(level, rel=0.2)
     scale = one.noise_scale / level

@@ -1,0 +1,220 @@
+"""Forms that a misfit of no known cause may have: errors of log Z over frequency, each a sum of normal coefficients.
+
+Smooth, with complex Gaussian processes a and b over log f of one correlation length ℓ:
+
+    a(f) + b(f) ∂log Z/∂log f,
+
+an error of the impedance, and one of the frequency (Im: of the loss) of whatever resonates there. A share w of the
+variance is due to b: a has the standard deviation σ √(1 − w), b has σ √w / g with g the rms of |∂log Z/∂log f| (up to Q
+at a resonance, about 1 far from it). ℓ and w compete; w may be 0, 1 or, as neither is known to be the larger, ½. Each
+process is the sum of its principal components (Karhunen-Loève).
+
+Of every resonance, as where the body is not the same all along: with the resonances of the model
+
+    C(ω) = Y/(jω) = Σ_k r_k/(λ_k − ω²) + the rest,    ΔC = Σ_k −r_k λ_k ε_k/(λ_k − ω²)² + κ √(r_k r_1) η_k/(λ_k − ω²),
+
+ε_k and η_k complex and of one deviation: modes that mix change their strengths r_k = a_k² by 2 a_k Δa_k, Δa_k alike for
+all and in proportion to that a_1 of the strongest. The ratio κ and the part of the losses in both compete.
+
+A resonance λ of its own, in a fixture or in a part that is loose, complex strength c: ΔC = c/(λ − ω²) where it stands
+beside the piece, Δlog f = c/(λ − ω²) where it moves with it. Places λ over the sweep and quality factors compete; what
+lies between them is the second column, c' λ/(λ − ω²)².
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+from typing import Literal
+
+import numpy as np
+from scipy.interpolate import AAA
+
+from femu_piezo.measurement.sweeps import SweepData, stacked
+
+#: Correlation lengths, as shares of the sweep in log f, and shares of the variance that errors of frequency have.
+LENGTHS, SHARES = (1 / 4, 1 / 12, 1 / 40), (0.0, 0.5, 1.0)
+#: Ratios of errors of strength to errors of frequency, and of errors of loss to both.
+STRENGTHS, LOSSES = (1.0, 10.0, 100.0), (0.1, 1.0)
+#: Fewest resonances in a sweep of which each may have its own errors.
+_FEWEST = 3
+#: Quality factors of a resonance of its own, and the distance of neighbours among its places, in half widths.
+QUALITIES, _APART = (10.0, 30.0, 100.0), 1.5
+#: Share of the largest variance below which a component is left out.
+_NEGLIGIBLE = 1e-4
+#: Points of a curve that its rational function goes through at most, its relative error, the share of C (median over
+#: the sweep) below which a pole is one of rounding, and by how much resonances may lie beyond the sweep (in f).
+_POINTS, _EXACT, _VISIBLE, _BEYOND = 60, 1e-7, 1e-6, 1.5
+
+Form = Literal["smooth", "of every resonance", "a resonance of its own"]
+#: Correlation of a process at distances (…) in correlation lengths.
+Kernel = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Alternatives:
+    """Errors of log Z of one form that compete, n of them, each the sum of m columns with complex normal coefficients.
+
+    Attributes
+    ----------
+    columns : (k', n, m) complex, at rms 1 of Re and Im of the error over its sweep
+    imaginary : deviation of the imaginary part of each coefficient over that of its real part
+    points : (k',) indices of the points of the data where it is not zero
+    places : (n,) what tells the n apart: the correlation length as a share of the sweep in log f, the ratio κ, or the
+        frequency in Hz
+    """
+
+    form: Form
+    columns: np.ndarray
+    imaginary: float
+    points: np.ndarray
+    places: np.ndarray
+
+    def rows(self, data: SweepData) -> np.ndarray:
+        """(2k',) rows of Re and Im of its points among those of all data."""
+        return np.concatenate([self.points, self.points + data.impedance.size])
+
+    def whitened(self, data: SweepData) -> np.ndarray:
+        """(2k', n, 2m) Re, then Im, over the noise, by each real coefficient."""
+        whole = np.zeros((data.impedance.size, *self.columns.shape[1:]), dtype=complex)
+        whole[self.points] = self.columns
+        white = data.over_noise(whole)[self.points]
+        return stacked(np.concatenate([white, 1j * self.imaginary * white], axis=2))
+
+
+def squared_exponential(distance: np.ndarray) -> np.ndarray:
+    """(k, m) correlation exp(−d²/2) of a process without any roughness, d (k, m) in correlation lengths."""
+    return np.exp(-0.5 * distance**2)
+
+
+def matern(distance: np.ndarray) -> np.ndarray:
+    """(k, m) correlation (1 + √3 d) exp(−√3 d) of a process with a slope and no curvature (Matérn, 3/2)."""
+    return (1 + np.sqrt(3) * distance) * np.exp(-np.sqrt(3) * distance)
+
+
+def components(log_frequency: np.ndarray, length: float, kernel: Kernel = squared_exponential) -> np.ndarray:
+    """(k, m) values of the principal components of a process of unit variance at log f (k,), scaled by their σ."""
+    return _components(np.ascontiguousarray(log_frequency, dtype=float).tobytes(), length, kernel)
+
+
+@lru_cache(maxsize=32)
+def _components(frequencies: bytes, length: float, kernel: Kernel) -> np.ndarray:
+    """Of the same, kept: the fits of a sweep ask for them again and again."""
+    log_frequency = np.frombuffer(frequencies)
+    low, high = float(log_frequency.min()), float(log_frequency.max())
+    at = np.linspace(low, high, int(np.ceil(6 / length)) + 1)
+    scale = length * (high - low)
+    values, vectors = np.linalg.eigh(kernel(np.abs(at[:, None] - at) / scale))
+    kept = values > _NEGLIGIBLE * values[-1]
+    return kernel(np.abs(log_frequency[:, None] - at) / scale) @ vectors[:, kept] / np.sqrt(values[kept])
+
+
+def smooth(
+    data: SweepData,
+    log_slope: np.ndarray,
+    lengths: Sequence[float] = LENGTHS,
+    shares: Sequence[float] = SHARES,
+    kernel: Kernel = squared_exponential,
+) -> Iterator[Alternatives]:
+    """Both processes for every ℓ and w; each sweep has its own.
+
+    Parameters
+    ----------
+    log_slope : (k,) complex ∂log Z/∂log f of the model
+    lengths : ℓ as shares of the sweep in log f;  shares : w;  kernel : correlation over distances in ℓ
+    """
+    for length, share in product(lengths, shares):
+        blocks = []
+        for sweep in data.sweeps:
+            own, slope = components(np.log(data.frequency[sweep]), length, kernel), log_slope[sweep, None]
+            steep = np.sqrt(np.mean(np.abs(slope) ** 2)) or 1.0
+            parts = [np.sqrt(1 - share) * own] if share < 1 else []
+            parts += [np.sqrt(share) / steep * own * slope] if share > 0 else []
+            blocks.append(np.hstack(parts))
+        yield _of_sweeps("smooth", data, blocks, 1.0, length)
+
+
+def of_every_resonance(data: SweepData, impedance: np.ndarray) -> Iterator[Alternatives]:
+    """Errors of all resonances of the model, for every κ and part of the losses.
+
+    None where no sweep shows three resonances: errors of one or two are errors of the constants found from them.
+
+    impedance : (k,) Z of the model, ohm
+    """
+    curves = [_resonances(data.frequency[sweep], impedance[sweep]) for sweep in data.sweeps]
+    ends = [np.max(data.frequency[sweep]) for sweep in data.sweeps]
+    if not any(
+        np.sum(poles.real < (2 * np.pi * end) ** 2) >= _FEWEST for (poles, _, _), end in zip(curves, ends, strict=True)
+    ):
+        return
+    for ratio, loss in product(STRENGTHS, LOSSES):
+        blocks = []
+        for (poles, strengths, charge), sweep in zip(curves, data.sweeps, strict=True):
+            away = poles - (2 * np.pi * data.frequency[sweep, None]) ** 2
+            mixed = np.sqrt(strengths * np.max(np.abs(strengths), initial=0.0))
+            parts = [-strengths * poles / away**2, ratio * mixed / away]
+            block = np.hstack(parts) / -charge[:, None]
+            blocks.append(block / (_size(block, loss) or 1.0))
+        yield _of_sweeps("of every resonance", data, blocks, loss, ratio)
+
+
+def of_one_resonance(
+    data: SweepData, impedance: np.ndarray, log_slope: np.ndarray, qualities: Sequence[float] = QUALITIES
+) -> Iterator[Alternatives]:
+    """A resonance of its own at every place of every sweep, beside the piece or moving with it, for every Q.
+
+    impedance : (k,) Z of the model, ohm;  log_slope : (k,) ∂log Z/∂log f
+    """
+    for sweep, quality in product(data.sweeps, qualities):
+        points = np.arange(data.impedance.size)[sweep]
+        frequency = data.frequency[points]
+        places = _thinned(frequency, _APART / (2 * quality))
+        poles = (2 * np.pi * places) ** 2 * (1 + 1j / quality)
+        away = poles - (2 * np.pi * frequency[:, None]) ** 2
+        form = poles / away
+        parts = np.stack([form, form * poles / away / quality], axis=2)
+        for factor in (1j * frequency * impedance[points], log_slope[points]):
+            columns = parts * factor[:, None, None]
+            yield Alternatives("a resonance of its own", columns / _size(columns, 1.0)[:, None], 1.0, points, places)
+
+
+def _size(columns: np.ndarray, imaginary: float) -> np.ndarray:
+    """(…) rms over the points of Re and Im of the error that columns (k', …, m) with normal coefficients make."""
+    return np.sqrt((1 + imaginary**2) / 2 * np.mean(np.sum(np.abs(columns) ** 2, axis=-1), axis=0))
+
+
+def _of_sweeps(
+    form: Form, data: SweepData, blocks: Sequence[np.ndarray], imaginary: float, place: float
+) -> Alternatives:
+    """One alternative of columns (k', m') of every sweep, whose coefficients are its own."""
+    whole = np.zeros((data.impedance.size, sum(block.shape[1] for block in blocks)), dtype=complex)
+    begin = 0
+    for sweep, block in zip(data.sweeps, blocks, strict=True):
+        whole[sweep, begin : begin + block.shape[1]] = block
+        begin += block.shape[1]
+    return Alternatives(form, whole[:, None, :], imaginary, np.arange(data.impedance.size), np.array([place]))
+
+
+def _thinned(frequency: np.ndarray, apart: float) -> np.ndarray:
+    """(n,) those of the frequencies (k,), in order, that lie by a share of themselves apart at least."""
+    cells = np.floor(np.log(frequency / frequency.min()) / apart)
+    return np.sort(frequency[np.unique(cells, return_index=True)[1]])
+
+
+def _resonances(frequency: np.ndarray, impedance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """λ (m,) and r (m,) of a curve near its sweep (AAA; see `femu_piezo.study.simulate.curve_resonances`); C (k,)."""
+    square = (2 * np.pi * frequency) ** 2
+    charge = 1 / (2j * np.pi * frequency * impedance)
+    unit = square.max()
+    with warnings.catch_warnings():  # a drift makes a curve that no rational function follows to the end
+        warnings.simplefilter("ignore", RuntimeWarning)
+        # cleaning up imports scipy.stats; poles that hardly show are left out below
+        rational = AAA(square / unit, charge, rtol=_EXACT, max_terms=min(_POINTS, frequency.size // 2), clean_up=False)
+    poles, strengths = rational.poles() * unit, -rational.residues() * unit
+    near = (poles.real > square.min() / _BEYOND**2) & (poles.real < square.max() * _BEYOND**2)
+    near &= np.abs(poles.imag) < 0.5 * np.abs(poles.real)
+    near &= np.abs(strengths) > _VISIBLE * np.median(np.abs(charge)) * np.abs(poles)
+    return poles[near], strengths[near], charge

@@ -1,0 +1,139 @@
+"""Forms of a misfit that no cause describes: each is told where it is what is wrong, and is the change that it says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy
+from femu_piezo.measurement.discrepancy_forms import Alternatives, of_every_resonance, of_one_resonance, smooth
+from femu_piezo.measurement.sweeps import SweepData, stacked
+
+FREQUENCY = np.geomspace(30e3, 250e3, 400)
+OMEGA = 2 * np.pi * FREQUENCY
+#: Three modes of a body and one above the sweep: f (Hz), Q and strength over the capacitance.
+MODES = ((55e3, 80.0, 0.15), (118e3, 60.0, 0.02), (190e3, 70.0, 0.05), (400e3, 70.0, 0.2))
+NOISE = 2e-3
+
+
+def eigenvalues() -> np.ndarray:
+    """λ (4,)."""
+    return np.array([(2 * np.pi * f) ** 2 * (1 + 1j / q) for f, q, _ in MODES])
+
+
+def body(moved: np.ndarray | float = 0.0, stronger: np.ndarray | float = 0.0, omega: np.ndarray = OMEGA) -> np.ndarray:
+    """Z (k,) where λ_k are (1 + moved_k) times what they were, and strengths (1 + stronger_k) times."""
+    values = eigenvalues() * (1 + moved)
+    strengths = np.array([k for *_, k in MODES]) * eigenvalues() * (1 + stronger)
+    capacity = 1e-9 * (1 + np.sum(strengths / (values - omega[:, None] ** 2), axis=1))
+    return 1 / (1j * omega * capacity)
+
+
+def log_slope() -> np.ndarray:
+    """(k,) ∂log Z/∂log f."""
+    step = 1e-5
+    return np.log(body(omega=OMEGA * (1 + step)) / body(omega=OMEGA * (1 - step))) / (2 * step)
+
+
+def sweep(impedance: np.ndarray, seed: int = 0) -> SweepData:
+    """As measured."""
+    noise = np.random.default_rng(seed).standard_normal((FREQUENCY.size, 2)) @ [1, 1j] * NOISE / np.sqrt(2)
+    return SweepData(FREQUENCY, impedance * np.exp(noise), np.full(FREQUENCY.size, NOISE), True)
+
+
+def learned(data: SweepData) -> tuple[Discrepancy, Discrepancy]:
+    """Of the body as it should be: all forms, and the smooth one alone."""
+    model, slope = body(), log_slope()
+    residual, span = stacked(data.over_noise(np.log(model / data.impedance))), np.zeros((2 * FREQUENCY.size, 1))
+    forms = [smooth(data, slope), of_every_resonance(data, model), of_one_resonance(data, model, slope)]
+    every = learn_discrepancy(data, residual, span, forms)
+    return every, learn_discrepancy(data, residual, span, [smooth(data, slope)])
+
+
+def test_noise_has_no_discrepancy():
+    """Ten sweeps of the body itself."""
+    assert not any(learned(sweep(body(), seed))[0].probable for seed in range(10))
+
+
+@pytest.mark.parametrize("one", [0, 1, 2])
+@pytest.mark.parametrize("which", ["moved", "stronger"])
+def test_columns_of_every_resonance_are_changes_of_the_curve(one, which):
+    """Of a body whose mode `one` has another λ or strength, to first order."""
+    change = np.zeros(4, dtype=complex)
+    change[one] = 1e-6 * (1 + 0.5j)
+    target = np.log(body(**{which: change}) / body())
+    (first, *_) = of_every_resonance(sweep(body()), body())
+    columns = first.columns[:, 0]
+    left = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
+    assert np.linalg.norm(left) < 1e-3 * np.linalg.norm(target)
+    assert columns.shape[1] == 6  # the mode far above the sweep is no matter of it
+
+
+def test_columns_have_the_size_that_is_said():
+    """rms 1 of Re and Im of the error of log Z over the sweep, of every form."""
+    data, model, slope = sweep(body()), body(), log_slope()
+    for form in (smooth(data, slope), of_every_resonance(data, model), of_one_resonance(data, model, slope)):
+        for one in form:
+            assert size(one) == pytest.approx(np.ones(one.places.size), rel=0.03)
+
+
+def size(one: Alternatives) -> np.ndarray:
+    """(n,) rms over the points."""
+    white = one.whitened(SweepData(FREQUENCY, body(), np.full(FREQUENCY.size, np.sqrt(2)), True))
+    return np.sqrt(np.sum(white**2, axis=(0, 2)) / (2 * FREQUENCY.size))
+
+
+@pytest.mark.parametrize("place", [71.3e3, 112.4e3, 161.7e3])
+@pytest.mark.parametrize("quality", [20.0, 47.0])
+def test_a_branch_beside_the_piece_is_a_resonance_of_its_own(place, quality):
+    """R, L and C in series, parallel to the piece: where it resonates to half a width; no smooth function is."""
+    own, capacity = 2 * np.pi * place, 1e-12
+    branch = 1 / (1j * OMEGA * capacity) * (1 - (OMEGA / own) ** 2 + 1j * OMEGA / own / quality)
+    found, alone = learned(sweep(1 / (1 / body() + 1 / branch)))
+    assert found.form == "a resonance of its own" and found.probable
+    assert found.place == pytest.approx(place, rel=0.75 / quality)
+    assert f"{found.place / 1e3:.3g} kHz" in str(found)
+    assert found.log_evidence > alone.log_evidence + 20
+    assert found.level == pytest.approx(1.0, abs=0.1)
+
+
+def test_an_oscillator_that_moves_with_the_piece_is_a_resonance_of_its_own():
+    """What it adds to the mass falls through a resonance at 134 kHz: so do the frequencies of the body."""
+    own = 2 * np.pi * 134e3
+    added = 2e-4 / (1 - (OMEGA / own) ** 2 * (1 - 0.03j))
+    found, alone = learned(sweep(body(omega=OMEGA * np.sqrt(1 + added))))
+    assert found.form == "a resonance of its own"
+    assert found.place == pytest.approx(134e3, rel=0.02)
+    assert found.log_evidence > alone.log_evidence + 20
+
+
+@pytest.mark.parametrize("seed", [5, 6])
+def test_modes_that_are_off_one_by_one_are_told(seed):
+    """Another error of every frequency, loss and strength: no smooth function of frequency follows them as well."""
+    rng = np.random.default_rng(seed)
+    moved, stronger = (scale * rng.standard_normal((4, 2)) @ [1, 0.1j] for scale in (3e-5, 5e-3))
+    found, alone = learned(sweep(body(moved, stronger)))
+    assert found.form == "of every resonance"
+    assert found.log_evidence > alone.log_evidence + 10
+    assert found.over_noise > 1
+
+
+def test_a_smooth_error_is_told():
+    """A gain that is off by a wave over the sweep."""
+    wave = 5e-3 * np.sin(3 * np.log(FREQUENCY / 30e3))
+    assert learned(sweep(body() * np.exp(wave)))[0].form == "smooth"
+
+
+def test_over_noise_is_that_of_the_points_where_it_acts():
+    """A tenth of the points off by three times the noise, the others by nothing."""
+    columns = np.zeros((200, 1))
+    columns[:10], columns[100:110] = 3.0, 3.0
+    assert Discrepancy("smooth", 0.1, 1.0, 1.0, 0.0, columns).over_noise == pytest.approx(3.0)
+
+
+def test_a_curve_of_few_resonances_has_none_to_be_off():
+    """A capacitor, and the body up to 150 kHz: errors of two resonances are errors of the constants."""
+    data = sweep(1 / (1j * OMEGA * 1e-9))
+    assert list(of_every_resonance(data, 1 / (1j * OMEGA * 1e-9))) == []
+    low = FREQUENCY < 150e3
+    assert list(of_every_resonance(sweep(body()).select(low), body()[low])) == []
