@@ -38,6 +38,11 @@ class Rules:
     promise: float = _rule(
         -3.0, "a candidate is fitted where linearisation promises more log odds than this over the set without it"
     )
+    doubt: float = _rule(
+        0.05,
+        "causes at a place are tried where what is left has a smaller probability by chance, or a discrepancy explains "
+        "it better than noise: of about one null in ten",
+    )
     contender: float = _rule(
         10.0,
         "a candidate is tried whose log odds are within this (22 000 to 1) of the best, times χ² per residual there",

@@ -23,6 +23,7 @@ from scipy.special import logsumexp
 
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.starts import Start, promises_together, relocated, start_together, starts, stepped_start
+from femu_piezo.diagnosis.whiteness import remaining_of
 from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.fit import CLOSE, COARSE, RANKED, Fit, fit, with_discrepancy
@@ -284,11 +285,17 @@ class _Search:
         """Every candidate that is not in the current set, added to it."""
         keys = frozenset(current.parameters.candidates)
         if keys not in self._expanded:
-            titles = {effect.title for effect in current.parameters.causes}
-            others = [effect for effect in self._library if effect.title not in titles]
+            titles, placed = {effect.title for effect in current.parameters.causes}, self._leaves_something(current)
+            others = [e for e in self._library if e.title not in titles and (placed or e.local is None)]
             words = f"beside {' and '.join(sorted(keys))}" if keys else "candidate"
             self._expanded[keys] = self._tried(current, others, words)
         return self._expanded[keys]
+
+    def _leaves_something(self, current: Fit) -> bool:
+        """Whether a fit leaves what a cause at a place might explain."""
+        left = remaining_of(current)
+        doubt = min(left.p_white, 1.0 if left.p_size is None else left.p_size)
+        return doubt < self._rules.doubt or current.learned.log_evidence > 0
 
     def _tried(self, current: Fit, candidates: Sequence[Effect], words: str):
         """The current fit with each candidate added; where next to nothing is promised, by linearisation."""

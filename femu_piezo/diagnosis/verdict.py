@@ -9,7 +9,7 @@ import numpy as np
 
 from femu_piezo.diagnosis.confounding import Tangent, parallel, tangents
 from femu_piezo.diagnosis.selection import Comparison, Found
-from femu_piezo.diagnosis.whiteness import Remaining, remaining
+from femu_piezo.diagnosis.whiteness import Remaining, remaining_of
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.fit import Fit, with_discrepancy
 
@@ -84,13 +84,10 @@ class Verdict:
         return hash(self.word)
 
 
-def judge(comparison: Comparison, frequency: np.ndarray) -> Verdict:
-    """The verdict of a comparison over the frequencies (k,), Hz, of its sweep or sweeps."""
+def judge(comparison: Comparison) -> Verdict:
+    """The verdict of a comparison."""
     moves = tangents(comparison.base, comparison.starts)
-    before, after = (
-        remaining(fit.residual, fit.determined, frequency, fit.data.noise_known, fit.data.sweeps)
-        for fit in (comparison.base, comparison.final)
-    )
+    before, after = remaining_of(comparison.base), remaining_of(comparison.final)
     final, rules = comparison.final, comparison.rules
     discrepant = comparison.discrepant and _beyond_noise(final, rules.significant)
     # what is left may be too rough for a smooth discrepancy, and still no noise

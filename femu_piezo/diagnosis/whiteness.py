@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
+from femu_piezo.inference.fit import Fit
+
 #: Lags of the whiteness test; share of false alarms that each test accepts.
 _LAGS, _LEVEL = 6, 2e-3
 #: χ² per degree of freedom below which structure is below the noise.
@@ -77,6 +79,11 @@ def remaining(
         worst_Hz=tuple(band for _, _, band in worst),
         worst_sweep=tuple(number for _, number, _ in worst),
     )
+
+
+def remaining_of(fit: Fit) -> Remaining:
+    """The same of a fit."""
+    return remaining(fit.residual, fit.determined, fit.data.frequency, fit.data.noise_known, fit.data.sweeps)
 
 
 def whiteness(residual: np.ndarray, sweeps: list[np.ndarray] | None = None) -> float:

@@ -232,8 +232,7 @@ def diagnose(
     several = subjects(measure_each(specimens, spectra), effects)
     posterior, comparison = compare_causes(several, clock, bases, rules)
     clock.step("verdict")
-    frequency = np.concatenate([one.measured.fitted.frequency for one in several])
-    verdict = judge(comparison, frequency)
+    verdict = judge(comparison)
     sweeps = tuple(
         DiagnosedSweep(
             specimen=one.problem.specimen,

@@ -30,7 +30,7 @@ def run(setup, data):
     start = setup.x * (1 + 0.02 * np.cos(np.arange(setup.x.size)))
     library = list(setup.library.values())
     result = compare(setup.evaluation, data, setup.unknowns, start, library)
-    return result, judge(result, FREQUENCY)
+    return result, judge(result)
 
 
 def test_two_effects_are_both_named(setup):

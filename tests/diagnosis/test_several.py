@@ -81,7 +81,7 @@ class Bars:
             effects += [belonging_to(e, name) for name in names for e in self.library[name] if not is_common(e)]
         start = self.material.x_of(self.material.free.start) * 1.01
         result = compare(evaluation, data, self.unknowns, start, effects, rules=Rules(most_causes=2))
-        return result, judge(result, frequency)
+        return result, judge(result)
 
 
 @pytest.fixture(scope="module")
