@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 
-from femu_piezo.measurement.discrepancy import PRIOR
-
 
 def _rule(value: float, principle: str):
     return field(default=value, metadata={"principle": principle})
@@ -16,9 +14,10 @@ class Rules:
     """Prior probabilities, and what a cause must be to be named."""
 
     expected_causes: float = _rule(
-        0.5, "prior mean number of causes in a sweep, shared alike by all candidates of the library"
+        0.5,
+        "prior mean number of causes in a sweep, shared alike by all candidates of the library and by the forms of "
+        "what none of them describes",
     )
-    discrepancy: float = _rule(PRIOR, "prior probability that a sweep holds something that no candidate describes")
     significant: float = _rule(
         3.0,
         "a cause that the set could do without is named from this many of its own standard deviations, and of its "

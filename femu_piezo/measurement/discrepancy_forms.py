@@ -28,7 +28,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from scipy.interpolate import AAA
@@ -50,6 +50,7 @@ _NEGLIGIBLE = 1e-4
 _POINTS, _EXACT, _VISIBLE, _BEYOND = 60, 1e-7, 1e-6, 1.5
 
 Form = Literal["smooth", "of every resonance", "a resonance of its own"]
+FORMS: tuple[Form, ...] = get_args(Form)
 #: Correlation of a process at distances (…) in correlation lengths.
 Kernel = Callable[[np.ndarray], np.ndarray]
 
@@ -145,10 +146,8 @@ def of_every_resonance(data: SweepData, impedance: np.ndarray) -> Iterator[Alter
     impedance : (k,) Z of the model, ohm
     """
     curves = [_resonances(data.frequency[sweep], impedance[sweep]) for sweep in data.sweeps]
-    ends = [np.max(data.frequency[sweep]) for sweep in data.sweeps]
-    if not any(
-        np.sum(poles.real < (2 * np.pi * end) ** 2) >= _FEWEST for (poles, _, _), end in zip(curves, ends, strict=True)
-    ):
+    ends = [(2 * np.pi * np.max(data.frequency[sweep])) ** 2 for sweep in data.sweeps]
+    if max(np.sum(poles.real < end) for (poles, *_), end in zip(curves, ends, strict=True)) < _FEWEST:
         return
     for ratio, loss in product(STRENGTHS, LOSSES):
         blocks = []
