@@ -1,7 +1,8 @@
 """Which causes the data demand: sets of causes compared by their evidence, the discrepancy competing with all of them.
 
-A hypothesis is a set of causes S, with or without a discrepancy δ. N candidates and the F forms of what none of them
-describes have the same prior probability p = q/(N + F), so δ has π = F p, and the posterior is proportional to
+A hypothesis is a set of causes S, with or without a discrepancy δ. With N candidates of equal prior probability p and
+forms of what none of them describes that weigh as much as F candidates, p = q/(N + F) and δ has π = F p; the posterior
+is proportional to
 
     p(data | S, δ) p^|S| π^δ (1 − π)^(1−δ),
 
@@ -28,7 +29,7 @@ from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.fit import CLOSE, COARSE, RANKED, Fit, fit, with_discrepancy
 from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.measurement.discrepancy_forms import FORMS
+from femu_piezo.measurement.discrepancy_forms import WEIGHTS
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import blas_limit, in_parallel
 
@@ -217,10 +218,10 @@ class _Search:
 
     def __init__(self, base: Fit, response, library: tuple[Effect, ...], rules: Rules, loss: str, tell: Tell) -> None:
         self._response, self._library, self._rules, self._loss, self._tell = response, library, rules, loss, tell
-        each = rules.expected_causes / (len({effect.title for effect in library}) + len(FORMS))
+        each = rules.expected_causes / (len({effect.title for effect in library}) + sum(WEIGHTS.values()))
         laws = {effect.key: sum(other.title == effect.title for other in library) for effect in library}
         self._log_prior = {key: float(np.log(each / count)) for key, count in laws.items()}
-        self._chance = each * len(FORMS)
+        self._chance = each * sum(WEIGHTS.values())
         self._base = self._hypothesis(base)
         self._known: dict[frozenset[str], Hypothesis] = {frozenset(): self._base}
         self._smooth_starts: list[Start] = []

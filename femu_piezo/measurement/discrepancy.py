@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import logsumexp
 
-from femu_piezo.measurement.discrepancy_forms import Alternatives, Form
+from femu_piezo.measurement.discrepancy_forms import WEIGHTS, Alternatives, Form
 from femu_piezo.measurement.sweeps import SweepData
 
 #: Standard deviations that compete (equal prior weight each).
@@ -89,15 +89,16 @@ def learn_discrepancy(
     Parameters
     ----------
     residual : (2k + m,) r, whitened, the data first;  span : (2k, n) Q, the rows of the data
-    forms : that compete, of equal prior weight each, with what each of them leaves open
+    forms : that compete, with their prior weights, and of each what it leaves open, of equal weight
     weight : (2k,) that a robust loss gives the readings, in squares of residual and span
     """
     left = _Left(data, residual, span, np.sqrt(np.broadcast_to(weight, len(span))))
     own = [[left.gains(one) for one in form] for form in forms]
-    of_forms = [logsumexp([one.mean for one in form]) - np.log(len(form)) for form in own if form]
-    best = max((one for form in own for one in form), key=lambda one: one.most)
+    of_forms = {form[0].form: logsumexp([one.mean for one in form]) - np.log(len(form)) for form in own if form}
+    weights = [WEIGHTS[form] for form in of_forms]
+    best = max((one for form in own for one in form), key=lambda one: one.most + np.log(WEIGHTS[one.form]))
     level = float(noise_level(best.left, len(span), data.level_std))
-    gain = float(logsumexp(of_forms) - np.log(len(of_forms)))
+    gain = float(logsumexp(list(of_forms.values()), b=weights) - np.log(sum(weights)))
     return Discrepancy(best.form, best.place, float(best.size * level), level, gain, best.size * best.columns)
 
 

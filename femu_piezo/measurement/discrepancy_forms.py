@@ -28,7 +28,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from scipy.interpolate import AAA
@@ -50,7 +50,9 @@ _NEGLIGIBLE = 1e-4
 _POINTS, _EXACT, _VISIBLE, _BEYOND = 60, 1e-7, 1e-6, 1.5
 
 Form = Literal["smooth", "of every resonance", "a resonance of its own"]
-FORMS: tuple[Form, ...] = get_args(Form)
+#: Prior probability of each form over that of a candidate cause. Errors of every resonance may stand for any cause that
+#: acts on the body: one that explains as much is preferred by 100 to 1.
+WEIGHTS: dict[Form, float] = {"smooth": 1.0, "of every resonance": 0.01, "a resonance of its own": 1.0}
 #: Correlation of a process at distances (…) in correlation lengths.
 Kernel = Callable[[np.ndarray], np.ndarray]
 

@@ -89,7 +89,8 @@ def _headline(result: Diagnosis) -> str:
     words = "The simulation misses something that no known effect explains"
     if result.verdict.causes:
         return f"{words}: with {_names(result)} {percent(result.verdict.unexplained)} of the misfit stays."
-    return f"{words}."
+    left = result.comparison.final.discrepancy
+    return f"{words}." if left is None else f"{words}; it looks like {left}."
 
 
 def _wrong(result: Diagnosis) -> tuple[str, ...]:
@@ -126,7 +127,8 @@ def _form(final: Fit) -> list[str]:
     why = {
         "smooth": "as the instrument, the fixture, or a law of losses or of drift would",
         "of every resonance": "as where the body is not the same all along, or is held or loaded in places",
-        "a resonance of its own": "as a loose part, a second piece or the fixture would",
+        "a resonance of its own": "as a loose part, a second piece or the fixture would have; a sweep of the fixture "
+        "without the specimen shows whether it is there",
     }
     return [f"It looks like {left}, {why[left.form]}."]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy
-from femu_piezo.measurement.discrepancy_forms import Alternatives, of_every_resonance, of_one_resonance, smooth
+from femu_piezo.measurement.discrepancy_forms import WEIGHTS, Alternatives, of_every_resonance, of_one_resonance, smooth
 from femu_piezo.measurement.sweeps import SweepData, stacked
 
 FREQUENCY = np.geomspace(30e3, 250e3, 400)
@@ -114,7 +114,7 @@ def test_modes_that_are_off_one_by_one_are_told(seed):
     moved, stronger = (scale * rng.standard_normal((4, 2)) @ [1, 0.1j] for scale in (3e-5, 5e-3))
     found, alone = learned(sweep(body(moved, stronger)))
     assert found.form == "of every resonance"
-    assert found.log_evidence > alone.log_evidence + 10
+    assert found.log_evidence - np.log(WEIGHTS[found.form] / sum(WEIGHTS.values())) > alone.log_evidence + 10
     assert found.over_noise > 1
 
 

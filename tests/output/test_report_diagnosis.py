@@ -140,6 +140,9 @@ def test_unknown_is_told_in_words_and_figures(unknown):
     assert [one["frequency_Hz"] for one in alone] == [pytest.approx(100e3, rel=5e-3)]
     assert f"{alone[0]['frequency_Hz'] / 1e3:.5g} kHz (pole)" in unknown.first
     assert "practically certain" not in unknown.first and "Use the constants" not in unknown.first
+    form = unknown.record["discrepancy"]
+    assert form["form"] == "a resonance of its own" and form["frequency_Hz"] == pytest.approx(100e3, rel=0.01)
+    assert f"It looks like a resonance of its own near {form['frequency_Hz'] / 1e3:.3g} kHz" in unknown.first
     linear = unknown.record["linear_body"]  # specimen and holder together are a linear body
     assert linear["resonances"] == 2 and linear["least"] < 1.3 and linear["model"] > 2
     assert "It is not the simulation" not in unknown.first
