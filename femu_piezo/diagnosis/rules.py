@@ -39,8 +39,8 @@ class Rules:
     )
     doubt: float = _rule(
         0.05,
-        "causes at a place are tried where what is left has a smaller probability by chance, or a discrepancy explains "
-        "it better than noise: of about one null in ten",
+        "causes at a place are tried where what is left is less probable than this by chance, or where a discrepancy "
+        "explains it better than noise; about one sweep in ten of those that hold no cause leaves so much",
     )
     contender: float = _rule(
         10.0,

@@ -223,7 +223,7 @@ def _widened(
 def _at_sites(response, current: Fit, effect: Effect, parameters: Unknowns, x: np.ndarray) -> list[Start]:
     """Starts at the most promising sites, judged by how small sizes at each move Z outside what all else can do."""
     slopes = response.slopes_at_sites(current.parameters, current.x, effect)
-    z = current.data.impedance * np.exp(current.log_error)
+    z = current.data.modelled(current.residual)
     slopes = current.data.over_noise(slopes / z[:, None, None]) * effect.scale[effect.sizes]
     rows = np.concatenate([slopes.real, slopes.imag])
     outside = rows - np.tensordot(current.span, np.tensordot(current.span.T, rows, axes=1), axes=1)

@@ -82,7 +82,7 @@ def remaining(
 
 
 def remaining_of(fit: Fit) -> Remaining:
-    """The same of a fit."""
+    """Judge what a fit leaves over, in the sweeps that it is of."""
     return remaining(fit.residual, fit.determined, fit.data.frequency, fit.data.noise_known, fit.data.sweeps)
 
 

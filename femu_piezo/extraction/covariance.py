@@ -12,7 +12,6 @@ from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, p
 from femu_piezo.measurement.discrepancy_forms import matern, smooth
 from femu_piezo.measurement.sweeps import SweepData, stacked
 
-LENGTHS = (1 / 4, 1 / 12, 1 / 40)  # correlation lengths of systematic errors that compete, shares of the sweep
 SHARES = (0.0, 1.0)  # of errors of frequency in them: none, or nothing else
 
 
@@ -64,15 +63,15 @@ def systematic_error(model: RationalModel, data: NormalisedSweep, sweep: SweepDa
     """The smooth function of frequency that a fit leaves beside the noise, and the evidence of the fit with it.
 
     The evidence is the Bayesian information criterion, −2 log p(data) + k log(2n), less is better, with the discrepancy
-    of log Z marginalised (`femu_piezo.measurement.discrepancy`), correlated over `LENGTHS` of the sweep and no smoother
-    than instruments are (Matérn).
+    of log Z marginalised (`femu_piezo.measurement.discrepancy`), correlated over the lengths of `smooth` and no
+    smoother than instruments are (Matérn).
 
     Parameters
     ----------
     sweep : the same points with the noise that neighbours show
     """
     residual = stacked((model.charge(data.x) / data.charge - 1) * sweep.weight)
-    forms = [smooth(sweep, model.log_slope(data.x), LENGTHS, SHARES, matern)]
+    forms = [smooth(sweep, model.log_slope(data.x), shares=SHARES, kernel=matern)]
     found = learn_discrepancy(sweep, residual, np.zeros((residual.size, 0)), forms)
     likelihood = profiled(float(residual @ residual), residual.size, sweep.level_std) + found.log_evidence
     return found, float(-2 * likelihood + 2 * model.size * np.log(2 * len(data)))

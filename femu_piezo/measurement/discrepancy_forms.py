@@ -151,14 +151,14 @@ def of_every_resonance(data: SweepData, impedance: np.ndarray) -> Iterator[Alter
     ends = [(2 * np.pi * np.max(data.frequency[sweep])) ** 2 for sweep in data.sweeps]
     if max(np.sum(poles.real < end) for (poles, *_), end in zip(curves, ends, strict=True)) < _FEWEST:
         return
+    moved, mixed = [], []
+    for (poles, strengths, charge), sweep in zip(curves, data.sweeps, strict=True):
+        away = poles - (2 * np.pi * data.frequency[sweep, None]) ** 2
+        moved.append(strengths * poles / away**2 / charge[:, None])
+        mixed.append(-np.sqrt(strengths * np.max(np.abs(strengths), initial=0.0)) / away / charge[:, None])
     for ratio, loss in product(STRENGTHS, LOSSES):
-        blocks = []
-        for (poles, strengths, charge), sweep in zip(curves, data.sweeps, strict=True):
-            away = poles - (2 * np.pi * data.frequency[sweep, None]) ** 2
-            mixed = np.sqrt(strengths * np.max(np.abs(strengths), initial=0.0))
-            parts = [-strengths * poles / away**2, ratio * mixed / away]
-            block = np.hstack(parts) / -charge[:, None]
-            blocks.append(block / (_size(block, loss) or 1.0))
+        blocks = [np.hstack([one, ratio * other]) for one, other in zip(moved, mixed, strict=True)]
+        blocks = [block / (_size(block, loss) or 1.0) for block in blocks]
         yield _of_sweeps("of every resonance", data, blocks, loss, ratio)
 
 
