@@ -28,7 +28,13 @@ from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.laws import law_misses, log_slope
 from femu_piezo.inference.passivity import wall_and_readings
 from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, noise_level
+from femu_piezo.measurement.discrepancy import (
+    Discrepancy,
+    learn_discrepancy,
+    log_level_prior,
+    noise_level,
+    profiled,
+)
 from femu_piezo.measurement.discrepancy_forms import Alternatives, of_every_resonance, of_one_resonance, smooth
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import blas_limit, in_parallel
@@ -132,6 +138,25 @@ def _behind_walls(
         square = narrowed + (mean - away) ** 2  # of the distance behind the wall
         weights[number] = np.sqrt(max(1 / square - 1, 0.0)) / size
     return other, found, weights
+
+
+@dataclass(frozen=True)
+class _Unexplained:
+    """What no change of the unknowns explains, by a linearised model at a level of the noise.
+
+    Attributes
+    ----------
+    residual : (2k + m,) of data, whitened, then of priors in the same unit
+    span : (2k, n) as `Fit.span`
+    level, log_volume : of the `Marginal` that it is of
+    log_likelihood : at the most probable level, with the volume of the unknowns, up to a constant
+    """
+
+    residual: np.ndarray
+    span: np.ndarray
+    level: float
+    log_volume: float
+    log_likelihood: float
 
 
 @dataclass(frozen=True)
@@ -290,17 +315,12 @@ class Fit:
 
         What the others could gain without the laws is left: a fit that was not brought to its end stays where it is.
         """
-        count, std = self.residual.size, self.parameters.prior_std
-        laws = np.zeros((count, 0)) if self.law is None else self.law
-        beside = block_diag(self.further_jacobian * std, np.eye(laws.shape[1]))
-        whole = np.concatenate([np.hstack([self.jacobian * std, laws]), beside])
-        right = np.concatenate([self.residual, self.further_residual, np.zeros(laws.shape[1])])
-        walls = np.append(self._walls, np.zeros(laws.shape[1], dtype=bool))
-        held = walls & (right < 0)
-        if not laws.size:
+        whole, right, walls, held = self._with_laws
+        count, unknowns = self.residual.size, self.x.size
+        if whole.shape[1] == unknowns:
             return Marginal.of(whole, right, count, self.noise_scale, walls, held)
         own = np.flatnonzero(~np.isin(self.parameters.names, self.on_bound))
-        moving = np.append(own, np.arange(std.size, whole.shape[1]))
+        moving = np.append(own, np.arange(unknowns, whole.shape[1]))
 
         def followed(columns: np.ndarray, right: np.ndarray, level: float) -> np.ndarray:
             """What the columns can change of the right side at their best, at a noise level."""
@@ -318,6 +338,20 @@ class Fit:
         return left
 
     @cached_property
+    def _with_laws(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Columns (2k + m, n) of unknowns and errors of laws in prior standard deviations, right side, and rows.
+
+        Of the rows (2k + m,) bool: those of walls that are touched, and those of them that hold the estimate.
+        """
+        count, std = self.residual.size, self.parameters.prior_std
+        laws = np.zeros((count, 0)) if self.law is None else self.law
+        beside = block_diag(self.further_jacobian * std, np.eye(laws.shape[1]))
+        whole = np.concatenate([np.hstack([self.jacobian * std, laws]), beside])
+        right = np.concatenate([self.residual, self.further_residual, np.zeros(laws.shape[1])])
+        walls = np.append(self._walls, np.zeros(laws.shape[1], dtype=bool))
+        return whole, right, walls, walls & (right < 0)
+
+    @cached_property
     def log_evidence(self) -> float:
         """log p(data) by Laplace's method at the most probable noise level, without a discrepancy."""
         left, std = self.marginal, self.data.level_std
@@ -327,15 +361,44 @@ class Fit:
 
     @cached_property
     def learned(self) -> Discrepancy:
-        """The discrepancy that the residual asks for, which noise, unknowns and laws leave so far."""
-        one = self.marginal
-        left = np.concatenate([one.residual / one.level, one.further])
-        left = (left - one.basis @ (one.basis.T @ left)) * one.level
+        """The discrepancy that the residual asks for, which noise, unknowns and laws leave so far.
+
+        Beside a discrepancy the noise may be a fraction of what it is without one. Data then say more of the unknowns,
+        so both are found in turns.
+        """
         forms: list[Iterable[Alternatives]] = [smooth(self.data, self.log_slope)]
         if self.impedance is not None:
             forms.append(of_every_resonance(self.data, self.impedance))
             forms.append(of_one_resonance(self.data, self.impedance, self.log_slope))
-        return learn_discrepancy(self.data, left, self.span, forms, self.weight)
+        every, plain = [list(form) for form in forms], self._unexplained(self.marginal)
+        found, level = learn_discrepancy(self.data, plain.residual, plain.span, every, self.weight), plain.level
+        for _ in range(_TURNS):
+            if abs(np.log(found.level / level)) < _LEVEL:
+                break
+            level = found.level
+            left = self._unexplained(self._at_level(level))
+            none = plain.log_likelihood - left.log_volume
+            found = learn_discrepancy(self.data, left.residual, left.span, every, self.weight, none)
+        return found
+
+    def log_evidence_beside(self, discrepancy: Discrepancy) -> float:
+        """log p(data) with the discrepancy that another fit of the sweep has learned."""
+        plain, left = self._unexplained(self.marginal), self._unexplained(self._at_level(discrepancy.level))
+        none = plain.log_likelihood - left.log_volume
+        return self.log_evidence + discrepancy.gain(self.data, left.residual, left.span, self.weight, none)
+
+    def _at_level(self, level: float) -> Marginal:
+        """The linearised model, unknowns and laws integrated out, where the noise has a given level."""
+        whole, right, walls, held = self._with_laws
+        return Marginal.of(whole, right, self.residual.size, level, walls, held)
+
+    def _unexplained(self, one: Marginal) -> _Unexplained:
+        """What no change of the unknowns, or of laws, explains."""
+        count = self.residual.size
+        left = np.concatenate([one.residual / one.level, one.further])
+        left = (left - one.basis @ (one.basis.T @ left)) * one.level
+        likelihood = float(profiled(float(left @ left), count, self.data.level_std))
+        return _Unexplained(left, one.basis[:count], one.level, one.log_volume, likelihood + one.log_volume)
 
     @property
     def log_error(self) -> np.ndarray:

@@ -66,6 +66,22 @@ class Discrepancy:
         squares = np.sum(self.columns**2, axis=1).reshape(2, -1).mean(axis=0)
         return float(np.sqrt(np.sum(squares**2) / np.sum(squares)))
 
+    def gain(
+        self, data: SweepData, residual: np.ndarray, span: np.ndarray, weight: np.ndarray | float, without: float
+    ) -> float:
+        """log evidence over none, at its size and in its place, beside the unknowns of another fit of the same sweep.
+
+        residual, span, weight, without : as of `learn_discrepancy`
+        """
+        share = np.sqrt(np.broadcast_to(weight, len(span)))
+        columns = self.columns * share[:, None]
+        outside = columns - span @ (span.T @ columns)
+        grown = np.eye(columns.shape[1]) + columns.T @ outside
+        along = columns.T @ residual[: len(span)]
+        left = float(residual @ residual - along @ np.linalg.solve(grown, along))
+        likelihood = profiled(left, len(span), data.level_std)
+        return float(likelihood - 0.5 * np.linalg.slogdet(grown)[1] - without)
+
     @property
     def factor(self) -> np.ndarray:
         """(2k, 2k) lower Cholesky factor of the covariance of noise and discrepancy, whitened, over s²."""
@@ -78,6 +94,7 @@ def learn_discrepancy(
     span: np.ndarray,
     forms: Iterable[Iterable[Alternatives]],
     weight: np.ndarray | float = 1.0,
+    without: float | None = None,
 ) -> Discrepancy:
     """The discrepancy that the residual of a fit asks for, all unknowns of the fit marginalised (linear).
 
@@ -91,8 +108,10 @@ def learn_discrepancy(
     residual : (2k + m,) r, whitened, the data first;  span : (2k, n) Q, the rows of the data
     forms : that compete, with their prior weights, and of each what it leaves open, of equal weight
     weight : (2k,) that a robust loss gives the readings, in squares of residual and span
+    without : log likelihood of none, where that is of another span; of the same at its most probable level where None
     """
-    left = _Left(data, residual, span, np.sqrt(np.broadcast_to(weight, len(span))))
+    none = float(profiled(residual @ residual, len(span), data.level_std)) if without is None else without
+    left = _Left(data, residual, span, np.sqrt(np.broadcast_to(weight, len(span))), none)
     own = [[left.gains(one) for one in form] for form in forms]
     of_forms = {form[0].form: logsumexp([one.mean for one in form]) - np.log(len(form)) for form in own if form}
     weights = [WEIGHTS[form] for form in of_forms]
@@ -126,22 +145,19 @@ class _Left:
     """What a fit leaves; arguments as of `learn_discrepancy`.
 
     share : (2k,) square root of the weight
+    none : log likelihood without a discrepancy
     """
 
     data: SweepData
     residual: np.ndarray
     span: np.ndarray
     share: np.ndarray
+    none: float
 
     @cached_property
     def chi_square(self) -> float:
         """Of data and priors."""
         return float(self.residual @ self.residual)
-
-    @cached_property
-    def plain(self) -> float:
-        """log likelihood without a discrepancy."""
-        return float(profiled(self.chi_square, len(self.span), self.data.level_std))
 
     def gains(self, one: Alternatives) -> _Gains:
         """What alternatives gain."""
@@ -155,7 +171,7 @@ class _Left:
         grown = 1 + sizes * np.maximum(values, 0.0)
         left = self.chi_square - np.sum(sizes / grown * along, axis=2)
         likelihood = profiled(left, len(self.span), self.data.level_std)
-        gains = likelihood - 0.5 * np.sum(np.log(grown), axis=2) - self.plain
+        gains = likelihood - 0.5 * np.sum(np.log(grown), axis=2) - self.none
         size, which = np.unravel_index(np.argmax(gains), gains.shape)
         best = np.zeros((len(self.span), columns.shape[2]))
         best[rows] = columns[:, which]

@@ -116,6 +116,37 @@ def test_evidence_is_that_of_a_dense_gaussian(wave, known):
     assert np.sqrt(np.mean(change / 2)) * levels[best] == pytest.approx(learned.sigma, rel=2e-2)
 
 
+@pytest.mark.parametrize("wave", [2e-3, 3e-2])
+def test_evidence_where_the_noise_is_a_fraction_of_what_it_is_without(wave):
+    """Priors do not grow with the noise: p(target) with covariance s² (I + σ² Φ Φᵗ) + J Σ Jᵗ, most probable s.
+
+    A misfit of twenty times the noise raises s until data say little beside priors; with the discrepancy they say more.
+    """
+    data, log_slope, target, jacobian, std = linear(4, wave)
+    k, gram = data.impedance.size, (jacobian * std**2) @ jacobian.T
+    q, triangle = np.linalg.qr(np.concatenate([jacobian, np.diag(1 / std)]))
+    best = np.linalg.solve(triangle, q.T @ np.concatenate([target, np.zeros(4)]))
+    parameters = SimpleNamespace(prior_std=std, readings=(), names=tuple("abcd"))
+    found = Fit(parameters, best, data, target - jacobian @ best, -jacobian, best / std, np.diag(1 / std), log_slope)
+
+    def log_density(columns: np.ndarray) -> float:
+        """At the most probable level, of a fine grid."""
+        densities = []
+        for level in np.geomspace(0.7, 60, 300):
+            factor = np.linalg.cholesky(level**2 * (np.eye(2 * k) + columns @ columns.T) + gram)
+            white = np.linalg.solve(factor, target)
+            density = -0.5 * white @ white - np.sum(np.log(np.diag(factor)))
+            densities.append(density + log_level_prior(np.log(level), data.level_std))
+        return max(densities)
+
+    none = log_density(np.zeros((2 * k, 1)))
+    learned = found.learned
+    gain = log_density(learned.columns) - none
+    # the mean over sizes, lengths and shares holds the best one among 243
+    assert gain - np.log(243) - 0.1 < learned.log_evidence < gain + 0.5
+    assert found.log_evidence_beside(learned) - found.log_evidence == pytest.approx(gain, abs=0.2)
+
+
 def test_forms_compete_with_equal_weight():
     """The evidence of two forms: the mean of both, of a resonance's over all of its places, qualities and sizes."""
     data, log_slope, target, _, _ = linear(6, 2e-3)
