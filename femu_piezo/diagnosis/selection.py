@@ -29,6 +29,7 @@ from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.fit import CLOSE, COARSE, RANKED, Fit, fit, with_discrepancy
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.measurement.discrepancy import Discrepancy
 from femu_piezo.measurement.discrepancy_forms import WEIGHTS
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import blas_limit, in_parallel
@@ -304,11 +305,11 @@ class _Search:
         """The current fit with each candidate added; where next to nothing is promised, by linearisation."""
         if not candidates:
             return ()
-        before, first_cause = current.log_evidence, not current.parameters.candidates
+        first_cause, known_error = not current.parameters.candidates, self._error_beside(current)
         names = [f"{words}: {effect.key}" for effect in candidates]
 
         def odds(one: Fit, effect: Effect) -> float:
-            return one.log_evidence - before + self._log_prior[effect.key]
+            return self._log_evidence(one, known_error) - before + self._log_prior[effect.key]
 
         def known(effect: Effect) -> Fit | None:
             one = self._known.get(frozenset((*current.parameters.candidates, effect.key)))
@@ -317,6 +318,7 @@ class _Search:
         def screened(effect: Effect) -> list[Start]:
             return starts(self._response, current, effect)
 
+        before = self._log_evidence(current, known_error)
         found = list(self._told(in_parallel(screened, candidates), names))
         if first_cause:
             self._alone = tuple(own[0] for own in found)
@@ -339,7 +341,9 @@ class _Search:
             return max(settled.values(), default=-np.inf) - self._reach(rough.values())
 
         def unexplained() -> bool:
-            """Whether no fit explains the misfit."""
+            """Whether no fit explains the misfit, and no discrepancy that is known from the fit before."""
+            if known_error is not None:
+                return False
             by_noise = current.residual.size * np.exp(2 * self._rules.significant * current.data.level_std)
             fits = (*rough.values(), *close.values())
             return all(one is None or one.chi_square > by_noise for one in fits)
@@ -388,6 +392,20 @@ class _Search:
             (effect, close[number] if number in close else found[number][0].linear)
             for number, effect in enumerate(candidates)
         )
+
+    def _error_beside(self, current: Fit) -> Discrepancy | None:
+        """The discrepancy beside some causes where that is more probable than none.
+
+        A further cause is worth a fit where it explains more than that; beside none the first cause of several may not.
+        """
+        return current.learned if current.parameters.candidates and self._hypothesis(current).discrepant else None
+
+    def _log_evidence(self, one: Fit, discrepancy: Discrepancy | None) -> float:
+        """log p(data), with or without a given discrepancy."""
+        if discrepancy is None:
+            return one.log_evidence
+        with_it = one.log_evidence_beside(discrepancy) + float(np.log(self._chance))
+        return float(np.logaddexp(one.log_evidence + np.log1p(-self._chance), with_it))
 
     def _reach(self, rough: Iterable[Fit | None]) -> float:
         """Log odds within which a promise or a rough fit may yet be the best: more where the misfit is large."""
