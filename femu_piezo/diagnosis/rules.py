@@ -16,7 +16,8 @@ class Rules:
     expected_causes: float = _rule(
         0.5,
         "prior mean number of causes in a sweep, shared alike by all candidates of the library; of the forms of what "
-        "none of them describes two weigh as much as a candidate and errors of every resonance a hundredth",
+        "none of them describes two weigh as much as a candidate, as an uneven body among these does, and errors of "
+        "every resonance a hundredth",
     )
     significant: float = _rule(
         3.0,

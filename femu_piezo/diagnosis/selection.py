@@ -72,7 +72,9 @@ class Hypothesis:
 
     @cached_property
     def log_with_discrepancy(self) -> float:
-        """log posterior (up to the same constant) with one."""
+        """log posterior (up to the same constant) with one; what a set describes in another form has none beside."""
+        if any(cause.of_unknown for cause in self.fit.parameters.causes):
+            return -np.inf
         return self.fit.log_evidence + self.fit.learned.log_evidence + self.log_prior + float(np.log(self.chance))
 
     @property
@@ -125,7 +127,7 @@ class Found:
     effect : the cause
     probability : summed posterior of the sets that hold it
     fits : the final set with each candidate in its place, the others kept, best first; odds over the final set
-    rest : the closest fit with no causes but the others of the final set
+    rest : the closest fit with no causes but the others of the final set, forms of what none describes apart
     without : log odds of the final set over that set
     """
 
@@ -146,7 +148,9 @@ class Comparison:
     singles : each candidate alone, in the order of the library; odds over none
     starts : where the fits of single candidates began, the most promising of each
     final : the most probable set less the causes that are neither significant nor demanded; the base where none is left
+    described : the same without the forms of what no cause describes
     found : its causes, first the one without which most is left
+    forms : those of what no cause describes in it
     discrepant : whether a discrepancy beside the final set is more probable than none
     probabilities : title of every candidate → summed posterior of the sets that hold it
     """
@@ -155,7 +159,9 @@ class Comparison:
     singles: tuple[Trial, ...]
     starts: tuple[Start, ...]
     final: Fit
+    described: Fit
     found: tuple[Found, ...]
+    forms: tuple[Found, ...]
     discrepant: bool
     rules: Rules = field(default_factory=Rules)
     probabilities: dict[str, float] = field(default_factory=dict)
@@ -169,7 +175,7 @@ class Comparison:
                 for trial in one.fits
                 if trial.log_odds > -self.rules.alike and trial.effect.title != one.effect.title
             )
-            for one in self.found
+            for one in (*self.found, *self.forms)
         }
 
 
@@ -478,6 +484,9 @@ class _Search:
         total = logsumexp([other.log_posterior for other in self._known.values()])
         base = final if not one.keys else self._settled(self._base)
         found = tuple(self._found(one, effect, total) for effect in final.parameters.causes)
+        described = one.fit
+        for effect in self._forms(one):
+            described = self._without(described, effect.key)
         none = self._base.log_posterior
         return Comparison(
             base=base,
@@ -487,11 +496,17 @@ class _Search:
             ),
             starts=self._alone,
             final=final,
-            found=tuple(sorted(found, key=lambda item: -item.without)),
+            described=described,
+            found=tuple(sorted((f for f in found if not f.effect.of_unknown), key=lambda item: -item.without)),
+            forms=tuple(f for f in found if f.effect.of_unknown),
             discrepant=one.discrepant,
             rules=self._rules,
             probabilities={effect.title: self._probability(effect.title, total) for effect in self._library},
         )
+
+    def _forms(self, one: Hypothesis) -> list[Effect]:
+        """Forms of what no cause describes in a set."""
+        return [effect for effect in one.fit.parameters.causes if effect.of_unknown]
 
     def _finished(self, one: Hypothesis) -> Hypothesis:
         """The same with a close fit, which those that were only ranked are not."""
@@ -527,12 +542,12 @@ class _Search:
             for keys, h in others.items()
             if len(keys) == 1
         ]
-        without = self._known.get(rest)
+        without, described = self._known.get(rest), rest - {form.key for form in self._forms(one)}
         return Found(
             effect=effect,
             probability=self._probability(effect.title, total),
             fits=tuple(sorted(fits, key=lambda trial: -trial.log_odds)),
-            rest=min((h.fit for keys, h in self._known.items() if keys <= rest), key=lambda fit_: fit_.chi_square),
+            rest=min((h.fit for keys, h in self._known.items() if keys <= described), key=lambda fit_: fit_.chi_square),
             without=np.inf if without is None else one.log_posterior - without.log_posterior,
         )
 

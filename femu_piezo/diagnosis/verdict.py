@@ -58,8 +58,9 @@ class Verdict:
     Attributes
     ----------
     before, after : what the base and the final fit leave over
-    unexplained : share of the base's misfit beyond noise that the final fit leaves, as an amplitude (rms)
+    unexplained : share of the base's misfit beyond noise that the named causes leave, as an amplitude (rms)
     hidden : effects that this sweep cannot show: (effect, the constant that imitates it)
+    forms : that what no cause describes takes in the final fit
     measurements : what to measure next, once that has been planned
     """
 
@@ -69,6 +70,7 @@ class Verdict:
     after: Remaining
     unexplained: float
     hidden: tuple[tuple[Effect, str], ...]
+    forms: tuple[Cause, ...] = ()
     measurements: tuple[str, ...] = ()
 
     def __str__(self) -> str:
@@ -92,17 +94,19 @@ def judge(comparison: Comparison) -> Verdict:
     discrepant = comparison.discrepant and _beyond_noise(final, rules.significant)
     # what is left may be too rough for a smooth discrepancy, and still no noise
     discrepant |= after.alike and final.marginal.level > rules.loudest
+    discrepant |= bool(comparison.forms)
 
     def left_of(before: Fit) -> float:
-        """Share of the misfit of a fit that the final one leaves; none where that may be noise."""
-        return _unexplained(before, final, rules.significant) if discrepant else 0.0
+        """Share of the misfit of a fit that the named causes leave; none where that may be noise."""
+        return _unexplained(before, comparison.described, rules.significant) if discrepant else 0.0
 
     unexplained = left_of(comparison.base)
     causes = tuple(_cause(found, comparison, moves, 1 - left_of(found.rest)) for found in comparison.found)
     unknown = discrepant and (not causes or unexplained > rules.unexplained)
     word = "unknown" if unknown else "effect" if causes else "none"
     hidden = tuple((t.effect, t.nearest) for t in moves if t.hidden)
-    return Verdict(word, causes, before, after, unexplained, hidden)
+    forms = tuple(_cause(found, comparison, moves, 1.0) for found in comparison.forms)
+    return Verdict(word, causes, before, after, unexplained, hidden, forms)
 
 
 def _beyond_noise(final: Fit, significant: float) -> bool:
@@ -110,7 +114,8 @@ def _beyond_noise(final: Fit, significant: float) -> bool:
 
     A smaller one is noise that is correlated; it widens the intervals all the same.
     """
-    return final.learned.over_noise * final.learned.level > max(_noise_level(final, significant), 1.0)
+    left = final.discrepancy or final.learned
+    return left.over_noise * left.level > max(_noise_level(final, significant), 1.0)
 
 
 def _noise_level(final: Fit, significant: float) -> float:

@@ -177,6 +177,8 @@ class Effect:
     onset : terms whose slopes in the size hold at size zero, where those of `local` do not
     outward : place of the circuit or acquisition on the way from the body to the instrument, the lowest first
     freed : whether every fit has it with the prior of a cause, as the specimen file asks
+    of_unknown : whether it is a form that what no cause describes may have: it competes as causes do, and where it is
+        needed the verdict is unknown
     of_conditions : whether its law holds the conditions of a sweep (`EffectContext.taken`), so that each of several
         sweeps of a specimen has its own form of it, with the same parameters
     """
@@ -204,6 +206,7 @@ class Effect:
     onset_hidden: bool = False
     outward: float = 0.0
     freed: bool = False
+    of_unknown: bool = False
     of_conditions: bool = False
 
     def __repr__(self) -> str:

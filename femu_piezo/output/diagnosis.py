@@ -58,6 +58,7 @@ def diagnosis_record(result: Diagnosis) -> dict:
             "correlations": [list(one.correlations) for one in comparison.base.data.noise_memory],
         },
         "discrepancy": _discrepancy(comparison),
+        "forms": [_cause_record(form) for form in verdict.forms],
         "tolerances": _tolerances(result),
         "readings": read_beside(comparison.final),
         "rules": comparison.rules.to_json(),
@@ -197,7 +198,8 @@ def diagnosis_figure(result: Diagnosis) -> Figure:
     x = spectrum.frequency * factor
     magnitude.semilogy(x, np.abs(spectrum.impedance), label="measured", **MEASURED)
     magnitude.semilogy(x, np.abs(result.curves[0]), label="base model, updated", **BASELINE)
-    named = " and ".join(cause.effect.title.replace("_", " ") for cause in result.verdict.causes)
+    shown = (*result.verdict.causes, *result.verdict.forms)
+    named = " and ".join(cause.effect.title.replace("_", " ") for cause in shown)
     if named:
         magnitude.semilogy(x, np.abs(result.curves[1]), label=f"with {named}", **UPDATED)
     panels = ((before, result.curves[0], "base model"), (after, result.curves[1], named and f"with {named}"))

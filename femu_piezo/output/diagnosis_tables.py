@@ -27,6 +27,9 @@ def diagnosis_table(result: Diagnosis) -> RenderableType:
         lines.append(f"  {cause.effect.title}: {cause.effect.sentence}; {size}; probability {cause.probability:.3f}")
         if cause.indistinguishable_from:
             lines.append(f"    this sweep cannot tell it from {listed(cause.indistinguishable_from, 'or')}")
+    for form in verdict.forms:
+        size = sizes(form.effect, form.values, form.std)
+        lines.append(f"  what no cause describes looks like {spoken(form.effect)}: {form.effect.sentence}; {size}")
     lines.append(
         f"error on unseen data: {percent(gain['held_out_before'])} before, {percent(gain['held_out_after'])} after "
         f"({gain['over_expected']:.3g} times that of a right model), noise {percent(gain['noise_floor'])}"

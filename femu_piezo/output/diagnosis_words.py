@@ -89,8 +89,15 @@ def _headline(result: Diagnosis) -> str:
     words = "The simulation misses something that no known effect explains"
     if result.verdict.causes:
         return f"{words}: with {_names(result)} {percent(result.verdict.unexplained)} of the misfit stays."
+    looks = _looks(result)
+    return f"{words}; it looks like {listed(looks)}." if looks else f"{words}."
+
+
+def _looks(result: Diagnosis) -> list[str]:
+    """What it looks like that no cause describes."""
     left = result.comparison.final.discrepancy
-    return f"{words}." if left is None else f"{words}; it looks like {left}."
+    forms = [spoken(form.effect) for form in result.verdict.forms]
+    return forms if left is None else [*forms, str(left)]
 
 
 def _wrong(result: Diagnosis) -> tuple[str, ...]:
@@ -112,6 +119,7 @@ def _wrong(result: Diagnosis) -> tuple[str, ...]:
         if _points_to_blame(result):
             found.append(_linear(result.linear_body))
         else:
+            found += [_cause(form) for form in verdict.forms]
             found += _form(result.comparison.final)
             found += [f"The best guess takes a part of it away. {_cause(cause)}" for cause in verdict.causes[:1]]
             found += [_cause(cause) for cause in verdict.causes[1:]]

@@ -89,6 +89,8 @@ def recommended(verdict: Verdict, planned: Sequence[Separation]) -> tuple[str, .
     for cause in verdict.causes:
         if cause.effect.title not in told:
             words += cause.effect.advice if cause.indistinguishable_from else cause.effect.advice[:1]
+    for form in verdict.forms:
+        words += form.effect.advice
     for effect, constant in verdict.hidden:
         if effect.name != "wrong_insensitive_parameter" and effect.title not in told:
             words += [f"to tell {effect.title} from {constant}: {advice}" for advice in effect.advice[:2]]

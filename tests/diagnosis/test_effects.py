@@ -54,6 +54,7 @@ PLACED = {
     "wedge": (0.05,),
     "edge_depoling": (0.12e-3,),
     "unequal_electrode_mass": (0.6,),
+    "uneven_body": (0.03, 0.02, -0.05, 0.04, 0.1, 0.06),
 }
 #: Effects with an independent solution of their own, in a file of theirs.
 APART = {"electrode_resistance": (3.0, 2e-3), "sweep_too_fast": 2e4, "drive_level": (4e-3, 0.5)}

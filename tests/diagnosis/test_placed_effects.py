@@ -84,6 +84,13 @@ def depoled_deep(built: Build) -> None:
     depoled(built, 0.4e-3)
 
 
+def uneven(built: Build) -> None:
+    for profiles, (odd, even) in zip(
+        (built.heaviness, built.stiffness, built.piezoelectric), ((0.03, 0.02), (-0.05, 0.04), (0.1, 0.06)), strict=True
+    ):
+        profiles.append(lambda x, odd=odd, even=even: 1 + odd * x / 6e-3 + even * ((x / 6e-3) ** 2 - 1 / 3))
+
+
 def unequal_films(built: Build) -> None:
     for side in (1, -1):
         built.surfaces.append(Surface(*built.whole_face, (side,), lambda w, side=side: -(w**2) * side * 0.3))
@@ -107,6 +114,7 @@ CASES = {
     "edge_depoling": ((0.12e-3,), depoled, 0.05),
     "edge_depoling, deep": ((0.4e-3,), depoled_deep, 0.05),
     "wedge": ((0.05,), wedge, 0.04),
+    "uneven_body": ((0.03, 0.02, -0.05, 0.04, 0.1, 0.06), uneven, 0.02),
 }
 
 

@@ -31,7 +31,7 @@ class Body:
     axes : of the displacements along x, y, z;  potential_axes : of φ
     poling : 2 electrodes on z = ±t/2, 0 on x = ±L/2
     margins : bare strips at x = −L/2 and +L/2 of both faces, m (poling 2)
-    profiles : "c" and "e" → factor over x (k,) → (k,) on the stiffness and on the piezoelectric constants
+    profiles : "c", "e" and "rho" → factor over x (k,) → (k,) on the stiffness, the piezoelectric constants, the density
     soft : (p over x, q over y, even), by whose product the stiffness is less, relative
     across : factor over y (k,) → (k,) on the piezoelectric constants beside that over x
     taper, wedge : the width is w (1 + taper 2x/L), the thickness t (1 + wedge 2x/L)
@@ -210,7 +210,8 @@ class ParityClass(CrystalForms):
 
     def _mass(self) -> np.ndarray:
         found = np.zeros((self.displacements, self.displacements))
-        volumes = self._body.volumes(self._body.gauss[0][0])
+        x = self._body.gauss[0][0]
+        volumes = self._body.volumes(x) * self._body.profiles.get("rho", np.ones_like)(x)
         for f in range(3):
             found[self.block(f), self.block(f)] = self._body.density * self._tensor(f, f, -1, -1, volumes, 1.0, 1.0)
         return found

@@ -93,6 +93,7 @@ class Build(Swept):
     margins: tuple[float, float] = (0.0, 0.0)
     stiffness: list[Profile] = field(default_factory=list)
     piezoelectric: list[Profile] = field(default_factory=list)
+    heaviness: list[Profile] = field(default_factory=list)
     piezoelectric_across: list[Profile] = field(default_factory=list)
     soft: tuple[Profile, Profile] | None = None
     elements: list[float] = field(default_factory=list)
@@ -125,7 +126,7 @@ class Build(Swept):
         """The piece without what stands on its surfaces."""
         half = self.size / 2
         symmetric = (
-            not (self.taper or self.wedge or self.stiffness or self.piezoelectric or self.soft)
+            not (self.taper or self.wedge or self.stiffness or self.piezoelectric or self.heaviness or self.soft)
             and self.margins[0] == self.margins[1]
         )
         degrees = _FINE if any(not all(surface.keeps()[:2]) for surface in self.surfaces) else _DEGREES
@@ -143,7 +144,11 @@ class Build(Swept):
             potential_axes=tuple(potential),
             poling=self.poling,
             margins=self.margins,
-            profiles={"c": _product(self.stiffness), "e": _product(self.piezoelectric)},
+            profiles={
+                "c": _product(self.stiffness),
+                "e": _product(self.piezoelectric),
+                "rho": _product(self.heaviness),
+            },
             soft=self.soft,
             across=_product(self.piezoelectric_across),
             taper=self.taper,

@@ -150,6 +150,6 @@ def _taper_loads(weighted: WeightedProducts, side: int, constants: ElasticForm, 
     first, whole = weighted.tapered(side)[0], np.tensordot(constants.vector().real, weighted.model.unit_tensors, axes=1)
     flat = states.reshape(-1, states.shape[2])
     stiff, heavy = first.applied([whole], states).reshape(flat.shape), np.zeros_like(states)
-    heavy[:3] = weighted.tapered_mass(states[:3])
+    heavy[:3] = weighted.mass(weighted.odd_line, states[:3])
     loads = np.hstack([stiff, heavy.reshape(flat.shape)[:, 1:]])
     return loads / np.linalg.norm(loads, axis=0)

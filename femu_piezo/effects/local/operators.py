@@ -141,6 +141,23 @@ class Edges:
         return Edges(self.reaches, self.matrices.among(numbers, size))
 
 
+@dataclass(frozen=True)
+class Uneven:
+    """Stiffness and inertia that vary along the body, as `Places.uneven` has them."""
+
+    stiffness: Blocks
+    inertia: Blocks
+
+    @property
+    def both(self) -> tuple[Blocks, Blocks]:
+        """Stiffness and inertia."""
+        return self.stiffness, self.inertia
+
+    def among(self, numbers: np.ndarray, size: int) -> Uneven:
+        """The same over `size` unknowns, of which those so far are the given ones (indices)."""
+        return Uneven(*(part.among(numbers, size) for part in self.both))
+
+
 class Places:
     """Operators on some of the sectors of a reduced plate, each made once when it is first asked for.
 
@@ -221,6 +238,14 @@ class Places:
     def ramp(self) -> Blocks:
         """[2, 3] (r, r) per unit of e31 e33 e15, weighted by 2x/L and by (2x/L)² − 1/3 over the whole plate."""
         return self._made(_ramp, lambda flipped, name: not name.endswith(SLICES))
+
+    @cached_property
+    def uneven(self) -> tuple[Blocks, Blocks]:
+        """[2, 5] (r, r) per unit of c11 c12 c13 c33 c44, and [2] of inertia, weighted by 2x/L and by (2x/L)² − 1/3.
+
+        On the driven class and that whose parity differs about x.
+        """
+        return self._made(_uneven, lambda flipped, name: flipped in ((), (0,)) and not name.endswith(SLICES)).both
 
     @cached_property
     def radial_ramp(self) -> Blocks:
@@ -328,6 +353,22 @@ def _ramp(sectors: Sectors) -> Blocks:
     return Blocks(np.ascontiguousarray(found[(..., *np.ix_(few, few))]), few, size)
 
 
+def _uneven(sectors: Sectors) -> Uneven:
+    """The odd weight couples the driven class to that whose parity differs about x, the even one each with itself."""
+    weighted, size, at = sectors.all_fields.weighted, sectors.size, np.arange(sectors.size)
+    (rows, columns), (left, right) = _coupled(sectors, (0,))
+    units = weighted.model.unit_tensors[ELASTIC.start : ELASTIC.stop]
+    stiff, heavy = np.zeros((2, len(units), size, size)), np.zeros((2, size, size))
+    _put(stiff[0], weighted.odd.between(left, right, units), rows, columns)
+    odd = weighted.mass(weighted.odd_line, right[:3]).reshape(-1, columns.size)
+    _put(heavy[0], left[:3].reshape(-1, rows.size).T @ odd, rows, columns)
+    for own, fields in ((rows, left), (columns, right)):
+        _put(stiff[1], weighted.even.within(fields, units), own)
+        even = weighted.mass(weighted.even_line, fields[:3]).reshape(-1, own.size)
+        _put(heavy[1], fields[:3].reshape(-1, own.size).T @ even, own)
+    return Uneven(Blocks(stiff, at, size), Blocks(heavy, at, size))
+
+
 def _radial_ramp(sectors: Sectors) -> Blocks:
     """On the driven fields alone: what varies along the radius leaves a body of revolution."""
     fields: RoundFields = sectors.all_fields
@@ -396,7 +437,8 @@ def _tapered(side: int, sectors: Sectors) -> Deformation:
     _put(found[0], first.between(left, right, units), rows, columns)
     _put(found[1], second.within(left, units), rows)
     _put(found[1], second.within(right, units), columns)
-    heavy = sectors.all_fields.weighted.tapered_mass(right[:3])
+    weighted = sectors.all_fields.weighted
+    heavy = weighted.mass(weighted.odd_line, right[:3])
     _put(inertia, left[:3].reshape(-1, rows.size).T @ heavy.reshape(-1, columns.size), rows, columns)
     return Deformation(*(Blocks(matrices, np.arange(size), size) for matrices in (*found, inertia)))
 

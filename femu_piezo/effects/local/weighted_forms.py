@@ -93,13 +93,22 @@ class WeightedProducts:
     @cached_property
     def odd(self) -> SeparableProducts:
         """With the weight 2x/L."""
-        return self._all(self._along_x(self._power(0, 1)))
+        return self._all(self._along_x(self.odd_line))
 
     @cached_property
     def even(self) -> SeparableProducts:
         """With the weight (2x/L)² − 1/3, whose mean is zero."""
-        weight = self._grid.weighted(0, lambda x: (x / self._half) ** 2 - 1 / 3)
-        return self._all(self._along_x(weight))
+        return self._all(self._along_x(self.even_line))
+
+    @cached_property
+    def odd_line(self) -> np.ndarray:
+        """(2, 2, n, n) one-dimensional products with the weight 2x/L."""
+        return self._power(0, 1)
+
+    @cached_property
+    def even_line(self) -> np.ndarray:
+        """(2, 2, n, n) one-dimensional products with the weight (2x/L)² − 1/3."""
+        return self._grid.weighted(0, lambda x: (x / self._half) ** 2 - 1 / 3)
 
     def tapered(self, side: int) -> tuple[SeparableProducts, SeparableProducts]:
         """Parts of first and second order in t where the extent along an axis, 1 or 2, is that of the box (1 + t ξ).
@@ -149,10 +158,14 @@ class WeightedProducts:
                 found[:, :, own, own] += line_products(places[own], low, high, lambda x: np.exp((x - line[-1]) / reach))
         return found
 
-    def tapered_mass(self, displacements: np.ndarray) -> np.ndarray:
-        """∫ ρ ξ v·u on displacements (3, n, k), the part of first order in t of either mass: (3, n, k), kg."""
+    def mass(self, line: np.ndarray, displacements: np.ndarray) -> np.ndarray:
+        """∫ ρ w v·u on displacements (3, n, k): (3, n, k), kg.
+
+        line : (2, 2, n, n) one-dimensional products along x with the weight w; ξ is the part of first order in t of
+            the mass of either taper
+        """
         grid, found = self._grid, np.empty_like(displacements)
-        factors = (self._power(0, 1)[0, 0], *(axis[0, 0] for axis in grid.axes[1:]))
+        factors = (line[0, 0], *(axis[0, 0] for axis in grid.axes[1:]))
         for own, image in zip(displacements, found, strict=True):
             image[grid.order] = self.model.density * kronecker_times(factors, own[grid.order])
         return found
