@@ -57,6 +57,9 @@ _LEVEL, _EXACT_LEVEL = 0.03, 1e-3
 class Response(Protocol):
     """Z of the sweeps at given unknowns (`Evaluation`, `Ensemble`)."""
 
+    def impedance(self, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
+        """Z (k,), ohm."""
+
     def with_jacobian(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Z (k,), ohm, and its slopes (k, n_x)."""
 

@@ -53,7 +53,7 @@ class Evaluation:
 
     def impedance(self, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
         """Z (k,), ohm."""
-        return self.with_jacobian(parameters, x)[0]
+        return self._reached(parameters, x, active_effects(parameters, x), 0)[0]
 
     def with_jacobian(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Z (k,) and ∂Z/∂x (k, n_x), ohm."""

@@ -23,6 +23,8 @@ from femu_piezo.measurement.sweeps import SweepData
 
 #: Standard deviations that compete (equal prior weight each).
 _SIGMAS = np.geomspace(1e-6, 3.0, 27)
+#: Square of the share of a direction of the unknowns that lies in the data, below which it is rounding.
+_UNREACHED = 1e-14
 #: Prior probability that a sweep holds something that the model does not describe.
 PRIOR = 0.1
 
@@ -99,7 +101,8 @@ def learn_discrepancy(
     best = max((one for form in own for one in form), key=lambda one: one.most + np.log(WEIGHTS[one.form]))
     level = float(noise_level(best.left, len(span), data.level_std))
     gain = float(logsumexp(list(of_forms.values()), b=weights) - np.log(sum(weights)))
-    return Discrepancy(best.form, best.place, float(best.size * level), level, gain, best.size * best.columns)
+    columns = best.size * left.columns(best.which)
+    return Discrepancy(best.form, float(best.which.places[0]), float(best.size * level), level, gain, columns)
 
 
 @dataclass(frozen=True)
@@ -109,16 +112,18 @@ class _Gains:
     Attributes
     ----------
     most : its evidence over none;  size : its σ/s;  left : χ² beside it
-    columns : (2k, m) of it, whitened, at σ = 1
+    which : it alone
     """
 
     mean: float
     most: float
-    form: Form
-    place: float
     size: float
     left: float
-    columns: np.ndarray
+    which: Alternatives
+
+    @property
+    def form(self) -> Form:
+        return self.which.form
 
 
 @dataclass(frozen=True)
@@ -143,30 +148,38 @@ class _Left:
         """log likelihood without a discrepancy."""
         return float(profiled(self.chi_square, len(self.span), self.data.level_std))
 
+    @cached_property
+    def sides(self) -> np.ndarray:
+        """(2k, 1 + p) the residual of the data, then an orthogonal basis of what the span reaches of them."""
+        values, vectors = np.linalg.eigh(self.span.T @ self.span)
+        return np.column_stack([self.residual[: len(self.span)], self.span @ vectors[:, values > _UNREACHED]])
+
+    def columns(self, one: Alternatives) -> np.ndarray:
+        """(2k, m) of a single alternative, whitened, at σ = 1."""
+        among, white = one.among(self.data), one.whitened(self.data)[:, 0]
+        found = np.zeros((len(self.span), white.shape[1]))
+        found[among] = white * self.share[among, None]
+        return found
+
     def gains(self, one: Alternatives) -> _Gains:
         """What alternatives gain."""
-        rows = one.rows(self.data)
-        columns = one.whitened(self.data) * self.share[rows, None, None]  # (r, n, m)
-        turned = np.ascontiguousarray(columns.transpose(1, 2, 0))  # (n, m, r)
-        inside = turned @ self.span[rows]
-        values, vectors = np.linalg.eigh(turned @ turned.transpose(0, 2, 1) - inside @ inside.transpose(0, 2, 1))
-        along = np.einsum("nab,na->nb", vectors, turned @ self.residual[rows]) ** 2
+        among = one.among(self.data)
+        squares, sides = one.products(self.data, self.share[among], self.sides[among])
+        inside = sides[:, :, 1:]
+        values, vectors = np.linalg.eigh(squares - inside @ inside.transpose(0, 2, 1))
+        along = np.einsum("nab,na->nb", vectors, sides[:, :, 0]) ** 2
         sizes = _SIGMAS[:, None, None] ** 2
         grown = 1 + sizes * np.maximum(values, 0.0)
         left = self.chi_square - np.sum(sizes / grown * along, axis=2)
         likelihood = profiled(left, len(self.span), self.data.level_std)
         gains = likelihood - 0.5 * np.sum(np.log(grown), axis=2) - self.plain
         size, which = np.unravel_index(np.argmax(gains), gains.shape)
-        best = np.zeros((len(self.span), columns.shape[2]))
-        best[rows] = columns[:, which]
         return _Gains(
             mean=float(logsumexp(gains) - np.log(gains.size)),
             most=float(gains[size, which]),
-            form=one.form,
-            place=float(one.places[which]),
             size=float(_SIGMAS[size]),
             left=float(left[size, which]),
-            columns=best,
+            which=one.chosen(int(which)),
         )
 
 
