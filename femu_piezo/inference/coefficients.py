@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,9 +29,22 @@ class Active:
 
 def active_effects(parameters: Unknowns, x: np.ndarray) -> list[Active]:
     """The fixed effects and the fitted ones at x (n_x,), in the order in which they act."""
-    found = [Active(effect, values, None) for effect, values in parameters.fixed]
-    fitted = zip(parameters.effects, parameters.values(x), strict=True)
-    found += [Active(effect, values, parameters.columns(i)) for i, (effect, values) in enumerate(fitted)]
+    return _in_order(parameters, x, parameters.fixed, range(len(parameters.effects)))
+
+
+def effects_on_constants(parameters: Unknowns, x: np.ndarray) -> list[Active]:
+    """Those of them that change the constants alike at all frequencies."""
+    fixed = [item for item in parameters.fixed if item[0].on_constants]
+    return _in_order(parameters, x, fixed, parameters.on_constants)
+
+
+def _in_order(
+    parameters: Unknowns, x: np.ndarray, fixed: Sequence[tuple[Effect, np.ndarray]], fitted: Iterable[int]
+) -> list[Active]:
+    found = [Active(effect, values, None) for effect, values in fixed]
+    for number in fitted:
+        effect, own = parameters.effects[number], parameters.columns(number)
+        found.append(Active(effect, x[own] * effect.scale, own))
     return sorted(found, key=lambda item: item.effect.place)
 
 
@@ -145,6 +158,16 @@ def _extra_terms(model: ExtendedModel, item: Active, omega: np.ndarray) -> list[
         matrix = matrix[:u, :u] if term.kind == "inertia" else matrix
         found.append(LocalTerm(term.kind, matrix, *term.coefficient(omega, item.values)))
     return found
+
+
+def even_constants(parameters: Unknowns, x: np.ndarray, active: list[Active]) -> PiezoConstants:
+    """The constants where effects that act alike at all frequencies leave them."""
+    theta = parameters.material.constants(x[: parameters.of_material]).vector()[None]
+    anywhere, none = np.ones(1), np.zeros((1, 10, 0), dtype=complex)
+    for item in active:
+        if item.effect.constants is not None:
+            theta = item.effect.constants(theta, none, anywhere, item.values)[0]
+    return PiezoConstants.from_vector(theta[0])
 
 
 def d_form_constants(

@@ -559,6 +559,7 @@ class _Descent:
         self.x = np.clip(start, self._low + margin, self._high - margin)
         self.parts = posterior.parts(self.x)
         self.level, self.promise, self._damping, self._determined = np.inf, np.inf, _DAMPING, 0.0
+        self._promised_at: np.ndarray | None = None
 
     def cost(self, parts: _Parts, level: float) -> float:
         """χ² of data and priors at a noise level, as the loss counts it."""
@@ -578,9 +579,12 @@ class _Descent:
             before = self.level
             moving, triangle = self._linear()
             settled = abs(np.log(before / self.level)) < _LEVEL
+            if settled and self.promise < gain and self._promised_at is self.x:  # as told by the run before
+                return self
             here = self.cost(self.parts, self.level)
             while count < most:
                 step, self.promise = self._step(triangle, moving)
+                self._promised_at = self.x
                 if self.promise < gain and settled:
                     return self
                 count += 1

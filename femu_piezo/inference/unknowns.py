@@ -351,6 +351,11 @@ class Unknowns:
         return self._numbers[key]
 
     @cached_property
+    def on_constants(self) -> tuple[int, ...]:
+        """Numbers of the effects that change the constants alike at all frequencies."""
+        return tuple(number for number, effect in enumerate(self.effects) if effect.on_constants)
+
+    @cached_property
     def _numbers(self) -> dict[str, int]:
         """Key → number of the effect."""
         return {effect.key: number for number, effect in enumerate(self.effects)}
