@@ -162,7 +162,7 @@ def _extra_terms(model: ExtendedModel, item: Active, omega: np.ndarray) -> list[
 
 def even_constants(parameters: Unknowns, x: np.ndarray, active: list[Active]) -> PiezoConstants:
     """The constants where effects that act alike at all frequencies leave them."""
-    theta = parameters.material.constants(x[: parameters.of_material]).vector()[None]
+    theta = parameters.material.vector(x[: parameters.of_material])[None]
     anywhere, none = np.ones(1), np.zeros((1, 10, 0), dtype=complex)
     for item in active:
         if item.effect.constants is not None:
@@ -176,7 +176,7 @@ def d_form_constants(
     """d-form constants (k, 10) at each frequency, and their tangents (k, 10, n_x)."""
     material = parameters.material
     own = x[: parameters.of_material]
-    theta = np.tile(material.constants(own).vector(), (omega.size, 1))
+    theta = np.tile(material.vector(own), (omega.size, 1))
     tangents = np.zeros((omega.size, 10, x.size), dtype=complex)
     tangents[:, :, : own.size] = material.free.directions @ material.slopes(own)
     for item in active:

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import logsumexp
 
 from femu_piezo.measurement.discrepancy_forms import WEIGHTS, Alternatives, Form
 from femu_piezo.measurement.sweeps import SweepData
@@ -24,7 +23,7 @@ from femu_piezo.measurement.sweeps import SweepData
 #: Standard deviations that compete (equal prior weight each).
 _SIGMAS = np.geomspace(1e-6, 3.0, 27)
 #: Square of the share of a direction of the unknowns that lies in the data, below which it is rounding.
-_UNREACHED = 1e-14
+_UNREACHED = 1e-12
 #: Prior probability that a sweep holds something that the model does not describe.
 PRIOR = 0.1
 
@@ -96,13 +95,19 @@ def learn_discrepancy(
     """
     left = _Left(data, residual, span, np.sqrt(np.broadcast_to(weight, len(span))))
     own = [[left.gains(one) for one in form] for form in forms]
-    of_forms = {form[0].form: logsumexp([one.mean for one in form]) - np.log(len(form)) for form in own if form}
-    weights = [WEIGHTS[form] for form in of_forms]
+    of_forms = {form[0].form: _log_mean(np.array([one.mean for one in form])) for form in own if form}
+    weights = np.array([WEIGHTS[form] for form in of_forms])
     best = max((one for form in own for one in form), key=lambda one: one.most + np.log(WEIGHTS[one.form]))
     level = float(noise_level(best.left, len(span), data.level_std))
-    gain = float(logsumexp(list(of_forms.values()), b=weights) - np.log(sum(weights)))
+    gain = _log_mean(np.array(list(of_forms.values())), weights)
     columns = best.size * left.columns(best.which)
     return Discrepancy(best.form, float(best.which.places[0]), float(best.size * level), level, gain, columns)
+
+
+def _log_mean(logs: np.ndarray, weights: np.ndarray | None = None) -> float:
+    """Logarithm of the (weighted) mean of numbers with these logarithms."""
+    most = float(np.max(logs))
+    return most + float(np.log(np.average(np.exp(logs - most), weights=weights)))
 
 
 @dataclass(frozen=True)
@@ -175,7 +180,7 @@ class _Left:
         gains = likelihood - 0.5 * np.sum(np.log(grown), axis=2) - self.plain
         size, which = np.unravel_index(np.argmax(gains), gains.shape)
         return _Gains(
-            mean=float(logsumexp(gains) - np.log(gains.size)),
+            mean=_log_mean(gains),
             most=float(gains[size, which]),
             size=float(_SIGMAS[size]),
             left=float(left[size, which]),
@@ -201,7 +206,7 @@ def noise_level(chi_square: np.ndarray | float, freedom: float, level_std: float
     for _ in range(60):
         pull, hold = given * np.exp(-2 * level), 2 / (2 * level_std**2 + level**2)
         old, level = level, np.maximum(level + (pull - freedom - hold * level) / (2 * pull + hold), floor)
-        if np.max(np.abs(level - old)) < 1e-12:
+        if np.all(np.abs(level - old) < 1e-12):
             break
     first, second = (_log_likelihood(one, given, freedom, level_std) for one in level)
     return np.exp(np.where(first > second, *level))[()]

@@ -117,22 +117,27 @@ class Alternatives:
             whole = np.ascontiguousarray((self.whitened(data) * share[:, None, None]).transpose(1, 2, 0))
             return whole @ whole.transpose(0, 2, 1), whole @ others
         factors = self.factors * (data.weight[self.points] * share[:k])
-        n, size, m = len(self.rows), len(factors), len(factors) * self.rows.shape[1]
-        turned = self.rows.conj()
-        squares = np.empty((n, size, self.rows.shape[1], size, self.rows.shape[1]), dtype=complex)
+        n, rows, size, turns = len(self.rows), self.rows.shape[1], len(factors), (1.0, self.imaginary)
+        sides = factors[:, :, None] * (others[:k] - 1j * others[k:])  # (t, k', p)
+        along = self.rows.reshape(-1, k) @ sides.transpose(1, 0, 2).reshape(k, -1)
+        along = along.reshape(n, rows, size, -1).transpose(0, 2, 1, 3) * self.scale[:, None, None, None]
+        found = np.empty((n, 2, size, rows, 2, size, rows))
         for one, first in enumerate(factors):
-            for other, second in enumerate(factors):
-                squares[:, one, :, other] = turned * (first.conj() * second) @ self.rows.transpose(0, 2, 1)
-        along = factors.conj()[:, :, None] * (others[:k] + 1j * others[k:])  # (t, k', p)
-        along = turned.reshape(-1, k) @ along.transpose(1, 0, 2).reshape(k, -1)
-        along = along.reshape(n, -1, size, others.shape[1]).transpose(0, 2, 1, 3).reshape(n, m, -1)
-        squares = squares.reshape(n, m, m) * self.scale[:, None, None] ** 2
-        along = along * self.scale[:, None, None]
-        imaginary = self.imaginary * squares.imag
-        return (
-            np.block([[squares.real, -imaginary], [imaginary, self.imaginary**2 * squares.real]]),
-            np.concatenate([along.real, self.imaginary * along.imag], axis=1),
-        )
+            for other, second in enumerate(factors[: one + 1]):
+                own = self._weighted(first.conj() * second) * self.scale[:, None, None] ** 2
+                for a, b in ((one, other), (other, one)):
+                    found[:, 0, a, :, 0, b] = found[:, 1, a, :, 1, b] = own.real
+                    found[:, 1, a, :, 0, b], found[:, 0, a, :, 1, b] = own.imag, -own.imag
+                    own = own.conj().transpose(0, 2, 1)
+        found[:, 1] *= self.imaginary
+        found[:, :, :, :, 1] *= self.imaginary
+        both = np.stack([turn * part for turn, part in zip(turns, (along.real, -along.imag), strict=True)], axis=1)
+        return found.reshape(n, 2 * size * rows, -1), both.reshape(n, 2 * size * rows, -1)
+
+    def _weighted(self, weight: np.ndarray) -> np.ndarray:
+        """Σ w conj(row) row (n, s, s) for complex weights w (k'), real where they are."""
+        weight = weight if np.any(weight.imag) else weight.real
+        return (self.rows.conj() * weight) @ self.rows.transpose(0, 2, 1)
 
 
 def squared_exponential(distance: np.ndarray) -> np.ndarray:
