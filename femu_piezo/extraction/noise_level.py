@@ -12,8 +12,8 @@ from femu_piezo.extraction.fit import ROUNDING
 from femu_piezo.measurement.noise import NoiseModel
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
-#: Most steps towards the likeliest noise, the longest in the logarithm of a variance, and the gain in log likelihood, or
-#: the length, below which they end.
+#: Most steps towards the likeliest noise, the longest in the logarithm of a variance, and the gain in log likelihood,
+#: or the length, below which they end.
 _STEPS, _LONGEST, _CLOSE = 60, 2.0, 1e-8
 
 

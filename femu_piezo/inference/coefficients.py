@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
+from femu_piezo.effects.constant_factor import ConstantFactor, multiplied
 from femu_piezo.effects.effect import Effect, LocalTerm
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.inference.unknowns import Unknowns
@@ -163,11 +165,8 @@ def _extra_terms(model: ExtendedModel, item: Active, omega: np.ndarray) -> list[
 def even_constants(parameters: Unknowns, x: np.ndarray, active: list[Active]) -> PiezoConstants:
     """The constants where effects that act alike at all frequencies leave them."""
     theta = parameters.material.vector(x[: parameters.of_material])[None]
-    anywhere, none = np.ones(1), np.zeros((1, 10, 0), dtype=complex)
-    for item in active:
-        if item.effect.constants is not None:
-            theta = item.effect.constants(theta, none, anywhere, item.values)[0]
-    return PiezoConstants.from_vector(theta[0])
+    still = [Active(item.effect, item.values, None) for item in active]
+    return PiezoConstants.from_vector(_changed(theta, np.zeros((1, 10, 0), dtype=complex), np.ones(1), still)[0][0])
 
 
 def d_form_constants(
@@ -179,10 +178,30 @@ def d_form_constants(
     theta = np.tile(material.vector(own), (omega.size, 1))
     tangents = np.zeros((omega.size, 10, x.size), dtype=complex)
     tangents[:, :, : own.size] = material.free.directions @ material.slopes(own)
-    for item in active:
-        if item.effect.constants is not None:
+    return _changed(theta, tangents, omega, active)
+
+
+def _changed(
+    theta: np.ndarray, tangents: np.ndarray, omega: np.ndarray, active: Iterable[Active]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Constants (k, 10) and tangents (k, 10, n_x) as the effects leave them, factors side by side taken together."""
+    acting = (item for item in active if item.effect.constants is not None)
+    for are_factors, group in groupby(acting, lambda item: isinstance(item.effect.constants, ConstantFactor)):
+        if are_factors:
+            theta, tangents = _multiplied(theta, tangents, list(group))
+            continue
+        for item in group:
             theta, tangents, slopes = item.effect.constants(theta, tangents, omega, item.values)
             item.put(tangents, slopes)
+    return theta, tangents
+
+
+def _multiplied(theta: np.ndarray, tangents: np.ndarray, several: list[Active]) -> tuple[np.ndarray, np.ndarray]:
+    which = np.array([item.effect.constants.index for item in several])
+    theta, tangents, slopes = multiplied(theta, tangents, which, np.array([item.values for item in several]))
+    for number, item in enumerate(several):
+        if item.columns is not None:
+            tangents[:, which[number], item.columns] += slopes[:, number] * item.effect.scale
     return theta, tangents
 
 
