@@ -458,24 +458,39 @@ def fit(
     ------
     ConvergenceError : no start settles
     """
-    posterior = _Posterior(response, data, parameters)
     with blas_limit():
-        ends: list[_Descent] = list(
-            in_parallel(lambda start: _Descent(posterior, start, loss).run(COARSE, _FEW), starts)
-        )
-        level = min(one.level for one in ends)
-        best = min(ends, key=lambda one: one.cost(one.parts, level))
-        coarse = gain >= COARSE
-        if not coarse:
-            best.run(gain, _MANY)
-        if not np.isfinite(best.cost(best.parts, best.level)) or (not coarse and best.promise > _UNSETTLED):
-            raise ConvergenceError(
-                f"no fit of {', '.join(parameters.material.free.names)} settled: check dimensions, density and "
-                "poling, or free fewer constants"
-            )
+        best = _descended(_Posterior(response, data, parameters), starts, gain, loss)
         slope = log_slope(response, parameters, best.x)
         law = law_misses(response, data, parameters, best.x, best.parts[:2], slope)
     return _at(best, slope, law)
+
+
+def closest(
+    response: Response, data: SweepData, parameters: Unknowns, starts: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """(n_x,) where `fit` ends and (k,) complex log Z_model − log Z there, without all that says how well it is known.
+
+    Raises ConvergenceError as `fit`.
+    """
+    with blas_limit():
+        best = _descended(_Posterior(response, data, parameters), starts, CLOSE, "linear")
+    return best.x, data.log_error(best.parts[0])
+
+
+def _descended(posterior: _Posterior, starts: Sequence[np.ndarray], gain: float, loss: str) -> _Descent:
+    """The best of several descents, at its end; arguments as of `fit`."""
+    ends: list[_Descent] = list(in_parallel(lambda start: _Descent(posterior, start, loss).run(COARSE, _FEW), starts))
+    level = min(one.level for one in ends)
+    best = min(ends, key=lambda one: one.cost(one.parts, level))
+    coarse = gain >= COARSE
+    if not coarse:
+        best.run(gain, _MANY)
+    if not np.isfinite(best.cost(best.parts, best.level)) or (not coarse and best.promise > _UNSETTLED):
+        raise ConvergenceError(
+            f"no fit of {', '.join(posterior.parameters.material.free.names)} settled: check dimensions, density and "
+            "poling, or free fewer constants"
+        )
+    return best
 
 
 def _at(found: _Descent, log_slope: np.ndarray, law: np.ndarray) -> Fit:

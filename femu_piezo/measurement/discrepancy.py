@@ -173,11 +173,12 @@ class _Left:
         inside = sides[:, :, 1:]
         values, vectors = np.linalg.eigh(squares - inside @ inside.transpose(0, 2, 1))
         along = np.einsum("nab,na->nb", vectors, sides[:, :, 0]) ** 2
-        sizes = _SIGMAS[:, None, None] ** 2
-        grown = 1 + sizes * np.maximum(values, 0.0)
-        left = self.chi_square - np.sum(sizes / grown * along, axis=2)
-        likelihood = profiled(left, len(self.span), self.data.level_std)
-        gains = likelihood - 0.5 * np.sum(np.log(grown), axis=2) - self.plain
+        sizes = _SIGMAS[:, None] ** 2
+        count, m = values.shape
+        grown = 1 + sizes * np.maximum(values, 0.0).ravel()
+        volume = np.log(grown).reshape(-1, count, m) @ np.full(m, 0.5)
+        left = self.chi_square - (sizes / grown * along.ravel()).reshape(-1, count, m) @ np.ones(m)
+        gains = profiled(left, len(self.span), self.data.level_std) - volume - self.plain
         size, which = np.unravel_index(np.argmax(gains), gains.shape)
         return _Gains(
             mean=_log_mean(gains),

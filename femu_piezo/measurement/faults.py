@@ -236,14 +236,19 @@ def _resolution(values: np.ndarray) -> np.ndarray | None:
     largest = float(np.max(np.abs(values)))
     if largest == 0 or np.unique(values).size < 3:
         return None
-    for exponent in range(int(np.floor(np.log10(largest))), int(np.floor(np.log10(largest))) - 6, -1):
-        for factor in (5, 2, 1):
-            step = factor * 10.0**exponent
-            if np.all(np.abs(values / step - np.round(values / step)) < 1e-7 * np.maximum(1, np.abs(values / step))):
-                return np.full(values.size, step)
+    top = int(np.floor(np.log10(largest)))
+    for step in (factor * 10.0**exponent for exponent in range(top, top - 6, -1) for factor in (5, 2, 1)):
+        # a single reading between the steps decides, and the first ones nearly always are
+        if all(_on_steps(part / step, 1e-7 * np.maximum(1, np.abs(part / step))) for part in (values[:8], values)):
+            return np.full(values.size, step)
     size = np.floor(np.log10(np.maximum(np.abs(values), 1e-300)))
     for digits in range(1, 6):
         step = 10.0 ** (size - digits + 1)
-        if np.all(np.abs(values / step - np.round(values / step)) < 1e-7 * 10.0**digits):
+        if all(_on_steps(part, 1e-7 * 10.0**digits) for part in (values[:8] / step[:8], values / step)):
             return step
     return None
+
+
+def _on_steps(counts: np.ndarray, rounding: np.ndarray | float) -> bool:
+    """Whether all of the counts of steps (n,) are whole numbers."""
+    return bool(np.all(np.abs(counts - np.round(counts)) < rounding))
