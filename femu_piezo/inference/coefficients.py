@@ -35,7 +35,7 @@ def active_effects(parameters: Unknowns, x: np.ndarray) -> list[Active]:
 
 
 def effects_on_constants(parameters: Unknowns, x: np.ndarray) -> list[Active]:
-    """Those of them that change the constants alike at all frequencies."""
+    """Those of them at x (n_x,) that change the constants alike at all frequencies."""
     fixed = [item for item in parameters.fixed if item[0].on_constants]
     return _in_order(parameters, x, fixed, parameters.on_constants)
 
@@ -163,7 +163,7 @@ def _extra_terms(model: ExtendedModel, item: Active, omega: np.ndarray) -> list[
 
 
 def even_constants(parameters: Unknowns, x: np.ndarray, active: list[Active]) -> PiezoConstants:
-    """The constants where effects that act alike at all frequencies leave them."""
+    """The constants at x (n_x,) where effects that act alike at all frequencies leave them."""
     theta = parameters.material.vector(x[: parameters.of_material])[None]
     still = [Active(item.effect, item.values, None) for item in active]
     return PiezoConstants.from_vector(_changed(theta, np.zeros((1, 10, 0), dtype=complex), np.ones(1), still)[0][0])
