@@ -13,6 +13,7 @@ import os
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from functools import lru_cache, wraps
 from threading import Lock, RLock, local
 from typing import Any, TypeVar
@@ -37,6 +38,8 @@ def _blas() -> ThreadpoolController:
 def blas_limit(threads: int = 1):
     """Context in which every BLAS of the process uses at most so many threads."""
     current = [library.num_threads for library in _blas().lib_controllers]
+    if max(current, default=0) <= threads:
+        return nullcontext()
     return _blas().limit(limits=min([threads, *current]))
 
 

@@ -125,6 +125,8 @@ STEPS: dict[str, Step] = {"update": _update, "diagnose": _diagnose}
 
 def finite(value):
     """The same JSON value with None for NaN and infinity, and plain numbers for those of numpy."""
+    if type(value) is float:  # most of a record
+        return value if math.isfinite(value) else None
     if isinstance(value, dict):
         return {str(key): finite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -29,8 +29,7 @@ from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.fit import CLOSE, COARSE, RANKED, Fit, fit, with_discrepancy
 from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.measurement.discrepancy import Discrepancy
-from femu_piezo.measurement.discrepancy_forms import WEIGHTS
+from femu_piezo.measurement.discrepancy_forms import WEIGHTS, Alternatives
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import blas_limit, in_parallel
 
@@ -311,11 +310,11 @@ class _Search:
         """The current fit with each candidate added; where next to nothing is promised, by linearisation."""
         if not candidates:
             return ()
-        first_cause, known_error = not current.parameters.candidates, self._error_beside(current)
+        first_cause, forms = not current.parameters.candidates, self._forms_beside(current)
         names = [f"{words}: {effect.key}" for effect in candidates]
 
         def odds(one: Fit, effect: Effect) -> float:
-            return self._log_evidence(one, known_error) - before + self._log_prior[effect.key]
+            return self._log_evidence(one, forms) - before + self._log_prior[effect.key]
 
         def known(effect: Effect) -> Fit | None:
             one = self._known.get(frozenset((*current.parameters.candidates, effect.key)))
@@ -324,7 +323,7 @@ class _Search:
         def screened(effect: Effect) -> list[Start]:
             return starts(self._response, current, effect)
 
-        before = self._log_evidence(current, known_error)
+        before = self._log_evidence(current, forms)
         found = list(self._told(in_parallel(screened, candidates), names))
         if first_cause:
             self._alone = tuple(own[0] for own in found)
@@ -347,8 +346,8 @@ class _Search:
             return max(settled.values(), default=-np.inf) - self._reach(rough.values())
 
         def unexplained() -> bool:
-            """Whether no fit explains the misfit, and no discrepancy that is known from the fit before."""
-            if known_error is not None:
+            """Whether no fit explains the misfit, nor a discrepancy."""
+            if forms:
                 return False
             by_noise = current.residual.size * np.exp(2 * self._rules.significant * current.data.level_std)
             fits = (*rough.values(), *close.values())
@@ -399,18 +398,18 @@ class _Search:
             for number, effect in enumerate(candidates)
         )
 
-    def _error_beside(self, current: Fit) -> Discrepancy | None:
-        """The discrepancy beside some causes where that is more probable than none.
+    def _forms_beside(self, current: Fit) -> list[list[Alternatives]]:
+        """Those of a discrepancy beside some causes where that is more probable than none.
 
         A further cause is worth a fit where it explains more than that; beside none the first cause of several may not.
         """
-        return current.learned if current.parameters.candidates and self._hypothesis(current).discrepant else None
+        return current.forms if current.parameters.candidates and self._hypothesis(current).discrepant else []
 
-    def _log_evidence(self, one: Fit, discrepancy: Discrepancy | None) -> float:
-        """log p(data), with or without a given discrepancy."""
-        if discrepancy is None:
+    def _log_evidence(self, one: Fit, forms: list[list[Alternatives]]) -> float:
+        """log p(data), without a discrepancy or with one of some forms."""
+        if not forms:
             return one.log_evidence
-        with_it = one.log_evidence_beside(discrepancy) + float(np.log(self._chance))
+        with_it = one.log_evidence + one.learned_of(forms).log_evidence + float(np.log(self._chance))
         return float(np.logaddexp(one.log_evidence + np.log1p(-self._chance), with_it))
 
     def _reach(self, rough: Iterable[Fit | None]) -> float:

@@ -239,6 +239,11 @@ class Effect:
         placed = optional if self.sites is None else optional | (np.ptp(self.sites, axis=0) > 0)
         return np.flatnonzero(~placed)
 
+    @property
+    def on_constants(self) -> bool:
+        """Whether it changes the constants alike at all frequencies."""
+        return self.constants is not None and not self.dispersive
+
     @cached_property
     def place(self) -> tuple[float, bool]:
         """Where it stands among the effects of a body: laws over frequency act on the constants as they are, circuits

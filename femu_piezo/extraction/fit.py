@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import lapack
@@ -11,6 +12,7 @@ from femu_piezo.extraction.model import FrequencyAxis, RationalModel
 
 # Relative size below which a residual is arithmetic and no evidence for anything
 ROUNDING = 1e-10
+_ALIKE = 1e-7  # sine of the angle of a column with others below which their difference is one of rounding
 MAX_DAMPING = 1e6  # a step this short that still does not lower the misfit: it is at its minimum
 
 
@@ -53,15 +55,20 @@ class NormalisedSweep:
     def __len__(self) -> int:
         return self.x.size
 
-    @property
+    @cached_property
     def negligible(self) -> float:
         """Σ|residual|² that is rounding or far below the noise."""
         return max(self.rounding, self.least**2 * len(self))
 
-    @property
+    @cached_property
     def rounding(self) -> float:
         """Σ|residual|² that rounding leaves."""
         return ROUNDING**2 * float(np.sum(self.weight**2))
+
+    @cached_property
+    def log_weight(self) -> float:
+        """Σ ln weight²."""
+        return float(np.sum(np.log(self.weight**2)))
 
     def thinned(self, most: int) -> NormalisedSweep:
         """At most so many points, evenly over all."""
@@ -118,7 +125,7 @@ def fit(model: RationalModel, data: NormalisedSweep, tolerance: float = 1e-5, ma
     cost, damping = _power(r), 1e-3
     for _ in range(max_steps):
         triangle = _triangle(row * model.jacobian(data.x), r)
-        upper, target = triangle[:size, :size], -triangle[:size, size]
+        upper, target = np.triu(triangle[:size, :size]), -triangle[:size, size]
         lower, growth = np.diag(np.linalg.norm(upper, axis=0)), 2.0
         while damping < MAX_DAMPING:
             step = _damped(upper, target, np.sqrt(damping) * lower)
@@ -143,17 +150,23 @@ def _damped(upper: np.ndarray, target: np.ndarray, lower: np.ndarray) -> np.ndar
 
     A column that is zero has no part in the solution of least norm.
     """
-    system = np.vstack([upper, lower])
-    aim = np.concatenate([target, np.zeros_like(target)])
     count = target.size
+    system, aim = np.zeros((2 * count, count), dtype=complex), np.zeros(2 * count, dtype=complex)
+    system[:count], system[count:], aim[:count] = upper, lower, target
     triangle = _triangle(system, aim)
     step, singular = lapack.ztrtrs(triangle[:count, :count], triangle[:count, count])
     return np.linalg.lstsq(system, aim, rcond=None)[0] if singular else step
 
 
 def _triangle(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """(k + 1, k + 1) R of the QR factors of [matrix (m, k), right (m,)]: least squares of both from k + 1 rows."""
-    return np.asarray(np.linalg.qr(np.column_stack([matrix, right]), mode="r"))
+    """(k + 1, k + 1) R of the QR factors of [matrix (m, k), right (m,)]: least squares of both from k + 1 rows.
+
+    In its upper triangle; below stands what tells Q.
+    """
+    rows, count = matrix.shape
+    both = np.empty((rows, count + 1), dtype=complex, order="F")
+    both[:, :count], both[:, count] = matrix, right
+    return lapack.zgeqrf(both, overwrite_a=True)[0][: count + 1]
 
 
 def _power(r: np.ndarray) -> float:
@@ -164,8 +177,19 @@ def solve_linear(model: RationalModel, data: NormalisedSweep) -> Fit:
     """Residues and background by linear least squares, poles held."""
     m = model.poles.size
     columns = (data.weight / data.charge)[:, None] * model.jacobian(data.x)[:, m:]
-    linear = np.linalg.lstsq(columns, data.weight.astype(complex), rcond=None)[0]
+    linear = _least_squares(columns, data.weight.astype(complex))
     return _as_fit(model.with_parameters(np.concatenate([model.poles, linear])), data)
+
+
+def _least_squares(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """(k,) solution of least norm of matrix (m, k) x = right (m,); by its singular values where columns are alike."""
+    count = matrix.shape[1]
+    size = np.linalg.norm(matrix, axis=0)
+    if matrix.shape[0] > count and np.all(size > 0):
+        triangle = _triangle(matrix / size, right)
+        if np.min(np.abs(np.diag(triangle)[:count])) > _ALIKE:
+            return lapack.ztrtrs(triangle[:count, :count], triangle[:count, count])[0] / size
+    return np.linalg.lstsq(matrix, right, rcond=None)[0]
 
 
 def refit(model: RationalModel, data: NormalisedSweep, tolerance: float = 1e-5, max_steps: int = 60) -> Fit:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
 NEWTON_STEPS = 6
+#: Polynomials of a sweep that are made at once.
+_DEGREES = 16
 
 
 @dataclass(frozen=True)
@@ -87,8 +90,8 @@ class RationalModel:
 
     def charge(self, x: np.ndarray) -> np.ndarray:
         """The bracket, Y/(jω·scale), at normalised positions x (n,), real or complex."""
-        modes = (self.residues / (self.poles - np.asarray(x)[..., None])).sum(axis=-1)
-        return modes + chebyshev.chebval(x, self.background)
+        modes = (1 / (self.poles - np.asarray(x)[..., None])) @ self.residues
+        return modes + _series(x, self.background)
 
     def charge_slope(self, x: np.ndarray) -> np.ndarray:
         """d charge / dx."""
@@ -102,9 +105,11 @@ class RationalModel:
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """(n, 2M + d + 1) exact ∂charge/∂parameters (holomorphic, so complex numbers suffice)."""
-        gap = 1.0 / (self.poles - np.asarray(x)[:, None])
-        columns = chebyshev.chebvander(x, self.background.size - 1)
-        return np.hstack([-self.residues * gap**2, gap, columns])
+        gap, m = 1.0 / (self.poles - np.asarray(x)[:, None]), self.poles.size
+        found = np.empty((len(gap), self.size), dtype=complex)
+        found[:, :m], found[:, m : 2 * m] = -self.residues * gap**2, gap
+        found[:, 2 * m :] = _polynomials(x, self.background.size)
+        return found
 
     def admittance(self, omega: np.ndarray) -> np.ndarray:
         """Y(ω), siemens."""
@@ -137,6 +142,29 @@ class RationalModel:
     def zero_derivative(self, x: complex) -> np.ndarray:
         """(2M + d + 1,) dx/dparameters of a zero at x, by implicit differentiation of charge(x) = 0."""
         return -self.jacobian(np.array([x]))[0] / complex(self.charge_slope(np.array(x)))
+
+
+def _series(x: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """Σ b_k T_k at x (…), real or complex."""
+    if _is_sweep(x):
+        return _polynomials(x, coefficients.size) @ coefficients
+    return chebyshev.chebval(x, coefficients)
+
+
+def _polynomials(x: np.ndarray, count: int) -> np.ndarray:
+    """T_0 … T_(count−1) at x (n,) as (n, count); those of a sweep are kept."""
+    if _is_sweep(x):
+        return _kept_polynomials(x.tobytes(), max(count, _DEGREES))[:, :count]
+    return chebyshev.chebvander(x, count - 1)
+
+
+def _is_sweep(x: np.ndarray) -> bool:
+    return isinstance(x, np.ndarray) and x.ndim == 1 and x.size > 1 and x.dtype == float
+
+
+@lru_cache(maxsize=4)
+def _kept_polynomials(x: bytes, count: int) -> np.ndarray:
+    return chebyshev.chebvander(np.frombuffer(x), count - 1)
 
 
 def _from_roots(roots: np.ndarray) -> np.ndarray:

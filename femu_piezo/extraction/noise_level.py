@@ -6,12 +6,15 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import minimize
 
 from femu_piezo.errors import InputError
 from femu_piezo.extraction.fit import ROUNDING
 from femu_piezo.measurement.noise import NoiseModel
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+
+#: Most steps towards the likeliest noise, the longest in the logarithm of a variance, and the gain in log likelihood,
+#: or the length, below which they end.
+_STEPS, _LONGEST, _CLOSE = 60, 2.0, 1e-8
 
 
 @dataclass(frozen=True)
@@ -60,13 +63,38 @@ def noise_from_residual(error: np.ndarray, impedance: np.ndarray, parameters: in
         2 * n * np.log(parts[0][0]) + 2 * np.sum(np.log(level)),
         2 * n * np.log(parts[1][1]) + np.log(2 * n),
     ]
-
-    def negative(log_parts: np.ndarray) -> float:
-        variance = np.exp(log_parts[0]) * level + np.exp(log_parts[1])
-        return float(np.sum(np.log(variance) + power / variance))
-
-    both = minimize(negative, np.log([np.mean(power / level) / 2, np.median(power) / 2]), method="Nelder-Mead")
-    parts.append((float(np.exp(both.x[0])), float(np.exp(both.x[1]))))
-    costs.append(2 * both.fun - 2 * n + np.log(2 * n))
+    both, cost = _of_both(power, level, np.array([np.mean(power / level) / 2, np.median(power) / 2]))
+    parts.append(both)
+    costs.append(2 * cost - 2 * n + np.log(2 * n))
     relative, additive = parts[int(np.argmin(costs))]
     return NoiseUsed(float(np.sqrt(relative * correction)), float(np.sqrt(additive * correction)), "residual")
+
+
+def _of_both(power: np.ndarray, level: np.ndarray, start: np.ndarray) -> tuple[tuple[float, float], float]:
+    """Relative² and additive² that minimise Σ [ln v + power/v], v = relative² level + additive², and the least value.
+
+    Scoring (Fisher) in the logarithms of both, (2,) from `start` on, a step cut until it helps.
+    """
+
+    def cost(logs: np.ndarray) -> float:
+        variance = np.exp(logs[0]) * level + np.exp(logs[1])
+        return float(np.sum(np.log(variance) + power / variance))
+
+    logs = np.log(start)
+    here = cost(logs)
+    for _ in range(_STEPS):
+        own = np.exp(logs[0]) * level
+        variance = own + np.exp(logs[1])
+        shares = np.stack([own / variance, np.exp(logs[1]) / variance])
+        information = shares @ shares.T
+        slope = shares @ (1 - power / variance)
+        step = -np.linalg.lstsq(information, slope, rcond=1e-12)[0]
+        step /= max(1.0, float(np.max(np.abs(step))) / _LONGEST)
+        while (there := cost(logs + step)) > here and np.max(np.abs(step)) > _CLOSE:
+            step = step / 4
+        if there > here:
+            break
+        gained, logs, here = here - there, logs + step, there
+        if gained < _CLOSE:
+            break
+    return (float(np.exp(logs[0])), float(np.exp(logs[1]))), here

@@ -56,10 +56,10 @@ def evidence(result: Fit, data: NormalisedSweep) -> float:
     n, k = len(data), 2 * result.model.size
     if k + 1 >= 2 * n:
         return np.inf
-    r = data.weight * np.log(result.model.charge(data.x) / data.charge)
-    shape = 2 * float(np.sum(np.log(data.weight**2)))
-    misfit = float(np.sum(np.abs(r) ** 2))
-    return 2 * n * np.log((misfit + data.negligible) / n) + k * np.log(2 * n) * 2 * n / (2 * n - k - 1) - shape
+    r = data.weight * np.log(1 + result.residual / data.weight)
+    misfit = float(np.vdot(r, r).real)
+    penalty = k * np.log(2 * n) * 2 * n / (2 * n - k - 1)
+    return 2 * n * np.log((misfit + data.negligible) / n) + penalty - 2 * data.log_weight
 
 
 def is_passive(model: RationalModel) -> bool:
@@ -259,8 +259,9 @@ def _likely_poles(current: Fit, data: NormalisedSweep) -> list[complex]:
     every, atoms, power = _scan(np.ascontiguousarray(x).tobytes())
     whole = np.abs(row) ** 2 @ power
     along = (row * np.column_stack([basis, r]).conj().T) @ atoms
-    rest = whole - np.sum(np.abs(along[:-1]) ** 2, axis=0)
-    gain = np.where(rest > _FOLLOWED * whole, np.abs(along[-1]) ** 2, 0.0) / np.maximum(rest, _FOLLOWED * whole)
+    squares = along.real**2 + along.imag**2
+    rest = whole - np.sum(squares[:-1], axis=0)
+    gain = np.where(rest > _FOLLOWED * whole, squares[-1], 0.0) / np.maximum(rest, _FOLLOWED * whole)
     found: list[complex] = []
     while len(found) < PLACES and np.any(gain > 0):
         found.append(complex(every[np.argmax(gain)]))

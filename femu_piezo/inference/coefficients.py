@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 
+from femu_piezo.effects.constant_factor import ConstantFactor, multiplied
 from femu_piezo.effects.effect import Effect, LocalTerm
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.inference.unknowns import Unknowns
@@ -29,9 +31,22 @@ class Active:
 
 def active_effects(parameters: Unknowns, x: np.ndarray) -> list[Active]:
     """The fixed effects and the fitted ones at x (n_x,), in the order in which they act."""
-    found = [Active(effect, values, None) for effect, values in parameters.fixed]
-    fitted = zip(parameters.effects, parameters.values(x), strict=True)
-    found += [Active(effect, values, parameters.columns(i)) for i, (effect, values) in enumerate(fitted)]
+    return _in_order(parameters, x, parameters.fixed, range(len(parameters.effects)))
+
+
+def effects_on_constants(parameters: Unknowns, x: np.ndarray) -> list[Active]:
+    """Those of them at x (n_x,) that change the constants alike at all frequencies."""
+    fixed = [item for item in parameters.fixed if item[0].on_constants]
+    return _in_order(parameters, x, fixed, parameters.on_constants)
+
+
+def _in_order(
+    parameters: Unknowns, x: np.ndarray, fixed: Sequence[tuple[Effect, np.ndarray]], fitted: Iterable[int]
+) -> list[Active]:
+    found = [Active(effect, values, None) for effect, values in fixed]
+    for number in fitted:
+        effect, own = parameters.effects[number], parameters.columns(number)
+        found.append(Active(effect, x[own] * effect.scale, own))
     return sorted(found, key=lambda item: item.effect.place)
 
 
@@ -147,19 +162,46 @@ def _extra_terms(model: ExtendedModel, item: Active, omega: np.ndarray) -> list[
     return found
 
 
+def even_constants(parameters: Unknowns, x: np.ndarray, active: list[Active]) -> PiezoConstants:
+    """The constants at x (n_x,) where effects that act alike at all frequencies leave them."""
+    theta = parameters.material.vector(x[: parameters.of_material])[None]
+    still = [Active(item.effect, item.values, None) for item in active]
+    return PiezoConstants.from_vector(_changed(theta, np.zeros((1, 10, 0), dtype=complex), np.ones(1), still)[0][0])
+
+
 def d_form_constants(
     parameters: Unknowns, x: np.ndarray, active: list[Active], omega: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """d-form constants (k, 10) at each frequency, and their tangents (k, 10, n_x)."""
     material = parameters.material
     own = x[: parameters.of_material]
-    theta = np.tile(material.constants(own).vector(), (omega.size, 1))
+    theta = np.tile(material.vector(own), (omega.size, 1))
     tangents = np.zeros((omega.size, 10, x.size), dtype=complex)
     tangents[:, :, : own.size] = material.free.directions @ material.slopes(own)
-    for item in active:
-        if item.effect.constants is not None:
+    return _changed(theta, tangents, omega, active)
+
+
+def _changed(
+    theta: np.ndarray, tangents: np.ndarray, omega: np.ndarray, active: Iterable[Active]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Constants (k, 10) and tangents (k, 10, n_x) as the effects leave them, factors side by side taken together."""
+    acting = (item for item in active if item.effect.constants is not None)
+    for are_factors, group in groupby(acting, lambda item: isinstance(item.effect.constants, ConstantFactor)):
+        if are_factors:
+            theta, tangents = _multiplied(theta, tangents, list(group))
+            continue
+        for item in group:
             theta, tangents, slopes = item.effect.constants(theta, tangents, omega, item.values)
             item.put(tangents, slopes)
+    return theta, tangents
+
+
+def _multiplied(theta: np.ndarray, tangents: np.ndarray, several: list[Active]) -> tuple[np.ndarray, np.ndarray]:
+    which = np.array([item.effect.constants.index for item in several])
+    theta, tangents, slopes = multiplied(theta, tangents, which, np.array([item.values for item in several]))
+    for number, item in enumerate(several):
+        if item.columns is not None:
+            tangents[:, which[number], item.columns] += slopes[:, number] * item.effect.scale
     return theta, tangents
 
 

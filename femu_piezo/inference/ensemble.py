@@ -92,7 +92,8 @@ class Ensemble:
 
     def impedance(self, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
         """Z (k,), ohm."""
-        return self.with_jacobian(parameters, x)[0]
+        owned = [(part, *share.of(parameters)) for share, part in self.parts]
+        return np.concatenate([part.impedance(own, x[columns]) for part, own, columns in owned])
 
     def with_jacobian(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Z (k,) and ∂Z/∂x (k, n_x), ohm."""

@@ -63,6 +63,9 @@ _LEVEL, _EXACT_LEVEL = 0.03, 1e-3
 class Response(Protocol):
     """Z of the sweeps at given unknowns (`Evaluation`, `Ensemble`)."""
 
+    def impedance(self, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
+        """Z (k,), ohm."""
+
     def with_jacobian(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Z (k,), ohm, and its slopes (k, n_x)."""
 
@@ -361,31 +364,34 @@ class Fit:
 
     @cached_property
     def learned(self) -> Discrepancy:
-        """The discrepancy that the residual asks for, which noise, unknowns and laws leave so far.
+        """The discrepancy that the residual asks for, which noise, unknowns and laws leave so far."""
+        return self.learned_of(self.forms)
 
-        Beside a discrepancy the noise may be a fraction of what it is without one. Data then say more of the unknowns,
-        so both are found in turns.
-        """
+    @cached_property
+    def forms(self) -> list[list[Alternatives]]:
+        """That a discrepancy may have here; without Z of the model the smooth one alone."""
         forms: list[Iterable[Alternatives]] = [smooth(self.data, self.log_slope)]
         if self.impedance is not None:
             forms.append(of_every_resonance(self.data, self.impedance))
             forms.append(of_one_resonance(self.data, self.impedance, self.log_slope))
-        every, plain = [list(form) for form in forms], self._unexplained(self.marginal)
-        found, level = learn_discrepancy(self.data, plain.residual, plain.span, every, self.weight), plain.level
+        return [list(form) for form in forms]
+
+    def learned_of(self, forms: list[list[Alternatives]]) -> Discrepancy:
+        """The discrepancy of some forms that the residual asks for.
+
+        Beside a discrepancy the noise may be a fraction of what it is without one. Data then say more of the unknowns,
+        so both are found in turns.
+        """
+        plain = self._unexplained(self.marginal)
+        found, level = learn_discrepancy(self.data, plain.residual, plain.span, forms, self.weight), plain.level
         for _ in range(_TURNS):
             if abs(np.log(found.level / level)) < _LEVEL:
                 break
             level = found.level
             left = self._unexplained(self._at_level(level))
             none = plain.log_likelihood - left.log_volume
-            found = learn_discrepancy(self.data, left.residual, left.span, every, self.weight, none)
+            found = learn_discrepancy(self.data, left.residual, left.span, forms, self.weight, none)
         return found
-
-    def log_evidence_beside(self, discrepancy: Discrepancy) -> float:
-        """log p(data) with the discrepancy that another fit of the sweep has learned."""
-        plain, left = self._unexplained(self.marginal), self._unexplained(self._at_level(discrepancy.level))
-        none = plain.log_likelihood - left.log_volume
-        return self.log_evidence + discrepancy.gain(self.data, left.residual, left.span, self.weight, none)
 
     def _at_level(self, level: float) -> Marginal:
         """The linearised model, unknowns and laws integrated out, where the noise has a given level."""
@@ -518,24 +524,39 @@ def fit(
     ------
     ConvergenceError : no start settles
     """
-    posterior = _Posterior(response, data, parameters)
     with blas_limit():
-        ends: list[_Descent] = list(
-            in_parallel(lambda start: _Descent(posterior, start, loss).run(COARSE, _FEW), starts)
-        )
-        level = min(one.level for one in ends)
-        best = min(ends, key=lambda one: one.cost(one.parts, level))
-        coarse = gain >= COARSE
-        if not coarse:
-            best.run(gain, _MANY)
-        if not np.isfinite(best.cost(best.parts, best.level)) or (not coarse and best.promise > _UNSETTLED):
-            raise ConvergenceError(
-                f"no fit of {', '.join(parameters.material.free.names)} settled: check dimensions, density and "
-                "poling, or free fewer constants"
-            )
+        best = _descended(_Posterior(response, data, parameters), starts, gain, loss)
         slope = log_slope(response, parameters, best.x)
         law = law_misses(response, data, parameters, best.x, best.parts[:2], slope)
     return _at(best, slope, law)
+
+
+def closest(
+    response: Response, data: SweepData, parameters: Unknowns, starts: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """(n_x,) where `fit` ends and (k,) complex log Z_model − log Z there, without all that says how well it is known.
+
+    Raises ConvergenceError as `fit`.
+    """
+    with blas_limit():
+        best = _descended(_Posterior(response, data, parameters), starts, CLOSE, "linear")
+    return best.x, data.log_error(best.parts[0])
+
+
+def _descended(posterior: _Posterior, starts: Sequence[np.ndarray], gain: float, loss: str) -> _Descent:
+    """The best of several descents, at its end; arguments as of `fit`."""
+    ends: list[_Descent] = list(in_parallel(lambda start: _Descent(posterior, start, loss).run(COARSE, _FEW), starts))
+    level = min(one.level for one in ends)
+    best = min(ends, key=lambda one: one.cost(one.parts, level))
+    coarse = gain >= COARSE
+    if not coarse:
+        best.run(gain, _MANY)
+    if not np.isfinite(best.cost(best.parts, best.level)) or (not coarse and best.promise > _UNSETTLED):
+        raise ConvergenceError(
+            f"no fit of {', '.join(posterior.parameters.material.free.names)} settled: check dimensions, density and "
+            "poling, or free fewer constants"
+        )
+    return best
 
 
 def _at(found: _Descent, log_slope: np.ndarray, law: np.ndarray) -> Fit:
@@ -619,6 +640,7 @@ class _Descent:
         self.x = np.clip(start, self._low + margin, self._high - margin)
         self.parts = posterior.parts(self.x)
         self.level, self.promise, self._damping, self._determined = np.inf, np.inf, _DAMPING, 0.0
+        self._promised_at: np.ndarray | None = None
 
     def cost(self, parts: _Parts, level: float) -> float:
         """χ² of data and priors at a noise level, as the loss counts it."""
@@ -638,9 +660,12 @@ class _Descent:
             before = self.level
             moving, triangle = self._linear()
             settled = abs(np.log(before / self.level)) < _LEVEL
+            if settled and self.promise < gain and self._promised_at is self.x:  # as told by the run before
+                return self
             here = self.cost(self.parts, self.level)
             while count < most:
                 step, self.promise = self._step(triangle, moving)
+                self._promised_at = self.x
                 if self.promise < gain and settled:
                     return self
                 count += 1

@@ -28,7 +28,7 @@ _STEP = 1e-5
 
 def log_slope(response: Response, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
     """(k,) ∂log Z/∂log f at x (n_x,)."""
-    ahead, behind = (response.at(1 + sign * _STEP).with_jacobian(parameters, x)[0] for sign in (1, -1))
+    ahead, behind = (response.at(1 + sign * _STEP).impedance(parameters, x) for sign in (1, -1))
     return np.log(ahead / behind) / (2 * _STEP)
 
 

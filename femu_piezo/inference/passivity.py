@@ -10,9 +10,8 @@ from functools import cache
 
 import numpy as np
 
-from femu_piezo.inference.coefficients import active_effects, d_form_constants
+from femu_piezo.inference.coefficients import d_form_constants, effects_on_constants, even_constants
 from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.material.constants import PiezoConstants
 
 TOLERANCE = 1e-5
 #: Share of the tolerance below which a violation is rounding: a lossless constant stands at the wall.
@@ -42,21 +41,26 @@ def passivity_wall(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.
     of every block L of the loss matrix, the Hessian is Σ γ_ij h_ij²/TOLERANCE², γ_ij = (λ_i⁻ − λ_j⁻)/(λ_i − λ_j), which
     counts that the boundary is curved. So a pair i ≠ j has a slope √(2γ_ij) h_ij beside a row that is zero.
     """
-    plain = [item for item in active_effects(parameters, x) if not item.effect.dispersive]
-    theta, tangents = (part[0] for part in d_form_constants(parameters, x, plain, np.ones(1)))
-    constants = PiezoConstants.from_vector(theta)
-    moving, rows, slopes = np.flatnonzero(np.any(tangents != 0, axis=0)), [], []
+    active = effects_on_constants(parameters, x)
+    constants, tangents = even_constants(parameters, x, active), None
+    rows, slopes = [], []
     for block in range(constants.block_count):
         values, vectors = np.linalg.eigh(constants.loss_block(block))
         low = np.where(values < -_NOTICED * TOLERANCE, values, 0.0)
+        if not np.any(low):
+            rows.append(np.zeros(values.size * (values.size + 1) // 2))
+            slopes.append(np.zeros((rows[-1].size, x.size)))
+            continue
+        if tangents is None:
+            tangents = d_form_constants(parameters, x, active, np.ones(1))[1][0]
+            moving = np.flatnonzero(np.any(tangents != 0, axis=0))
         first, second = _pairs(values.size)
         apart = values[first] - values[second]
         share = np.where(apart == 0, low[first] < 0, (low[first] - low[second]) / np.where(apart == 0, 1.0, apart))
         count = np.where(first == second, share, 2 * share)
         own = np.zeros((first.size, x.size))
-        if np.any(low):
-            turned = vectors.T @ constants.loss_block_slopes(block, tangents[:, moving].T) @ vectors
-            own[:, moving] = (np.sqrt(count) * turned[:, first, second] / TOLERANCE).T
+        turned = vectors.T @ constants.loss_block_slopes(block, tangents[:, moving].T) @ vectors
+        own[:, moving] = (np.sqrt(count) * turned[:, first, second] / TOLERANCE).T
         rows.append(np.where(first == second, low[first], 0.0) / TOLERANCE)
         slopes.append(own)
     return np.concatenate(rows), np.concatenate(slopes)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator
@@ -53,7 +53,7 @@ class Evaluation:
 
     def impedance(self, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
         """Z (k,), ohm."""
-        return self.with_jacobian(parameters, x)[0]
+        return self._reached(parameters, x, active_effects(parameters, x), 0)[0]
 
     def with_jacobian(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Z (k,) and ∂Z/∂x (k, n_x), ohm."""
@@ -206,22 +206,31 @@ def _driven_span(modal: ModalModel, omega: np.ndarray) -> tuple[np.ndarray, np.n
     Modes up to a few times the end of the sweep have a column each; what all others add is smooth in ω² and is
     interpolated between Chebyshev nodes, to about (3 + √8)^-nodes.
     """
-    squares, top = omega**2, float(np.max(np.abs(omega)) ** 2)
+    squares = omega**2
+    top, at, smooth = _smooth(np.ascontiguousarray(omega).tobytes(), omega.dtype)
     near, own = np.abs(modal.eigenvalues) < _NEAR * top, np.abs(modal.charges)
     # at its own resonance a mode has the amplitude g_n/Im λ_n; without loss all are kept
     height = own / np.maximum(np.abs(modal.eigenvalues.imag), _FAINT * np.abs(modal.eigenvalues))
     bright = near & (height > _FAINT * height[near].max(initial=0.0))
-    at = top / 2 * (1 + np.cos(np.pi * (np.arange(_SMOOTH) + 0.5) / _SMOOTH))
     far = modal.states[:, 1:][:, ~near] @ (modal.charges[~near, None] / (modal.eigenvalues[~near, None] - at))
     basis = np.hstack([modal.states[:, :1], modal.states[:, 1:][:, bright], far])
     weights = np.hstack(
         [
             np.ones((omega.size, 1)),
             -modal.charges[bright] / (modal.eigenvalues[bright] - squares[:, None]),
-            -BarycentricInterpolator(at, np.eye(_SMOOTH), rng=0)(squares),
+            -smooth,
         ]
     )
     return basis, weights
+
+
+@lru_cache(maxsize=8)
+def _smooth(omegas: bytes, dtype: np.dtype) -> tuple[float, np.ndarray, np.ndarray]:
+    """End of a sweep in ω², nodes in ω² up to there, and the weights (k, nodes) that interpolate between them; kept."""
+    omega = np.frombuffer(omegas, dtype)
+    top = float(np.max(np.abs(omega)) ** 2)
+    at = top / 2 * (1 + np.cos(np.pi * (np.arange(_SMOOTH) + 0.5) / _SMOOTH))
+    return top, at, BarycentricInterpolator(at, np.eye(_SMOOTH), rng=0)(omega**2)
 
 
 def _along(terms: np.ndarray, tangents: np.ndarray, basis: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -19,8 +19,9 @@ from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.resonances import Kind
 
-#: Newton steps, relative step of the difference quotient, and the largest relative move of a root that is believed.
-_STEPS, _DIFFERENCE, _FAR = 8, 1e-7, 0.05
+#: Newton steps at most, the relative length below which one is rounding, the relative step of the difference quotient,
+#: and the largest relative move of a root that is believed.
+_STEPS, _SETTLED, _DIFFERENCE, _FAR = 8, 1e-14, 1e-7, 0.05
 #: Points on the circle around a root, and its radius over |ω|.
 _POINTS, _RADIUS = 4, 1e-5
 
@@ -42,7 +43,10 @@ def terminal_roots(impedance: Callable[[np.ndarray], np.ndarray], kind: Kind, st
         with np.errstate(divide="ignore", invalid="ignore"):
             value = function(omega)
             step = value * omega * _DIFFERENCE / (function(omega * (1 + _DIFFERENCE)) - value)
-        omega = omega - np.where(np.isfinite(step), step, 0.0)
+        step = np.where(np.isfinite(step), step, 0.0)
+        omega = omega - step
+        if np.all(np.abs(step) < _SETTLED * np.abs(omega)):
+            break
     return np.where(np.abs(omega / start - 1) < _FAR, omega, start)
 
 

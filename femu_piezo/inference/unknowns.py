@@ -213,8 +213,12 @@ class MaterialParameters:
         slopes[index, 2 * index + 1] = -1j * self.scale * x[0::2]
         return slopes
 
+    def vector(self, x: np.ndarray) -> np.ndarray:
+        """(10,) complex constants in the order of their names."""
+        return self.free.fixed + self.free.directions @ self.theta(x)
+
     def constants(self, x: np.ndarray) -> PiezoConstants:
-        return self.free.constants(self.theta(x))
+        return PiezoConstants.from_vector(self.vector(x))
 
     def coefficient_slopes(self, x: np.ndarray) -> np.ndarray:
         """(10, 2n) complex ∂(e-form)/∂x."""
@@ -349,6 +353,11 @@ class Unknowns:
         if key not in self._numbers:
             raise ValueError(f"no effect {key} among {sorted(self._numbers)}")
         return self._numbers[key]
+
+    @cached_property
+    def on_constants(self) -> tuple[int, ...]:
+        """Numbers of the effects that change the constants alike at all frequencies."""
+        return tuple(number for number, effect in enumerate(self.effects) if effect.on_constants)
 
     @cached_property
     def _numbers(self) -> dict[str, int]:

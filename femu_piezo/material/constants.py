@@ -284,7 +284,7 @@ class PiezoConstants(_Constants):
         """Each block of the d-form matrix, scaled by the sizes of this material's own s11, s33, s44 and ε33T."""
         sizes = [np.abs(self._values.real[scales]) for scales in _BLOCK_SCALES]
         return tuple(
-            np.tensordot(self._values, unit, axes=1) / np.sqrt(np.outer(size, size))
+            (self._values @ unit.reshape(len(unit), -1)).reshape(unit.shape[1:]) / np.sqrt(size[:, None] * size)
             for unit, size in zip(_UNIT_BLOCKS, sizes, strict=True)
         )
 

@@ -16,13 +16,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import logsumexp
 
 from femu_piezo.measurement.discrepancy_forms import WEIGHTS, Alternatives, Form
 from femu_piezo.measurement.sweeps import SweepData
 
 #: Standard deviations that compete (equal prior weight each).
 _SIGMAS = np.geomspace(1e-6, 3.0, 27)
+#: Square of the share of a direction of the unknowns that lies in the data, below which it is rounding.
+_UNREACHED = 1e-12
 #: Prior probability that a sweep holds something that the model does not describe.
 PRIOR = 0.1
 
@@ -66,22 +67,6 @@ class Discrepancy:
         squares = np.sum(self.columns**2, axis=1).reshape(2, -1).mean(axis=0)
         return float(np.sqrt(np.sum(squares**2) / np.sum(squares)))
 
-    def gain(
-        self, data: SweepData, residual: np.ndarray, span: np.ndarray, weight: np.ndarray | float, without: float
-    ) -> float:
-        """log evidence over none, at its size and in its place, beside the unknowns of another fit of the same sweep.
-
-        residual, span, weight, without : as of `learn_discrepancy`
-        """
-        share = np.sqrt(np.broadcast_to(weight, len(span)))
-        columns = self.columns * share[:, None]
-        outside = columns - span @ (span.T @ columns)
-        grown = np.eye(columns.shape[1]) + columns.T @ outside
-        along = columns.T @ residual[: len(span)]
-        left = float(residual @ residual - along @ np.linalg.solve(grown, along))
-        likelihood = profiled(left, len(span), data.level_std)
-        return float(likelihood - 0.5 * np.linalg.slogdet(grown)[1] - without)
-
     @property
     def factor(self) -> np.ndarray:
         """(2k, 2k) lower Cholesky factor of the covariance of noise and discrepancy, whitened, over s²."""
@@ -113,12 +98,19 @@ def learn_discrepancy(
     none = float(profiled(residual @ residual, len(span), data.level_std)) if without is None else without
     left = _Left(data, residual, span, np.sqrt(np.broadcast_to(weight, len(span))), none)
     own = [[left.gains(one) for one in form] for form in forms]
-    of_forms = {form[0].form: logsumexp([one.mean for one in form]) - np.log(len(form)) for form in own if form}
-    weights = [WEIGHTS[form] for form in of_forms]
+    of_forms = {form[0].form: _log_mean(np.array([one.mean for one in form])) for form in own if form}
+    weights = np.array([WEIGHTS[form] for form in of_forms])
     best = max((one for form in own for one in form), key=lambda one: one.most + np.log(WEIGHTS[one.form]))
     level = float(noise_level(best.left, len(span), data.level_std))
-    gain = float(logsumexp(list(of_forms.values()), b=weights) - np.log(sum(weights)))
-    return Discrepancy(best.form, best.place, float(best.size * level), level, gain, best.size * best.columns)
+    gain = _log_mean(np.array(list(of_forms.values())), weights)
+    columns = best.size * left.columns(best.which)
+    return Discrepancy(best.form, float(best.which.places[0]), float(best.size * level), level, gain, columns)
+
+
+def _log_mean(logs: np.ndarray, weights: np.ndarray | None = None) -> float:
+    """Logarithm of the (weighted) mean of numbers with these logarithms."""
+    most = float(np.max(logs))
+    return most + float(np.log(np.average(np.exp(logs - most), weights=weights)))
 
 
 @dataclass(frozen=True)
@@ -128,16 +120,18 @@ class _Gains:
     Attributes
     ----------
     most : its evidence over none;  size : its σ/s;  left : χ² beside it
-    columns : (2k, m) of it, whitened, at σ = 1
+    which : it alone
     """
 
     mean: float
     most: float
-    form: Form
-    place: float
     size: float
     left: float
-    columns: np.ndarray
+    which: Alternatives
+
+    @property
+    def form(self) -> Form:
+        return self.which.form
 
 
 @dataclass(frozen=True)
@@ -159,30 +153,39 @@ class _Left:
         """Of data and priors."""
         return float(self.residual @ self.residual)
 
+    @cached_property
+    def sides(self) -> np.ndarray:
+        """(2k, 1 + p) the residual of the data, then an orthogonal basis of what the span reaches of them."""
+        values, vectors = np.linalg.eigh(self.span.T @ self.span)
+        return np.column_stack([self.residual[: len(self.span)], self.span @ vectors[:, values > _UNREACHED]])
+
+    def columns(self, one: Alternatives) -> np.ndarray:
+        """(2k, m) of a single alternative, whitened, at σ = 1."""
+        among, white = one.among(self.data), one.whitened(self.data)[:, 0]
+        found = np.zeros((len(self.span), white.shape[1]))
+        found[among] = white * self.share[among, None]
+        return found
+
     def gains(self, one: Alternatives) -> _Gains:
         """What alternatives gain."""
-        rows = one.rows(self.data)
-        columns = one.whitened(self.data) * self.share[rows, None, None]  # (r, n, m)
-        turned = np.ascontiguousarray(columns.transpose(1, 2, 0))  # (n, m, r)
-        inside = turned @ self.span[rows]
-        values, vectors = np.linalg.eigh(turned @ turned.transpose(0, 2, 1) - inside @ inside.transpose(0, 2, 1))
-        along = np.einsum("nab,na->nb", vectors, turned @ self.residual[rows]) ** 2
-        sizes = _SIGMAS[:, None, None] ** 2
-        grown = 1 + sizes * np.maximum(values, 0.0)
-        left = self.chi_square - np.sum(sizes / grown * along, axis=2)
-        likelihood = profiled(left, len(self.span), self.data.level_std)
-        gains = likelihood - 0.5 * np.sum(np.log(grown), axis=2) - self.none
+        among = one.among(self.data)
+        squares, sides = one.products(self.data, self.share[among], self.sides[among])
+        inside = sides[:, :, 1:]
+        values, vectors = np.linalg.eigh(squares - inside @ inside.transpose(0, 2, 1))
+        along = np.einsum("nab,na->nb", vectors, sides[:, :, 0]) ** 2
+        sizes = _SIGMAS[:, None] ** 2
+        count, m = values.shape
+        grown = 1 + sizes * np.maximum(values, 0.0).ravel()
+        volume = np.log(grown).reshape(-1, count, m) @ np.full(m, 0.5)
+        left = self.chi_square - (sizes / grown * along.ravel()).reshape(-1, count, m) @ np.ones(m)
+        gains = profiled(left, len(self.span), self.data.level_std) - volume - self.none
         size, which = np.unravel_index(np.argmax(gains), gains.shape)
-        best = np.zeros((len(self.span), columns.shape[2]))
-        best[rows] = columns[:, which]
         return _Gains(
-            mean=float(logsumexp(gains) - np.log(gains.size)),
+            mean=_log_mean(gains),
             most=float(gains[size, which]),
-            form=one.form,
-            place=float(one.places[which]),
             size=float(_SIGMAS[size]),
             left=float(left[size, which]),
-            columns=best,
+            which=one.chosen(int(which)),
         )
 
 
@@ -204,7 +207,7 @@ def noise_level(chi_square: np.ndarray | float, freedom: float, level_std: float
     for _ in range(60):
         pull, hold = given * np.exp(-2 * level), 2 / (2 * level_std**2 + level**2)
         old, level = level, np.maximum(level + (pull - freedom - hold * level) / (2 * pull + hold), floor)
-        if np.max(np.abs(level - old)) < 1e-12:
+        if np.all(np.abs(level - old) < 1e-12):
             break
     first, second = (_log_likelihood(one, given, freedom, level_std) for one in level)
     return np.exp(np.where(first > second, *level))[()]

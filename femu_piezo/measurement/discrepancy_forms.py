@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 from typing import Literal
@@ -43,6 +43,8 @@ STRENGTHS, LOSSES = (1.0, 10.0, 100.0), (0.1, 1.0)
 _FEWEST = 3
 #: Quality factors of a resonance of its own, and the distance of neighbours among its places, in half widths.
 QUALITIES, _APART = (10.0, 30.0, 100.0), 1.5
+#: Most points of a sweep whose resonances at all places are kept for the next sweep of the same frequencies.
+_KEPT = 2000
 #: Share of the largest variance below which a component is left out.
 _NEGLIGIBLE = 1e-4
 #: Points of a curve that its rational function goes through at most, its relative error, the share of C (median over
@@ -61,9 +63,13 @@ Kernel = Callable[[np.ndarray], np.ndarray]
 class Alternatives:
     """Errors of log Z of one form that compete, n of them, each the sum of m columns with complex normal coefficients.
 
+    A column is the product of a row and a factor, m = t s, each of the t factors with the s rows of an alternative.
+
     Attributes
     ----------
-    columns : (k', n, m) complex, at rms 1 of Re and Im of the error over its sweep
+    rows : (n, s, k') over frequency, which do not depend on the model
+    factors : (t, k') complex
+    scale : (n,) that brings the error of each alternative to rms 1 of Re and Im over its sweep
     imaginary : deviation of the imaginary part of each coefficient over that of its real part
     points : (k',) indices of the points of the data where it is not zero
     places : (n,) what tells the n apart: the correlation length as a share of the sweep in log f, the ratio κ, or the
@@ -71,21 +77,67 @@ class Alternatives:
     """
 
     form: Form
-    columns: np.ndarray
+    rows: np.ndarray
+    factors: np.ndarray
+    scale: np.ndarray
     imaginary: float
     points: np.ndarray
     places: np.ndarray
 
-    def rows(self, data: SweepData) -> np.ndarray:
-        """(2k',) rows of Re and Im of its points among those of all data."""
+    @property
+    def columns(self) -> np.ndarray:
+        """(k', n, m) complex."""
+        every = self.rows[:, None] * self.factors[:, None] * self.scale[:, None, None, None]
+        return every.reshape(len(self.rows), -1, self.points.size).transpose(2, 0, 1)
+
+    def among(self, data: SweepData) -> np.ndarray:
+        """(2k',) places of Re and Im of its points among those of all data."""
         return np.concatenate([self.points, self.points + data.impedance.size])
+
+    def chosen(self, which: int) -> Alternatives:
+        """One of them."""
+        one = slice(which, which + 1)
+        return replace(self, rows=self.rows[one].copy(), scale=self.scale[one], places=self.places[one])
 
     def whitened(self, data: SweepData) -> np.ndarray:
         """(2k', n, 2m) Re, then Im, over the noise, by each real coefficient."""
-        whole = np.zeros((data.impedance.size, *self.columns.shape[1:]), dtype=complex)
-        whole[self.points] = self.columns
+        columns = self.columns
+        whole = np.zeros((data.impedance.size, *columns.shape[1:]), dtype=complex)
+        whole[self.points] = columns
         white = data.over_noise(whole)[self.points]
         return stacked(np.concatenate([white, 1j * self.imaginary * white], axis=2))
+
+    def products(self, data: SweepData, share: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """ΦᵗΦ (n, 2m, 2m) and Φᵗ V (n, 2m, p) of the whitened columns Φ times a share (2k',), and of V (2k', p).
+
+        Where noise is white and Re and Im have one share each product is a complex one of rows, factors between.
+        """
+        k, alike = self.points.size, not any(data.noise_memory)
+        if not (alike and np.array_equal(share[:k], share[k:])):
+            whole = np.ascontiguousarray((self.whitened(data) * share[:, None, None]).transpose(1, 2, 0))
+            return whole @ whole.transpose(0, 2, 1), whole @ others
+        factors = self.factors * (data.weight[self.points] * share[:k])
+        n, rows, size, turns = len(self.rows), self.rows.shape[1], len(factors), (1.0, self.imaginary)
+        sides = factors[:, :, None] * (others[:k] - 1j * others[k:])  # (t, k', p)
+        along = self.rows.reshape(-1, k) @ sides.transpose(1, 0, 2).reshape(k, -1)
+        along = along.reshape(n, rows, size, -1).transpose(0, 2, 1, 3) * self.scale[:, None, None, None]
+        found = np.empty((n, 2, size, rows, 2, size, rows))
+        for one, first in enumerate(factors):
+            for other, second in enumerate(factors[: one + 1]):
+                own = self._weighted(first.conj() * second) * self.scale[:, None, None] ** 2
+                for a, b in ((one, other), (other, one)):
+                    found[:, 0, a, :, 0, b] = found[:, 1, a, :, 1, b] = own.real
+                    found[:, 1, a, :, 0, b], found[:, 0, a, :, 1, b] = own.imag, -own.imag
+                    own = own.conj().transpose(0, 2, 1)
+        found[:, 1] *= self.imaginary
+        found[:, :, :, :, 1] *= self.imaginary
+        both = np.stack([turn * part for turn, part in zip(turns, (along.real, -along.imag), strict=True)], axis=1)
+        return found.reshape(n, 2 * size * rows, -1), both.reshape(n, 2 * size * rows, -1)
+
+    def _weighted(self, weight: np.ndarray) -> np.ndarray:
+        """Σ w conj(row) row (n, s, s) for complex weights w (k'), real where they are."""
+        weight = weight if np.any(weight.imag) else weight.real
+        return (self.rows.conj() * weight) @ self.rows.transpose(0, 2, 1)
 
 
 def squared_exponential(distance: np.ndarray) -> np.ndarray:
@@ -129,15 +181,14 @@ def smooth(
     log_slope : (k,) complex ∂log Z/∂log f of the model
     lengths : ℓ as shares of the sweep in log f;  shares : w;  kernel : correlation over distances in ℓ
     """
-    for length, share in product(lengths, shares):
-        blocks = []
-        for sweep in data.sweeps:
-            own, slope = components(np.log(data.frequency[sweep]), length, kernel), log_slope[sweep, None]
-            steep = np.sqrt(np.mean(np.abs(slope) ** 2)) or 1.0
-            parts = [np.sqrt(1 - share) * own] if share < 1 else []
-            parts += [np.sqrt(share) / steep * own * slope] if share > 0 else []
-            blocks.append(np.hstack(parts))
-        yield _of_sweeps("smooth", data, blocks, 1.0, length)
+    steep = [np.sqrt(np.mean(np.abs(log_slope[sweep]) ** 2)) or 1.0 for sweep in data.sweeps]
+    moved = np.concatenate([log_slope[sweep] / rms for sweep, rms in zip(data.sweeps, steep, strict=True)])
+    for length in lengths:
+        blocks = [components(np.log(data.frequency[sweep]), length, kernel) for sweep in data.sweeps]
+        for share in shares:
+            factors = [np.sqrt(1 - share) * np.ones_like(moved)] if share < 1 else []
+            factors += [np.sqrt(share) * moved] if share > 0 else []
+            yield _of_sweeps("smooth", data, blocks, np.array(factors), 1.0, length)
 
 
 def of_every_resonance(data: SweepData, impedance: np.ndarray) -> Iterator[Alternatives]:
@@ -159,7 +210,7 @@ def of_every_resonance(data: SweepData, impedance: np.ndarray) -> Iterator[Alter
     for ratio, loss in product(STRENGTHS, LOSSES):
         blocks = [np.hstack([one, ratio * other]) for one, other in zip(moved, mixed, strict=True)]
         blocks = [block / (_size(block, loss) or 1.0) for block in blocks]
-        yield _of_sweeps("of every resonance", data, blocks, loss, ratio)
+        yield _of_sweeps("of every resonance", data, blocks, np.ones((1, data.impedance.size)), loss, ratio)
 
 
 def of_one_resonance(
@@ -170,33 +221,44 @@ def of_one_resonance(
     impedance : (k,) Z of the model, ohm;  log_slope : (k,) ∂log Z/∂log f
     """
     for sweep, quality in product(data.sweeps, qualities):
-        points = np.arange(data.impedance.size)[sweep]
-        frequency = data.frequency[points]
-        places = _thinned(frequency, _APART / (2 * quality))
-        poles = (2 * np.pi * places) ** 2 * (1 + 1j / quality)
-        away = poles - (2 * np.pi * frequency[:, None]) ** 2
-        form = poles / away
-        parts = np.stack([form, form * poles / away / quality], axis=2)
+        points, frequency = np.arange(data.impedance.size)[sweep], data.frequency[sweep]
+        make = _resonances_at_places if points.size <= _KEPT else _resonances_at_places.__wrapped__
+        places, rows, power = make(np.ascontiguousarray(frequency).tobytes(), quality)
         for factor in (1j * frequency * impedance[points], log_slope[points]):
-            columns = parts * factor[:, None, None]
-            yield Alternatives("a resonance of its own", columns / _size(columns, 1.0)[:, None], 1.0, points, places)
+            scale = 1 / np.sqrt(power @ np.abs(factor) ** 2 / factor.size)
+            yield Alternatives("a resonance of its own", rows, factor[None], scale, 1.0, points, places)
 
 
-def _size(columns: np.ndarray, imaginary: float) -> np.ndarray:
-    """(…) rms over the points of Re and Im of the error that columns (k', …, m) with normal coefficients make."""
-    return np.sqrt((1 + imaginary**2) / 2 * np.mean(np.sum(np.abs(columns) ** 2, axis=-1), axis=0))
+@lru_cache(maxsize=2 * len(QUALITIES))
+def _resonances_at_places(frequencies: bytes, quality: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places (n,) Hz of a quality factor over a sweep, both rows (n, 2, k') of a resonance there, and Σ|row|² (n, k').
+
+    Kept, as the sweeps of a lot have the same frequencies.
+    """
+    frequency = np.frombuffer(frequencies)
+    places = _thinned(frequency, _APART / (2 * quality))
+    poles = (2 * np.pi * places[:, None]) ** 2 * (1 + 1j / quality)
+    form = poles / (poles - (2 * np.pi * frequency) ** 2)
+    rows = np.stack([form, form**2 / quality], axis=1)
+    return places, rows, np.sum(np.abs(rows) ** 2, axis=1)
+
+
+def _size(columns: np.ndarray, imaginary: float) -> float:
+    """rms over the points of Re and Im of the error that columns (k', m) with normal coefficients make."""
+    return float(np.sqrt((1 + imaginary**2) / 2 * np.mean(np.sum(np.abs(columns) ** 2, axis=1))))
 
 
 def _of_sweeps(
-    form: Form, data: SweepData, blocks: Sequence[np.ndarray], imaginary: float, place: float
+    form: Form, data: SweepData, blocks: Sequence[np.ndarray], factors: np.ndarray, imaginary: float, place: float
 ) -> Alternatives:
-    """One alternative of columns (k', m') of every sweep, whose coefficients are its own."""
-    whole = np.zeros((data.impedance.size, sum(block.shape[1] for block in blocks)), dtype=complex)
+    """One alternative of columns (k', s') of every sweep, whose coefficients are its own, by every factor (t, k)."""
+    count = data.impedance.size
+    rows = np.zeros((1, sum(block.shape[1] for block in blocks), count), dtype=np.result_type(*blocks))
     begin = 0
     for sweep, block in zip(data.sweeps, blocks, strict=True):
-        whole[sweep, begin : begin + block.shape[1]] = block
+        rows[0, begin : begin + block.shape[1], sweep] = block
         begin += block.shape[1]
-    return Alternatives(form, whole[:, None, :], imaginary, np.arange(data.impedance.size), np.array([place]))
+    return Alternatives(form, rows, factors, np.ones(1), imaginary, np.arange(count), np.array([place]))
 
 
 def _thinned(frequency: np.ndarray, apart: float) -> np.ndarray:

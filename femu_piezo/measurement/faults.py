@@ -121,31 +121,31 @@ def _spikes_once(f: np.ndarray, z: np.ndarray, sigma: np.ndarray) -> dict[int, f
     found: dict[int, float] = {}
     mains = _is_mains(f)
     for shapes, chosen in ((_SPIKE_WINDOWS, first), (_MAINS_WINDOW, first[mains[first] & (first >= 2)])):
-        for count in range(1, _WIDEST_SPIKE + 1):
-            cases = chosen[chosen + count <= f.size]
-            trusted = sigma
-            if shapes is _MAINS_WINDOW:  # other lines in the window may be off as well: they must not bear witness
-                cases, trusted = cases[mains[cases + count - 1]], np.where(mains, 1e3, 1.0) * sigma
-                if np.sum(mains) > 0.4 * np.sum(f < _MAINS_TO):
-                    continue
-            off = _agreed(f, z, sigma, trusted, cases, count, shapes)
-            at_end = (cases < 2) | (cases + count > f.size - 2)  # where the prediction is an extrapolation
-            for k, distance_of in zip(cases.tolist(), off.tolist(), strict=True):
-                points = range(k, k + count)
-                limit = 2 * _OFF if at_end[cases == k][0] else _OFF
-                if distance_of > limit and not any(point in found for point in points):
-                    found |= dict.fromkeys(points, distance_of)
+        count, cases = np.repeat(np.arange(1, _WIDEST_SPIKE + 1), chosen.size), np.tile(chosen, _WIDEST_SPIKE)
+        inside, trusted = cases + count <= f.size, sigma
+        if shapes is _MAINS_WINDOW:  # other lines in the window may be off as well: they must not bear witness
+            if np.sum(mains) > 0.4 * np.sum(f < _MAINS_TO):
+                continue
+            inside &= mains[np.minimum(cases + count, f.size) - 1]
+            trusted = np.where(mains, 1e3, 1.0) * sigma
+        count, cases = count[inside], cases[inside]
+        off = _agreed(f, z, sigma, trusted, cases, count, shapes)
+        at_end = (cases < 2) | (cases + count > f.size - 2)  # where the prediction is an extrapolation
+        for at in np.flatnonzero(off > np.where(at_end, 2 * _OFF, _OFF)):
+            points = range(int(cases[at]), int(cases[at] + count[at]))
+            if not any(point in found for point in points):
+                found |= dict.fromkeys(points, float(off[at]))
     return found
 
 
-def _agreed(f, z, sigma, trusted, cases: np.ndarray, count: int, shapes) -> np.ndarray:
-    """(k,) distance that the majority of the windows reaches, for `count` points left out from each case on."""
+def _agreed(f, z, sigma, trusted, cases: np.ndarray, count: np.ndarray, shapes) -> np.ndarray:
+    """(k,) distance that the majority of the windows reaches, for count (k,) points left out from each case on."""
     votes, majority = np.zeros((len(shapes), cases.size)), len(shapes) // 2 + 1
     for row, shape in enumerate(shapes):
         hopeful = np.flatnonzero(np.sum(votes > _OFF, axis=0) >= row - (len(shapes) - majority))
         if hopeful.size:
-            distances, rest = left_out(f, z, sigma, trusted, cases[hopeful], count, shape)
-            votes[row, hopeful] = np.where(rest < _DESCRIBED, distances.min(axis=1), 0.0)
+            distance, rest = left_out(f, z, sigma, trusted, cases[hopeful], count[hopeful], shape)
+            votes[row, hopeful] = np.where(rest < _DESCRIBED, distance, 0.0)
     return np.sort(votes, axis=0)[len(shapes) - majority]
 
 
@@ -236,14 +236,19 @@ def _resolution(values: np.ndarray) -> np.ndarray | None:
     largest = float(np.max(np.abs(values)))
     if largest == 0 or np.unique(values).size < 3:
         return None
-    for exponent in range(int(np.floor(np.log10(largest))), int(np.floor(np.log10(largest))) - 6, -1):
-        for factor in (5, 2, 1):
-            step = factor * 10.0**exponent
-            if np.all(np.abs(values / step - np.round(values / step)) < 1e-7 * np.maximum(1, np.abs(values / step))):
-                return np.full(values.size, step)
+    top = int(np.floor(np.log10(largest)))
+    for step in (factor * 10.0**exponent for exponent in range(top, top - 6, -1) for factor in (5, 2, 1)):
+        # a single reading between the steps decides, and the first ones nearly always are
+        if all(_on_steps(part / step, 1e-7 * np.maximum(1, np.abs(part / step))) for part in (values[:8], values)):
+            return np.full(values.size, step)
     size = np.floor(np.log10(np.maximum(np.abs(values), 1e-300)))
     for digits in range(1, 6):
         step = 10.0 ** (size - digits + 1)
-        if np.all(np.abs(values / step - np.round(values / step)) < 1e-7 * 10.0**digits):
+        if all(_on_steps(part, 1e-7 * 10.0**digits) for part in (values[:8] / step[:8], values / step)):
             return step
     return None
+
+
+def _on_steps(counts: np.ndarray, rounding: np.ndarray | float) -> bool:
+    """Whether all of the counts of steps (n,) are whole numbers."""
+    return bool(np.all(np.abs(counts - np.round(counts)) < rounding))

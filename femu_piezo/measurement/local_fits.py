@@ -76,7 +76,7 @@ def left_out(
     sigma: np.ndarray,
     trusted: np.ndarray,
     first: np.ndarray,
-    count: int,
+    count: np.ndarray,
     shape: tuple[int, tuple[int, int]],
 ) -> tuple[np.ndarray, np.ndarray]:
     """How far points are off the fit to their neighbours.
@@ -89,12 +89,12 @@ def left_out(
 
     Returns
     -------
-    distance : (k, count) in standard deviations of the prediction
+    distance : (k,) the least of those left out, in standard deviations of the prediction
     rest : (k,) rms residual of the other points in standard deviations, 1 where the fit is good
     """
     width, degrees = shape
     index = windows(impedance.size, first + count // 2, width)
-    out = (index >= first[:, None]) & (index < first[:, None] + count)
+    out = (index >= first[:, None]) & (index < (first + count)[:, None])
     weight = np.where(out, 0.0, 1 / trusted[index])
     fit, jacobian = rational(frequency[index], impedance[index], weight, degrees)
     residual = np.log(impedance[index] / fit)
@@ -103,7 +103,7 @@ def left_out(
     spread = np.sum(np.abs(jacobian @ root) ** 2, axis=-1)  # variance of the fitted log Z
     rest = np.linalg.norm(deviation * weight, axis=1) / np.sqrt(width - count - (sum(degrees) + 1))
     distance = deviation / np.sqrt(sigma[index] ** 2 + spread)
-    return distance[out].reshape(first.size, count), rest
+    return np.where(out, distance, np.inf).min(axis=1), rest
 
 
 def stepped(

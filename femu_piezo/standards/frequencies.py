@@ -15,11 +15,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import brentq
 
 Admittance = Callable[[np.ndarray], np.ndarray]
-#: Bandwidths to either side of a pole or zero in which its extrema are looked for, and points there.
-_REACH, _POINTS = 1.5, 301
+#: Bandwidths to either side of a pole or zero in which its extrema are looked for, points there, and points between two
+#: of them each time that a maximum is looked at more closely.
+_REACH, _POINTS, _CLOSER = 1.5, 301, 33
 
 
 @dataclass(frozen=True)
@@ -110,13 +111,12 @@ class _Window:
         if best in (0, _POINTS - 1):
             return None
         # offsets from the grid point: a maximum is known to the root of the rounding of what is compared
-        found = minimize_scalar(
-            lambda step: -float(curve(grid[best] + step)[0]),
-            bounds=(grid[best - 1] - grid[best], grid[best + 1] - grid[best]),
-            method="bounded",
-            options={"xatol": 1e-9 * self.width},
-        )
-        return float(grid[best] + found.x)
+        low, high = grid[best - 1] - grid[best], grid[best + 1] - grid[best]
+        while high - low > 2e-9 * self.width:
+            steps = np.linspace(low, high, _CLOSER)
+            top = int(np.argmax(curve(grid[best] + steps)))
+            low, high = steps[max(top - 1, 0)], steps[min(top + 1, _CLOSER - 1)]
+        return float(grid[best] + (low + high) / 2)
 
     def crossing(self, curve, near: float | None) -> float | None:
         """The zero of the curve nearest to a frequency, None where there is none in the window."""

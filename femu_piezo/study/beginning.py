@@ -10,7 +10,7 @@ import numpy as np
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.inference.ensemble import Share, together
-from femu_piezo.inference.fit import fit
+from femu_piezo.inference.fit import closest
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.pole_zero import Step
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
@@ -118,5 +118,5 @@ def _fit_curves(
     )
     material = MaterialParameters.around(free, free.start)
     unknowns = Unknowns(material, material_prior(free, {}, {}))
-    found = fit(sweeps, data, unknowns, [material.x_of(free.start)])
-    return float(np.sqrt(np.mean(np.abs(found.log_error) ** 2))), material.theta(found.x)
+    x, error = closest(sweeps, data, unknowns, [material.x_of(free.start)])
+    return float(np.sqrt(np.mean(np.abs(error) ** 2))), material.theta(x)

@@ -107,7 +107,7 @@ def noise_study(
         for number in range(draws):
             progress(f"noise {times * noise:.2g}, {sum(sizes)} points: {number} of {draws}")
             truth = _specimen(unknowns, start, rng)
-            z = response.with_jacobian(unknowns, truth)[0]
+            z = response.impedance(unknowns, truth)
             error = rng.standard_normal((2, z.size)) * times * noise / np.sqrt(2)
             data = SweepData(
                 frequency=response.omega / (2 * np.pi),

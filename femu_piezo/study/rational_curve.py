@@ -43,7 +43,18 @@ class RationalCurve:
 
     def admittance(self, omega: np.ndarray) -> np.ndarray:
         """Y (n,), siemens."""
-        return 1j * omega * self._charge(omega / self._end)
+        return 1j * omega * self._along(omega / self._end)
+
+    def _along(self, x: np.ndarray) -> np.ndarray:
+        """(n,) the rational function at x (n,), as `AAA` has it, without its care for other shapes and infinities."""
+        known, values = self._charge.support_points, self._charge.support_values
+        away = x[:, None] - known
+        at, which = np.nonzero(away == 0)
+        away[at] = 1.0
+        shares = self._charge.weights / away
+        found = shares @ values / np.sum(shares, axis=1)
+        found[at] = values[which]
+        return found
 
     def residue_of_admittance(self, pole: Resonance) -> complex:
         """Residue of Y at p = jω of one of `poles`, S rad/s: Y = jω f(ω), f ≈ r/(ω − ω_p), s = jω give −ω_p r."""

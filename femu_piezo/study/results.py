@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -48,7 +49,7 @@ class Outcome:
     matched : (measured, simulated) resonances, poles then zeros
     base_curve, updated_curve : (n,) complex ohm at the sweep's frequencies
     history : pole-zero iterations on its fundamental
-    sensitivity : of Z to each of the ten constants at the solution
+    to_sensitivity : computes `sensitivity`, which only pictures and reports ask for
     unknowns : of the full model;  mesh : what it is, in words
     constants : the ten constants under the conditions of this sweep
     """
@@ -58,10 +59,15 @@ class Outcome:
     base_curve: np.ndarray
     updated_curve: np.ndarray
     history: tuple[Step, ...]
-    sensitivity: Sensitivity
+    to_sensitivity: Callable[[], Sensitivity] = field(repr=False)
     unknowns: int
     mesh: str
     constants: PiezoConstants
+
+    @cached_property
+    def sensitivity(self) -> Sensitivity:
+        """Of Z to each of the ten constants at the solution."""
+        return self.to_sensitivity()
 
     @property
     def rms_before(self) -> float:

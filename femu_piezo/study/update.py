@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -246,7 +247,7 @@ def _outcome(
         base_curve=_baseline_curve(evaluation, own, posterior.problem.free(base)),
         updated_curve=evaluation.impedance(own, x),
         history=history,
-        sensitivity=sensitivity_with_effects(one.problem.specimen.name, evaluation, own, x),
+        to_sensitivity=partial(sensitivity_with_effects, one.problem.specimen.name, evaluation, own, x),
         unknowns=model.size,
         mesh=mesh_words(model, posterior.models[index]),
         constants=constants_under(own, x),

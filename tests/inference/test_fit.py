@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from laboratory import FREQUENCY, NOISE
 
-from femu_piezo.inference.fit import COARSE, Marginal, fit, linear_fit, stepped
+from femu_piezo.inference.fit import COARSE, Marginal, closest, fit, linear_fit, stepped
 from femu_piezo.inference.passivity import TOLERANCE, passivity_wall, wall_and_readings
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
 from femu_piezo.material.library import library_material
@@ -140,6 +140,9 @@ class Curved:
         """(30, …) of x (size, …)."""
         away = x - self.x0.reshape(-1, *[1] * (x.ndim - 1))
         return np.tensordot(self.slopes, away, axes=1) + np.tensordot(self.curvature, away**2, axes=1)
+
+    def impedance(self, parameters, x):
+        return np.exp(self.logarithm(x))
 
     def with_jacobian(self, parameters, x):
         z = np.exp(self.logarithm(x))
@@ -418,3 +421,21 @@ def test_noise_of_the_tests_is_what_it_is_called(lab):
     z = lab.evaluation.impedance(lab.unknowns, lab.unknowns.prior_mean)
     drawn = [np.mean(np.abs(lab.measured(z, seed).impedance / z - 1) ** 2) for seed in range(50)]
     assert np.sqrt(np.mean(drawn)) == pytest.approx(NOISE, rel=0.05)
+
+
+def test_closest_ends_where_the_fit_does(lab):
+    """The same unknowns and misfit, without what says how well they are known."""
+    x = lab.truth(3)
+    data = lab.measured(lab.evaluation.impedance(lab.unknowns, x), 3)
+    whole = fit(lab.evaluation, data, lab.unknowns, [lab.near(x)])
+    own, error = closest(lab.evaluation, data, lab.unknowns, [lab.near(x)])
+    np.testing.assert_array_equal(own, whole.x)
+    np.testing.assert_allclose(error, whole.log_error, rtol=1e-12)
+
+
+def test_impedance_is_that_beside_the_slopes(lab):
+    """Z alone, and with its Jacobian."""
+    x = lab.truth(5)
+    np.testing.assert_array_equal(
+        lab.evaluation.impedance(lab.unknowns, x), lab.evaluation.with_jacobian(lab.unknowns, x)[0]
+    )

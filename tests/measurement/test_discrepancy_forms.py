@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from femu_piezo.measurement.autoregression import Autoregression
 from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy
 from femu_piezo.measurement.discrepancy_forms import WEIGHTS, Alternatives, of_every_resonance, of_one_resonance, smooth
 from femu_piezo.measurement.sweeps import SweepData, stacked
@@ -137,3 +140,29 @@ def test_a_curve_of_few_resonances_has_none_to_be_off():
     assert list(of_every_resonance(data, 1 / (1j * OMEGA * 1e-9))) == []
     low = FREQUENCY < 150e3
     assert list(of_every_resonance(sweep(body()).select(low), body()[low])) == []
+
+
+@pytest.mark.parametrize("memory", [(), (Autoregression((0.5, 0.2)),)])
+@pytest.mark.parametrize("loss", ["none", "alike", "unlike"])
+def test_products_are_those_of_the_columns(memory, loss):
+    """Of every form, with white noise and one that follows its neighbours, and shares that a robust loss may give."""
+    rng = np.random.default_rng(4)
+    data, model, slope, k = replace(sweep(body()), noise_memory=memory), body(), log_slope(), FREQUENCY.size
+    share = {"none": np.ones(2 * k), "alike": np.tile(rng.uniform(0.5, 1, k), 2), "unlike": rng.uniform(0.5, 1, 2 * k)}
+    others = rng.standard_normal((2 * k, 3))
+    for form in (smooth(data, slope), of_every_resonance(data, model), of_one_resonance(data, model, slope, (10.0,))):
+        for one in form:
+            squares, sides = one.products(data, share[loss], others)
+            columns = (one.whitened(data) * share[loss][:, None, None]).transpose(1, 2, 0)
+            expected, along = columns @ columns.transpose(0, 2, 1), columns @ others
+            assert np.max(np.abs(squares - expected)) < 1e-11 * np.max(np.abs(expected))
+            assert np.max(np.abs(sides - along)) < 1e-11 * np.max(np.linalg.norm(columns, axis=2)) * np.sqrt(2 * k)
+
+
+def test_one_of_several_has_its_own_columns():
+    """At the place that it says."""
+    data, model, slope = sweep(body()), body(), log_slope()
+    (several, *_) = of_one_resonance(data, model, slope, (10.0,))
+    one = several.chosen(3)
+    assert one.places == several.places[[3]]
+    np.testing.assert_array_equal(one.columns[:, 0], several.columns[:, 3])

@@ -17,7 +17,7 @@ def all_distances(frequency: np.ndarray, impedance: np.ndarray, level: float) ->
     sigma, after = np.full(frequency.size, level), np.arange(8, frequency.size - 8)
     rows = []
     for shape in WINDOWS:
-        rows.append(left_out(frequency, impedance, sigma, sigma, after, 1, shape)[0][:, 0])
+        rows.append(left_out(frequency, impedance, sigma, sigma, after, np.ones_like(after), shape)[0])
         rows.append(stepped(frequency, impedance, sigma, after, shape, np.zeros(after.size))[1])
     return np.array(rows)
 

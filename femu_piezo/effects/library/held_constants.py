@@ -5,24 +5,9 @@ How well such a constant is known (`std_s12`, `std_tan_s12`) is the tolerance of
 
 from __future__ import annotations
 
-import numpy as np
-
+from femu_piezo.effects.constant_factor import ConstantFactor
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 from femu_piezo.material.constants import D_FORM
-
-
-def _hook(index: int):
-    def constants(theta, tangents, omega, p):
-        own = np.zeros((*theta.shape, 2), dtype=complex)
-        factor, value = (1 + p[0]) * (1 - 1j * p[1]), theta[:, index]
-        own[:, index, 0] = value * (1 - 1j * p[1])
-        own[:, index, 1] = -1j * value * (1 + p[0])
-        theta, tangents = theta.copy(), tangents.copy()
-        theta[:, index] = value * factor
-        tangents[:, index] *= factor
-        return theta, tangents, own
-
-    return constants
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
@@ -39,7 +24,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             ),
             confusable_with=tuple(other for other in held if other != name),
             advice=(f"free {name} and measure a specimen that determines it (`femu-piezo identify` says which)",),
-            constants=_hook(D_FORM.index(name)),
+            constants=ConstantFactor(D_FORM.index(name)),
         )
         for name in held
     )
