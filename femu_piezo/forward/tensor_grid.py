@@ -96,7 +96,7 @@ def _places(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _is_straight(line: np.ndarray, places: np.ndarray) -> bool:
-    """Whether the nodes between places of `line` are where straight maps put them: graded cells have other functions."""
+    """Whether the nodes between places of `line` are where straight maps put them: others have other functions."""
     order, left = (places.size - 1) // (line.size - 1), line[:-1, None]
     even = left + np.diff(line)[:, None] * lobatto_nodes(order)[:-1]
     return even.size == places.size - 1 and np.allclose(places[:-1], even.ravel(), rtol=0, atol=_SAME * np.ptp(line))
