@@ -60,8 +60,8 @@ class Condensation:
         self._shared = np.flatnonzero(self._is_shared())
         self._number = np.full(self._size, -1)
         self._number[self._shared] = np.arange(self._shared.size)
-        self._pattern = self._lower_pattern()
-        self._analysis = Analysis()
+        self._pattern, self._analysis = self._lower_pattern(), Analysis()
+        self._analysis.of(self._matrix(np.ones(self._pattern.nnz)))  # before there are cells: it takes memory
 
     def _unknowns(self, cell: int) -> np.ndarray:
         """(4 m³,) free unknown of every function and field of a cell, −1 where it is held."""
@@ -105,8 +105,10 @@ class Condensation:
         for factor, matrix in zip(further, self._further, strict=True):
             if factor != 0:
                 self._add_entries(data, self._number[matrix.row], self._number[matrix.col], factor * matrix.data)
-        lower = sp.csc_matrix((data, self._pattern.indices, self._pattern.indptr), shape=self._pattern.shape)
-        return CondensedSolver(cells, self._shared, self._analysis.solver(lower))
+        return CondensedSolver(cells, self._shared, self._analysis.solver(self._matrix(data)))
+
+    def _matrix(self, data: np.ndarray) -> sp.csc_matrix:
+        return sp.csc_matrix((data, self._pattern.indices, self._pattern.indptr), shape=self._pattern.shape)
 
     def _eliminated(self, operator: np.ndarray, unknowns: np.ndarray) -> tuple[_Cell, np.ndarray]:
         """A cell without its own unknowns, and what it adds (b, b) to the others."""

@@ -61,25 +61,32 @@ class Factorization:
     ----------
     matrix : what the residuals belong to; has `@` and `dtype`
     solver : of the same matrix
+    diagonal : (n,) of the matrix, which measures residuals as they count in energy: among cells of very different sizes
+        the forces on the smallest are rounded most and mean least
     """
 
-    def __init__(self, matrix: sp.csc_matrix | spla.LinearOperator, solver: Solver) -> None:
+    def __init__(self, matrix: sp.csc_matrix | spla.LinearOperator, solver: Solver, diagonal: np.ndarray) -> None:
         self._matrix, self._solver = matrix, solver
+        size = np.abs(diagonal)
+        self._weight = 1 / np.sqrt(np.where(size > 0, size, 1.0))
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """A^-1 right, shape (n,) or (n, k); ConvergenceError where the residual stays large."""
         solution = self._raw(right)
         residual = right - self._matrix @ solution
-        scale = np.linalg.norm(right)
-        if np.linalg.norm(residual) > REFINE_ABOVE * scale:
+        scale = self._size(right)
+        if self._size(residual) > REFINE_ABOVE * scale:
             solution = solution + self._raw(residual)
-            error = np.linalg.norm(right - self._matrix @ solution) / scale
+            error = self._size(right - self._matrix @ solution) / scale
             if not error < REFUSE_ABOVE:
                 raise ConvergenceError(
                     f"the linear solver left a relative residual of {error:.1e}; the operator is nearly singular "
                     "here (a frequency on a lossless resonance, or a floating part): move the frequency or add loss"
                 )
         return solution
+
+    def _size(self, loads: np.ndarray) -> float:
+        return float(np.linalg.norm((self._weight * loads.T).T))
 
     def _raw(self, right: np.ndarray) -> np.ndarray:
         if np.iscomplexobj(right) and not np.issubdtype(self._matrix.dtype, np.complexfloating):
@@ -89,11 +96,12 @@ class Factorization:
 
 @dataclass(frozen=True)
 class _Symbolic:
-    """The analysis of one pattern (CSC, sorted), and the places of its lower triangle, which rslab reads."""
+    """The analysis of one pattern (CSC, sorted), and the places of its lower triangle, which rslab reads; all of them
+    where that alone is given."""
 
     indptr: np.ndarray
     indices: np.ndarray
-    lower: np.ndarray
+    lower: np.ndarray | slice
     symbolic: Any
 
     @classmethod
@@ -101,7 +109,8 @@ class _Symbolic:
         size = matrix.shape[0]
         columns = np.repeat(np.arange(size, dtype=np.int32), np.diff(matrix.indptr))
         symbolic = rslab.analyze(matrix, path="ldlt", ordering="metis", threads=useful_threads(size))
-        return cls(matrix.indptr, matrix.indices, np.flatnonzero(matrix.indices >= columns), symbolic)
+        below = matrix.indices >= columns
+        return cls(matrix.indptr, matrix.indices, slice(None) if below.all() else np.flatnonzero(below), symbolic)
 
     def serves(self, matrix: sp.csc_matrix) -> bool:
         return np.array_equal(matrix.indptr, self.indptr) and np.array_equal(matrix.indices, self.indices)
@@ -120,18 +129,23 @@ class Analysis:
         self._latest: _Symbolic | None = None  # in one piece: threads share an analysis
         self.analyses = 0  #: symbolic analyses made so far
 
+    def of(self, matrix: sp.csc_matrix) -> _Symbolic | None:
+        """The analysis of a pattern (CSC, sorted), the latest where it serves; None without rslab."""
+        latest = self._latest
+        if self._rslab and (latest is None or not latest.serves(matrix)):
+            self._latest = latest = _Symbolic.of(matrix)
+            self.analyses += 1
+        return latest
+
     def factorize(self, matrix: sp.spmatrix) -> Factorization:
         """Factorise a real or complex symmetric matrix (A = Aᵗ, not Hermitian)."""
         matrix = _canonical(matrix)
-        return Factorization(matrix, self.solver(matrix))
+        return Factorization(matrix, self.solver(matrix), matrix.diagonal())
 
     def solver(self, matrix: sp.csc_matrix) -> SymmetricSolver:
         """Factorise a symmetric matrix by all of its entries or its lower triangle (CSC, sorted)."""
         if self._rslab:
-            latest = self._latest
-            if latest is None or not latest.serves(matrix):
-                self._latest = latest = _Symbolic.of(matrix)
-                self.analyses += 1
+            latest = self.of(matrix)
             try:
                 return SymmetricSolver(latest.symbolic.factor(matrix.data[latest.lower]), "rslab")
             except RuntimeError as error:

@@ -164,7 +164,7 @@ class ElectroelasticModel:
             stiffness = self._reduced(tensor) + sum(factor * matrix for factor, matrix in extra)
             return self.analysis.factorize(stiffness - shift * self.mass)
         solver = self._condensation.factorize(tensor, shift * self.density, [factor for factor, _ in extra])
-        return Factorization(self.operator(coefficients, shift), solver)
+        return Factorization(self.operator(coefficients, shift), solver, self.diagonal(coefficients))
 
     def _combined(self, coefficients: np.ndarray) -> tuple[np.ndarray, list[tuple[float, sp.csr_matrix]]]:
         """The extended tensor of coefficients (n_terms,), and the factors of the extra terms with their matrices."""
