@@ -66,7 +66,8 @@ class ScalarProducts(ABC):
         """(n_tensors, 4, n, k): A w of extended tensors, each (4, 3, 4, 3), on fields w (4, n, k), no A formed."""
         tensors, nodes = np.asarray(tensors), self.nodes
         found = np.zeros((len(tensors), *fields.shape))
-        for a, g, b in zip(*np.nonzero(np.any(tensors, axis=(0, 1))), strict=True):
+        given = np.any(fields, axis=(1, 2))[:, None]
+        for a, g, b in zip(*np.nonzero(np.any(tensors, axis=(0, 1)) & given), strict=True):
             image = self.times(a, b, fields[g, nodes])
             for number, f in zip(*np.nonzero(tensors[:, :, a, g, b]), strict=True):
                 found[number, f, nodes] += tensors[number, f, a, g, b] * image
@@ -136,6 +137,10 @@ class GradientProducts(ScalarProducts):
     def mass_times(self, vectors: np.ndarray) -> np.ndarray:
         """∫ φ_i φ_j times vectors (n, k)."""
         return self.scalar(self.mass) @ vectors if self.grid is None else self.grid.mass(vectors)
+
+    def diagonal(self, a: int, b: int) -> np.ndarray:
+        """(n,) diagonal of G_ab."""
+        return self.gradient_matrices[a][b].diagonal()
 
     @property
     def size(self) -> int:

@@ -90,11 +90,14 @@ class ElementHexP(ElementH1):
             self._latest_points = latest = asked, (self._lines(X), mapping.invDF(X, tind))
         return latest[1]
 
+    def on_line(self, places: np.ndarray) -> np.ndarray:
+        """(2, p + 1, …) values and slopes of the Lagrange polynomials at places (…) from 0 to 1."""
+        at, slopes = 2 * places - 1, 2 * legendre.legder(self._coefficients)
+        return np.array([legendre.legval(at, self._coefficients), legendre.legval(at, slopes)])
+
     def _lines(self, X: np.ndarray) -> np.ndarray:
         """(2, p + 1, 3, cells or 1, points) values and slopes of the Lagrange polynomials along each axis."""
-        at = 2 * X.reshape(3, -1, X.shape[-1]) - 1
-        slopes = 2 * legendre.legder(self._coefficients)
-        return np.array([legendre.legval(at, self._coefficients), legendre.legval(at, slopes)])
+        return self.on_line(X.reshape(3, -1, X.shape[-1]))
 
 
 def shapes_at(basis: skfem.CellBasis, at: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

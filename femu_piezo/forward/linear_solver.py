@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import scipy.sparse as sp
@@ -27,25 +27,57 @@ except ImportError:  # no wheel for this platform
 REFINE_ABOVE, REFUSE_ABOVE = 1e-11, 1e-7
 
 
-class Factorization:
-    """A factorised symmetric matrix: `solve` for one or many right-hand sides.
+class Solver(Protocol):
+    """What a factor does, without a look at what it leaves."""
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """A^-1 right, (n,) or (n, k), in the type of the factor."""
+        ...
+
+
+@dataclass(frozen=True)
+class SymmetricSolver:
+    """A factor of a sparse matrix by one of the libraries.
 
     Attributes
     ----------
     backend : "rslab" or "scipy"
     """
 
-    def __init__(self, matrix: sp.csc_matrix, factor, backend: str) -> None:
-        self._matrix, self._factor, self.backend = matrix, factor, backend
+    factor: Any
+    backend: str
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """A^-1 right, (n,) or (n, k), in the type of the factor."""
+        if self.backend == "scipy":
+            return self.factor.solve(np.asfortranarray(right))
+        return self.factor.solve(right) if right.ndim == 1 else self.factor.solve_many(np.ascontiguousarray(right))
+
+
+class Factorization:
+    """A factorised symmetric matrix: `solve` for one or many right-hand sides, each solution checked and refined.
+
+    Parameters
+    ----------
+    matrix : what the residuals belong to; has `@` and `dtype`
+    solver : of the same matrix
+    diagonal : (n,) of the matrix, which measures residuals as they count in energy: among cells of very different sizes
+        the forces on the smallest are rounded most and mean least
+    """
+
+    def __init__(self, matrix: sp.csc_matrix | spla.LinearOperator, solver: Solver, diagonal: np.ndarray) -> None:
+        self._matrix, self._solver = matrix, solver
+        size = np.abs(diagonal)
+        self._weight = 1 / np.sqrt(np.where(size > 0, size, 1.0))
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """A^-1 right, shape (n,) or (n, k); ConvergenceError where the residual stays large."""
         solution = self._raw(right)
         residual = right - self._matrix @ solution
-        scale = np.linalg.norm(right)
-        if np.linalg.norm(residual) > REFINE_ABOVE * scale:
+        scale = self._size(right)
+        if self._size(residual) > REFINE_ABOVE * scale:
             solution = solution + self._raw(residual)
-            error = np.linalg.norm(right - self._matrix @ solution) / scale
+            error = self._size(right - self._matrix @ solution) / scale
             if not error < REFUSE_ABOVE:
                 raise ConvergenceError(
                     f"the linear solver left a relative residual of {error:.1e}; the operator is nearly singular "
@@ -53,22 +85,23 @@ class Factorization:
                 )
         return solution
 
+    def _size(self, loads: np.ndarray) -> float:
+        return float(np.linalg.norm((self._weight * loads.T).T))
+
     def _raw(self, right: np.ndarray) -> np.ndarray:
-        if np.iscomplexobj(right) and not np.iscomplexobj(self._matrix.data):
+        if np.iscomplexobj(right) and not np.issubdtype(self._matrix.dtype, np.complexfloating):
             return self._raw(right.real) + 1j * self._raw(right.imag)
-        right = np.asarray(right, dtype=self._matrix.dtype)
-        if self.backend == "scipy":
-            return self._factor.solve(np.asfortranarray(right))
-        return self._factor.solve(right) if right.ndim == 1 else self._factor.solve_many(np.ascontiguousarray(right))
+        return self._solver.solve(np.asarray(right, dtype=self._matrix.dtype))
 
 
 @dataclass(frozen=True)
 class _Symbolic:
-    """The analysis of one pattern (CSC, sorted), and the places of its lower triangle, which rslab reads."""
+    """The analysis of one pattern (CSC, sorted), and the places of its lower triangle, which rslab reads; all of them
+    where that alone is given."""
 
     indptr: np.ndarray
     indices: np.ndarray
-    lower: np.ndarray
+    lower: np.ndarray | slice
     symbolic: Any
 
     @classmethod
@@ -76,7 +109,8 @@ class _Symbolic:
         size = matrix.shape[0]
         columns = np.repeat(np.arange(size, dtype=np.int32), np.diff(matrix.indptr))
         symbolic = rslab.analyze(matrix, path="ldlt", ordering="metis", threads=useful_threads(size))
-        return cls(matrix.indptr, matrix.indices, np.flatnonzero(matrix.indices >= columns), symbolic)
+        below = matrix.indices >= columns
+        return cls(matrix.indptr, matrix.indices, slice(None) if below.all() else np.flatnonzero(below), symbolic)
 
     def serves(self, matrix: sp.csc_matrix) -> bool:
         return np.array_equal(matrix.indptr, self.indptr) and np.array_equal(matrix.indices, self.indices)
@@ -95,19 +129,28 @@ class Analysis:
         self._latest: _Symbolic | None = None  # in one piece: threads share an analysis
         self.analyses = 0  #: symbolic analyses made so far
 
+    def of(self, matrix: sp.csc_matrix) -> _Symbolic | None:
+        """The analysis of a pattern (CSC, sorted), the latest where it serves; None without rslab."""
+        latest = self._latest
+        if self._rslab and (latest is None or not latest.serves(matrix)):
+            self._latest = latest = _Symbolic.of(matrix)
+            self.analyses += 1
+        return latest
+
     def factorize(self, matrix: sp.spmatrix) -> Factorization:
         """Factorise a real or complex symmetric matrix (A = Aᵗ, not Hermitian)."""
         matrix = _canonical(matrix)
+        return Factorization(matrix, self.solver(matrix), matrix.diagonal())
+
+    def solver(self, matrix: sp.csc_matrix) -> SymmetricSolver:
+        """Factorise a symmetric matrix by all of its entries or its lower triangle (CSC, sorted)."""
         if self._rslab:
-            latest = self._latest
-            if latest is None or not latest.serves(matrix):
-                self._latest = latest = _Symbolic.of(matrix)
-                self.analyses += 1
+            latest = self.of(matrix)
             try:
-                return Factorization(matrix, latest.symbolic.factor(matrix.data[latest.lower]), "rslab")
+                return SymmetricSolver(latest.symbolic.factor(matrix.data[latest.lower]), "rslab")
             except RuntimeError as error:
                 warnings.warn(f"rslab could not factorise ({error}); SuperLU is used", RuntimeWarning, stacklevel=2)
-        return Factorization(matrix, _superlu(matrix), "scipy")
+        return SymmetricSolver(_superlu(_whole(matrix)), "scipy")
 
 
 def factorize(matrix: sp.spmatrix, backend: str | None = None) -> Factorization:
@@ -128,6 +171,12 @@ def _canonical(matrix: sp.spmatrix) -> sp.csc_matrix:
     if not matrix.has_sorted_indices:
         matrix = matrix.sorted_indices()
     return matrix
+
+
+def _whole(matrix: sp.csc_matrix) -> sp.csc_matrix:
+    """All entries of a symmetric matrix that is given by them or by its lower triangle."""
+    above = sp.triu(matrix, 1)
+    return matrix if above.nnz else sp.csc_matrix(matrix + sp.tril(matrix, -1).T)
 
 
 def _superlu(matrix: sp.csc_matrix):

@@ -8,14 +8,22 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
+import scipy.sparse.linalg as spla
 import skfem
 
 from femu_piezo.errors import InputError
+from femu_piezo.forward.condensation import Condensation
 from femu_piezo.forward.electrodes import prolongation
 from femu_piezo.forward.free_pattern import FreePattern
-from femu_piezo.forward.gradient_products import FIELDS, assemble_gradient_products, unit_tensors
+from femu_piezo.forward.gradient_products import (
+    FIELDS,
+    GradientProducts,
+    assemble_gradient_products,
+    unit_tensors,
+)
 from femu_piezo.forward.hex_element import ElementHexP, node_places
-from femu_piezo.forward.linear_solver import Analysis
+from femu_piezo.forward.layers import LayeredProducts
+from femu_piezo.forward.linear_solver import Analysis, Factorization
 from femu_piezo.geometry.domain import Domain
 from femu_piezo.material.constants import E_FORM, ElasticForm
 from femu_piezo.material.voigt import axes_with_poling
@@ -42,8 +50,10 @@ class ElectroelasticModel:
     terms : names of the affine terms: the ten e-form constants, the tensor terms, the extra ones
     tensor_terms : name → extended tensor (4, 3, 4, 3) of a further term (`with_terms`)
     order : polynomial order of the elements
-    size : number of free unknowns m, the hot electrode's potential last
-    analysis : the symbolic factorisation that K − ω² M share, of copies with further terms too
+    size : number of free unknowns m, the hot electrode's potential last;  displacements : how many of them, the first,
+        are displacements
+    products : gradient products of the mesh, by which the operator is applied
+    analysis : the symbolic factorisation that sparse K − ω² M share, of copies with further terms too
     """
 
     def __init__(
@@ -57,7 +67,10 @@ class ElectroelasticModel:
         self.density = density
         self.order = domain.order if order is None else order
         self.basis = scalar_basis(domain.mesh, self.order)
-        self.products = assemble_gradient_products(self.basis)
+        layered = LayeredProducts.of(self.basis)
+        self.products: GradientProducts | LayeredProducts = (
+            assemble_gradient_products(self.basis) if layered is None else layered
+        )
         self.rotation = axes_with_poling(np.array(domain.poling))
         self.unit_tensors = unit_tensors(self.rotation)
         self.prolongation = prolongation(self.basis, domain, POTENTIAL_SCALE)
@@ -73,6 +86,7 @@ class ElectroelasticModel:
         tensors : name → (4, 3, 4, 3), symmetric in (f,a) ↔ (g,b);  matrices : name → (4n, 4n)
         """
         other = copy.copy(self)
+        other.__dict__.pop("_condensation", None)
         other.tensor_terms = {**self.tensor_terms, **tensors}
         other.extra_terms = {**self.extra_terms, **{name: self._constrained(a) for name, a in matrices.items()}}
         return other
@@ -89,6 +103,15 @@ class ElectroelasticModel:
     @property
     def size(self) -> int:
         return self.prolongation.shape[1]
+
+    @cached_property
+    def displacements(self) -> int:
+        return int(np.count_nonzero(self.prolongation.tocoo().row < 3 * self.basis.N))
+
+    @cached_property
+    def assembled(self) -> GradientProducts:
+        """The gradient products as sparse matrices, assembled from the weak forms."""
+        return self.products if isinstance(self.products, GradientProducts) else assemble_gradient_products(self.basis)
 
     def term(self, name: str) -> sp.csr_matrix:
         """A_q (m, m) real: the operator of one unit constant, which is also ∂A/∂c_q."""
@@ -109,10 +132,56 @@ class ElectroelasticModel:
             matrix = matrix + coefficient * self.extra_terms[name]
         return matrix
 
+    def operator(self, coefficients: np.ndarray, shift: float = 0.0) -> spla.LinearOperator:
+        """K − shift · M (m, m) at real coefficients (n_terms,) of the affine terms, applied without being formed."""
+        tensor, extra = self._combined(coefficients)
+
+        def times(vectors: np.ndarray) -> np.ndarray:
+            vectors = vectors.reshape(self.size, -1)
+            fields = (self.prolongation @ vectors).reshape(FIELDS, self.basis.N, -1)
+            images = self.products.applied([tensor], fields)[0]
+            if shift:
+                for f in range(3):
+                    images[f] -= shift * self.density * self.products.mass_times(fields[f])
+            found = self.prolongation.T @ images.reshape(-1, vectors.shape[1])
+            return found + sum(factor * (matrix @ vectors) for factor, matrix in extra)
+
+        return spla.LinearOperator((self.size,) * 2, matvec=times, matmat=times, dtype=float)
+
+    def diagonal(self, coefficients: np.ndarray) -> np.ndarray:
+        """(m,) of K at real coefficients (n_terms,); of the electrode's unknown the sum over its nodes."""
+        tensor, extra = self._combined(coefficients)
+        nodal = np.zeros((FIELDS, self.basis.N))
+        for f, a, b in zip(*np.nonzero(np.einsum("fafb->fab", tensor)), strict=True):
+            nodal[f] += tensor[f, a, f, b] * self.products.diagonal(a, b)
+        found = self.prolongation.power(2).T @ nodal.ravel()
+        return found + sum(factor * matrix.diagonal() for factor, matrix in extra)
+
+    def factorize(self, coefficients: np.ndarray, shift: float) -> Factorization:
+        """K − shift · M at real coefficients (n_terms,) of the affine terms, factorised."""
+        tensor, extra = self._combined(coefficients)
+        if self._condensation is None:
+            stiffness = self._reduced(tensor) + sum(factor * matrix for factor, matrix in extra)
+            return self.analysis.factorize(stiffness - shift * self.mass)
+        solver = self._condensation.factorize(tensor, shift * self.density, [factor for factor, _ in extra])
+        return Factorization(self.operator(coefficients, shift), solver, self.diagonal(coefficients))
+
+    def _combined(self, coefficients: np.ndarray) -> tuple[np.ndarray, list[tuple[float, sp.csr_matrix]]]:
+        """The extended tensor of coefficients (n_terms,), and the factors of the extra terms with their matrices."""
+        count = len(self.terms) - len(self.extra_terms)
+        tensor = np.tensordot(coefficients[:count], self.tensors, axes=1)
+        return tensor, list(zip(coefficients[count:], self.extra_terms.values(), strict=True))
+
+    @cached_property
+    def _condensation(self) -> Condensation | None:
+        if not isinstance(self.products, LayeredProducts):
+            return None
+        return Condensation(self.products, self.prolongation, self.extra_terms.values())
+
     @cached_property
     def mass(self) -> sp.csr_matrix:
         """M (m, m), zero in the potential rows."""
-        return self._constrained(self.products.mass_matrix(self.density))
+        return self._constrained(self.assembled.mass_matrix(self.density))
 
     def displacement(self, vector: np.ndarray) -> np.ndarray:
         """(3, n) displacement at the degrees of freedom of the scalar basis, m per unit of the vector."""
@@ -127,7 +196,7 @@ class ElectroelasticModel:
 
     @cached_property
     def _pattern(self) -> FreePattern:
-        return FreePattern(self.products, sp.csr_matrix(self.prolongation))
+        return FreePattern(self.assembled, sp.csr_matrix(self.prolongation))
 
     def _constrained(self, matrix: sp.spmatrix) -> sp.csr_matrix:
         return (self.prolongation.T @ matrix @ self.prolongation).tocsr()

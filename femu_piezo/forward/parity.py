@@ -46,8 +46,8 @@ class ParityClass:
     def __init__(self, model: ElectroelasticModel, constants: ElasticForm, flipped: Iterable[int]) -> None:
         p = self.prolongation = class_prolongation(model, tuple(flipped))
         tensor = np.tensordot(constants.vector().real, model.unit_tensors, axes=1)
-        self.stiffness = FreePattern(model.products, p, electrode=False).stiffness(tensor)
-        self.mass = (p.T @ model.products.mass_matrix(model.density) @ p).tocsr()
+        self.stiffness = FreePattern(model.assembled, p, electrode=False).stiffness(tensor)
+        self.mass = (p.T @ model.assembled.mass_matrix(model.density) @ p).tocsr()
 
     def factor(self, shift: float) -> Factorization:
         """Of K − shift · M."""

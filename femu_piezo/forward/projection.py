@@ -1,14 +1,16 @@
-"""Images A_q V of every affine term on a growing basis, from scalar gradient products: no sparse A_q is formed.
+"""Projections VᵗA_qV of every affine term on a growing basis, from scalar gradient products: no sparse A_q is formed.
 
 With the four fields of the basis vectors on the nodes, every bulk term is a combination of G_ab V_g (see
-`femu_piezo.forward.gradient_products`), so nine sparse products serve all ten constants. The images give the
-projections VᵗA_qV and the residuals Σ c_q A_q V y of reduced states at any constants.
+`femu_piezo.forward.gradient_products`), so nine products serve all ten constants. Images A_q v are made for a few
+vectors at a time, multiplied with the basis and dropped: what is kept are small matrices.
 
 Rows and columns are split in displacements "u" and potentials "p" (hot electrode last among the rows, lifting of
 the voltage first among the columns), because a term couples few of the four blocks.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 import scipy.sparse as sp
@@ -21,8 +23,8 @@ _BLOCKS = ("uu", "pu", "up", "pp")  #: rows then columns
 _CHUNK_BYTES = 128e6
 
 
-class TermImages:
-    """A_q V for every affine term of a model and the basis columns added so far.
+class TermProjections:
+    """VᵗA_qV for every affine term of a model and a basis whose columns only grow in number.
 
     Attributes
     ----------
@@ -32,8 +34,9 @@ class TermImages:
     def __init__(self, model: ElectroelasticModel) -> None:
         self._model = model
         nodes = model.basis.N
-        self.displacements = int(np.count_nonzero(model.mass.diagonal()))
+        self.displacements = model.displacements
         split = {"u": slice(0, self.displacements), "p": slice(self.displacements, model.size)}
+        self._fields = {"u": slice(0, 3), "p": slice(3, FIELDS)}
         rows = {"u": slice(0, 3 * nodes), "p": slice(3 * nodes, FIELDS * nodes)}
         prolongation = sp.csr_matrix(model.prolongation)
         self._prolong = {kind: prolongation[rows[kind]][:, split[kind]] for kind in "up"}
@@ -43,49 +46,21 @@ class TermImages:
             for matrix in model.extra_terms.values()
         ]
         self._tensors = model.tensors
-        count = len(self._tensors) + len(self._extra)
-        self._images: list[dict[str, np.ndarray]] = [{} for _ in range(count)]
-        self._projected: list[dict[str, np.ndarray]] = [{} for _ in range(count)]
+        self._known = {"u": 0, "p": 0}
+        self._projected = {block: np.zeros((len(model.terms), 0, 0)) for block in ("uu", "pu", "pp")}
 
-    def add(self, kind: str, columns: np.ndarray) -> None:
-        """Append the images of further basis columns of one kind, (rows of that kind, k) real."""
-        nodes = self._model.basis.N
-        width = max(1, int(_CHUNK_BYTES / (8 * 27 * nodes)))
-        for start in range(0, columns.shape[1], width):
-            part = columns[:, start : start + width]
-            images = self._bulk_images(kind, part) + [
-                {row: blocks[row + kind] @ part for row in "up" if blocks[row + kind].nnz} for blocks in self._extra
-            ]
-            for stored, fresh in zip(self._images, images, strict=True):
-                for row, image in fresh.items():
-                    old = stored.get(row + kind)
-                    stored[row + kind] = image if old is None else np.hstack([old, image])
-
-    def _bulk_images(self, kind: str, columns: np.ndarray) -> list[dict[str, np.ndarray]]:
-        fields = range(3) if kind == "u" else (3,)
+    def _images(self, kind: str, columns: np.ndarray) -> list[dict[str, np.ndarray]]:
+        """Of every term on columns of one kind, (rows of that kind, k) real: its rows "u" and "p" where not zero."""
         k, nodes = columns.shape[1], self._model.basis.N
-        nodal = (self._prolong[kind] @ columns).reshape(len(fields), nodes, k)
-        wide = np.ascontiguousarray(nodal.transpose(1, 0, 2).reshape(nodes, -1))
-        moved = {}
-        for a in range(3):
-            for b in range(3):
-                product = self._model.products.times(a, b, wide).reshape(nodes, len(fields), k)
-                for position, g in enumerate(fields):
-                    moved[a, g, b] = product[:, position]
-        return [self._combine(tensor, moved, fields, (nodes, k)) for tensor in self._tensors]
-
-    def _combine(self, tensor: np.ndarray, moved: dict, fields, shape: tuple[int, int]) -> dict[str, np.ndarray]:
-        """Restrict Σ H[f,a,g,b] G_ab V_g to the unknowns, rows "u" (f < 3) and "p" (f = 3) where not zero."""
-        result = {}
-        for row, targets in (("u", range(3)), ("p", (3,))):
-            part = tensor[list(targets)][:, :, list(fields)]
-            if not np.any(part):
-                continue
-            total = np.zeros((len(targets), *shape))
-            for f, a, g, b in zip(*np.nonzero(part), strict=True):
-                total[f] += part[f, a, g, b] * moved[a, fields[g], b]
-            result[row] = self._restrict[row] @ total.reshape(-1, shape[1])
-        return result
+        fields = np.zeros((FIELDS, nodes, k))
+        fields[self._fields[kind]] = (self._prolong[kind] @ columns).reshape(-1, nodes, k)
+        found = []
+        for tensor, images in zip(self._tensors, self._model.products.applied(self._tensors, fields), strict=True):
+            rows = [row for row in "up" if np.any(tensor[self._fields[row]][:, :, self._fields[kind]])]
+            found.append({row: self._restrict[row] @ images[self._fields[row]].reshape(-1, k) for row in rows})
+        for blocks in self._extra:
+            found.append({row: blocks[row + kind] @ columns for row in "up" if blocks[row + kind].nnz})
+        return found
 
     @property
     def mass(self) -> spla.LinearOperator:
@@ -105,42 +80,40 @@ class TermImages:
 
         Parameters
         ----------
-        u, p : the basis columns added so far, p with the lifting of the voltage first
+        u, p : the basis columns, those of the last call first; p with the lifting of the voltage first
         """
         ku, size = u.shape[1], u.shape[1] + p.shape[1]
-        result = np.zeros((len(self._images), size, size))
-        for matrix, blocks, known in zip(result, self._images, self._projected, strict=True):
-            for block, rows in (("uu", u), ("pu", p), ("pp", p)):
-                if block in blocks:
-                    known[block] = _grown(known.get(block, np.zeros((0, 0))), rows, blocks[block])
-            matrix[:ku, :ku], matrix[ku:, ku:] = known.get("uu", 0.0), known.get("pp", 0.0)
-            matrix[ku:, :ku] = known.get("pu", 0.0)
-            matrix[:ku, ku:] = matrix[ku:, :ku].T
+        self._grow(u, p)
+        blocks = self._projected
+        result = np.zeros((len(blocks["uu"]), size, size))
+        result[:, :ku, :ku], result[:, ku:, ku:], result[:, ku:, :ku] = blocks["uu"], blocks["pp"], blocks["pu"]
+        result[:, :ku, ku:] = blocks["pu"].transpose(0, 2, 1)
         order = np.r_[0:ku, ku + 1 : size, ku]
         result = result[:, order][:, :, order]
         return (result + result.transpose(0, 2, 1)) / 2
 
-    def apply(self, coefficients: np.ndarray, states: np.ndarray) -> np.ndarray:
-        """Σ c_q A_q V y, (m, k), for reduced states y (r, k) in the order of `project` and coefficients (n_terms,)."""
-        ku = next(blocks["uu"].shape[1] for blocks in self._images if "uu" in blocks)
-        parts = {"u": states[:ku], "p": np.concatenate([states[-1:], states[ku:-1]])}
-        rows = {"u": self.displacements, "p": self._model.size - self.displacements}
-        result = {kind: np.zeros((rows[kind], states.shape[1]), np.result_type(coefficients, states)) for kind in "up"}
-        for block in _BLOCKS:
-            present = [(c, q[block]) for c, q in zip(coefficients, self._images, strict=True) if block in q and c != 0]
-            if present:
-                total = present[0][0] * present[0][1]
-                for coefficient, image in present[1:]:
-                    total += coefficient * image
-                result[block[0]] += total @ parts[block[1]]
-        return np.concatenate([result["u"], result["p"]])
+    def _grow(self, u: np.ndarray, p: np.ndarray) -> None:
+        """Project the terms on the columns that are new."""
+        columns = {"u": u, "p": p}
+        for block, known in self._projected.items():
+            added = [columns[kind].shape[1] - old for kind, old in zip(block, known.shape[1:], strict=True)]
+            self._projected[block] = np.pad(known, ((0, 0), (0, added[0]), (0, added[1])))
+        for kind in "up":
+            for place in self._chunks(self._known[kind], columns[kind].shape[1]):
+                for number, images in enumerate(self._images(kind, columns[kind][:, place])):
+                    for row, image in images.items():
+                        self._place(number, row + kind, place, columns[row].T @ image)
+            self._known[kind] = columns[kind].shape[1]
 
+    def _chunks(self, start: int, end: int) -> Iterator[slice]:
+        width = max(1, int(_CHUNK_BYTES / (8 * 40 * self._model.basis.N)))
+        return (slice(first, min(first + width, end)) for first in range(start, end, width))
 
-def _grown(known: np.ndarray, rows: np.ndarray, images: np.ndarray) -> np.ndarray:
-    """rowsᵗ images (k, j), of which the part for the first rows and images is known."""
-    k, j = known.shape
-    found = np.empty((rows.shape[1], images.shape[1]))
-    found[:k, :j] = known
-    found[k:, :j] = rows[:, k:].T @ images[:, :j]
-    found[:, j:] = rows.T @ images[:, j:]
-    return found
+    def _place(self, number: int, block: str, place: slice, product: np.ndarray) -> None:
+        """Write a term's rowsᵗ images (all rows, new columns) into a block, or into its transpose."""
+        if block == "up":
+            self._projected["pu"][number, place] = product.T
+            return
+        self._projected[block][number, :, place] = product
+        if block in ("uu", "pp"):
+            self._projected[block][number, place] = product.T

@@ -7,17 +7,18 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
+import scipy.sparse.linalg as spla
 
 from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
-from femu_piezo.forward.projection import TermImages
+from femu_piezo.forward.projection import TermProjections
 
 
 class ReducedBasis:
-    """Real basis with the images of all affine terms on it.
+    """Real basis with the projections of all affine terms on it.
 
     Parameters
     ----------
-    stiffness : (m, m) real operator of the reference constants; its dielectric part measures the potentials
+    reference : (n_terms,) real coefficients of the affine terms; their dielectric part measures the potentials
     static : (m,) response to a charge, whose potential becomes the lifting of the electrode voltage
 
     Attributes
@@ -26,14 +27,13 @@ class ReducedBasis:
     p : (n_p, k_p) potentials, hot electrode last; first the lifting (hot electrode at 1 V), then inner potentials
     """
 
-    def __init__(self, model: ElectroelasticModel, stiffness: sp.csr_matrix, static: np.ndarray) -> None:
-        self.images = TermImages(model)
-        self.split = self.images.displacements
-        self.mass = self.images.mass
-        self._dielectric = -stiffness[self.split : -1, self.split : -1]
+    def __init__(self, model: ElectroelasticModel, reference: np.ndarray, static: np.ndarray) -> None:
+        self._model, self._projections = model, TermProjections(model)
+        self.split = model.displacements
+        self.mass = self._projections.mass
+        self._dielectric = self._dielectric_of(model.operator(reference))
         self.u = np.zeros((self.split, 0))
         self.p = (static[self.split :] / (static[-1] * POTENTIAL_SCALE))[:, None]
-        self.images.add("p", self.p)
 
     def add(self, vectors: np.ndarray, keep: float) -> int:
         """Add what is new by more than `keep` of the largest in vectors (m, k); return the number of new columns."""
@@ -41,15 +41,30 @@ class ReducedBasis:
         inner = vectors[self.split : -1] - np.outer(self.p[:-1, 0], vectors[-1] * POTENTIAL_SCALE)
         new_p = new_directions(self.p[:-1, 1:], inner, keep, self._dielectric)
         new_p = np.concatenate([new_p, np.zeros((1, new_p.shape[1]))])
-        self.images.add("u", new_u)
-        self.images.add("p", new_p)
         self.u = np.hstack([self.u, new_u])
         self.p = np.hstack([self.p, new_p])
         return new_u.shape[1] + new_p.shape[1]
 
     def matrices(self) -> np.ndarray:
         """VᵗA_qV (n_terms, r, r); unknowns: displacements, inner potentials, hot potential in volts."""
-        return self.images.project(self.u, self.p)
+        return self._projections.project(self.u, self.p)
+
+    def images(self, coefficients: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """Σ c_q A_q V y, (m, k), for reduced states y (r, k) and real coefficients c (n_terms,)."""
+        ku = self.u.shape[1]
+        potentials = np.concatenate([states[-1:], states[ku:-1]])
+        return self._model.operator(coefficients) @ np.concatenate([self.u @ states[:ku], self.p @ potentials])
+
+    def _dielectric_of(self, operator: spla.LinearOperator) -> spla.LinearOperator:
+        """(n, n) − the operator on inner potentials alone."""
+        inner = slice(self.split, operator.shape[0] - 1)
+
+        def times(potentials: np.ndarray) -> np.ndarray:
+            vectors = np.zeros((operator.shape[0], potentials.reshape(inner.stop - inner.start, -1).shape[1]))
+            vectors[inner] = potentials.reshape(vectors[inner].shape)
+            return -(operator @ vectors)[inner]
+
+        return spla.LinearOperator((inner.stop - inner.start,) * 2, matvec=times, matmat=times, dtype=float)
 
     @property
     def matrix(self) -> np.ndarray:
@@ -62,7 +77,9 @@ class ReducedBasis:
         return result
 
 
-def new_directions(old: np.ndarray, vectors: np.ndarray, keep: float, weight: sp.spmatrix) -> np.ndarray:
+def new_directions(
+    old: np.ndarray, vectors: np.ndarray, keep: float, weight: sp.spmatrix | spla.LinearOperator
+) -> np.ndarray:
     """Weight-orthonormal directions of `vectors` (n, k) outside span(old), larger than `keep` of the largest vector.
 
     Two projections and a Gram eigenproblem find them; two more orthonormalisations verify the own result.

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-import scipy.sparse as sp
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.krylov import LOSS, driven_krylov
@@ -275,28 +274,22 @@ class _DrivenVectors:
 
     def __init__(self, model: ElectroelasticModel, reference: np.ndarray, top: float, accuracy: float) -> None:
         self._model, self._top, self._accuracy = model, top, accuracy
-        stiffness = self._stiffness(reference)
-        self.scale = np.abs(stiffness.diagonal())
+        self.scale = np.abs(model.diagonal(reference))
         for share in _SHIFTS:
-            self.factor, static = self._static(stiffness, share)
-            self.basis = ReducedBasis(model, stiffness, static)
+            self.factor, static = self._static(reference, share)
+            self.basis = ReducedBasis(model, reference, static)
             if np.abs(self.basis.p).max() * POTENTIAL_SCALE < _LARGEST_LIFTING:
                 break
         self._krylov(self.factor, static, share)
 
     def add(self, coefficients: np.ndarray) -> int:
         """Add the driven vectors at other coefficients of the affine terms; return the number of new columns."""
-        factor, static = self._static(self._stiffness(coefficients), _SHIFTS[0])
+        factor, static = self._static(coefficients, _SHIFTS[0])
         return self._krylov(factor, static, _SHIFTS[0])
 
-    def _stiffness(self, coefficients: np.ndarray) -> sp.csr_matrix:
-        constants = ElasticForm.from_vector(coefficients[: len(E_FORM)])
-        extra = dict(zip(self._model.terms[len(E_FORM) :], coefficients[len(E_FORM) :], strict=True))
-        return self._model.stiffness(constants, extra)
-
-    def _static(self, stiffness: sp.csr_matrix, share: float) -> tuple[Factorization, np.ndarray]:
+    def _static(self, coefficients: np.ndarray, share: float) -> tuple[Factorization, np.ndarray]:
         """Factor of K − σM at a share of the band's highest ω², and its response to a charge."""
-        factor = self._model.analysis.factorize(stiffness - share * self._top * self._model.mass)
+        factor = self._model.factorize(coefficients, share * self._top)
         load = np.zeros(self._model.size)
         load[-1] = -1.0
         return factor, factor.solve(load)

@@ -19,7 +19,7 @@ import skfem
 from numpy.polynomial import legendre
 from scipy.interpolate import BarycentricInterpolator
 
-from femu_piezo.forward.hex_element import ElementHexP, node_places
+from femu_piezo.forward.hex_element import ElementHexP, lobatto_nodes, node_places
 
 #: Distance of two nodes along an axis, relative to the box, below which they are one.
 _SAME = 1e-9
@@ -54,6 +54,8 @@ class TensorGrid:
         if np.unique(flat).size != basis.N:
             return None
         lines = tuple(_places(axis)[0] for axis in basis.mesh.p)
+        if not all(_is_straight(line, place) for line, place in zip(lines, places, strict=True)):
+            return None
         axes = tuple(_matrices(line, place) for line, place in zip(lines, places, strict=True))
         return cls(np.argsort(flat), lines, places, axes)
 
@@ -91,6 +93,13 @@ def _places(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     number = np.empty(values.size, dtype=int)
     number[order] = np.cumsum(new) - 1
     return values[order][new], number
+
+
+def _is_straight(line: np.ndarray, places: np.ndarray) -> bool:
+    """Whether the nodes between places of `line` are where straight maps put them: others have other functions."""
+    order, left = (places.size - 1) // (line.size - 1), line[:-1, None]
+    even = left + np.diff(line)[:, None] * lobatto_nodes(order)[:-1]
+    return even.size == places.size - 1 and np.allclose(places[:-1], even.ravel(), rtol=0, atol=_SAME * np.ptp(line))
 
 
 def _matrices(

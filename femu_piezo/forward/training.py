@@ -88,7 +88,7 @@ class TrainingSet:
 
 def state_residuals(basis: ReducedBasis, item: TrainingSet) -> np.ndarray:
     """Residuals (m, k) of the states of one training set, the electrode's charge taken out."""
-    residual = basis.images.apply(item.coefficients, item.states)
+    residual = basis.images(item.coefficients, item.states)
     residual[: basis.split] -= basis.mass @ (basis.u @ item.inertia)
     lifting = basis.p[:, 0]
     residual[-1] -= lifting @ residual[basis.split :] / lifting[-1]

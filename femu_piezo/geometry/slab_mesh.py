@@ -11,8 +11,9 @@ electrodes (tests/verification/test_slab_meshes.py holds some to it) that is at 
     0.007 · 2⁻ᵖ · 0.15ⁿ⁻¹ + 0.07 · 8⁻ᵖ,
 
 the singularity in the innermost cell, and the smooth field in its graded map. 1e-5 of λ takes order 5 or 6 and two or
-three graded cells, in grids as in polar cells, where the body is small enough for so many. At the holes of a drawn
-body, whose cells span an eighth of a circle, 5 · 20⁻ᵖ is left.
+three graded cells, in grids as in polar cells, where the body is small enough for so many. Plates with rims on one face
+bend, and the shear there decays from their free edges within a third of the thickness: cells of twice the thickness
+leave 6 · 12⁻ᵖ of that. At the holes of a drawn body, whose cells span an eighth of a circle, 5 · 20⁻ᵖ is left.
 """
 
 from __future__ import annotations
@@ -55,13 +56,16 @@ _ORDERS = range(3, 8)
 #: Error at a rim, see above: of the singularity and of the smooth field, each c and b in c b⁻ᵖ. Graded cells on a side
 #: of a rim at most, and share of the accuracy that waves and edges may leave beside it.
 _SINGULAR, _GRADED, _MOST_LAYERS, _SMOOTH = (7e-3, 2.0), (0.07, 8.0), 4, 0.5
+#: Error at the free edges of grids that bend, c b⁻ᵖ.
+_FREE_EDGES = (6.0, 12.0)
 #: Error at a hole in cells of gmsh, c b⁻ᵖ, measured as those at rims.
 _HOLES = (5.0, 20.0)
 #: Reach of the graded cells on both sides of a rim and below the faces, over the thickness.
 _REACH = 0.5
-#: Seconds, as `solution_cost` counts them, that the cells at rims may take, and the accuracy beyond which it is not
-#: relaxed for them: about 25 000 unknowns.
-_MOST_SECONDS, _LEAST_ACCURACY = 8.0, 1e-3
+#: Entries of cells, over those that an assembled operator has for the same memory: most are eliminated in their cell.
+_HELD = 0.6
+#: Accuracy beyond which it is not relaxed for the cells at rims to fit.
+_LEAST_ACCURACY = 1e-3
 #: What gmsh is tried with: shares of the edge, cells of a full circle; least share of a plane cell's Jacobian in its
 #: mean that is good enough to look no further. Drawing units per metre.
 _SHRUNK, _PER_CIRCLE, _GOOD, _DRAWING_UNIT = (1.0, 0.7, 0.5, 0.35), (8, 12, 16), 0.05, 1e3
@@ -107,7 +111,7 @@ def mesh_for(
 ) -> tuple[CurvedHexahedra, int, float]:
     """The cheapest cells that keep λ within `accuracy`, the order of their elements, and the error of λ at rims.
 
-    Where electrode rims would take more than `_MOST_SECONDS`, the accuracy is relaxed until they do not.
+    Where the cells at electrode rims would not fit into the memory, the accuracy is relaxed until they do.
 
     Parameters
     ----------
@@ -121,7 +125,7 @@ def mesh_for(
     rims = bool(partial_footprints(slab))
     while True:
         best = min(_candidates(slab, accuracy, wavenumber, mirrors, order), key=lambda one: one.rank(accuracy))
-        if not rims or best.seconds < _MOST_SECONDS or accuracy > _LEAST_ACCURACY:
+        if not rims or best.fits or accuracy > _LEAST_ACCURACY:
             break
         accuracy *= 2
     check_unknowns(best.unknowns, best.entries)
@@ -144,9 +148,14 @@ class _Candidate:
     entries: float
     seconds: float
 
+    @property
+    def fits(self) -> bool:
+        """Whether it fits into the memory."""
+        return fits(self.unknowns, self.entries)
+
     def rank(self, accuracy: float) -> tuple[bool, float, float]:
         """What grows from the best: those that are too large last, then by error beyond its share, then by cost."""
-        return not fits(self.unknowns, self.entries), max(self.error, accuracy * (1 - _SMOOTH)), self.seconds
+        return not self.fits, max(self.error, accuracy * (1 - _SMOOTH)), self.seconds
 
 
 def _candidates(
@@ -158,7 +167,7 @@ def _candidates(
             plane = _plane(slab, fine, mirrors)
             layers, squares = _heights(slab, fine, mirrors).size - 1, plane.quads.shape[1]
             unknowns = int(4 * (p * layers + 1) * (squares * p**2 + 2 * p * np.sqrt(squares)))
-            entries, cost = 16.0 * squares * layers * (p + 1) ** 6, solution_cost(p, squares * layers, unknowns)
+            entries, cost = _HELD * 16.0 * squares * layers * (p + 1) ** 6, solution_cost(p, squares * layers, unknowns)
             yield _Candidate(fine, plane, error, unknowns, entries, cost)
 
 
@@ -178,10 +187,11 @@ def _choices(
     rims, holes = bool(partial_footprints(slab)), bool(slab.holes) and not is_round(slab)
     share = accuracy * (1 - _SMOOTH) if rims or holes else 0.0
     edge = _edges(slab, p, accuracy - share, wavenumber, mirrors)
-    at_holes, singular, graded = (c * b**-p for c, b in (_HOLES, _SINGULAR, _GRADED))
+    at_holes, at_edges, singular, graded = (c * b**-p for c, b in (_HOLES, _FREE_EDGES, _SINGULAR, _GRADED))
+    bends = is_grid(slab) and 2 not in mirrors
     for layers in range(1, _MOST_LAYERS + 1):
         error = at_holes * holes + (singular * RATIO ** (layers - 1) + graded) * rims
-        yield Fineness(p, edge, layers), error
+        yield Fineness(p, edge, layers), max(error, at_edges * rims * bends)
         if error <= share or not rims:
             break
 

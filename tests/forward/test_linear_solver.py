@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sp
 
 from femu_piezo.forward import linear_solver
 from femu_piezo.forward.linear_solver import Analysis, factorize
@@ -31,5 +32,9 @@ def test_without_rslab_superlu_solves(monkeypatch):
     expected = factorize(matrix).solve(right)
     monkeypatch.setattr(linear_solver, "rslab", None)
     found = factorize(matrix)
-    assert found.backend == "scipy"
+    analysis = Analysis()
+    for part in (matrix, sp.tril(matrix)):
+        solver = analysis.solver(sp.csc_matrix(part))
+        assert solver.backend == "scipy"
+        np.testing.assert_allclose(solver.solve(right), expected, rtol=1e-8, atol=1e-9 * np.abs(expected).max())
     np.testing.assert_allclose(found.solve(right), expected, rtol=1e-8, atol=1e-9 * np.abs(expected).max())

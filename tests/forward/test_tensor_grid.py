@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.model import ElectroelasticModel, scalar_basis
 from femu_piezo.forward.tensor_grid import TensorGrid
+from femu_piezo.geometry.catalogue import plate
 from femu_piezo.geometry.shapes import Plate
+from femu_piezo.geometry.slab import Electrodes
 
 
 @pytest.mark.parametrize("order", [2, 3, 6])
@@ -29,7 +31,7 @@ def test_products_are_those_of_the_assembled_matrices(order):
 
 
 def test_other_bases_have_no_grid():
-    """A part of the cells, and cells that are moved, are no box."""
+    """A part of the cells, cells that are moved, and cells that are graded towards an electrode rim are no box."""
     model = ElectroelasticModel(Plate(10e-3, 5e-3, 1e-3).domain((2, 2, 1), order=3), 7500.0)
     part = model.basis.__class__(model.basis.mesh, model.basis.elem, elements=np.array([0]))
     assert TensorGrid.of(part) is None
@@ -38,3 +40,5 @@ def test_other_bases_have_no_grid():
     points[0] += 0.1 * points[1]
     sheared = model.basis.__class__(replace(bent, doflocs=points), model.basis.elem)
     assert TensorGrid.of(sheared) is None
+    half = plate(10e-3, 6e-3, 1e-3, electrodes=Electrodes(span=(0.0, 5e-3))).domain(3e-3, order=3)
+    assert TensorGrid.of(scalar_basis(half.mesh, 3)) is None

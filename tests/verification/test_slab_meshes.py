@@ -10,6 +10,7 @@ import skfem
 
 from femu_piezo.forward.eigen import solve_eigen
 from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.forward.reduction import driven_modal
 from femu_piezo.geometry.catalogue import disk, plate, ring, trapezoid
 from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.plane_mesh import arc, graded_lines
@@ -153,6 +154,31 @@ def against_finer(shape: Slab, band: float, accuracies: tuple[float, ...]) -> li
 )
 def test_the_accuracy_asked_for_is_kept(name):
     assert max(against_finer(*SMALL[name], (1e-3, 1e-4))) < 1
+
+
+def by_reduction(domain: Domain, band: float) -> np.ndarray:
+    """λ of poles, then zeros below the band's end that the terminals drive by more than 1e-4, by driven vectors."""
+    modal = driven_modal(ElectroelasticModel(domain, DENSITY), PZT.constants.lossless(), 1.05 * band, 1e-9)
+    found = []
+    for values, amplitudes in ((modal.eigenvalues, modal.charges), (modal.zeros[0], modal.zero_amplitudes)):
+        inside = (values.real > (2 * np.pi * 5e3) ** 2) & (values.real < (2 * np.pi * band) ** 2)
+        weight = np.abs(amplitudes**2 / values) * inside
+        found.append(values.real[weight > 1e-4 * weight.max()])
+    return np.concatenate(found)
+
+
+@pytest.mark.slow
+def test_a_half_covered_trapezoid_reaches_what_is_asked():
+    """Against order 6 with three graded cells, and half as wide cells at the slanted sides."""
+    shape, band = trapezoid(10 * MM, 3 * MM, 1.5 * MM, 0.7 * MM, electrodes=HALF), 300e3
+    finer = slab_mesh(shape, Fineness(6, (2 * MM, 0.75 * MM, 0.7 * MM), 3), shape.mirrors)
+    exact = by_reduction(shape._domain(finer, 6, shape.mirrors), band)
+    assert exact.size >= 4
+    for accuracy in (1e-4, 1e-5):
+        domain = shape.domain_for(accuracy, band, SHEAR)
+        found = by_reduction(domain, band)
+        error = max(np.min(np.abs(found / value - 1)) for value in exact)
+        assert error < min(accuracy, accuracy / 2 + domain.rim_error)
 
 
 def random_body(seed: int) -> tuple[Slab, float]:

@@ -1,0 +1,168 @@
+"""Static condensation: unknowns of one cell alone are eliminated cell by cell, the others by a sparse factorisation.
+
+With i the unknowns that no other cell and no further term shares, and b the others of a cell,
+
+    A_bb ← A_bb − A_bi A_ii⁻¹ A_ib,    x_i = A_ii⁻¹ r_i − A_ii⁻¹ A_ib x_b,
+
+which is exact for the A = K − σM of one shift. In one layer of cells of order p, all nodes but those of their upright
+sides go that way. Cells are made, eliminated and dropped one after another, so neither the operator nor its pattern
+is ever held: only A_ii⁻¹ and A_ii⁻¹ A_ib of each cell, and the sparse matrix of what cells share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as sl
+import scipy.sparse as sp
+
+from femu_piezo.forward.gradient_products import FIELDS
+from femu_piezo.forward.layers import LayeredProducts
+from femu_piezo.forward.linear_solver import Analysis, SymmetricSolver
+
+
+@dataclass(frozen=True)
+class _Cell:
+    """An eliminated cell.
+
+    Attributes
+    ----------
+    private : (i,) its own unknowns;  shared : (b,) numbers of the others among the shared ones, growing
+    factor : LU of A_ii and its pivots;  response : (i, b) A_ii⁻¹ A_ib
+    """
+
+    private: np.ndarray
+    shared: np.ndarray
+    factor: tuple[np.ndarray, np.ndarray]
+    response: np.ndarray
+
+
+class Condensation:
+    """Which unknowns of a model are eliminated in their cells, and the pattern of the matrix of the others.
+
+    Parameters
+    ----------
+    products : on n nodes
+    prolongation : (4n, m) from free unknowns to all, the hot electrode last; each row has at most one entry
+    further : matrices (m, m) of further terms, whose unknowns are not eliminated in cells
+    """
+
+    def __init__(self, products: LayeredProducts, prolongation: sp.csr_matrix, further: Iterable[sp.spmatrix]) -> None:
+        self._products, self._size = products, prolongation.shape[1]
+        entries = np.diff(prolongation.indptr)
+        self._free = np.full(FIELDS * products.size, -1)
+        self._free[entries == 1] = prolongation.indices
+        self._free = self._free.reshape(FIELDS, -1)
+        self._scale = np.array([1.0, 1.0, 1.0, np.abs(prolongation.data).max()])
+        self._further = [sp.coo_matrix(matrix) for matrix in further]
+        self._shared = np.flatnonzero(self._is_shared())
+        self._number = np.full(self._size, -1)
+        self._number[self._shared] = np.arange(self._shared.size)
+        self._pattern, self._analysis = self._lower_pattern(), Analysis()
+        self._analysis.of(self._matrix(np.ones(self._pattern.nnz)))  # before there are cells: it takes memory
+
+    def _unknowns(self, cell: int) -> np.ndarray:
+        """(4 m³,) free unknown of every function and field of a cell, −1 where it is held."""
+        return self._free[:, self._products.cell_nodes(cell)].ravel()
+
+    def _is_shared(self) -> np.ndarray:
+        """(m,) which unknowns several cells or further terms have; the hot electrode among them."""
+        cells = np.zeros(self._size, dtype=int)
+        for cell in range(self._products.cells):
+            own = np.unique(self._unknowns(cell))
+            cells[own[own >= 0]] += 1
+        shared = cells > 1
+        shared[-1] = True
+        for matrix in self._further:
+            shared[matrix.row] = True
+        return shared
+
+    def _lower_pattern(self) -> sp.csc_matrix:
+        """Lower triangle of the pattern among the shared unknowns."""
+        groups = [np.unique(self._number[own[own >= 0]]) for own in map(self._unknowns, range(self._products.cells))]
+        groups = [group[group >= 0] for group in groups]
+        starts, every = np.cumsum([0, *(group.size for group in groups)]), np.concatenate(groups)
+        size, ones = self._shared.size, np.ones(every.size, dtype=np.int8)
+        member = sp.csr_matrix((ones, every, starts), shape=(len(groups), size))
+        pattern = member.T.astype(bool) @ member.astype(bool)
+        for matrix in self._further:
+            at = (self._number[matrix.row], self._number[matrix.col])
+            pattern = pattern + sp.csr_matrix((np.ones(matrix.nnz, dtype=bool), at), shape=pattern.shape)
+        lower = sp.tril(pattern, format="csc")
+        lower.sort_indices()
+        return lower
+
+    def factorize(self, tensor: np.ndarray, inertia: float, further: Iterable[float]) -> CondensedSolver:
+        """Of an extended tensor (4, 3, 4, 3) less `inertia` (density times ω²), plus further terms by their factors."""
+        scaled = tensor * self._scale[:, None, None, None] * self._scale[:, None]
+        data, cells = np.zeros(self._pattern.nnz), []
+        for number in range(self._products.cells):
+            cell, rest = self._eliminated(self._products.cell_operator(scaled, inertia, number), self._unknowns(number))
+            self._add(data, cell.shared, rest)
+            cells.append(cell)
+        for factor, matrix in zip(further, self._further, strict=True):
+            if factor != 0:
+                self._add_entries(data, self._number[matrix.row], self._number[matrix.col], factor * matrix.data)
+        return CondensedSolver(cells, self._shared, self._analysis.solver(self._matrix(data)))
+
+    def _matrix(self, data: np.ndarray) -> sp.csc_matrix:
+        return sp.csc_matrix((data, self._pattern.indices, self._pattern.indptr), shape=self._pattern.shape)
+
+    def _eliminated(self, operator: np.ndarray, unknowns: np.ndarray) -> tuple[_Cell, np.ndarray]:
+        """A cell without its own unknowns, and what it adds (b, b) to the others."""
+        number = np.where(unknowns >= 0, self._number[unknowns], -1)
+        private = np.flatnonzero((unknowns >= 0) & (number < 0))
+        shared, group = np.unique(number[number >= 0], return_inverse=True)
+        # the electrode's functions are one unknown: rows and columns of one number are added
+        collect = sp.csr_matrix(
+            (np.ones(group.size), (group, np.flatnonzero(number >= 0))), shape=(shared.size, unknowns.size)
+        )
+        coupling = operator[private] @ collect.T
+        rest = collect @ (operator @ collect.T)
+        factor = sl.lu_factor(operator[np.ix_(private, private)], overwrite_a=True, check_finite=False)
+        response = sl.lu_solve(factor, coupling, check_finite=False)
+        return _Cell(unknowns[private], shared, factor, response), rest - coupling.T @ response
+
+    def _add(self, data: np.ndarray, shared: np.ndarray, rest: np.ndarray) -> None:
+        """Add the lower triangle of a cell's matrix (b, b), whose unknowns have growing numbers."""
+        indptr, indices = self._pattern.indptr, self._pattern.indices
+        for position, column in enumerate(shared):
+            start, end = indptr[column : column + 2]
+            data[start + np.searchsorted(indices[start:end], shared[position:])] += rest[position:, position]
+
+    def _add_entries(self, data: np.ndarray, rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> None:
+        """Add those entries of a symmetric matrix that lie in the lower triangle."""
+        indptr, indices = self._pattern.indptr, self._pattern.indices
+        for row, column, value in zip(rows, columns, values, strict=True):
+            if row >= column:
+                start, end = indptr[column : column + 2]
+                data[start + np.searchsorted(indices[start:end], row)] += value
+
+
+@dataclass(frozen=True)
+class CondensedSolver:
+    """Solves with the whole operator: cells, then what they share, then cells again.
+
+    Attributes
+    ----------
+    shared : (s,) the unknowns that cells share;  solver : of the matrix among them
+    """
+
+    cells: list[_Cell]
+    shared: np.ndarray
+    solver: SymmetricSolver
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """A⁻¹ right, (m,) or (m, k)."""
+        own = right[self.shared]
+        for cell in self.cells:
+            own[cell.shared] -= cell.response.T @ right[cell.private]
+        own = self.solver.solve(own)
+        found = np.empty_like(right)
+        found[self.shared] = own
+        for cell in self.cells:
+            inside = sl.lu_solve(cell.factor, right[cell.private], check_finite=False)
+            found[cell.private] = inside - cell.response @ own[cell.shared]
+        return found
