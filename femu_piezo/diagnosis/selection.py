@@ -14,10 +14,11 @@ screened by linearisation and fitted roughly before they are fitted closely.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
+from typing import TypeVar
 
 import numpy as np
 from scipy.special import logsumexp
@@ -43,6 +44,7 @@ _AS_PROMISED = 1.0
 _LEFT = 2.0
 
 Tell = Callable[[str], None]
+Fitted = TypeVar("Fitted")
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,11 @@ class Hypothesis:
         """Of the causes."""
         return frozenset(self.fit.parameters.candidates)
 
+    @property
+    def forms(self) -> list[Effect]:
+        """Those of what no cause describes among the causes."""
+        return [cause for cause in self.fit.parameters.causes if cause.of_unknown]
+
     @cached_property
     def log_plain(self) -> float:
         """log posterior (up to a constant) without a discrepancy."""
@@ -72,7 +79,7 @@ class Hypothesis:
     @cached_property
     def log_with_discrepancy(self) -> float:
         """log posterior (up to the same constant) with one; what a set describes in another form has none beside."""
-        if any(cause.of_unknown for cause in self.fit.parameters.causes):
+        if self.forms:
             return -np.inf
         return self.fit.log_evidence + self.fit.learned.log_evidence + self.log_prior + float(np.log(self.chance))
 
@@ -250,12 +257,12 @@ class _Search:
         """Enlarge the best sets by one cause after another, then exchange each cause of the best."""
         beam, fruitless = [self._base], 0
         for size in range(1, self._rules.most_causes + 1):
-            before = self._best().log_posterior
+            before = self._described().log_posterior
             for current in beam:
                 self._keep(f for _, f in self._expand(current.fit))
             if size == 1 and self._rules.most_causes > 1:
                 self._keep(self._pairs(frozenset().union(*(one.keys for one in self._beam(1)))))
-            best, tried, beam = self._best(), bool(beam), self._beam(size)
+            best, tried, beam = self._described(), bool(beam), self._beam(size)
             fruitless = fruitless + 1 if tried and best.log_posterior <= before else 0
             # a discrepancy stands for all of several causes: one of them may gain nothing where two do
             if fruitless == (2 if best.discrepant else 1):
@@ -264,23 +271,30 @@ class _Search:
             pass
 
     def _beam(self, size: int) -> list[Hypothesis]:
-        """The best sets of so many causes, those that were fitted and may yet become the best of all."""
-        known = (one for one in self._known.values() if len(one.keys) == size and not one.fit.extrapolated)
+        """The best sets of so many causes, those that were fitted and may yet become the best of all.
+
+        A form of what no cause describes is tried beside every set, and none is enlarged from one.
+        """
+        known = (h for h in self._known.values() if len(h.keys) == size and not h.fit.extrapolated and not h.forms)
         found = sorted(known, key=lambda one: -one.log_posterior)
-        least = self._best().log_posterior - self._rules.contender
+        least = self._described().log_posterior - self._rules.contender
         return [one for one in found[: self._rules.beam] if one.log_posterior > least]
 
     def _best(self) -> Hypothesis:
         return max(self._known.values(), key=lambda one: one.rank)
 
+    def _described(self) -> Hypothesis:
+        """The best set without a form of what no cause describes."""
+        return max((one for one in self._known.values() if not one.forms), key=lambda one: one.rank)
+
     def _exchange(self) -> bool:
         """Try every candidate in each place of the best set; whether a better set was found."""
-        best = self._best()
+        best = self._described()
         if len(best.keys) < 2:
             return False
         for key in best.keys:
             self._keep(f for _, f in self._expand(self._without(best.fit, key)))
-        return self._best().keys != best.keys
+        return self._described().keys != best.keys
 
     def _without(self, current: Fit, key: str) -> Fit:
         keys = frozenset(current.parameters.candidates) - {key}
@@ -342,16 +356,19 @@ class _Search:
             rough.update(fits)
             settled.update({n: odds(one, candidates[n]) for n, one in fits.items() if one is not None})
 
+        def of_causes(fits: Mapping[int, Fitted]) -> list[Fitted]:
+            """A form of what no cause describes keeps no cause from a fit."""
+            return [one for n, one in fits.items() if not candidates[n].of_unknown]
+
         def reach() -> float:
-            return max(settled.values(), default=-np.inf) - self._reach(rough.values())
+            return max(of_causes(settled), default=-np.inf) - self._reach(of_causes(rough))
 
         def unexplained() -> bool:
-            """Whether no fit explains the misfit, nor a discrepancy."""
+            """Whether no fit with a cause explains the misfit, nor a discrepancy."""
             if forms:
                 return False
             by_noise = current.residual.size * np.exp(2 * self._rules.significant * current.data.level_std)
-            fits = (*rough.values(), *close.values())
-            return all(one is None or one.chi_square > by_noise for one in fits)
+            return all(one is None or one.chi_square > by_noise for fits in (rough, close) for one in of_causes(fits))
 
         def most(number: int) -> bool:
             """Whether linearisation explains most of a misfit that no fit explains; what it leaves may be curvature."""
@@ -388,11 +405,13 @@ class _Search:
                 return one
             return self._closely(found[number], one, known(candidates[number]) is not None)
 
-        best, by_hope = max(settled.values(), default=-np.inf), sorted(rough, key=hope, reverse=True)
+        best, by_hope = max(of_causes(settled), default=-np.inf), sorted(rough, key=hope, reverse=True)
         for batch in (by_hope[n : n + _AT_ONCE] for n in range(0, len(by_hope), _AT_ONCE)):
             ended = dict(zip(batch, in_parallel(closely, batch), strict=True))
-            best = max([best, *(odds(one, candidates[n]) for n, one in ended.items() if one is not None)])
             close.update(ended)
+            best = max(
+                [best, *(odds(f, candidates[n]) for n, f in ended.items() if f and not candidates[n].of_unknown)]
+            )
         return tuple(
             (effect, close[number] if number in close else found[number][0].linear)
             for number, effect in enumerate(candidates)
@@ -449,7 +468,7 @@ class _Search:
                 promise = promises[first, second] + sum(self._log_prior[cause.key] for cause in causes)
                 promised[keys] = max(promised.get(keys, (-np.inf, 0, 0)), (float(promise), first, second))
         best = sorted(promised.items(), key=lambda item: -item[1][0])[:_PAIRS]
-        least = self._best().log_posterior - self._reach([self._best().fit])
+        least = self._described().log_posterior - self._reach([self._described().fit])
         worth = [
             start_together(current, alone[first], alone[second])
             for keys, (promise, first, second) in best
@@ -484,7 +503,7 @@ class _Search:
         base = final if not one.keys else self._settled(self._base)
         found = tuple(self._found(one, effect, total) for effect in final.parameters.causes)
         described = one.fit
-        for effect in self._forms(one):
+        for effect in one.forms:
             described = self._without(described, effect.key)
         none = self._base.log_posterior
         return Comparison(
@@ -502,10 +521,6 @@ class _Search:
             rules=self._rules,
             probabilities={effect.title: self._probability(effect.title, total) for effect in self._library},
         )
-
-    def _forms(self, one: Hypothesis) -> list[Effect]:
-        """Forms of what no cause describes in a set."""
-        return [effect for effect in one.fit.parameters.causes if effect.of_unknown]
 
     def _finished(self, one: Hypothesis) -> Hypothesis:
         """The same with a close fit, which those that were only ranked are not."""
@@ -541,7 +556,7 @@ class _Search:
             for keys, h in others.items()
             if len(keys) == 1
         ]
-        without, described = self._known.get(rest), rest - {form.key for form in self._forms(one)}
+        without, described = self._known.get(rest), rest - {form.key for form in one.forms}
         return Found(
             effect=effect,
             probability=self._probability(effect.title, total),

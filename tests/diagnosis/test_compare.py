@@ -44,6 +44,21 @@ def test_two_effects_are_both_named(setup):
     assert result.final.held_out_score == pytest.approx(1.0, abs=0.2)
 
 
+def test_an_uneven_body_is_unknown_and_what_varies_is_told(setup):
+    """It competes with a taper and a gradient of poling; what it explains beside a resistance counts as unexplained."""
+    truth = (0.02, 0.0, 0.05, 0.01, 0.1, 0.02)
+    data = data_with(setup, {"uneven_body": truth, "series_resistance": 1.0}, 2)
+    names = ("series_resistance", "poling_gradient", "tapered_width", "uneven_body")
+    library = [setup.library[name] for name in names]
+    result = compare(setup.evaluation, data, setup.unknowns, setup.x, library)
+    verdict = judge(result)
+    assert verdict.word == "unknown" and [form.effect.key for form in verdict.forms] == ["uneven_body"]
+    assert [cause.effect.key for cause in verdict.causes] == ["series_resistance"]
+    assert result.found[0].probability > 0.99 and verdict.causes[0].probability < 0.9
+    form = verdict.forms[0]
+    assert np.all(np.abs(form.values - truth) < 4 * form.std)
+
+
 @pytest.mark.parametrize("known", [True, False])
 def test_null_stays_null(setup, known):
     for seed in range(3):

@@ -53,9 +53,15 @@ def test_causes_whose_fits_take_many_steps_are_found(name, seed, least, tmp_path
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "seed"), [("second_piece", 107004), ("delamination", 105003), ("tuned_mass", 107008)])
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [("second_piece", 107004), ("delamination", 105003), ("tuned_mass", 107008), ("half_film", 112007)],
+)
 def test_what_nothing_describes_has_no_confident_name(kind, seed, tmp_path):
-    """A second piece, told as three causes at 1.00 without a resonance of its own; a stretch that is soft; a mass."""
+    """A second piece, told as three causes at 1.00 without a resonance of its own; a stretch that is soft; a mass.
+
+    Half a film, told as a taper at 0.99 without an uneven body.
+    """
     assert not judge_draw(draw(f"laboratory:undescribed:{kind}", seed), tmp_path).confident
 
 
