@@ -185,19 +185,24 @@ def _changed(
     theta: np.ndarray, tangents: np.ndarray, omega: np.ndarray, active: Iterable[Active]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Constants (k, 10) and tangents (k, 10, n_x) as the effects leave them, factors side by side taken together."""
-    acting = (item for item in active if item.effect.constants is not None)
-    for are_factors, group in groupby(acting, lambda item: isinstance(item.effect.constants, ConstantFactor)):
-        if are_factors:
-            theta, tangents = _multiplied(theta, tangents, list(group))
+    acting = ((item, hook) for item in active if (hook := item.effect.constants) is not None)
+    for _, group in groupby(acting, lambda pair: isinstance(pair[1], ConstantFactor)):
+        pairs = list(group)
+        factors = [(item, hook.index) for item, hook in pairs if isinstance(hook, ConstantFactor)]
+        if factors:
+            theta, tangents = _multiplied(theta, tangents, factors)
             continue
-        for item in group:
-            theta, tangents, slopes = item.effect.constants(theta, tangents, omega, item.values)
+        for item, hook in pairs:
+            theta, tangents, slopes = hook(theta, tangents, omega, item.values)
             item.put(tangents, slopes)
     return theta, tangents
 
 
-def _multiplied(theta: np.ndarray, tangents: np.ndarray, several: list[Active]) -> tuple[np.ndarray, np.ndarray]:
-    which = np.array([item.effect.constants.index for item in several])
+def _multiplied(
+    theta: np.ndarray, tangents: np.ndarray, factors: list[tuple[Active, int]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The same by factors, each with the number of its constant."""
+    several, which = [item for item, _ in factors], np.array([index for _, index in factors])
     theta, tangents, slopes = multiplied(theta, tangents, which, np.array([item.values for item in several]))
     for number, item in enumerate(several):
         if item.columns is not None:
