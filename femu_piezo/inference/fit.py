@@ -367,9 +367,9 @@ class Fit:
         """The discrepancy that the residual asks for, which noise, unknowns and laws leave so far."""
         return self.learned_of(self.forms)
 
-    @cached_property
+    @property
     def forms(self) -> list[list[Alternatives]]:
-        """That a discrepancy may have here; without Z of the model the smooth one alone."""
+        """That a discrepancy may have here, made anew: they are large. Without Z of the model the smooth one alone."""
         forms: list[Iterable[Alternatives]] = [smooth(self.data, self.log_slope)]
         if self.impedance is not None:
             forms.append(of_every_resonance(self.data, self.impedance))
