@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.linalg as sl
+import scipy.sparse as sp
 from scipy.interpolate import BarycentricInterpolator
 from scipy.sparse.linalg import LinearOperator, eigsh
 
@@ -64,7 +65,8 @@ def _condensed(elastic, coupling, dielectric, constants) -> np.ndarray:
     found = np.empty((r + 1, r + 1), dtype=np.result_type(stiffness, potential))
     found[:r, :r], found[:r, r], found[r, :r], found[r, r] = stiffness, piezo[:, m], piezo[:, m], potential[m, m]
     side = np.concatenate([piezo[:, :m], potential[m:, :m]])
-    found -= side @ sl.solve(potential[:m, :m], side.T, assume_a="sym")
+    definite = "sym" if np.iscomplexobj(potential) else "pos"
+    found += side @ sl.solve(-potential[:m, :m], side.T, assume_a=definite)
     return found
 
 
@@ -111,10 +113,10 @@ def _modes(lossless, mass, shifted, top: float, cutoff: float) -> tuple[np.ndarr
     limit = (cutoff * top) ** 2
     if len(mass) < _MANY:
         return sl.eigh(lossless, mass, subset_by_value=(-np.inf, limit))
-    inverse = LinearOperator(mass.shape, matvec=lambda b: sl.cho_solve(shifted, b))
-    count = 40
+    inverse = LinearOperator(mass.shape, matvec=lambda b: sl.cho_solve(shifted, b, check_finite=False))
+    weight, start, count = sp.csr_matrix(mass), np.ones(len(mass)), 40
     while True:
-        values, modes = eigsh(lossless, count, mass, sigma=-((0.5 * top) ** 2), OPinv=inverse, v0=np.ones(len(mass)))
+        values, modes = eigsh(lossless, count, weight, sigma=-((0.5 * top) ** 2), OPinv=inverse, v0=start)
         if values.max() > limit:
             return values[values < limit], modes[:, values < limit]
         count *= 2

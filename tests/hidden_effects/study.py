@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -56,12 +55,10 @@ def round_jobs(effects: Sequence[str], draws: int, nulls: int, seed: int) -> lis
 
 
 def judged(job: Job) -> Outcome:
-    """Draw and judge one; the seconds are those of the draw and the diagnosis."""
-    began = time.perf_counter()
+    """Draw and judge one."""
     make = draw_round if job[0].partition(":")[0] in ROUND else draw
     with TemporaryDirectory(prefix="hidden_") as folder:
-        outcome = judge_draw(make(*job), Path(folder), _bases())
-    return replace(outcome, seconds=time.perf_counter() - began)
+        return judge_draw(make(*job), Path(folder), _bases())
 
 
 def run(wanted: Sequence[Job], processes: int = 1, results: Path | None = None) -> Iterator[Outcome]:
