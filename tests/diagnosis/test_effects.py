@@ -30,7 +30,7 @@ SIZES = {
     "cable": (1.5, 75.0),
     "relaxation": (0.05, 90e3, 0.35),
     "dielectric_dispersion": 0.03,
-    "frequency_dependent_elastic_loss": 0.7,
+    "frequency_dependent_elastic_loss": (0.7, -0.3),
     "frequency_dependent_elastic_loss/causal": -0.6,
     "wrong_insensitive_parameter:s12": 0.06,
     "wrong_insensitive_parameter:s13": (0.04, 0.03),
@@ -121,7 +121,8 @@ def reference(key: str, size: float, theta: np.ndarray, bare) -> np.ndarray:
             if key.endswith("causal"):
                 shift = (ratio**size - 1) / np.tan(size * np.pi / 2) - 2 / np.pi * np.log(ratio)
                 real = real + elastic * theta.imag * shift
-            return real + 1j * theta.imag * np.where(elastic, ratio**size, 1.0)
+                return real + 1j * theta.imag * np.where(elastic, ratio**size, 1.0)
+            return real + 1j * theta.imag * np.where(elastic, ratio ** (size[0] + size[1] * np.log(ratio)), 1.0)
 
         return bare(law)
     if key == "relaxation":

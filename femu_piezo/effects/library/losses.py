@@ -3,7 +3,8 @@
 Elastic losses that follow a power of frequency: tan φ(ω) = tan φ (ω/ω0)^n for all five compliances.
 
 Two laws, told apart by the data:
-- plain: the real parts stay. Not causal.
+- plain: the real parts stay. Not causal. Its exponent may change with frequency, n + m ln(ω/ω0), as that of a broad
+  peak of the loss does.
 - causal: with the part of the Kramers-Kronig partner that the change of the loss asks for. A loss
   s'' = s' tan φ (ω/ω0)^n belongs to the causal compliance ∝ (jω)^n, whose real part adds
   −s' tan φ cot(nπ/2) [(ω/ω0)^n − 1]; of this the share of a constant loss, −s' tan φ (2/π) ln(ω/ω0), is left out as
@@ -44,15 +45,17 @@ def partner(n: float, logs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _hook(anchor: float, causal: bool):
     def constants(theta, tangents, omega, p):
         logs = np.log(omega / anchor)
-        power = np.exp(p[0] * logs)
+        rates = logs[:, None] ** np.arange(1, 1 + p.size)  # ∂ ln(tan φ)/∂p
+        power = np.exp(rates @ p)
         shift, shift_slope = partner(p[0], logs) if causal else (np.zeros_like(logs), np.zeros_like(logs))
 
         def law(values, power, shift, keep):  # Im s = −s' tan φ: its power, and the real part it brings
             add = (slice(None),) + (None,) * (values.ndim - 1)
             return keep * values.real + shift[add] * values.imag + 1j * power[add] * values.imag
 
-        own = np.zeros((*theta.shape, 1), dtype=complex)
-        own[:, _ELASTIC, 0] = law(theta[:, _ELASTIC], power * logs, shift_slope, 0.0)
+        own = np.zeros((*theta.shape, p.size), dtype=complex)
+        for number, rate in enumerate(rates.T):
+            own[:, _ELASTIC, number] = law(theta[:, _ELASTIC], power * rate, shift_slope, 0.0)
         theta, tangents = theta.copy(), tangents.copy()
         theta[:, _ELASTIC] = law(theta[:, _ELASTIC], power, shift, 1.0)
         tangents[:, _ELASTIC] = law(tangents[:, _ELASTIC], power, shift, 1.0)
@@ -64,22 +67,27 @@ def _hook(anchor: float, causal: bool):
 def _elastic(context: EffectContext) -> tuple[Effect, ...]:
     """The plain law and its causal variant."""
     anchor = 2 * np.pi * context.fundamental_Hz
+
+    def exponent(name: str) -> EffectParameter:
+        return EffectParameter(name, "1", -1.5, 1.5, 0.3, 1.0, law_error=_LAW_ERROR)
+
+    change = EffectParameter("change_of_exponent", "1", -1.5, 1.5, 0.3, 0.5, optional=True)
     laws = (
-        ("", "exponent", False, "; not causal"),
-        ("causal", "causal_exponent", True, ", with the dispersion it causes"),
+        ("", (exponent("exponent"), change), False, "; not causal"),
+        ("causal", (exponent("causal_exponent"),), True, ", with the dispersion it causes"),
     )
     return tuple(
         Effect(
             name="frequency_dependent_elastic_loss",
             law=law,
             sentence=_SENTENCE + words,
-            parameters=(EffectParameter(name, "1", -1.5, 1.5, 0.3, 1.0, law_error=_LAW_ERROR),),
+            parameters=parameters,
             confusable_with=("wrong_insensitive_parameter", "tan_s11"),
             advice=("measure up to the next overtones: each new mode is one more loss",),
             constants=_hook(anchor, causal),
             dispersive=True,
         )
-        for law, name, causal, words in laws
+        for law, parameters, causal, words in laws
     )
 
 
