@@ -40,6 +40,9 @@ from femu_piezo.threads import blas_limit, in_parallel
 _PAIRS = 4
 #: Candidates that are fitted roughly before those that promise less are judged by them.
 _AT_ONCE = 2
+#: Share of the log odds that linearisation promises by which it may be wrong: where a cause is large its law is bent,
+#: and a place is only as near as the next site.
+_BENT = 0.1
 #: A rough fit this near to what linearisation promised (in χ², over χ² per residual) has found the minimum there is.
 _AS_PROMISED = 1.0
 #: χ² per residual above which a rough fit may have settled at a wrong place.
@@ -365,6 +368,10 @@ class _Search:
         def reach() -> float:
             return max(of_causes(settled), default=-np.inf) - self._reach(of_causes(rough))
 
+        def hopeful(number: int) -> bool:
+            """Whether a fit may yet be the best, by what linearisation promises."""
+            return promised[number] + _BENT * max(promised[number], 0.0) > reach()
+
         def unexplained() -> bool:
             """Whether no fit with a cause explains the misfit, nor a discrepancy."""
             if forms:
@@ -377,12 +384,20 @@ class _Search:
             left, misfit, size = found[number][0].promised, current.chi_square, current.residual.size
             return unexplained() and left - size < (misfit - size) / 2
 
-        by_promise = [n for n in np.argsort(promised)[::-1].tolist() if promised[n] > self._rules.promise]
+        def needless(number: int) -> bool:
+            """Whether a form of what no cause describes could only stand for a cause that leaves nothing over."""
+            if not candidates[number].of_unknown:
+                return False
+            return any(one is not None and not self._leaves_something(one) for one in of_causes(rough))
+
+        # stable: of forms of what no cause describes and causes these come first
+        in_order = sorted(np.argsort(promised)[::-1].tolist(), key=lambda n: candidates[n].of_unknown)
+        by_promise = [n for n in in_order if promised[n] > self._rules.promise]
         settle({n: one for n in by_promise if (one := known(candidates[n])) is not None})
         untried = [n for n in by_promise if n not in settled]
         # the best one alone: most often no other is worth a fit after it
         for batch in [untried[:1], *(untried[n : n + _AT_ONCE] for n in range(1, len(untried), _AT_ONCE))]:
-            worth = [n for n in batch if promised[n] > reach() or most(n)]
+            worth = [n for n in batch if (hopeful(n) or most(n)) and not needless(n)]
             settle(dict(zip(worth, in_parallel(roughly, worth), strict=True)))
         if first_cause and rough and unexplained():
             # constants that make up for a cause move far with it: what that promises shows from where they went
@@ -391,7 +406,7 @@ class _Search:
             for number, start in zip(left, further, strict=True):
                 found[number] = sorted([*found[number], start], key=lambda one: one.promised)
                 promised[number] = max(promised[number], odds(start.linear, candidates[number]))
-            worth = [n for n in left if promised[n] > reach()]
+            worth = [n for n in left if hopeful(n)]
             settle(dict(zip(worth, in_parallel(roughly, worth), strict=True)))
 
         def hope(number: int) -> float:
