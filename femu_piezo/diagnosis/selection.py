@@ -347,7 +347,7 @@ class _Search:
         if first_cause:
             self._alone = tuple(own[0] for own in found)
             self._smooth_starts = [s for own, e in zip(found, candidates, strict=True) if e.sites is None for s in own]
-        promised = [max(odds(s.linear, e) for s in own) for own, e in zip(found, candidates, strict=True)]
+        promised = list(in_parallel(lambda own: max(odds(start.linear, start.cause) for start in own), found))
         rough: dict[int, Fit | None] = {}
         close: dict[int, Fit | None] = {}
         settled: dict[int, float] = {}

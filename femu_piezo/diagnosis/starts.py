@@ -166,18 +166,23 @@ def promises_together(current: Fit, alone: Sequence[Start]) -> np.ndarray:
     all_of = all_of - basis @ (basis.T @ all_of)
     gram, ends = all_of.T @ all_of, np.cumsum([1 + len(alone), *widths])
     found = np.full((len(alone), len(alone)), -np.inf)
+    of_widths: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for first, second in combinations(range(len(alone)), 2):
-        own = np.concatenate([np.arange(ends[n], ends[n + 1]) for n in (first, second)])
-        weights = np.zeros(gram.shape[0])
-        weights[[0, 1 + first, 1 + second]] = 1.0
-        square, along, inner = weights @ gram @ weights, gram[own] @ weights, gram[np.ix_(own, own)]
-        level = current.level
+        of_widths.setdefault((widths[first], widths[second]), []).append((first, second))
+    for wide, pairs in of_widths.items():
+        places = np.array(pairs)
+        own = np.hstack([ends[places[:, [side]]] + np.arange(width) for side, width in enumerate(wide)])
+        changed = np.hstack([np.zeros((len(pairs), 1), dtype=int), 1 + places])
+        square = gram[changed[:, :, None], changed[:, None, :]].sum(axis=(1, 2))
+        along = gram[own[:, :, None], changed[:, None, :]].sum(axis=2, keepdims=True)
+        inner, level = gram[own[:, :, None], own[:, None, :]], np.full((len(pairs), 1, 1), current.level)
         for _ in range(_TURNS):
-            matrix = np.eye(own.size) + inner / level**2
-            left = square - along @ np.linalg.solve(matrix, along) / level**2
-            level = noise_level(max(left, 0.0), rows - current.determined, current.data.level_std)
-        price = 0.5 * float(np.linalg.slogdet(matrix)[1])
-        found[first, second] = profiled(max(left, 0.0), rows, current.data.level_std) - price
+            matrix = np.eye(own.shape[1]) + inner / level**2
+            gained = (along * np.linalg.solve(matrix, along)).sum(axis=(1, 2)) / level[:, 0, 0] ** 2
+            left = np.maximum(square - gained, 0.0)
+            level[:, 0, 0] = noise_level(left, rows - current.determined, current.data.level_std)
+        price = 0.5 * np.linalg.slogdet(matrix)[1]
+        found[tuple(places.T)] = profiled(left, rows, current.data.level_std) - price
     left = current.residual - basis @ (basis.T @ current.residual)
     return found - profiled(float(left @ left), rows, current.data.level_std) + current.log_evidence
 

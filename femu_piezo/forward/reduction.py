@@ -43,6 +43,10 @@ _SETTLED = 0.03
 #: points in one round. A series of changes is taken to fall by this ratio at the slowest.
 _SLOW, _OWN_IN_A_ROUND, _SLOWEST = 0.2, 2, 0.9
 
+#: Residuals below this share of the largest are not corrected, nor below this share of what would leave the accuracy:
+#: the error of Z is as the square of what is left.
+_LEAST_RESIDUAL, _LEFT_RESIDUAL = 1e-3, 0.1
+
 #: Estimated error of Z above which a basis that misses its target is of no use.
 _USELESS = 1e-2
 
@@ -182,7 +186,8 @@ def _enriched(
     active, slow, watched = np.arange(len(points)), [], np.arange(len(sets))
     while error.max() > 0.5 * accuracy and rounds < max_rounds:
         residuals = np.hstack(list(in_parallel(lambda item: state_residuals(basis, item), [sets[i] for i in active])))
-        added = basis.add(driven.factor.solve(compressed(residuals, driven.scale)), _KEEP)
+        share = max(_LEAST_RESIDUAL, _LEFT_RESIDUAL * float(np.sqrt(0.5 * accuracy / error.max())))
+        added = basis.add(driven.factor.solve(compressed(residuals, driven.scale, share)), _KEEP)
         added += sum(driven.add(everywhere[index]) for index in slow)
         factors.update(slow)
         rounds, watched = rounds + 1, np.flatnonzero(error > _SETTLED * accuracy)

@@ -14,9 +14,8 @@ from femu_piezo.forward.krylov import LOSS
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.reduced_basis import ReducedBasis
 
-#: Modes up to this multiple of the top ω² are trained; residuals below this share of the largest are not corrected;
-#: at most so many corrections in one round.
-_BEYOND, _RESIDUAL_SHARE, _MOST_CORRECTIONS = 1.5, 0.001, 120
+#: Modes up to this multiple of the top ω² are trained; at most so many corrections in one round.
+_BEYOND, _MOST_CORRECTIONS = 1.5, 120
 
 
 @dataclass(frozen=True)
@@ -95,11 +94,14 @@ def state_residuals(basis: ReducedBasis, item: TrainingSet) -> np.ndarray:
     return residual
 
 
-def compressed(residuals: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """The leading directions of residuals (m, k), measured by the diagonal of the operator, with their size."""
+def compressed(residuals: np.ndarray, scale: np.ndarray, share: float) -> np.ndarray:
+    """The leading directions of residuals (m, k), measured by the diagonal of the operator, with their size.
+
+    share : of the largest, below which the others are left
+    """
     scaled = residuals / np.sqrt(scale)[:, None]
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    chosen = values > _RESIDUAL_SHARE**2 * values[-1]
+    chosen = values > share**2 * values[-1]
     return residuals @ vectors[:, chosen][:, -_MOST_CORRECTIONS:]
 
 

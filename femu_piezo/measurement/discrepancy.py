@@ -11,7 +11,7 @@ learned from the evidence.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,6 +24,8 @@ from femu_piezo.measurement.sweeps import SweepData
 _SIGMAS = np.geomspace(1e-6, 3.0, 27)
 #: Square of the share of a direction of the unknowns that lies in the data, below which it is rounding.
 _UNREACHED = 1e-12
+#: Chords that bound likelihoods, and log odds that are nothing beside the best.
+_CHORDS, _NOTHING = 512, 40.0
 #: Prior probability that a sweep holds something that the model does not describe.
 PRIOR = 0.1
 
@@ -97,10 +99,13 @@ def learn_discrepancy(
     """
     none = float(profiled(residual @ residual, len(span), data.level_std)) if without is None else without
     left = _Left(data, residual, span, np.sqrt(np.broadcast_to(weight, len(span))), none)
-    own = [[left.gains(one) for one in form] for form in forms]
-    of_forms = {form[0].form: _log_mean(np.array([one.mean for one in form])) for form in own if form}
+    own = left.gains([one for form in forms for one in form])
+    means: dict[Form, list[float]] = {}
+    for one in own:
+        means.setdefault(one.form, []).append(one.mean)
+    of_forms = {form: _log_mean(np.array(mean)) for form, mean in means.items()}
     weights = np.array([WEIGHTS[form] for form in of_forms])
-    best = max((one for form in own for one in form), key=lambda one: one.most + np.log(WEIGHTS[one.form]))
+    best = max(own, key=lambda one: one.most + np.log(WEIGHTS[one.form]))
     level = float(noise_level(best.left, len(span), data.level_std))
     gain = _log_mean(np.array(list(of_forms.values())), weights)
     columns = best.size * left.columns(best.which)
@@ -166,8 +171,19 @@ class _Left:
         found[among] = white * self.share[among, None]
         return found
 
-    def gains(self, one: Alternatives) -> _Gains:
-        """What alternatives gain."""
+    def gains(self, every: Sequence[Alternatives]) -> list[_Gains]:
+        """What each of some alternatives gains."""
+        beside = [self._beside(one) for one in every]
+        left, volume = (np.concatenate([part.ravel() for part in parts]) for parts in zip(*beside, strict=True))
+        ends = np.cumsum([part.size for part, _ in beside])[:-1]
+        gains = np.split(self._profiled(left, volume) - volume - self.none, ends)
+        return [
+            self._best(one, own.reshape(chi_square.shape), chi_square)
+            for one, own, (chi_square, _) in zip(every, gains, beside, strict=True)
+        ]
+
+    def _beside(self, one: Alternatives) -> tuple[np.ndarray, np.ndarray]:
+        """χ² (s, n) that alternatives leave at every size, and the volume ½ Σ log(1 + τ g) of each."""
         among = one.among(self.data)
         squares, sides = one.products(self.data, self.share[among], self.sides[among])
         inside = sides[:, :, 1:]
@@ -177,8 +193,24 @@ class _Left:
         count, m = values.shape
         grown = 1 + sizes * np.maximum(values, 0.0).ravel()
         volume = np.log(grown).reshape(-1, count, m) @ np.full(m, 0.5)
-        left = self.chi_square - (sizes / grown * along.ravel()).reshape(-1, count, m) @ np.ones(m)
-        gains = profiled(left, len(self.span), self.data.level_std) - volume - self.none
+        return self.chi_square - (sizes / grown * along.ravel()).reshape(-1, count, m) @ np.ones(m), volume
+
+    def _profiled(self, chi_square: np.ndarray, volume: np.ndarray) -> np.ndarray:
+        """log likelihoods of χ² (m,), from above where that less the volume (m,) cannot matter beside the largest.
+
+        They are convex in χ², the most of straight lines, so chords between some of them lie above.
+        """
+        freedom, std = len(self.span), self.data.level_std
+        given = np.maximum(chi_square, np.finfo(float).tiny)
+        nodes = np.geomspace(given.min(), given.max(), _CHORDS)
+        found = np.interp(given, nodes, profiled(nodes, freedom, std))
+        first = int(np.argmax(found - volume))
+        matter = found - volume > float(profiled(given[first], freedom, std)) - volume[first] - _NOTHING
+        found[matter] = profiled(given[matter], freedom, std)
+        return found
+
+    @staticmethod
+    def _best(one: Alternatives, gains: np.ndarray, left: np.ndarray) -> _Gains:
         size, which = np.unravel_index(np.argmax(gains), gains.shape)
         return _Gains(
             mean=_log_mean(gains),
