@@ -244,6 +244,7 @@ class _Search:
         self._known: dict[frozenset[str], Hypothesis] = {frozenset(): self._base}
         self._smooth_starts: list[Start] = []
         self._alone: tuple[Start, ...] = ()
+        self._taken_out: set[tuple[frozenset[str], str]] = set()
         self._expanded: dict[frozenset[str], tuple[tuple[Effect, Fit | None], ...]] = {}
 
     def _hypothesis(self, fit_: Fit) -> Hypothesis:
@@ -302,11 +303,15 @@ class _Search:
         return self._described().keys != best.keys
 
     def _without(self, current: Fit, key: str) -> Fit:
-        keys = frozenset(current.parameters.candidates) - {key}
-        if keys not in self._known or self._known[keys].fit.extrapolated:
-            parameters = current.parameters.without_candidate(key)
-            x = parameters.carried(current.parameters, current.x)
-            self._keep([self._fitted(parameters, [x])])
+        """The set less one cause, from where it is with it: a fit from elsewhere may have ended at a wrong place."""
+        whole = frozenset(current.parameters.candidates)
+        keys = whole - {key}
+        if keys and (whole, key) not in self._taken_out:
+            self._taken_out.add((whole, key))
+            parameters, before = current.parameters.without_candidate(key), self._known.get(keys)
+            self._keep([self._fitted(parameters, [parameters.carried(current.parameters, current.x)])])
+            if before is not None and self._known[keys].log_posterior > before.log_posterior + self._rules.alike:
+                self._expanded.pop(keys, None)
         return self._known[keys].fit if keys in self._known else self._base.fit
 
     def _expand(self, current: Fit) -> tuple[tuple[Effect, Fit | None], ...]:
@@ -354,8 +359,10 @@ class _Search:
 
         def roughly(number: int) -> Fit | None:
             effect, places = candidates[number], found[number]
-            begins = places if effect.sites is not None and first_cause else places[:1]
-            return self._fitted(places[0].linear.parameters, [place.x for place in begins], COARSE)
+            begins = [place.x for place in places] if effect.sites is not None and first_cause else [places[0].x]
+            if effect.sites is None:
+                begins.append(places[0].stepped())
+            return self._fitted(places[0].linear.parameters, begins, COARSE)
 
         def settle(fits: dict[int, Fit | None]) -> None:
             rough.update(fits)

@@ -63,6 +63,10 @@ class Start:
             return self.linear.jacobian[:, own.start : own.start + 1]
         return (self.residual - current.residual)[:, None] / moved
 
+    def stepped(self) -> np.ndarray:
+        """(n_x,) where linearisation leads, within the bounds."""
+        return np.clip(self.linear.x, *self.linear.parameters.bounds.T)
+
     def alone(self) -> np.ndarray:
         """(n_x,) the start with the step of its last cause alone, within the inner half of its range."""
         x, own = self.x.copy(), self.own(self.cause)
@@ -112,9 +116,8 @@ def _at_rest(response, current: Fit, effect: Effect, parameters: Unknowns, x: np
 
 def stepped_start(response, current: Fit, start: Start) -> Start:
     """The start where linearisation at another one leads, within the bounds."""
-    parameters = start.linear.parameters
-    x = np.clip(start.linear.x, *parameters.bounds.T)
-    return Start(x, *linear_fit(response, current, parameters, x))
+    x = start.stepped()
+    return Start(x, *linear_fit(response, current, start.linear.parameters, x))
 
 
 def relocated(response, reached: Fit, effect: Effect) -> list[Start]:
@@ -135,13 +138,19 @@ def relocated(response, reached: Fit, effect: Effect) -> list[Start]:
 
 
 def _listed(effect: Effect) -> list[np.ndarray]:
-    """Parameters to start from beside rest: each listed value of each parameter, the others at rest."""
-    found = []
-    for number, parameter in enumerate(effect.parameters):
-        for value in parameter.starts:
-            values = effect.rest + _REST * effect.scale
-            values[number] = value
-            found.append(values)
+    """Parameters to start from beside rest: each listed value of each parameter, the others at rest.
+
+    Those of a parameter that may be left out with each of the sizes as well: without a size it changes nothing.
+    """
+    found: list[np.ndarray] = []
+    for optional in (False, True):
+        sizes = list(found)
+        for number, parameter in enumerate(effect.parameters):
+            for value in parameter.starts if parameter.optional == optional else ():
+                for before in (effect.rest + _REST * effect.scale, *sizes):
+                    values = before.copy()
+                    values[number] = value
+                    found.append(values)
     return found
 
 
