@@ -31,7 +31,7 @@ def _both(context: EffectContext) -> tuple[Effect, ...]:
         Effect(
             name="electrode_mass",
             sentence="the electrodes are heavy: a film of mass on both faces",
-            parameters=(EffectParameter("mass_per_area", "kg/m^2", -0.02 * own, 0.2 * own, 0.005 * own, 0.05 * own),),
+            parameters=(EffectParameter("mass_per_area", "kg/m^2", 0.0, 0.2 * own, 0.005 * own, 0.05 * own),),
             confusable_with=("wrong_length", "s11"),
             advice=("weigh the specimen and compare with density × volume", "measure the thickness of the electrodes"),
             terms=(ExtraTerm("film", "inertia", None, _mass, (0.02 * own,), on_electrodes=electrode_film),),
