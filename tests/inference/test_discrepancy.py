@@ -9,14 +9,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from laboratory import FREQUENCY
+from scipy.special import logsumexp
 
 from femu_piezo.inference.fit import Fit, fit, with_discrepancy
 from femu_piezo.measurement.discrepancy import (
     PRIOR,
     Discrepancy,
+    _Left,
     learn_discrepancy,
     log_level_prior,
     noise_level,
+    profiled,
 )
 from femu_piezo.measurement.discrepancy_forms import components, of_one_resonance, smooth
 from femu_piezo.measurement.sweeps import SweepData, stacked
@@ -51,6 +54,21 @@ def test_noise_level_is_the_most_probable_one(chi_square, freedom, std):
         assert found == pytest.approx(0.5 * np.log(30), rel=0.02)
     if chi_square <= 20:
         assert found == pytest.approx(-3 * std)
+
+
+@pytest.mark.parametrize("std", [0.1, 0.3, 5.0])
+@pytest.mark.parametrize("chi_square", [600.0, 1e6])
+def test_likelihoods_that_are_bounded_change_no_evidence(chi_square, std):
+    """Chords lie above a convex function: what they rule out is nothing, and what matters is computed."""
+    rng = np.random.default_rng(1)
+    left = _Left(SimpleNamespace(level_std=std), np.zeros(600), np.zeros((600, 3)), np.ones(600), 0.0)
+    squares, volume = chi_square * (1 - rng.uniform(0, 0.9, 4000) ** 4), rng.exponential(20, 4000)
+    found, exact = left._profiled(squares, volume), profiled(squares, 600, std)
+    assert np.all(found > exact - 1e-6) and np.count_nonzero(found - exact > 1e-6) > 100
+    best = np.argmax(exact - volume)
+    assert np.argmax(found - volume) == best and found[best] == pytest.approx(exact[best])
+    one, other = (logsumexp(values - volume) for values in (found, exact))
+    assert one == pytest.approx(other, abs=1e-9)
 
 
 def linear(seed: int, wave: float) -> tuple[SweepData, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
