@@ -73,6 +73,11 @@ class Verdict:
     forms: tuple[Cause, ...] = ()
     measurements: tuple[str, ...] = ()
 
+    @property
+    def extension(self) -> tuple[Cause, ...]:
+        """What the final model has beyond the base: causes, then forms of what none describes."""
+        return (*self.causes, *self.forms)
+
     def __str__(self) -> str:
         return self.word
 

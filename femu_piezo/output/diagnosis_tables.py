@@ -88,7 +88,7 @@ def _resonance_table(result: Diagnosis) -> Table:
     table = Table(title="poles and zeros, simulated − measured", title_justify="left")
     for heading in ("", "measured (Hz)"):
         table.add_column(heading, justify="right")
-    causes = [spoken(cause.effect) for cause in result.verdict.causes]
+    causes = [spoken(cause.effect) for cause in result.verdict.extension]
     shown = ["base", f"with {listed(causes)}"] if causes else ["base"]
     for words in shown:
         table.add_column(f"Δf, {words}", justify="right")

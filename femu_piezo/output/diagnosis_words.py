@@ -112,7 +112,8 @@ def _wrong(result: Diagnosis) -> tuple[str, ...]:
         where = [band(*one) for one in merged(left.worst_Hz[:4], gap)]
         whole = sum(high - low + gap / 2 for low, high in left.worst_Hz) > _WHOLE * (frequency[-1] - frequency[0])
         found.append(
-            f"What is left over is {np.sqrt(left.size):.3g} times the noise"
+            f"What {'is left over is' if verdict.causes else 'the base model leaves over is'} "
+            f"{np.sqrt(left.size):.3g} times the noise"
             + (", spread over the whole sweep" if whole or not where else "")
             + (f", most of it from {listed(where)}." if where else ".")
         )
@@ -184,7 +185,7 @@ def _sure(result: Diagnosis) -> tuple[str, ...]:
             found.append(f"But this sweep cannot tell it from {others}: the true cause may as well be one of these.")
     unseen = "the held-out band" if not np.all(result.fitted) else "bands left out of the fit one by one"
     before, after, floor = (percent(gain[key]) for key in ("held_out_before", "held_out_after", "noise_floor"))
-    if verdict.causes:
+    if verdict.extension:
         found.append(
             f"The test on data that no fit saw ({unseen}): the error {_moves(gain)} from {before} to {after}, "
             f"{gain['over_expected']:.3g} times what noise leaves of such a prediction by a right model; the noise is "
@@ -192,6 +193,7 @@ def _sure(result: Diagnosis) -> tuple[str, ...]:
         )
     else:
         found.append(f"On data that no fit saw ({unseen}) the model errs by {before}; the noise is {floor}.")
+    if not verdict.causes:
         found.append(_best_candidate(result))
     if not known:
         found.append("The noise was not given with the data; it was estimated from the roughness of the sweep itself.")
@@ -213,17 +215,21 @@ def _certainty(probability: float) -> str:
 
 def _best_candidate(result: Diagnosis) -> str:
     """What the most probable candidate gains, and why it was not named."""
-    tried = [trial for trial in result.comparison.singles if trial.fit is not None]
+    candidates = [trial for trial in result.comparison.singles if not trial.effect.of_unknown]
+    tried = [trial for trial in candidates if trial.fit is not None]
     if not tried:
         return "No candidate effect could be tried."
     best = max(tried, key=lambda trial: trial.log_odds)
-    reason = (
-        "explains more than it costs, but is within a few of its standard deviations (or its tolerance) of nothing"
-        if best.log_odds > 0
-        else "costs more than it explains"
-    )
+    if best.log_odds <= 0:
+        reason = "costs more than it explains"
+    elif result.verdict.forms:
+        reason = f"explains less than {listed([spoken(form.effect) for form in result.verdict.forms])} does"
+    else:
+        reason = (
+            "explains more than it costs, but is within a few of its standard deviations (or its tolerance) of nothing"
+        )
     return (
-        f"{len(result.comparison.singles)} candidate effects were tried; the best of them, {spoken(best.effect)}, "
+        f"{len(candidates)} candidate effects were tried; the best of them, {spoken(best.effect)}, "
         f"{reason}: its log odds against none are {best.log_odds:+.1f}."
     )
 
@@ -234,6 +240,11 @@ def _bias(result: Diagnosis) -> tuple[str, ...]:
     if not result.verdict.causes:
         if result.verdict.word == "none":
             return ("No bias was found: the updated constants stand, within their standard deviations.",)
+        if result.verdict.forms:
+            return (
+                "They move with what the body looks like; their deviations hold as far as it is like that, but no "
+                "known cause makes it so.",
+            )
         return ("They carry an error of unknown size: what is missing in the model has gone into them as well.",)
     if result.verdict.word == "unknown":
         return ("They move with what is named, but neither set is safe while the rest of the misfit has no name.",)
@@ -267,8 +278,8 @@ def _measures(result: Diagnosis) -> tuple[str, ...]:
         first = "Do not rely on the constants before the cause is known; look at the residual where it is largest."
         if _points_to_blame(result):
             return first, _POINTS
-        if not result.verdict.causes:
+        if not result.verdict.extension:
             return first, _HOLD
-    remedies = [cause.effect.advice[0] for cause in result.verdict.causes if cause.effect.advice]
+    remedies = [cause.effect.advice[0] for cause in result.verdict.extension if cause.effect.advice]
     advice = list(dict.fromkeys([*remedies, *result.verdict.measurements]))[:3]
     return (first, *(f"{words[0].upper()}{words[1:]}.".replace("_", " ") for words in advice))

@@ -135,14 +135,14 @@ def _constants(result: Diagnosis) -> str:
                 text = number(value * scale, None if sigma is None else sigma * scale)
                 cells.append(Cell(text, f"parameters.{when}.{name}.{part}", value))
             shift = moved[label]
-            bias = f"{shift.percent:+.3g} % ({shift.sigma:.2g} σ)" if result.verdict.causes else ""
+            bias = f"{shift.percent:+.3g} % ({shift.sigma:.2g} σ)" if result.verdict.extension else ""
             rows.append((label, words, *cells, bias))
     words = (
         "± is one standard deviation, from the noise of this sweep and from the tolerances of dimensions, density, "
         "held constants and instrument together."
     )
     headings = ("", "unit", "base model", "with what is named", "bias of the base model")
-    if not result.verdict.causes:
+    if not result.verdict.extension:
         headings, rows = headings[:3], [row[:3] for row in rows]
     return table(headings, rows) + paragraph(words)
 

@@ -12,15 +12,15 @@ from femu_piezo.study.diagnose import Diagnosis
 
 
 def models(result: Diagnosis) -> tuple[Curve, ...]:
-    """Of the base and, where an effect is named, of the final model."""
+    """Of the base and, where it has more, of the final model."""
     base = Curve("base model, updated", result.curves[0], BASELINE["color"], "dashed")
-    if not result.verdict.causes:
+    if not result.verdict.extension:
         return (base,)
     return (base, Curve(f"with {_names(result)}", result.curves[1], UPDATED["color"], "line"))
 
 
 def _names(result: Diagnosis) -> str:
-    return listed([spoken(cause.effect) for cause in result.verdict.causes])
+    return listed([spoken(cause.effect) for cause in result.verdict.extension])
 
 
 def _axis(result: Diagnosis) -> tuple[np.ndarray, float, Axis, str]:

@@ -9,6 +9,7 @@ import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from femu_piezo.cli import main
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.effects.effect import EffectParameter
 from femu_piezo.output.diagnosis import diagnosis_record
+from femu_piezo.output.diagnosis_words import _best_candidate
 from femu_piezo.output.folder import prepare_folder, write_json
 from femu_piezo.output.report_diagnosis import write_diagnosis_report
 from femu_piezo.output.wording import band, listed, merged, quantity
@@ -118,8 +120,9 @@ def test_none_is_told_in_words_and_figures(none):
     assert "nothing beyond noise is left over" in none.first
     assert "No bias was found" in none.first and "Use the constants" in none.first
     assert f"errs by {100 * none.record['gain']['held_out_before']:.3g} %" in none.first
-    assert f"{len(none.record['candidates'])} candidate effects were tried" in none.first
-    best = max(none.record["candidates"], key=lambda one: one["evidence"])
+    candidates = [one for one in none.record["candidates"] if one["effect"] != "uneven_body"]  # which is no cause
+    assert f"{len(candidates)} candidate effects were tried" in none.first
+    best = max(candidates, key=lambda one: one["evidence"])
     assert best["effect"].replace("_", " ") in none.first
     assert "practically certain" not in none.first and "extended.toml" not in none.first
 
@@ -146,6 +149,20 @@ def test_unknown_is_told_in_words_and_figures(unknown):
     linear = unknown.record["linear_body"]  # specimen and holder together are a linear body
     assert linear["resonances"] == 2 and linear["least"] < 1.3 and linear["model"] > 2
     assert "It is not the simulation" not in unknown.first
+
+
+def test_of_a_form_that_no_cause_describes_the_best_cause_is_told_beside_it():
+    """An uneven body is no candidate effect."""
+
+    def trial(name: str, odds: float, unknown: bool):
+        return SimpleNamespace(effect=SimpleNamespace(title=name, law="", of_unknown=unknown), fit=0, log_odds=odds)
+
+    form = trial("uneven_body", 170.0, True)
+    singles = [trial("wedge", -2.0, False), form, trial("tapered_width", 160.0, False)]
+    result = SimpleNamespace(comparison=SimpleNamespace(singles=singles), verdict=SimpleNamespace(forms=[form]))
+    said = _best_candidate(result)
+    assert said.startswith("2 candidate effects were tried; the best of them, tapered width, explains less than uneven")
+    assert "+160.0" in said
 
 
 def test_points_that_no_linear_body_follows_are_told(tmp_path):
