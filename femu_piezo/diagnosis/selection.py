@@ -252,12 +252,11 @@ class _Search:
         return Hypothesis(fit_, prior, self._chance)
 
     def _keep(self, fits: Iterable[Fit | None]) -> None:
-        for fit_ in fits:
-            if fit_ is not None:
-                one = self._hypothesis(fit_)
-                old = self._known.get(one.keys)
-                if old is None or one.rank > old.rank:
-                    self._known[one.keys] = one
+        new = [self._hypothesis(one) for one in fits if one is not None]
+        for one, _ in zip(new, in_parallel(lambda one: one.log_posterior, new), strict=True):
+            old = self._known.get(one.keys)
+            if old is None or one.rank > old.rank:
+                self._known[one.keys] = one
 
     def run(self) -> None:
         """Enlarge the best sets by one cause after another, then exchange each cause of the best."""
