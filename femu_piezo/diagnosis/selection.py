@@ -40,16 +40,16 @@ from femu_piezo.threads import blas_limit, in_parallel
 _PAIRS = 4
 #: Candidates that are fitted roughly before those that promise less are judged by them.
 _AT_ONCE = 2
-#: Share of the log odds that linearisation promises by which it may be wrong: where a cause is large its law is bent,
+#: Share of the log odds that linearisation promises by which it may be wrong: the law of a large cause is not linear,
 #: and a place is only as near as the next site.
-_BENT = 0.1
+_NONLINEAR = 0.1
 #: A rough fit this near to what linearisation promised (in χ², over χ² per residual) has found the minimum there is.
 _AS_PROMISED = 1.0
 #: χ² per residual above which a rough fit may have settled at a wrong place.
 _LEFT = 2.0
 
 Tell = Callable[[str], None]
-Fitted = TypeVar("Fitted")
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -244,7 +244,7 @@ class _Search:
         self._known: dict[frozenset[str], Hypothesis] = {frozenset(): self._base}
         self._smooth_starts: list[Start] = []
         self._alone: tuple[Start, ...] = ()
-        self._taken_out: set[tuple[frozenset[str], str]] = set()
+        self._taken_out: set[tuple[frozenset[str], str]] = set()  # sets, and the cause that was left out of each
         self._expanded: dict[frozenset[str], tuple[tuple[Effect, Fit | None], ...]] = {}
 
     def _hypothesis(self, fit_: Fit) -> Hypothesis:
@@ -253,7 +253,8 @@ class _Search:
 
     def _keep(self, fits: Iterable[Fit | None]) -> None:
         new = [self._hypothesis(one) for one in fits if one is not None]
-        for one, _ in zip(new, in_parallel(lambda one: one.log_posterior, new), strict=True):
+        list(in_parallel(lambda one: one.log_posterior, new))  # each keeps its own
+        for one in new:
             old = self._known.get(one.keys)
             if old is None or one.rank > old.rank:
                 self._known[one.keys] = one
@@ -339,6 +340,9 @@ class _Search:
         def odds(one: Fit, effect: Effect) -> float:
             return self._log_evidence(one, forms) - before + self._log_prior[effect.key]
 
+        def odds_of(fits: Mapping[int, Fit | None]) -> dict[int, float]:
+            return {n: odds(one, candidates[n]) for n, one in fits.items() if one is not None}
+
         def known(effect: Effect) -> Fit | None:
             one = self._known.get(frozenset((*current.parameters.candidates, effect.key)))
             return None if one is None else one.fit
@@ -358,25 +362,26 @@ class _Search:
 
         def roughly(number: int) -> Fit | None:
             effect, places = candidates[number], found[number]
-            begins = [place.x for place in places] if effect.sites is not None and first_cause else [places[0].x]
             if effect.sites is None:
-                begins.append(places[0].stepped())
+                begins = [places[0].x, places[0].stepped()]
+            else:
+                begins = [place.x for place in (places if first_cause else places[:1])]
             return self._fitted(places[0].linear.parameters, begins, COARSE)
 
         def settle(fits: dict[int, Fit | None]) -> None:
             rough.update(fits)
-            settled.update({n: odds(one, candidates[n]) for n, one in fits.items() if one is not None})
+            settled.update(odds_of(fits))
 
-        def of_causes(fits: Mapping[int, Fitted]) -> list[Fitted]:
-            """A form of what no cause describes keeps no cause from a fit."""
-            return [one for n, one in fits.items() if not candidates[n].of_unknown]
+        def of_causes(items: Mapping[int, Item]) -> list[Item]:
+            """Those of causes alone: a form of what none of them describes keeps no cause from a fit."""
+            return [one for n, one in items.items() if not candidates[n].of_unknown]
 
         def reach() -> float:
             return max(of_causes(settled), default=-np.inf) - self._reach(of_causes(rough))
 
         def hopeful(number: int) -> bool:
             """Whether a fit may yet be the best, by what linearisation promises."""
-            return promised[number] + _BENT * max(promised[number], 0.0) > reach()
+            return promised[number] + _NONLINEAR * max(promised[number], 0.0) > reach()
 
         def unexplained() -> bool:
             """Whether no fit with a cause explains the misfit, nor a discrepancy."""
@@ -396,7 +401,7 @@ class _Search:
                 return False
             return any(one is not None and not self._leaves_something(one) for one in of_causes(rough))
 
-        # stable: of forms of what no cause describes and causes these come first
+        # causes by what they promise, then forms of what none of them describes
         in_order = sorted(np.argsort(promised)[::-1].tolist(), key=lambda n: candidates[n].of_unknown)
         by_promise = [n for n in in_order if promised[n] > self._rules.promise]
         settle({n: one for n in by_promise if (one := known(candidates[n])) is not None})
@@ -432,9 +437,7 @@ class _Search:
         for batch in (by_hope[n : n + _AT_ONCE] for n in range(0, len(by_hope), _AT_ONCE)):
             ended = dict(zip(batch, in_parallel(closely, batch), strict=True))
             close.update(ended)
-            best = max(
-                [best, *(odds(f, candidates[n]) for n, f in ended.items() if f and not candidates[n].of_unknown)]
-            )
+            best = max([best, *of_causes(odds_of(ended))])
         return tuple(
             (effect, close[number] if number in close else found[number][0].linear)
             for number, effect in enumerate(candidates)
@@ -490,8 +493,8 @@ class _Search:
             if causes[0].title != causes[1].title and not keys & enlarged:
                 promise = promises[first, second] + sum(self._log_prior[cause.key] for cause in causes)
                 promised[keys] = max(promised.get(keys, (-np.inf, 0, 0)), (float(promise), first, second))
-        best = sorted(promised.items(), key=lambda item: -item[1][0])[:_PAIRS]
-        least = self._described().log_posterior - self._reach([self._described().fit])
+        best, described = sorted(promised.items(), key=lambda item: -item[1][0])[:_PAIRS], self._described()
+        least = described.log_posterior - self._reach([described.fit])
         worth = [
             start_together(current, alone[first], alone[second])
             for keys, (promise, first, second) in best

@@ -211,6 +211,7 @@ class _Left:
 
     @staticmethod
     def _best(one: Alternatives, gains: np.ndarray, left: np.ndarray) -> _Gains:
+        """Of alternatives with gains and χ² (s, n) at every size."""
         size, which = np.unravel_index(np.argmax(gains), gains.shape)
         return _Gains(
             mean=_log_mean(gains),

@@ -198,8 +198,7 @@ def diagnosis_figure(result: Diagnosis) -> Figure:
     x = spectrum.frequency * factor
     magnitude.semilogy(x, np.abs(spectrum.impedance), label="measured", **MEASURED)
     magnitude.semilogy(x, np.abs(result.curves[0]), label="base model, updated", **BASELINE)
-    shown = (*result.verdict.causes, *result.verdict.forms)
-    named = " and ".join(cause.effect.title.replace("_", " ") for cause in shown)
+    named = " and ".join(one.effect.title.replace("_", " ") for one in result.verdict.extension)
     if named:
         magnitude.semilogy(x, np.abs(result.curves[1]), label=f"with {named}", **UPDATED)
     panels = ((before, result.curves[0], "base model"), (after, result.curves[1], named and f"with {named}"))

@@ -10,7 +10,7 @@ from femu_piezo.inference.readings import reading_words
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.diagnosis_words import answer
 from femu_piezo.output.tables import number, text_of, told
-from femu_piezo.output.wording import listed, percent, quantity, sizes, spoken
+from femu_piezo.output.wording import listed, named, percent, quantity, sizes, spoken
 from femu_piezo.study.diagnose import Diagnosis
 from femu_piezo.study.pole_zero_residuals import Difference
 
@@ -88,8 +88,8 @@ def _resonance_table(result: Diagnosis) -> Table:
     table = Table(title="poles and zeros, simulated − measured", title_justify="left")
     for heading in ("", "measured (Hz)"):
         table.add_column(heading, justify="right")
-    causes = [spoken(cause.effect) for cause in result.verdict.extension]
-    shown = ["base", f"with {listed(causes)}"] if causes else ["base"]
+    extension = result.verdict.extension
+    shown = ["base", f"with {named(extension)}"] if extension else ["base"]
     for words in shown:
         table.add_column(f"Δf, {words}", justify="right")
         table.add_column("ΔQ", justify="right")

@@ -9,7 +9,7 @@ import numpy as np
 from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.inference.fit import Fit
 from femu_piezo.output.curves import PRINTED
-from femu_piezo.output.wording import band, listed, merged, percent, sizes, spoken
+from femu_piezo.output.wording import band, listed, merged, named, percent, sizes, spoken
 from femu_piezo.study.diagnose import Diagnosis, LinearBody
 
 #: Shift of a constant, in standard deviations, that is told.
@@ -73,22 +73,20 @@ def answer(result: Diagnosis) -> Answer:
     return Answer(_headline(result), _wrong(result), _sure(result), _bias(result), _measures(result))
 
 
-def _names(result: Diagnosis) -> str:
-    return listed([spoken(cause.effect) for cause in result.verdict.causes])
-
-
 def _headline(result: Diagnosis) -> str:
     word = result.verdict.word
     if word == "none":
         return "The simulation explains this sweep: nothing beyond noise is left over, no effect is needed."
     many = len(result.verdict.causes) > 1
     if word == "effect":
-        return f"The misfit has {'named causes' if many else 'a named cause'}: {_names(result)}."
+        return f"The misfit has {'named causes' if many else 'a named cause'}: {named(result.verdict.causes)}."
     if _points_to_blame(result):
         return "No linear body follows these points: what is wrong is in the data, not in the simulation."
     words = "The simulation misses something that no known effect explains"
     if result.verdict.causes:
-        return f"{words}: with {_names(result)} {percent(result.verdict.unexplained)} of the misfit stays."
+        return (
+            f"{words}: with {named(result.verdict.causes)} {percent(result.verdict.unexplained)} of the misfit stays."
+        )
     looks = _looks(result)
     return f"{words}; it looks like {listed(looks)}." if looks else f"{words}."
 
@@ -223,7 +221,7 @@ def _best_candidate(result: Diagnosis) -> str:
     if best.log_odds <= 0:
         reason = "costs more than it explains"
     elif result.verdict.forms:
-        reason = f"explains less than {listed([spoken(form.effect) for form in result.verdict.forms])} does"
+        reason = f"explains less than {named(result.verdict.forms)} does"
     else:
         reason = (
             "explains more than it costs, but is within a few of its standard deviations (or its tolerance) of nothing"

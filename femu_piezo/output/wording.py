@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.effects.effect import Effect, EffectParameter
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.tables import number
@@ -22,6 +25,11 @@ def spoken(effect: Effect) -> str:
 def listed(words: list[str] | tuple[str, ...], last: str = "and") -> str:
     """a, b and c."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
+
+
+def named(causes: Sequence[Cause]) -> str:
+    """The names of causes, one or more, in plain words."""
+    return listed([spoken(cause.effect) for cause in causes])
 
 
 def quantity(parameter: EffectParameter, value: float, std: float | None) -> str:
