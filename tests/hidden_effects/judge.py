@@ -42,8 +42,8 @@ class Outcome:
     sizes : "effect.parameter" → (estimated − true)/std, of the effects named rightly
     bias : constant → (value after extension − true)/std, "tan_…" likewise
     ratio : rms of the unseen points after extension over the true noise, and before
-    seconds : of the diagnosis
     misfit : the same after over what noise makes of such a prediction by a right model
+    seconds : of the diagnosis
     chances : every candidate → its probability, as the comparison of all sets has it
     constants, causes : what `bias` and `sizes` are made of, each (estimated, std, true), SI
     """

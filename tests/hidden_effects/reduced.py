@@ -65,8 +65,9 @@ def _condensed(elastic, coupling, dielectric, constants) -> np.ndarray:
     found = np.empty((r + 1, r + 1), dtype=np.result_type(stiffness, potential))
     found[:r, :r], found[:r, r], found[r, :r], found[r, r] = stiffness, piezo[:, m], piezo[:, m], potential[m, m]
     side = np.concatenate([piezo[:, :m], potential[m:, :m]])
-    definite = "sym" if np.iscomplexobj(potential) else "pos"
-    found += side @ sl.solve(-potential[:m, :m], side.T, assume_a=definite)
+    # what is real is lossless, and −potential then positive definite
+    kind = "sym" if np.iscomplexobj(potential) else "pos"
+    found += side @ sl.solve(-potential[:m, :m], side.T, assume_a=kind)
     return found
 
 
