@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,6 +45,7 @@ class Swept:
     theta: np.ndarray
     surfaces: list
     laws: list[Law]
+    relaxations: list[Law]
     circuits: list[Circuit]
     warp: Profile | None
 
@@ -54,19 +55,27 @@ class Swept:
 
     def constants(self, frequency: float) -> np.ndarray:
         """(10,) d-form constants at a frequency in Hz."""
-        theta = self.theta
-        for law in self.laws:
-            theta = law(theta, frequency)
-        return theta
+        return _followed((*self.laws, *self.relaxations), self.theta, frequency)
+
+    def stated(self, frequency: float) -> np.ndarray:
+        """The same as tables of constants state them: loss tangents without what a relaxation loses."""
+        whole, apart = self.constants(frequency).real, _followed(self.laws, self.theta, frequency)
+        return whole * (1 + 1j * apart.imag / apart.real)
 
     def impedance(self, frequency: np.ndarray) -> np.ndarray:
         """Z (k,), ohm, as it would be measured without noise."""
         plate = Plate(self.body(), self.theta, float(frequency.max()), self.surfaces)
         own = frequency if self.warp is None else self.warp(frequency)
-        z = plate.impedance(self.constants if self.laws else self.theta, own)
+        z = plate.impedance(self.constants if self.laws or self.relaxations else self.theta, own)
         for circuit in self.circuits:
             z = circuit(2 * np.pi * frequency, z)
         return z
+
+
+def _followed(laws: Iterable[Law], theta: np.ndarray, frequency: float) -> np.ndarray:
+    for law in laws:
+        theta = law(theta, frequency)
+    return theta
 
 
 @dataclass
@@ -100,6 +109,7 @@ class Build(Swept):
     elements_across: list[float] = field(default_factory=list)
     surfaces: list[Surface] = field(default_factory=list)
     laws: list[Law] = field(default_factory=list)
+    relaxations: list[Law] = field(default_factory=list)
     circuits: list[Circuit] = field(default_factory=list)
     warp: Profile | None = None
 

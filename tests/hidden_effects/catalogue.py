@@ -134,7 +134,7 @@ def relaxation(build, rng, variant) -> Hidden:
         found[9] *= 1 + size * (share(frequency) - share(build.fundamental).real)
         return found
 
-    build.laws.append(law)
+    build.relaxations.append(law)
     sizes = {"strength": size, "relaxation_frequency": centre}
     return Hidden("relaxation", sizes, variant="skewed" * variant, sized=not variant)
 

@@ -191,7 +191,7 @@ def _sizes(draw: Draw, result: Diagnosis) -> dict[str, Known]:
 
 def _constants(draw: Draw, result: Diagnosis) -> dict[str, Known]:
     """The constants after extension, at the frequency where the diagnosis anchors laws."""
-    truth, found = draw.build.constants(result.reference_Hz), {}
+    truth, found = draw.build.stated(result.reference_Hz), {}
     for name, estimate in result.constants(result.comparison.final).items():
         value = complex(truth[NAMES.index(name)])
         found[name] = (estimate.value, estimate.std, value.real)

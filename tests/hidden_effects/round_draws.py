@@ -48,6 +48,7 @@ class RoundBuild(Swept):
     admittance: float = 1.0
     surfaces: list[RoundSurface] = field(default_factory=list)
     laws: list[Law] = field(default_factory=list)
+    relaxations: list[Law] = field(default_factory=list)
     circuits: list[Circuit] = field(default_factory=list)
     warp: Profile | None = None
     profiles: dict[str, Callable] = field(default_factory=dict)

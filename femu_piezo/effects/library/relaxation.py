@@ -3,7 +3,8 @@
     ε33T(ω) = ε33T [1 + Δ (c(ω) − Re c(ω0))],    c(ω) = 1/(1 + (jω/ωr)^(1−α)),
 
 Δ the strength as a share of ε33T, ωr/2π the relaxation frequency, α the width: 0 is that of Debye, with one relaxation
-time. At the fundamental ω0 the real part keeps its value. With time as e^(+jωt) a loss is Im ε < 0, which Im c is.
+time. At the fundamental ω0 the real part keeps its value. With time as e^(+jωt) a loss is Im ε < 0, which Im c is. The
+tangent of ε33T is that of all other losses, which may not be negative: the relaxation's own is −Δ Im c.
 """
 
 from __future__ import annotations
@@ -46,7 +47,10 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     return (
         Effect(
             name="relaxation",
-            sentence="the permittivity relaxes: it falls over some decade of frequency, with a peak of its loss",
+            sentence=(
+                "the permittivity relaxes: it falls over some decade of frequency, with a peak of its loss, which comes on "
+                "top of tan eps33T"
+            ),
             parameters=(
                 EffectParameter("strength", "1", 0.0, 3.0, 0.01, 0.1),
                 EffectParameter(
