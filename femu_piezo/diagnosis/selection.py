@@ -335,10 +335,11 @@ class _Search:
         if not candidates:
             return ()
         first_cause, forms = not current.parameters.candidates, self._forms_beside(current)
+        level = current.learned.level if forms else None
         names = [f"{words}: {effect.key}" for effect in candidates]
 
         def odds(one: Fit, effect: Effect) -> float:
-            return self._log_evidence(one, forms) - before + self._log_prior[effect.key]
+            return self._log_evidence(one, forms, level) - before + self._log_prior[effect.key]
 
         def odds_of(fits: Mapping[int, Fit | None]) -> dict[int, float]:
             return {n: odds(one, candidates[n]) for n, one in fits.items() if one is not None}
@@ -350,7 +351,7 @@ class _Search:
         def screened(effect: Effect) -> list[Start]:
             return starts(self._response, current, effect)
 
-        before = self._log_evidence(current, forms)
+        before = self._log_evidence(current, forms, level)
         found = list(self._told(in_parallel(screened, candidates), names))
         if first_cause:
             self._alone = tuple(own[0] for own in found)
@@ -450,11 +451,11 @@ class _Search:
         """
         return current.forms if current.parameters.candidates and self._hypothesis(current).discrepant else []
 
-    def _log_evidence(self, one: Fit, forms: list[list[Alternatives]]) -> float:
-        """log p(data), without a discrepancy or with one of some forms."""
+    def _log_evidence(self, one: Fit, forms: list[list[Alternatives]], level: float | None) -> float:
+        """log p(data), without a discrepancy or with one of some forms, at about a level of the noise."""
         if not forms:
             return one.log_evidence
-        with_it = one.log_evidence + one.learned_of(forms).log_evidence + float(np.log(self._chance))
+        with_it = one.log_evidence + one.learned_of(forms, level).log_evidence + float(np.log(self._chance))
         return float(np.logaddexp(one.log_evidence + np.log1p(-self._chance), with_it))
 
     def _reach(self, rough: Iterable[Fit | None]) -> float:

@@ -376,21 +376,22 @@ class Fit:
             forms.append(of_one_resonance(self.data, self.impedance, self.log_slope))
         return [list(form) for form in forms]
 
-    def learned_of(self, forms: list[list[Alternatives]]) -> Discrepancy:
+    def learned_of(self, forms: list[list[Alternatives]], level: float | None = None) -> Discrepancy:
         """The discrepancy of some forms that the residual asks for.
 
         Beside a discrepancy the noise may be a fraction of what it is without one. Data then say more of the unknowns,
         so both are found in turns.
+
+        level : factor on the noise to begin with; that of the fit without a discrepancy where None
         """
         plain = self._unexplained(self.marginal)
-        found, level = learn_discrepancy(self.data, plain.residual, plain.span, forms, self.weight), plain.level
-        for _ in range(_TURNS):
-            if abs(np.log(found.level / level)) < _LEVEL:
-                break
-            level = found.level
-            left = self._unexplained(self._at_level(level))
+        left = plain if level is None else self._unexplained(self._at_level(level))
+        for _ in range(1 + _TURNS):
             none = plain.log_likelihood - left.log_volume
             found = learn_discrepancy(self.data, left.residual, left.span, forms, self.weight, none)
+            if abs(np.log(found.level / left.level)) < _LEVEL:
+                break
+            left = self._unexplained(self._at_level(found.level))
         return found
 
     def _at_level(self, level: float) -> Marginal:

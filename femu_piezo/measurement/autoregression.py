@@ -11,6 +11,7 @@ less. The first p points are predicted by those that they have.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,16 +51,25 @@ class Autoregression:
     def whitened(self, errors: np.ndarray) -> np.ndarray:
         """e (k, …) of errors n (k, …) over their standard deviation, in order of frequency."""
         found = np.array(errors)
-        most = min(len(self.correlations), len(errors))
-        for order in range(1, most + 1):
-            phi, deviation = self.predictor(order)
-            rows = slice(order, None if order == most else order + 1)
-            expected = sum(
-                one * errors[order - back : len(errors) - back if order == most else order - back + 1]
-                for back, one in enumerate(phi, start=1)
-            )
+        for rows, phi, deviation in self._predictions(len(errors)):
+            expected = sum(one * errors[rows.start - back : rows.stop - back] for back, one in enumerate(phi, start=1))
             found[rows] = (errors[rows] - expected) / deviation
         return found
+
+    def transposed(self, values: np.ndarray) -> np.ndarray:
+        """Aᵗ v (k, …) of values (k, …), with A the matrix of `whitened`."""
+        found = np.array(values)
+        for rows, phi, deviation in self._predictions(len(values)):
+            found[rows] += values[rows] / deviation - values[rows]
+            for back, one in enumerate(phi, start=1):
+                found[rows.start - back : rows.stop - back] -= one * values[rows] / deviation
+        return found
+
+    def _predictions(self, count: int) -> Iterator[tuple[slice, np.ndarray, float]]:
+        """The points after the first of so many: those that as many before predict, with φ and s."""
+        most = min(len(self.correlations), count)
+        for order in range(1, most + 1):
+            yield slice(order, count if order == most else order + 1), *self.predictor(order)
 
     def coloured(self, white: np.ndarray) -> np.ndarray:
         """n (k, …) of e (k, …): the inverse of `whitened`."""

@@ -22,8 +22,9 @@ from femu_piezo.measurement.sweeps import SweepData
 
 #: Standard deviations that compete (equal prior weight each).
 _SIGMAS = np.geomspace(1e-6, 3.0, 27)
-#: Square of the share of a direction of the unknowns that lies in the data, below which it is rounding.
-_UNREACHED = 1e-12
+#: Square of the share of a direction of the unknowns that lies in the data, below which the direction is left out: what
+#: it takes of a column is no larger a share of what the others leave.
+_UNREACHED = 1e-7
 #: Chords that bound likelihoods, and log odds that are nothing beside the best.
 _CHORDS, _NOTHING = 512, 40.0
 #: Prior probability that a sweep holds something that the model does not describe.

@@ -25,10 +25,10 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import product
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy.interpolate import AAA
@@ -83,6 +83,7 @@ class Alternatives:
     imaginary: float
     points: np.ndarray
     places: np.ndarray
+    _kept: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def columns(self) -> np.ndarray:
@@ -110,17 +111,39 @@ class Alternatives:
     def products(self, data: SweepData, share: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """ΦᵗΦ (n, 2m, 2m) and Φᵗ V (n, 2m, p) of the whitened columns Φ times a share (2k',), and of V (2k', p).
 
-        Where noise is white and Re and Im have one share each product is a complex one of rows, factors between.
+        Where Re and Im have one share, Φᵗ V is a complex product of rows, with factors between. The first is the same
+        for all fits of a sweep whose loss gives its points the same weights, and is kept for the next of them.
         """
-        k, alike = self.points.size, not any(data.noise_memory)
-        if not (alike and np.array_equal(share[:k], share[k:])):
-            whole = np.ascontiguousarray((self.whitened(data) * share[:, None, None]).transpose(1, 2, 0))
+        k = self.points.size
+        if not np.array_equal(share[:k], share[k:]):
+            whole = self._whole(data, share)
             return whole @ whole.transpose(0, 2, 1), whole @ others
-        factors = self.factors * (data.weight[self.points] * share[:k])
-        n, rows, size, turns = len(self.rows), self.rows.shape[1], len(factors), (1.0, self.imaginary)
-        sides = factors[:, :, None] * (others[:k] - 1j * others[k:])  # (t, k', p)
+        key = share.tobytes(), data.relative_noise.tobytes(), data.noise_memory
+        kept = self._kept.get("squares")
+        if kept is None or kept[0] != key:
+            kept = self._kept["squares"] = key, self._squares_of(data, share)
+        values = np.zeros((data.impedance.size, others.shape[1]), dtype=complex)
+        values[self.points] = share[:k, None] * (others[:k] - 1j * others[k:])
+        values = data.over_noise_transposed(values)[self.points]
+        n, rows, size = len(self.rows), self.rows.shape[1], len(self.factors)
+        sides = self.factors[:, :, None] * values  # (t, k', p)
         along = self.rows.reshape(-1, k) @ sides.transpose(1, 0, 2).reshape(k, -1)
         along = along.reshape(n, rows, size, -1).transpose(0, 2, 1, 3) * self.scale[:, None, None, None]
+        both = np.stack([along.real, -self.imaginary * along.imag], axis=1)
+        return kept[1], both.reshape(n, 2 * size * rows, -1)
+
+    def _whole(self, data: SweepData, share: np.ndarray) -> np.ndarray:
+        """Φᵗ (n, 2m, 2k')."""
+        return np.ascontiguousarray((self.whitened(data) * share[:, None, None]).transpose(1, 2, 0))
+
+    def _squares_of(self, data: SweepData, share: np.ndarray) -> np.ndarray:
+        """ΦᵗΦ (n, 2m, 2m) where Re and Im have one share; of white noise it is a complex product of rows as well."""
+        if any(data.noise_memory):
+            whole = self._whole(data, share)
+            return whole @ whole.transpose(0, 2, 1)
+        k = self.points.size
+        factors = self.factors * (data.weight[self.points] * share[:k])
+        n, rows, size = len(self.rows), self.rows.shape[1], len(factors)
         found = np.empty((n, 2, size, rows, 2, size, rows))
         for one, first in enumerate(factors):
             for other, second in enumerate(factors[: one + 1]):
@@ -131,8 +154,7 @@ class Alternatives:
                     own = own.conj().transpose(0, 2, 1)
         found[:, 1] *= self.imaginary
         found[:, :, :, :, 1] *= self.imaginary
-        both = np.stack([turn * part for turn, part in zip(turns, (along.real, -along.imag), strict=True)], axis=1)
-        return found.reshape(n, 2 * size * rows, -1), both.reshape(n, 2 * size * rows, -1)
+        return found.reshape(n, 2 * size * rows, -1)
 
     def _weighted(self, weight: np.ndarray) -> np.ndarray:
         """Σ w conj(row) row (n, s, s) for complex weights w (k'), real where they are."""

@@ -57,6 +57,13 @@ class SweepData:
             found[sweep] = memory.whitened(found[sweep])
         return found
 
+    def over_noise_transposed(self, values: np.ndarray) -> np.ndarray:
+        """Wᵗ v (k, …) of complex values (k, …), with W the real matrix of `over_noise`."""
+        found = np.array(values)
+        for memory, sweep in self._correlated:
+            found[sweep] = memory.transposed(values[sweep])
+        return found * self.weight.reshape(-1, *[1] * (values.ndim - 1))
+
     def from_noise(self, whitened: np.ndarray) -> np.ndarray:
         """(k,) errors of log Z of whitened ones: the inverse of `over_noise`."""
         found = np.array(whitened)

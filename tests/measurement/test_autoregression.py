@@ -53,6 +53,12 @@ def test_columns_are_whitened_as_each_by_itself() -> None:
     np.testing.assert_array_equal(MEMORY.whitened(columns[:2])[:2], found[:2])
 
 
+@pytest.mark.parametrize("count", [COUNT, 2, 1])
+def test_transposed_whitening_is_that_of_the_matrix(count: int) -> None:
+    values = drawn(5, count, 1)[:, None] * [1, 2j]
+    np.testing.assert_allclose(MEMORY.transposed(values), MEMORY.whitened(np.eye(count)).T @ values, atol=1e-14)
+
+
 @pytest.mark.parametrize("neighbours", [2, 3, 4])
 def test_smoothed_noise_is_told_and_whitened(neighbours: int) -> None:
     errors = drawn(neighbours, 2001, neighbours)

@@ -152,6 +152,7 @@ def test_products_are_those_of_the_columns(memory, loss):
     others = rng.standard_normal((2 * k, 3))
     for form in (smooth(data, slope), of_every_resonance(data, model), of_one_resonance(data, model, slope, (10.0,))):
         for one in form:
+            one.products(data, np.full(2 * k, 0.7), others)  # what is kept of another share is not taken
             squares, sides = one.products(data, share[loss], others)
             columns = (one.whitened(data) * share[loss][:, None, None]).transpose(1, 2, 0)
             expected, along = columns @ columns.transpose(0, 2, 1), columns @ others
