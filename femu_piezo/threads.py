@@ -12,17 +12,18 @@ from __future__ import annotations
 import os
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
 from functools import lru_cache, wraps
+from itertools import count
 from threading import Lock, RLock, local
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
 #: Unknowns below which one thread is fastest, and the most threads that an operator gains from.
 _SMALL, _MOST_THREADS = 5_000, 4
-#: Whether a thread is one of those of `in_parallel`, which share the cores.
+#: Whether a thread is at work for `in_parallel`, and so shares the cores.
 _here = local()
 
 
@@ -56,8 +57,11 @@ def with_blas_limit(work: Callable[..., Result]) -> Callable[..., Result]:
 
 def available_cores() -> int:
     """Cores that this process may use; no more than OMP_NUM_THREADS where that is set, one where threads share them."""
-    if getattr(_here, "shares", False):
-        return 1
+    return 1 if getattr(_here, "shares", False) else _cores()
+
+
+def _cores() -> int:
+    """The same, whether or not threads share them."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     wish = os.environ.get("OMP_NUM_THREADS", "")
     return min(cores, int(wish)) if wish.isdigit() and int(wish) > 0 else cores
@@ -104,12 +108,65 @@ class Once:
 def in_parallel(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
     """work(item) of every item, in their order, on the available cores; the results are those of a plain loop.
 
-    It is one where a thread that shares the cores with others asks for it.
+    The thread that asks takes items as well, and work that asks again shares the cores with it: a core that has nothing
+    left to do joins whoever still has items.
     """
     items = list(items)
-    threads = min(available_cores(), len(items))
+    threads = min(_cores(), len(items))
     if threads < 2:
         yield from map(work, items)
         return
-    with blas_limit(), ThreadPoolExecutor(threads, initializer=lambda: setattr(_here, "shares", True)) as pool:
-        yield from pool.map(work, items)
+    shared = _Shared(work, items)
+    with blas_limit():
+        helpers = [_helpers(_cores() - 1).submit(shared.take_all) for _ in range(threads - 1)]
+        try:
+            for result in shared.results:
+                while not result.done() and shared.take():
+                    pass
+                yield result.result()
+        finally:
+            shared.closed = True
+            for helper in helpers:
+                if not helper.cancel():
+                    helper.result()
+
+
+class _Shared(Generic[Item, Result]):
+    """Items that threads take one after another, until they are closed.
+
+    Attributes
+    ----------
+    results : of the items, in their order
+    """
+
+    def __init__(self, work: Callable[[Item], Result], items: list[Item]) -> None:
+        self._work, self._items, self._numbers = work, items, count()
+        self.results: list[Future[Result]] = [Future() for _ in items]
+        self.closed = False
+
+    def take(self) -> bool:
+        """Do the next item; whether there was one."""
+        number = next(self._numbers)
+        if self.closed or number >= len(self._items):
+            return False
+        before, _here.shares = getattr(_here, "shares", False), True
+        try:
+            self.results[number].set_result(self._work(self._items[number]))
+        except BaseException as error:
+            self.results[number].set_exception(error)
+            if not isinstance(error, Exception):
+                raise
+        finally:
+            _here.shares = before
+        return True
+
+    def take_all(self) -> None:
+        """Do items as long as there are some."""
+        while self.take():
+            pass
+
+
+@lru_cache(maxsize=4)
+def _helpers(threads: int) -> ThreadPoolExecutor:
+    """The threads beside the one that asks, kept: those that ask while they work share them."""
+    return ThreadPoolExecutor(threads)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
@@ -42,11 +43,7 @@ class Autoregression:
 
     def predictor(self, order: int) -> tuple[np.ndarray, float]:
         """φ (order,) of so many points before, the nearest first, and s."""
-        if order == 0:
-            return np.zeros(0), 1.0
-        rho = np.array([1.0, *self.correlations[:order]])
-        phi = solve_toeplitz(rho[:-1], rho[1:])
-        return phi, float(np.sqrt(1 - phi @ rho[1:]))
+        return _predictor(self.correlations[:order])
 
     def whitened(self, errors: np.ndarray) -> np.ndarray:
         """e (k, …) of errors n (k, …) over their standard deviation, in order of frequency."""
@@ -78,6 +75,16 @@ class Autoregression:
             phi, deviation = self.predictor(min(point, len(self.correlations)))
             found[point] = phi @ found[point - phi.size : point][::-1] + deviation * white[point]
         return found
+
+
+@lru_cache(maxsize=64)
+def _predictor(correlations: tuple[float, ...]) -> tuple[np.ndarray, float]:
+    """φ and s of ρ_1…ρ_p; kept, since all that is whitened asks for them."""
+    if not correlations:
+        return np.zeros(0), 1.0
+    rho = np.array([1.0, *correlations])
+    phi = solve_toeplitz(rho[:-1], rho[1:])
+    return phi, float(np.sqrt(1 - phi @ rho[1:]))
 
 
 WHITE = Autoregression()

@@ -48,8 +48,8 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         Effect(
             name="relaxation",
             sentence=(
-                "the permittivity relaxes: it falls over some decade of frequency, with a peak of its loss, which comes on "
-                "top of tan eps33T"
+                "the permittivity relaxes: it falls over some decade of frequency, with a peak of its loss, "
+                "which comes on top of tan eps33T"
             ),
             parameters=(
                 EffectParameter("strength", "1", 0.0, 3.0, 0.01, 0.1),
