@@ -17,7 +17,7 @@ from contextlib import nullcontext
 from functools import lru_cache, wraps
 from itertools import count
 from threading import Lock, RLock, local
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, overload
 
 from threadpoolctl import ThreadpoolController
 
@@ -103,6 +103,37 @@ class Once:
             while self._latest is not None and len(self._values) > self._latest:
                 self._values.popitem(last=False)
         return value
+
+
+class made_once(Generic[Result]):
+    """A property that is made once for each object, however many threads ask for it.
+
+    That of functools makes all objects of a class wait for each other before Python 3.12, and since then threads that
+    ask at the same time make it twice.
+    """
+
+    def __init__(self, make: Callable[[Any], Result]) -> None:
+        self._make, self._name = make, ""
+        self.__doc__ = make.__doc__
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    @overload
+    def __get__(self, one: None, owner: type) -> made_once[Result]: ...
+
+    @overload
+    def __get__(self, one: object, owner: type) -> Result: ...
+
+    def __get__(self, one: Any, owner: type) -> made_once[Result] | Result:
+        if one is None:
+            return self
+        kept, waiting = one.__dict__, f"{self._name} is being made"
+        with kept.setdefault(waiting, RLock()):
+            if self._name not in kept:
+                kept[self._name] = self._make(one)
+        kept.pop(waiting, None)
+        return kept[self._name]
 
 
 def in_parallel(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import combinations
 from typing import TypeVar
 
@@ -34,7 +33,7 @@ from femu_piezo.inference.fit import CLOSE, COARSE, RANKED, Fit, fit, with_discr
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.measurement.discrepancy_forms import WEIGHTS, Alternatives
 from femu_piezo.measurement.sweeps import SweepData
-from femu_piezo.threads import blas_limit, in_parallel
+from femu_piezo.threads import blas_limit, in_parallel, made_once
 
 #: Pairs of causes that are fitted, of all that linearisation ranks.
 _PAIRS = 4
@@ -76,12 +75,12 @@ class Hypothesis:
         """Those of what no cause describes among the causes."""
         return [cause for cause in self.fit.parameters.causes if cause.of_unknown]
 
-    @cached_property
+    @made_once
     def log_plain(self) -> float:
         """log posterior (up to a constant) without a discrepancy."""
         return self.fit.log_evidence + self.log_prior + float(np.log1p(-self.chance))
 
-    @cached_property
+    @made_once
     def log_with_discrepancy(self) -> float:
         """log posterior (up to the same constant) with one; what a set describes in another form has none beside."""
         if self.forms:

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
@@ -28,6 +27,7 @@ import scipy.sparse as sp
 from femu_piezo.forward.electrodes import Faces, electrode_faces
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.threads import made_once
 
 if TYPE_CHECKING:
     from femu_piezo.effects.local.operators import Places
@@ -232,7 +232,7 @@ class Effect:
         """Whether it is about a dimension of the body."""
         return self.stretch is not None or self.reshaping is not None
 
-    @cached_property
+    @made_once
     def sizes(self) -> np.ndarray:
         """Numbers of the parameters of an effect at a place that say how large it is: those that vanish with it."""
         optional = np.array([parameter.optional for parameter in self.parameters])
@@ -244,18 +244,18 @@ class Effect:
         """Whether it changes the constants alike at all frequencies."""
         return self.constants is not None and not self.dispersive
 
-    @cached_property
+    @made_once
     def place(self) -> tuple[float, bool]:
         """Where it stands among the effects of a body: laws over frequency act on the constants as they are, circuits
         follow outward, the instrument is last."""
         return self.outward, self.dispersive
 
-    @cached_property
+    @made_once
     def key(self) -> str:
         """Name, variant, specimen and law, unique in the library."""
         return f"{self.title}/{self.law}" if self.law else self.title
 
-    @cached_property
+    @made_once
     def title(self) -> str:
         """The cause in words of the library: its name, with the constant it is about and the specimen that has it."""
         name = f"{self.name}:{self.variant}" if self.variant else self.name
@@ -266,7 +266,7 @@ class Effect:
         """(n,) parameters at which the effect vanishes."""
         return np.array([parameter.rest for parameter in self.parameters])
 
-    @cached_property
+    @made_once
     def scale(self) -> np.ndarray:
         """(n,) unit of each parameter in a fit."""
         found = np.array([parameter.scale for parameter in self.parameters])

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -25,7 +24,7 @@ from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import ReducedModel, reduce_model
 from femu_piezo.material.constants import E_FORM, ElasticForm, PiezoConstants
-from femu_piezo.threads import Once, blas_limit
+from femu_piezo.threads import Once, blas_limit, made_once
 
 #: Selections of sectors whose terms are kept, a large one 100 MB; the terms of their classes, a tenth of that, all are.
 _MODELS = 4
@@ -90,12 +89,12 @@ class ExtendedModel:
         """Of the driven eigenvalues, measured by elements of one order less; None where these cannot tell."""
         return self._source.mesh_error
 
-    @cached_property
+    @made_once
     def strata(self) -> np.ndarray:
         """(n_s, r, r) parts of equal exponents of the unit-constant matrices; those of one constant sum to its bulk."""
         return self._by_class(self._source.strata)
 
-    @cached_property
+    @made_once
     def bulk(self) -> np.ndarray:
         """(10, r, r) the unit-constant matrices of the unstretched body."""
         return self._by_class(self._source.bulk)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.linalg import lapack
 
 from femu_piezo.extraction.model import FrequencyAxis, RationalModel
+from femu_piezo.threads import made_once
 
 # Relative size below which a residual is arithmetic and no evidence for anything
 ROUNDING = 1e-10
@@ -55,17 +55,17 @@ class NormalisedSweep:
     def __len__(self) -> int:
         return self.x.size
 
-    @cached_property
+    @made_once
     def negligible(self) -> float:
         """Σ|residual|² that is rounding or far below the noise."""
         return max(self.rounding, self.least**2 * len(self))
 
-    @cached_property
+    @made_once
     def rounding(self) -> float:
         """Σ|residual|² that rounding leaves."""
         return ROUNDING**2 * float(np.sum(self.weight**2))
 
-    @cached_property
+    @made_once
     def log_weight(self) -> float:
         """Σ ln weight²."""
         return float(np.sum(np.log(self.weight**2)))

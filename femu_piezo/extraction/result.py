@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -18,6 +17,7 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.resonances import Resonance, ResonanceSet
 from femu_piezo.standards.figures import StandardFigures, read_curve, standard_figures
 from femu_piezo.standards.piece import Piece
+from femu_piezo.threads import made_once
 
 Method = Literal["maximum_likelihood", "prony_ss"]
 
@@ -61,7 +61,7 @@ class Extraction:
     spread: Spread | None = None
     doubtful: tuple[Resonance, ...] = ()
 
-    @cached_property
+    @made_once
     def figures(self) -> StandardFigures | None:
         """Standard figures of the fundamental, without any body; None where there is no pole with its zero."""
         pair = fundamental(self.pairs)

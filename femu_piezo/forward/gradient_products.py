@@ -15,7 +15,6 @@ import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -24,6 +23,7 @@ import skfem
 from femu_piezo.forward.tensor_grid import TensorGrid
 from femu_piezo.material.constants import ElasticForm
 from femu_piezo.material.voigt import piezoelectric_tensor, stiffness_tensor
+from femu_piezo.threads import made_once
 
 FIELDS = 4  #: u_x, u_y, u_z, φ
 
@@ -151,7 +151,7 @@ class GradientProducts(ScalarProducts):
         """The (n, n) matrix with given data on the common pattern."""
         return sp.csr_matrix((data, self.indices, self.indptr), shape=(self.size, self.size))
 
-    @cached_property
+    @made_once
     def gradient_matrices(self) -> list[list[sp.csr_matrix]]:
         """G_ab as sparse matrices, [a][b]."""
         return [[self.scalar(self.gradients[a, b]) for b in range(3)] for a in range(3)]

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -22,6 +21,7 @@ from numpy.polynomial import chebyshev, legendre
 from femu_piezo.forward.gradient_products import FIELDS, ScalarProducts
 from femu_piezo.forward.hex_element import ElementHexP
 from femu_piezo.geometry.curved_mesh import CurvedHexahedra
+from femu_piezo.threads import made_once
 
 #: Which plane and which height factor a derivative along x, y, z has, and none: place in `plane`, place in `line`.
 _FACTORS = ((0, 0), (1, 0), (2, 1), (2, 0))
@@ -151,7 +151,7 @@ class LayeredProducts(ScalarProducts):
                 total = self._gather @ sum(own).reshape(self.squares.size, -1) if own else 0.0
                 target[f, self.numbers] = np.reshape(total, (*self.numbers.shape, width) if own else ())
 
-    @cached_property
+    @made_once
     def _gather(self) -> sp.csr_matrix:
         """(N, cells m²) sums over the plane cells around each node."""
         columns = np.arange(self.squares.size)
@@ -183,7 +183,7 @@ class LayeredProducts(ScalarProducts):
         found[self.numbers] = image
         return found if rows is None else found[rows]
 
-    @cached_property
+    @made_once
     def _plane_matrices(self) -> list[list[sp.csr_matrix]]:
         """[s][t] (N, N) over the whole plane."""
         number, shape = len(self.numbers), self.plane.shape[2:]
@@ -194,7 +194,7 @@ class LayeredProducts(ScalarProducts):
             for row in self.plane
         ]
 
-    @cached_property
+    @made_once
     def _lines(self) -> np.ndarray:
         """(2, 2, H, H) through the whole height."""
         height, m = self.numbers.shape[1], self.line.shape[3]

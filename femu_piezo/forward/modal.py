@@ -12,11 +12,10 @@ driven by one volt, so ∂F/∂c_q = −xᵗA_q x, again a sum over simple and d
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from femu_piezo.threads import blas_limit
+from femu_piezo.threads import blas_limit, made_once
 
 #: Relative distance below which two eigenvalues count as one in the partial fractions.
 _DEGENERATE = 1e-9
@@ -66,7 +65,7 @@ class ModalModel:
             fraction = clamped + resolvent @ simple + resolvent**2 @ double
         return -1j * (omega * self.admittance_factor)[:, None] * fraction
 
-    @cached_property
+    @made_once
     def zeros(self) -> tuple[np.ndarray, np.ndarray]:
         """(λ, vectors) of the open circuit, in modal coordinates, vᵗv = 1, sorted by Re λ."""
         matrix = np.diag(self.eigenvalues) + np.outer(self.charges, self.charges) / self.clamped_capacitance

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -27,6 +26,7 @@ from femu_piezo.forward.linear_solver import Analysis, Factorization
 from femu_piezo.geometry.domain import Domain
 from femu_piezo.material.constants import E_FORM, ElasticForm
 from femu_piezo.material.voigt import axes_with_poling
+from femu_piezo.threads import made_once
 
 #: Elements of tetrahedral meshes by order; hexahedra are `ElementHexP` of any order.
 _TETRAHEDRA = {1: skfem.ElementTetP1, 2: skfem.ElementTetP2}
@@ -104,11 +104,11 @@ class ElectroelasticModel:
     def size(self) -> int:
         return self.prolongation.shape[1]
 
-    @cached_property
+    @made_once
     def displacements(self) -> int:
         return int(np.count_nonzero(self.prolongation.tocoo().row < 3 * self.basis.N))
 
-    @cached_property
+    @made_once
     def assembled(self) -> GradientProducts:
         """The gradient products as sparse matrices, assembled from the weak forms."""
         return self.products if isinstance(self.products, GradientProducts) else assemble_gradient_products(self.basis)
@@ -172,13 +172,13 @@ class ElectroelasticModel:
         tensor = np.tensordot(coefficients[:count], self.tensors, axes=1)
         return tensor, list(zip(coefficients[count:], self.extra_terms.values(), strict=True))
 
-    @cached_property
+    @made_once
     def _condensation(self) -> Condensation | None:
         if not isinstance(self.products, LayeredProducts):
             return None
         return Condensation(self.products, self.prolongation, self.extra_terms.values())
 
-    @cached_property
+    @made_once
     def mass(self) -> sp.csr_matrix:
         """M (m, m), zero in the potential rows."""
         return self._constrained(self.assembled.mass_matrix(self.density))
@@ -194,7 +194,7 @@ class ElectroelasticModel:
     def _reduced(self, tensor: np.ndarray) -> sp.csr_matrix:
         return self._pattern.stiffness(tensor)
 
-    @cached_property
+    @made_once
     def _pattern(self) -> FreePattern:
         return FreePattern(self.assembled, sp.csr_matrix(self.prolongation))
 

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -33,6 +32,7 @@ from femu_piezo.forward.hex_element import lobatto_nodes
 from femu_piezo.forward.model import POTENTIAL_SCALE
 from femu_piezo.forward.parity import modes_below
 from femu_piezo.geometry.shape import wave_error
+from femu_piezo.threads import made_once
 
 #: Orders of the elements along r and z, and the error of eigenvalues that their number is chosen for.
 _ORDERS, _ACCURACY = (8, 5), 1e-5
@@ -59,13 +59,13 @@ class Line:
             count += 1
         return cls(np.linspace(low, high, count + 1), order)
 
-    @cached_property
+    @made_once
     def places(self) -> np.ndarray:
         """(n,) where the nodes are, growing, m."""
         inner = self.ends[:-1, None] + np.diff(self.ends)[:, None] * lobatto_nodes(self.order)[:-1]
         return np.append(inner.ravel(), self.ends[-1])
 
-    @cached_property
+    @made_once
     def gauss(self) -> tuple[np.ndarray, np.ndarray]:
         """Points and weights (q,), m, that integrate all products."""
         points, weights = np.polynomial.legendre.leggauss(self.order + 2)
@@ -164,13 +164,13 @@ class FourierOrder:
             found = found + self.gradients[f][a].T @ (weighted @ stress)
         return found.tocsr()
 
-    @cached_property
+    @made_once
     def mass(self) -> sp.csr_matrix:
         """(4n, 4n), kg; zero in the potential."""
         block = self.section.density * (self._values.T @ sp.diags(self.weights) @ self._values)
         return sp.block_diag([*[block] * 3, sp.csr_matrix(block.shape)], format="csr")
 
-    @cached_property
+    @made_once
     def electrode_faces(self) -> Faces:
         """The top."""
         section = self.section

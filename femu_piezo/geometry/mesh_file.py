@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import io
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 
 import meshio
@@ -25,6 +24,7 @@ from femu_piezo.geometry.memory import memory_limit
 from femu_piezo.geometry.quality import boundary_area, check_electrodes, check_elements
 from femu_piezo.geometry.shape import unit_direction
 from femu_piezo.geometry.upper_face import UpperFace, facets_at
+from femu_piezo.threads import made_once
 
 _LARGEST_FILE = 500_000_000
 #: Bytes that reading a mesh may take: for any file, and for each byte of it (a sound one takes some four).
@@ -59,7 +59,7 @@ class MeshFile:
         """(3,) unit vector of the poling."""
         return unit_direction(self.direction)
 
-    @cached_property
+    @made_once
     def mesh(self) -> skfem.Mesh:
         """The checked mesh in m; InputError where it cannot serve."""
         mesh = _read(self.file)

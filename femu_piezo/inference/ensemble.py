@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.response import Evaluation, placed
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.threads import made_once
 
 
 def is_common(effect: Effect) -> bool:
@@ -81,7 +81,7 @@ class Ensemble:
 
     parts: tuple[tuple[Share, Evaluation], ...]
 
-    @cached_property
+    @made_once
     def omega(self) -> np.ndarray:
         """(k,) rad/s of all sweeps."""
         return np.concatenate([part.omega for _, part in self.parts])

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cache
 from typing import Protocol
 
 import numpy as np
@@ -37,7 +37,7 @@ from femu_piezo.measurement.discrepancy import (
 )
 from femu_piezo.measurement.discrepancy_forms import Alternatives, of_every_resonance, of_one_resonance, smooth
 from femu_piezo.measurement.sweeps import SweepData
-from femu_piezo.threads import blas_limit, in_parallel
+from femu_piezo.threads import blas_limit, in_parallel, made_once
 
 #: Distance to a bound, relative to its range, that a start keeps.
 _MARGIN = 1e-6
@@ -204,7 +204,7 @@ class Fit:
     law: np.ndarray | None = field(default=None, repr=False)
     mesh: np.ndarray | None = field(default=None, repr=False)
 
-    @cached_property
+    @made_once
     def _rows(self) -> tuple[np.ndarray, np.ndarray]:
         """Residual and Jacobian of data, priors and wall, the data whitened by noise and discrepancy."""
         residual, jacobian = self.residual, self.jacobian
@@ -216,7 +216,7 @@ class Fit:
             np.concatenate([jacobian, self.further_jacobian]),
         )
 
-    @cached_property
+    @made_once
     def _triangle(self) -> tuple[np.ndarray, np.ndarray]:
         """Q and R of the Jacobian at the noise level of the fit, its columns in prior standard deviations."""
         return np.linalg.qr(self._levelled(self._rows[1]) * self.parameters.prior_std)
@@ -260,7 +260,7 @@ class Fit:
         found[found.size - len(self.parameters.readings) :] = False
         return found
 
-    @cached_property
+    @made_once
     def prior_rows(self) -> np.ndarray:
         """F (m, n_x): `further_jacobian`, walls as weak as makes what is behind them as far from the estimate (rms).
 
@@ -275,18 +275,18 @@ class Fit:
         weights[held] = _behind_walls(rows * self.parameters.prior_std, values, walls, held)[2]
         return weights[count:, None] * self.further_jacobian
 
-    @cached_property
+    @made_once
     def precision_inverse(self) -> np.ndarray:
         """H^-1 (n_x, n_x) of data, priors and what walls leave at the noise level of the fit."""
         rows = np.concatenate([self.jacobian / self.level, self.prior_rows])
         return precision_inverse(rows, self.parameters.prior_std)
 
-    @cached_property
+    @made_once
     def gain(self) -> np.ndarray:
         """A (n_x, 2k): how the estimate moves with the whitened data, H^-1 Jᵗ over the square of the noise level."""
         return self.precision_inverse @ self.jacobian.T / self.level**2
 
-    @cached_property
+    @made_once
     def covariance(self) -> np.ndarray:
         """(n_x, n_x) of the estimate: s² A (I + K) Aᵗ + A L Lᵗ Aᵗ + A M Mᵗ Aᵗ + H^-1 Fᵗ F H^-1.
 
@@ -312,7 +312,7 @@ class Fit:
         """(n_x,) standard deviations of the unknowns."""
         return np.sqrt(np.diag(self.covariance))
 
-    @cached_property
+    @made_once
     def marginal(self) -> Marginal:
         """What is left when errors of laws, as unknowns of deviation 1, do their best and the others follow (linear).
 
@@ -340,7 +340,7 @@ class Fit:
                 break
         return left
 
-    @cached_property
+    @made_once
     def _with_laws(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Columns (2k + m, n) of unknowns and errors of laws in prior standard deviations, right side, and rows.
 
@@ -354,7 +354,7 @@ class Fit:
         walls = np.append(self._walls, np.zeros(laws.shape[1], dtype=bool))
         return whole, right, walls, walls & (right < 0)
 
-    @cached_property
+    @made_once
     def log_evidence(self) -> float:
         """log p(data) by Laplace's method at the most probable noise level, without a discrepancy."""
         left, std = self.marginal, self.data.level_std
@@ -362,7 +362,7 @@ class Fit:
         level = self.residual.size * np.log(left.level) - log_level_prior(np.log(left.level), std)
         return float(-0.5 * misfit + left.log_volume - level)
 
-    @cached_property
+    @made_once
     def learned(self) -> Discrepancy:
         """The discrepancy that the residual asks for, which noise, unknowns and laws leave so far."""
         return self.learned_of(self.forms)
@@ -436,7 +436,7 @@ class Fit:
         """(2k, n) Q: r − Q Qᵗ r is what no change of the unknowns within their priors, or of laws, explains."""
         return self.marginal.basis[: self.residual.size]
 
-    @cached_property
+    @made_once
     def _levers(self) -> np.ndarray:
         """(2k, n_x) rows of the data of Q of the unknowns alone, noise alone in the likelihood."""
         rows = np.concatenate([self.jacobian, self.further_jacobian])
@@ -453,12 +453,12 @@ class Fit:
             found[rows] = unseen
         return found[:k] + 1j * found[k:]
 
-    @cached_property
+    @made_once
     def held_out_score(self) -> float:
         """rms of the leave-band-out prediction, in σ."""
         return float(np.sqrt(np.mean(np.abs(self.predicted()) ** 2) / 2))
 
-    @cached_property
+    @made_once
     def left_out_misfit(self) -> float:
         """rms of the leave-band-out prediction over what noise makes of it, which is more than the noise: 1 if right.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator
@@ -19,7 +19,7 @@ from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.inference.coefficients import Active, Coefficients, active_effects, collect, e_form_constants
 from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.threads import blas_limit
+from femu_piezo.threads import blas_limit, made_once
 
 #: Chebyshev nodes in log ω on which coefficients that depend on ω are evaluated; they are smooth.
 _NODES = 14
@@ -299,11 +299,11 @@ class _System:
     coefficients: Coefficients
     weights: np.ndarray
 
-    @cached_property
+    @made_once
     def _at_nodes(self) -> np.ndarray:
         return self.coefficients.stiffness.astype(complex) @ self.terms.reshape(len(self.terms), -1)  # (nodes, r²)
 
-    @cached_property
+    @made_once
     def _whole_masses(self) -> np.ndarray:
         rest = self.terms.shape[1] - self.displacements
         return np.pad(self.masses, ((0, 0), (0, rest), (0, rest))).reshape(len(self.masses), -1)  # (j, r²)

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import accumulate
 from typing import Protocol
 
@@ -27,6 +26,7 @@ from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import InputError
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.simplified import Poling, simplify
+from femu_piezo.threads import made_once
 
 
 @dataclass(frozen=True)
@@ -312,18 +312,18 @@ class Unknowns:
         """Number of the unknowns of the material, which come first."""
         return 2 * self.material.scale.size
 
-    @cached_property
+    @made_once
     def scale(self) -> np.ndarray:
         """(n_p,) units of the effects' parameters."""
         return np.concatenate([effect.scale for effect in self.effects]) if self.effects else np.zeros(0)
 
-    @cached_property
+    @made_once
     def prior_mean(self) -> np.ndarray:
         """(n_x,) mean of the Gaussian prior."""
         material = [self.prior[name][0] for name in self.material.names] / self.material.units
         return np.concatenate([material, *(effect.rest / effect.scale for effect in self.effects)])
 
-    @cached_property
+    @made_once
     def prior_std(self) -> np.ndarray:
         """(n_x,) standard deviation of the Gaussian prior."""
         material = np.abs([self.prior[name][1] for name in self.material.names] / self.material.units)
@@ -332,7 +332,7 @@ class Unknowns:
         ]
         return np.concatenate([material, *own])
 
-    @cached_property
+    @made_once
     def bounds(self) -> np.ndarray:
         """(n_x, 2)"""
         own = [effect.bounds / effect.scale[:, None] for effect in self.effects]
@@ -354,17 +354,17 @@ class Unknowns:
             raise ValueError(f"no effect {key} among {sorted(self._numbers)}")
         return self._numbers[key]
 
-    @cached_property
+    @made_once
     def on_constants(self) -> tuple[int, ...]:
         """Numbers of the effects that change the constants alike at all frequencies."""
         return tuple(number for number, effect in enumerate(self.effects) if effect.on_constants)
 
-    @cached_property
+    @made_once
     def _numbers(self) -> dict[str, int]:
         """Key → number of the effect."""
         return {effect.key: number for number, effect in enumerate(self.effects)}
 
-    @cached_property
+    @made_once
     def _ends(self) -> tuple[int, ...]:
         """Where the unknowns of each effect begin in x, and where the last ones end."""
         return tuple(accumulate((len(effect.parameters) for effect in self.effects), initial=self.of_material))

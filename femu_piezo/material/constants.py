@@ -14,12 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cache, cached_property
+from functools import cache
 from typing import Literal
 
 import numpy as np
 
 from femu_piezo.errors import InputError
+from femu_piezo.threads import made_once
 from femu_piezo.units import EPS0 as EPS0
 
 D_FORM = ("s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "eps33T")
@@ -64,7 +65,7 @@ class _Constants:
         """(10,) complex values in the order of `names()`, SI units."""
         return self._values.copy()
 
-    @cached_property
+    @made_once
     def _values(self) -> np.ndarray:
         return np.array([getattr(self, name) for name in self.names()], dtype=complex)
 
@@ -217,7 +218,7 @@ class PiezoConstants(_Constants):
         rows = [*(dc[:, i, j] for i, j in _ELASTIC), *(de[:, i, j] for i, j in _COUPLING), deps[:, 0, 0], deps[:, 2, 2]]
         return np.array(rows)
 
-    @cached_property
+    @made_once
     def coupling(self) -> dict[str, complex]:
         """Coupling factors of IEEE 176: k31, k33, k15, kp (planar), dimensionless complex."""
         return {
@@ -279,7 +280,7 @@ class PiezoConstants(_Constants):
         moved = np.tensordot(directions, _UNIT_BLOCKS[index], axes=1).imag / np.sqrt(np.outer(size, size))
         return -moved - self.loss_block(index) * (share[:, :, None] + share[:, None, :])
 
-    @cached_property
+    @made_once
     def _scaled(self) -> tuple[np.ndarray, ...]:
         """Each block of the d-form matrix, scaled by the sizes of this material's own s11, s33, s44 and ε33T."""
         sizes = [np.abs(self._values.real[scales]) for scales in _BLOCK_SCALES]

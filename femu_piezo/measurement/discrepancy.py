@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from femu_piezo.measurement.discrepancy_forms import WEIGHTS, Alternatives, Form
 from femu_piezo.measurement.sweeps import SweepData
+from femu_piezo.threads import made_once
 
 #: Standard deviations that compete (equal prior weight each).
 _SIGMAS = np.geomspace(1e-6, 3.0, 27)
@@ -154,12 +154,12 @@ class _Left:
     share: np.ndarray
     none: float
 
-    @cached_property
+    @made_once
     def chi_square(self) -> float:
         """Of data and priors."""
         return float(self.residual @ self.residual)
 
-    @cached_property
+    @made_once
     def sides(self) -> np.ndarray:
         """(2k, 1 + p) the residual of the data, then an orthogonal basis of what the span reaches of them."""
         values, vectors = np.linalg.eigh(self.span.T @ self.span)

@@ -7,7 +7,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +16,7 @@ from femu_piezo.batch.steps import diagnosis_columns, finite, update_columns
 from femu_piezo.output.records import update_record
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.results import UpdateResult
+from femu_piezo.threads import made_once
 
 if TYPE_CHECKING:
     from femu_piezo.study.diagnose import Diagnosis
@@ -63,7 +63,7 @@ class Entry:
     record: dict[str, Any] | None
     program: str
 
-    @cached_property
+    @made_once
     def key(self) -> tuple[str, ...]:
         """The values of `KEY`."""
         return (self.piece, self.assumed, self.step, self.program)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -35,7 +34,7 @@ from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.study.standard_figures import figures_of
 from femu_piezo.study.subjects import LEAST_ERROR, Subject, subjects
 from femu_piezo.study.temperature import constants_under
-from femu_piezo.threads import with_blas_limit
+from femu_piezo.threads import made_once, with_blas_limit
 
 #: Most resonances of a linear body that is fitted for comparison.
 _FEW = 4
@@ -70,7 +69,7 @@ class DiagnosedSweep:
     measured: Measured
     constants: PiezoConstants
 
-    @cached_property
+    @made_once
     def pole_zero(self) -> tuple[PoleZeroResiduals, PoleZeroResiduals]:
         """Base and final model against the poles and zeros of the whole sweep, held-out band included."""
         measured = self.measured.extraction if np.all(self.fitted) else extract(self.spectrum)
@@ -79,12 +78,12 @@ class DiagnosedSweep:
             return base, base
         return base, pole_zero_residuals(measured, self.relative_noise, self.curves[1])
 
-    @cached_property
+    @made_once
     def figures(self) -> tuple[StandardFigures, ...]:
         """Standard figures of the sweep, one for each mode that the standards know, beside those of the final model."""
         return figures_of(self.measured, self.constants, (self.spectrum.frequency, self.curves[1]))
 
-    @cached_property
+    @made_once
     def linear_body(self) -> LinearBody | None:
         """The best linear body with the measured resonances against the base model; None for none, or many."""
         poles = [one.measured.frequency_Hz for one in self.pole_zero[0].poles]

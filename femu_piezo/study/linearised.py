@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from femu_piezo.measurement.segments import RESOLUTION
 from femu_piezo.study.expectation import labels_of
 from femu_piezo.study.plan import candidate_frequencies, resonances_of
 from femu_piezo.study.posterior import Posterior
+from femu_piezo.threads import made_once
 
 #: Multiple of its noise by which a point departs from its neighbours, both against the model, that is no chance:
 #: exp(−16) for one point.
@@ -104,7 +104,7 @@ class Linearised:
         near = np.minimum(np.abs(candidates - self._frequency[place]), np.abs(candidates - self._frequency[place - 1]))
         return candidates[near > RESOLUTION]
 
-    @cached_property
+    @made_once
     def _weight(self) -> float:
         return float(np.sqrt(2) / np.median(self._noise))
 
@@ -115,12 +115,12 @@ class Linearised:
         white = slopes / z[:, None] * found.parameters.prior_std * self._weight
         return np.stack([white.real, white.imag], axis=1), z
 
-    @cached_property
+    @made_once
     def _left(self) -> np.ndarray:
         """(k,) log Z measured less that of the model."""
         return np.log(self._impedance / self._at(self._frequency)[0])
 
-    @cached_property
+    @made_once
     def _departing(self) -> np.ndarray:
         """(k,) bool: points that depart from those beside them, both against the model.
 

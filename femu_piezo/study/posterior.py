@@ -6,7 +6,6 @@ Several sweeps of one specimen have one mesh and one basis.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -27,6 +26,7 @@ from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.progress import Clock
 from femu_piezo.study.subjects import LEAST_ERROR, Subject
 from femu_piezo.study.unknowns import as_filed, served, tolerances_of, unknowns_of
+from femu_piezo.threads import made_once
 
 #: Mesh error (relative, of eigenvalues at the end of the sweep) and error of the reduced model, as shares of the noise,
 #: and the ranges they are kept in.
@@ -78,7 +78,7 @@ class Posterior:
         self.models: tuple[ExtendedModel, ...] = ()
         self._around: PiezoConstants | None = None
 
-    @cached_property
+    @made_once
     def full(self) -> tuple[ElectroelasticModel, ...]:
         """The full model of each sweep, one for all of a specimen."""
         self._clock.step("mesh and assemble")

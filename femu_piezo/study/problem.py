@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from femu_piezo.material.library import library_material
 from femu_piezo.material.simplified import simplify
 from femu_piezo.specimen.file import Material, Simulation, Specimen
 from femu_piezo.study.shapes import first_mode_Hz, shape_of
+from femu_piezo.threads import made_once
 
 #: Eigenvalue error allowed at the end of a sweep of shapes other than rectangular plates.
 _ERROR_AT_END = 1e-3
@@ -84,7 +84,7 @@ class Problem:
         """
         return max(1.0, allowed / accuracy) ** (0.5 / self.plate.element_order)
 
-    @cached_property
+    @made_once
     def expected_pole_Hz(self) -> float:
         """First driven mode in the thin limit, Hz: where to look for it before anything is measured."""
         return first_mode_Hz(self.plate, self.constants, self.density)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from femu_piezo.standards.figures import StandardFigures
 from femu_piezo.study.measured import Measured
 from femu_piezo.study.standard_figures import figures_of
 from femu_piezo.study.temperature import TemperatureSeries
+from femu_piezo.threads import made_once
 
 
 def rms_log_error(model: np.ndarray, data: np.ndarray) -> float:
@@ -64,7 +64,7 @@ class Outcome:
     mesh: str
     constants: PiezoConstants
 
-    @cached_property
+    @made_once
     def sensitivity(self) -> Sensitivity:
         """Of Z to each of the ten constants at the solution."""
         return self.to_sensitivity()
@@ -120,7 +120,7 @@ class UpdateResult:
     temperature: TemperatureSeries | None = None
     samples: Samples | None = None
 
-    @cached_property
+    @made_once
     def figures(self) -> tuple[tuple[StandardFigures, ...], ...]:
         """Standard figures of each specimen, one for each mode that the standards know; see `standard_figures`."""
         return tuple(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from femu_piezo.measurement.sweeps import level_std
 from femu_piezo.study.effects import effect_context, known_effects
 from femu_piezo.study.measured import Measured
 from femu_piezo.study.problem import Problem
+from femu_piezo.threads import made_once
 
 #: Relative error of Z that meshes and bases leave at least: sweeps are not taken to be more exact than the model.
 LEAST_ERROR = 1e-5
@@ -58,14 +58,14 @@ class Subject:
             return effect
         return belonging_to(effect, self.fixture if is_common(effect) else self.name)
 
-    @cached_property
+    @made_once
     def share(self) -> Share:
         """Which unknowns of a fit concern this sweep."""
         own = (*self.library, *(effect for effect, _ in (*self.fixed, *self.freed)))
         forms = {self.owned(effect).key: self.owned(effect) for effect in own if effect.of_conditions}
         return Share((self.name, self.fixture), forms)
 
-    @cached_property
+    @made_once
     def fitted(self) -> np.ndarray:
         """(k,) bool: the points of the sweep that fits see."""
         return np.isin(self.measured.spectrum.frequency, self.measured.fitted.frequency)
@@ -85,7 +85,7 @@ class Subject:
             f"{self.noise_memory.correlations[0]:.2f}), as a filter or smoothing makes it; each counts for less",
         )
 
-    @cached_property
+    @made_once
     def library(self) -> tuple[Effect, ...]:
         """Every effect whose size is not known: tolerances, candidates and those that the file frees.
 

@@ -9,7 +9,6 @@ drive; "film" and "z film" the local response of a class to films on the electro
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -27,7 +26,7 @@ from femu_piezo.forward.parity import ParityClass
 from femu_piezo.forward.reduced_basis import new_directions
 from femu_piezo.forward.reduction import ReducedModel
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.threads import Once, in_parallel
+from femu_piezo.threads import Once, in_parallel, made_once
 
 UNDRIVEN, FILM = "undriven", "film"
 #: Local responses smaller than this share of the largest, outside what is known, are dropped.
@@ -162,21 +161,21 @@ class MeshFields(Fields):
         """(4, n, k) of the inner potentials, and of the hot potential last."""
         return self._driven[:, :, self.reduced.displacements :]
 
-    @cached_property
+    @made_once
     def _driven(self) -> np.ndarray:
         return (self.model.prolongation @ self.reduced.basis).reshape(FIELDS, self.model.basis.N, -1)
 
-    @cached_property
+    @made_once
     def _states(self) -> np.ndarray:
         """(4, n, k) driven states that local responses are made for."""
         return self._driven @ driven_states(self.reduced, self.constants, self._top)
 
-    @cached_property
+    @made_once
     def electrode(self) -> sp.csr_matrix:
         """(4n, 4n) ∫ v·u over the electrode of the part, m² per unit of displacement²."""
         return electrode_film(electrode_faces(self.model))
 
-    @cached_property
+    @made_once
     def mass(self) -> spla.LinearOperator:
         """(3n, 3n) mass of all displacements, symmetry planes not held, kg."""
         model = self.model

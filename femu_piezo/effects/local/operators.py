@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -32,7 +32,7 @@ from femu_piezo.effects.local.weighted_forms import DEEPEST, cut_near
 from femu_piezo.forward.gradient_products import FIELDS, reshaped_products
 from femu_piezo.forward.revolution import Line, Section
 from femu_piezo.geometry.reshaping import Reshaping
-from femu_piezo.threads import Once
+from femu_piezo.threads import Once, made_once
 
 Made = TypeVar("Made")
 
@@ -180,12 +180,12 @@ class Places:
         u = self.sectors.displacements
         return matrix[:u, :u]
 
-    @cached_property
+    @made_once
     def face(self) -> Face:
         """Displacements on one face."""
         return self.sectors.all_fields.face(self.sectors.names)
 
-    @cached_property
+    @made_once
     def levels(self) -> list[tuple[float, Face]]:
         """Displacements at heights, and the shares of the thickness that these stand for."""
         return self.sectors.all_fields.levels(self.sectors.names)
@@ -205,7 +205,7 @@ class Places:
         """(3,) unknowns that are the displacement of an attached body; empty where the sector is not there."""
         return self.sectors.spot
 
-    @cached_property
+    @made_once
     def elastic_flexibility(self) -> np.ndarray:
         """(u, j) R, such that R Rᵗ is the static flexibility of the whole body by c^E, without its rigid motion."""
         tensor = self._whole.copy()
@@ -218,28 +218,28 @@ class Places:
         strained = values > _RIGID * self.copies * self.cut**2
         return vectors[:, strained] / np.sqrt(values[strained])
 
-    @cached_property
+    @made_once
     def in_plane_stiffness(self) -> np.ndarray:
         """(3, 3) c̄ of a spot (`femu_piezo.effects.local.spot`), at the reference constants."""
         return in_plane_stiffness(self._whole)
 
-    @cached_property
+    @made_once
     def _whole(self) -> np.ndarray:
         """(4, 3, 4, 3) extended tensor of the reference constants."""
         fields = self.sectors.all_fields
         return np.tensordot(fields.constants.vector().real, fields.model.unit_tensors, axes=1)
 
-    @cached_property
+    @made_once
     def slices(self) -> Slices:
         """Slices across the plate, on the driven class and that whose parity differs about x."""
         return self._made(_slices, lambda flipped, name: flipped in ((), (0,)))
 
-    @cached_property
+    @made_once
     def ramp(self) -> Blocks:
         """[2, 3] (r, r) per unit of e31 e33 e15, weighted by 2x/L and by (2x/L)² − 1/3 over the whole plate."""
         return self._made(_ramp, lambda flipped, name: not name.endswith(SLICES))
 
-    @cached_property
+    @made_once
     def uneven(self) -> tuple[Blocks, Blocks]:
         """[2, 5] (r, r) per unit of c11 c12 c13 c33 c44, and [2] of inertia, weighted by 2x/L and by (2x/L)² − 1/3.
 
@@ -247,12 +247,12 @@ class Places:
         """
         return self._made(_uneven, lambda flipped, name: flipped in ((), (0,)) and not name.endswith(SLICES)).both
 
-    @cached_property
+    @made_once
     def radial_ramp(self) -> Blocks:
         """[3] (r, r) per unit of e31 e33 e15 of a disk or ring, weighted by (r/R)² less its mean over the face."""
         return self._made(_radial_ramp, lambda flipped, name: name == DRIVEN)
 
-    @cached_property
+    @made_once
     def bare_ends(self) -> BareEnds | BareRims:
         """Bare strips at both ends of a thickness-poled plate, or along the rims of a disk or ring.
 
@@ -261,24 +261,24 @@ class Places:
         """
         return self._made(_bare_ends, lambda flipped, name: name in (DRIVEN, "x", ORDERS[1], RIMS))
 
-    @cached_property
+    @made_once
     def edges(self) -> Edges:
         """Along the sides of a plate, or the rims of a disk or ring."""
         return self._made(_edges, lambda flipped, name: name == DRIVEN)
 
-    @cached_property
+    @made_once
     def taper(self) -> Deformation:
         """A width W (1 + ε ξ) of a plate, ξ = 2x/L."""
         return self._tapered("taper")
 
-    @cached_property
+    @made_once
     def wedge(self) -> Deformation:
         """A thickness t (1 + ε ξ) of a plate, or t (1 + ε x/R) of a disk or ring."""
         if isinstance(self.sectors.all_fields, RoundFields):
             return self._round_deformation(WEDGE)
         return self._tapered("wedge")
 
-    @cached_property
+    @made_once
     def oval(self) -> Deformation:
         """Diameters D e^ε and D e^−ε of a disk or ring."""
         return self._round_deformation(OVAL)
@@ -295,7 +295,7 @@ class Places:
         order = ORDERS[COUPLED[kind]]
         return self._made(_DEFORMED[kind], lambda flipped, name: flipped == order or name == DRIVEN)
 
-    @cached_property
+    @made_once
     def films(self) -> Blocks:
         """[...] (r, r) ∫ v·u over one electrode, m² per unit of displacement².
 

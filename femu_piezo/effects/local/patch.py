@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
 from femu_piezo.effects.local.faces import Face
+from femu_piezo.threads import made_once
 
 #: Radius of a patch that nothing is known of, as a share of the body's length; the smallest and largest over that.
 PATCH, SMALLEST, LARGEST = 1 / 25, 1 / 5, 6.0
@@ -31,13 +30,13 @@ class Patch:
         self.mean = np.tensordot(self._weights, self._values, axes=1)
         self.mean_slopes = np.tensordot(self._weights, self._moved, axes=1)
 
-    @cached_property
+    @made_once
     def spread(self) -> np.ndarray:
         """(u, u) mean of NᵗN less that of the mean."""
         around = self._values - self.mean
         return np.einsum("g,gcu,gcv->uv", self._weights, around, around, optimize=True)
 
-    @cached_property
+    @made_once
     def spread_slopes(self) -> np.ndarray:
         """(3, u, u)"""
         around, away = self._values - self.mean, self._moved - self.mean_slopes

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -30,7 +29,7 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import ReducedModel
 from femu_piezo.forward.revolution import FourierOrder, Line, Section
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.threads import Once, in_parallel
+from femu_piezo.threads import Once, in_parallel, made_once
 
 BENDING, FILM, AROUND, RIMS = "z", "film", "around", "rims"
 #: Sector of the modes of an order with the driven parity, of the orders that deformations couple.
@@ -83,7 +82,7 @@ class RoundFields(Fields):
         self.constants = self.reference.to_e_form()
         self._tensor = np.tensordot(self.constants.vector().real, model.unit_tensors, axes=1)
 
-    @cached_property
+    @made_once
     def section(self) -> Section:
         """Fine enough for bending waves, which are the shortest in thin bodies, and shear waves."""
         thickness = 2 * float(self.model.domain.mesh.p[2].max())
@@ -178,7 +177,7 @@ class RoundFields(Fields):
             return [_Modes(0, False, self.on_section[:, : self.reduced.displacements])]
         return self._modes(name)
 
-    @cached_property
+    @made_once
     def _driven(self) -> np.ndarray:
         """(4n, r) driven unknowns on the mesh of the model."""
         return self.model.prolongation @ self.reduced.basis
@@ -246,7 +245,7 @@ class RoundFields(Fields):
         electrostatic = factorize((-inside.T @ stiffness @ inside).tocsr())
         return found + inside @ electrostatic.solve(inside.T @ (stiffness @ found))
 
-    @cached_property
+    @made_once
     def on_section(self) -> np.ndarray:
         """(4n, r) part of order 0 of the driven unknowns on the section: what of the mesh is not round averages out."""
         mesh, turn, here = self._polar_nodes
@@ -259,7 +258,7 @@ class RoundFields(Fields):
         to = mesh.to_nodes_of(self.section)
         return np.concatenate([to @ part.reshape(to.shape[1], -1) for part in round_parts])
 
-    @cached_property
+    @made_once
     def _polar_nodes(self) -> tuple[Section, Line, np.ndarray]:
         """Elements over r and z and along θ of the eighth, and the number of the node at each place (r, z, θ)."""
         outer, order = self.model.domain.radii[1], self.model.order

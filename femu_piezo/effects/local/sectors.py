@@ -12,7 +12,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -22,6 +21,7 @@ from femu_piezo.effects.local.faces import Face
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import ReducedModel
 from femu_piezo.material.constants import ElasticForm, PiezoConstants
+from femu_piezo.threads import made_once
 
 DRIVEN, SPOT = "driven", "spot"
 #: Modes of the classes that the terminals do not drive are kept up to this multiple of the band's ω².
@@ -114,7 +114,7 @@ class Sectors:
     names: tuple[str, ...]
     all_fields: Fields = field(repr=False)
 
-    @cached_property
+    @made_once
     def member(self) -> np.ndarray:
         """(r,) index of each unknown's sector."""
         counts = [self.all_fields.count(name) for name in self.names]
@@ -136,7 +136,7 @@ class Sectors:
         """The unknowns (indices) of a spot; none where there is none."""
         return np.flatnonzero(np.array(self.names)[self.member] == SPOT)
 
-    @cached_property
+    @made_once
     def classes(self) -> dict[Hashable, tuple[str, ...]]:
         """Class → its sectors that have fields."""
         found: dict[Hashable, tuple[str, ...]] = {}

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from femu_piezo.forward.gradient_products import ScalarProducts
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.tensor_grid import kronecker_times, line_products
+from femu_piezo.threads import made_once
 
 #: Slices across the part along its length, at least.
 _SLICES = 16
@@ -70,7 +70,7 @@ class WeightedProducts:
     def _grid(self):
         return self.model.products.grid
 
-    @cached_property
+    @made_once
     def slices(self) -> list[SeparableProducts]:
         """Of every slice across the part alone, by growing x; a long element holds several."""
         grid, found = self._grid, []
@@ -90,22 +90,22 @@ class WeightedProducts:
         each = -(-_SLICES // (line.size - 1))
         return np.interp(np.arange(0, line.size - 1 + 1e-9, 1 / each), np.arange(line.size), line)
 
-    @cached_property
+    @made_once
     def odd(self) -> SeparableProducts:
         """With the weight 2x/L."""
         return self._all(self._along_x(self.odd_line))
 
-    @cached_property
+    @made_once
     def even(self) -> SeparableProducts:
         """With the weight (2x/L)² − 1/3, whose mean is zero."""
         return self._all(self._along_x(self.even_line))
 
-    @cached_property
+    @made_once
     def odd_line(self) -> np.ndarray:
         """(2, 2, n, n) one-dimensional products with the weight 2x/L."""
         return self._power(0, 1)
 
-    @cached_property
+    @made_once
     def even_line(self) -> np.ndarray:
         """(2, 2, n, n) one-dimensional products with the weight (2x/L)² − 1/3."""
         return self._grid.weighted(0, lambda x: (x / self._half) ** 2 - 1 / 3)

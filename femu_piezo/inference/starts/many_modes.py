@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag, qr, solve_triangular
@@ -27,6 +26,7 @@ from femu_piezo.inference.terminal_roots import root_slopes, terminal_roots
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.resonances import Kind, Resonance, ResonanceSet
+from femu_piezo.threads import made_once
 
 #: Steps at most, largest relative change of a constant in one, change in its deviations that is settled, and how many
 #: steps below that are made: where tolerances are wide these still square what is left of the poles and zeros.
@@ -110,7 +110,7 @@ class ManyModes:
         """rms of what is left of what was measured, over its deviation."""
         return float(np.sqrt(np.mean(self.residual**2)))
 
-    @cached_property
+    @made_once
     def gain(self) -> np.ndarray:
         """(n_x, m + n_x + n): how x moves with the residuals of what was measured, of the priors and of readings.
 
@@ -125,7 +125,7 @@ class ManyModes:
         found[np.ix_(columns, order)] = solve_triangular(triangle, span.T)
         return std[:, None] * found
 
-    @cached_property
+    @made_once
     def budget(self) -> dict[str, np.ndarray]:
         """Source → (n_x,) its part of every standard deviation, as `femu_piezo.inference.budget`.
 
