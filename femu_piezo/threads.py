@@ -15,14 +15,17 @@ from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
 from functools import lru_cache, wraps
-from itertools import count
+from itertools import count, pairwise
 from threading import Lock, RLock, local
 from typing import Any, Generic, TypeVar, overload
 
+import numpy as np
 from threadpoolctl import ThreadpoolController
 
 #: Unknowns below which one thread is fastest, and the most threads that an operator gains from.
 _SMALL, _MOST_THREADS = 5_000, 4
+#: Columns below which a part of a matrix is not worth a thread.
+_COLUMNS = 8
 #: Whether a thread is at work for `in_parallel`, and so shares the cores.
 _here = local()
 
@@ -160,6 +163,16 @@ def in_parallel(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterat
             for helper in helpers:
                 if not helper.cancel():
                     helper.result()
+
+
+def by_columns(work: Callable[[np.ndarray], np.ndarray], matrix: np.ndarray) -> np.ndarray:
+    """work(matrix) of columns (n, k) that are worked on one by one, (m, k), parts of them on each of the cores."""
+    parts = min(available_cores(), matrix.shape[1] // _COLUMNS)
+    if parts < 2:
+        return work(matrix)
+    ends = np.linspace(0, matrix.shape[1], parts + 1).astype(int)
+    every = in_parallel(lambda own: work(matrix[:, slice(*own)]), pairwise(ends))
+    return np.hstack(list(every))
 
 
 class _Shared(Generic[Item, Result]):

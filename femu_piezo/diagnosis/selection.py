@@ -335,7 +335,9 @@ class _Search:
             return ()
         first_cause, forms = not current.parameters.candidates, self._forms_beside(current)
         level = current.learned.level if forms else None
-        names = [f"{words}: {effect.key}" for effect in candidates]
+        # those at a place take longest: a core that ends with one of them leaves the other without work
+        order = sorted(range(len(candidates)), key=lambda n: candidates[n].local is None)
+        names = [f"{words}: {candidates[n].key}" for n in order]
 
         def odds(one: Fit, effect: Effect) -> float:
             return self._log_evidence(one, forms, level) - before + self._log_prior[effect.key]
@@ -347,11 +349,12 @@ class _Search:
             one = self._known.get(frozenset((*current.parameters.candidates, effect.key)))
             return None if one is None else one.fit
 
-        def screened(effect: Effect) -> list[Start]:
-            return starts(self._response, current, effect)
+        def screened(number: int) -> list[Start]:
+            return starts(self._response, current, candidates[number])
 
         before = self._log_evidence(current, forms, level)
-        found = list(self._told(in_parallel(screened, candidates), names))
+        told = dict(zip(order, self._told(in_parallel(screened, order), names), strict=True))
+        found = [told[number] for number in range(len(candidates))]
         if first_cause:
             self._alone = tuple(own[0] for own in found)
             self._smooth_starts = [s for own, e in zip(found, candidates, strict=True) if e.sites is None for s in own]

@@ -26,7 +26,7 @@ from femu_piezo.forward.linear_solver import Analysis, Factorization
 from femu_piezo.geometry.domain import Domain
 from femu_piezo.material.constants import E_FORM, ElasticForm
 from femu_piezo.material.voigt import axes_with_poling
-from femu_piezo.threads import made_once
+from femu_piezo.threads import by_columns, made_once
 
 #: Elements of tetrahedral meshes by order; hexahedra are `ElementHexP` of any order.
 _TETRAHEDRA = {1: skfem.ElementTetP1, 2: skfem.ElementTetP2}
@@ -137,7 +137,9 @@ class ElectroelasticModel:
         tensor, extra = self._combined(coefficients)
 
         def times(vectors: np.ndarray) -> np.ndarray:
-            vectors = vectors.reshape(self.size, -1)
+            return by_columns(image, vectors.reshape(self.size, -1))
+
+        def image(vectors: np.ndarray) -> np.ndarray:
             fields = (self.prolongation @ vectors).reshape(FIELDS, self.basis.N, -1)
             images = self.products.applied([tensor], fields)[0]
             if shift:

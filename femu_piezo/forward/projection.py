@@ -10,14 +10,13 @@ the voltage first among the columns), because a term couples few of the four blo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.threads import available_cores, by_columns, in_parallel
 
 _BLOCKS = ("uu", "pu", "up", "pp")  #: rows then columns
 _CHUNK_BYTES = 128e6
@@ -69,7 +68,9 @@ class TermProjections:
         return spla.LinearOperator((self.displacements,) * 2, matvec=times, matmat=times, dtype=float)
 
     def _mass_times(self, displacements: np.ndarray) -> np.ndarray:
-        displacements = displacements.reshape(self.displacements, -1)
+        return by_columns(self._mass_image, displacements.reshape(self.displacements, -1))
+
+    def _mass_image(self, displacements: np.ndarray) -> np.ndarray:
         k, nodes = displacements.shape[1], self._model.basis.N
         nodal = (self._prolong["u"] @ displacements).reshape(3, nodes, k).transpose(1, 0, 2).reshape(nodes, -1)
         found = self._model.density * self._model.products.mass_times(nodal).reshape(nodes, 3, k).transpose(1, 0, 2)
@@ -99,15 +100,23 @@ class TermProjections:
             added = [columns[kind].shape[1] - old for kind, old in zip(block, known.shape[1:], strict=True)]
             self._projected[block] = np.pad(known, ((0, 0), (0, added[0]), (0, added[1])))
         for kind in "up":
-            for place in self._chunks(self._known[kind], columns[kind].shape[1]):
-                for number, images in enumerate(self._images(kind, columns[kind][:, place])):
-                    for row, image in images.items():
-                        self._place(number, row + kind, place, columns[row].T @ image)
+
+            def projected(place: slice, kind: str = kind) -> list[tuple[int, str, np.ndarray]]:
+                images = self._images(kind, columns[kind][:, place])
+                return [(n, row, columns[row].T @ image) for n, own in enumerate(images) for row, image in own.items()]
+
+            chunks = self._chunks(self._known[kind], columns[kind].shape[1])
+            for place, products in zip(chunks, in_parallel(projected, chunks), strict=True):
+                for number, row, product in products:
+                    self._place(number, row + kind, place, product)
             self._known[kind] = columns[kind].shape[1]
 
-    def _chunks(self, start: int, end: int) -> Iterator[slice]:
-        width = max(1, int(_CHUNK_BYTES / (8 * 40 * self._model.basis.N)))
-        return (slice(first, min(first + width, end)) for first in range(start, end, width))
+    def _chunks(self, start: int, end: int) -> list[slice]:
+        """Parts of new columns, one for each core where there are many; images of all parts at work fit in memory."""
+        cores = available_cores()
+        most = max(1, int(_CHUNK_BYTES / (8 * 40 * self._model.basis.N)) // cores)
+        width = max(1, min(most, -(-(end - start) // cores)))
+        return [slice(first, min(first + width, end)) for first in range(start, end, width)]
 
     def _place(self, number: int, block: str, place: slice, product: np.ndarray) -> None:
         """Write a term's rowsᵗ images (all rows, new columns) into a block, or into its transpose."""

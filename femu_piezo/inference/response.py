@@ -13,6 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator
+from scipy.linalg import block_diag
 
 from femu_piezo.effects.effect import Effect, LocalHook, LocalTerm
 from femu_piezo.effects.extended_model import ExtendedModel
@@ -25,8 +26,8 @@ from femu_piezo.threads import blas_limit, made_once
 _NODES = 14
 #: Frequencies solved at once.
 _BATCH = 64
-#: Frequencies whose states carry a large system, and how many times as many displacements make that worth while.
-_SAMPLES, _WORTHWHILE = 32, 2
+#: Frequencies whose states carry a system of more displacements.
+_SAMPLES = 32
 #: Modes up to this multiple of the end of the sweep in ω² are taken one by one; nodes that carry all others.
 _NEAR, _SMOOTH = 2.0, 10
 #: Share of the largest amplitude below which the state at the resonance of a mode is left out of slopes.
@@ -272,7 +273,7 @@ def _solved(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Y (k,) and ∂Y/∂x (wanted, n_x) by one dense solve per frequency; weights (k, nodes) interpolate coefficients."""
     system = _System(c.terms, np.array(c.masses), model.displacements, c, weights)
-    if system.displacements > _WORTHWHILE * _SAMPLES:
+    if system.displacements > _SAMPLES:
         system = system.on_states_of(sweep, np.unique(np.linspace(0, sweep.size - 1, _SAMPLES).astype(int)))
     y = np.empty(sweep.size, dtype=complex)
     slopes = np.empty((wanted, c.stiffness_tangents.shape[2]), dtype=complex)
@@ -319,20 +320,29 @@ class _System:
         return state, -np.einsum("ki,ki->k", matrix[:, -1, :], state)
 
     def on_states_of(self, sweep: np.ndarray, samples: np.ndarray) -> _System:
-        """The system on the displacements at some frequencies: there Y is exact, and its slope along the sweep too.
+        """The system on the displacements and inner potentials at some frequencies: there Y and its slope are exact.
 
         Between them it follows as rational functions of that degree do.
         """
-        u = self.displacements
-        found = self.states(sweep, samples)[0][:, :u]
-        left, singular, _ = np.linalg.svd(np.concatenate([found.real, found.imag]).T, full_matrices=False)
-        basis = left[:, singular > _NEGLIGIBLE * singular[0]]
-        size, few = self.terms.shape[1], basis.shape[1]
-        whole = np.zeros((size, few + size - u))
-        whole[:u, :few], whole[u:, few:] = basis, np.eye(size - u)
+        u, found = self.displacements, self.states(sweep, samples)[0]
+        moved, inner = _directions(found[:, :u]), _directions(found[:, u:-1])
         return replace(
-            self, terms=whole.T @ self.terms @ whole, masses=basis.T @ self.masses @ basis, displacements=few
+            self,
+            terms=_projected(self.terms, block_diag(moved, inner, 1.0)),
+            masses=_projected(self.masses, moved),
+            displacements=moved.shape[1],
         )
+
+
+def _directions(states: np.ndarray) -> np.ndarray:
+    """(r, m) real orthonormal directions of complex states (k, r)."""
+    left, singular, _ = np.linalg.svd(np.concatenate([states.real, states.imag]).T, full_matrices=False)
+    return left[:, singular > _NEGLIGIBLE * singular.max(initial=0.0)]
+
+
+def _projected(matrices: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """Vᵗ A V (n, m, m) of matrices (n, r, r) on a basis (r, m)."""
+    return basis.T @ matrices @ basis
 
 
 def _quadratic(terms: np.ndarray, states: np.ndarray) -> np.ndarray:

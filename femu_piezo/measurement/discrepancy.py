@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from femu_piezo.measurement.discrepancy_forms import WEIGHTS, Alternatives, Form
+from femu_piezo.measurement.discrepancy_forms import WEIGHTS, Alternatives, Form, Sides
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import made_once
 
@@ -160,10 +160,11 @@ class _Left:
         return float(self.residual @ self.residual)
 
     @made_once
-    def sides(self) -> np.ndarray:
+    def sides(self) -> Sides:
         """(2k, 1 + p) the residual of the data, then an orthogonal basis of what the span reaches of them."""
         values, vectors = np.linalg.eigh(self.span.T @ self.span)
-        return np.column_stack([self.residual[: len(self.span)], self.span @ vectors[:, values > _UNREACHED]])
+        reached = self.span @ vectors[:, values > _UNREACHED]
+        return Sides(self.data, self.share, np.column_stack([self.residual[: len(self.span)], reached]))
 
     def columns(self, one: Alternatives) -> np.ndarray:
         """(2k, m) of a single alternative, whitened, at σ = 1."""
@@ -185,8 +186,7 @@ class _Left:
 
     def _beside(self, one: Alternatives) -> tuple[np.ndarray, np.ndarray]:
         """χ² (s, n) that alternatives leave at every size, and the volume ½ Σ log(1 + τ g) of each."""
-        among = one.among(self.data)
-        squares, sides = one.products(self.data, self.share[among], self.sides[among])
+        squares, sides = one.products(self.sides)
         inside = sides[:, :, 1:]
         values, vectors = np.linalg.eigh(squares - inside @ inside.transpose(0, 2, 1))
         along = np.einsum("nab,na->nb", vectors, sides[:, :, 0]) ** 2

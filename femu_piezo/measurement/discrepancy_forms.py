@@ -34,6 +34,7 @@ import numpy as np
 from scipy.interpolate import AAA
 
 from femu_piezo.measurement.sweeps import SweepData, stacked
+from femu_piezo.threads import made_once
 
 #: Correlation lengths, as shares of the sweep in log f, and shares of the variance that errors of frequency have.
 LENGTHS, SHARES = (1 / 4, 1 / 12, 1 / 40), (0.0, 0.5, 1.0)
@@ -57,6 +58,29 @@ Form = Literal["smooth", "of every resonance", "a resonance of its own"]
 WEIGHTS: dict[Form, float] = {"smooth": 1.0, "of every resonance": 0.01, "a resonance of its own": 1.0}
 #: Correlation of a process at distances (…) in correlation lengths.
 Kernel = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Sides:
+    """What the columns of forms are multiplied with.
+
+    Attributes
+    ----------
+    share : (2k,) what a loss makes of the readings, and so of the columns
+    vectors : (2k, p) whitened, Re, then Im
+    """
+
+    data: SweepData
+    share: np.ndarray
+    vectors: np.ndarray
+
+    @made_once
+    def turned(self) -> np.ndarray | None:
+        """(k, p) complex v with Φᵗ V = Re φᵗv of columns Φ whitened from errors φ; None where Re has another share."""
+        k = len(self.share) // 2
+        if not np.array_equal(self.share[:k], self.share[k:]):
+            return None
+        return self.data.over_noise_transposed(self.share[:k, None] * (self.vectors[:k] - 1j * self.vectors[k:]))
 
 
 @dataclass(frozen=True)
@@ -108,26 +132,23 @@ class Alternatives:
         white = data.over_noise(whole)[self.points]
         return stacked(np.concatenate([white, 1j * self.imaginary * white], axis=2))
 
-    def products(self, data: SweepData, share: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """ΦᵗΦ (n, 2m, 2m) and Φᵗ V (n, 2m, p) of the whitened columns Φ times a share (2k',), and of V (2k', p).
+    def products(self, sides: Sides) -> tuple[np.ndarray, np.ndarray]:
+        """ΦᵗΦ (n, 2m, 2m) and Φᵗ V (n, 2m, p) of the whitened columns Φ times the share, and of V.
 
         Where Re and Im have one share, Φᵗ V is a complex product of rows, with factors between. The first is the same
         for all fits of a sweep whose loss gives its points the same weights, and is kept for the next of them.
         """
-        k = self.points.size
-        if not np.array_equal(share[:k], share[k:]):
+        data, share = sides.data, sides.share[self.among(sides.data)]
+        if sides.turned is None:
             whole = self._whole(data, share)
-            return whole @ whole.transpose(0, 2, 1), whole @ others
+            return whole @ whole.transpose(0, 2, 1), whole @ sides.vectors[self.among(data)]
         key = share.tobytes(), data.relative_noise.tobytes(), data.noise_memory
         kept = self._kept.get("squares")
         if kept is None or kept[0] != key:
             kept = self._kept["squares"] = key, self._squares_of(data, share)
-        values = np.zeros((data.impedance.size, others.shape[1]), dtype=complex)
-        values[self.points] = share[:k, None] * (others[:k] - 1j * others[k:])
-        values = data.over_noise_transposed(values)[self.points]
         n, rows, size = len(self.rows), self.rows.shape[1], len(self.factors)
-        sides = self.factors[:, :, None] * values  # (t, k', p)
-        along = self.rows.reshape(-1, k) @ sides.transpose(1, 0, 2).reshape(k, -1)
+        along = self.factors[:, :, None] * sides.turned[self.points]  # (t, k', p)
+        along = self.rows.reshape(-1, self.points.size) @ along.transpose(1, 0, 2).reshape(self.points.size, -1)
         along = along.reshape(n, rows, size, -1).transpose(0, 2, 1, 3) * self.scale[:, None, None, None]
         both = np.stack([along.real, -self.imaginary * along.imag], axis=1)
         return kept[1], both.reshape(n, 2 * size * rows, -1)

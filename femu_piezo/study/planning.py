@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -176,7 +177,9 @@ def _sweeps(now: Plan, several: Sequence[Subject], effects: Sequence[Effect], co
         return []
     effects = [effect for effect in effects if effect.local is None]
     highest = max(_WIDER)
-    models = [_coarse(one.problem, one, effects, constants, highest * one.measured.band_Hz) for one in several]
+    made = [partial(_coarse, one.problem, one, effects, constants, highest * one.measured.band_Hz) for one in several]
+    second_made = partial(_second_specimen, several, effects, constants)
+    *models, second = in_parallel(lambda make: make(), [*made, second_made])
     plans = []
     for factor in _WIDER:
         parts, noise = [], []
@@ -188,8 +191,8 @@ def _sweeps(now: Plan, several: Sequence[Subject], effects: Sequence[Effect], co
             noise.append(_noise(one, frequency.size + more.size))
         words = f"sweep up to {factor:g} times the present end of the band"
         plans.append(Plan(words, Ensemble(tuple(parts)), np.concatenate(noise), now.owner, new_sweeps=True))
-    if len(several) == 1:
-        plans += _second_specimen(now, several[0], models[0], effects, constants)
+    if second is not None:
+        plans.append(_beside_the_first(now, several[0], models[0], second))
     return plans
 
 
@@ -215,29 +218,45 @@ def _share(one: Subject, owner: str) -> Share:
     return Share((one.name or owner, one.fixture), {form.key: form for form in forms})
 
 
-def _second_specimen(now: Plan, one: Subject, model: ExtendedModel, effects: Sequence[Effect], constants):
-    """The same material half as long, swept over the same part of its resonances; of as uncertain a size."""
-    geometry = one.problem.specimen.geometry
+@dataclass(frozen=True)
+class _Second:
+    """A second specimen: its model, the dimension that is half as large, and effects for its uncertain sizes."""
+
+    model: ExtendedModel
+    halved: str
+    sizes: tuple[Effect, ...]
+
+
+def _second_specimen(
+    several: Sequence[Subject], effects: Sequence[Effect], constants: PiezoConstants
+) -> _Second | None:
+    """The same material half as long; None where there is no such body, or are several already."""
+    one, geometry = several[0], several[0].problem.specimen.geometry
     dimension = next((name for name in ("length", "diameter") if getattr(geometry, name, None)), None)
-    if dimension is None:
-        return []
+    if dimension is None or len(several) > 1:
+        return None
     try:
         problem = prepare(_halved(one.problem, dimension), check=False)
         common = [effect for effect in effects if is_common(effect)]
         sizes = [_measured_alike(effect, dimension, problem) for effect in one.library if effect.has_tolerance]
         sizes = [effect for effect in sizes if effect.resizes or effect.density is not None]
-        other = _coarse(problem, one, [*common, *sizes], constants, 2 * one.measured.band_Hz)
+        model = _coarse(problem, one, [*common, *sizes], constants, 2 * one.measured.band_Hz)
     except (InputError, ConvergenceError):
-        return []
+        return None
+    return _Second(model, dimension, tuple(sizes))
+
+
+def _beside_the_first(now: Plan, one: Subject, model: ExtendedModel, second: _Second) -> Plan:
+    """The second specimen swept over the same part of its resonances; of as uncertain a size."""
     frequency = _thinned(one.measured.fitted.frequency)
     parts = (
         (_share(one, now.owner), Evaluation(model, 2 * np.pi * frequency)),
-        (Share((_SECOND,)), Evaluation(other, 4 * np.pi * frequency)),
+        (Share((_SECOND,)), Evaluation(second.model, 4 * np.pi * frequency)),
     )
-    own = tuple(belonging_to(effect, _SECOND) for effect in sizes)
-    words = f"measure a second specimen of the same material, half the {dimension}"
+    own = tuple(belonging_to(effect, _SECOND) for effect in second.sizes)
+    words = f"measure a second specimen of the same material, half the {second.halved}"
     noise = np.tile(_noise(one, frequency.size), 2)
-    return [Plan(words, Ensemble(parts), noise, now.owner, new_sweeps=True, tolerances=own)]
+    return Plan(words, Ensemble(parts), noise, now.owner, new_sweeps=True, tolerances=own)
 
 
 def _measured_alike(effect: Effect, halved: str, second: Problem) -> Effect:

@@ -9,7 +9,14 @@ import pytest
 
 from femu_piezo.measurement.autoregression import Autoregression
 from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy
-from femu_piezo.measurement.discrepancy_forms import WEIGHTS, Alternatives, of_every_resonance, of_one_resonance, smooth
+from femu_piezo.measurement.discrepancy_forms import (
+    WEIGHTS,
+    Alternatives,
+    Sides,
+    of_every_resonance,
+    of_one_resonance,
+    smooth,
+)
 from femu_piezo.measurement.sweeps import SweepData, stacked
 
 FREQUENCY = np.geomspace(30e3, 250e3, 400)
@@ -152,8 +159,8 @@ def test_products_are_those_of_the_columns(memory, loss):
     others = rng.standard_normal((2 * k, 3))
     for form in (smooth(data, slope), of_every_resonance(data, model), of_one_resonance(data, model, slope, (10.0,))):
         for one in form:
-            one.products(data, np.full(2 * k, 0.7), others)  # what is kept of another share is not taken
-            squares, sides = one.products(data, share[loss], others)
+            one.products(Sides(data, np.full(2 * k, 0.7), others))  # what is kept of another share is not taken
+            squares, sides = one.products(Sides(data, share[loss], others))
             columns = (one.whitened(data) * share[loss][:, None, None]).transpose(1, 2, 0)
             expected, along = columns @ columns.transpose(0, 2, 1), columns @ others
             assert np.max(np.abs(squares - expected)) < 1e-11 * np.max(np.abs(expected))
