@@ -165,6 +165,7 @@ class Calibration:
     in_class : how many of these causes were there, or are reported as not to be told from one that was
     candidates : the same of every candidate of every draw, named or not; empty where the results lack them
     constants : of the free constants of draws that were judged rightly;  all_constants : of all draws
+    shown_constants : of draws whose sweep shows all that is hidden in them, however they were judged
     sizes : of the causes that were named rightly, the first parameter of each
     """
 
@@ -173,6 +174,7 @@ class Calibration:
     candidates: tuple[np.ndarray, np.ndarray]
     constants: Transform
     all_constants: Transform
+    shown_constants: Transform
     sizes: Transform
 
 
@@ -186,6 +188,7 @@ def calibration(outcomes: Sequence[Outcome]) -> Calibration:
         candidates=_against_truth((one.chances, _true(one)) for one in outcomes),
         constants=transform(one.bias for one in right),
         all_constants=transform(one.bias for one in outcomes),
+        shown_constants=transform(one.bias for one in outcomes if one.kind == "null" or one.detectable),
         sizes=transform({"first parameter": next(iter(one.sizes.values()))} for one in right if one.sizes),
     )
 
@@ -228,6 +231,7 @@ def report(found: Calibration) -> str:
         )
     for words, one in (
         ("constants, draws judged rightly", found.constants),
+        ("constants, draws that show what is hidden", found.shown_constants),
         ("constants, all draws", found.all_constants),
         ("sizes of causes named rightly", found.sizes),
     ):

@@ -45,6 +45,8 @@ def test_right_probabilities_and_deviations_are_found_right():
         low, high = band(one.draws)
         assert low < shares.min() and shares.max() < high
     assert found.constants.draws == found.sizes.draws == found.named[1].sum() < 2000 == found.all_constants.draws
+    hidden = [replace(one, sigma=(1.0,)) for one in _draws(50)]  # that a sweep does not show
+    assert calibration([*hidden, *_draws(20)]).shown_constants.draws == 20
 
 
 def test_overconfident_ones_are_found_out():
