@@ -168,7 +168,7 @@ def test_what_causes_leave_that_is_no_noise_makes_the_verdict_unknown(setup, sha
     assert verdict.word == ("unknown" if share else "effect")
 
 
-@pytest.mark.parametrize("height", [0.0, 0.02])
+@pytest.mark.parametrize("height", [pytest.param(0.0, marks=pytest.mark.slow), 0.02])
 def test_a_further_cause_is_as_probable_as_what_it_explains_of_the_misfit_left_beside_the_first(setup, height):
     """A wrong width beside a resonance that no candidate describes, about as large as it, far below a resistance."""
     bump = height / (1 + 1j * (FREQUENCY - 160e3) / 4e3)

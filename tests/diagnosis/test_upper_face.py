@@ -141,7 +141,9 @@ CASES = {
 }
 
 
-@pytest.fixture(scope="module", params=BODIES)
+@pytest.fixture(
+    scope="module", params=["trapezoid", "rounded plate", pytest.param("mesh of a user", marks=pytest.mark.slow)]
+)
 def both(request, tmp_path_factory):
     """A body, and how the spectral solver builds it."""
     make, taper = BODIES[request.param]

@@ -119,7 +119,13 @@ def test_wrapped_ground_covers_lower_face_end_and_strip() -> None:
 
 @pytest.mark.parametrize(
     ("name", "mirrors"),
-    [("ring", (0, 1, 2)), ("trapezoid", (1, 2)), ("off-centre hole", (1, 2)), ("partial", (1,)), ("wrapped", (1,))],
+    [
+        ("ring", (0, 1, 2)),
+        ("trapezoid", (1, 2)),
+        ("partial", (1,)),
+        pytest.param("off-centre hole", (1, 2), marks=pytest.mark.slow),
+        pytest.param("wrapped", (1,), marks=pytest.mark.slow),
+    ],
 )
 def test_symmetric_part_has_the_driven_modes_of_the_whole(name: str, mirrors: tuple[int, ...]) -> None:
     shape = SHAPES[name]
