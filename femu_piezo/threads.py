@@ -10,13 +10,13 @@ run.
 from __future__ import annotations
 
 import os
-from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections import OrderedDict, deque
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import nullcontext
 from functools import lru_cache, wraps
-from itertools import count, pairwise
-from threading import Lock, RLock, local
+from itertools import pairwise
+from threading import Lock, RLock, get_ident, local
 from typing import Any, Generic, TypeVar, overload
 
 import numpy as np
@@ -26,7 +26,9 @@ from threadpoolctl import ThreadpoolController
 _SMALL, _MOST_THREADS = 5_000, 4
 #: Columns below which a part of a matrix is not worth a thread.
 _COLUMNS = 8
-#: Whether a thread is at work for `in_parallel`, and so shares the cores.
+#: Seconds after which a thread that waits for a result looks again for work.
+_PATIENCE = 0.02
+#: `share`: what a thread is at work for in `in_parallel`, where it shares the cores with others.
 _here = local()
 
 
@@ -60,11 +62,11 @@ def with_blas_limit(work: Callable[..., Result]) -> Callable[..., Result]:
 
 def available_cores() -> int:
     """Cores that this process may use; no more than OMP_NUM_THREADS where that is set, one where threads share them."""
-    return 1 if getattr(_here, "shares", False) else _cores()
+    return cores_of_process() if getattr(_here, "share", None) is None else 1
 
 
-def _cores() -> int:
-    """The same, whether or not threads share them."""
+def cores_of_process() -> int:
+    """Cores that the threads of this process may use together; no more than OMP_NUM_THREADS where that is set."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     wish = os.environ.get("OMP_NUM_THREADS", "")
     return min(cores, int(wish)) if wish.isdigit() and int(wish) > 0 else cores
@@ -131,38 +133,43 @@ class made_once(Generic[Result]):
     def __get__(self, one: Any, owner: type) -> made_once[Result] | Result:
         if one is None:
             return self
-        kept, waiting = one.__dict__, f"{self._name} is being made"
-        with kept.setdefault(waiting, RLock()):
-            if self._name not in kept:
-                kept[self._name] = self._make(one)
-        kept.pop(waiting, None)
+        kept, key = one.__dict__, (id(one), self._name)
+        try:
+            with _making.setdefault(key, RLock()):
+                if self._name not in kept:
+                    kept[self._name] = self._make(one)
+        finally:
+            _making.pop(key, None)
         return kept[self._name]
+
+
+#: Locks of the properties (object, name) that are being made.
+_making: dict[tuple[int, str], RLock] = {}
 
 
 def in_parallel(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
     """work(item) of every item, in their order, on the available cores; the results are those of a plain loop.
 
-    The thread that asks takes items as well, and work that asks again shares the cores with it: a core that has nothing
-    left to do joins whoever still has items.
+    The thread that asks takes items as well, and work that asks again shares the cores with it: a thread of the pool
+    that has nothing left to do joins whoever asked next, and one that waits for a result those who work on it.
     """
     items = list(items)
-    threads = min(_cores(), len(items))
+    threads = min(cores_of_process(), len(items))
     if threads < 2:
         yield from map(work, items)
         return
-    shared = _Shared(work, items)
+    shared, helpers = _Shared(work, items), []
     with blas_limit():
-        helpers = [_helpers(_cores() - 1).submit(shared.take_all) for _ in range(threads - 1)]
         try:
-            for result in shared.results:
-                while not result.done() and shared.take():
-                    pass
-                yield result.result()
+            helpers += [_helpers(cores_of_process() - 1).submit(shared.take_all) for _ in range(threads - 1)]
+            while shared.results:
+                result = shared.results[0]
+                while not result.done():
+                    if not shared.help():
+                        wait([result], _PATIENCE)
+                yield shared.results.popleft().result()
         finally:
-            shared.closed = True
-            for helper in helpers:
-                if not helper.cancel():
-                    helper.result()
+            shared.close(helpers)
 
 
 def by_columns(work: Callable[[np.ndarray], np.ndarray], matrix: np.ndarray) -> np.ndarray:
@@ -180,34 +187,60 @@ class _Shared(Generic[Item, Result]):
 
     Attributes
     ----------
-    results : of the items, in their order
+    results : of the items, in their order, those that were not fetched
     """
 
     def __init__(self, work: Callable[[Item], Result], items: list[Item]) -> None:
-        self._work, self._items, self._numbers = work, items, count()
-        self.results: list[Future[Result]] = [Future() for _ in items]
-        self.closed = False
+        self.results: deque[Future[Result]] = deque(Future() for _ in items)
+        self._work, self._left = work, deque(zip(items, self.results, strict=True))
+        self._within: list[_Shared] = []  # what its items share themselves
+        self._helping: set[int] = set()
+        self._around: _Shared | None = getattr(_here, "share", None)
+        if self._around is not None:
+            self._around._within.append(self)
 
     def take(self) -> bool:
         """Do the next item; whether there was one."""
-        number = next(self._numbers)
-        if self.closed or number >= len(self._items):
-            return False
-        before, _here.shares = getattr(_here, "shares", False), True
         try:
-            self.results[number].set_result(self._work(self._items[number]))
+            item, result = self._left.popleft()
+        except IndexError:
+            return False
+        before, _here.share = getattr(_here, "share", None), self
+        try:
+            result.set_result(self._work(item))
         except BaseException as error:
-            self.results[number].set_exception(error)
+            result.set_exception(error)
             if not isinstance(error, Exception):
                 raise
         finally:
-            _here.shares = before
+            _here.share = before
         return True
 
     def take_all(self) -> None:
         """Do items as long as there are some."""
+        self._helping.add(get_ident())
         while self.take():
             pass
+
+    def help(self) -> bool:
+        """Do an item, or one that its items share; whether there was one.
+
+        Of others it might wait for what the thread that asks is making itself.
+        """
+        return self.take() or any(one.help() for one in tuple(self._within))
+
+    def close(self, helpers: Sequence[Future[None]]) -> None:
+        """Begin no further item, and wait for those that are begun."""
+        self._left.clear()
+        for helper in helpers:
+            # what is collected as garbage may be closed by a thread that is at work for it
+            if not helper.cancel() and get_ident() not in self._helping:
+                helper.result()
+        if self._around is not None:
+            self._around._within.remove(self)
+        # a helper that was cancelled holds this until its thread is free
+        self.results.clear()
+        del self._work
 
 
 @lru_cache(maxsize=4)

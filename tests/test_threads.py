@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import threading
 import time
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import pytest
 
-from femu_piezo.threads import Once, available_cores, in_parallel
+from femu_piezo import threads
+from femu_piezo.threads import Once, available_cores, by_columns, in_parallel, made_once
 
 
 @pytest.mark.parametrize("cores", ["1", "2"])
@@ -26,38 +31,56 @@ def test_one_core_is_a_plain_loop(monkeypatch):
 
 def test_pieces_run_side_by_side(monkeypatch):
     """Two pieces that wait for each other can only end together."""
-    monkeypatch.setattr("femu_piezo.threads._cores", lambda: 2)
+    monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
     both = threading.Barrier(2, timeout=10)
     assert sorted(in_parallel(lambda _: both.wait(), range(2))) == [0, 1]
 
 
 def test_an_error_comes_through(monkeypatch):
-    monkeypatch.setattr("femu_piezo.threads._cores", lambda: 2)
+    monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
     with pytest.raises(ZeroDivisionError):
         list(in_parallel(lambda i: 1 / i, [1, 0, 2]))
 
 
 def test_a_core_that_has_nothing_left_joins_work_within_work(monkeypatch):
     """The second of two pieces has two of its own, which can only end together, after the first has ended."""
-    monkeypatch.setattr("femu_piezo.threads._cores", lambda: 2)
+    monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
     both, first = threading.Barrier(2, timeout=10), threading.Event()
 
     def inner(_) -> int:
         assert first.wait(10)
         return both.wait()
 
-    def outer(number: int) -> list[int]:
-        if number == 0:
-            first.set()
-            return []
-        return sorted(in_parallel(inner, range(2)))
+    def outer(asks: bool) -> list[int]:
+        if asks:
+            return sorted(in_parallel(inner, range(2)))
+        first.set()
+        return []
 
-    assert list(in_parallel(outer, range(2))) == [[], [0, 1]]
+    for pieces in ([False, True], [True, False]):  # by the thread that asks or by the one that helps
+        first.clear()
+        found = list(in_parallel(outer, pieces))
+        assert sorted(found) == [[], [0, 1]]
+
+
+def test_the_thread_that_asks_works_within_what_it_waits_for(monkeypatch):
+    """The other thread has the last piece, and that has two of its own, which can only end together."""
+    monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
+    both, begun, own = threading.Barrier(2, timeout=10), threading.Event(), threading.get_ident()
+
+    def outer(_) -> list[int]:
+        if threading.get_ident() == own:
+            assert begun.wait(10)
+            return []
+        begun.set()
+        return sorted(in_parallel(lambda _: both.wait(), range(2)))
+
+    assert sorted(in_parallel(outer, range(2))) == [[], [0, 1]]
 
 
 def test_work_within_work_counts_as_sharing_the_cores(monkeypatch):
     """On every thread, and no longer once it has ended."""
-    monkeypatch.setattr("femu_piezo.threads._cores", lambda: 2)
+    monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
     assert list(in_parallel(lambda _: available_cores(), range(4))) == [1] * 4
     assert (
         list(in_parallel(lambda _: list(in_parallel(lambda _: available_cores(), range(2))), range(2))) == [[1, 1]] * 2
@@ -67,7 +90,7 @@ def test_work_within_work_counts_as_sharing_the_cores(monkeypatch):
 
 def test_what_was_not_asked_for_is_not_begun(monkeypatch):
     """Where a loop is left early, or interrupted."""
-    monkeypatch.setattr("femu_piezo.threads._cores", lambda: 2)
+    monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
     begun = []
     for _ in in_parallel(lambda n: (begun.append(n), time.sleep(0.01)), range(1000)):
         break
@@ -83,6 +106,108 @@ def test_what_was_not_asked_for_is_not_begun(monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         list(in_parallel(interrupted, range(1000)))
     assert len(begun) < 10
+
+
+def test_results_are_let_go(monkeypatch):
+    """Those that were fetched, and all of work within work that has ended."""
+    monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
+    alive: weakref.WeakSet = weakref.WeakSet()
+
+    class Large:
+        def __init__(self) -> None:
+            alive.add(self)
+
+    def outer(_) -> int:
+        for one in in_parallel(lambda _: Large(), range(4)):
+            del one
+        return len(alive)
+
+    assert max(in_parallel(outer, range(20))) <= 2 * 4
+    for number, one in enumerate(in_parallel(lambda _: Large(), range(50))):
+        del one
+        if number == 49:
+            assert len(alive) <= 1
+
+
+def test_a_loop_that_is_collected_as_garbage_by_its_own_helper_ends(monkeypatch):
+    monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
+    own, left, collected = threading.get_ident(), [], threading.Event()
+
+    def piece(_) -> None:
+        if threading.get_ident() == own:
+            return
+        while not left:
+            time.sleep(0.001)
+        left.pop().close()
+        collected.set()
+
+    loop = in_parallel(piece, range(3))
+    next(loop)
+    left.append(loop)
+    assert collected.wait(10)
+    assert list(in_parallel(abs, [1, -2])) == [1, 2]
+
+
+def test_columns_are_those_of_one_piece(monkeypatch):
+    matrix, parts = np.random.default_rng(0).standard_normal((5, 41)), []
+
+    def work(part: np.ndarray) -> np.ndarray:
+        parts.append(part.shape[1])
+        return np.vstack([2 * part, part[:1]])
+
+    for cores, expected in ((1, [41]), (2, [20, 21]), (8, [8, 8, 8, 8, 9])):
+        monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda cores=cores: cores)
+        parts.clear()
+        np.testing.assert_array_equal(by_columns(work, matrix), np.vstack([2 * matrix, matrix[:1]]))
+        assert sorted(parts) == expected
+
+
+class Thing:
+    """With two properties of which one fails the first time."""
+
+    def __init__(self) -> None:
+        self.made, self.failed = 0, False
+
+    @made_once
+    def value(self) -> int:
+        """The words of it."""
+        time.sleep(0.02)
+        self.made += 1
+        return self.made
+
+    @made_once
+    def late(self) -> str:
+        if not self.failed:
+            self.failed = True
+            raise ValueError
+        return "here"
+
+
+def test_a_property_is_made_once_for_each_object():
+    one, other = Thing(), Thing()
+    with ThreadPoolExecutor(8) as pool:
+        assert set(pool.map(lambda thing: thing.value, [one, other] * 8)) == {1}
+    assert (one.made, other.made) == (1, 1) and Thing.value.__doc__ == "The words of it."
+
+
+def test_objects_do_not_wait_for_each_other():
+    both = threading.Barrier(2, timeout=10)
+
+    class Waiting:
+        @made_once
+        def value(self) -> int:
+            return both.wait()
+
+    with ThreadPoolExecutor(2) as pool:
+        assert sorted(pool.map(lambda thing: thing.value, [Waiting(), Waiting()])) == [0, 1]
+
+
+def test_a_property_that_failed_is_tried_again_and_leaves_nothing_behind():
+    one = Thing()
+    with pytest.raises(ValueError):
+        one.late  # noqa: B018
+    assert pickle.loads(pickle.dumps(one)).failed and copy.deepcopy(one).late == one.late == "here"
+    assert not threads._making
 
 
 def test_values_are_made_once_by_many_threads_and_the_latest_kept():

@@ -16,7 +16,7 @@ import scipy.sparse.linalg as spla
 
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.threads import available_cores, by_columns, in_parallel
+from femu_piezo.threads import by_columns, cores_of_process, in_parallel
 
 _BLOCKS = ("uu", "pu", "up", "pp")  #: rows then columns
 _CHUNK_BYTES = 128e6
@@ -113,7 +113,7 @@ class TermProjections:
 
     def _chunks(self, start: int, end: int) -> list[slice]:
         """Parts of new columns, one for each core where there are many; images of all parts at work fit in memory."""
-        cores = available_cores()
+        cores = cores_of_process()
         most = max(1, int(_CHUNK_BYTES / (8 * 40 * self._model.basis.N)) // cores)
         width = max(1, min(most, -(-(end - start) // cores)))
         return [slice(first, min(first + width, end)) for first in range(start, end, width)]

@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from threading import RLock
 
 import meshio
 
@@ -30,6 +31,10 @@ def _ignore_broken_pipes() -> None:
         setsig(signal.SIGPIPE, int(signal.SIG_IGN))
 
 
+#: gmsh has one session for a process: threads that mesh at the same time take turns.
+_turn = RLock()
+
+
 @contextmanager
 def gmsh_session(kernel: str = "occ") -> Iterator:
     """Yield a pygmsh geometry ("occ" or "geo"); the raw model is `gmsh.model`.
@@ -46,19 +51,22 @@ def gmsh_session(kernel: str = "occ") -> Iterator:
             f"gmsh cannot be loaded on this machine ({error}), and this shape needs it to be meshed; on Debian or "
             f"Ubuntu: apt-get install {GMSH_PACKAGES} (plain rectangular plates do without)"
         ) from None
-    if gmsh.isInitialized():
-        raise InputError("another gmsh session is open in this process; call gmsh.finalize() before meshing a shape")
-    geometry = (pygmsh.occ if kernel == "occ" else pygmsh.geo).Geometry()
-    # pygmsh would read the user's gmsh settings and take over Ctrl-C, so the session is opened here
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    _ignore_broken_pipes()
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setNumber("General.NumThreads", 1)
-        gmsh.model.add("specimen")
-        yield geometry
-    finally:
-        gmsh.finalize()
+    with _turn:
+        if gmsh.isInitialized():
+            raise InputError(
+                "another gmsh session is open in this process; call gmsh.finalize() before meshing a shape"
+            )
+        geometry = (pygmsh.occ if kernel == "occ" else pygmsh.geo).Geometry()
+        # pygmsh would read the user's gmsh settings and take over Ctrl-C, so the session is opened here
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
+        _ignore_broken_pipes()
+        try:
+            gmsh.option.setNumber("General.Terminal", 0)
+            gmsh.option.setNumber("General.NumThreads", 1)
+            gmsh.model.add("specimen")
+            yield geometry
+        finally:
+            gmsh.finalize()
 
 
 def mesh_drawing(

@@ -385,13 +385,13 @@ class Fit:
         level : factor on the noise to begin with; that of the fit without a discrepancy where None
         """
         plain = self._unexplained(self.marginal)
-        left = plain if level is None else self._unexplained(self._at_level(level))
         for _ in range(1 + _TURNS):
+            left = plain if level is None else self._unexplained(self._at_level(level))
             none = plain.log_likelihood - left.log_volume
             found = learn_discrepancy(self.data, left.residual, left.span, forms, self.weight, none)
-            if abs(np.log(found.level / left.level)) < _LEVEL:
+            level = found.level
+            if abs(np.log(level / left.level)) < _LEVEL:
                 break
-            left = self._unexplained(self._at_level(found.level))
         return found
 
     def _at_level(self, level: float) -> Marginal:

@@ -26,7 +26,7 @@ from femu_piezo.threads import blas_limit, made_once
 _NODES = 14
 #: Frequencies solved at once.
 _BATCH = 64
-#: Frequencies whose states carry a system of more displacements.
+#: Number of frequencies whose states a system is projected on where it has more displacements than that.
 _SAMPLES = 32
 #: Modes up to this multiple of the end of the sweep in ω² are taken one by one; nodes that carry all others.
 _NEAR, _SMOOTH = 2.0, 10
@@ -273,7 +273,7 @@ def _solved(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Y (k,) and ∂Y/∂x (wanted, n_x) by one dense solve per frequency; weights (k, nodes) interpolate coefficients."""
     system = _System(c.terms, np.array(c.masses), model.displacements, c, weights)
-    if system.displacements > _SAMPLES:
+    if system.displacements > _SAMPLES < sweep.size:
         system = system.on_states_of(sweep, np.unique(np.linspace(0, sweep.size - 1, _SAMPLES).astype(int)))
     y = np.empty(sweep.size, dtype=complex)
     slopes = np.empty((wanted, c.stiffness_tangents.shape[2]), dtype=complex)

@@ -161,7 +161,7 @@ class _Left:
 
     @made_once
     def sides(self) -> Sides:
-        """(2k, 1 + p) the residual of the data, then an orthogonal basis of what the span reaches of them."""
+        """With 1 + p vectors: the residual of the data, then an orthogonal basis of what the span reaches of them."""
         values, vectors = np.linalg.eigh(self.span.T @ self.span)
         reached = self.span @ vectors[:, values > _UNREACHED]
         return Sides(self.data, self.share, np.column_stack([self.residual[: len(self.span)], reached]))

@@ -28,13 +28,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import product
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.interpolate import AAA
 
 from femu_piezo.measurement.sweeps import SweepData, stacked
-from femu_piezo.threads import made_once
+from femu_piezo.threads import Once, made_once
 
 #: Correlation lengths, as shares of the sweep in log f, and shares of the variance that errors of frequency have.
 LENGTHS, SHARES = (1 / 4, 1 / 12, 1 / 40), (0.0, 0.5, 1.0)
@@ -95,7 +95,7 @@ class Alternatives:
     factors : (t, k') complex
     scale : (n,) that brings the error of each alternative to rms 1 of Re and Im over its sweep
     imaginary : deviation of the imaginary part of each coefficient over that of its real part
-    points : (k',) indices of the points of the data where it is not zero
+    points : (k',) indices of the points of the data where it is not zero: those of whole sweeps
     places : (n,) what tells the n apart: the correlation length as a share of the sweep in log f, the ratio κ, or the
         frequency in Hz
     """
@@ -107,7 +107,7 @@ class Alternatives:
     imaginary: float
     points: np.ndarray
     places: np.ndarray
-    _kept: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _kept: Once = field(default_factory=lambda: Once(latest=1), init=False, repr=False, compare=False)
 
     @property
     def columns(self) -> np.ndarray:
@@ -143,15 +143,13 @@ class Alternatives:
             whole = self._whole(data, share)
             return whole @ whole.transpose(0, 2, 1), whole @ sides.vectors[self.among(data)]
         key = share.tobytes(), data.relative_noise.tobytes(), data.noise_memory
-        kept = self._kept.get("squares")
-        if kept is None or kept[0] != key:
-            kept = self._kept["squares"] = key, self._squares_of(data, share)
+        squares = self._kept.get(key, lambda: self._squares_of(data, share))
         n, rows, size = len(self.rows), self.rows.shape[1], len(self.factors)
         along = self.factors[:, :, None] * sides.turned[self.points]  # (t, k', p)
         along = self.rows.reshape(-1, self.points.size) @ along.transpose(1, 0, 2).reshape(self.points.size, -1)
         along = along.reshape(n, rows, size, -1).transpose(0, 2, 1, 3) * self.scale[:, None, None, None]
         both = np.stack([along.real, -self.imaginary * along.imag], axis=1)
-        return kept[1], both.reshape(n, 2 * size * rows, -1)
+        return squares, both.reshape(n, 2 * size * rows, -1)
 
     def _whole(self, data: SweepData, share: np.ndarray) -> np.ndarray:
         """Φᵗ (n, 2m, 2k')."""

@@ -15,6 +15,7 @@ from femu_piezo.geometry.regions import Circle, Rectangle, Trapezoid
 from femu_piezo.geometry.slab import Electrodes, Slab
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
+from femu_piezo.threads import in_parallel
 
 MM = 1e-3
 PIC181 = library_material("pic181")
@@ -115,6 +116,14 @@ def test_wrapped_ground_covers_lower_face_end_and_strip() -> None:
     mesh = SHAPES["wrapped"].domain(1 * MM).mesh
     assert 2 * boundary_area(mesh, "ground") == pytest.approx((12 + 1 + 2) * 6 * MM**2, rel=1e-9)
     assert 2 * boundary_area(mesh, "hot") == pytest.approx((12 - 2.5) * 6 * MM**2, rel=1e-9)
+
+
+def test_two_threads_mesh_in_turn(monkeypatch) -> None:
+    """gmsh has one session for a process, and a diagnosis plans two bodies at once."""
+    monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
+    shapes = [SHAPES["rounded"], SHAPES["off-centre hole"]]
+    nodes = [shape.domain(2 * MM).mesh.p.shape[1] for shape in shapes]
+    assert [domain.mesh.p.shape[1] for domain in in_parallel(lambda one: one.domain(2 * MM), shapes)] == nodes
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ class Draw:
 
     @property
     def theta(self) -> np.ndarray:
-        """(10,) complex true constants, at the anchor of laws over frequency."""
+        """(10,) complex true constants, at the anchor of laws over frequency; without what a relaxation loses."""
         return self.build.theta
 
     @property
