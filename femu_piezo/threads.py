@@ -150,8 +150,8 @@ _making: dict[tuple[int, str], RLock] = {}
 def in_parallel(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
     """work(item) of every item, in their order, on the available cores; the results are those of a plain loop.
 
-    The thread that asks takes items as well, and work that asks again shares the cores with it: a thread of the pool
-    that has nothing left to do joins whoever asked next, and one that waits for a result those who work on it.
+    The thread that asks takes items as well, and work that asks again shares the same cores: a thread that has nothing
+    left to do takes items of whoever asked next, and one that waits for a result helps the thread that works on it.
     """
     items = list(items)
     threads = min(cores_of_process(), len(items))
@@ -161,7 +161,8 @@ def in_parallel(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterat
     shared, helpers = _Shared(work, items), []
     with blas_limit():
         try:
-            helpers += [_helpers(cores_of_process() - 1).submit(shared.take_all) for _ in range(threads - 1)]
+            for _ in range(threads - 1):
+                helpers.append(_helpers(cores_of_process() - 1).submit(shared.take_all))
             while shared.results:
                 result = shared.results[0]
                 while not result.done():

@@ -10,6 +10,8 @@ the voltage first among the columns), because a term couples few of the four blo
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
@@ -100,16 +102,17 @@ class TermProjections:
             added = [columns[kind].shape[1] - old for kind, old in zip(block, known.shape[1:], strict=True)]
             self._projected[block] = np.pad(known, ((0, 0), (0, added[0]), (0, added[1])))
         for kind in "up":
-
-            def projected(place: slice, kind: str = kind) -> list[tuple[int, str, np.ndarray]]:
-                images = self._images(kind, columns[kind][:, place])
-                return [(n, row, columns[row].T @ image) for n, own in enumerate(images) for row, image in own.items()]
-
             chunks = self._chunks(self._known[kind], columns[kind].shape[1])
-            for place, products in zip(chunks, in_parallel(projected, chunks), strict=True):
-                for number, row, product in products:
+            products = in_parallel(partial(self._products, columns, kind), chunks)
+            for place, own in zip(chunks, products, strict=True):
+                for number, row, product in own:
                     self._place(number, row + kind, place, product)
             self._known[kind] = columns[kind].shape[1]
+
+    def _products(self, columns: dict[str, np.ndarray], kind: str, place: slice) -> list[tuple[int, str, np.ndarray]]:
+        """Number of a term, rows "u" or "p", and the product of all of them with its images of some columns."""
+        images = self._images(kind, columns[kind][:, place])
+        return [(n, row, columns[row].T @ image) for n, own in enumerate(images) for row, image in own.items()]
 
     def _chunks(self, start: int, end: int) -> list[slice]:
         """Parts of new columns, one for each core where there are many; images of all parts at work fit in memory."""
