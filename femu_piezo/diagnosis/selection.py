@@ -24,6 +24,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.special import logsumexp
 
+from femu_piezo.diagnosis.averaging import Averaged, averaged
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.starts import Start, promises_together, relocated, start_together, starts, stepped_start
 from femu_piezo.diagnosis.whiteness import remaining_of
@@ -162,6 +163,7 @@ class Comparison:
     found : its causes, first the one without which most is left
     forms : those of what no cause describes in it
     discrepant : whether a discrepancy beside the final set is more probable than none
+    averaged : the free constants over all sets
     probabilities : title of every candidate → summed posterior of the sets that hold it
     """
 
@@ -173,6 +175,7 @@ class Comparison:
     found: tuple[Found, ...]
     forms: tuple[Found, ...]
     discrepant: bool
+    averaged: Averaged
     rules: Rules = field(default_factory=Rules)
     probabilities: dict[str, float] = field(default_factory=dict)
 
@@ -547,6 +550,7 @@ class _Search:
             found=tuple(sorted((f for f in found if not f.effect.of_unknown), key=lambda item: -item.without)),
             forms=tuple(f for f in found if f.effect.of_unknown),
             discrepant=one.discrepant,
+            averaged=averaged(list(self._known.values()), self._rules.contender),
             rules=self._rules,
             probabilities={effect.title: self._probability(effect.title, total) for effect in self._library},
         )

@@ -37,6 +37,8 @@ class Estimate:
     ----------
     budget, tan_budget : source of uncertainty → its part of the standard deviation, which add in squares to the whole;
         empty where the standard deviation has no such parts
+    interval, tan_interval : ends between which value and tangent are with a probability of 95 %, whatever the cause of
+        a misfit; None where no causes were compared
     """
 
     value: float
@@ -45,6 +47,8 @@ class Estimate:
     tan_std: float | None
     budget: Mapping[str, float] = field(default_factory=dict)
     tan_budget: Mapping[str, float] = field(default_factory=dict)
+    interval: tuple[float, float] | None = None
+    tan_interval: tuple[float, float] | None = None
 
     @property
     def largest_part(self) -> str:
@@ -52,10 +56,12 @@ class Estimate:
         return max(self.budget, key=self.budget.__getitem__) if self.budget else ""
 
     def to_json(self) -> dict:
-        """value, std, tan, tan_std and the budgets as in update.json."""
+        """value, std, tan, tan_std, budgets and intervals as in update.json and diagnosis.json."""
         record: dict = {"value": self.value, "std": self.std, "tan": self.tan, "tan_std": self.tan_std}
         if self.budget:
             record |= {"budget": dict(self.budget), "tan_budget": dict(self.tan_budget)}
+        if self.interval is not None and self.tan_interval is not None:
+            record |= {"interval": list(self.interval), "tan_interval": list(self.tan_interval)}
         return record
 
 

@@ -29,8 +29,8 @@ def diagnosis_record(result: Diagnosis) -> dict:
         "candidates": _candidates(result),
         "gain": result.gain,
         "parameters": {
-            "before": {name: e.to_json() for name, e in result.constants(comparison.base).items()},
-            "after": {name: e.to_json() for name, e in result.constants(comparison.final).items()},
+            "before": {name: e.to_json() for name, e in result.before.items()},
+            "after": {name: e.to_json() for name, e in result.after.items()},
         },
         **_pole_zero(result.sweeps[result.shown]),
         "sweeps": [

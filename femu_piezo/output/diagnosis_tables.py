@@ -9,7 +9,7 @@ from femu_piezo.diagnosis.selection import Trial
 from femu_piezo.inference.readings import reading_words
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.diagnosis_words import answer
-from femu_piezo.output.tables import number, text_of, told
+from femu_piezo.output.tables import between, number, text_of, told
 from femu_piezo.output.wording import listed, named, percent, quantity, sizes, spoken
 from femu_piezo.study.diagnose import Diagnosis
 from femu_piezo.study.pole_zero_residuals import Difference
@@ -72,14 +72,16 @@ def _constant_table(result: Diagnosis) -> Table:
     table = Table(title="constants", title_justify="left")
     for heading in ("constant", "unit"):
         table.add_column(heading)
-    for heading in ("before", "after", "tangent before", "tangent after"):
+    for heading in ("before", "after", "95 %, whatever the cause"):
         table.add_column(heading, justify="right")
-    before, after = (result.constants(fit) for fit in (result.comparison.base, result.comparison.final))
+    before, after = result.before, result.after
     for name, old in before.items():
         factor, unit = PRINTED[name]
         new = after[name]
-        cells = [number(e.value * factor, e.std * factor) for e in (old, new)]
-        table.add_row(name, unit, *cells, *(number(e.tan, e.tan_std) for e in (old, new)))
+        values = (number(one.value * factor, one.std * factor) for one in (old, new))
+        table.add_row(name, unit, *values, between(*(factor * end for end in new.interval)))
+        tangents = (number(one.tan, one.tan_std) for one in (old, new))
+        table.add_row(f"tan {name}", "", *tangents, between(*new.tan_interval))
     return table
 
 

@@ -5,15 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtri
 
+from femu_piezo.diagnosis.averaging import LEVEL
 from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.inference.fit import Fit
 from femu_piezo.output.curves import PRINTED
+from femu_piezo.output.tables import between
 from femu_piezo.output.wording import band, listed, merged, named, percent, sizes, spoken
 from femu_piezo.study.diagnose import Diagnosis, LinearBody
 
 #: Shift of a constant, in standard deviations, that is told.
 _MOVED = 3.0
+#: Length of an interval whatever the cause, over that of the named model alone, from which it is told.
+_WIDER = 1.5
 #: Share of the sweep that stands out from which a misfit is all over it.
 _WHOLE = 0.6
 _POINTS = (
@@ -56,7 +61,7 @@ class Shift:
 
 def shifts(result: Diagnosis) -> list[Shift]:
     """Every free constant and tangent, the most moved first."""
-    before, after = (result.constants(fit) for fit in (result.comparison.base, result.comparison.final))
+    before, after = result.before, result.after
     found = []
     for name, new in after.items():
         old = before[name]
@@ -68,9 +73,46 @@ def shifts(result: Diagnosis) -> list[Shift]:
     return sorted(found, key=lambda shift: -shift.sigma)
 
 
+@dataclass(frozen=True)
+class Spread:
+    """A constant (or loss tangent) that other causes would leave elsewhere.
+
+    Attributes
+    ----------
+    low, high : ends of its interval whatever the cause, in the unit it is printed in
+    wider : length of the interval over that of the named model alone
+    causes : the set that adds most to that; () for no cause at all
+    """
+
+    name: str
+    low: float
+    high: float
+    unit: str
+    wider: float
+    causes: tuple[str, ...]
+
+
+def spreads(result: Diagnosis) -> list[Spread]:
+    """Every free constant and tangent, the one whose interval other causes widen most first."""
+    averaged, reach, found = result.comparison.averaged, float(ndtri((1 + LEVEL) / 2)), []
+    for number, (name, one) in enumerate(result.after.items()):
+        parts = (
+            (name, *PRINTED[name], one.interval, one.value, one.std),
+            (f"tan {name}", 1.0, "", one.tan_interval, one.tan, one.tan_std),
+        )
+        for place, (label, factor, unit, (low, high), value, std) in enumerate(parts, start=2 * number):
+            causes = averaged.spread_by(place, value)
+            wider = (high - low) / (2 * reach * std)
+            found.append(Spread(label, low * factor, high * factor, unit, wider, causes))
+    return sorted(found, key=lambda spread: -spread.wider)
+
+
 def answer(result: Diagnosis) -> Answer:
     """The four answers."""
-    return Answer(_headline(result), _wrong(result), _sure(result), _bias(result), _measures(result))
+    constants = _bias(result)
+    if result.verdict.word != "unknown":
+        constants += _whatever_the_cause(result)
+    return Answer(_headline(result), _wrong(result), _sure(result), constants, _measures(result))
 
 
 def _headline(result: Diagnosis) -> str:
@@ -260,6 +302,19 @@ def _bias(result: Diagnosis) -> tuple[str, ...]:
         )
     if len(moved) > 4:
         found.append(f"{len(moved) - 4} more moved by more than {_MOVED:.0f} standard deviations; see the table.")
+    return tuple(found)
+
+
+def _whatever_the_cause(result: Diagnosis) -> tuple[str, ...]:
+    """Constants whose deviation is too small if another cause is at work that the sweep does not exclude."""
+    found = []
+    for one in [spread for spread in spreads(result) if spread.wider > _WIDER][:3]:
+        titles = [title.replace("_", " ").replace(":", " ") for title in one.causes] or ["no cause at all"]
+        found.append(
+            f"Whatever the cause, {one.name} is {between(one.low, one.high)}{' ' if one.unit else ''}{one.unit} with a "
+            f"probability of 95 %, in an interval {one.wider:.2g} times as long as its deviation says: "
+            f"{listed(titles)}, which this sweep does not exclude, would leave it elsewhere."
+        )
     return tuple(found)
 
 

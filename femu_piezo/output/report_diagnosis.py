@@ -15,7 +15,7 @@ from femu_piezo.output.report import Cell, Section, notes, paragraph, provenance
 from femu_piezo.output.report_diagnosis_charts import curve_charts, models, residual_charts
 from femu_piezo.output.report_figures import standard_figures_html
 from femu_piezo.output.report_modes import fundamental_picture
-from femu_piezo.output.tables import number
+from femu_piezo.output.tables import between, number
 from femu_piezo.output.wording import listed, spoken
 from femu_piezo.study.diagnose import Diagnosis, extended_specimen
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals
@@ -120,7 +120,7 @@ def _figures(result: Diagnosis) -> str:
 
 
 def _constants(result: Diagnosis) -> str:
-    before, after = (result.constants(fit) for fit in (result.comparison.base, result.comparison.final))
+    before, after = result.before, result.after
     moved, rows = {shift.name: shift for shift in shifts(result)}, []
     for name, old in before.items():
         factor, unit = PRINTED[name]
@@ -136,14 +136,17 @@ def _constants(result: Diagnosis) -> str:
                 cells.append(Cell(text, f"parameters.{when}.{name}.{part}", value))
             shift = moved[label]
             bias = f"{shift.percent:+.3g} % ({shift.sigma:.2g} σ)" if result.verdict.extension else ""
-            rows.append((label, words, *cells, bias))
+            ends = getattr(new, "interval" if part == "value" else "tan_interval")
+            rows.append((label, words, *cells, bias, between(*(scale * end for end in ends))))
     words = (
         "± is one standard deviation, from the noise of this sweep and from the tolerances of dimensions, density, "
-        "held constants and instrument together."
+        "held constants and instrument together, if nothing else is wrong than what is named. Between the ends of the "
+        "last column a constant lies with a probability of 95 % whatever the cause: averaged over all sets of causes "
+        "that the sweep does not exclude, those that it cannot show among them."
     )
-    headings = ("", "unit", "base model", "with what is named", "bias of the base model")
+    headings = ("", "unit", "base model", "with what is named", "bias of the base model", "95 %, whatever the cause")
     if not result.verdict.extension:
-        headings, rows = headings[:3], [row[:3] for row in rows]
+        headings, rows = (*headings[:3], headings[5]), [(*row[:3], row[5]) for row in rows]
     return table(headings, rows) + paragraph(words)
 
 

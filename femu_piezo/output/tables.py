@@ -69,6 +69,13 @@ def number(value: float, std: float | None) -> str:
     return f"{value:.{digits}f} ± {std:.{digits}f}"
 
 
+def between(low: float, high: float) -> str:
+    """The ends of an interval of 95 % with as many digits as a deviation of a quarter of it deserves."""
+    size = max((high - low) / 4, 1e-7 * max(abs(low), abs(high)))
+    digits = max(0, -int(f"{size:.1e}".split("e")[1]) + 1) if size > 0 else 6
+    return f"{low:.{digits}f} to {high:.{digits}f}"
+
+
 def update_table(result: UpdateResult) -> RenderableType:
     """Parameters against the baseline, poles and zeros measured against simulated, and what to know about them."""
     constants = Table(title=f"{result.name}: complex material parameters", title_justify="left")

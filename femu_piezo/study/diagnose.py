@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from femu_piezo.diagnosis.averaging import LEVEL
 from femu_piezo.diagnosis.next_measurement import Separation
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.selection import Comparison
@@ -193,9 +194,20 @@ class Diagnosis:
         """Its poles and zeros against those of base and final model."""
         return self.sweeps[self.shown].pole_zero
 
-    def constants(self, fit: Fit) -> dict[str, Estimate]:
-        """Free constants of a fit with standard deviations and budgets."""
-        return constants_of(fit)
+    @made_once
+    def before(self) -> dict[str, Estimate]:
+        """Free constants of the base model with standard deviations and budgets."""
+        return constants_of(self.comparison.base)
+
+    @made_once
+    def after(self) -> dict[str, Estimate]:
+        """Free constants with what is named in the model, and their intervals whatever the cause."""
+        found, intervals = constants_of(self.comparison.final), self.comparison.averaged.interval(LEVEL)
+        pairs = intervals.reshape(-1, 2, 2).tolist()
+        return {
+            name: replace(estimate, interval=tuple(value), tan_interval=tuple(tangent))
+            for (name, estimate), (value, tangent) in zip(found.items(), pairs, strict=True)
+        }
 
 
 @with_blas_limit

@@ -12,7 +12,7 @@ from femu_piezo.files import read_json
 from femu_piezo.measurement.checks import check_spectrum
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.output.curves import PRINTED
-from femu_piezo.output.tables import number
+from femu_piezo.output.tables import between, number
 from femu_piezo.web.charts import Curve
 
 _LARGEST = 300_000_000
@@ -65,6 +65,18 @@ def constant_rows(parameters: dict) -> list[tuple[str, str, str, str, str]]:
         rows.append(
             (name, unit, number(one["value"] * factor, std), number(one["tan"], one.get("tan_std")), _most(one))
         )
+    return rows
+
+
+def interval_rows(parameters: dict) -> list[tuple[str, str]]:
+    """Ends of 95 % of value and loss tangent, whatever the cause; "" where the results lack them."""
+    rows = []
+    for name, one in parameters.items():
+        value, tangent = one.get("interval"), one.get("tan_interval")
+        if value is None or tangent is None:
+            rows.append(("", ""))
+        else:
+            rows.append((between(*(PRINTED[name][0] * end for end in value)), between(*tangent)))
     return rows
 
 

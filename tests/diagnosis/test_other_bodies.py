@@ -108,7 +108,7 @@ def test_cause_is_named_and_the_start_is_near(body, tmp_path):
     (cause,) = result.verdict.causes
     assert cause.effect.key == ("leakage" if body == "k33" else "series_resistance")
     assert abs(cause.values[0] - next(iter(hidden.values()))) < 4 * cause.std[0]
-    final = result.constants(result.comparison.final)
+    final = result.after
     for name in driving(body):
         truth = TRUTH[D_FORM.index(name)]
         assert abs(final[name].value - truth.real) < 4 * abs(final[name].std), name

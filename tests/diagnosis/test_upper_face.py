@@ -256,7 +256,7 @@ file = "sweep.csv"
     assert cause.effect.key == "mounting/one patch" and cause.probability > 0.9
     place = dict(zip((parameter.name for parameter in cause.effect.parameters), cause.values, strict=True))
     assert np.hypot(place["x"] - PLACE[0], place["y"] - PLACE[1]) < 0.3e-3
-    final = result.constants(result.comparison.final)
+    final = result.after
     for name in free:
         assert abs(final[name].value - THETA[D_FORM.index(name)].real) < 3 * final[name].std.real, name
 

@@ -5,8 +5,9 @@
 Probabilities: a reliability curve, Brier's score (Mon. Weather Rev. 78 (1950) 1) beside what it would be if every
 stated probability were right, and how many deviations lie between (Spiegelhalter, Stat. Med. 5 (1986) 421). Deviations:
 the probability integral transform u = Φ((estimated − true)/std), which is even on (0, 1) where values are normal with
-the stated deviation (Dawid, J. R. Stat. Soc. A 147 (1984) 278): heaped at the ends, the deviations are too small. Rates
-have Clopper-Pearson 95 % intervals.
+the stated deviation (Dawid, J. R. Stat. Soc. A 147 (1984) 278): heaped at the ends, the deviations are too small. Of
+the posterior averaged over all sets of causes u is its share above the true value, and Φ⁻¹(u) counts as deviations.
+Rates have Clopper-Pearson 95 % intervals.
 
 Of a named cause the probability is the one of the verdict, of all candidates the one that the comparison of sets gives,
 before what no cause explains is taken off.
@@ -165,6 +166,7 @@ class Calibration:
     in_class : how many of these causes were there, or are reported as not to be told from one that was
     candidates : the same of every candidate of every draw, named or not; empty where the results lack them
     constants : of the free constants of draws that were judged rightly;  all_constants : of all draws
+    averaged_constants : of all draws, by the posterior averaged over all sets of causes
     shown_constants : of draws whose sweep shows all that is hidden in them, however they were judged
     sizes : of the causes that were named rightly, the first parameter of each
     """
@@ -174,6 +176,7 @@ class Calibration:
     candidates: tuple[np.ndarray, np.ndarray]
     constants: Transform
     all_constants: Transform
+    averaged_constants: Transform
     shown_constants: Transform
     sizes: Transform
 
@@ -188,6 +191,7 @@ def calibration(outcomes: Sequence[Outcome]) -> Calibration:
         candidates=_against_truth((one.chances, _true(one)) for one in outcomes),
         constants=transform(one.bias for one in right),
         all_constants=transform(one.bias for one in outcomes),
+        averaged_constants=transform({name: float(-norm.ppf(p)) for name, p in one.below.items()} for one in outcomes),
         shown_constants=transform(one.bias for one in outcomes if one.kind == "null" or one.detectable),
         sizes=transform({"first parameter": next(iter(one.sizes.values()))} for one in right if one.sizes),
     )
@@ -233,6 +237,7 @@ def report(found: Calibration) -> str:
         ("constants, draws judged rightly", found.constants),
         ("constants, draws that show what is hidden", found.shown_constants),
         ("constants, all draws", found.all_constants),
+        ("constants whatever the cause, all draws", found.averaged_constants),
         ("sizes of causes named rightly", found.sizes),
     ):
         lines += _transform_lines(words, one)
@@ -293,9 +298,13 @@ def _points(axes: Axes, places: Sequence[float], bins: Sequence[Bin]) -> None:
 
 def transform_figure(found: Calibration) -> Figure:
     """Histograms of u with the band in which even ones stay."""
-    figure = Figure(figsize=(9.0, 4.0), layout="constrained")
-    parts = (("constants, draws judged rightly", found.constants), ("sizes of causes named rightly", found.sizes))
-    for axes, (words, one) in zip(figure.subplots(1, 2), parts, strict=True):
+    figure = Figure(figsize=(12.0, 4.0), layout="constrained")
+    parts = (
+        ("constants, draws judged rightly", found.constants),
+        ("constants whatever the cause, all draws", found.averaged_constants),
+        ("sizes of causes named rightly", found.sizes),
+    )
+    for axes, (words, one) in zip(figure.subplots(1, 3), parts, strict=True):
         _histogram(axes, words, one)
     return figure
 

@@ -45,6 +45,7 @@ class Outcome:
     misfit : the same after over what noise makes of such a prediction by a right model
     seconds : of the diagnosis
     chances : every candidate → its probability, as the comparison of all sets has it
+    below : constant → probability that it is below the true one, averaged over all sets of causes
     constants, causes : what `bias` and `sizes` are made of, each (estimated, std, true), SI
     """
 
@@ -66,6 +67,7 @@ class Outcome:
     chances: dict[str, float] = field(default_factory=dict)
     constants: dict[str, Known] = field(default_factory=dict)
     causes: dict[str, Known] = field(default_factory=dict)
+    below: dict[str, float] = field(default_factory=dict)
 
     @property
     def detectable(self) -> bool:
@@ -141,6 +143,7 @@ def judge_draw(draw: Draw, folder: Path, bases: Bases | None = None) -> Outcome:
         chances=dict(sorted(result.comparison.probabilities.items(), key=lambda item: -item[1])),
         constants=constants,
         causes=found,
+        below=_below(result, constants),
     )
 
 
@@ -192,8 +195,13 @@ def _sizes(draw: Draw, result: Diagnosis) -> dict[str, Known]:
 def _constants(draw: Draw, result: Diagnosis) -> dict[str, Known]:
     """The constants after extension, at the frequency where the diagnosis anchors laws."""
     truth, found = draw.build.stated(result.reference_Hz), {}
-    for name, estimate in result.constants(result.comparison.final).items():
+    for name, estimate in result.after.items():
         value = complex(truth[NAMES.index(name)])
         found[name] = (estimate.value, estimate.std, value.real)
         found[f"tan_{name}"] = (estimate.tan, estimate.tan_std, -value.imag / value.real)
     return found
+
+
+def _below(result: Diagnosis, constants: Mapping[str, Known]) -> dict[str, float]:
+    truth = np.array([true for _, _, true in constants.values()])
+    return dict(zip(constants, result.comparison.averaged.below(truth).tolist(), strict=True))

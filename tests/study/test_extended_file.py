@@ -88,7 +88,7 @@ def test_what_was_known_beforehand_stays(diagnosed):
 
 def test_a_further_update_knows_no_more(diagnosed):
     """Values and intervals are those of the diagnosis: priors, tolerances and the size of the cause as before."""
-    first = diagnosed.result.constants(diagnosed.result.comparison.final)
+    first = diagnosed.result.after
     again = update(diagnosed.file).parameters
     for name in TRIO:
         assert again[name].value == pytest.approx(first[name].value, abs=1e-3 * first[name].std)

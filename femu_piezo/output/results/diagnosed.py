@@ -36,12 +36,12 @@ class Diagnosed(Result, Diagnosis):
     @property
     def parameters(self) -> dict[str, Estimate]:
         """Free constants with what is named in the model."""
-        return self.constants(self.comparison.final)
+        return self.after
 
     @property
     def parameters_before(self) -> dict[str, Estimate]:
         """Free constants by the base model."""
-        return self.constants(self.comparison.base)
+        return self.before
 
     @property
     def extended(self) -> Specimen:

@@ -70,9 +70,10 @@ class _Diagnosis:
             self._curves()
             self._candidates(found)
             headings = ("constant", "unit", "after", "loss tangent", "± mostly from")
-            table(
-                headings, results.constant_rows(found["parameters"]["after"]), "constants with the causes in the model"
-            )
+            headings += ("95 %, whatever the cause", "tangent")
+            after = found["parameters"]["after"]
+            rows = zip(results.constant_rows(after), results.interval_rows(after), strict=True)
+            table(headings, [(*row, *ends) for row, ends in rows], "constants with the causes in the model")
             with ui.expansion("What to measure next").classes("w-full border rounded"):
                 for sentence in found["recommended_measurements"]:
                     ui.label(sentence)
