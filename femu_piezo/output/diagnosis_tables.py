@@ -10,7 +10,7 @@ from femu_piezo.inference.readings import reading_words
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.diagnosis_words import answer
 from femu_piezo.output.tables import between, number, text_of, told
-from femu_piezo.output.wording import listed, named, percent, quantity, sizes, spoken
+from femu_piezo.output.wording import listed, named, percent, quantity, sizes, spoken, with_article
 from femu_piezo.study.diagnose import Diagnosis
 from femu_piezo.study.pole_zero_residuals import Difference
 
@@ -29,7 +29,8 @@ def diagnosis_table(result: Diagnosis) -> RenderableType:
             lines.append(f"    this sweep cannot tell it from {listed(cause.indistinguishable_from, 'or')}")
     for form in verdict.forms:
         size = sizes(form.effect, form.values, form.std)
-        lines.append(f"  what no cause describes looks like {spoken(form.effect)}: {form.effect.sentence}; {size}")
+        looks = with_article(spoken(form.effect))
+        lines.append(f"  what no cause describes looks like {looks}: {form.effect.sentence}; {size}")
     lines.append(
         f"error on unseen data: {percent(gain['held_out_before'])} before, {percent(gain['held_out_after'])} after "
         f"({gain['over_expected']:.3g} times that of a right model), noise {percent(gain['noise_floor'])}"

@@ -12,7 +12,7 @@ from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.inference.fit import Fit
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.tables import between
-from femu_piezo.output.wording import band, listed, merged, named, percent, sizes, spoken
+from femu_piezo.output.wording import band, listed, merged, named, percent, sizes, spoken, with_article
 from femu_piezo.study.diagnose import Diagnosis, LinearBody
 
 #: Shift of a constant, in standard deviations, that is told.
@@ -111,7 +111,7 @@ def answer(result: Diagnosis) -> Answer:
     """The four answers."""
     constants = _bias(result)
     if result.verdict.word != "unknown":
-        constants += _whatever_the_cause(result)
+        constants += whatever_the_cause(result)
     return Answer(_headline(result), _wrong(result), _sure(result), constants, _measures(result))
 
 
@@ -136,7 +136,7 @@ def _headline(result: Diagnosis) -> str:
 def _looks(result: Diagnosis) -> list[str]:
     """What it looks like that no cause describes."""
     left = result.comparison.final.discrepancy
-    forms = [spoken(form.effect) for form in result.verdict.forms]
+    forms = [with_article(spoken(form.effect)) for form in result.verdict.forms]
     return forms if left is None else [*forms, str(left)]
 
 
@@ -296,7 +296,7 @@ def _bias(result: Diagnosis) -> tuple[str, ...]:
         name = shift.name.removeprefix("tan ")
         factor, unit = PRINTED[name] if shift.name == name else (1.0, "")
         found.append(
-            f"{shift.name} had come out {abs(shift.percent):.2g} % too "
+            f"{shift.name} had come out {_two_digits(abs(shift.percent))} % too "
             f"{'large' if shift.percent > 0 else 'small'}: {shift.before * factor:.5g} in place of "
             f"{shift.after * factor:.5g}{' ' if unit else ''}{unit} ({shift.sigma:.2g} standard deviations)."
         )
@@ -305,15 +305,26 @@ def _bias(result: Diagnosis) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _whatever_the_cause(result: Diagnosis) -> tuple[str, ...]:
+def _two_digits(size: float) -> str:
+    """A positive number to two digits, without an exponent where it is large."""
+    return f"{size:.2g}" if size < 100 else f"{size:.0f}"
+
+
+def whatever_the_cause(result: Diagnosis) -> tuple[str, ...]:
     """Constants whose deviation is too small if another cause is at work that the sweep does not exclude."""
+    by_causes: dict[tuple[str, ...], list[Spread]] = {}
+    for one in spreads(result):
+        if one.wider > _WIDER:
+            by_causes.setdefault(one.causes, []).append(one)
     found = []
-    for one in [spread for spread in spreads(result) if spread.wider > _WIDER][:3]:
-        titles = [title.replace("_", " ").replace(":", " ") for title in one.causes] or ["no cause at all"]
+    for causes, moved in by_causes.items():
+        ends = [f"{one.name} {between(one.low, one.high)}{' ' if one.unit else ''}{one.unit}" for one in moved]
+        titles = [title.replace("_", " ").replace(":", " ") for title in causes] or ["no cause at all"]
+        these, them = ("these are", "them") if len(moved) > 1 else ("this is", "it")
         found.append(
-            f"Whatever the cause, {one.name} is {between(one.low, one.high)}{' ' if one.unit else ''}{one.unit} with a "
-            f"probability of 95 %, in an interval {one.wider:.2g} times as long as its deviation says: "
-            f"{listed(titles)}, which this sweep does not exclude, would leave it elsewhere."
+            f"Whatever the cause, with a probability of 95 % {these} {listed(ends)}, up to {moved[0].wider:.2g} times "
+            f"as uncertain as by the deviation: {listed(titles)}, which this sweep does not exclude, would leave "
+            f"{them} elsewhere."
         )
     return tuple(found)
 

@@ -22,6 +22,11 @@ def spoken(effect: Effect) -> str:
     return effect.title.replace("_", " ").replace(":", " ") + law
 
 
+def with_article(words: str) -> str:
+    """a mass, an uneven body."""
+    return f"{'an' if words[0] in 'aeiou' else 'a'} {words}"
+
+
 def listed(words: list[str] | tuple[str, ...], last: str = "and") -> str:
     """a, b and c."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"

@@ -7,7 +7,7 @@ import hashlib
 import json
 import re
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,12 +17,16 @@ from click.testing import CliRunner
 from test_report import Page
 
 from femu_piezo.cli import main
+from femu_piezo.diagnosis.averaging import Averaged
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.effects.effect import EffectParameter
+from femu_piezo.inference.unknowns import Estimate
+from femu_piezo.material.constants import EPS0
 from femu_piezo.output.diagnosis import diagnosis_record
-from femu_piezo.output.diagnosis_words import _best_candidate
+from femu_piezo.output.diagnosis_words import _best_candidate, whatever_the_cause
 from femu_piezo.output.folder import prepare_folder, write_json
 from femu_piezo.output.report_diagnosis import write_diagnosis_report
+from femu_piezo.output.tables import between
 from femu_piezo.output.wording import band, listed, merged, quantity
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import LinearBody, diagnose
@@ -113,6 +117,34 @@ def test_effect_is_told_in_words_and_figures(effect):
     before, after = (effect.record["parameters"][when]["eps33T"]["tan"] for when in ("before", "after"))
     assert f"tan eps33T had come out {100 * (before / after - 1):.2g} % too large" in effect.first
     assert "extended.toml" in effect.first
+    s11 = effect.record["parameters"]["after"]["s11"]
+    assert s11["interval"] == pytest.approx([s11["value"] + sign * 1.96 * s11["std"] for sign in (-1, 1)], rel=1e-4)
+    text = (effect.folder / "out/report.html").read_text(encoding="utf-8")
+    assert "95 %, whatever the cause" in text and between(*(1e12 * end for end in s11["interval"])) in text
+
+
+def _known(averaged: Averaged) -> SimpleNamespace:
+    """A result that knows no more of s11 and ε33T than what sets of causes say of them."""
+    ends, pairs = averaged.interval(0.95).tolist(), zip(averaged.mean[0], averaged.std[0], strict=True)
+    numbers = [float(number) for pair in pairs for number in pair]
+    after = {
+        "s11": Estimate(*numbers[:4], interval=tuple(ends[0]), tan_interval=tuple(ends[1])),
+        "eps33T": Estimate(*numbers[4:], interval=tuple(ends[2]), tan_interval=tuple(ends[3])),
+    }
+    return SimpleNamespace(after=after, comparison=SimpleNamespace(averaged=averaged))
+
+
+def test_constants_that_another_cause_would_move_are_told():
+    """One part in ten with a cable, which leaves ε33T elsewhere and nothing else."""
+    mean, std = np.array([[1.6e-11, 0.02, 3e-8, 0.02]] * 2), np.array([[1e-13, 1e-4, 1e-10, 1e-4]] * 2)
+    mean[1, 2] = 2.5e-8
+    averaged = Averaged(((), ("cable",)), np.array([0.9, 0.1]), mean, std)
+    (sentence,) = whatever_the_cause(_known(averaged))
+    low, high = averaged.interval(0.95)[2] / EPS0
+    assert low == pytest.approx(2.5e-8 / EPS0, rel=0.02) and high > 3e-8 / EPS0
+    assert f"with a probability of 95 % this is eps33T {low:.0f} to {high:.0f} ε₀" in sentence
+    assert "cable, which this sweep does not exclude, would leave it elsewhere" in sentence
+    assert whatever_the_cause(_known(replace(averaged, weights=np.array([1.0, 0.0])))) == ()
 
 
 def test_none_is_told_in_words_and_figures(none):
