@@ -44,6 +44,7 @@ def test_pair_of_which_neither_is_the_best_single_effect(setup, smooth):
         assert cause.probability > 0.9
 
 
+@pytest.mark.slow
 def test_pair_for_which_a_third_effect_stands_even_beside_a_discrepancy(setup, smooth):
     truth = {"wrong_thickness": -0.02, "electrode_mass": 0.08}
     data = data_with(setup, truth, 1, noise=3e-4)  # at 1e-3 a wrong s12 alone leaves no more than the noise
@@ -56,6 +57,7 @@ def test_pair_for_which_a_third_effect_stands_even_beside_a_discrepancy(setup, s
         assert own.log_odds == 0 and abs(own.values[0] - truth[found.effect.key]) < 4 * own.std[0]
 
 
+@pytest.mark.slow
 def test_pair_with_an_effect_whose_slope_vanishes_at_rest(setup, smooth):
     """A bare strip acts with the square of its width."""
     data = data_with(setup, {"electrode_margin": 0.2e-3, "wrong_width": 0.004}, 1)

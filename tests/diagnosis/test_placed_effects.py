@@ -123,12 +123,12 @@ def bare(setup):
     return build(setup).impedance(FREQUENCY)
 
 
-#: The case that takes longest.
-LONG = "edge_depoling, deep"
+#: The cases that take longest.
+LONG = ("edge_depoling", "edge_depoling, deep", "electrode_margin, unequal")
 
 
 @pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=[pytest.mark.slow] if case == LONG else []) for case in CASES]
+    "case", [pytest.param(case, marks=[pytest.mark.slow] if case in LONG else []) for case in CASES]
 )
 def test_change_of_impedance_against_independent_solution(setup, bare, case):
     (values, change, share), key = CASES[case], case.partition(",")[0]
