@@ -35,7 +35,7 @@ from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.study.standard_figures import figures_of
 from femu_piezo.study.subjects import LEAST_ERROR, Subject, subjects
 from femu_piezo.study.temperature import constants_under
-from femu_piezo.threads import made_once, with_blas_limit
+from femu_piezo.threads import in_parallel, made_once, with_blas_limit
 
 #: Most resonances of a linear body that is fitted for comparison.
 _FEW = 4
@@ -74,10 +74,9 @@ class DiagnosedSweep:
     def pole_zero(self) -> tuple[PoleZeroResiduals, PoleZeroResiduals]:
         """Base and final model against the poles and zeros of the whole sweep, held-out band included."""
         measured = self.measured.extraction if np.all(self.fitted) else extract(self.spectrum)
-        base = pole_zero_residuals(measured, self.relative_noise, self.curves[0])
-        if np.array_equal(*self.curves):
-            return base, base
-        return base, pole_zero_residuals(measured, self.relative_noise, self.curves[1])
+        curves = self.curves[:1] if np.array_equal(*self.curves) else self.curves
+        found = list(in_parallel(lambda z: pole_zero_residuals(measured, self.relative_noise, z), curves))
+        return found[0], found[-1]
 
     @made_once
     def figures(self) -> tuple[StandardFigures, ...]:

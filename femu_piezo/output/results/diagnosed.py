@@ -35,7 +35,7 @@ class Diagnosed(Result, Diagnosis):
 
     @property
     def parameters(self) -> dict[str, Estimate]:
-        """Free constants with what is named in the model."""
+        """Free constants with what is named in the model; `.interval` is of 95 % whatever the cause."""
         return self.after
 
     @property
