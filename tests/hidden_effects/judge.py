@@ -161,9 +161,12 @@ def _misfits(draw: Draw, result: Diagnosis) -> tuple[float, ...]:
         base = replace(result.comparison.base, discrepancy=None)
         whole = min(_left(draw, one, seen) for one in (base, stepped(base)))  # of a fit that knows of noise alone
         return (whole,) if draw.key or draw.undescribed else ()
-    fits = {trial.effect.title: trial.fit for trial in result.comparison.singles if trial.fit is not None}
-    others = [fits.get(other.title) for other in reversed(draw.key)]
-    return tuple(-1.0 if fit is None else _left(draw, fit, seen) for fit in others)
+    fits = {trial.effect.title: [trial.fit] for trial in result.comparison.singles if trial.fit is not None}
+    final = result.comparison.final
+    if len(final.parameters.causes) == 1:  # brought to its end, which a single candidate may not be
+        fits.setdefault(final.parameters.causes[0].title, []).append(final)
+    others = [fits.get(other.title, []) for other in reversed(draw.key)]
+    return tuple(min((_left(draw, fit, seen) for fit in own), default=-1.0) for own in others)
 
 
 def _left(draw: Draw, fit: Fit, seen: np.ndarray) -> float:
