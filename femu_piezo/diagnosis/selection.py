@@ -550,7 +550,7 @@ class _Search:
             found=tuple(sorted((f for f in found if not f.effect.of_unknown), key=lambda item: -item.without)),
             forms=tuple(f for f in found if f.effect.of_unknown),
             discrepant=one.discrepant,
-            averaged=averaged(list(self._known.values()), self._rules.contender),
+            averaged=averaged(list(self._known.values())),
             rules=self._rules,
             probabilities={effect.title: self._probability(effect.title, total) for effect in self._library},
         )

@@ -73,16 +73,17 @@ def _constant_table(result: Diagnosis) -> Table:
     table = Table(title="constants", title_justify="left")
     for heading in ("constant", "unit"):
         table.add_column(heading)
-    for heading in ("before", "after", "95 %, whatever the cause"):
+    known = result.verdict.word != "unknown"  # else what is missing in the model has gone into the constants
+    for heading in ("before", "after", *["95 %, whatever the cause"] * known):
         table.add_column(heading, justify="right")
     before, after = result.before, result.after
     for name, old in before.items():
         factor, unit = PRINTED[name]
         new = after[name]
         values = (number(one.value * factor, one.std * factor) for one in (old, new))
-        table.add_row(name, unit, *values, between(*(factor * end for end in new.interval)))
+        table.add_row(name, unit, *values, *[between(*(factor * end for end in new.interval))] * known)
         tangents = (number(one.tan, one.tan_std) for one in (old, new))
-        table.add_row(f"tan {name}", "", *tangents, between(*new.tan_interval))
+        table.add_row(f"tan {name}", "", *tangents, *[between(*new.tan_interval)] * known)
     return table
 
 

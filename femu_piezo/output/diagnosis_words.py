@@ -80,8 +80,8 @@ class Spread:
     Attributes
     ----------
     low, high : ends of its interval whatever the cause, in the unit it is printed in
-    wider : length of the interval over that of the named model alone
-    causes : the set that adds most to that; () for no cause at all
+    wider : how far the farther end is away, over the same by the named set alone
+    cause : what does most of that, in words
     """
 
     name: str
@@ -89,29 +89,43 @@ class Spread:
     high: float
     unit: str
     wider: float
-    causes: tuple[str, ...]
+    cause: str
 
 
 def spreads(result: Diagnosis) -> list[Spread]:
     """Every free constant and tangent, the one whose interval other causes widen most first."""
-    averaged, reach, found = result.comparison.averaged, float(ndtri((1 + LEVEL) / 2)), []
+    comparison, reach, found = result.comparison, float(ndtri((1 + LEVEL) / 2)), []
+    named_causes = tuple(cause.title for cause in comparison.final.parameters.causes)
     for number, (name, one) in enumerate(result.after.items()):
         parts = (
             (name, *PRINTED[name], one.interval, one.value, one.std),
             (f"tan {name}", 1.0, "", one.tan_interval, one.tan, one.tan_std),
         )
         for place, (label, factor, unit, (low, high), value, std) in enumerate(parts, start=2 * number):
-            causes = averaged.spread_by(place, value)
-            wider = (high - low) / (2 * reach * std)
-            found.append(Spread(label, low * factor, high * factor, unit, wider, causes))
+            most = comparison.averaged.spread_by(place, value, named_causes, comparison.discrepant)
+            wider = max(high - value, value - low) / (reach * std) if std else 0.0
+            found.append(Spread(label, low * factor, high * factor, unit, wider, _other(most, named_causes)))
     return sorted(found, key=lambda spread: -spread.wider)
+
+
+def _other(most: tuple[tuple[str, ...], bool] | None, named_causes: tuple[str, ...]) -> str:
+    """A set of causes that is not the named one, in words; None for several of them."""
+    if most is None:
+        return "one of several other causes"
+    causes, discrepant = most
+    further = [title.replace("_", " ").replace(":", " ") for title in causes if title not in named_causes]
+    if further:
+        return listed(further)
+    missing = [title.replace("_", " ").replace(":", " ") for title in named_causes if title not in causes]
+    if missing:
+        return f"a sweep without {listed(missing)}"
+    return "something that no cause describes" if discrepant else "nothing but what is named"
 
 
 def answer(result: Diagnosis) -> Answer:
     """The four answers."""
-    constants = _bias(result)
-    if result.verdict.word != "unknown":
-        constants += whatever_the_cause(result)
+    elsewhere = whatever_the_cause(result) if result.verdict.word != "unknown" else ()
+    constants = (*_bias(result, bool(elsewhere)), *elsewhere)
     return Answer(_headline(result), _wrong(result), _sure(result), constants, _measures(result))
 
 
@@ -274,12 +288,13 @@ def _best_candidate(result: Diagnosis) -> str:
     )
 
 
-def _bias(result: Diagnosis) -> tuple[str, ...]:
+def _bias(result: Diagnosis, elsewhere: bool) -> tuple[str, ...]:
     if _points_to_blame(result):
         return ("They carry an error of unknown size: what is wrong with the points has gone into them as well.",)
     if not result.verdict.causes:
         if result.verdict.word == "none":
-            return ("No bias was found: the updated constants stand, within their standard deviations.",)
+            unless = ", unless a cause is at work that this sweep does not show" if elsewhere else ""
+            return (f"No bias was found: the updated constants stand, within their standard deviations{unless}.",)
         if result.verdict.forms:
             return (
                 "They move with what the body looks like; their deviations hold as far as it is like that, but no "
@@ -312,19 +327,18 @@ def _two_digits(size: float) -> str:
 
 def whatever_the_cause(result: Diagnosis) -> tuple[str, ...]:
     """Constants whose deviation is too small if another cause is at work that the sweep does not exclude."""
-    by_causes: dict[tuple[str, ...], list[Spread]] = {}
+    by_cause: dict[str, list[Spread]] = {}
     for one in spreads(result):
         if one.wider > _WIDER:
-            by_causes.setdefault(one.causes, []).append(one)
+            by_cause.setdefault(one.cause, []).append(one)
     found = []
-    for causes, moved in by_causes.items():
+    for cause, moved in by_cause.items():
         ends = [f"{one.name} {between(one.low, one.high)}{' ' if one.unit else ''}{one.unit}" for one in moved]
-        titles = [title.replace("_", " ").replace(":", " ") for title in causes] or ["no cause at all"]
-        these, them = ("these are", "them") if len(moved) > 1 else ("this is", "it")
+        each, them = ("each with", "them") if len(moved) > 1 else ("with", "it")
+        times = _two_digits(moved[0].wider)
         found.append(
-            f"Whatever the cause, with a probability of 95 % {these} {listed(ends)}, up to {moved[0].wider:.2g} times "
-            f"as uncertain as by the deviation: {listed(titles)}, which this sweep does not exclude, would leave "
-            f"{them} elsewhere."
+            f"Whatever the cause, {each} a probability of 95 %: {listed(ends)}, up to {times} times as far away as the "
+            f"deviation says; {cause}, which this sweep does not exclude, would leave {them} elsewhere."
         )
     return tuple(found)
 

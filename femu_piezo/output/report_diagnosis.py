@@ -140,13 +140,19 @@ def _constants(result: Diagnosis) -> str:
             rows.append((label, words, *cells, bias, between(*(scale * end for end in ends))))
     words = (
         "± is one standard deviation, from the noise of this sweep and from the tolerances of dimensions, density, "
-        "held constants and instrument together, if nothing else is wrong than what is named. Between the ends of the "
-        "last column a constant lies with a probability of 95 % whatever the cause: averaged over all sets of causes "
-        "that the sweep does not exclude, those that it cannot show among them."
+        "held constants and instrument together, if nothing else is wrong than what is named."
     )
     headings = ("", "unit", "base model", "with what is named", "bias of the base model", "95 %, whatever the cause")
     if not result.verdict.extension:
         headings, rows = (*headings[:3], headings[5]), [(*row[:3], row[5]) for row in rows]
+    if result.verdict.word == "unknown":  # what is missing in the model has gone into the constants
+        headings, rows = headings[:-1], [row[:-1] for row in rows]
+    else:
+        words += (
+            " Between the ends of the last column a constant lies with a probability of 95 % whatever the cause, "
+            "as far as the candidates below hold it: averaged over all sets of causes that were compared, those among "
+            "them that this sweep cannot show."
+        )
     return table(headings, rows) + paragraph(words)
 
 

@@ -42,6 +42,7 @@ NAMED = np.array([0.0, 0.5, 0.9, 0.99, 0.999, 1.0])
 _BINS, _LEVEL = 10, 0.95
 #: Deviations within which a constant or a size has to be, and how often it is if it is normal.
 _WITHIN = (1.0, 2.0, 3.0)
+_NORMAL = "u = Φ((estimated − true)/std)"
 _BLUE, _GREY = "#1f4e79", "#8c8c8c"
 
 
@@ -300,18 +301,22 @@ def transform_figure(found: Calibration) -> Figure:
     """Histograms of u with the band in which even ones stay."""
     figure = Figure(figsize=(12.0, 4.0), layout="constrained")
     parts = (
-        ("constants, draws judged rightly", found.constants),
-        ("constants whatever the cause, all draws", found.averaged_constants),
-        ("sizes of causes named rightly", found.sizes),
+        ("constants, draws judged rightly", found.constants, _NORMAL),
+        (
+            "constants whatever the cause, all draws",
+            found.averaged_constants,
+            "u = share of the average above the truth",
+        ),
+        ("sizes of causes named rightly", found.sizes, _NORMAL),
     )
-    for axes, (words, one) in zip(figure.subplots(1, 3), parts, strict=True):
-        _histogram(axes, words, one)
+    for axes, (words, one, label) in zip(figure.subplots(1, 3), parts, strict=True):
+        _histogram(axes, words, one, label)
     return figure
 
 
-def _histogram(axes: Axes, words: str, one: Transform) -> None:
+def _histogram(axes: Axes, words: str, one: Transform, label: str) -> None:
     edges = np.linspace(0, 1, _BINS + 1)
-    axes.set(xlim=(0, 1), xlabel="u = Φ((estimated − true)/std)", ylabel="share of the values")
+    axes.set(xlim=(0, 1), xlabel=label, ylabel="share of the values")
     if not one.all.size:
         axes.set_title(f"{words}: none", fontsize=11, loc="left")
         return

@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from hidden_effects.calibration import NAMED, band, brier, calibration, main, reliability, report, transform
 from hidden_effects.confusion import clopper_pearson
@@ -30,7 +31,8 @@ def _draws(count: int, boast: float = 1.0, seed: int = 1) -> list[Outcome]:
         chances = {"leakage": stated, "coating": 1 - stated}
         said, alike = {"leakage": stated}, {"leakage": []}
         one = Outcome("leakage", number, "single", truth, (20.0,), "effect", said, alike)
-        found.append(replace(one, sizes=sizes, bias=bias, chances=chances))
+        below = {name: float(norm.cdf(-deviations)) for name, deviations in bias.items()}
+        found.append(replace(one, sizes=sizes, bias=bias, chances=chances, below=below))
     return found
 
 
@@ -39,6 +41,7 @@ def test_right_probabilities_and_deviations_are_found_right():
     for ends, (chance, was) in ((NAMED, found.named), (np.linspace(0, 1, 6), found.candidates)):
         assert all(one.holds for one in reliability(chance, was, ends))
     assert abs(brier(*found.named).deviations) < 2
+    assert found.averaged_constants.all == pytest.approx(found.all_constants.all, abs=1e-9)
     for one in (found.constants, found.all_constants, found.sizes):
         assert one.p_value > 0.05
         shares = np.histogram(one.all, np.linspace(0, 1, 11))[0] / one.all.size

@@ -70,10 +70,12 @@ class _Diagnosis:
             self._curves()
             self._candidates(found)
             headings = ("constant", "unit", "after", "loss tangent", "± mostly from")
-            headings += ("95 %, whatever the cause", "tangent")
-            after = found["parameters"]["after"]
-            rows = zip(results.constant_rows(after), results.interval_rows(after), strict=True)
-            table(headings, [(*row, *ends) for row, ends in rows], "constants with the causes in the model")
+            rows = results.constant_rows(found["parameters"]["after"])
+            if found["verdict"] != "unknown":  # else what is missing in the model has gone into the constants
+                headings += ("95 %, whatever the cause", "tangent")
+                ends = results.interval_rows(found["parameters"]["after"])
+                rows = [(*row, *own) for row, own in zip(rows, ends, strict=True)]
+            table(headings, rows, "constants with the causes in the model")
             with ui.expansion("What to measure next").classes("w-full border rounded"):
                 for sentence in found["recommended_measurements"]:
                     ui.label(sentence)
