@@ -12,7 +12,7 @@ from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.inference.fit import Fit
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.tables import between
-from femu_piezo.output.wording import band, listed, merged, named, percent, sizes, spoken, with_article
+from femu_piezo.output.wording import band, listed, merged, named, percent, plain, sizes, spoken, with_article
 from femu_piezo.study.diagnose import Diagnosis, LinearBody
 
 #: Shift of a constant, in standard deviations, that is told.
@@ -109,16 +109,16 @@ def spreads(result: Diagnosis) -> list[Spread]:
 
 
 def _other(most: tuple[tuple[str, ...], bool] | None, named_causes: tuple[str, ...]) -> str:
-    """A set of causes that is not the named one, in words; None for several of them."""
+    """What `Averaged.spread_by` found, in words, as it differs from the named causes."""
     if most is None:
         return "one of several other causes"
     causes, discrepant = most
-    further = [title.replace("_", " ").replace(":", " ") for title in causes if title not in named_causes]
+    further = [plain(title) for title in causes if title not in named_causes]
     if further:
         return listed(further)
-    missing = [title.replace("_", " ").replace(":", " ") for title in named_causes if title not in causes]
+    missing = [plain(title) for title in named_causes if title not in causes]
     if missing:
-        return f"a sweep without {listed(missing)}"
+        return f"the same without {listed(missing)}"
     return "something that no cause describes" if discrepant else "nothing but what is named"
 
 

@@ -143,16 +143,15 @@ def _constants(result: Diagnosis) -> str:
         "held constants and instrument together, if nothing else is wrong than what is named."
     )
     headings = ("", "unit", "base model", "with what is named", "bias of the base model", "95 %, whatever the cause")
-    if not result.verdict.extension:
-        headings, rows = (*headings[:3], headings[5]), [(*row[:3], row[5]) for row in rows]
-    if result.verdict.word == "unknown":  # what is missing in the model has gone into the constants
-        headings, rows = headings[:-1], [row[:-1] for row in rows]
-    else:
+    known = result.verdict.word != "unknown"  # else what is missing in the model has gone into the constants
+    if known:
         words += (
             " Between the ends of the last column a constant lies with a probability of 95 % whatever the cause, "
             "as far as the candidates below hold it: averaged over all sets of causes that were compared, those among "
             "them that this sweep cannot show."
         )
+    shown = [0, 1, 2, *[3, 4] * bool(result.verdict.extension), *[5] * known]
+    headings, rows = [headings[n] for n in shown], [[row[n] for n in shown] for row in rows]
     return table(headings, rows) + paragraph(words)
 
 

@@ -65,15 +65,20 @@ def number(value: float, std: float | None) -> str:
         return f"{value:.6g}"
     if std < 1e-7 * abs(value):
         return f"{value:.8g}"
-    digits = max(0, -int(f"{std:.1e}".split("e")[1]) + 1)
+    digits = _decimals(std)
     return f"{value:.{digits}f} ± {std:.{digits}f}"
 
 
 def between(low: float, high: float) -> str:
     """The ends of an interval of 95 % with as many digits as a deviation of a quarter of it deserves."""
     size = max((high - low) / 4, 1e-7 * max(abs(low), abs(high)))
-    digits = max(0, -int(f"{size:.1e}".split("e")[1]) + 1) if size > 0 else 6
+    digits = _decimals(size) if size > 0 else 6
     return f"{low:.{digits}f} to {high:.{digits}f}"
+
+
+def _decimals(std: float) -> int:
+    """Decimals of a value down to the second digit of its deviation."""
+    return max(0, -int(f"{std:.1e}".split("e")[1]) + 1)
 
 
 def update_table(result: UpdateResult) -> RenderableType:

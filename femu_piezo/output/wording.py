@@ -16,10 +16,15 @@ _UNITS = {"ohm": ("Ω", 1.0), "kg": ("g", 1e3), "kg/m^2": ("g/m²", 1e3), "1": (
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
 
+def plain(title: str) -> str:
+    """The title of a cause in plain words."""
+    return title.replace("_", " ").replace(":", " ")
+
+
 def spoken(effect: Effect) -> str:
-    """The name of a cause in plain words."""
+    """The name of a cause in plain words, its law with it."""
     law = f" ({effect.law} law)" if effect.law else ""
-    return effect.title.replace("_", " ").replace(":", " ") + law
+    return plain(effect.title) + law
 
 
 def with_article(words: str) -> str:
