@@ -1,6 +1,6 @@
 """The one fit: the most probable unknowns of a sweep, their covariance, and the evidence for the model.
 
-    −2 log p(x | data) = Σ |log Z_model(x) − log Z|²/σ² + Σ ((x − mean)/std)² + passivity wall
+    −2 log p(x | data) = Σ |log Z_model(x) − log Z|²/σ² + Σ ((x − mean)/std)² + walls
 
 The level of the noise σ is found with x: the descent begins at that of the misfit, which falls to that of the noise.
 Free constants, tolerances and effects are all in x (`femu_piezo.inference.unknowns`). `update` is this fit; `diagnose`
@@ -26,8 +26,8 @@ from scipy.special import erfcx
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.laws import law_misses, log_slope
-from femu_piezo.inference.passivity import wall_and_readings
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.inference.walls import wall_and_readings
 from femu_piezo.measurement.discrepancy import (
     Discrepancy,
     learn_discrepancy,
@@ -52,8 +52,9 @@ _LEAPS = 3
 #: Damping of the first step, in the precision of the prior, and the factors by which it falls and rises; shares of what
 #: a step promised, above which it falls and below which it rises.
 _DAMPING, _EASED, _RAISED, _KEPT, _BROKEN = 1e-3, 0.1, 10.0, 0.75, 0.25
-#: Most steps towards the wall within one step of the fit, and the share of χ² below which they have settled.
-_WALL_STEPS, _WALL_GAIN = 20, 1e-9
+#: Most steps towards the wall within one step of the fit, the share of χ² below which they have settled, and the share
+#: of what they have gained so far: the model beyond the wall is only linear, so that more of them gain nothing.
+_WALL_STEPS, _WALL_GAIN, _WALL_SHARE = 20, 1e-9, 1e-2
 #: Most turns of a linearised fit and its noise level.
 _TURNS = 5
 #: Change of the logarithm of the noise level below which a fit counts as made at it, and below which its evidence does.
@@ -171,7 +172,7 @@ class Fit:
     x : (n_x,) solution
     residual : (2k,) whitened (log Z_model − log Z)/σ, Re then Im
     jacobian : (2k, n_x) of it
-    further_residual, further_jacobian : (m,), (m, n_x) rows of the priors, of the passivity wall and of readings
+    further_residual, further_jacobian : (m,), (m, n_x) rows of the priors, of the walls of material and of readings
     log_slope : (k,) ∂log Z/∂log f of the model
     impedance : (k,) Z of the model, ohm; None of what is only extrapolated
     on_bound : names of the unknowns that ended on a bound
@@ -501,7 +502,7 @@ class _Posterior:
         )
 
     def beside(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What needs no Z: residuals (m,) of the wall of passivity and of readings, and their slopes (m, n_x)."""
+        """What needs no Z: residuals (m,) of the walls of material and of readings, and their slopes (m, n_x)."""
         return wall_and_readings(self.parameters, x)
 
 
@@ -656,25 +657,32 @@ class _Descent:
 
     def run(self, gain: float, most: int) -> _Descent:
         """Descend until the next step promises less than `gain`, by at most so many evaluations."""
-        std, count = self.posterior.parameters.prior_std, 0
+        count = 0
         while count < most and np.isfinite(self.cost(self.parts, self.level)):
             before = self.level
-            moving, triangle = self._linear()
+            self._settle_level()
+            moving, triangle = self._linear(self.x, self.parts)
             settled = abs(np.log(before / self.level)) < _LEVEL
             if settled and self.promise < gain and self._promised_at is self.x:  # as told by the run before
                 return self
             here = self.cost(self.parts, self.level)
             while count < most:
-                step, self.promise = self._step(triangle, moving)
+                other, self.promise = self._stepped(self.x, self.parts, moving, triangle)
                 self._promised_at = self.x
                 if self.promise < gain and settled:
                     return self
                 count += 1
                 if self.promise < gain:  # the level alone moves yet
                     break
-                other = np.clip(self.x + std * step, self._low, self._high)
                 parts = self.posterior.parts(other)
                 kept = (here - self.cost(parts, self.level)) / self.promise
+                if -np.inf < kept < 0 and count < most:
+                    # one step along a ridge that bends ends beside it, and the next one comes back
+                    further, _ = self._stepped(other, parts, *self._linear(other, parts))
+                    beyond, count = self.posterior.parts(further), count + 1
+                    back = (here - self.cost(beyond, self.level)) / self.promise
+                    if back > 0:
+                        other, parts, kept = further, beyond, back
                 if kept > _KEPT:
                     self._damping *= _EASED
                 elif kept < _BROKEN:
@@ -686,54 +694,62 @@ class _Descent:
 
     def leap(self, count: int) -> None:
         """Full steps, whatever they cost; back to where it stood unless the last one is the best."""
-        std, best = self.posterior.parameters.prior_std, (self.x, self.parts)
+        best = self.x, self.parts
         for _ in range(count):
-            moving, triangle = self._linear()
-            step, _ = self._step(triangle, moving)
-            self.x = np.clip(self.x + std * step, self._low, self._high)
+            self._settle_level()
+            self.x, _ = self._stepped(self.x, self.parts, *self._linear(self.x, self.parts))
             self.parts = self.posterior.parts(self.x)
         if not self.cost(self.parts, self.level) < self.cost(best[1], self.level):
             self.x, self.parts = best
 
-    def _linear(self) -> tuple[np.ndarray, np.ndarray]:
-        """Unknowns that may move, and R of Jacobian and residual of data and priors at x, at the noise level there."""
-        residual, jacobian, further, slopes = self.parts
+    def _settle_level(self) -> None:
+        """The most probable noise level with what is left here."""
+        residual, known = self.parts[0], self.posterior.data.level_std
         weight, free = _weight(self.loss, residual / self.level), residual.size - self._determined
-        known = self.posterior.data.level_std
         self.level = self._fixed or _level_of(weight * residual**2, weight, self.loss, free, known)
+
+    def _linear(self, x: np.ndarray, parts: _Parts) -> tuple[np.ndarray, np.ndarray]:
+        """Unknowns that may move, and R of Jacobian and residual of data and priors at x (n_x,), at the noise level."""
+        residual, jacobian, further, slopes = parts
         share = np.sqrt(_weight(self.loss, residual / self.level)) / self.level
         std = self.posterior.parameters.prior_std
         own = np.column_stack([jacobian * std, residual]) * share[:, None]
         beside = np.column_stack([slopes * std, further])
         gradient = own[:, :-1].T @ own[:, -1] + beside[:, :-1].T @ beside[:, -1]
-        held = ((self.x <= self._low) & (gradient > 0)) | ((self.x >= self._high) & (gradient < 0))
+        held = ((x <= self._low) & (gradient > 0)) | ((x >= self._high) & (gradient < 0))
         moving = np.flatnonzero(~held)
-        rows = np.concatenate([own, beside[: self.x.size]])
+        rows = np.concatenate([own, beside[: x.size]])
         triangle = np.asarray(np.linalg.qr(rows[:, [*moving, -1]], mode="r"))
         of_data = solve_triangular(triangle[:-1, :-1], own[:, moving].T, trans="T")
         self._determined = float(np.sum(of_data**2))
         return moving, triangle
 
-    def _step(self, triangle: np.ndarray, moving: np.ndarray) -> tuple[np.ndarray, float]:
-        """The damped step (n_x,) that minimises data and priors, taken as linear, and the wall, taken as it is.
+    def _stepped(
+        self, x: np.ndarray, parts: _Parts, moving: np.ndarray, triangle: np.ndarray
+    ) -> tuple[np.ndarray, float]:
+        """Where the damped step from x (n_x,) leads, and the gain that it promises.
 
-        The wall costs nothing to evaluate, and it is there from one side only. Also the gain that the step promises.
+        It minimises data and priors, taken as linear, and the wall, taken as it is: that costs nothing to evaluate, and
+        it is there from one side only.
         """
         std = self.posterior.parameters.prior_std[moving]
         factor, right = triangle[: moving.size, :-1], triangle[: moving.size, -1]
         damping = np.sqrt(self._damping) * np.eye(moving.size)
 
+        def at(step: np.ndarray) -> np.ndarray:
+            found = x.copy()
+            found[moving] = np.clip(x[moving] + std * step, self._low[moving], self._high[moving])
+            return found
+
         def wall(step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            x = self.x.copy()
-            x[moving] = np.clip(x[moving] + std * step, self._low[moving], self._high[moving])
-            rows, slopes = self.posterior.beside(x)
+            rows, slopes = self.posterior.beside(at(step))
             return rows, slopes[:, moving] * std
 
         def residual(step: np.ndarray, rows: np.ndarray) -> np.ndarray:
             return np.concatenate([factor @ step + right, rows, damping @ step])
 
-        step, (_, _, further, slopes) = np.zeros(moving.size), self.parts
-        rows, slopes = further[self.x.size :], slopes[self.x.size :, moving] * std
+        step, (_, _, further, slopes) = np.zeros(moving.size), parts
+        rows, slopes = further[x.size :], slopes[x.size :, moving] * std
         first = left = residual(step, rows)
         for _ in range(_WALL_STEPS):
             move = np.linalg.lstsq(np.concatenate([factor, slopes, damping]), -left, rcond=None)[0]
@@ -747,12 +763,11 @@ class _Descent:
             else:
                 break
             step, gain, left = step + move, left @ left - other @ other, other
-            if gain < _WALL_GAIN * (first @ first) or (free and not np.any(rows)):
+            settled = max(_WALL_GAIN * (first @ first), _WALL_SHARE * (first @ first - left @ left))
+            if gain < settled or (free and not np.any(rows)):
                 break
-        whole = np.zeros(self.x.size)
-        whole[moving] = step
         rest = left[: -moving.size]
-        return whole, float(first @ first - rest @ rest)
+        return at(step), float(first @ first - rest @ rest)
 
 
 def precision_inverse(rows: np.ndarray, prior_std: np.ndarray) -> np.ndarray:

@@ -101,7 +101,7 @@ def _drawn(solution: Fit, rng: np.random.Generator) -> np.ndarray:
 
 
 def _pulled(solution: Fit, rng: np.random.Generator) -> np.ndarray:
-    """(m,) a draw for the priors and readings; none for the wall of passivity, which is no datum."""
+    """(m,) a draw for the priors and readings; none for the walls of material, which are no datum."""
     unknowns, readings = solution.x.size, len(solution.parameters.readings)
     pulled = np.zeros(solution.further_residual.size)
     pulled[:unknowns] = rng.standard_normal(unknowns)

@@ -246,7 +246,7 @@ class PiezoConstants(_Constants):
         if faults:
             return faults
         for index, (_, names, _) in enumerate(_BLOCKS):
-            if np.linalg.eigvalsh(self._scaled[index].real)[0] < -tolerance:
+            if np.linalg.eigvalsh(self.energy_block(index))[0] < -tolerance:
                 message = f"{', '.join(names)} together are not positive definite: no stable material has them"
                 faults.append(MaterialFault("unstable", message))
             if passive and np.linalg.eigvalsh(self.loss_block(index))[0] < -tolerance:
@@ -269,16 +269,24 @@ class PiezoConstants(_Constants):
         """Number of independent blocks of the d-form matrix."""
         return len(_BLOCKS)
 
+    def energy_block(self, index: int) -> np.ndarray:
+        """Re of one block of the d-form matrix, scaled to a diagonal of ones; must not be indefinite."""
+        return self._scaled[index].real
+
     def loss_block(self, index: int) -> np.ndarray:
         """−Im of one block of the d-form matrix, scaled as its real part; must not be negative."""
         return -self._scaled[index].imag
 
-    def loss_block_slopes(self, index: int, directions: np.ndarray) -> np.ndarray:
-        """(m, n, n) derivatives of `loss_block` along complex changes (m, 10) of the constants, its scale included."""
+    def block_slopes(self, index: int, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(m, n, n) derivatives of `energy_block` and `loss_block` along complex changes (m, 10) of the constants.
+
+        The scale is included.
+        """
         own = self._values.real[_BLOCK_SCALES[index]]
         share, size = directions[:, _BLOCK_SCALES[index]].real / own / 2, np.abs(own)
-        moved = np.tensordot(directions, _UNIT_BLOCKS[index], axes=1).imag / np.sqrt(np.outer(size, size))
-        return -moved - self.loss_block(index) * (share[:, :, None] + share[:, None, :])
+        moved = np.tensordot(directions, _UNIT_BLOCKS[index], axes=1) / np.sqrt(np.outer(size, size))
+        slopes = moved - self._scaled[index] * (share[:, :, None] + share[:, None, :])
+        return slopes.real, -slopes.imag
 
     @made_once
     def _scaled(self) -> tuple[np.ndarray, ...]:

@@ -7,26 +7,32 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from laboratory import NOISE
+from scipy.stats import kstest
 
-from femu_piezo.inference.fit import fit
+from femu_piezo.diagnosis.whiteness import strain_of
+from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.measurement.autoregression import autoregression
 
 #: The shares of one draw scatter by about 0.23 (its six constants err together), so the mean of 100 by 0.023.
 DRAWS = 100
 
 
-@pytest.fixture(scope="module")
-def pulls(lab):
-    """(draws, 6) errors of constants and tangents over their deviations; (draws, others) of the tolerances.
+def fitted(lab, truth: np.ndarray, seed: int) -> Fit:
+    """The fit of a sweep of a specimen that is so."""
+    data = lab.measured(lab.evaluation.impedance(lab.unknowns, truth), seed)
+    return fit(lab.evaluation, data, lab.unknowns, [lab.unknowns.prior_mean])
 
-    Dimensions, density, held constants and their tangents, gain, phase and residue are off by their tolerances.
-    """
-    found = []
-    for seed in range(DRAWS):
-        truth = lab.truth(seed)
-        data = lab.measured(lab.evaluation.impedance(lab.unknowns, truth), seed)
-        one = fit(lab.evaluation, data, lab.unknowns, [lab.unknowns.prior_mean])
-        found.append((one.x - truth) / one.std)
+
+@pytest.fixture(scope="module")
+def fits(lab):
+    """Dimensions, density, held constants and their tangents, gain, phase and residue are off by their tolerances."""
+    return [fitted(lab, lab.truth(seed), seed) for seed in range(DRAWS)]
+
+
+@pytest.fixture(scope="module")
+def pulls(lab, fits):
+    """(draws, 6) errors of constants and tangents over their deviations; (draws, others) of the tolerances."""
+    found = [(one.x - lab.truth(seed)) / one.std for seed, one in enumerate(fits)]
     return np.split(np.array(found), [lab.unknowns.of_material], axis=1)
 
 
@@ -45,6 +51,16 @@ def test_no_constant_is_biased_or_has_an_interval_of_another_size(pulls):
 def test_what_has_a_tolerance_lies_in_its_interval(pulls):
     assert np.mean(np.abs(pulls[1]) < 1) == pytest.approx(0.683, abs=0.03)
     assert np.mean(np.abs(pulls[1]) < 2) == pytest.approx(0.954, abs=0.015)
+
+
+def test_tolerances_look_strained_as_rarely_as_they_say(lab, fits):
+    """The probabilities of right ones are even on (0, 1); a plate that is twelve tolerances too wide is seen."""
+    chances = [strain_of(one) for one in fits]
+    assert kstest(chances, "uniform").pvalue > 1e-3
+    truth = lab.truth(0)
+    width = lab.unknowns.columns(lab.unknowns.index("wrong_width")).start
+    truth[width] += 12 * lab.unknowns.prior_std[width]
+    assert strain_of(fitted(lab, truth, 0)) < 1e-4
 
 
 def test_noise_alone_promises_far_too_much(lab):

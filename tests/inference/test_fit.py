@@ -1,4 +1,4 @@
-"""The one fit: exact slopes of everything, evidence by Laplace against integrals, passivity, robust losses."""
+"""The one fit: exact slopes of everything, evidence by Laplace against integrals, walls of material, robust losses."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 from laboratory import FREQUENCY, NOISE
 
 from femu_piezo.inference.fit import COARSE, Marginal, closest, fit, linear_fit, stepped
-from femu_piezo.inference.passivity import TOLERANCE, passivity_wall, wall_and_readings
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
+from femu_piezo.inference.walls import TOLERANCE, material_wall, wall_and_readings
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.discrepancy import log_level_prior
 from femu_piezo.measurement.sweeps import SweepData
@@ -68,7 +68,7 @@ def test_wall_and_its_hessian(lab):
     """Behind the wall, of free and held constants: ½ |rows|² by its slopes, and their slopes, against differences."""
     x = lab.truth(2)
     x[3] = 0.3  # tan d31
-    wall, slopes = passivity_wall(lab.unknowns, x)
+    wall, slopes = material_wall(lab.unknowns, x)
     assert np.count_nonzero(wall < -1) == 1 and np.all(wall <= 0)
     moving = np.flatnonzero(np.any(slopes != 0, axis=0))
     tangents = [i for i in moving if "tan_" in lab.unknowns.names[i]]
@@ -77,11 +77,11 @@ def test_wall_and_its_hessian(lab):
     assert not np.any(slopes[:, circuits])
 
     def gradient(y: np.ndarray) -> np.ndarray:
-        rows, along = passivity_wall(lab.unknowns, y)
+        rows, along = material_wall(lab.unknowns, y)
         return along.T @ rows
 
     def half_square(y: np.ndarray) -> float:
-        rows, _ = passivity_wall(lab.unknowns, y)
+        rows, _ = material_wall(lab.unknowns, y)
         return 0.5 * float(rows @ rows)
 
     exact, hessian = gradient(x), slopes.T @ slopes
@@ -96,14 +96,49 @@ def test_residual_of_the_wall_is_the_violation_over_the_tolerance(lab):
     """Lowest eigenvalue of the loss matrix, by `physical_faults` of the material."""
     x = lab.ideal.prior_mean.copy()
     x[0::2], x[1::2] = 1.0, (0.015, 0.013, 0.017)
-    assert not np.any(passivity_wall(lab.ideal, x)[0])
+    assert not np.any(material_wall(lab.ideal, x)[0])
     for tangent, passive in ((0.02, True), (0.1, False), (0.3, False)):
         x[3] = tangent
         constants = lab.material.constants(x)
-        wall, _ = passivity_wall(lab.ideal, x)
+        wall, _ = material_wall(lab.ideal, x)
         assert (wall.min() == 0) == passive == (constants.physical_faults() == [])
         lowest = min(np.linalg.eigvalsh(constants.loss_block(block))[0] for block in range(constants.block_count))
         assert wall.min() * TOLERANCE == pytest.approx(min(lowest, 0.0), rel=1e-9)
+
+
+def test_wall_of_stability(lab):
+    """Coupling beyond 1: the walls are the negative eigenvalues of both matrices, and their slopes are differences."""
+    x = lab.ideal.prior_mean.copy()
+    for factor, stable in ((1.0, True), (2.2, False), (2.5, False)):
+        x[2] = factor
+        constants, (wall, slopes) = lab.material.constants(x), material_wall(lab.ideal, x)
+        blocks = range(constants.block_count)
+        energy = np.concatenate([np.linalg.eigvalsh(constants.energy_block(block)) for block in blocks])
+        loss = np.concatenate([np.linalg.eigvalsh(constants.loss_block(block)) for block in blocks])
+        assert stable == (energy.min() > 0) == (constants.physical_faults(passive=False) == [])
+        behind = np.minimum(np.concatenate([energy, loss]), 0.0) / TOLERANCE
+        assert wall @ wall == pytest.approx(behind @ behind, rel=1e-9)
+
+    def half_square(y: np.ndarray) -> float:
+        rows, _ = material_wall(lab.ideal, y)
+        return 0.5 * float(rows @ rows)
+
+    for column in (0, 2, 4):
+        found = difference(half_square, x, column, 1e-5)
+        assert found == pytest.approx((slopes.T @ wall)[column], rel=1e-5) != 0
+
+
+def test_no_fit_is_of_an_unstable_body(lab):
+    """Data of a body that gives energy away at rest: the fit stays within 1e-3 of the energy matrix."""
+    x = lab.unknowns.prior_mean.copy()
+    x[:6] = lab.material.x_of(lab.free.start)
+    x[2] = 2.2
+    z = lab.evaluation.impedance(lab.unknowns, x)
+    for unknowns in (lab.unknowns, lab.ideal):
+        start = unknowns.prior_mean.copy()
+        start[:6] = lab.material.x_of(lab.free.start)
+        found = fit(lab.evaluation, lab.measured(z, 7), unknowns, [start], gain=COARSE)
+        assert np.max(-material_wall(unknowns, found.x)[0]) * TOLERANCE < 1e-3
 
 
 @pytest.mark.parametrize("tangents", [(0.012, 0.025, 0.014), (0.012, 0.03, 0.014), (0.004, 0.05, 0.005)])
@@ -121,7 +156,7 @@ def test_no_fit_creates_energy(lab, loss, tangents):
         start[:6] = lab.material.x_of(lab.free.start)
         found = fit(lab.evaluation, data, unknowns, [start], loss=loss)
         # of free constants with held ones as the fit leaves them
-        assert np.max(-passivity_wall(unknowns, found.x)[0]) * TOLERANCE < 1e-3
+        assert np.max(-material_wall(unknowns, found.x)[0]) * TOLERANCE < 1e-3
 
 
 class Curved:
