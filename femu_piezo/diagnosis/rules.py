@@ -40,8 +40,9 @@ class Rules:
     )
     doubt: float = _rule(
         0.05,
-        "causes at a place are tried where what is left is less probable than this by chance, or where a discrepancy "
-        "explains it better than noise; about one sweep in ten of those that hold no cause leaves so much",
+        "causes at a place are tried where what is left of the sweep, or how far the unknowns lie from their priors, "
+        "is less probable than this by chance, or where a discrepancy explains it better than noise; about one sweep "
+        "in ten of those that hold no cause leaves so much",
     )
     contender: float = _rule(
         10.0,

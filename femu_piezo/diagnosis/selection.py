@@ -26,8 +26,17 @@ from scipy.special import logsumexp
 
 from femu_piezo.diagnosis.averaging import Averaged, averaged
 from femu_piezo.diagnosis.rules import Rules
-from femu_piezo.diagnosis.starts import Start, promises_together, relocated, start_together, starts, stepped_start
-from femu_piezo.diagnosis.whiteness import remaining_of
+from femu_piezo.diagnosis.starts import (
+    Start,
+    promise_of,
+    promises_together,
+    relocated,
+    start_together,
+    starts,
+    stepped_start,
+    unstrained,
+)
+from femu_piezo.diagnosis.whiteness import remaining_of, strain_of
 from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.fit import CLOSE, COARSE, RANKED, Fit, fit, with_discrepancy
@@ -327,9 +336,9 @@ class _Search:
         return self._expanded[keys]
 
     def _leaves_something(self, current: Fit) -> bool:
-        """Whether a fit leaves what a cause at a place might explain."""
+        """Whether a fit leaves what a cause at a place might explain, of the sweep or of its priors."""
         left = remaining_of(current)
-        doubt = min(left.p_white, 1.0 if left.p_size is None else left.p_size)
+        doubt = min(left.p_white, 1.0 if left.p_size is None else left.p_size, strain_of(current))
         return doubt < self._rules.doubt or current.learned.log_evidence > 0
 
     def _tried(self, current: Fit, candidates: Sequence[Effect], words: str):
@@ -396,6 +405,19 @@ class _Search:
             by_noise = current.residual.size * np.exp(2 * self._rules.significant * current.data.level_std)
             return all(one is None or one.chi_square > by_noise for fits in (rough, close) for one in of_causes(fits))
 
+        def strained() -> bool:
+            """Whether tolerances make up for something in the best fit with a cause, too."""
+            fits = [one for one in of_causes(rough) if one is not None]
+            best = min(fits, key=lambda one: -one.log_evidence, default=None)
+            return best is not None and strain_of(best) < self._rules.doubt
+
+        def from_means(number: int) -> Fit | None:
+            places = unstrained(self._response, current, candidates[number])
+            return self._fitted(places[0].linear.parameters, [place.x for place in places], COARSE)
+
+        def better(one: Fit | None, other: Fit | None) -> bool:
+            return one is not None and (other is None or one.log_evidence > other.log_evidence)
+
         def most(number: int) -> bool:
             """Whether linearisation explains most of a misfit that no fit explains; what it leaves may be curvature."""
             left, misfit, size = found[number][0].promised, current.chi_square, current.residual.size
@@ -421,10 +443,15 @@ class _Search:
             left = [n for n in by_promise if n not in settled and candidates[n].sites is None]
             further = in_parallel(lambda n: stepped_start(self._response, current, found[n][0]), left)
             for number, start in zip(left, further, strict=True):
-                found[number] = sorted([*found[number], start], key=lambda one: one.promised)
+                found[number] = sorted([*found[number], start], key=promise_of)
                 promised[number] = max(promised[number], odds(start.linear, candidates[number]))
             worth = [n for n in left if hopeful(n)]
             settle(dict(zip(worth, in_parallel(roughly, worth), strict=True)))
+
+        if first_cause and rough and strained():
+            every = [n for n in range(len(candidates)) if not candidates[n].of_unknown]
+            further = dict(zip(every, in_parallel(from_means, every), strict=True))
+            settle({n: one for n, one in further.items() if better(one, rough.get(n))})
 
         def hope(number: int) -> float:
             """Log odds of a rough fit brought to its end: what its next step or linearisation promises."""
@@ -435,7 +462,9 @@ class _Search:
             one = rough[number]
             unfinished = one is not None and one.promise > COARSE  # it ran out of evaluations
             goes_on = first_cause and unfinished and unexplained()
-            if hope(number) < best - self._rules.contender and not goes_on:
+            # what settled and promises no more is known well enough where it is not among the best
+            near = self._rules.contender if one is None or unfinished else self._rules.alike
+            if hope(number) < best - near and not goes_on:
                 return one
             return self._closely(found[number], one, known(candidates[number]) is not None)
 

@@ -11,8 +11,8 @@ from scipy.optimize import lsq_linear
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.fit import Fit, linear_fit, stepped
-from femu_piezo.inference.passivity import wall_and_readings
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.inference.walls import wall_and_readings
 from femu_piezo.measurement.discrepancy import noise_level, profiled
 
 #: Size, over its scale, at which a parameter starts "at rest": there every slope exists.
@@ -91,7 +91,7 @@ def starts(response, current: Fit, effect: Effect) -> list[Start]:
             at = x.copy()
             at[own] = site / effect.scale
             found.append(Start(at, *linear_fit(response, current, parameters, at)))
-        return sorted(found, key=lambda start: start.promised)[:_SITES]
+        return sorted(found, key=promise_of)[:_SITES]
     if current.parameters.has(effect):
         lifted = _widened(current, parameters, x, {}, current.residual)
         return [Start(x, stepped(lifted), current.residual)]
@@ -102,7 +102,7 @@ def starts(response, current: Fit, effect: Effect) -> list[Start]:
             found.append(_at_rest(response, current, effect, parameters, at))
         else:
             found.append(Start(at, *linear_fit(response, current, parameters, at)))
-    return sorted(found, key=lambda start: start.promised)
+    return sorted(found, key=promise_of)
 
 
 def _at_rest(response, current: Fit, effect: Effect, parameters: Unknowns, x: np.ndarray) -> Start:
@@ -112,6 +112,31 @@ def _at_rest(response, current: Fit, effect: Effect, parameters: Unknowns, x: np
     share = np.broadcast_to(np.sqrt(current.weight), residual.shape)
     residual, columns = residual * share, {effect.key: slopes * share[:, None]}
     return Start(x, stepped(_widened(current, parameters, x, columns, residual)), residual)
+
+
+def unstrained(response, current: Fit, effect: Effect) -> list[Start]:
+    """Starts with all tolerances at their means, the most promising first: at every site, or at the listed values.
+
+    Tolerances of a fit without its cause may have gone far to make up for it, and from there no descent leads back.
+    """
+    parameters = current.parameters.with_candidate(effect)
+    carried, x, found = parameters.carried(current.parameters, current.x), parameters.prior_mean.copy(), []
+    x[: parameters.of_material] = carried[: parameters.of_material]
+    for cause in current.parameters.causes:
+        columns = parameters.columns(parameters.index(cause.key))
+        x[columns] = carried[columns]
+    own = parameters.columns(parameters.index(effect.key))
+    at_rest = effect.rest + _REST * effect.scale
+    for values in [at_rest, *_listed(effect)] if effect.sites is None else effect.sites:
+        at = x.copy()
+        at[own] = values / effect.scale
+        found.append(Start(at, *linear_fit(response, current, parameters, at)))
+    return sorted(found, key=promise_of)[:_SITES]
+
+
+def promise_of(start: Start) -> float:
+    """χ² by linearisation, to sort starts by."""
+    return start.promised
 
 
 def stepped_start(response, current: Fit, start: Start) -> Start:
@@ -134,7 +159,7 @@ def relocated(response, reached: Fit, effect: Effect) -> list[Start]:
         x = reached.x.copy()
         x[own.start + placed] = (site / effect.scale)[placed]
         found.append(Start(x, *linear_fit(response, reached, reached.parameters, x)))
-    return sorted(found, key=lambda start: start.promised)[:_SITES]
+    return sorted(found, key=promise_of)[:_SITES]
 
 
 def _listed(effect: Effect) -> list[np.ndarray]:
@@ -242,11 +267,13 @@ def _at_sites(response, current: Fit, effect: Effect, parameters: Unknowns, x: n
     rows = np.concatenate([slopes.real, slopes.imag])
     outside = rows - np.tensordot(current.span, np.tensordot(current.span.T, rows, axes=1), axes=1)
     low, high = effect.bounds[effect.sizes].T / effect.scale[effect.sizes]
+    own = parameters.columns(parameters.index(effect.key))
+    usual = np.diag(1 / parameters.prior_std[own][effect.sizes])
     sizes, gains = [], []
     for columns in outside.transpose(1, 0, 2):
-        basis, triangle = np.linalg.qr(columns)
-        right = -basis.T @ current.residual
-        one = lsq_linear(triangle, right, (np.minimum(low, 0.0), high / 2), method="bvls")
+        basis, triangle = np.linalg.qr(columns / current.level)
+        right = np.append(-basis.T @ current.residual / current.level, np.zeros(len(usual)))
+        one = lsq_linear(np.concatenate([triangle, usual]), right, (np.minimum(low, 0.0), high / 2), method="bvls")
         sizes.append(one.x)
         gains.append(right @ right - 2 * one.cost)
     return [

@@ -1,4 +1,4 @@
-"""Is anything left? Size and whiteness of whitened residuals, and where in frequency the structure lies."""
+"""Is anything left? Size and whiteness of whitened residuals, where in frequency structure lies, strain of priors."""
 
 from __future__ import annotations
 
@@ -84,6 +84,21 @@ def remaining(
 def remaining_of(fit: Fit) -> Remaining:
     """Judge what a fit leaves over, in the sweeps that it is of."""
     return remaining(fit.residual, fit.determined, fit.data.frequency, fit.data.noise_known, fit.data.sweeps)
+
+
+def strain_of(fit: Fit) -> float:
+    """Probability that tolerances are found as far from their means, for right ones.
+
+    z, over their deviations, is then normal of covariance M = I − posterior over prior covariance, so zᵗz has the mean
+    tr M and the variance 2 tr M²: as a χ² of (tr M)²/tr M² degrees of freedom times tr M²/tr M (Satterthwaite).
+    """
+    own = slice(fit.parameters.of_material, fit.x.size)
+    away, std = fit.further_residual[own], fit.parameters.prior_std[own]
+    known = np.eye(away.size) - fit.precision_inverse[own, own] / np.outer(std, std)
+    mean, square = np.trace(known), np.sum(known**2)
+    if square == 0:
+        return 1.0
+    return float(chdtrc(mean**2 / square, away @ away * mean / square))
 
 
 def whiteness(residual: np.ndarray, sweeps: list[np.ndarray] | None = None) -> float:
