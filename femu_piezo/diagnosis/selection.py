@@ -377,10 +377,8 @@ class _Search:
 
         def roughly(number: int) -> Fit | None:
             effect, places = candidates[number], found[number]
-            if effect.sites is None:
-                begins = [places[0].x, places[0].stepped()]
-            else:
-                begins = [place.x for place in (places if first_cause else places[:1])]
+            likely = places if first_cause and effect.sites is not None else places[:1]
+            begins = [places[0].x, *(place.stepped() for place in likely)]
             return self._fitted(places[0].linear.parameters, begins, COARSE)
 
         def settle(fits: dict[int, Fit | None]) -> None:

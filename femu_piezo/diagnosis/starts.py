@@ -271,8 +271,8 @@ def _at_sites(response, current: Fit, effect: Effect, parameters: Unknowns, x: n
     usual = np.diag(1 / parameters.prior_std[own][effect.sizes])
     sizes, gains = [], []
     for columns in outside.transpose(1, 0, 2):
-        basis, triangle = np.linalg.qr(columns / current.level)
-        right = np.append(-basis.T @ current.residual / current.level, np.zeros(len(usual)))
+        basis, triangle = np.linalg.qr(columns)
+        right = np.append(-basis.T @ current.residual, np.zeros(len(usual)))
         one = lsq_linear(np.concatenate([triangle, usual]), right, (np.minimum(low, 0.0), high / 2), method="bvls")
         sizes.append(one.x)
         gains.append(right @ right - 2 * one.cost)

@@ -681,7 +681,7 @@ class _Descent:
                     further, _ = self._stepped(other, parts, *self._linear(other, parts))
                     beyond, count = self.posterior.parts(further), count + 1
                     back = (here - self.cost(beyond, self.level)) / self.promise
-                    if back > 0:
+                    if back > _BROKEN:
                         other, parts, kept = further, beyond, back
                 if kept > _KEPT:
                     self._damping *= _EASED
