@@ -24,7 +24,11 @@ class Rules:
         "a cause that the set could do without is named from this many of its own standard deviations, and of its "
         "tolerance, away from nothing",
     )
-    alike: float = _rule(3.0, "causes are not told apart where the log odds of their sets differ by less: 20 to 1")
+    alike: float = _rule(
+        3.0,
+        "causes are not told apart where the log odds of their sets differ by less: 20 to 1; a rough fit that has "
+        "settled is brought to its end where it may come as near to the best",
+    )
     unexplained: float = _rule(
         0.25, "above this share of the misfit (rms) that the named causes leave, the verdict is unknown"
     )

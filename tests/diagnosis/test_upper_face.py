@@ -142,7 +142,8 @@ CASES = {
 
 
 @pytest.fixture(
-    scope="module", params=["trapezoid", "rounded plate", pytest.param("mesh of a user", marks=pytest.mark.slow)]
+    scope="module",
+    params=["trapezoid", *(pytest.param(name, marks=pytest.mark.slow) for name in ("rounded plate", "mesh of a user"))],
 )
 def both(request, tmp_path_factory):
     """A body, and how the spectral solver builds it."""

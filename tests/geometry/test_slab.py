@@ -131,7 +131,7 @@ def test_two_threads_mesh_in_turn(monkeypatch) -> None:
     [
         ("ring", (0, 1, 2)),
         ("trapezoid", (1, 2)),
-        ("partial", (1,)),
+        pytest.param("partial", (1,), marks=pytest.mark.slow),
         pytest.param("off-centre hole", (1, 2), marks=pytest.mark.slow),
         pytest.param("wrapped", (1,), marks=pytest.mark.slow),
     ],

@@ -120,7 +120,7 @@ def extrapolated(radii, circuit: str, near_Hz: float) -> float:
     return (4 * found[1] - found[0]) / 3
 
 
-@pytest.mark.parametrize("circuit", ["short", "open"])
+@pytest.mark.parametrize("circuit", ["short", pytest.param("open", marks=pytest.mark.slow)])
 def test_thin_disk_has_the_bessel_roots(circuit):
     roots = thin_disk_eigenvalues(PIC181.constants, PIC181.density, 10 * MM, 2, circuit).real
     for root in roots:
@@ -141,7 +141,7 @@ def thin_ring_pole(inner: float, outer: float, near_Hz: float) -> float:
     return (speed * brentq(determinant, 0.9 * guess, 1.1 * guess, xtol=1e-9)) ** 2
 
 
-@pytest.mark.parametrize("mode", [0, 1])
+@pytest.mark.parametrize("mode", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_thin_ring_has_the_bessel_roots(mode):
     radii, near = (4 * MM, 10 * MM), (84e3, 321e3)[mode]
     exact = thin_ring_pole(*radii, near)

@@ -125,7 +125,9 @@ def largest_error(domain: Domain, band: float, exact: np.ndarray) -> float:
     return max(np.min(np.abs(found / value - 1)) for value in exact)
 
 
-@pytest.mark.parametrize("name", BY_NGSOLVE)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "half plate")) for name in BY_NGSOLVE]
+)
 def test_an_independent_code_finds_the_same(name):
     shape, band = SMALL[name]
     exact = (2 * np.pi * np.concatenate(BY_NGSOLVE[name])) ** 2
