@@ -13,6 +13,7 @@ from femu_piezo.threads import made_once
 # Relative size below which a residual is arithmetic and no evidence for anything
 ROUNDING = 1e-10
 _ALIKE = 1e-7  # sine of the angle of a column with others below which their difference is one of rounding
+_HOPE = 10.0  # times the fall of the misfit that a linearised problem promises, which a fit may yet bring
 MAX_DAMPING = 1e6  # a step this short that still does not lower the misfit: it is at its minimum
 
 
@@ -111,14 +112,21 @@ def residual(model: RationalModel, data: NormalisedSweep) -> np.ndarray:
     return data.weight * (model.charge(data.x) / data.charge - 1)
 
 
-def fit(model: RationalModel, data: NormalisedSweep, tolerance: float = 1e-5, max_steps: int = 60) -> Fit:
+def fit(
+    model: RationalModel,
+    data: NormalisedSweep,
+    tolerance: float = 1e-4,
+    max_steps: int = 60,
+    least: float = np.inf,
+) -> Fit:
     """Levenberg-Marquardt over all parameters with the exact Jacobian, in complex arithmetic.
 
     The model is holomorphic in its complex parameters, so the complex Gauss-Newton step −(JᴴJ + μD²)⁻¹Jᴴr is the
     real one, at a quarter of the work of (Re, Im) columns. D are the column norms of J; μ follows the share ρ of the
     promised fall of Σ|r|² that a step brought (Nielsen 1999, Damping parameter in Marquardt's method, IMM-REP-1999-05):
     times max(1/10, 1 − (2ρ − 1)³) after a step that lowers it, times 2, 4, 8, … after those that do not. Ends where a
-    step lowers Σ|r|² by less than `tolerance` (relative), or none does.
+    step lowers Σ|r|² by less than `tolerance` (relative), or none does; and where it stays above `least`, the most that
+    is of use, by more than `_HOPE` times what the linearised problem still promises.
     """
     row, size = (data.weight / data.charge)[:, None], model.size
     r = residual(model, data)
@@ -126,6 +134,8 @@ def fit(model: RationalModel, data: NormalisedSweep, tolerance: float = 1e-5, ma
     for _ in range(max_steps):
         triangle = _triangle(row * model.jacobian(data.x), r)
         upper, target = np.triu(triangle[:size, :size]), -triangle[:size, size]
+        if cost - _HOPE * _power(target) > least:
+            break
         lower, growth = np.diag(np.linalg.norm(upper, axis=0)), 2.0
         while damping < MAX_DAMPING:
             step = _damped(upper, target, np.sqrt(damping) * lower)
@@ -192,10 +202,16 @@ def _least_squares(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(matrix, right, rcond=None)[0]
 
 
-def refit(model: RationalModel, data: NormalisedSweep, tolerance: float = 1e-5, max_steps: int = 60) -> Fit:
+def refit(
+    model: RationalModel,
+    data: NormalisedSweep,
+    tolerance: float = 1e-4,
+    max_steps: int = 60,
+    least: float = np.inf,
+) -> Fit:
     """The fit from the poles of a model alone; what is linear is solved for first."""
     linear = solve_linear(model, data)
-    return fit(linear.model, data, tolerance, max_steps) if model.poles.size else linear
+    return fit(linear.model, data, tolerance, max_steps, least) if model.poles.size else linear
 
 
 def correlation(residual: np.ndarray) -> complex:

@@ -33,8 +33,8 @@ class Candidate:
     ----------
     modes : number of poles M
     background_degree : degree d of the background polynomial
-    misfit : Σ|residual|²
-    evidence : Bayesian information criterion (`evidence`), smaller is better
+    misfit : Σ|residual|², where the fit was given up if it will not have the most evidence
+    evidence : Bayesian information criterion (`evidence`) there, smaller is better
     poles : (M,) complex λ, rad²/s²
     """
 
@@ -58,8 +58,19 @@ def evidence(result: Fit, data: NormalisedSweep) -> float:
         return np.inf
     r = data.weight * np.log(1 + result.residual / data.weight)
     misfit = float(np.vdot(r, r).real)
-    penalty = k * np.log(2 * n) * 2 * n / (2 * n - k - 1)
-    return 2 * n * np.log((misfit + data.negligible) / n) + penalty - 2 * data.log_weight
+    return 2 * n * np.log((misfit + data.negligible) / n) + _penalty(k, n) - 2 * data.log_weight
+
+
+def _penalty(k: int, n: int) -> float:
+    """Of k real parameters of a fit to n complex data, in its evidence."""
+    return k * np.log(2 * n) * 2 * n / (2 * n - k - 1)
+
+
+def _least(model: RationalModel, best: Fit, data: NormalisedSweep) -> float:
+    """Σ|residual|² above which a fit of a model has less evidence than the best one."""
+    n = len(data)
+    worth = (_penalty(2 * best.model.size, n) - _penalty(2 * model.size, n)) / (2 * n)
+    return (best.misfit + data.negligible) * float(np.exp(worth)) - data.negligible
 
 
 def is_passive(model: RationalModel) -> bool:
@@ -191,12 +202,18 @@ def _moves(current: Fit, data: NormalisedSweep, max_modes: int) -> list[Fit]:
     model, n = current.model, len(data)
     out: list[Fit] = []
     if model.poles.size < max_modes and model.size + 2 < n:
-        grown = (refit(_with_pole(model, z), data) for z in _likely_poles(current, data))
+        grown = (_rival(_with_pole(model, z), current, data) for z in _likely_poles(current, data))
         out += islice((f for f in grown if is_passive(f.model)), 1)
     for extra in (1, 2, 3):
         if model.background.size - 1 + extra <= MAX_BACKGROUND and model.size + extra < n:
-            out.append(refit(widen(model, extra), data))
+            best = min((current, *out), key=lambda f: evidence(f, data))
+            out.append(_rival(widen(model, extra), best, data))
     return [f for f in out if is_passive(f.model)]
+
+
+def _rival(model: RationalModel, best: Fit, data: NormalisedSweep) -> Fit:
+    """The fit of a model, given up where it will not have more evidence than the best one."""
+    return refit(model, data, least=_least(model, best, data))
 
 
 def _splits(current: Fit, data: NormalisedSweep, max_modes: int, tried: list[Candidate]) -> list[Fit]:
@@ -218,7 +235,8 @@ def _splits(current: Fit, data: NormalisedSweep, max_modes: int, tried: list[Can
     for mode in np.argsort(-(np.abs(along) ** 2) / size)[:PLACES]:
         pole, others = model.poles[mode], without(model, int(mode))
         both = _with_pole(_with_pole(others, pole + apart[mode]), pole - apart[mode])
-        found.append(_record(refit(both, data), data, tried))
+        best = min((current, *found), key=lambda f: evidence(f, data))
+        found.append(_record(_rival(both, best, data), data, tried))
     return [f for f in found if is_passive(f.model)]
 
 
@@ -228,7 +246,7 @@ def _prune(best: Fit, data: NormalisedSweep, tried: list[Candidate]) -> Fit:
         fewer = [without(model, int(m)) for m in np.flatnonzero(_significance(best, data) < KEEP_SIGMA)]
         if model.background.size > 1:
             fewer.append(replace(model, background=model.background[:-1]))
-        trials = [_record(refit(m, data), data, tried) for m in fewer]
+        trials = [_record(_rival(m, best, data), data, tried) for m in fewer]
         trials = [f for f in trials if is_passive(f.model)]
         top = min(trials, key=lambda f: evidence(f, data), default=best)
         if evidence(top, data) >= evidence(best, data):

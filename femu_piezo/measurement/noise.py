@@ -19,7 +19,7 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 _WINDOW = 13
 _DEGREES = ((3, 2), (4, 3))
-_MOST_WINDOWS = 400
+_MOST_WINDOWS = 100
 _CROSSINGS = 61
 _GAIN_OF_ADDITIVE = 0.93
 
