@@ -108,7 +108,7 @@ class _Symbolic:
     def of(cls, matrix: sp.csc_matrix) -> _Symbolic:
         size = matrix.shape[0]
         columns = np.repeat(np.arange(size, dtype=np.int32), np.diff(matrix.indptr))
-        symbolic = rslab.analyze(matrix, path="ldlt", ordering="metis", threads=useful_threads(size))
+        symbolic = rslab.analyze(matrix, path="ldlt", ordering="auto", threads=useful_threads(size))
         below = matrix.indices >= columns
         return cls(matrix.indptr, matrix.indices, slice(None) if below.all() else np.flatnonzero(below), symbolic)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import scipy.sparse as sp
@@ -135,6 +135,7 @@ class ElectroelasticModel:
     def operator(self, coefficients: np.ndarray, shift: float = 0.0) -> spla.LinearOperator:
         """K − shift · M (m, m) at real coefficients (n_terms,) of the affine terms, applied without being formed."""
         tensor, extra = self._combined(coefficients)
+        beside = _total(extra)
 
         def times(vectors: np.ndarray) -> np.ndarray:
             return by_columns(image, vectors.reshape(self.size, -1))
@@ -146,7 +147,7 @@ class ElectroelasticModel:
                 for f in range(3):
                     images[f] -= shift * self.density * self.products.mass_times(fields[f])
             found = self.prolongation.T @ images.reshape(-1, vectors.shape[1])
-            return found + sum(factor * (matrix @ vectors) for factor, matrix in extra)
+            return found if beside is None else found + beside @ vectors
 
         return spla.LinearOperator((self.size,) * 2, matvec=times, matmat=times, dtype=float)
 
@@ -202,6 +203,12 @@ class ElectroelasticModel:
 
     def _constrained(self, matrix: sp.spmatrix) -> sp.csr_matrix:
         return (self.prolongation.T @ matrix @ self.prolongation).tocsr()
+
+
+def _total(terms: Iterable[tuple[float, sp.csr_matrix]]) -> sp.csr_matrix | None:
+    """Σ factor · matrix; None where no factor is other than zero."""
+    found = [factor * matrix for factor, matrix in terms if factor]
+    return sum(found) if found else None
 
 
 def scalar_basis(mesh: skfem.Mesh, order: int) -> skfem.CellBasis:
