@@ -1,7 +1,7 @@
 """Quantities as people write them ("40 mm", "3400 eps0") to plain SI numbers.
 
-Only units that occur in specimen files are known. They live in a registry of their own: it is built in a few
-milliseconds, has no offset units, and is loaded only when a string carries a unit.
+Only units that occur in specimen files are known. They live in a registry of their own, which has no offset units and
+is loaded only when a string carries a unit that is not among the usual ones.
 """
 
 from __future__ import annotations
@@ -91,6 +91,31 @@ _EXAMPLES = {
 }
 
 
+#: What most files are written in, (unit, SI unit): number; the registry gives the same (tests/units/test_units.py).
+USUAL = {
+    ("m", "m"): Decimal("1"),
+    ("cm", "m"): Decimal("1e-2"),
+    ("mm", "m"): Decimal("1e-3"),
+    ("µm", "m"): Decimal("1e-6"),
+    ("um", "m"): Decimal("1e-6"),
+    ("kg/m^3", "kg/m^3"): Decimal("1"),
+    ("g/cm^3", "kg/m^3"): Decimal("1e3"),
+    ("kg", "kg"): Decimal("1"),
+    ("g", "kg"): Decimal("1e-3"),
+    ("mg", "kg"): Decimal("1e-6"),
+    ("Hz", "Hz"): Decimal("1"),
+    ("kHz", "Hz"): Decimal("1e3"),
+    ("MHz", "Hz"): Decimal("1e6"),
+    ("pC/N", "C/N"): Decimal("1e-12"),
+    ("eps0", "F/m"): Decimal(repr(EPS0)),
+    ("pF", "F"): Decimal("1e-12"),
+    ("nH", "H"): Decimal("1e-9"),
+    ("ohm", "ohm"): Decimal("1"),
+    ("V", "V"): Decimal("1"),
+    ("%", "1"): Decimal("1e-2"),
+}
+
+
 def parse_quantity(value: object, unit: str, where: str) -> float:
     """The SI value of a quantity with the dimension of `unit`.
 
@@ -153,6 +178,8 @@ def _factor(unit_text: str, value: object, unit: str, where: str, right: str) ->
         raise InputError(f"{where}: {shown(value)} has no unit that can be read; {right}")
     if plain.startswith("/"):
         plain = "1" + plain
+    if (plain, unit) in USUAL:
+        return USUAL[plain, unit]
     import pint
 
     try:

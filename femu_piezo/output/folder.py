@@ -5,11 +5,13 @@ from __future__ import annotations
 import io
 import os
 from pathlib import Path
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING
 
 from femu_piezo.errors import InputError
 from femu_piezo.files import json_text, write_atomically
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _made: list[Path] = []
 

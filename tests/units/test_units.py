@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from femu_piezo import units
 from femu_piezo.errors import InputError
 from femu_piezo.units import EPS0, parse_quantity
 
@@ -102,9 +103,15 @@ def test_any_text_is_a_finite_number_or_an_input_error(text: str) -> None:
             assert "here: " in str(error)
 
 
-def test_plain_numbers_do_not_load_the_units_library() -> None:
+@pytest.mark.parametrize("usual", units.USUAL)
+def test_usual_units_are_those_of_the_registry(usual: tuple[str, str]) -> None:
+    assert units.USUAL[usual] == units._converted(*usual)
+
+
+def test_plain_numbers_and_usual_units_do_not_load_the_units_library() -> None:
     code = (
         "import sys; from femu_piezo.units import parse_quantity; parse_quantity('16.5e-12', 'm^2/N', '');"
-        "assert 'pint' not in sys.modules; parse_quantity('40 mm', 'm', ''); assert 'pint' in sys.modules"
+        "parse_quantity('40 mm', 'm', '');"
+        "assert 'pint' not in sys.modules; parse_quantity('2 in', 'm', ''); assert 'pint' in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
