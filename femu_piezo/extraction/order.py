@@ -231,7 +231,7 @@ def _splits(current: Fit, data: NormalisedSweep, max_modes: int, tried: list[Can
     atoms = atoms - basis @ (basis.conj().T @ atoms)
     along, size = atoms.conj().T @ r, np.sum(np.abs(atoms) ** 2, axis=0)
     apart = np.sqrt(-along / size / model.residues)
-    found = []
+    found: list[Fit] = []
     for mode in np.argsort(-(np.abs(along) ** 2) / size)[:PLACES]:
         pole, others = model.poles[mode], without(model, int(mode))
         both = _with_pole(_with_pole(others, pole + apart[mode]), pole - apart[mode])
