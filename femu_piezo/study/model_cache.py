@@ -28,7 +28,8 @@ from femu_piezo.study.problem import Problem
 #: Relative range of the free constants that one reduced basis covers, how far they may leave it, and how many bases
 #: are made at most.
 SPREAD, _LEAVE, _BASES = 0.25, 0.3, 6
-#: A start within this of the specimen file's constants uses the basis around those, in an update and in a diagnosis.
+#: A start within this of the constants of another basis, or of the specimen file, uses the basis around those: of a
+#: rough basis, and of one of a diagnosis.
 _NEAR, _CLOSE = 0.2, 0.05
 #: Rungs of the ladders of frequencies (relative to the expected first pole) of an update and of a diagnosis, whose
 #: meshes are costly; of accuracies (relative to 1); and of the grid of free constants.
@@ -38,7 +39,14 @@ Made = TypeVar("Made")
 
 
 class Bases:
-    """Models and reduced bases made for the specimens at hand, around their own start values; nothing is kept."""
+    """Models and reduced bases made for the specimens at hand, around their own start values.
+
+    Of them rough bases alone are kept, for further starts in their range.
+    """
+
+    def __init__(self) -> None:
+        self._anchors: list[FreeConstants] = []
+        self._rough: dict[Hashable, ExtendedModel] = {}
 
     def model(self, one: Measured, accuracy: float) -> ElectroelasticModel:
         """Mesh within `accuracy` (relative, of eigenvalues) to the end of the sweep."""
@@ -47,7 +55,12 @@ class Bases:
         return self._model(problem, self._rung(problem, exact, _FINE_RUNG), accuracy)
 
     def anchor(self, problem: Problem, free: FreeConstants) -> FreeConstants:
-        """The free constants with the values that the bases are trained around."""
+        """The free constants that the rough bases are trained around: those of a start before that is near."""
+        for one in self._anchors:
+            near = np.max(np.abs(free.start.real / one.start.real - 1)) <= _NEAR
+            if near and one.names == free.names and np.allclose(one.fixed, free.fixed, rtol=1e-9, atol=0):
+                return one
+        self._anchors.append(free)
         return free
 
     def around(self, problem: Problem, constants: PiezoConstants) -> PiezoConstants:
@@ -129,7 +142,12 @@ class Bases:
         self, kind: str, model: ElectroelasticModel, key: tuple[Hashable, ...], make: Callable[[], Made]
     ) -> Made:
         """A basis of a model, told from its others by kind and key."""
-        return make()
+        if kind != "rough":
+            return make()
+        key = (model, *key)
+        if key not in self._rough:
+            self._rough[key] = make()
+        return self._rough[key]
 
 
 class SharedBases(Bases):
@@ -146,6 +164,7 @@ class SharedBases(Bases):
     """
 
     def __init__(self, models: int = 4, bases: int = 16, extended: int = 8) -> None:
+        super().__init__()
         self._most = {"model": models, "rough": bases, "extended": extended}
         self._shelves: dict[str, OrderedDict[Hashable, Any]] = {kind: OrderedDict() for kind in self._most}
         self._keys: WeakKeyDictionary[ElectroelasticModel, Hashable] = WeakKeyDictionary()
