@@ -49,6 +49,8 @@ from femu_piezo.threads import blas_limit, in_parallel, made_once
 _PAIRS = 4
 #: Candidates that are fitted roughly before those that promise less are judged by them.
 _AT_ONCE = 2
+#: Candidates that are fitted roughly for what they explain beside noise alone, where a discrepancy explains more.
+_ALONE = 2
 #: Share of the log odds that linearisation promises by which it may be wrong: the law of a large cause is not linear,
 #: and a place is only as near as the next site.
 _NONLINEAR = 0.1
@@ -403,11 +405,15 @@ class _Search:
             by_noise = current.residual.size * np.exp(2 * self._rules.significant * current.data.level_std)
             return all(one is None or one.chi_square > by_noise for fits in (rough, close) for one in of_causes(fits))
 
+        def leading() -> int | None:
+            """Number of the cause with the best fit so far."""
+            fits = {n: one.log_evidence for n, one in rough.items() if one and not candidates[n].of_unknown}
+            return max(fits, key=lambda n: fits[n], default=None)
+
         def strained() -> bool:
             """Whether tolerances make up for something in the best fit with a cause, too."""
-            fits = [one for one in of_causes(rough) if one is not None]
-            best = min(fits, key=lambda one: -one.log_evidence, default=None)
-            return best is not None and strain_of(best) < self._rules.doubt
+            best = leading()
+            return best is not None and strain_of(rough[best]) < self._rules.doubt
 
         def from_means(number: int) -> Fit | None:
             places = unstrained(self._response, current, candidates[number])
@@ -446,10 +452,21 @@ class _Search:
             worth = [n for n in left if hopeful(n)]
             settle(dict(zip(worth, in_parallel(roughly, worth), strict=True)))
 
-        if first_cause and rough and strained():
-            every = [n for n in range(len(candidates)) if not candidates[n].of_unknown]
-            further = dict(zip(every, in_parallel(from_means, every), strict=True))
-            settle({n: one for n, one in further.items() if better(one, rough.get(n))})
+        if forms:
+            # a discrepancy that follows every resonance leaves no cause much to explain, and linearisation beside a
+            # wrong set less still: what explains most beside noise alone shows by a fit what it holds
+            left = [n for n in range(len(candidates)) if n not in settled and not candidates[n].of_unknown]
+            most_alone = sorted(left, key=lambda n: -found[n][0].linear.log_evidence)[:_ALONE]
+            settle(dict(zip(most_alone, in_parallel(roughly, most_alone), strict=True)))
+
+        if first_cause and strained():
+            # the best cause may have stopped on its way; where it is strained in itself, another may not be
+            others = [n for n in range(len(candidates)) if not candidates[n].of_unknown and n != leading()]
+            for batch in ([leading()], others):
+                further = dict(zip(batch, in_parallel(from_means, batch), strict=True))
+                settle({n: one for n, one in further.items() if better(one, rough.get(n))})
+                if not strained():
+                    break
 
         def hope(number: int) -> float:
             """Log odds of a rough fit brought to its end: what its next step or linearisation promises."""
