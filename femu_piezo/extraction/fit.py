@@ -13,7 +13,7 @@ from femu_piezo.threads import made_once
 # Relative size below which a residual is arithmetic and no evidence for anything
 ROUNDING = 1e-10
 _ALIKE = 1e-7  # sine of the angle of a column with others below which their difference is one of rounding
-_HOPE = 10.0  # times the fall of the misfit that a linearised problem promises, which a fit may yet bring
+_HOPE = 10.0  # times the fall of the misfit by a step, or by a linearised problem, that a fit may yet bring
 MAX_DAMPING = 1e6  # a step this short that still does not lower the misfit: it is at its minimum
 
 
@@ -126,15 +126,15 @@ def fit(
     promised fall of Σ|r|² that a step brought (Nielsen 1999, Damping parameter in Marquardt's method, IMM-REP-1999-05):
     times max(1/10, 1 − (2ρ − 1)³) after a step that lowers it, times 2, 4, 8, … after those that do not. Ends where a
     step lowers Σ|r|² by less than `tolerance` (relative), or none does; and where it stays above `least`, the most that
-    is of use, by more than `_HOPE` times what the linearised problem still promises.
+    is of use, by more than `_HOPE` times what the last step brought and what the linearised problem still promises.
     """
     row, size = (data.weight / data.charge)[:, None], model.size
     r = residual(model, data)
-    cost, damping = _power(r), 1e-3
+    cost, damping, fall = _power(r), 1e-3, np.inf
     for _ in range(max_steps):
         triangle = _triangle(row * model.jacobian(data.x), r)
         upper, target = np.triu(triangle[:size, :size]), -triangle[:size, size]
-        if cost - _HOPE * _power(target) > least:
+        if cost - _HOPE * max(_power(target), fall) > least:
             break
         lower, growth = np.diag(np.linalg.norm(upper, axis=0)), 2.0
         while damping < MAX_DAMPING:
@@ -149,8 +149,8 @@ def fit(
         promised = _power(target) - _power(upper @ step - target)
         share = (cost - power) / promised if promised > 0 else 1.0
         damping *= max(0.1, 1 - (2 * share - 1) ** 3)
-        gained, cost, model = 1 - power / cost, power, trial
-        if gained < tolerance:
+        fall, before, cost, model = cost - power, cost, power, trial
+        if fall < tolerance * before:
             break
     return _as_fit(model, data)
 

@@ -74,6 +74,19 @@ def test_fit_returns_the_model_that_made_the_data():
     assert found.scale < 1e-8
 
 
+def test_a_fit_is_given_up_only_where_it_cannot_get_below_the_least_of_use():
+    """A model of one mode too few: not where its end is of use, and long before its end where it is not."""
+    truth = made()
+    data = NormalisedSweep.of(OMEGA, truth.admittance(OMEGA), np.full(OMEGA.size, 1e3))
+    start = replace(truth, scale=data.scale, poles=truth.poles[:1] * (1 - 0.1j), residues=truth.residues[:1])
+    start = solve_linear(start, data).model
+    end = fit(start, data, tolerance=1e-12)
+    useful, useless = (fit(start, data, tolerance=1e-12, least=share * end.misfit) for share in (1.001, 0.5))
+    np.testing.assert_array_equal(useful.model.parameters, end.model.parameters)
+    assert end.misfit < useless.misfit < 1.1 * end.misfit
+    assert np.any(useless.model.parameters != end.model.parameters)
+
+
 def test_residual_is_the_relative_error_of_the_impedance():
     truth = made()
     data = NormalisedSweep.of(OMEGA, truth.admittance(OMEGA), np.full(OMEGA.size, 1e3))

@@ -8,7 +8,7 @@ import pytest
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.measured import measure
-from femu_piezo.study.model_cache import SharedBases
+from femu_piezo.study.model_cache import Bases, SharedBases
 from femu_piezo.study.subjects import subjects
 
 TRIO = ("s11", "d31", "eps33T")
@@ -41,6 +41,21 @@ def test_basis_with_effects_is_made_once(subject):
     count = bases.made
     assert bases.extended(model, training[:1], effects, one, 4e-5) is first
     assert bases.made == count and first.estimated_error < 4e-5
+
+
+def test_a_start_near_one_before_uses_its_rough_basis(subject):
+    """Of other values of the free constants, not of the held ones."""
+    bases, one = Bases(), subject.measured
+    problem, model = one.problem, Bases().model(one, 5e-3)
+
+    def rough(constants: PiezoConstants):
+        return bases.rough(model, bases.anchor(problem, problem.free(constants)), one, 1e-3)
+
+    own = problem.constants
+    first = rough(own)
+    assert rough(moved(own, 0.15)) is first and rough(moved(own, -0.15)) is first
+    assert rough(moved(own, 0.25)) is not first
+    assert rough(moved(own, 0.15).with_values(s33=1.05 * own.s33)) is not first
 
 
 @pytest.mark.parametrize("share", [0.07, -0.07, 0.3])
