@@ -49,8 +49,6 @@ from femu_piezo.threads import blas_limit, in_parallel, made_once
 _PAIRS = 4
 #: Candidates that are fitted roughly before those that promise less are judged by them.
 _AT_ONCE = 2
-#: Candidates that are fitted roughly for what they explain beside noise alone, where a discrepancy explains more.
-_ALONE = 2
 #: Share of the log odds that linearisation promises by which it may be wrong: the law of a large cause is not linear,
 #: and a place is only as near as the next site.
 _NONLINEAR = 0.1
@@ -454,10 +452,12 @@ class _Search:
 
         if forms:
             # a discrepancy that follows every resonance leaves no cause much to explain, and linearisation beside a
-            # wrong set less still: what explains most beside noise alone shows by a fit what it holds
-            left = [n for n in range(len(candidates)) if n not in settled and not candidates[n].of_unknown]
-            most_alone = sorted(left, key=lambda n: -found[n][0].linear.log_evidence)[:_ALONE]
-            settle(dict(zip(most_alone, in_parallel(roughly, most_alone), strict=True)))
+            # wrong set less still: the one at no place that explains most beside noise alone shows by a fit what it
+            # holds
+            even = [n for n, one in enumerate(candidates) if one.sites is None and not one.of_unknown]
+            alone = max(even, key=lambda n: found[n][0].linear.log_evidence, default=None)
+            if alone is not None and alone not in settled:
+                settle({alone: roughly(alone)})
 
         if first_cause and strained():
             # the best cause may have stopped on its way; where it is strained in itself, another may not be
