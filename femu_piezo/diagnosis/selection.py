@@ -405,8 +405,8 @@ class _Search:
 
         def leading() -> int | None:
             """Number of the cause with the best fit so far."""
-            fits = {n: one.log_evidence for n, one in rough.items() if one and not candidates[n].of_unknown}
-            return max(fits, key=lambda n: fits[n], default=None)
+            fits = {n: one.log_evidence for n, one in rough.items() if one is not None}
+            return max((n for n in fits if not candidates[n].of_unknown), key=lambda n: fits[n], default=None)
 
         def strained() -> bool:
             """Whether tolerances make up for something in the best fit with a cause, too."""
@@ -456,7 +456,7 @@ class _Search:
             # holds
             even = [n for n, one in enumerate(candidates) if one.sites is None and not one.of_unknown]
             alone = max(even, key=lambda n: found[n][0].linear.log_evidence, default=None)
-            if alone is not None and alone not in settled:
+            if alone is not None and alone not in rough:
                 settle({alone: roughly(alone)})
 
         if first_cause and strained():
