@@ -26,8 +26,9 @@ from scipy.special import erfcx
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.laws import law_misses, log_slope
+from femu_piezo.inference.step import Beside, damped_step
 from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.inference.walls import wall_and_readings
+from femu_piezo.inference.walls import Walls, readings
 from femu_piezo.measurement.discrepancy import (
     Discrepancy,
     learn_discrepancy,
@@ -52,9 +53,6 @@ _LEAPS = 3
 #: Damping of the first step, in the precision of the prior, and the factors by which it falls and rises; shares of what
 #: a step promised, above which it falls and below which it rises.
 _DAMPING, _EASED, _RAISED, _KEPT, _BROKEN = 1e-3, 0.1, 10.0, 0.75, 0.25
-#: Most steps towards the wall within one step of the fit, the share of χ² below which they have settled, and the share
-#: of what they have gained so far: the model beyond the wall is only linear, so that more of them gain nothing.
-_WALL_STEPS, _WALL_GAIN, _WALL_SHARE = 20, 1e-9, 1e-2
 #: Most turns of a linearised fit and its noise level.
 _TURNS = 5
 #: Change of the logarithm of the noise level below which a fit counts as made at it, and below which its evidence does.
@@ -493,17 +491,16 @@ class _Posterior:
 
     def parts(self, x: np.ndarray) -> _Parts:
         """Residuals and Jacobians at x (n_x,)."""
-        std = self.parameters.prior_std
-        wall, slopes = self.beside(x)
+        std, beside = self.parameters.prior_std, self.beside(x)
         return (
             *self.data.whitened(*self.response.with_jacobian(self.parameters, x)),
-            np.concatenate([(x - self.parameters.prior_mean) / std, wall]),
-            np.concatenate([np.diag(1 / std), slopes]),
+            np.concatenate([(x - self.parameters.prior_mean) / std, beside.walls.rows, beside.read]),
+            np.concatenate([np.diag(1 / std), beside.walls.row_slopes, beside.along]),
         )
 
-    def beside(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What needs no Z: residuals (m,) of the walls of material and of readings, and their slopes (m, n_x)."""
-        return wall_and_readings(self.parameters, x)
+    def beside(self, x: np.ndarray) -> Beside:
+        """What needs no Z."""
+        return Beside(Walls(self.parameters, x), *readings(self.parameters, x))
 
 
 def fit(
@@ -632,7 +629,7 @@ class _Descent:
     ----------
     x : (n_x,) where it stands;  parts : residuals and Jacobians there
     level : factor on the noise; `fixed` where that is given
-    promise : gain in χ² that the next step promises
+    promise : gain in χ² that the next step promises, as last computed at `_promised_at`; it leads to `_ahead`
     """
 
     def __init__(self, posterior: _Posterior, start: np.ndarray, loss: str, fixed: float | None = None) -> None:
@@ -642,7 +639,7 @@ class _Descent:
         self.x = np.clip(start, self._low + margin, self._high - margin)
         self.parts = posterior.parts(self.x)
         self.level, self.promise, self._damping, self._determined = np.inf, np.inf, _DAMPING, 0.0
-        self._promised_at: np.ndarray | None = None
+        self._ahead, self._promised_at = self.x, None
 
     def cost(self, parts: _Parts, level: float) -> float:
         """χ² of data and priors at a noise level, as the loss counts it."""
@@ -661,24 +658,25 @@ class _Descent:
         while count < most and np.isfinite(self.cost(self.parts, self.level)):
             before = self.level
             self._settle_level()
-            moving, triangle = self._linear(self.x, self.parts)
             settled = abs(np.log(before / self.level)) < _LEVEL
-            if settled and self.promise < gain and self._promised_at is self.x:  # as told by the run before
-                return self
+            told = settled and self._promised_at is self.x  # by the run before
+            linear = None if told else self._linear(self.x, self.parts)
             here = self.cost(self.parts, self.level)
             while count < most:
-                other, self.promise = self._stepped(self.x, self.parts, moving, triangle)
-                self._promised_at = self.x
+                if not told:
+                    linear = linear or self._linear(self.x, self.parts)
+                    self._ahead, self.promise = self._stepped(self.x, *linear)
+                    self._promised_at = self.x
                 if self.promise < gain and settled:
                     return self
-                count += 1
+                count, told, other = count + 1, False, self._ahead
                 if self.promise < gain:  # the level alone moves yet
                     break
                 parts = self.posterior.parts(other)
                 kept = (here - self.cost(parts, self.level)) / self.promise
                 if -np.inf < kept < 0 and count < most:
                     # one step along a ridge that bends ends beside it, and the next one comes back
-                    further, _ = self._stepped(other, parts, *self._linear(other, parts))
+                    further, _ = self._stepped(other, *self._linear(other, parts))
                     beyond, count = self.posterior.parts(further), count + 1
                     back = (here - self.cost(beyond, self.level)) / self.promise
                     if back > _BROKEN:
@@ -697,7 +695,7 @@ class _Descent:
         best = self.x, self.parts
         for _ in range(count):
             self._settle_level()
-            self.x, _ = self._stepped(self.x, self.parts, *self._linear(self.x, self.parts))
+            self.x, _ = self._stepped(self.x, *self._linear(self.x, self.parts))
             self.parts = self.posterior.parts(self.x)
         if not self.cost(self.parts, self.level) < self.cost(best[1], self.level):
             self.x, self.parts = best
@@ -724,50 +722,23 @@ class _Descent:
         self._determined = float(np.sum(of_data**2))
         return moving, triangle
 
-    def _stepped(
-        self, x: np.ndarray, parts: _Parts, moving: np.ndarray, triangle: np.ndarray
-    ) -> tuple[np.ndarray, float]:
-        """Where the damped step from x (n_x,) leads, and the gain that it promises.
-
-        It minimises data and priors, taken as linear, and the wall, taken as it is: that costs nothing to evaluate, and
-        it is there from one side only.
-        """
+    def _stepped(self, x: np.ndarray, moving: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, float]:
+        """Where the damped step from x (n_x,) leads, and the gain that it promises."""
         std = self.posterior.parameters.prior_std[moving]
-        factor, right = triangle[: moving.size, :-1], triangle[: moving.size, -1]
-        damping = np.sqrt(self._damping) * np.eye(moving.size)
 
         def at(step: np.ndarray) -> np.ndarray:
             found = x.copy()
             found[moving] = np.clip(x[moving] + std * step, self._low[moving], self._high[moving])
             return found
 
-        def wall(step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            rows, slopes = self.posterior.beside(at(step))
-            return rows, slopes[:, moving] * std
-
-        def residual(step: np.ndarray, rows: np.ndarray) -> np.ndarray:
-            return np.concatenate([factor @ step + right, rows, damping @ step])
-
-        step, (_, _, further, slopes) = np.zeros(moving.size), parts
-        rows, slopes = further[x.size :], slopes[x.size :, moving] * std
-        first = left = residual(step, rows)
-        for _ in range(_WALL_STEPS):
-            move = np.linalg.lstsq(np.concatenate([factor, slopes, damping]), -left, rcond=None)[0]
-            free = not np.any(rows)
-            for _ in range(_WALL_STEPS):
-                rows, slopes = wall(step + move)
-                other = residual(step + move, rows)
-                if other @ other < left @ left:
-                    break
-                move = move / 2
-            else:
-                break
-            step, gain, left = step + move, left @ left - other @ other, other
-            settled = max(_WALL_GAIN * (first @ first), _WALL_SHARE * (first @ first - left @ left))
-            if gain < settled or (free and not np.any(rows)):
-                break
-        rest = left[: -moving.size]
-        return at(step), float(first @ first - rest @ rest)
+        step, gain = damped_step(
+            triangle[: moving.size, :-1],
+            triangle[: moving.size, -1],
+            self._damping,
+            (moving, std),
+            lambda step: self.posterior.beside(at(step)),
+        )
+        return at(step), gain
 
 
 def precision_inverse(rows: np.ndarray, prior_std: np.ndarray) -> np.ndarray:
@@ -825,7 +796,7 @@ def stepped(at_x: Fit, moving: np.ndarray | None = None) -> Fit:
 
 @dataclass(frozen=True)
 class _Moved(_Posterior):
-    """What a fit minimises where the whitened data are moved by (2k,), and priors, wall and readings by (n_x + m,)."""
+    """What a fit minimises where the whitened data are moved by (2k,), and priors and readings by (n_x + m,)."""
 
     moved: np.ndarray
     pulled: np.ndarray
@@ -836,10 +807,10 @@ class _Moved(_Posterior):
         further[: x.size] += self.pulled[: x.size]
         return residual + self.moved, jacobian, further, slopes
 
-    def beside(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What needs no Z, moved."""
-        rows, slopes = super().beside(x)
-        return rows + self.pulled[x.size :], slopes
+    def beside(self, x: np.ndarray) -> Beside:
+        """What needs no Z, the readings moved."""
+        plain = super().beside(x)
+        return replace(plain, read=plain.read + self.pulled[self.pulled.size - plain.read.size :])
 
 
 def refitted(response: Response, solution: Fit, moved: np.ndarray, pulled: np.ndarray) -> np.ndarray | None:

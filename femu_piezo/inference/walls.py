@@ -15,6 +15,7 @@ import numpy as np
 
 from femu_piezo.inference.coefficients import d_form_constants, effects_on_constants, even_constants
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.threads import made_once
 
 TOLERANCE = 1e-5
 #: Share of the tolerance below which a violation is rounding: a lossless constant stands at the wall.
@@ -27,45 +28,106 @@ def _pairs(size: int) -> tuple[np.ndarray, np.ndarray]:
     return np.triu_indices(size)
 
 
-def wall_and_readings(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (m,) and slopes (m, n_x) that a fit has beside data and priors: the walls, then a row for each reading."""
-    rows, slopes = material_wall(parameters, x)
-    read = [one.row(parameters, x) for one in parameters.readings]
-    return (
-        np.concatenate([rows, [row for row, _ in read]]),
-        np.concatenate([slopes, *(slope[None] for _, slope in read)]),
-    )
+class Walls:
+    """The walls as seen from some unknowns.
 
+    Of free and held constants without laws over frequency. With eigenvalues λ_i and eigenvectors v_i of every block L
+    of both matrices, and h_ij = v_iᵗ (∂L/∂x) v_j, the walls cost Σ min(0, λ_i)²/TOLERANCE².
 
-def material_wall(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (m,) and slopes (m, n_x) of the walls: ½ |rows|² = ½ Σ min(0, λ)²/TOLERANCE² over all eigenvalues λ.
-
-    Of free and held constants at x (n_x,) without laws over frequency. With h_ij = v_iᵗ (∂L/∂x) v_j of the eigenvectors
-    of every block L of both matrices, the Hessian is Σ γ_ij h_ij²/TOLERANCE², γ_ij = (λ_i⁻ − λ_j⁻)/(λ_i − λ_j), which
-    counts that the boundary is curved. So a pair i ≠ j has a slope √(2γ_ij) h_ij beside a row that is zero.
+    Parameters
+    ----------
+    x : (n_x,) the unknowns
     """
-    active = effects_on_constants(parameters, x)
-    constants, tangents = even_constants(parameters, x, active), None
-    rows, slopes = [], []
-    for block in range(constants.block_count):
-        both = np.stack([constants.energy_block(block), constants.loss_block(block)])
-        of_both, vectors_of_both = np.linalg.eigh(both)
-        first, second = _pairs(of_both.shape[1])
-        for part, (values, vectors) in enumerate(zip(of_both, vectors_of_both, strict=True)):
-            low = np.where(values < -_NOTICED * TOLERANCE, values, 0.0)
-            if not np.any(low):
-                rows.append(np.zeros(first.size))
-                slopes.append(np.zeros((first.size, x.size)))
-                continue
-            if tangents is None:
-                tangents = d_form_constants(parameters, x, active, np.ones(1))[1][0]
-                moving = np.flatnonzero(np.any(tangents != 0, axis=0))
+
+    def __init__(self, parameters: Unknowns, x: np.ndarray) -> None:
+        self._parameters, self._x = parameters, x
+        self._active = effects_on_constants(parameters, x)
+        self._constants = even_constants(parameters, x, self._active)
+        blocks = range(self._constants.block_count)
+        both = [np.stack([self._constants.energy_block(n), self._constants.loss_block(n)]) for n in blocks]
+        self._eigen = [np.linalg.eigh(one) for one in both]
+
+    @made_once
+    def values(self) -> np.ndarray:
+        """(n,) every λ over the tolerance; what is negative by rounding alone is 0."""
+        found = np.concatenate([values.ravel() for values, _ in self._eigen]) / TOLERANCE
+        return np.where((found < 0) & (found > -_NOTICED), 0.0, found)
+
+    @property
+    def touched(self) -> bool:
+        """Whether any λ is beyond its wall."""
+        return bool(self.values.min() < 0)
+
+    @property
+    def cost(self) -> float:
+        """Σ min(0, λ)²/TOLERANCE²."""
+        return float(np.sum(np.minimum(self.values, 0.0) ** 2))
+
+    @made_once
+    def slopes(self) -> np.ndarray:
+        """(n, n_x) h_ii over the tolerance, ∂values/∂x."""
+        return np.concatenate([np.diagonal(turned, axis1=1, axis2=2).T for turned in self._turned])
+
+    @property
+    def bends(self) -> np.ndarray:
+        """(b, n_x) rows of `row_slopes` of pairs i ≠ j: how walls curve that are passed."""
+        return self.row_slopes[np.concatenate([np.not_equal(*_pairs(low.size)) for low, _ in self._low])]
+
+    @made_once
+    def rows(self) -> np.ndarray:
+        """(m,) of a residual, one for each pair i ≤ j of each block: λ_i beyond its wall for i = j, else 0."""
+        found = []
+        for low, _ in self._low:
+            first, second = _pairs(low.size)
+            found.append(np.where(first == second, low[first], 0.0))
+        return np.concatenate(found) / TOLERANCE
+
+    @made_once
+    def row_slopes(self) -> np.ndarray:
+        """(m, n_x) of the same, whose product with itself is the Hessian of half the cost.
+
+        That is Σ γ_ij h_ij²/TOLERANCE², γ_ij = (λ_i⁻ − λ_j⁻)/(λ_i − λ_j), which counts that the boundary is curved. So
+        a pair i ≠ j has a slope √(2γ_ij) h_ij beside a row that is zero.
+        """
+        if not self.touched:
+            return np.zeros((self.rows.size, self._x.size))
+        found = []
+        for (low, values), turned in zip(self._low, self._turned, strict=True):
+            first, second = _pairs(low.size)
             apart = values[first] - values[second]
             share = np.where(apart == 0, low[first] < 0, (low[first] - low[second]) / np.where(apart == 0, 1.0, apart))
             count = np.where(first == second, share, 2 * share)
-            own = np.zeros((first.size, x.size))
-            turned = vectors.T @ constants.block_slopes(block, tangents[:, moving].T)[part] @ vectors
-            own[:, moving] = (np.sqrt(count) * turned[:, first, second] / TOLERANCE).T
-            rows.append(np.where(first == second, low[first], 0.0) / TOLERANCE)
-            slopes.append(own)
-    return np.concatenate(rows), np.concatenate(slopes)
+            found.append((np.sqrt(count) * turned[:, first, second]).T)
+        return np.concatenate(found)
+
+    @made_once
+    def _low(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """(λ⁻, λ) of every block of each matrix."""
+        parts = [values for of_both, _ in self._eigen for values in of_both]
+        return [(np.where(values < -_NOTICED * TOLERANCE, values, 0.0), values) for values in parts]
+
+    @made_once
+    def _turned(self) -> list[np.ndarray]:
+        """h (n_x, i, j) over the tolerance of every block of each matrix."""
+        tangents = d_form_constants(self._parameters, self._x, self._active, np.ones(1))[1][0]
+        moving = np.flatnonzero(np.any(tangents != 0, axis=0))
+        found = []
+        for block, (_, of_both) in enumerate(self._eigen):
+            slopes = self._constants.block_slopes(block, tangents[:, moving].T)
+            for vectors, own in zip(of_both, slopes, strict=True):
+                turned = np.zeros((self._x.size, *vectors.shape))
+                turned[moving] = vectors.T @ own @ vectors / TOLERANCE
+                found.append(turned)
+        return found
+
+
+def wall_and_readings(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (m,) and slopes (m, n_x) that a fit has beside data and priors: the walls, then a row for each reading."""
+    walls, (read, along) = Walls(parameters, x), readings(parameters, x)
+    return np.concatenate([walls.rows, read]), np.concatenate([walls.row_slopes, along])
+
+
+def readings(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A row (m,) with slopes (m, n_x) for each reading."""
+    found = [one.row(parameters, x) for one in parameters.readings]
+    return np.array([row for row, _ in found]), np.array([slope for _, slope in found]).reshape(len(found), x.size)

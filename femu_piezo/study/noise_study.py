@@ -17,7 +17,7 @@ from femu_piezo.inference.ensemble import together
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.inference.walls import material_wall
+from femu_piezo.inference.walls import Walls
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.study.subjects import Subject
 from femu_piezo.study.unknowns import as_filed, unknowns_of
@@ -151,4 +151,4 @@ def _specimen(unknowns: Unknowns, start: np.ndarray, rng: np.random.Generator) -
 
 
 def _is_passive(unknowns: Unknowns, x: np.ndarray) -> bool:
-    return not np.any(material_wall(unknowns, x)[0])
+    return not Walls(unknowns, x).touched

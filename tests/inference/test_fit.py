@@ -10,7 +10,7 @@ from laboratory import FREQUENCY, NOISE
 
 from femu_piezo.inference.fit import COARSE, Marginal, closest, fit, linear_fit, stepped
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
-from femu_piezo.inference.walls import TOLERANCE, material_wall, wall_and_readings
+from femu_piezo.inference.walls import TOLERANCE, Walls, wall_and_readings
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.discrepancy import log_level_prior
 from femu_piezo.measurement.sweeps import SweepData
@@ -68,7 +68,8 @@ def test_wall_and_its_hessian(lab):
     """Behind the wall, of free and held constants: ½ |rows|² by its slopes, and their slopes, against differences."""
     x = lab.truth(2)
     x[3] = 0.3  # tan d31
-    wall, slopes = material_wall(lab.unknowns, x)
+    walls = Walls(lab.unknowns, x)
+    wall, slopes = walls.rows, walls.row_slopes
     assert np.count_nonzero(wall < -1) == 1 and np.all(wall <= 0)
     moving = np.flatnonzero(np.any(slopes != 0, axis=0))
     tangents = [i for i in moving if "tan_" in lab.unknowns.names[i]]
@@ -77,12 +78,11 @@ def test_wall_and_its_hessian(lab):
     assert not np.any(slopes[:, circuits])
 
     def gradient(y: np.ndarray) -> np.ndarray:
-        rows, along = material_wall(lab.unknowns, y)
-        return along.T @ rows
+        there = Walls(lab.unknowns, y)
+        return there.row_slopes.T @ there.rows
 
     def half_square(y: np.ndarray) -> float:
-        rows, _ = material_wall(lab.unknowns, y)
-        return 0.5 * float(rows @ rows)
+        return 0.5 * Walls(lab.unknowns, y).cost
 
     exact, hessian = gradient(x), slopes.T @ slopes
     for column in moving:
@@ -96,11 +96,11 @@ def test_residual_of_the_wall_is_the_violation_over_the_tolerance(lab):
     """Lowest eigenvalue of the loss matrix, by `physical_faults` of the material."""
     x = lab.ideal.prior_mean.copy()
     x[0::2], x[1::2] = 1.0, (0.015, 0.013, 0.017)
-    assert not np.any(material_wall(lab.ideal, x)[0])
+    assert not Walls(lab.ideal, x).touched
     for tangent, passive in ((0.02, True), (0.1, False), (0.3, False)):
         x[3] = tangent
         constants = lab.material.constants(x)
-        wall, _ = material_wall(lab.ideal, x)
+        wall = Walls(lab.ideal, x).rows
         assert (wall.min() == 0) == passive == (constants.physical_faults() == [])
         lowest = min(np.linalg.eigvalsh(constants.loss_block(block))[0] for block in range(constants.block_count))
         assert wall.min() * TOLERANCE == pytest.approx(min(lowest, 0.0), rel=1e-9)
@@ -111,7 +111,8 @@ def test_wall_of_stability(lab):
     x = lab.ideal.prior_mean.copy()
     for factor, stable in ((1.0, True), (2.2, False), (2.5, False)):
         x[2] = factor
-        constants, (wall, slopes) = lab.material.constants(x), material_wall(lab.ideal, x)
+        constants, walls = lab.material.constants(x), Walls(lab.ideal, x)
+        wall, slopes = walls.rows, walls.row_slopes
         blocks = range(constants.block_count)
         energy = np.concatenate([np.linalg.eigvalsh(constants.energy_block(block)) for block in blocks])
         loss = np.concatenate([np.linalg.eigvalsh(constants.loss_block(block)) for block in blocks])
@@ -120,8 +121,7 @@ def test_wall_of_stability(lab):
         assert wall @ wall == pytest.approx(behind @ behind, rel=1e-9)
 
     def half_square(y: np.ndarray) -> float:
-        rows, _ = material_wall(lab.ideal, y)
-        return 0.5 * float(rows @ rows)
+        return 0.5 * Walls(lab.ideal, y).cost
 
     for column in (0, 2, 4):
         found = difference(half_square, x, column, 1e-5)
@@ -138,7 +138,7 @@ def test_no_fit_is_of_an_unstable_body(lab):
         start = unknowns.prior_mean.copy()
         start[:6] = lab.material.x_of(lab.free.start)
         found = fit(lab.evaluation, lab.measured(z, 7), unknowns, [start], gain=COARSE)
-        assert np.max(-material_wall(unknowns, found.x)[0]) * TOLERANCE < 1e-3
+        assert -Walls(unknowns, found.x).values.min() * TOLERANCE < 1e-3
 
 
 @pytest.mark.parametrize("tangents", [(0.012, 0.025, 0.014), (0.012, 0.03, 0.014), (0.004, 0.05, 0.005)])
@@ -156,7 +156,7 @@ def test_no_fit_creates_energy(lab, loss, tangents):
         start[:6] = lab.material.x_of(lab.free.start)
         found = fit(lab.evaluation, data, unknowns, [start], loss=loss)
         # of free constants with held ones as the fit leaves them
-        assert np.max(-material_wall(unknowns, found.x)[0]) * TOLERANCE < 1e-3
+        assert -Walls(unknowns, found.x).values.min() * TOLERANCE < 1e-3
 
 
 class Curved:

@@ -7,7 +7,7 @@ import pytest
 
 import femu_piezo as fp
 from femu_piezo.effects.library import circuits
-from femu_piezo.inference.walls import material_wall
+from femu_piezo.inference.walls import Walls
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.output.tables import number
 from femu_piezo.specimen.file import Specimen, read_specimen
@@ -150,9 +150,9 @@ def test_no_path_creates_energy(sweep_of, write_specimen_of, truth, case, loss):
     path = write_specimen_of("k31", sweep, TRIO, {}, more=more, lossy=True)
     specimen = read_specimen(path)
     diagnosed = fp.diagnose(specimen, effects=[circuits.candidates]).comparison
-    walls = [material_wall(fit.parameters, fit.x)[0] for fit in (fp.update(specimen).fit, diagnosed.base)]
+    walls = [Walls(fit.parameters, fit.x).rows for fit in (fp.update(specimen).fit, diagnosed.base)]
     assert all(0 < -wall.min() < 1 for wall in walls)  # they lean on the wall, by less than its tolerance
-    assert -material_wall(diagnosed.final.parameters, diagnosed.final.x)[0].min() < 1
+    assert Walls(diagnosed.final.parameters, diagnosed.final.x).values.min() > -1
 
 
 def test_known_effects_are_in_everything_that_an_update_says(sweeps, write_specimen_of, truth):

@@ -1,0 +1,60 @@
+"""A step beside walls: the least of data, priors and walls, found with few looks at the walls."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from femu_piezo.inference.step import Beside, damped_step
+from femu_piezo.inference.walls import TOLERANCE, Walls
+
+#: Tangents of s11, d31 and eps33T to step from: far inside, on the wall of a loss matrix of nothing, near the wall.
+STARTS = {"inside": (0.02, 0.015, 0.02), "lossless": (0.0, 0.0, 0.0), "near": (0.0150, 0.0240, 0.0170)}
+
+
+@pytest.mark.parametrize("where", STARTS)
+@pytest.mark.parametrize("wish", [(0.015, 0.035, 0.017), (0.001, 0.02, 0.001), (-0.01, 0.01, 0.02)])
+@pytest.mark.parametrize("damping", [0.0, 1e-3])
+def test_least_of_data_and_walls(lab, where, wish, damping):
+    """Data wish for a material that creates energy: the step leaves 5 % of what can be gained at most.
+
+    Steps that saw a wall only from beyond it left 18 to 90 % of it in most of these cases.
+    """
+    x = lab.ideal.prior_mean.copy()
+    x[0::2], x[1::2] = 1.0, STARTS[where]
+    rng = np.random.default_rng(3)
+    unit, looks = np.tile([1e-3, 1e-2], 3), []
+    factor = np.triu(rng.standard_normal((6, 6))) / 3 + 20 * np.eye(6)
+    away = (np.array([1.0, wish[0], 1.0, wish[1], 1.0, wish[2]]) - x) / unit
+    right = -factor @ away
+
+    def beside(step: np.ndarray) -> Beside:
+        looks.append(step)
+        return Beside(Walls(lab.ideal, x + unit * step), np.zeros(0), np.zeros((0, 6)))
+
+    def cost(step: np.ndarray) -> float:
+        return float(np.sum((factor @ step + right) ** 2) + damping * step @ step) + beside(step).cost
+
+    step, gain = damped_step(factor, right, damping, (np.arange(6), unit), beside)
+    count, first = len(looks), cost(np.zeros(6))
+    assert gain == pytest.approx(first - cost(step) + damping * step @ step, rel=1e-9)
+    best = minimize(cost, step, method="Nelder-Mead", options={"maxiter": 4000, "xatol": 1e-10, "fatol": 1e-9})
+    assert cost(step) - best.fun < 0.05 * (first - best.fun)
+    assert -Walls(lab.ideal, x + unit * step).values.min() * TOLERANCE < 1e-3
+    assert count <= 14
+
+
+def test_a_step_far_from_every_wall_looks_twice(lab):
+    """At its ends; the minimum of data alone."""
+    x = lab.ideal.prior_mean.copy()
+    x[0::2], x[1::2] = 1.0, (0.02, 0.01, 0.02)
+    looks = []
+
+    def beside(step: np.ndarray) -> Beside:
+        looks.append(step)
+        return Beside(Walls(lab.ideal, x + 1e-4 * step), np.zeros(0), np.zeros((0, 6)))
+
+    step, gain = damped_step(np.eye(6), np.full(6, -0.5), 0.0, (np.arange(6), np.full(6, 1e-4)), beside)
+    np.testing.assert_allclose(step, 0.5, rtol=1e-12)
+    assert gain == pytest.approx(1.5) and len(looks) == 2
