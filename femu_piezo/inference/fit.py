@@ -526,7 +526,7 @@ def fit(
     with blas_limit():
         best = _descended(_Posterior(response, data, parameters), starts, gain, loss)
         slope = log_slope(response, parameters, best.x)
-        law = law_misses(response, data, parameters, best.x, best.parts[:2], slope)
+        law = law_misses(response, data, parameters, best.x, best.parts[1], slope)
     return _at(best, slope, law)
 
 

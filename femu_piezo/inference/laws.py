@@ -1,11 +1,12 @@
 """What approximate laws miss: errors of known size beside the noise.
 
 The law of a cause is an approximation that is wrong by a share e of what it describes (`EffectParameter.law_error`). It
-may be wrong as a whole, so that the parameter that fits best is off by e of its value, and in shape, so that it misses
-e of its change of log Z in each band by itself. One that ends with the square of the size p may also have that change
-at a frequency that is off by φ p² (`EffectParameter.law_detuning`): modes which nothing else drives are not put in
-place by any fit. All of it moves what is fitted beside the cause as any change of data does, and is what a further
-cause might be taken for.
+may be wrong as a whole, so that the parameter that fits best is off by e of its value, and in shape: of p ∂log Z/∂p of
+its size p, as far as no other unknown does the same, it misses e in each band by itself. A film that stiffens a plate
+does much of what s11 does; that part has the shape of s11 and no error of its own. A law that ends with the square of p
+may also have its change at a frequency that is off by φ p² (`EffectParameter.law_detuning`): modes which nothing else
+drives are not put in place by any fit. All of it moves what is fitted beside the cause as any change of data does, and
+is what a further cause might be taken for.
 """
 
 from __future__ import annotations
@@ -37,15 +38,16 @@ def law_misses(
     data: SweepData,
     parameters: Unknowns,
     x: np.ndarray,
-    at_x: tuple[np.ndarray, np.ndarray],
+    at_x: np.ndarray,
     slope: np.ndarray,
 ) -> np.ndarray:
     """(2k, m) whitened errors of log Z, independent and of one standard deviation each, of all laws at x (n_x,).
 
-    Of every parameter p: e p ∂log Z/∂p. Of the first one, the size, with Δ the change of log Z between the effect as it
-    is at x and none, in each band: e Δ, and φ p² ∂Δ/∂log f. Known effects have laws as fitted ones do.
+    Of every parameter p: e p ∂log Z/∂p. Of the first one, the size, in each band: e p ∂log Z/∂p and φ p² ∂Δ/∂log f, Δ
+    the change of log Z between the effect as it is at x and none, both less what the other unknowns can do within
+    their priors. Known effects have laws as fitted ones do.
 
-    at_x : whitened residual (2k,) and Jacobian (2k, n_x) there;  slope : (k,) ∂log Z/∂log f there
+    at_x : whitened Jacobian (2k, n_x) there;  slope : (k,) ∂log Z/∂log f there
     """
     known = [item for item in parameters.fixed if _approximate(item[0])]
     whole = replace(
@@ -57,20 +59,23 @@ def law_misses(
     if not numbers:
         return np.zeros((2 * data.impedance.size, 0))
     at = np.concatenate([x, *(values / effect.scale for effect, values in known)])
-    residual, jacobian = data.whitened(*response.with_jacobian(whole, at)) if known else at_x
-    found = []
+    jacobian = data.whitened(*response.with_jacobian(whole, at))[1] if known else at_x
+    found, prior_std = [], parameters.prior_std
     for number in numbers:
         effect, own = whole.effects[number], whole.columns(number)
         errors = np.array([parameter.law_error for parameter in effect.parameters])
+        size = at[own.start] - effect.rest[0] / effect.scale[0]
         found.append(jacobian[:, own] * (errors * at[own]))
-        without = at.copy()
-        without[own] = effect.rest / effect.scale
-        misses = [errors[0] * (residual - data.whitened(*response.with_jacobian(whole, without))[0])]
+        misses = [errors[0] * size * jacobian[:, own.start]]
         if detuning := effect.parameters[0].law_detuning:
-            size = (at - without)[own.start] * effect.scale[0]
+            without = at.copy()
+            without[own] = effect.rest / effect.scale
             change = data.over_noise(slope - log_slope(response, whole, without))
-            misses.append(detuning * size**2 * stacked(change))
-        found += [_in_bands(data, miss) for miss in misses]
+            misses.append(detuning * (size * effect.scale[0]) ** 2 * stacked(change))
+        others = np.delete(np.arange(x.size), np.arange(own.start, min(own.stop, x.size)))
+        span = np.linalg.qr(np.concatenate([jacobian[:, others] * prior_std[others], np.eye(others.size)]))[0]
+        span = span[: len(jacobian)]
+        found += [_in_bands(data, miss - span @ (span.T @ miss)) for miss in misses]
     return np.hstack(found)
 
 

@@ -28,7 +28,7 @@ _KILOHERTZ, _FIXTURE = 2 * np.pi * np.array([1e3]), 1.0
 _EPS33T, _D33 = D_FORM.index("eps33T"), D_FORM.index("d33")
 _C33, _E33, _EPS33S = (E_FORM.index(name) for name in ("c33", "e33", "eps33S"))
 #: Films by the name of their effect → number of the parameter that is their mass per area; a spot has mass itself.
-_FILMS, _SPOT = {"electrode_mass": 0}, "point_mass"
+_FILMS, _SPOT = {"electrode_mass": 0, "film_stiffness": 2}, "point_mass"
 #: Units of the readings, as they are printed.
 UNITS = {"mass": "kg", "capacitance": "F", "d33": "C/N", "sound_velocity": "m/s"}
 

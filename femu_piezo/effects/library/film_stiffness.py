@@ -4,8 +4,9 @@ What is thin against the wave is a membrane in plane stress (Poisson's ratio 0.3
 
     A + D (1 + jη) ∫ ε_xx² + ε_yy² + 2ν ε_xx ε_yy + (1 − ν)/2 γ_xy² dS,    D = E h/(1 − ν²),
 
-over both faces, D in N/m of each. Time is e^(+jωt), so a loss has η > 0. Its mass is that of `electrode_mass`: with a
-mass of its own this cause would hold that one. A layer on one face bends the plate as well, which is left out.
+over both faces, D in N/m of each. Time is e^(+jωt), so a loss has η > 0. It has a mass as well, as `electrode_mass` has:
+along the plate the one raises resonances and the other lowers them, so that without its mass a layer would be taken
+for one that is much less stiff. A layer on one face bends the plate as well, which is left out.
 """
 
 from __future__ import annotations
@@ -15,22 +16,28 @@ from functools import partial
 import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, ExtraTerm
-from femu_piezo.forward.electrodes import electrode_membrane
+from femu_piezo.forward.electrodes import electrode_film, electrode_membrane
 
 _PLANE_STRESS = partial(electrode_membrane, poisson=0.35)
 
 
 def _membrane(omega: np.ndarray, p: np.ndarray):
     one = np.ones(omega.shape, dtype=complex)
-    slopes = np.array([1 + 1j * p[1], 1j * p[0]])
+    slopes = np.array([1 + 1j * p[1], 1j * p[0], 0.0])
     return p[0] * (1 + 1j * p[1]) * one, one[:, None] * slopes
+
+
+def _mass(omega: np.ndarray, p: np.ndarray):
+    slopes = np.zeros((omega.size, 3), dtype=complex)
+    slopes[:, 2] = 1.0
+    return np.full(omega.shape, p[2], dtype=complex), slopes
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
     """For bodies with their electrodes on faces normal to z; sizes against the body's own stiffness and mass."""
     if context.poling != "thickness":
         return ()
-    own = context.thickness / 2 / context.constants.s11.real
+    own, heavy = context.thickness / 2 / context.constants.s11.real, context.density * context.thickness / 2
     return (
         Effect(
             name="film_stiffness",
@@ -38,12 +45,18 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             parameters=(
                 EffectParameter("membrane_stiffness", "N/m", 0.0, 0.5 * own, 5e-3 * own, 0.03 * own, law_error=0.05),
                 EffectParameter("loss", "1", 0.0, 1.0, 0.02, 0.05, rest=0.02, optional=True),
+                EffectParameter(
+                    "mass_per_area", "kg/m^2", 0.0, 0.2 * heavy, 0.005 * heavy, 0.02 * heavy, optional=True
+                ),
             ),
             confusable_with=("s11", "electrode_mass", "wrong_thickness"),
             advice=(
                 "look at a section of the edge under a microscope, and measure the thickness of the layers",
                 "dissolve the layer and sweep the bare body again",
             ),
-            terms=(ExtraTerm("membrane", "stiffness", None, _membrane, on_electrodes=_PLANE_STRESS),),
+            terms=(
+                ExtraTerm("membrane", "stiffness", None, _membrane, on_electrodes=_PLANE_STRESS),
+                ExtraTerm("film", "inertia", None, _mass, (0.02 * heavy,), on_electrodes=electrode_film),
+            ),
         ),
     )
