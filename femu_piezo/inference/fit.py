@@ -53,6 +53,9 @@ _LEAPS = 3
 #: Damping of the first step, in the precision of the prior, and the factors by which it falls and rises; shares of what
 #: a step promised, above which it falls and below which it rises.
 _DAMPING, _EASED, _RAISED, _KEPT, _BROKEN = 1e-3, 0.1, 10.0, 0.75, 0.25
+#: Noise level above which a fit is far from its end, and the share of the distance to every wall that its steps keep
+#: there as long as they gain by it: along a wall it would slide to minima that a fit which comes from inside passes by.
+_FAR, _DISTANCE = 2.0, 0.5
 #: Most turns of a linearised fit and its noise level.
 _TURNS = 5
 #: Change of the logarithm of the noise level below which a fit counts as made at it, and below which its evidence does.
@@ -731,13 +734,17 @@ class _Descent:
             found[moving] = np.clip(x[moving] + std * step, self._low[moving], self._high[moving])
             return found
 
-        step, gain = damped_step(
-            triangle[: moving.size, :-1],
-            triangle[: moving.size, -1],
-            self._damping,
-            (moving, std),
-            lambda step: self.posterior.beside(at(step)),
-        )
+        for kept in (_DISTANCE, 0.0) if self.level > _FAR else (0.0,):
+            step, gain = damped_step(
+                triangle[: moving.size, :-1],
+                triangle[: moving.size, -1],
+                self._damping,
+                (moving, std),
+                lambda step: self.posterior.beside(at(step)),
+                kept,
+            )
+            if gain > COARSE:
+                break
         return at(step), gain
 
 

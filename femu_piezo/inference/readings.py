@@ -27,8 +27,6 @@ from femu_piezo.material.constants import D_FORM, E_FORM
 _KILOHERTZ, _FIXTURE = 2 * np.pi * np.array([1e3]), 1.0
 _EPS33T, _D33 = D_FORM.index("eps33T"), D_FORM.index("d33")
 _C33, _E33, _EPS33S = (E_FORM.index(name) for name in ("c33", "e33", "eps33S"))
-#: Films by the name of their effect → number of the parameter that is their mass per area; a spot has mass itself.
-_FILMS, _SPOT = {"electrode_mass": 0, "film_stiffness": 2}, "point_mass"
 #: Units of the readings, as they are printed.
 UNITS = {"mass": "kg", "capacitance": "F", "d33": "C/N", "sound_velocity": "m/s"}
 
@@ -75,14 +73,25 @@ class Reading:
         factor, slopes = _scaled(active, x.size, np.ones(3), 1)
         found, slopes = self.density * self.volume * factor, self.density * self.volume * factor * slopes
         for item in active:
-            own = np.zeros(item.values.size)
-            if item.effect.name in _FILMS:
-                own[_FILMS[item.effect.name]] = 2 * self.area
-            elif item.effect.name == _SPOT:
-                own[0] = 1.0
-            found += float(own @ item.values)
+            added, own = self._added_mass(item)
+            found += added
             item.put(slopes, own)
         return found, slopes
+
+    def _added_mass(self, item: Active) -> tuple[float, np.ndarray]:
+        """Of films on both electrodes and of a spot, kg, and its slopes in the parameters of the effect."""
+        own, p = np.zeros(item.values.size), item.values
+        match item.effect.name:
+            case "electrode_mass":
+                own[0] = 2 * self.area
+                return 2 * self.area * p[0], own
+            case "film_stiffness":
+                own[[0, 2]] = 2 * self.area * p[[2, 0]]
+                return 2 * self.area * p[0] * p[2], own
+            case "point_mass":
+                own[0] = 1.0
+                return p[0], own
+        return 0.0, own
 
     def _capacitance(self, parameters: Unknowns, x: np.ndarray, active: list[Active]) -> tuple[float, np.ndarray]:
         powers = np.where(np.arange(3) == self.normal, -1.0, 1.0)

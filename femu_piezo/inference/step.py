@@ -3,9 +3,10 @@
     min over s   |F s + r|² + δ |s|² + Σ min(0, λ_i(s))²/TOLERANCE² + Σ readings²
 
 F and r are data and priors, linearised; the walls (`femu_piezo.inference.walls`) and the readings of other instruments
-cost next to nothing to evaluate and are taken as they are. Every turn linearises both where it stands. A wall counts
-where the minimum of that model would be beyond it, also where it is not yet: so a step that begins on a wall slides
-along it.
+cost next to nothing to evaluate and are taken as they are. The minimum is approached from beyond the walls, by cutting
+planes (Kelley, J. SIAM 8 (1960) 703): a material that passes no wall fulfils λ_i + ∇λ_i·(s − s_k) ≥ 0 for every
+eigenvalue at every s_k, as the loss matrix is linear in the losses. Each turn adds those of the eigenvalues that are
+beyond their walls at the minimum of the turn before. So a step slides along a wall on which it begins.
 """
 
 from __future__ import annotations
@@ -15,13 +16,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.optimize import nnls
 
 from femu_piezo.inference.walls import Walls
 
-#: Most turns within one step, most sets of walls that are tried in each, and most halvings of what a turn moves.
-_TURNS, _SETS, _HALVINGS = 20, 10, 20
-#: What is gained in χ² below which turns have settled, and its share of what they have gained so far: the model of the
-#: data beyond the wall is only linear, so that more of them gain nothing.
+#: Most turns within one step, and most halvings of one that they do not bring to a lower cost.
+_TURNS, _HALVINGS = 20, 20
+#: By how much χ² may be above what the planes leave, and the share of what was gained: the model of the data beyond the
+#: wall is only linear, so that more turns gain nothing.
 _SETTLED, _SHARE = 1e-7, 1e-2
 
 
@@ -38,11 +40,6 @@ class Beside:
     read: np.ndarray
     along: np.ndarray
 
-    @property
-    def cost(self) -> float:
-        """Σ of their squares."""
-        return self.walls.cost + float(self.read @ self.read)
-
 
 def damped_step(
     factor: np.ndarray,
@@ -50,6 +47,7 @@ def damped_step(
     damping: float,
     moving: tuple[np.ndarray, np.ndarray],
     beside: Callable[[np.ndarray], Beside],
+    kept: float = 0.0,
 ) -> tuple[np.ndarray, float]:
     """The step s (n,) and what it gains without the damping.
 
@@ -58,59 +56,67 @@ def damped_step(
     factor, right : F (m, n), r (m,);  damping : δ
     moving : which unknowns move (n,), and what one of s is of each (n,)
     beside : of a step
+    kept : share of the distance to every wall that the step keeps
     """
     which, unit = moving
+    start = np.zeros(unit.size)
+    here = beside(start)
+    margins = kept * np.maximum(here.walls.values, 0.0)
 
     def cost(step: np.ndarray, there: Beside) -> float:
-        left = factor @ step + right
-        return float(left @ left + damping * (step @ step)) + there.cost
+        left, passed = factor @ step + right, np.minimum(there.walls.values - margins, 0.0)
+        return float(left @ left + damping * (step @ step) + passed @ passed + there.read @ there.read)
 
-    def least(step: np.ndarray, there: Beside, walls: np.ndarray) -> tuple[np.ndarray, float]:
-        """Move to the minimum of the model linearised at a step, with these walls (w,), and the cost there."""
-        rows = [factor, np.sqrt(damping) * np.eye(step.size), there.along[:, which] * unit]
-        values = [factor @ step + right, np.sqrt(damping) * step, there.read]
-        if walls.size:
-            bends = there.walls.bends[:, which] * unit
-            rows += [there.walls.slopes[np.ix_(walls, which)] * unit, bends]
-            values += [there.walls.values[walls], np.zeros(len(bends))]
-        both = np.column_stack([np.concatenate(rows), np.concatenate(values)])
-        triangle = np.asarray(np.linalg.qr(both, mode="r"))
-        move = solve_triangular(triangle[:-1, :-1], -triangle[:-1, -1])
-        return move, float(triangle[-1, -1] ** 2)
+    def least(planes: np.ndarray, offsets: np.ndarray, near: np.ndarray, there: Beside) -> tuple[np.ndarray, float]:
+        """The step of least cost with some planes G s + c (p, n) and the readings as at the step `near`, and that cost.
 
-    def within(step: np.ndarray, there: Beside) -> tuple[np.ndarray, float]:
-        """The same with the walls beyond which it is, found in turns."""
-        walls: np.ndarray = np.flatnonzero(there.walls.values < 0)
-        for _ in range(_SETS):
-            move, promised = least(step, there, walls)
-            ahead = there.walls.values + there.walls.slopes[:, which] @ (unit * move)
-            beyond: np.ndarray = np.flatnonzero(ahead < 0)
-            if np.array_equal(beyond, walls):
-                break
-            walls = beyond
-        return move, promised
+        With R of all rows but the planes, s₀ their minimum, W = R⁻ᵗGᵗ and what each plane is passed by, μ ≥ 0,
 
-    step = np.zeros(unit.size)
-    here = beside(step)
-    first = now = cost(step, here)
-    if not here.walls.touched:
-        free, _ = least(step, here, np.zeros(0, dtype=int))
-        there = beside(free)
-        if not there.walls.touched and not there.read.size:
-            return free, first - cost(free, there) + damping * (free @ free)
-    for _ in range(_TURNS):
-        move, promised = within(step, here)
-        if now - promised < _SETTLED:
+            s = s₀ + R⁻¹W μ,    |μ + G s₀ + c|² + |W μ|² least,    the cost |R (s − s₀)|² + |μ|² over that of s₀.
+        """
+        along = there.along[:, which] * unit
+        rows = np.concatenate([factor, np.sqrt(damping) * np.eye(unit.size), along])
+        values = np.concatenate([right, np.zeros(unit.size), there.read - along @ near])
+        triangle = np.asarray(np.linalg.qr(np.column_stack([rows, values]), mode="r"))
+        own = triangle[:-1, :-1]
+        step, promised = solve_triangular(own, -triangle[:-1, -1]), float(triangle[-1, -1] ** 2)
+        if np.any(planes @ step + offsets < 0):
+            through = solve_triangular(own, planes.T, trans="T")
+            both = np.concatenate([np.eye(len(planes)), through])
+            passed, _ = nnls(both, np.append(-planes @ step - offsets, np.zeros(unit.size)))
+            moved = through @ passed
+            step, promised = step + solve_triangular(own, moved), promised + float(moved @ moved + passed @ passed)
+        return step, promised
+
+    def cut(step: np.ndarray, walls: Walls, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Planes (p, n) and offsets (p,) of some eigenvalues at a step."""
+        planes = walls.slopes[np.ix_(chosen, which)] * unit
+        return planes, (walls.values - margins)[chosen] - planes @ step
+
+    first, nearest = cost(start, here), np.min(here.walls.values - margins)
+    best, lowest = start, first
+    if here.walls.touched:
+        planes, offsets = cut(start, here.walls, np.arange(here.walls.values.size))
+    else:  # most often no wall is near
+        planes, offsets = np.zeros((0, unit.size)), np.zeros(0)
+    near = start
+    for turn in range(_TURNS):
+        step, promised = least(planes, offsets, near, here)
+        there = beside(step)
+        reached = cost(step, there)
+        if reached < lowest:
+            best, lowest = step, reached
+        if reached - promised < max(_SETTLED, _SHARE * (first - lowest)):
             break
-        for _ in range(_HALVINGS):
-            there = beside(step + move)
-            then = cost(step + move, there)
-            if then < now:
-                break
-            move = move / 2
-        else:
+        if turn == 0 and not len(planes):
+            planes, offsets = cut(start, here.walls, np.arange(here.walls.values.size))
+        further, behind = cut(step, there.walls, np.flatnonzero(there.walls.values < margins))
+        # at the start no plane lies lower than the least eigenvalue there, but for what real parts do to the walls
+        planes, offsets = np.concatenate([planes, further]), np.concatenate([offsets, np.maximum(behind, nearest)])
+        near, here = step, there
+    for _ in range(_HALVINGS):  # what real parts do to the walls is not linear
+        if lowest < first:
             break
-        step, here, gain, now = step + move, there, now - then, then
-        if gain < max(_SETTLED, _SHARE * (first - now)):
-            break
-    return step, first - now + damping * float(step @ step)
+        step = step / 2
+        best, lowest = step, cost(step, beside(step))
+    return best, first - lowest + damping * float(best @ best)

@@ -19,7 +19,7 @@ from femu_piezo.threads import made_once
 
 TOLERANCE = 1e-5
 #: Share of the tolerance below which a violation is rounding: a lossless constant stands at the wall.
-_NOTICED = 1e-3
+_NOTICED = 1e-6
 
 
 @cache
@@ -67,11 +67,6 @@ class Walls:
     def slopes(self) -> np.ndarray:
         """(n, n_x) h_ii over the tolerance, ∂values/∂x."""
         return np.concatenate([np.diagonal(turned, axis1=1, axis2=2).T for turned in self._turned])
-
-    @property
-    def bends(self) -> np.ndarray:
-        """(b, n_x) rows of `row_slopes` of pairs i ≠ j: how walls curve that are passed."""
-        return self.row_slopes[np.concatenate([np.not_equal(*_pairs(low.size)) for low, _ in self._low])]
 
     @made_once
     def rows(self) -> np.ndarray:

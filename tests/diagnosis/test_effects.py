@@ -40,7 +40,7 @@ SIZES = {
     "wrong_width": -0.012,
     "wrong_thickness": 0.015,
     "electrode_mass": 0.15,
-    "film_stiffness": (1.2e6, 0.06, 0.05),
+    "film_stiffness": (1.2e6, 0.06, 4e-8),
     "fluid_load": (20.0, 5e4, 0.02),
 }
 #: Effects at a place, with all their parameters.
@@ -97,10 +97,10 @@ def reference(key: str, size: float, theta: np.ndarray, bare) -> np.ndarray:
     if key in ("film_stiffness", "fluid_load"):
         built, faces = Build(np.array(SIZE), DENSITY, theta, FUNDAMENTAL), (1, -1)
         if key == "film_stiffness":
-            stiff, loss, heavy = size
+            stiff, loss, square_slowness = size
             built.surfaces = [
                 Surface(*built.whole_face, faces, lambda w: stiff * (1 + 1j * loss) + 0 * w, membrane=0.35),
-                Surface(*built.whole_face, faces, lambda w: -(w**2) * heavy),
+                Surface(*built.whole_face, faces, lambda w: -(w**2) * stiff * square_slowness),
             ]
         else:
             shear, wave, heavy = size

@@ -17,7 +17,7 @@ STARTS = {"inside": (0.02, 0.015, 0.02), "lossless": (0.0, 0.0, 0.0), "near": (0
 @pytest.mark.parametrize("wish", [(0.015, 0.035, 0.017), (0.001, 0.02, 0.001), (-0.01, 0.01, 0.02)])
 @pytest.mark.parametrize("damping", [0.0, 1e-3])
 def test_least_of_data_and_walls(lab, where, wish, damping):
-    """Data wish for a material that creates energy: the step leaves 5 % of what can be gained at most.
+    """Data wish for a material that creates energy: the step leaves 1 % of what can be gained, after six looks.
 
     Steps that saw a wall only from beyond it left 18 to 90 % of it in most of these cases.
     """
@@ -34,15 +34,40 @@ def test_least_of_data_and_walls(lab, where, wish, damping):
         return Beside(Walls(lab.ideal, x + unit * step), np.zeros(0), np.zeros((0, 6)))
 
     def cost(step: np.ndarray) -> float:
-        return float(np.sum((factor @ step + right) ** 2) + damping * step @ step) + beside(step).cost
+        return (
+            float(np.sum((factor @ step + right) ** 2) + damping * step @ step) + Walls(lab.ideal, x + unit * step).cost
+        )
 
     step, gain = damped_step(factor, right, damping, (np.arange(6), unit), beside)
     count, first = len(looks), cost(np.zeros(6))
     assert gain == pytest.approx(first - cost(step) + damping * step @ step, rel=1e-9)
     best = minimize(cost, step, method="Nelder-Mead", options={"maxiter": 4000, "xatol": 1e-10, "fatol": 1e-9})
-    assert cost(step) - best.fun < 0.05 * (first - best.fun)
+    assert cost(step) - best.fun < 0.01 * (first - best.fun)
     assert -Walls(lab.ideal, x + unit * step).values.min() * TOLERANCE < 1e-3
-    assert count <= 14
+    assert count <= 6
+
+
+def test_a_step_begins_just_inside_a_wall(lab):
+    """Far beyond it the wall bends: a plane found there may not cut off where the step begins."""
+    x = lab.ideal.prior_mean.copy()
+    x[0::2], x[1::2] = 1.0, STARTS["near"]
+    for _ in range(60):  # to 1e-5 of the wall
+        inner = Walls(lab.ideal, x)
+        x[3] += 0.5 * inner.values.min() / np.max(np.abs(inner.slopes[:, 3]))
+    assert 0 < inner.values.min() < 1
+    unit, factor = np.tile([1e-3, 1e-2], 3), np.eye(6)
+    right = np.array([0.0, 0.5, 3.0, -6.0, -2.0, 0.3])
+
+    def beside(step: np.ndarray) -> Beside:
+        return Beside(Walls(lab.ideal, x + unit * step), np.zeros(0), np.zeros((0, 6)))
+
+    def cost(step: np.ndarray) -> float:
+        left = factor @ step + right
+        return float(left @ left) + beside(step).walls.cost
+
+    step, gain = damped_step(factor, right, 0.0, (np.arange(6), unit), beside)
+    best = minimize(cost, step, method="Nelder-Mead", options={"maxiter": 6000, "xatol": 1e-10, "fatol": 1e-9})
+    assert gain > 0.97 * (cost(np.zeros(6)) - best.fun) > 1.0
 
 
 def test_a_step_far_from_every_wall_looks_twice(lab):

@@ -4,9 +4,10 @@ What is thin against the wave is a membrane in plane stress (Poisson's ratio 0.3
 
     A + D (1 + jη) ∫ ε_xx² + ε_yy² + 2ν ε_xx ε_yy + (1 − ν)/2 γ_xy² dS,    D = E h/(1 − ν²),
 
-over both faces, D in N/m of each. Time is e^(+jωt), so a loss has η > 0. It has a mass as well, as `electrode_mass` has:
-along the plate the one raises resonances and the other lowers them, so that without its mass a layer would be taken
-for one that is much less stiff. A layer on one face bends the plate as well, which is left out.
+over both faces, D in N/m of each. Time is e^(+jωt), so a loss has η > 0. A layer that is stiff is heavy as well: it has
+the mass D q of each area, q = (1 − ν²) ρ/E the square of the slowness of waves in it, 4e-8 s²/m² of aluminium, 1e-7 of
+silver, 4e-7 of epoxy. Along the plate stiffness raises resonances and mass lowers them, so that without its mass a
+layer would be taken for one much less stiff. One on a single face bends the plate as well, which is left out.
 """
 
 from __future__ import annotations
@@ -28,9 +29,8 @@ def _membrane(omega: np.ndarray, p: np.ndarray):
 
 
 def _mass(omega: np.ndarray, p: np.ndarray):
-    slopes = np.zeros((omega.size, 3), dtype=complex)
-    slopes[:, 2] = 1.0
-    return np.full(omega.shape, p[2], dtype=complex), slopes
+    one = np.ones(omega.shape, dtype=complex)
+    return p[0] * p[2] * one, one[:, None] * np.array([p[2], 0.0, p[0]])
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
@@ -46,7 +46,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 EffectParameter("membrane_stiffness", "N/m", 0.0, 0.5 * own, 5e-3 * own, 0.03 * own, law_error=0.05),
                 EffectParameter("loss", "1", 0.0, 1.0, 0.02, 0.05, rest=0.02, optional=True),
                 EffectParameter(
-                    "mass_per_area", "kg/m^2", 0.0, 0.2 * heavy, 0.005 * heavy, 0.02 * heavy, optional=True
+                    "square_slowness", "s^2/m^2", 0.0, 5e-7, 2e-8, 7e-8, starts=(2e-8, 3e-7), rest=1e-7, optional=True
                 ),
             ),
             confusable_with=("s11", "electrode_mass", "wrong_thickness"),
