@@ -36,7 +36,7 @@ from femu_piezo.diagnosis.starts import (
     stepped_start,
     unstrained,
 )
-from femu_piezo.diagnosis.whiteness import remaining_of, strain_of
+from femu_piezo.diagnosis.whiteness import remaining_of, strain_of, unexplained_share
 from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.fit import CLOSE, COARSE, RANKED, Fit, fit, with_discrepancy
@@ -274,6 +274,8 @@ class _Search:
         """Enlarge the best sets by one cause after another, then exchange each cause of the best."""
         beam, fruitless = [self._base], 0
         for size in range(1, self._rules.most_causes + 1):
+            if size > 2 and self._unknown():
+                break  # what two causes leave is of the kind that no cause describes
             before = self._described().log_posterior
             for current in beam:
                 self._keep(f for _, f in self._expand(current.fit))
@@ -303,6 +305,12 @@ class _Search:
     def _described(self) -> Hypothesis:
         """The best set without a form of what no cause describes."""
         return max((one for one in self._known.values() if not one.forms), key=lambda one: one.rank)
+
+    def _unknown(self) -> bool:
+        """Whether the verdict on the best set would be "unknown": it leaves much beside a discrepancy."""
+        best = self._described()
+        left = unexplained_share(self._base.fit, best.fit, self._rules.significant)
+        return best.discrepant and left > self._rules.unexplained
 
     def _exchange(self) -> bool:
         """Try every candidate in each place of the best set; whether a better set was found."""

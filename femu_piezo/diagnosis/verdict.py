@@ -9,9 +9,9 @@ import numpy as np
 
 from femu_piezo.diagnosis.confounding import Tangent, parallel, tangents
 from femu_piezo.diagnosis.selection import Comparison, Found
-from femu_piezo.diagnosis.whiteness import Remaining, remaining_of
+from femu_piezo.diagnosis.whiteness import Remaining, noise_level_of, remaining_of, unexplained_share
 from femu_piezo.effects.effect import Effect
-from femu_piezo.inference.fit import Fit, with_discrepancy
+from femu_piezo.inference.fit import Fit
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def judge(comparison: Comparison) -> Verdict:
 
     def left_of(before: Fit) -> float:
         """Share of the misfit of a fit that the named causes leave; none where that may be noise."""
-        return _unexplained(before, comparison.described, rules.significant) if discrepant else 0.0
+        return unexplained_share(before, comparison.described, rules.significant) if discrepant else 0.0
 
     unexplained = left_of(comparison.base)
     causes = tuple(_cause(found, comparison, moves, 1 - left_of(found.rest)) for found in comparison.found)
@@ -120,28 +120,7 @@ def _beyond_noise(final: Fit, significant: float) -> bool:
     A smaller one is noise that is correlated; it widens the intervals all the same.
     """
     left = final.discrepancy or final.learned
-    return left.over_noise * left.level > max(_noise_level(final, significant), 1.0)
-
-
-def _noise_level(final: Fit, significant: float) -> float:
-    """Factor on the noise that is left beside the discrepancy, as far as the noise is uncertain.
-
-    An estimate from the roughness of the sweep is too low where neighbours err alike.
-
-    significant : deviations of its logarithm by which a noise level may be off
-    """
-    return min(final.noise_scale, float(np.exp(significant * final.data.level_std)))
-
-
-def _unexplained(before: Fit, final: Fit, significant: float) -> float:
-    """√[(χ²_final − n s²)/(χ²_before − n s²)] within 0…1; 0 where nothing was in excess before.
-
-    χ² of data and priors, of which a right model leaves n s², n the residuals of the data and s the level of the noise:
-    a tolerance that has to be off by many of its deviations is as unexplained as data that are.
-    """
-    by_noise = final.residual.size * _noise_level(final, significant) ** 2
-    left, excess = (with_discrepancy(fit, None).chi_square - by_noise for fit in (final, before))
-    return float(np.sqrt(np.clip(left / excess, 0.0, 1.0))) if excess > 0 else 0.0
+    return left.over_noise * left.level > max(noise_level_of(final, significant), 1.0)
 
 
 def _cause(found: Found, comparison: Comparison, moves: list[Tangent], explained: float) -> Cause:

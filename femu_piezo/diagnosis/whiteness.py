@@ -1,4 +1,4 @@
-"""Is anything left? Size and whiteness of whitened residuals, where in frequency structure lies, strain of priors."""
+"""Is anything left? Size and whiteness of whitened residuals, its share and place in frequency, strain of priors."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
-from femu_piezo.inference.fit import Fit
+from femu_piezo.inference.fit import Fit, with_discrepancy
 
 #: Lags of the whiteness test; share of false alarms that each test accepts.
 _LAGS, _LEVEL = 6, 2e-3
@@ -99,6 +99,27 @@ def strain_of(fit: Fit) -> float:
     if square == 0:
         return 1.0
     return float(chdtrc(mean**2 / square, away @ away * mean / square))
+
+
+def noise_level_of(final: Fit, significant: float) -> float:
+    """Factor on the noise that is left beside the discrepancy, as far as the noise is uncertain.
+
+    An estimate from the roughness of the sweep is too low where neighbours err alike.
+
+    significant : deviations of its logarithm by which a noise level may be off
+    """
+    return min(final.noise_scale, float(np.exp(significant * final.data.level_std)))
+
+
+def unexplained_share(before: Fit, final: Fit, significant: float) -> float:
+    """√[(χ²_final − n s²)/(χ²_before − n s²)] within 0…1; 0 where nothing was in excess before.
+
+    χ² of data and priors, of which a right model leaves n s², n the residuals of the data and s the level of the noise:
+    a tolerance that has to be off by many of its deviations is as unexplained as data that are.
+    """
+    by_noise = final.residual.size * noise_level_of(final, significant) ** 2
+    left, excess = (with_discrepancy(fit, None).chi_square - by_noise for fit in (final, before))
+    return float(np.sqrt(np.clip(left / excess, 0.0, 1.0))) if excess > 0 else 0.0
 
 
 def whiteness(residual: np.ndarray, sweeps: list[np.ndarray] | None = None) -> float:
