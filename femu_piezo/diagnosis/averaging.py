@@ -24,7 +24,7 @@ from femu_piezo.inference.fit import Fit, with_discrepancy
 from femu_piezo.threads import in_parallel
 
 if TYPE_CHECKING:
-    from femu_piezo.diagnosis.selection import Hypothesis
+    from femu_piezo.diagnosis.hypotheses import Hypothesis
 
 #: Probability of the intervals that are stated.
 LEVEL = 0.95

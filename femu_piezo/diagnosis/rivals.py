@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from femu_piezo.diagnosis.selection import Comparison
+from femu_piezo.diagnosis.comparison import Comparison
 from femu_piezo.inference.fit import Fit
 
 

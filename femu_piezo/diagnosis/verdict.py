@@ -7,8 +7,8 @@ from typing import Literal
 
 import numpy as np
 
+from femu_piezo.diagnosis.comparison import Comparison, Found
 from femu_piezo.diagnosis.confounding import Tangent, parallel, tangents
-from femu_piezo.diagnosis.selection import Comparison, Found
 from femu_piezo.diagnosis.whiteness import Remaining, noise_level_of, remaining_of, unexplained_share
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.fit import Fit

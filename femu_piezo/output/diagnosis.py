@@ -7,7 +7,7 @@ from dataclasses import asdict
 import numpy as np
 from matplotlib.figure import Figure
 
-from femu_piezo.diagnosis.selection import Comparison
+from femu_piezo.diagnosis.comparison import Comparison
 from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.readings import read_beside

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Group, RenderableType
 from rich.table import Table
 
-from femu_piezo.diagnosis.selection import Trial
+from femu_piezo.diagnosis.comparison import Trial
 from femu_piezo.inference.readings import reading_words
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.diagnosis_words import answer

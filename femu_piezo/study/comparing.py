@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from femu_piezo.diagnosis.comparison import Comparison
 from femu_piezo.diagnosis.rules import Rules
-from femu_piezo.diagnosis.selection import Comparison, compare_from
+from femu_piezo.diagnosis.selection import compare_from
 from femu_piezo.study.beginning import begin
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.posterior import Posterior

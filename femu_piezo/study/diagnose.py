@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from femu_piezo.diagnosis.averaging import LEVEL
+from femu_piezo.diagnosis.comparison import Comparison
 from femu_piezo.diagnosis.next_measurement import Separation
 from femu_piezo.diagnosis.rules import Rules
-from femu_piezo.diagnosis.selection import Comparison
 from femu_piezo.diagnosis.verdict import Verdict, judge
 from femu_piezo.effects.library import FREE, REFERENCE, Maker
 from femu_piezo.errors import ConvergenceError

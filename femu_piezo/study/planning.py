@@ -8,9 +8,9 @@ from functools import partial
 
 import numpy as np
 
+from femu_piezo.diagnosis.comparison import Comparison
 from femu_piezo.diagnosis.next_measurement import Plan, Point, Separation, between, strength, summary
 from femu_piezo.diagnosis.readings import readings
-from femu_piezo.diagnosis.selection import Comparison
 from femu_piezo.diagnosis.verdict import Verdict
 from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel, extend_model

@@ -11,7 +11,8 @@ from hidden_effects.round_body import RoundBody, RoundSurface
 from hidden_effects.round_draws import soft_volume
 
 from diagnosis.conftest import DENSITY, TANGENTS
-from femu_piezo.diagnosis.selection import Comparison, compare
+from femu_piezo.diagnosis.comparison import Comparison
+from femu_piezo.diagnosis.selection import compare
 from femu_piezo.diagnosis.starts import relocated, starts
 from femu_piezo.effects.effect import EffectContext
 from femu_piezo.effects.extended_model import extend_model

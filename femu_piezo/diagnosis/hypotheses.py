@@ -1,0 +1,124 @@
+"""Sets of causes as hypotheses: how they are fitted, and how probable each is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from femu_piezo.diagnosis.rules import Rules
+from femu_piezo.diagnosis.whiteness import remaining_of, strain_of
+from femu_piezo.effects.effect import Effect
+from femu_piezo.errors import ConvergenceError
+from femu_piezo.inference.fit import RANKED, Fit, Response, fit
+from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.measurement.discrepancy_forms import WEIGHTS, Alternatives
+from femu_piezo.measurement.sweeps import SweepData
+from femu_piezo.threads import made_once
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of causes with its fit.
+
+    Attributes
+    ----------
+    log_prior : of the set
+    chance : prior probability of a discrepancy
+    """
+
+    fit: Fit
+    log_prior: float
+    chance: float
+
+    @property
+    def keys(self) -> frozenset[str]:
+        """Of the causes."""
+        return frozenset(self.fit.parameters.candidates)
+
+    @property
+    def forms(self) -> list[Effect]:
+        """Those of what no cause describes among the causes."""
+        return [cause for cause in self.fit.parameters.causes if cause.of_unknown]
+
+    @made_once
+    def log_plain(self) -> float:
+        """log posterior (up to a constant) without a discrepancy."""
+        return self.fit.log_evidence + self.log_prior + float(np.log1p(-self.chance))
+
+    @made_once
+    def log_with_discrepancy(self) -> float:
+        """log posterior (up to the same constant) with one; what a set describes in another form has none beside."""
+        if self.forms:
+            return -np.inf
+        return self.fit.log_evidence + self.fit.learned.log_evidence + self.log_prior + float(np.log(self.chance))
+
+    @property
+    def discrepant(self) -> bool:
+        """Whether a discrepancy is more probable than none."""
+        return self.log_with_discrepancy > self.log_plain
+
+    @property
+    def log_posterior(self) -> float:
+        """log posterior of the set, with a discrepancy or without."""
+        return float(np.logaddexp(self.log_plain, self.log_with_discrepancy))
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """What is fitted goes before what is only extrapolated, and then what is more probable."""
+        return not self.fit.extrapolated, self.log_posterior
+
+
+class Weighing:
+    """Fits of one sweep, or of several, and the prior probabilities of sets of causes.
+
+    Parameters
+    ----------
+    response, data, loss : as of a fit
+    library : the candidates, which share what the rules expect alike; of a cause with several laws these share it
+
+    Attributes
+    ----------
+    chance : prior probability of a discrepancy
+    """
+
+    def __init__(
+        self, response: Response, data: SweepData, library: Sequence[Effect], rules: Rules, loss: str = "linear"
+    ) -> None:
+        self.response, self.rules, self._data, self._loss = response, rules, data, loss
+        each = rules.expected_causes / (len({effect.title for effect in library}) + sum(WEIGHTS.values()))
+        laws = {effect.key: sum(other.title == effect.title for other in library) for effect in library}
+        self.log_prior = {key: float(np.log(each / count)) for key, count in laws.items()}
+        self.chance = each * sum(WEIGHTS.values())
+
+    def fitted(self, parameters: Unknowns, places: Sequence[np.ndarray], gain: float = RANKED) -> Fit | None:
+        """A fit from several places (n_x,); None where it does not settle."""
+        try:
+            return fit(self.response, self._data, parameters, places, gain=gain, loss=self._loss)
+        except (ConvergenceError, np.linalg.LinAlgError):
+            return None
+
+    def hypothesis(self, of: Fit) -> Hypothesis:
+        """The set of causes of a fit."""
+        return Hypothesis(of, sum(self.log_prior[key] for key in of.parameters.candidates), self.chance)
+
+    def forms_beside(self, current: Fit) -> list[list[Alternatives]]:
+        """Those of a discrepancy beside some causes where that is more probable than none.
+
+        A further cause is worth a fit where it explains more than that; beside none the first cause of several may not.
+        """
+        return current.forms if current.parameters.candidates and self.hypothesis(current).discrepant else []
+
+    def log_evidence(self, one: Fit, forms: list[list[Alternatives]], level: float | None) -> float:
+        """log p(data), without a discrepancy or with one of some forms, at about a level of the noise."""
+        if not forms:
+            return one.log_evidence
+        with_it = one.log_evidence + one.learned_of(forms, level).log_evidence + float(np.log(self.chance))
+        return float(np.logaddexp(one.log_evidence + np.log1p(-self.chance), with_it))
+
+    def leaves_something(self, current: Fit) -> bool:
+        """Whether a fit leaves what a cause at a place might explain, of the sweep or of its priors."""
+        left = remaining_of(current)
+        doubt = min(left.p_white, 1.0 if left.p_size is None else left.p_size, strain_of(current))
+        return doubt < self.rules.doubt or current.learned.log_evidence > 0
