@@ -15,7 +15,8 @@ from femu_piezo.diagnosis.hypotheses import Weighing
 from femu_piezo.diagnosis.starts import Start, promise_of, relocated, starts, stepped_start, unstrained
 from femu_piezo.diagnosis.whiteness import strain_of
 from femu_piezo.effects.effect import Effect
-from femu_piezo.inference.fit import COARSE, Fit
+from femu_piezo.inference.descent import COARSE
+from femu_piezo.inference.fit import Fit
 from femu_piezo.threads import in_parallel
 
 #: Candidates that are fitted roughly before those that promise less are judged by them.

@@ -11,7 +11,8 @@ from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.whiteness import remaining_of, strain_of
 from femu_piezo.effects.effect import Effect
 from femu_piezo.errors import ConvergenceError
-from femu_piezo.inference.fit import RANKED, Fit, Response, fit
+from femu_piezo.inference.descent import RANKED, Response
+from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.measurement.discrepancy_forms import WEIGHTS, Alternatives
 from femu_piezo.measurement.sweeps import SweepData

@@ -30,7 +30,8 @@ from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.starts import Start, promises_together, start_together
 from femu_piezo.diagnosis.whiteness import unexplained_share
 from femu_piezo.effects.effect import Effect
-from femu_piezo.inference.fit import CLOSE, Fit, fit, with_discrepancy
+from femu_piezo.inference.descent import CLOSE
+from femu_piezo.inference.fit import Fit, fit, with_discrepancy
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import blas_limit, in_parallel

@@ -15,153 +15,38 @@ in which a wall that is touched is a border and no information, and what the law
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg import block_diag, solve_triangular
-from scipy.special import erfcx
 
-from femu_piezo.errors import ConvergenceError
-from femu_piezo.inference.laws import law_misses, log_slope
-from femu_piezo.inference.step import Beside, damped_step
-from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.inference.walls import Walls, readings
-from femu_piezo.measurement.discrepancy import (
-    Discrepancy,
-    learn_discrepancy,
-    log_level_prior,
-    noise_level,
-    profiled,
+from femu_piezo.inference.descent import (
+    CLOSE,
+    MANY,
+    NEAR_LEVEL,
+    UNSETTLED,
+    Descent,
+    MovedPosterior,
+    Posterior,
+    Response,
+    descended,
 )
+from femu_piezo.inference.laws import law_misses, log_slope
+from femu_piezo.inference.losses import level_of, weight_of
+from femu_piezo.inference.marginal import Marginal, Unexplained, behind_walls
+from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, profiled
 from femu_piezo.measurement.discrepancy_forms import Alternatives, of_every_resonance, of_one_resonance, smooth
 from femu_piezo.measurement.sweeps import SweepData
-from femu_piezo.threads import blas_limit, in_parallel, made_once
+from femu_piezo.threads import blas_limit, made_once
 
-#: Distance to a bound, relative to its range, that a start keeps.
-_MARGIN = 1e-6
-#: Gain in χ² at the noise level below which a coarse fit stops, one that is to be ranked, and a close one: there the
-#: squares of the deviations that unknowns are away sum up to this. Most evaluations of a coarse fit and of the others.
-COARSE, RANKED, CLOSE = 1.0, 0.03, 1e-6
-_FEW, _MANY = 12, 100
-#: Gain in χ² at the noise level that a close fit may still promise when it runs out of evaluations.
-_UNSETTLED = 10.0
 #: Full steps at the beginning of a fit to moved data.
 _LEAPS = 3
-#: Damping of the first step, in the precision of the prior, and the factors by which it falls and rises; shares of what
-#: a step promised, above which it falls and below which it rises.
-_DAMPING, _EASED, _RAISED, _KEPT, _BROKEN = 1e-3, 0.1, 10.0, 0.75, 0.25
-#: Noise level above which a fit is far from its end, and the share of the distance to every wall that its steps keep
-#: there as long as they gain by it: along a wall it would slide to minima that a fit which comes from inside passes by.
-_FAR, _DISTANCE = 2.0, 0.5
 #: Most turns of a linearised fit and its noise level.
 _TURNS = 5
-#: Change of the logarithm of the noise level below which a fit counts as made at it, and below which its evidence does.
-_LEVEL, _EXACT_LEVEL = 0.03, 1e-3
-
-
-class Response(Protocol):
-    """Z of the sweeps at given unknowns (`Evaluation`, `Ensemble`)."""
-
-    def impedance(self, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
-        """Z (k,), ohm."""
-
-    def with_jacobian(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Z (k,), ohm, and its slopes (k, n_x)."""
-
-    def at(self, factor: float) -> Response:
-        """The same at frequencies larger by a factor."""
-
-
-@dataclass(frozen=True)
-class Marginal:
-    """What is left over of a linearised model whose unknowns are integrated out.
-
-    Attributes
-    ----------
-    residual : (2k,) whitened, of the data;  further : (m,) of priors, wall and readings
-    basis : (2k + m, n) Q of all columns at the noise level
-    log_volume : logarithm of the integral over the unknowns, over its value at the best ones and (2π)^(n/2), in prior
-        standard deviations: −log |det R| of all but the walls that are touched, and the share that these leave
-    level : factor on the noise
-    """
-
-    residual: np.ndarray
-    further: np.ndarray
-    basis: np.ndarray
-    log_volume: float
-    level: float
-
-    @classmethod
-    def of(
-        cls, columns: np.ndarray, left: np.ndarray, count: int, level: float, walls: np.ndarray, held: np.ndarray
-    ) -> Marginal:
-        """Of all columns (2k + m, n) in prior standard deviations and what is left, the `count` rows of data first.
-
-        walls : (2k + m,) bool, all rows of walls that are touched;  held : those that keep the best place from beyond
-        """
-        over = np.where(np.arange(left.size) < count, 1 / level, 1.0)
-        rows, values = columns * over[:, None], left * over
-        basis, triangle = np.linalg.qr(rows)
-        share = 0.0
-        if np.any(walls):
-            triangle, share, _ = _behind_walls(rows, values, walls, held)
-        volume = share - float(np.sum(np.log(np.abs(np.diag(triangle)))))
-        return cls(left[:count], left[count:], basis, volume, level)
-
-
-def _behind_walls(
-    rows: np.ndarray, values: np.ndarray, walls: np.ndarray, held: np.ndarray
-) -> tuple[np.ndarray, float, np.ndarray]:
-    """What walls leave of the normal distribution that all other rows (m, n) with values (m,) make.
-
-    R (n, n) of those rows; log of the share that is behind the walls, over the density at the best place there; and
-    (w,) weights of the walls with which the distribution had, about that place, the same mean squares.
-
-    A wall whose row is −uΔ without it, u² = gᵗ (RᵗR)⁻¹ g of its slope g, leaves ∫ exp(−t²/2) dt/√(2π) from Δ on, where
-    the density is exp(−Δ²/2). That counts twice, so that it is 1 where a wall is just touched, as it is just before. Of
-    several walls each finds the mean and the covariance that those before have left.
-
-    walls, held : as in `Marginal.of`
-    """
-    inner, other = np.linalg.qr(rows[~walls])
-    slopes, triangle = rows[held], other
-    free = values[held] - slopes @ solve_triangular(other, inner.T @ values[~walls])
-    found, weights = 0.0, np.zeros(free.size)
-    for number, slope in enumerate(slopes):
-        own = solve_triangular(triangle, slope, trans="T")
-        size = float(np.linalg.norm(own))
-        away = max(-free[number] / size, 0.0)
-        found += float(np.log(erfcx(away / np.sqrt(2))))
-        mean = np.sqrt(2 / np.pi) / erfcx(away / np.sqrt(2))  # of t, over Δ
-        narrowed = max(1 - mean * (mean - away), 1 / (2 + away) ** 2)  # not below by rounding
-        free += slopes @ solve_triangular(triangle, own) * mean / size
-        more = np.sqrt(1 / narrowed - 1) / size * slope
-        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, more]), mode="r"))
-        square = narrowed + (mean - away) ** 2  # of the distance behind the wall
-        weights[number] = np.sqrt(max(1 / square - 1, 0.0)) / size
-    return other, found, weights
-
-
-@dataclass(frozen=True)
-class _Unexplained:
-    """What no change of the unknowns explains, by a linearised model at a level of the noise.
-
-    Attributes
-    ----------
-    residual : (2k + m,) of data, whitened, then of priors in the same unit
-    span : (2k, n) as `Fit.span`
-    level, log_volume : of the `Marginal` that it is of
-    log_likelihood : at the most probable level, with the volume of the unknowns, up to a constant
-    """
-
-    residual: np.ndarray
-    span: np.ndarray
-    level: float
-    log_volume: float
-    log_likelihood: float
+#: Change of the logarithm of the noise level below which the evidence counts as that at it.
+_EXACT_LEVEL = 1e-3
 
 
 @dataclass(frozen=True)
@@ -252,7 +137,7 @@ class Fit:
         if self.discrepancy is not None:
             own = own - self._triangle[0] @ (self._triangle[0].T @ own)
         squares = (own[: self.residual.size] * self.level) ** 2
-        return _level_of(squares, self.weight, self.loss, self.residual.size - self.determined, self.data.level_std)
+        return level_of(squares, self.weight, self.loss, self.residual.size - self.determined, self.data.level_std)
 
     @property
     def _walls(self) -> np.ndarray:
@@ -274,7 +159,7 @@ class Fit:
         values = self._levelled(np.concatenate([self.residual, self.further_residual]))
         rows = self._levelled(np.concatenate([self.jacobian, self.further_jacobian]))
         held, weights = walls & (values < 0), (~walls).astype(float)
-        weights[held] = _behind_walls(rows * self.parameters.prior_std, values, walls, held)[2]
+        weights[held] = behind_walls(rows * self.parameters.prior_std, values, walls, held)[2]
         return weights[count:, None] * self.further_jacobian
 
     @made_once
@@ -334,10 +219,10 @@ class Fit:
             return columns @ step
 
         ended, level = right + followed(whole[:, own], right, self.level), self.noise_scale
-        for _ in range(_MANY):
+        for _ in range(MANY):
             left = Marginal.of(whole, right + followed(whole[:, moving], ended, level), count, level, walls, held)
             freedom = count - float(np.sum(left.basis[:count] ** 2))
-            level = _level_of(left.residual**2, self.weight, self.loss, freedom, self.data.level_std)
+            level = level_of(left.residual**2, self.weight, self.loss, freedom, self.data.level_std)
             if abs(np.log(level / left.level)) < _EXACT_LEVEL:
                 break
         return left
@@ -392,7 +277,7 @@ class Fit:
             none = plain.log_likelihood - left.log_volume
             found = learn_discrepancy(self.data, left.residual, left.span, forms, self.weight, none)
             level = found.level
-            if abs(np.log(level / left.level)) < _LEVEL:
+            if abs(np.log(level / left.level)) < NEAR_LEVEL:
                 break
         return found
 
@@ -401,13 +286,13 @@ class Fit:
         whole, right, walls, held = self._with_laws
         return Marginal.of(whole, right, self.residual.size, level, walls, held)
 
-    def _unexplained(self, one: Marginal) -> _Unexplained:
+    def _unexplained(self, one: Marginal) -> Unexplained:
         """What no change of the unknowns, or of laws, explains."""
         count = self.residual.size
         left = np.concatenate([one.residual / one.level, one.further])
         left = (left - one.basis @ (one.basis.T @ left)) * one.level
         likelihood = float(profiled(float(left @ left), count, self.data.level_std))
-        return _Unexplained(left, one.basis[:count], one.level, one.log_volume, likelihood + one.log_volume)
+        return Unexplained(left, one.basis[:count], one.level, one.log_volume, likelihood + one.log_volume)
 
     @property
     def log_error(self) -> np.ndarray:
@@ -480,32 +365,6 @@ class Fit:
         return float(np.sqrt(error @ np.linalg.solve(spread, error) / error.size))
 
 
-#: Whitened residual and Jacobian of the data, then those of priors and wall.
-_Parts = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-
-
-@dataclass(frozen=True)
-class _Posterior:
-    """What a fit minimises."""
-
-    response: Response
-    data: SweepData
-    parameters: Unknowns
-
-    def parts(self, x: np.ndarray) -> _Parts:
-        """Residuals and Jacobians at x (n_x,)."""
-        std, beside = self.parameters.prior_std, self.beside(x)
-        return (
-            *self.data.whitened(*self.response.with_jacobian(self.parameters, x)),
-            np.concatenate([(x - self.parameters.prior_mean) / std, beside.walls.rows, beside.read]),
-            np.concatenate([np.diag(1 / std), beside.walls.row_slopes, beside.along]),
-        )
-
-    def beside(self, x: np.ndarray) -> Beside:
-        """What needs no Z."""
-        return Beside(Walls(self.parameters, x), *readings(self.parameters, x))
-
-
 def fit(
     response: Response,
     data: SweepData,
@@ -527,7 +386,7 @@ def fit(
     ConvergenceError : no start settles
     """
     with blas_limit():
-        best = _descended(_Posterior(response, data, parameters), starts, gain, loss)
+        best = descended(Posterior(response, data, parameters), starts, gain, loss)
         slope = log_slope(response, parameters, best.x)
         law = law_misses(response, data, parameters, best.x, best.parts[1], slope)
     return _at(best, slope, law)
@@ -541,31 +400,15 @@ def closest(
     Raises ConvergenceError as `fit`.
     """
     with blas_limit():
-        best = _descended(_Posterior(response, data, parameters), starts, CLOSE, "linear")
+        best = descended(Posterior(response, data, parameters), starts, CLOSE, "linear")
     return best.x, data.log_error(best.parts[0])
 
 
-def _descended(posterior: _Posterior, starts: Sequence[np.ndarray], gain: float, loss: str) -> _Descent:
-    """The best of several descents, at its end; arguments as of `fit`."""
-    ends: list[_Descent] = list(in_parallel(lambda start: _Descent(posterior, start, loss).run(COARSE, _FEW), starts))
-    level = min(one.level for one in ends)
-    best = min(ends, key=lambda one: one.cost(one.parts, level))
-    coarse = gain >= COARSE
-    if not coarse:
-        best.run(gain, _MANY)
-    if not np.isfinite(best.cost(best.parts, best.level)) or (not coarse and best.promise > _UNSETTLED):
-        raise ConvergenceError(
-            f"no fit of {', '.join(posterior.parameters.material.free.names)} settled: check dimensions, density and "
-            "poling, or free fewer constants"
-        )
-    return best
-
-
-def _at(found: _Descent, log_slope: np.ndarray, law: np.ndarray) -> Fit:
+def _at(found: Descent, log_slope: np.ndarray, law: np.ndarray) -> Fit:
     """The fit where a descent ended; law: (2k, m) what laws miss, before the loss weighs it."""
     posterior = found.posterior
     residual, jacobian, further_residual, further_jacobian = found.parts
-    weight = _weight(found.loss, residual / found.level)
+    weight = weight_of(found.loss, residual / found.level)
     share = np.sqrt(weight)
     return Fit(
         parameters=posterior.parameters,
@@ -587,167 +430,6 @@ def _at(found: _Descent, log_slope: np.ndarray, law: np.ndarray) -> Fit:
     )
 
 
-#: Loss ρ of a squared residual z, the weight ρ' that it gives it, and a power n such that no ρ'ⁿ z is much above 1.
-_Curve = Callable[[np.ndarray], np.ndarray]
-_LOSS: dict[str, tuple[_Curve, _Curve, int]] = {
-    "linear": (lambda z: z, np.ones_like, 1),
-    "soft_l1": (lambda z: 2 * (np.sqrt(1 + z) - 1), lambda z: (1 + z) ** -0.5, 2),
-    "huber": (lambda z: np.where(z <= 1, z, 2 * np.sqrt(z) - 1), lambda z: np.maximum(z, 1.0) ** -0.5, 2),
-    "cauchy": (np.log1p, lambda z: 1 / (1 + z), 1),
-}
-
-
-def _weight(loss: str, residual: np.ndarray) -> np.ndarray:
-    """ρ' of residuals in units of the noise."""
-    return _LOSS[loss][1](residual**2)
-
-
-def _level_of(squares: np.ndarray, weight: np.ndarray | float, loss: str, freedom: float, level_std: float) -> float:
-    """Noise level of squared residuals with the weights ρ' of a loss in them.
-
-    Where noise is normal the mean of ρ'ⁿ z has a known value: so the level of a robust fit is that of the noise,
-    whatever lies far outside (Huber's second proposal, Ann. Math. Statist. 35 (1964) 73).
-    """
-    power = _LOSS[loss][2]
-    return float(noise_level(float(np.sum(squares * weight ** (power - 1))) / _normal(loss), freedom, level_std))
-
-
-@cache
-def _normal(loss: str) -> float:
-    """E[ρ'ⁿ z] of squares z of normal residuals of deviation 1."""
-    at = np.linspace(-8, 8, 2001)
-    return float(np.average(_weight(loss, at) ** _LOSS[loss][2] * at**2, weights=np.exp(-0.5 * at**2)))
-
-
-class _Descent:
-    """Levenberg-Marquardt within bounds, unknowns in units of their prior standard deviations.
-
-    The noise level is an unknown among the others: every step is made at the one that is most probable with what the
-    steps before have left. So far from the solution, where the misfit is large, data count for less against priors and
-    a robust loss sets hardly anything aside; both come into force as the misfit falls to the noise. An unknown on its
-    bound stays there while the gradient points outwards; steps are cut off at the bounds. χ² has a natural unit, so the
-    descent ends where the next step promises less than a given gain.
-
-    Attributes
-    ----------
-    x : (n_x,) where it stands;  parts : residuals and Jacobians there
-    level : factor on the noise; `fixed` where that is given
-    promise : gain in χ² that the next step promises, as last computed at `_promised_at`; it leads to `_ahead`
-    """
-
-    def __init__(self, posterior: _Posterior, start: np.ndarray, loss: str, fixed: float | None = None) -> None:
-        self.posterior, self.loss, self._fixed = posterior, loss, fixed
-        self._low, self._high = posterior.parameters.bounds.T
-        margin = _MARGIN * (self._high - self._low)
-        self.x = np.clip(start, self._low + margin, self._high - margin)
-        self.parts = posterior.parts(self.x)
-        self.level, self.promise, self._damping, self._determined = np.inf, np.inf, _DAMPING, 0.0
-        self._ahead, self._promised_at = self.x, None
-
-    def cost(self, parts: _Parts, level: float) -> float:
-        """χ² of data and priors at a noise level, as the loss counts it."""
-        residual, _, further, _ = parts
-        cost = float(np.sum(_LOSS[self.loss][0]((residual / level) ** 2)) + further @ further)
-        return cost if np.isfinite(cost) else np.inf
-
-    @property
-    def on_bound(self) -> np.ndarray:
-        """Numbers of the unknowns on a bound."""
-        return np.flatnonzero((self.x <= self._low) | (self.x >= self._high))
-
-    def run(self, gain: float, most: int) -> _Descent:
-        """Descend until the next step promises less than `gain`, by at most so many evaluations."""
-        count = 0
-        while count < most and np.isfinite(self.cost(self.parts, self.level)):
-            before = self.level
-            self._settle_level()
-            settled = abs(np.log(before / self.level)) < _LEVEL
-            told = settled and self._promised_at is self.x  # by the run before
-            linear = None if told else self._linear(self.x, self.parts)
-            here = self.cost(self.parts, self.level)
-            while count < most:
-                if not told:
-                    linear = linear or self._linear(self.x, self.parts)
-                    self._ahead, self.promise = self._stepped(self.x, *linear)
-                    self._promised_at = self.x
-                if self.promise < gain and settled:
-                    return self
-                count, told, other = count + 1, False, self._ahead
-                if self.promise < gain:  # the level alone moves yet
-                    break
-                parts = self.posterior.parts(other)
-                kept = (here - self.cost(parts, self.level)) / self.promise
-                if -np.inf < kept < 0 and count < most:
-                    # one step along a ridge that bends ends beside it, and the next one comes back
-                    further, _ = self._stepped(other, *self._linear(other, parts))
-                    beyond, count = self.posterior.parts(further), count + 1
-                    back = (here - self.cost(beyond, self.level)) / self.promise
-                    if back > _BROKEN:
-                        other, parts, kept = further, beyond, back
-                if kept > _KEPT:
-                    self._damping *= _EASED
-                elif kept < _BROKEN:
-                    self._damping = max(self._damping, _DAMPING) * _RAISED
-                if kept > 0:
-                    self.x, self.parts = other, parts
-                    break
-        return self
-
-    def leap(self, count: int) -> None:
-        """Full steps, whatever they cost; back to where it stood unless the last one is the best."""
-        best = self.x, self.parts
-        for _ in range(count):
-            self._settle_level()
-            self.x, _ = self._stepped(self.x, *self._linear(self.x, self.parts))
-            self.parts = self.posterior.parts(self.x)
-        if not self.cost(self.parts, self.level) < self.cost(best[1], self.level):
-            self.x, self.parts = best
-
-    def _settle_level(self) -> None:
-        """The most probable noise level with what is left here."""
-        residual, known = self.parts[0], self.posterior.data.level_std
-        weight, free = _weight(self.loss, residual / self.level), residual.size - self._determined
-        self.level = self._fixed or _level_of(weight * residual**2, weight, self.loss, free, known)
-
-    def _linear(self, x: np.ndarray, parts: _Parts) -> tuple[np.ndarray, np.ndarray]:
-        """Unknowns that may move, and R of Jacobian and residual of data and priors at x (n_x,), at the noise level."""
-        residual, jacobian, further, slopes = parts
-        share = np.sqrt(_weight(self.loss, residual / self.level)) / self.level
-        std = self.posterior.parameters.prior_std
-        own = np.column_stack([jacobian * std, residual]) * share[:, None]
-        beside = np.column_stack([slopes * std, further])
-        gradient = own[:, :-1].T @ own[:, -1] + beside[:, :-1].T @ beside[:, -1]
-        held = ((x <= self._low) & (gradient > 0)) | ((x >= self._high) & (gradient < 0))
-        moving = np.flatnonzero(~held)
-        rows = np.concatenate([own, beside[: x.size]])
-        triangle = np.asarray(np.linalg.qr(rows[:, [*moving, -1]], mode="r"))
-        of_data = solve_triangular(triangle[:-1, :-1], own[:, moving].T, trans="T")
-        self._determined = float(np.sum(of_data**2))
-        return moving, triangle
-
-    def _stepped(self, x: np.ndarray, moving: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, float]:
-        """Where the damped step from x (n_x,) leads, and the gain that it promises."""
-        std = self.posterior.parameters.prior_std[moving]
-
-        def at(step: np.ndarray) -> np.ndarray:
-            found = x.copy()
-            found[moving] = np.clip(x[moving] + std * step, self._low[moving], self._high[moving])
-            return found
-
-        for kept in (_DISTANCE, 0.0) if self.level > _FAR else (0.0,):
-            step, gain = damped_step(
-                triangle[: moving.size, :-1],
-                triangle[: moving.size, -1],
-                self._damping,
-                (moving, std),
-                lambda step: self.posterior.beside(at(step)),
-                kept,
-            )
-            if gain > COARSE:
-                break
-        return at(step), gain
-
-
 def precision_inverse(rows: np.ndarray, prior_std: np.ndarray) -> np.ndarray:
     """(RᵗR)^-1 (n_x, n_x) of the rows R (m, n_x) of whitened data and priors.
 
@@ -767,7 +449,7 @@ def linear_fit(response: Response, before: Fit, parameters: Unknowns, x: np.ndar
 
     before : the fit whose data these are, and whose causes have laws that miss what they missed there
     """
-    residual, jacobian, further, slopes = _Posterior(response, before.data, parameters).parts(x)
+    residual, jacobian, further, slopes = Posterior(response, before.data, parameters).parts(x)
     at_x = Fit(
         parameters, x, before.data, residual, jacobian, further, slopes, np.zeros(residual.size // 2), law=before.law
     )
@@ -795,29 +477,10 @@ def stepped(at_x: Fit, moving: np.ndarray | None = None) -> Fit:
             extrapolated=True,
         )
         level = found.noise_scale
-        if abs(np.log(level / found.level)) < _LEVEL:
+        if abs(np.log(level / found.level)) < NEAR_LEVEL:
             break
         found = replace(found, level=level)
     return found
-
-
-@dataclass(frozen=True)
-class _Moved(_Posterior):
-    """What a fit minimises where the whitened data are moved by (2k,), and priors and readings by (n_x + m,)."""
-
-    moved: np.ndarray
-    pulled: np.ndarray
-
-    def parts(self, x: np.ndarray) -> _Parts:
-        """Residuals and Jacobians at x (n_x,)."""
-        residual, jacobian, further, slopes = super().parts(x)
-        further[: x.size] += self.pulled[: x.size]
-        return residual + self.moved, jacobian, further, slopes
-
-    def beside(self, x: np.ndarray) -> Beside:
-        """What needs no Z, the readings moved."""
-        plain = super().beside(x)
-        return replace(plain, read=plain.read + self.pulled[self.pulled.size - plain.read.size :])
 
 
 def refitted(response: Response, solution: Fit, moved: np.ndarray, pulled: np.ndarray) -> np.ndarray | None:
@@ -825,8 +488,8 @@ def refitted(response: Response, solution: Fit, moved: np.ndarray, pulled: np.nd
 
     It begins with full steps of Gauss and Newton: one along a ridge that bends ends beside it, and the next comes back.
     """
-    posterior = _Moved(response, solution.data, solution.parameters, moved, pulled)
-    found = _Descent(posterior, solution.x, solution.loss, solution.level)
+    posterior = MovedPosterior(response, solution.data, solution.parameters, moved, pulled)
+    found = Descent(posterior, solution.x, solution.loss, solution.level)
     found.leap(_LEAPS)
-    found.run(CLOSE, _MANY)
-    return found.x if found.promise <= _UNSETTLED else None
+    found.run(CLOSE, MANY)
+    return found.x if found.promise <= UNSETTLED else None

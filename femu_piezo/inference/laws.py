@@ -21,7 +21,7 @@ from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.measurement.sweeps import SweepData, stacked
 
 if TYPE_CHECKING:
-    from femu_piezo.inference.fit import Response
+    from femu_piezo.inference.descent import Response
 
 #: Relative step of the frequency for ∂log Z/∂log f.
 _STEP = 1e-5

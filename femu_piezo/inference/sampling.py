@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from femu_piezo.errors import ConvergenceError, InputError
-from femu_piezo.inference.fit import Fit, Response, refitted
+from femu_piezo.inference.descent import Response
+from femu_piezo.inference.fit import Fit, refitted
 
 #: Samples at least, and share of fits that may fail.
 FEWEST, _LOST = 50, 0.05

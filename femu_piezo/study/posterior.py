@@ -14,8 +14,9 @@ from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.inference.descent import COARSE
 from femu_piezo.inference.ensemble import Ensemble, together
-from femu_piezo.inference.fit import COARSE, Fit, fit
+from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.many_modes import ManyModes
 from femu_piezo.inference.unknowns import FreeConstants, Unknowns

@@ -11,7 +11,8 @@ from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.effects.library import library
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.response import full_impedance
-from femu_piezo.inference.fit import CLOSE, COARSE, fit
+from femu_piezo.inference.descent import CLOSE, COARSE
+from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM, PiezoConstants

@@ -24,7 +24,8 @@ from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.plane_mesh import extruded, labelled, polar_plane
 from femu_piezo.geometry.round_body import PINHOLE
 from femu_piezo.geometry.slab import Electrodes
-from femu_piezo.inference.fit import COARSE, fit
+from femu_piezo.inference.descent import COARSE
+from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants

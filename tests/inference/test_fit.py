@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from laboratory import FREQUENCY, NOISE
 
-from femu_piezo.inference.fit import COARSE, Marginal, closest, fit, linear_fit, stepped
+from femu_piezo.inference.descent import COARSE
+from femu_piezo.inference.fit import closest, fit, linear_fit, stepped
+from femu_piezo.inference.marginal import Marginal
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
 from femu_piezo.inference.walls import TOLERANCE, Walls, wall_and_readings
 from femu_piezo.material.library import library_material

@@ -1,0 +1,98 @@
+"""A linearised model whose unknowns are integrated out, walls of material among what holds them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import erfcx
+
+
+@dataclass(frozen=True)
+class Marginal:
+    """What is left over of a linearised model whose unknowns are integrated out.
+
+    Attributes
+    ----------
+    residual : (2k,) whitened, of the data;  further : (m,) of priors, wall and readings
+    basis : (2k + m, n) Q of all columns at the noise level
+    log_volume : logarithm of the integral over the unknowns, over its value at the best ones and (2π)^(n/2), in prior
+        standard deviations: −log |det R| of all but the walls that are touched, and the share that these leave
+    level : factor on the noise
+    """
+
+    residual: np.ndarray
+    further: np.ndarray
+    basis: np.ndarray
+    log_volume: float
+    level: float
+
+    @classmethod
+    def of(
+        cls, columns: np.ndarray, left: np.ndarray, count: int, level: float, walls: np.ndarray, held: np.ndarray
+    ) -> Marginal:
+        """Of all columns (2k + m, n) in prior standard deviations and what is left, the `count` rows of data first.
+
+        walls : (2k + m,) bool, all rows of walls that are touched;  held : those that keep the best place from beyond
+        """
+        over = np.where(np.arange(left.size) < count, 1 / level, 1.0)
+        rows, values = columns * over[:, None], left * over
+        basis, triangle = np.linalg.qr(rows)
+        share = 0.0
+        if np.any(walls):
+            triangle, share, _ = behind_walls(rows, values, walls, held)
+        volume = share - float(np.sum(np.log(np.abs(np.diag(triangle)))))
+        return cls(left[:count], left[count:], basis, volume, level)
+
+
+def behind_walls(
+    rows: np.ndarray, values: np.ndarray, walls: np.ndarray, held: np.ndarray
+) -> tuple[np.ndarray, float, np.ndarray]:
+    """What walls leave of the normal distribution that all other rows (m, n) with values (m,) make.
+
+    R (n, n) of those rows; log of the share that is behind the walls, over the density at the best place there; and
+    (w,) weights of the walls with which the distribution had, about that place, the same mean squares.
+
+    A wall whose row is −uΔ without it, u² = gᵗ (RᵗR)⁻¹ g of its slope g, leaves ∫ exp(−t²/2) dt/√(2π) from Δ on, where
+    the density is exp(−Δ²/2). That counts twice, so that it is 1 where a wall is just touched, as it is just before. Of
+    several walls each finds the mean and the covariance that those before have left.
+
+    walls, held : as in `Marginal.of`
+    """
+    inner, other = np.linalg.qr(rows[~walls])
+    slopes, triangle = rows[held], other
+    free = values[held] - slopes @ solve_triangular(other, inner.T @ values[~walls])
+    found, weights = 0.0, np.zeros(free.size)
+    for number, slope in enumerate(slopes):
+        own = solve_triangular(triangle, slope, trans="T")
+        size = float(np.linalg.norm(own))
+        away = max(-free[number] / size, 0.0)
+        found += float(np.log(erfcx(away / np.sqrt(2))))
+        mean = np.sqrt(2 / np.pi) / erfcx(away / np.sqrt(2))  # of t, over Δ
+        narrowed = max(1 - mean * (mean - away), 1 / (2 + away) ** 2)  # not below by rounding
+        free += slopes @ solve_triangular(triangle, own) * mean / size
+        more = np.sqrt(1 / narrowed - 1) / size * slope
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, more]), mode="r"))
+        square = narrowed + (mean - away) ** 2  # of the distance behind the wall
+        weights[number] = np.sqrt(max(1 / square - 1, 0.0)) / size
+    return other, found, weights
+
+
+@dataclass(frozen=True)
+class Unexplained:
+    """What no change of the unknowns explains, by a linearised model at a level of the noise.
+
+    Attributes
+    ----------
+    residual : (2k + m,) of data, whitened, then of priors in the same unit
+    span : (2k, n) as `Fit.span`
+    level, log_volume : of the `Marginal` that it is of
+    log_likelihood : at the most probable level, with the volume of the unknowns, up to a constant
+    """
+
+    residual: np.ndarray
+    span: np.ndarray
+    level: float
+    log_volume: float
+    log_likelihood: float
