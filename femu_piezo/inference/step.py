@@ -20,8 +20,9 @@ from scipy.optimize import nnls
 
 from femu_piezo.inference.walls import Walls
 
-#: Most turns within one step, and most halvings of one that they do not bring to a lower cost.
-_TURNS, _HALVINGS = 20, 20
+#: Most turns within one step, most halvings of one that they do not bring to a lower cost, and most changes of the
+#: planes that hold it, over their number.
+_TURNS, _HALVINGS, _PASSES = 20, 20, 30
 #: By how much χ² may be above what the planes leave, and the share of what was gained: the model of the data beyond the
 #: wall is only linear, so that more turns gain nothing.
 _SETTLED, _SHARE = 1e-7, 1e-2
@@ -41,6 +42,67 @@ class Beside:
     along: np.ndarray
 
 
+#: Planes G s + c ≥ 0: G (p, n) and c (p,).
+_Planes = tuple[np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class _Linearised:
+    """Data and priors at the start of a step, and how far walls are kept away.
+
+    Attributes
+    ----------
+    factor, right : F (m, n), r (m,);  damping : δ
+    which, unit : unknowns that move (n,), and what one of s is of each (n,)
+    margins : of every eigenvalue, what is left of it at least
+    """
+
+    factor: np.ndarray
+    right: np.ndarray
+    damping: float
+    which: np.ndarray
+    unit: np.ndarray
+    margins: np.ndarray
+
+    def cost(self, step: np.ndarray, there: Beside) -> float:
+        """At a step (n,), all beside the data as it is."""
+        left, passed = self.factor @ step + self.right, np.minimum(there.walls.values - self.margins, 0.0)
+        return float(left @ left + self.damping * (step @ step) + passed @ passed + there.read @ there.read)
+
+    def planes(self, step: np.ndarray, walls: Walls, chosen: np.ndarray) -> _Planes:
+        """Those of some eigenvalues (p,) at a step (n,); of none without a look at the slopes."""
+        if not chosen.size:
+            return np.zeros((0, step.size)), np.zeros(0)
+        slopes = walls.slopes[np.ix_(chosen, self.which)] * self.unit
+        return slopes, (walls.values - self.margins)[chosen] - slopes @ step
+
+    def least(self, planes: _Planes, near: np.ndarray, there: Beside) -> tuple[np.ndarray, float]:
+        """The step (n,) of least cost behind planes, the readings linearised at the step `near`, and that cost.
+
+        With R of all rows but the planes, s₀ their minimum, W = R⁻ᵗGᵗ and what each plane is passed by, μ ≥ 0,
+
+            s = s₀ + R⁻¹W μ,    |μ + G s₀ + c|² + |W μ|² least,    the cost |R (s − s₀)|² + |μ|² over that of s₀.
+        """
+        slopes, offsets = planes
+        along = there.along[:, self.which] * self.unit
+        rows = np.concatenate([self.factor, np.sqrt(self.damping) * np.eye(self.unit.size), along])
+        values = np.concatenate([self.right, np.zeros(self.unit.size), there.read - along @ near])
+        triangle = np.asarray(np.linalg.qr(np.column_stack([rows, values]), mode="r"))
+        own = triangle[:-1, :-1]
+        step, cost = solve_triangular(own, -triangle[:-1, -1]), float(triangle[-1, -1] ** 2)
+        ahead = slopes @ step + offsets
+        if not np.any(ahead < 0):
+            return step, cost
+        through = solve_triangular(own, slopes.T, trans="T")
+        both = np.concatenate([np.eye(len(slopes)), through])
+        try:
+            passed, _ = nnls(both, np.append(-ahead, np.zeros(self.unit.size)), maxiter=_PASSES * len(slopes))
+        except RuntimeError:  # does not end: as without planes, and halved where that costs more
+            return step, cost
+        moved = through @ passed
+        return step + solve_triangular(own, moved), cost + float(moved @ moved + passed @ passed)
+
+
 def damped_step(
     factor: np.ndarray,
     right: np.ndarray,
@@ -58,65 +120,30 @@ def damped_step(
     beside : of a step
     kept : share of the distance to every wall that the step keeps
     """
-    which, unit = moving
-    start = np.zeros(unit.size)
+    start = np.zeros(right.size)
     here = beside(start)
-    margins = kept * np.maximum(here.walls.values, 0.0)
-
-    def cost(step: np.ndarray, there: Beside) -> float:
-        left, passed = factor @ step + right, np.minimum(there.walls.values - margins, 0.0)
-        return float(left @ left + damping * (step @ step) + passed @ passed + there.read @ there.read)
-
-    def least(planes: np.ndarray, offsets: np.ndarray, near: np.ndarray, there: Beside) -> tuple[np.ndarray, float]:
-        """The step of least cost with some planes G s + c (p, n) and the readings as at the step `near`, and that cost.
-
-        With R of all rows but the planes, s₀ their minimum, W = R⁻ᵗGᵗ and what each plane is passed by, μ ≥ 0,
-
-            s = s₀ + R⁻¹W μ,    |μ + G s₀ + c|² + |W μ|² least,    the cost |R (s − s₀)|² + |μ|² over that of s₀.
-        """
-        along = there.along[:, which] * unit
-        rows = np.concatenate([factor, np.sqrt(damping) * np.eye(unit.size), along])
-        values = np.concatenate([right, np.zeros(unit.size), there.read - along @ near])
-        triangle = np.asarray(np.linalg.qr(np.column_stack([rows, values]), mode="r"))
-        own = triangle[:-1, :-1]
-        step, promised = solve_triangular(own, -triangle[:-1, -1]), float(triangle[-1, -1] ** 2)
-        if np.any(planes @ step + offsets < 0):
-            through = solve_triangular(own, planes.T, trans="T")
-            both = np.concatenate([np.eye(len(planes)), through])
-            passed, _ = nnls(both, np.append(-planes @ step - offsets, np.zeros(unit.size)))
-            moved = through @ passed
-            step, promised = step + solve_triangular(own, moved), promised + float(moved @ moved + passed @ passed)
-        return step, promised
-
-    def cut(step: np.ndarray, walls: Walls, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Planes (p, n) and offsets (p,) of some eigenvalues at a step."""
-        planes = walls.slopes[np.ix_(chosen, which)] * unit
-        return planes, (walls.values - margins)[chosen] - planes @ step
-
-    first, nearest = cost(start, here), np.min(here.walls.values - margins)
-    best, lowest = start, first
-    if here.walls.touched:
-        planes, offsets = cut(start, here.walls, np.arange(here.walls.values.size))
-    else:  # most often no wall is near
-        planes, offsets = np.zeros((0, unit.size)), np.zeros(0)
-    near = start
-    for turn in range(_TURNS):
-        step, promised = least(planes, offsets, near, here)
-        there = beside(step)
-        reached = cost(step, there)
+    model = _Linearised(factor, right, damping, *moving, kept * np.maximum(here.walls.values, 0.0))
+    every = np.arange(here.walls.values.size)
+    # most often no wall is near: its slopes are asked for once one is
+    planes = model.planes(start, here.walls, every if here.walls.touched else every[:0])
+    first, nearest = model.cost(start, here), np.min(here.walls.values - model.margins)
+    best, lowest, near, there = start, first, start, here
+    for _ in range(_TURNS):
+        step, promised = model.least(planes, near, there)
+        near, there = step, beside(step)
+        reached = model.cost(step, there)
         if reached < lowest:
             best, lowest = step, reached
         if reached - promised < max(_SETTLED, _SHARE * (first - lowest)):
             break
-        if turn == 0 and not len(planes):
-            planes, offsets = cut(start, here.walls, np.arange(here.walls.values.size))
-        further, behind = cut(step, there.walls, np.flatnonzero(there.walls.values < margins))
+        if not len(planes[0]):
+            planes = model.planes(start, here.walls, every)
+        slopes, offsets = model.planes(step, there.walls, np.flatnonzero(there.walls.values < model.margins))
         # at the start no plane lies lower than the least eigenvalue there, but for what real parts do to the walls
-        planes, offsets = np.concatenate([planes, further]), np.concatenate([offsets, np.maximum(behind, nearest)])
-        near, here = step, there
+        planes = np.concatenate([planes[0], slopes]), np.concatenate([planes[1], np.maximum(offsets, nearest)])
     for _ in range(_HALVINGS):  # what real parts do to the walls is not linear
         if lowest < first:
             break
         step = step / 2
-        best, lowest = step, cost(step, beside(step))
+        best, lowest = step, model.cost(step, beside(step))
     return best, first - lowest + damping * float(best @ best)
