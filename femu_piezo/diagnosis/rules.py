@@ -37,7 +37,9 @@ class Rules:
         "residuals whose neighbours are alike are no noise where they are more than this many times the noise that is "
         "stated or seen; smaller ones may be correlated noise",
     )
-    most_causes: int = _rule(3, "most causes that may act together")
+    most_causes: int = _rule(
+        3, "most causes that may act together; a third is sought where two leave no verdict of unknown"
+    )
     beam: int = _rule(2, "best sets of causes that are enlarged by one more cause")
     promise: float = _rule(
         -3.0, "a candidate is fitted where linearisation promises more log odds than this over the set without it"
