@@ -119,7 +119,7 @@ class _Search:
             # a discrepancy stands for all of several causes: one of them may gain nothing where two do
             if fruitless == (2 if best.discrepant else 1):
                 break
-        while self._exchange():
+        while self._exchange() | self._thinned():  # both: an exchange may bring a set near that does with less
             pass
 
     def _beam(self, size: int) -> list[Hypothesis]:
@@ -144,6 +144,20 @@ class _Search:
         best = self._described()
         left = unexplained_share(self._base.fit, best.fit, self._rules.significant)
         return best.discrepant and left > self._rules.unexplained
+
+    def _thinned(self) -> bool:
+        """Fit sets that may yet be the best without a cause that is nothing in them; whether a better set was found.
+
+        A set is enlarged where it stands: one that a further cause brought to its place may do without that cause.
+        """
+        best = self._described()
+        least = best.log_posterior - self._rules.contender
+        near = [h for h in self._known.values() if h.log_posterior > least and not h.fit.extrapolated and not h.forms]
+        for one in near:
+            weakest = self._insignificant(one.fit)
+            if len(one.keys) > 1 and weakest is not None:
+                self._without(one.fit, weakest)
+        return self._described().keys != best.keys
 
     def _exchange(self) -> bool:
         """Try every candidate in each place of the best set; whether a better set was found."""
