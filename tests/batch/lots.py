@@ -105,11 +105,12 @@ def kill_at_random(sweeps: Path, specimen: Path, out: Path, kills: int, seed: in
     for _ in range(kills):
         process = psutil.Popen(command, stdout=subprocess.DEVNULL)
         time.sleep(draw.uniform(0.3, longest_s))
-        alive = process.poll() is None
-        children = process.children(recursive=True) if alive else []
+        if process.poll() is not None:
+            continue
+        children = process.children(recursive=True)
         process.kill()
         process.wait()
-        killed += alive
+        killed += 1
         assert not psutil.wait_procs(children, timeout=20)[1], "workers outlived the batch"
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return killed
