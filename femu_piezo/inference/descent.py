@@ -137,7 +137,7 @@ class Descent:
             self._settle_level()
             settled = abs(np.log(before / self.level)) < NEAR_LEVEL
             told = settled and self._promised_at is self.x  # by the run before
-            linear = None if told else self._linear(self.x, self.parts)
+            linear = None
             here = self.cost(self.parts, self.level)
             while count < most:
                 if not told:

@@ -99,7 +99,9 @@ class Walls:
     def _low(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """(λ⁻, λ) of every block of each matrix."""
         parts = [values for of_both, _ in self._eigen for values in of_both]
-        return [(np.where(values < -_NOTICED * TOLERANCE, values, 0.0), values) for values in parts]
+        ends = np.cumsum([values.size for values in parts])[:-1]
+        low = np.split(np.minimum(self.values, 0.0) * TOLERANCE, ends)
+        return list(zip(low, parts, strict=True))
 
     @made_once
     def _turned(self) -> list[np.ndarray]:
