@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -11,6 +11,7 @@ from scipy.optimize import lsq_linear
 
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.fit import Fit, linear_fit, stepped
+from femu_piezo.inference.priors import log_prior_gain
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.inference.walls import wall_and_readings
 from femu_piezo.measurement.discrepancy import noise_level, profiled
@@ -216,9 +217,25 @@ def promises_together(current: Fit, alone: Sequence[Start]) -> np.ndarray:
             left = np.maximum(square - gained, 0.0)
             level[:, 0, 0] = noise_level(left, rows - current.determined, current.data.level_std)
         price = 0.5 * np.linalg.slogdet(matrix)[1]
-        found[tuple(places.T)] = profiled(left, rows, current.data.level_std) - price
+        inverse = np.linalg.inv(matrix)
+        steps = -(inverse @ along)[:, :, 0] / level[:, :, 0] ** 2
+        deviations = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2))
+        by_priors = [sum(_prior_gains(alone, pair, *own)) for pair, *own in zip(pairs, steps, deviations, strict=True)]
+        found[tuple(places.T)] = profiled(left, rows, current.data.level_std) - price + by_priors
     left = current.residual - basis @ (basis.T @ current.residual)
     return found - profiled(float(left @ left), rows, current.data.level_std) + current.log_evidence
+
+
+def _prior_gains(
+    alone: Sequence[Start], pair: tuple[int, int], steps: np.ndarray, deviations: np.ndarray
+) -> Iterator[float]:
+    """What the priors of two causes gain over normal ones; steps (n,) and deviations (n,) in those of the priors."""
+    begin = 0
+    for start in (alone[number] for number in pair):
+        own = start.own(start.cause)
+        here, std = slice(begin, begin + own.stop - own.start), start.linear.parameters.prior_std[own]
+        yield log_prior_gain(start.cause, start.x[own] + std * steps[here], std * deviations[here])
+        begin = here.stop
 
 
 def start_together(current: Fit, first: Start, second: Start) -> Start:

@@ -35,6 +35,7 @@ from femu_piezo.inference.descent import (
 from femu_piezo.inference.laws import law_misses, log_slope
 from femu_piezo.inference.losses import level_of, weight_of
 from femu_piezo.inference.marginal import Marginal, Unexplained, behind_walls
+from femu_piezo.inference.priors import log_prior_gain
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, profiled
 from femu_piezo.measurement.discrepancy_forms import Alternatives, of_every_resonance, of_one_resonance, smooth
@@ -247,7 +248,18 @@ class Fit:
         left, std = self.marginal, self.data.level_std
         misfit = float(left.residual @ left.residual) / left.level**2 + float(left.further @ left.further)
         level = self.residual.size * np.log(left.level) - log_level_prior(np.log(left.level), std)
-        return float(-0.5 * misfit + left.log_volume - level)
+        return float(-0.5 * misfit + left.log_volume - level) + self.log_prior_gain
+
+    @made_once
+    def log_prior_gain(self) -> float:
+        """What evidence gains where the priors of causes are those of `femu_piezo.inference.priors`."""
+        if not self.parameters.causes:
+            return 0.0
+        std, found = self.marginal.std[: self.x.size] * self.parameters.prior_std, 0.0
+        for cause in self.parameters.causes:
+            own = self.parameters.columns(self.parameters.index(cause.key))
+            found += log_prior_gain(cause, self.x[own], std[own])
+        return found
 
     @made_once
     def learned(self) -> Discrepancy:

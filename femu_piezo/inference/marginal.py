@@ -16,7 +16,7 @@ class Marginal:
     Attributes
     ----------
     residual : (2k,) whitened, of the data;  further : (m,) of priors, wall and readings
-    basis : (2k + m, n) Q of all columns at the noise level
+    basis, triangle : (2k + m, n), (n, n) Q and R of all columns at the noise level; R of all but walls that are touched
     log_volume : logarithm of the integral over the unknowns, over its value at the best ones and (2π)^(n/2), in prior
         standard deviations: −log |det R| of all but the walls that are touched, and the share that these leave
     level : factor on the noise
@@ -25,8 +25,15 @@ class Marginal:
     residual: np.ndarray
     further: np.ndarray
     basis: np.ndarray
+    triangle: np.ndarray
     log_volume: float
     level: float
+
+    @property
+    def std(self) -> np.ndarray:
+        """(n,) posterior standard deviations of all unknowns, in those of their priors."""
+        inverse = solve_triangular(self.triangle, np.eye(len(self.triangle)))
+        return np.sqrt(np.sum(inverse**2, axis=1))
 
     @classmethod
     def of(
@@ -43,7 +50,7 @@ class Marginal:
         if np.any(walls):
             triangle, share, _ = behind_walls(rows, values, walls, held)
         volume = share - float(np.sum(np.log(np.abs(np.diag(triangle)))))
-        return cls(left[:count], left[count:], basis, volume, level)
+        return cls(left[:count], left[count:], basis, triangle, volume, level)
 
 
 def behind_walls(

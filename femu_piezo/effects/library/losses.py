@@ -10,9 +10,9 @@ Two laws, told apart by the data:
   −s' tan φ cot(nπ/2) [(ω/ω0)^n − 1]; of this the share of a constant loss, −s' tan φ (2/π) ln(ω/ω0), is left out as
   it is in the base model, so that n = 0 is the base model.
 
-ε33T falls by a constant share per decade: ε33T(ω) = ε33T [1 − p log10(ω/ω0)].
+ε33T falls by a share per decade, which may change with frequency: ε33T(ω) = ε33T [1 − p L (1 + b L)], L = log10(ω/ω0).
 
-The Kramers-Kronig partner of this fall is a constant loss tangent p π/(2 ln 10) to first order in p (Jonscher's
+The Kramers-Kronig partner of a constant fall is a constant loss tangent p π/(2 ln 10) to first order in p (Jonscher's
 constant loss). It is not added here, since the tangent of ε33T holds it: the model is causal where that tangent is
 not smaller.
 """
@@ -27,7 +27,9 @@ from femu_piezo.material.constants import D_FORM
 _EPS33T = D_FORM.index("eps33T")
 _ELASTIC = slice(0, 5)
 #: Share of their change that the laws miss: they are empirical, and this is assumed, not measured.
-_LAW_ERROR = 0.05
+_LAW_ERROR = 0.1
+#: Largest exponent, which a causal law has below 2, and the largest change of it, which its prior holds.
+_STEEPEST, _CHANGE = 1.5, 4.0
 _SENTENCE = "the elastic loss tangent follows a power of frequency about the fundamental"
 
 
@@ -69,9 +71,9 @@ def _elastic(context: EffectContext) -> tuple[Effect, ...]:
     anchor = 2 * np.pi * context.fundamental_Hz
 
     def exponent(name: str) -> EffectParameter:
-        return EffectParameter(name, "1", -1.5, 1.5, 0.3, 1.0, law_error=_LAW_ERROR)
+        return EffectParameter(name, "1", -_STEEPEST, _STEEPEST, 0.3, 1.0, law_error=_LAW_ERROR)
 
-    change = EffectParameter("change_of_exponent", "1", -1.5, 1.5, 0.3, 0.5, optional=True)
+    change = EffectParameter("change_of_exponent", "1", -_CHANGE, _CHANGE, 0.3, 0.5, optional=True)
     laws = (
         ("", (exponent("exponent"), change), False, "; not causal"),
         ("causal", (exponent("causal_exponent"),), True, ", with the dispersion it causes"),
@@ -97,9 +99,11 @@ def _dielectric(context: EffectContext) -> tuple[Effect, ...]:
 
     def constants(theta, tangents, omega, p):
         decades = np.log10(omega / anchor)
-        factor = 1 - p[0] * decades
-        own = np.zeros((*theta.shape, 1), dtype=complex)
-        own[:, _EPS33T, 0] = -decades * theta[:, _EPS33T]
+        bent = decades * (1 + p[1] * decades)
+        factor = 1 - p[0] * bent
+        own = np.zeros((*theta.shape, 2), dtype=complex)
+        own[:, _EPS33T, 0] = -bent * theta[:, _EPS33T]
+        own[:, _EPS33T, 1] = -p[0] * decades**2 * theta[:, _EPS33T]
         theta, tangents = theta.copy(), tangents.copy()
         theta[:, _EPS33T] *= factor
         tangents[:, _EPS33T] *= factor[:, None]
@@ -108,8 +112,11 @@ def _dielectric(context: EffectContext) -> tuple[Effect, ...]:
     return (
         Effect(
             name="dielectric_dispersion",
-            sentence="ε33T falls with frequency, by a constant share per decade",
-            parameters=(EffectParameter("fall_per_decade", "1", -0.1, 0.4, 0.01, 0.1, law_error=_LAW_ERROR),),
+            sentence="ε33T falls with frequency, by a share per decade",
+            parameters=(
+                EffectParameter("fall_per_decade", "1", -0.1, 0.4, 0.01, 0.1, law_error=_LAW_ERROR),
+                EffectParameter("change_per_decade", "1", -2.0, 2.0, 0.1, 0.3, optional=True),
+            ),
             confusable_with=("eps33T", "series_inductance", "leakage"),
             advice=("measure over two more decades towards low frequency, where no resonance disturbs",),
             constants=constants,

@@ -1,0 +1,80 @@
+"""Priors of causes: the evidence with them against integrals, what does not matter to it, and what does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from femu_piezo.effects.effect import Effect, EffectParameter
+from femu_piezo.inference.priors import log_prior_gain
+
+
+def cause(spread: float, low: float, high: float, *, tolerance: float = 0.0, placed: bool = False) -> Effect:
+    """A cause of one parameter, or of a size and of a place between 0 and 6."""
+    size = EffectParameter("size", "1", low, high, 0.1, spread, tolerance=tolerance)
+    place = EffectParameter("place", "m", 0.0, 6.0, 0.5, 60.0, rest=3.0)
+    sites = np.array([[0.1, 1.0], [0.1, 5.0]]) if placed else None
+    return Effect("one", "one", (size, place) if placed else (size,), sites=sites)
+
+
+def fitted(mean: float, std: float, spread: float) -> tuple[float, float]:
+    """Posterior under a normal prior about nothing of a likelihood N(mean, std)."""
+    variance = 1 / (1 / std**2 + 1 / spread**2)
+    return variance * mean / std**2, np.sqrt(variance)
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 0.05])
+@pytest.mark.parametrize(("mean", "std"), [(3.0, 0.5), (0.3, 0.1), (0.0, 2.0), (0.02, 0.004), (-0.05, 0.1)])
+@pytest.mark.parametrize("low", [-4.0, 0.0])
+def test_gain_is_that_of_the_mixture_within_its_bounds(mean, std, low, tolerance):
+    """∫ L π dp by quadrature, π of 400 scales one by one, each a probability within the bounds."""
+    spread, high = 1.3, 5.0
+    grid = np.linspace(low, high, 400001)
+    prior = np.zeros(grid.size)
+    for scale in spread * 0.01 ** ((np.arange(401) + 0.5) / 401):
+        one = norm(0, max(scale, tolerance))
+        prior += one.pdf(grid) / (one.cdf(high) - one.cdf(low)) / 401
+    integral = np.trapezoid(norm(mean, std).pdf(grid) * prior, grid)
+    usual = norm(0, np.hypot(std, spread)).pdf(mean)
+    estimate, deviation = np.array(fitted(mean, std, spread)) / 0.1
+    found = log_prior_gain(
+        cause(spread, low, high, tolerance=tolerance), np.array([max(estimate, low)]), np.array([deviation])
+    )
+    # a mean outside of the bounds counts as on the bound, where the fit is held
+    assert found == pytest.approx(np.log(integral / usual), abs=0.02 if mean >= low else 0.5)
+
+
+def test_place_has_the_density_of_one_over_its_edge():
+    """Whatever the width of the normal prior that stands for "anywhere"; one that is not known costs nothing."""
+    one = cause(1.0, -4.0, 5.0, placed=True)
+    told, untold = np.array([1e-3 / 0.1, 0.05 / 0.5]), np.array([1e-3 / 0.1, 60.0 / 0.5])
+    at = np.array([0.5 / 0.1, 2.0 / 0.5])
+    gains = []
+    for spread in (60.0, 600.0):
+        parameters = (one.parameters[0], replace(one.parameters[1], spread=spread))
+        wide = replace(one, parameters=parameters)
+        normal = norm(3, np.hypot(spread, 0.05)).pdf(2.0)
+        untold[1] = spread / 0.5
+        gains.append(log_prior_gain(wide, at, told) - log_prior_gain(wide, at, untold) + np.log(normal))
+    assert gains == pytest.approx([np.log(1 / 6)] * 2, abs=1e-3)
+
+
+def test_usual_size_matters_little():
+    """Evidence for a size that is ten deviations from nothing, while what is usual is guessed over two decades."""
+    evidence, normal = [], []
+    for spread in (3.0, 10.0, 30.0, 100.0):
+        estimate, deviation = fitted(1.0, 0.1, spread)
+        usual = norm(0, np.hypot(0.1, spread)).logpdf(1.0)
+        gain = log_prior_gain(cause(spread, -1e3, 1e3), np.array([estimate / 0.1]), np.array([deviation / 0.1]))
+        evidence.append(usual + gain)
+        normal.append(usual)
+    assert np.ptp(evidence) < 0.7 < 3 < np.ptp(normal)
+
+
+def test_forms_of_what_no_cause_describes_keep_their_size():
+    """Theirs is that of the discrepancies they compete with."""
+    one = replace(cause(1.0, -1e3, 1e3), of_unknown=True)
+    assert log_prior_gain(one, np.array([0.1]), np.array([0.1])) == pytest.approx(0.0, abs=1e-9)
