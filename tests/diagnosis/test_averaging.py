@@ -78,7 +78,7 @@ def test_intervals_hold_what_they_say_where_causes_are_as_frequent_as_assumed(se
     for seed in range(400):
         sizes = {}
         for effect in library:
-            size = effect.parameters[0].spread * rng.standard_normal()
+            size = effect.parameters[0].spread * 0.01 ** rng.random() * rng.standard_normal()
             if rng.random() < each:
                 sizes[effect.key] = abs(size) if effect.parameters[0].low == 0 else size
         data = data_with(setup, sizes, 5000 + seed)
