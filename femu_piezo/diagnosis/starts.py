@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -220,22 +220,27 @@ def promises_together(current: Fit, alone: Sequence[Start]) -> np.ndarray:
         inverse = np.linalg.inv(matrix)
         steps = -(inverse @ along)[:, :, 0] / level[:, :, 0] ** 2
         deviations = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2))
-        by_priors = [sum(_prior_gains(alone, pair, *own)) for pair, *own in zip(pairs, steps, deviations, strict=True)]
+        by_priors = _prior_gains(alone, places, steps, deviations)
         found[tuple(places.T)] = profiled(left, rows, current.data.level_std) - price + by_priors
     left = current.residual - basis @ (basis.T @ current.residual)
     return found - profiled(float(left @ left), rows, current.data.level_std) + current.log_evidence
 
 
-def _prior_gains(
-    alone: Sequence[Start], pair: tuple[int, int], steps: np.ndarray, deviations: np.ndarray
-) -> Iterator[float]:
-    """What the priors of two causes gain over normal ones; steps (n,) and deviations (n,) in those of the priors."""
-    begin = 0
-    for start in (alone[number] for number in pair):
-        own = start.own(start.cause)
-        here, std = slice(begin, begin + own.stop - own.start), start.linear.parameters.prior_std[own]
-        yield log_prior_gain(start.cause, start.x[own] + std * steps[here], std * deviations[here])
-        begin = here.stop
+def _prior_gains(alone: Sequence[Start], places: np.ndarray, steps: np.ndarray, deviations: np.ndarray) -> np.ndarray:
+    """(m,) what the priors of the causes of m pairs of starts, numbers (m, 2), gain over normal ones.
+
+    steps, deviations : (m, n) of the parameters of the first causes, then of the second, in deviations of the priors
+    """
+    found, begin = np.zeros(len(places)), 0
+    for numbers in places.T:
+        for number in np.unique(numbers):
+            start, of = alone[number], np.flatnonzero(numbers == number)
+            own = start.own(start.cause)
+            std, end = start.linear.parameters.prior_std[own], begin + own.stop - own.start
+            at = start.x[own] + std * steps[of, begin:end]
+            found[of] += log_prior_gain(start.cause, at, std * deviations[of, begin:end])
+        begin = end
+    return found
 
 
 def start_together(current: Fit, first: Start, second: Start) -> Start:

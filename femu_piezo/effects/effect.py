@@ -98,7 +98,7 @@ class EffectParameter:
     low, high : bounds of a fit; 0 (or `rest`) lies between: there the effect vanishes
     scale : a usual size, the unit of the fit
     spread : how far from `rest` such effects usually are where there is one: the standard deviation of the prior of a
-        candidate
+        candidate; of a size the largest one of its prior, which is a mixture (`femu_piezo.inference.priors`)
     tolerance : how far from `rest` it may be without being an effect (a calliper's deviation, the residue of a
         fixture): the standard deviation of the prior that every fit has; 0 where it is exactly at rest
     starts : further values to start a fit from, beside the one that linearisation at `rest` gives

@@ -11,6 +11,7 @@ of data and priors, H = JᵗJ, the covariance is H^-1 and the evidence
 
 in which a wall that is touched is a border and no information, and what the laws of causes miss
 (`femu_piezo.inference.laws`) are unknowns too: a second cause has to explain more than the error of the law of a first.
+Priors of causes are not quite normal: `femu_piezo.inference.priors` tells what that adds to the evidence.
 """
 
 from __future__ import annotations
@@ -258,7 +259,7 @@ class Fit:
         std, found = self.marginal.std[: self.x.size] * self.parameters.prior_std, 0.0
         for cause in self.parameters.causes:
             own = self.parameters.columns(self.parameters.index(cause.key))
-            found += log_prior_gain(cause, self.x[own], std[own])
+            found += float(log_prior_gain(cause, self.x[own], std[own]))
         return found
 
     @made_once

@@ -29,14 +29,14 @@ _SHARES = _ORDERS ** -((np.arange(_STEPS) + 0.5) / _STEPS)
 _TOLD = 1e-12
 
 
-def log_prior_gain(effect: Effect, estimate: np.ndarray, std: np.ndarray) -> float:
-    """ln ∫ L π dp − ln ∫ L N(p; r, τ) dp of a cause, its parameters one by one.
+def log_prior_gain(effect: Effect, estimate: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """ln ∫ L π dp − ln ∫ L N(p; r, τ) dp of a cause, its parameters one by one; of one fit () or of k fits (k,).
 
     Parameters
     ----------
-    estimate, std : (n,) parameters and deviations of the fit, all other unknowns integrated out, in their scales
+    estimate, std : (n,) or (k, n) parameters and deviations, all other unknowns integrated out, in their scales
     """
-    found, low_high = 0.0, effect.bounds / effect.scale[:, None]
+    found, low_high = np.zeros(estimate.shape[:-1]), effect.bounds / effect.scale[:, None]
     for number, (low, high) in enumerate(low_high):
         scale = effect.scale[number]
         usual, least = effect.spread[number] / scale, effect.tolerance[number] / scale
@@ -45,20 +45,23 @@ def log_prior_gain(effect: Effect, estimate: np.ndarray, std: np.ndarray) -> flo
             if number in effect.sizes and not effect.of_unknown:
                 spreads = np.maximum(usual * _SHARES, least)
             rest = effect.rest[number] / scale
-            found += _gain(estimate[number] - rest, std[number], (low - rest, high - rest), usual, spreads)
+            ends = low - rest, high - rest
+            found += _gain(estimate[..., [number]] - rest, std[..., [number]], ends, usual, spreads)
     return found
 
 
-def _gain(away: float, std: float, ends: tuple[float, float], usual: float, spreads: np.ndarray) -> float:
-    """The same of one parameter, estimated at `away` from rest, of priors of `spreads` (m,) in place of the usual."""
-    variance = min(std**2, usual**2 * (1 - _TOLD))
+def _gain(
+    away: np.ndarray, std: np.ndarray, ends: tuple[float, float], usual: float, spreads: np.ndarray
+) -> np.ndarray:
+    """The same of one parameter, estimated at `away` (1,) or (k, 1) from rest, of m priors for the usual one."""
+    variance = np.minimum(std**2, usual**2 * (1 - _TOLD))
     natural, precision = away / variance, 1 / variance - 1 / usual**2
     with_usual, with_each = 1 + precision * usual**2, 1 + precision * spreads**2
     density = -0.5 * np.log(with_each / with_usual)
     density -= 0.5 * natural**2 * (usual**2 - spreads**2) / with_usual / with_each
     narrowed = spreads / np.sqrt(with_each)
     inside = _log_inside(np.clip(natural * narrowed**2, *ends), narrowed, ends) - _log_inside(0.0, spreads, ends)
-    return float(logsumexp(density + inside) - np.log(spreads.size))
+    return logsumexp(density + inside, axis=-1) - np.log(spreads.size)
 
 
 def _log_inside(mean: np.ndarray | float, std: np.ndarray, ends: tuple[float, float]) -> np.ndarray:
