@@ -150,7 +150,7 @@ class Enlargement:
         untried = [one for one in by_promise if not one.tried]
         # the best one alone: most often no other is worth a fit after it
         for batch in [untried[:1], *(untried[n : n + _AT_ONCE] for n in range(1, len(untried), _AT_ONCE))]:
-            worth = [one for one in batch if (self._hopeful(one) or self._most(one)) and not self._needless(one)]
+            worth = [one for one in batch if self._hopeful(one) or self._most(one)]
             self._settle(worth, list(in_parallel(self._roughly, worth)))
 
     def _fit_from_steps(self) -> None:
@@ -226,13 +226,6 @@ class Enlargement:
         """Whether linearisation explains most of a misfit that no fit explains; what it leaves may be curvature."""
         left, misfit, size = one.starts[0].promised, self._current.chi_square, self._current.residual.size
         return self._unexplained() and left - size < (misfit - size) / 2
-
-    def _needless(self, one: _Prospect) -> bool:
-        """Whether a form of what no cause describes could only stand for a cause that leaves nothing over."""
-        if not one.effect.of_unknown:
-            return False
-        rough = [other.rough for other in self._of_causes if other.rough is not None]
-        return any(not self._weighing.leaves_something(fit) for fit in rough)
 
     def _unexplained(self) -> bool:
         """Whether no fit with a cause explains the misfit, nor a discrepancy."""

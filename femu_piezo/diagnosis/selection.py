@@ -133,7 +133,11 @@ class _Search:
         return [one for one in found[: self._rules.beam] if one.log_posterior > least]
 
     def _best(self) -> Hypothesis:
-        return max(self._known.values(), key=lambda one: one.rank)
+        """The best set; causes that leave nothing over go before a form of what none describes that is told from them
+        no better."""
+        best, described = max(self._known.values(), key=lambda one: one.rank), self._described()
+        alike = best.log_posterior < described.log_posterior + self._rules.alike
+        return described if alike and described.keys and not described.discrepant else best
 
     def _described(self) -> Hypothesis:
         """The best set without a form of what no cause describes."""

@@ -219,17 +219,17 @@ def promises_together(current: Fit, alone: Sequence[Start]) -> np.ndarray:
         price = 0.5 * np.linalg.slogdet(matrix)[1]
         inverse = np.linalg.inv(matrix)
         steps = -(inverse @ along)[:, :, 0] / level[:, :, 0] ** 2
-        deviations = np.sqrt(np.diagonal(inverse, axis1=1, axis2=2))
-        by_priors = _prior_gains(alone, places, steps, deviations)
+        by_priors = _prior_gains(alone, places, steps, inverse)
         found[tuple(places.T)] = profiled(left, rows, current.data.level_std) - price + by_priors
     left = current.residual - basis @ (basis.T @ current.residual)
     return found - profiled(float(left @ left), rows, current.data.level_std) + current.log_evidence
 
 
-def _prior_gains(alone: Sequence[Start], places: np.ndarray, steps: np.ndarray, deviations: np.ndarray) -> np.ndarray:
+def _prior_gains(alone: Sequence[Start], places: np.ndarray, steps: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """(m,) what the priors of the causes of m pairs of starts, numbers (m, 2), gain over normal ones.
 
-    steps, deviations : (m, n) of the parameters of the first causes, then of the second, in deviations of the priors
+    steps, covariance : (m, n), (m, n, n) of the parameters of the first causes, then of the second, in deviations of
+        the priors
     """
     found, begin = np.zeros(len(places)), 0
     for numbers in places.T:
@@ -238,7 +238,8 @@ def _prior_gains(alone: Sequence[Start], places: np.ndarray, steps: np.ndarray, 
             own = start.own(start.cause)
             std, end = start.linear.parameters.prior_std[own], begin + own.stop - own.start
             at = start.x[own] + std * steps[of, begin:end]
-            found[of] += log_prior_gain(start.cause, at, std * deviations[of, begin:end])
+            own_covariance = covariance[of, begin:end, begin:end] * np.outer(std, std)
+            found[of] += log_prior_gain(start.cause, at, own_covariance)
         begin = end
     return found
 

@@ -30,8 +30,7 @@ class Cause:
     Attributes
     ----------
     values, std : of its parameters, SI; the deviation includes what the law's approximations miss
-    probability : summed posterior of the sets of causes that hold it, times the share (as an amplitude) that it
-        explains of the misfit which the other named causes leave
+    probability : summed posterior of the sets of causes that hold it, times the chance that it is no imitation
     indistinguishable_from : names of effects or constants (as "s11", or "NAME (constant)" for a held one)
     """
 
@@ -106,12 +105,26 @@ def judge(comparison: Comparison) -> Verdict:
         return unexplained_share(before, comparison.described, rules.significant) if discrepant else 0.0
 
     unexplained = left_of(comparison.base)
-    causes = tuple(_cause(found, comparison, moves, 1 - left_of(found.rest)) for found in comparison.found)
+    causes = tuple(
+        _cause(found, comparison, moves, no_imitation(left_of(found.rest), rules.expected_causes))
+        for found in comparison.found
+    )
     unknown = discrepant and (not causes or unexplained > rules.unexplained)
     word = "unknown" if unknown else "effect" if causes else "none"
     hidden = tuple((t.effect, t.nearest) for t in moves if t.hidden)
     forms = tuple(_cause(found, comparison, moves, 1.0) for found in comparison.forms)
     return Verdict(word, causes, before, after, unexplained, hidden, forms)
+
+
+def no_imitation(left: float, expected: float) -> float:
+    """Chance that a cause is there which leaves a share of a misfit, as an amplitude, to what no cause describes.
+
+    What no cause describes may look like one of them, and is then all there is; or it is there beside one of the
+    `expected` causes. The odds of the second are expected (1 − left)/left: the less a cause leaves, the less likely is
+    the likeness.
+    """
+    there = expected * (1 - left)
+    return there / (there + left)
 
 
 def _beyond_noise(final: Fit, significant: float) -> bool:

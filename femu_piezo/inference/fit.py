@@ -256,10 +256,10 @@ class Fit:
         """What evidence gains where the priors of causes are those of `femu_piezo.inference.priors`."""
         if not self.parameters.causes:
             return 0.0
-        std, found = self.marginal.std[: self.x.size] * self.parameters.prior_std, 0.0
+        covariance, std, found = self.marginal.covariance, self.parameters.prior_std, 0.0
         for cause in self.parameters.causes:
             own = self.parameters.columns(self.parameters.index(cause.key))
-            found += float(log_prior_gain(cause, self.x[own], std[own]))
+            found += float(log_prior_gain(cause, self.x[own], covariance[own, own] * np.outer(std[own], std[own])))
         return found
 
     @made_once

@@ -30,10 +30,10 @@ class Marginal:
     level: float
 
     @property
-    def std(self) -> np.ndarray:
-        """(n,) posterior standard deviations of all unknowns, in those of their priors."""
+    def covariance(self) -> np.ndarray:
+        """(n, n) posterior covariance of all unknowns, in standard deviations of their priors."""
         inverse = solve_triangular(self.triangle, np.eye(len(self.triangle)))
-        return np.sqrt(np.sum(inverse**2, axis=1))
+        return inverse @ inverse.T
 
     @classmethod
     def of(

@@ -13,6 +13,10 @@ not pay for the large ones that might have been (a mixture of scales, as Liang e
     ln L(p) = h (p − r) − ½ q (p − r)² + constant,    q = 1/σ² − 1/τ²,  h = (p̂ − r)/σ²
 
 of the estimate p̂ ± σ of the fit. So is known, for every u, what the evidence gains over that of the fit.
+
+The parameters of a form of what no cause describes say together how large that is: they share one u, and their
+likelihood is normal in all of them, along the axes of Σ/(τ τᵗ) of their covariance Σ one by one. Their bounds are many
+of their deviations τ away and left out.
 """
 
 from __future__ import annotations
@@ -29,24 +33,24 @@ _SHARES = _ORDERS ** -((np.arange(_STEPS) + 0.5) / _STEPS)
 _TOLD = 1e-12
 
 
-def log_prior_gain(effect: Effect, estimate: np.ndarray, std: np.ndarray) -> np.ndarray:
+def log_prior_gain(effect: Effect, estimate: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """ln ∫ L π dp − ln ∫ L N(p; r, τ) dp of a cause, its parameters one by one; of one fit () or of k fits (k,).
 
     Parameters
     ----------
-    estimate, std : (n,) or (k, n) parameters and deviations, all other unknowns integrated out, in their scales
+    estimate, covariance : (n,), (n, n) or (k, n), (k, n, n) of its parameters, all other unknowns integrated out, in
+        their scales
     """
-    found, low_high = np.zeros(estimate.shape[:-1]), effect.bounds / effect.scale[:, None]
-    for number, (low, high) in enumerate(low_high):
-        scale = effect.scale[number]
-        usual, least = effect.spread[number] / scale, effect.tolerance[number] / scale
-        if usual > 0:
-            spreads = np.atleast_1d(usual)
-            if number in effect.sizes and not effect.of_unknown:
-                spreads = np.maximum(usual * _SHARES, least)
-            rest = effect.rest[number] / scale
-            ends = low - rest, high - rest
-            found += _gain(estimate[..., [number]] - rest, std[..., [number]], ends, usual, spreads)
+    rest, spread = effect.rest / effect.scale, effect.spread / effect.scale
+    if effect.of_unknown:
+        return _gain_of_all(estimate - rest, covariance, spread)
+    std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    found, bounds = np.zeros(estimate.shape[:-1]), effect.bounds / effect.scale[:, None] - rest[:, None]
+    for number in np.flatnonzero(spread > 0):
+        usual, least = spread[number], effect.tolerance[number] / effect.scale[number]
+        spreads = np.maximum(usual * _SHARES, least) if number in effect.sizes else np.atleast_1d(usual)
+        low, high = bounds[number]
+        found += _gain(estimate[..., [number]] - rest[number], std[..., [number]], (low, high), usual, spreads)
     return found
 
 
@@ -54,14 +58,30 @@ def _gain(
     away: np.ndarray, std: np.ndarray, ends: tuple[float, float], usual: float, spreads: np.ndarray
 ) -> np.ndarray:
     """The same of one parameter, estimated at `away` (1,) or (k, 1) from rest, of m priors for the usual one."""
+    density, mean, narrowed = _with_each(away, std, usual, spreads)
+    inside = _log_inside(np.clip(mean, *ends), narrowed, ends) - _log_inside(0.0, spreads, ends)
+    return logsumexp(density + inside, axis=-1) - np.log(spreads.size)
+
+
+def _gain_of_all(away: np.ndarray, covariance: np.ndarray, usual: np.ndarray) -> np.ndarray:
+    """The same of all parameters (n,) or (k, n) together, whose priors have one width over the usual ones (n,)."""
+    variances, axes = np.linalg.eigh(covariance / np.outer(usual, usual))
+    along = np.swapaxes(axes, -1, -2) @ (away / usual)[..., None]
+    density = _with_each(along, np.sqrt(np.maximum(variances, 0.0))[..., None], 1.0, _SHARES)[0]
+    return logsumexp(density.sum(axis=-2), axis=-1) - np.log(_SHARES.size)
+
+
+def _with_each(
+    away: np.ndarray, std: np.ndarray, usual: float, spreads: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Without bounds: (…, m) the gain in log evidence, the mean and the deviation with each of m priors."""
     variance = np.minimum(std**2, usual**2 * (1 - _TOLD))
     natural, precision = away / variance, 1 / variance - 1 / usual**2
     with_usual, with_each = 1 + precision * usual**2, 1 + precision * spreads**2
     density = -0.5 * np.log(with_each / with_usual)
     density -= 0.5 * natural**2 * (usual**2 - spreads**2) / with_usual / with_each
     narrowed = spreads / np.sqrt(with_each)
-    inside = _log_inside(np.clip(natural * narrowed**2, *ends), narrowed, ends) - _log_inside(0.0, spreads, ends)
-    return logsumexp(density + inside, axis=-1) - np.log(spreads.size)
+    return density, natural * narrowed**2, narrowed
 
 
 def _log_inside(mean: np.ndarray | float, std: np.ndarray, ends: tuple[float, float]) -> np.ndarray:

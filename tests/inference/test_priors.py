@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import multivariate_normal, norm
 
 from femu_piezo.effects.effect import Effect, EffectParameter
 from femu_piezo.inference.priors import log_prior_gain
@@ -40,9 +40,8 @@ def test_gain_is_that_of_the_mixture_within_its_bounds(mean, std, low, tolerance
     integral = np.trapezoid(norm(mean, std).pdf(grid) * prior, grid)
     usual = norm(0, np.hypot(std, spread)).pdf(mean)
     estimate, deviation = np.array(fitted(mean, std, spread)) / 0.1
-    found = log_prior_gain(
-        cause(spread, low, high, tolerance=tolerance), np.array([max(estimate, low)]), np.array([deviation])
-    )
+    one = cause(spread, low, high, tolerance=tolerance)
+    found = log_prior_gain(one, np.array([max(estimate, low)]), np.array([[deviation**2]]))
     # a mean outside of the bounds counts as on the bound, where the fit is held
     assert found == pytest.approx(np.log(integral / usual), abs=0.02 if mean >= low else 0.5)
 
@@ -58,7 +57,7 @@ def test_place_has_the_density_of_one_over_its_edge():
         wide = replace(one, parameters=parameters)
         normal = norm(3, np.hypot(spread, 0.05)).pdf(2.0)
         untold[1] = spread / 0.5
-        gains.append(log_prior_gain(wide, at, told) - log_prior_gain(wide, at, untold) + np.log(normal))
+        gains.append(gain_of(wide, at, told) - gain_of(wide, at, untold) + np.log(normal))
     assert gains == pytest.approx([np.log(1 / 6)] * 2, abs=1e-3)
 
 
@@ -68,13 +67,43 @@ def test_usual_size_matters_little():
     for spread in (3.0, 10.0, 30.0, 100.0):
         estimate, deviation = fitted(1.0, 0.1, spread)
         usual = norm(0, np.hypot(0.1, spread)).logpdf(1.0)
-        gain = log_prior_gain(cause(spread, -1e3, 1e3), np.array([estimate / 0.1]), np.array([deviation / 0.1]))
+        gain = gain_of(cause(spread, -1e3, 1e3), np.array([estimate / 0.1]), np.array([deviation / 0.1]))
         evidence.append(usual + gain)
         normal.append(usual)
     assert np.ptp(evidence) < 0.7 < 3 < np.ptp(normal)
 
 
-def test_forms_of_what_no_cause_describes_keep_their_size():
-    """Theirs is that of the discrepancies they compete with."""
-    one = replace(cause(1.0, -1e3, 1e3), of_unknown=True)
-    assert log_prior_gain(one, np.array([0.1]), np.array([0.1])) == pytest.approx(0.0, abs=1e-9)
+@pytest.mark.parametrize("size", [0.0, 0.05, 0.6])
+def test_parameters_of_what_no_cause_describes_have_one_width(size):
+    """∫ L π dp in closed form for each of 400 scales; correlated estimates of two parameters."""
+    usual, scale = np.array([0.3, 2.0]), np.array([0.1, 0.5])
+    parameters = tuple(
+        EffectParameter(name, "1", -1e3, 1e3, *pair)
+        for name, pair in zip("ab", zip(scale, usual, strict=True), strict=True)
+    )
+    form = Effect("form", "form", parameters, of_unknown=True)
+    mean, error = size * np.array([0.2, -1.0]), np.array([[4e-3, 5e-3], [5e-3, 1e-2]])
+    evidence = [
+        multivariate_normal(cov=error + np.diag((0.01 ** ((n + 0.5) / 400) * usual) ** 2)).pdf(mean) for n in range(400)
+    ]
+    covariance = np.linalg.inv(np.linalg.inv(error) + np.diag(usual**-2.0))
+    estimate = covariance @ np.linalg.solve(error, mean)
+    found = log_prior_gain(form, estimate / scale, covariance / np.outer(scale, scale))
+    normal = multivariate_normal(cov=error + np.diag(usual**2)).logpdf(mean)
+    assert found == pytest.approx(np.log(np.mean(evidence)) - normal, abs=0.01)
+
+
+def test_one_fit_or_several():
+    """Gains of several fits at once are those of each."""
+    rng = np.random.default_rng(3)
+    roots = rng.standard_normal((4, 2, 2)) * 0.3
+    covariance, estimates = roots @ np.swapaxes(roots, 1, 2), rng.standard_normal((4, 2))
+    one = cause(1.0, -40.0, 50.0, placed=True)
+    for effect in (one, replace(one, sites=None, of_unknown=True)):
+        each = [float(log_prior_gain(effect, *fit)) for fit in zip(estimates, covariance, strict=True)]
+        assert log_prior_gain(effect, estimates, covariance) == pytest.approx(each, rel=1e-12)
+
+
+def gain_of(one: Effect, estimate: np.ndarray, std: np.ndarray) -> float:
+    """Of estimates that are not correlated."""
+    return float(log_prior_gain(one, estimate, np.diag(std**2)))
