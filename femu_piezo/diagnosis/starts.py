@@ -185,10 +185,10 @@ def promises_together(current: Fit, alone: Sequence[Start]) -> np.ndarray:
 
     With what the unknowns of the fit before can do projected out, causes of columns C per prior deviation leave
 
-        χ² = rᵗr/s² − gᵗ M^-1 g,    M = I + CᵗC/s²,  g = Cᵗr/s²,
+        χ² = rᵗr/s² + 2 gᵗp + pᵗM p,    M = I + CᵗC/s²,  g = Cᵗr/s²,
 
-    of a residual r, and evidence is less by ½ log det M; s is the most probable noise level. The starts are taken to
-    change the residual independently.
+    of a residual r and the steps p of least χ² within bounds, and evidence is less by ½ log det M; s is the most
+    probable noise level. The starts are taken to change the residual independently.
     """
     rows, basis = current.residual.size, current.span
     columns, offsets = [], []
@@ -201,28 +201,47 @@ def promises_together(current: Fit, alone: Sequence[Start]) -> np.ndarray:
     all_of = all_of - basis @ (basis.T @ all_of)
     gram, ends = all_of.T @ all_of, np.cumsum([1 + len(alone), *widths])
     found = np.full((len(alone), len(alone)), -np.inf)
+    limits = np.hstack([_limits(start) for start in alone])
     of_widths: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for first, second in combinations(range(len(alone)), 2):
         of_widths.setdefault((widths[first], widths[second]), []).append((first, second))
     for wide, pairs in of_widths.items():
         places = np.array(pairs)
         own = np.hstack([ends[places[:, [side]]] + np.arange(width) for side, width in enumerate(wide)])
+        low, high = limits[:, own - ends[0]]
         changed = np.hstack([np.zeros((len(pairs), 1), dtype=int), 1 + places])
         square = gram[changed[:, :, None], changed[:, None, :]].sum(axis=(1, 2))
-        along = gram[own[:, :, None], changed[:, None, :]].sum(axis=2, keepdims=True)
-        inner, level = gram[own[:, :, None], own[:, None, :]], np.full((len(pairs), 1, 1), current.level)
+        along = gram[own[:, :, None], changed[:, None, :]].sum(axis=2)
+        inner, level = gram[own[:, :, None], own[:, None, :]], np.full((len(pairs), 1), current.level)
         for _ in range(_TURNS):
-            matrix = np.eye(own.shape[1]) + inner / level**2
-            gained = (along * np.linalg.solve(matrix, along)).sum(axis=(1, 2)) / level[:, 0, 0] ** 2
-            left = np.maximum(square - gained, 0.0)
-            level[:, 0, 0] = noise_level(left, rows - current.determined, current.data.level_std)
+            matrix, slope = np.eye(own.shape[1]) + inner / level[:, :, None] ** 2, along / level**2
+            steps = _least_within(matrix, slope, low, high)
+            gained = -2 * np.sum(slope * steps, axis=1) - np.einsum("ki,kij,kj->k", steps, matrix, steps)
+            left = np.maximum(square - gained * level[:, 0] ** 2, 0.0)
+            level[:, 0] = noise_level(left, rows - current.determined, current.data.level_std)
         price = 0.5 * np.linalg.slogdet(matrix)[1]
-        inverse = np.linalg.inv(matrix)
-        steps = -(inverse @ along)[:, :, 0] / level[:, :, 0] ** 2
-        by_priors = _prior_gains(alone, places, steps, inverse)
+        by_priors = _prior_gains(alone, places, steps, np.linalg.inv(matrix))
         found[tuple(places.T)] = profiled(left, rows, current.data.level_std) - price + by_priors
     left = current.residual - basis @ (basis.T @ current.residual)
     return found - profiled(float(left @ left), rows, current.data.level_std) + current.log_evidence
+
+
+def _limits(start: Start) -> np.ndarray:
+    """(2, n) lowest and highest steps of the parameters of its cause, in deviations of their priors."""
+    parameters, own = start.linear.parameters, start.own(start.cause)
+    return (parameters.bounds[own].T - start.x[own]) / parameters.prior_std[own]
+
+
+def _least_within(matrix: np.ndarray, slope: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """(k, n) steps p of least 2 gᵗp + pᵗM p for M (k, n, n) and g (k, n): what leaves its bounds is held at them."""
+    held, right = np.zeros(slope.shape, dtype=bool), -slope
+    while True:
+        steps = np.linalg.solve(np.where(held[:, :, None], np.eye(slope.shape[1]), matrix), right[:, :, None])[:, :, 0]
+        leaving = ~held & ((steps < low) | (steps > high))
+        if not np.any(leaving):
+            return steps
+        held |= leaving
+        right = np.where(leaving, np.clip(steps, low, high), right)
 
 
 def _prior_gains(alone: Sequence[Start], places: np.ndarray, steps: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -314,19 +333,8 @@ def _at_site(current: Fit, effect: Effect, parameters: Unknowns, x, slopes, size
     columns = np.zeros((len(slopes), len(effect.parameters)))
     columns[:, effect.sizes] = slopes
     at_rest = _widened(current, parameters, at, {effect.key: columns}, current.residual)
-    linear = _of_right_sign(at_rest, np.delete(np.arange(x.size), np.arange(own.start, own.stop)), here)
+    moving = np.setdiff1d(np.arange(x.size), own.start + np.setdiff1d(np.arange(len(effect.parameters)), effect.sizes))
+    linear = stepped(at_rest, moving)
     at = at.copy()
     at[here] = sizes
     return Start(at, linear, current.residual)
-
-
-def _of_right_sign(at_rest: Fit, others: np.ndarray, sizes: np.ndarray) -> Fit:
-    """What linearisation promises where those of the sizes move that it does not move below their bounds."""
-    low = at_rest.parameters.bounds[:, 0]
-    while sizes.size:
-        linear = stepped(at_rest, np.sort(np.concatenate([others, sizes])))
-        below = linear.x[sizes] < low[sizes]
-        if not np.any(below):
-            return linear
-        sizes = sizes[~below]
-    return at_rest

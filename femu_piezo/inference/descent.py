@@ -17,8 +17,6 @@ from femu_piezo.inference.walls import Walls, readings
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import in_parallel
 
-#: Distance to a bound, relative to its range, that a start keeps.
-_MARGIN = 1e-6
 #: Gain in χ² at the noise level below which a coarse fit stops, one that is to be ranked, and a close one: there the
 #: squares of the deviations that unknowns are away sum up to this. Most evaluations of a coarse fit and of the others.
 COARSE, RANKED, CLOSE = 1.0, 0.03, 1e-6
@@ -99,7 +97,7 @@ class Descent:
     The noise level is an unknown among the others: every step is made at the one that is most probable with what the
     steps before have left. So far from the solution, where the misfit is large, data count for less against priors and
     a robust loss sets hardly anything aside; both come into force as the misfit falls to the noise. An unknown on its
-    bound stays there while the gradient points outwards; steps are cut off at the bounds. χ² has a natural unit, so the
+    bound stays there while the gradient points outwards; steps end at bounds. χ² has a natural unit, so the
     descent ends where the next step promises less than a given gain.
 
     Attributes
@@ -112,7 +110,7 @@ class Descent:
     def __init__(self, posterior: Posterior, start: np.ndarray, loss: str, fixed: float | None = None) -> None:
         self.posterior, self.loss, self._fixed = posterior, loss, fixed
         self._low, self._high = posterior.parameters.bounds.T
-        margin = _MARGIN * (self._high - self._low)
+        margin = posterior.parameters.margin
         self.x = np.clip(start, self._low + margin, self._high - margin)
         self.parts = posterior.parts(self.x)
         self.level, self.promise, self._damping, self._determined = np.inf, np.inf, _DAMPING, 0.0
@@ -123,11 +121,6 @@ class Descent:
         residual, _, further, _ = parts
         cost = float(np.sum(LOSS[self.loss][0]((residual / level) ** 2)) + further @ further)
         return cost if np.isfinite(cost) else np.inf
-
-    @property
-    def on_bound(self) -> np.ndarray:
-        """Numbers of the unknowns on a bound."""
-        return np.flatnonzero((self.x <= self._low) | (self.x >= self._high))
 
     def run(self, gain: float, most: int) -> Descent:
         """Descend until the next step promises less than `gain`, by at most so many evaluations."""
@@ -216,6 +209,7 @@ class Descent:
                 (moving, std),
                 lambda step: self.posterior.beside(at(step)),
                 kept,
+                ((self._low - x)[moving] / std, (self._high - x)[moving] / std),
             )
             if gain > COARSE:
                 break

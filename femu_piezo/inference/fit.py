@@ -37,6 +37,7 @@ from femu_piezo.inference.laws import law_misses, log_slope
 from femu_piezo.inference.losses import level_of, weight_of
 from femu_piezo.inference.marginal import Marginal, Unexplained, behind_walls
 from femu_piezo.inference.priors import log_prior_gain
+from femu_piezo.inference.step import bounded_step
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, profiled
 from femu_piezo.measurement.discrepancy_forms import Alternatives, of_every_resonance, of_one_resonance, smooth
@@ -63,12 +64,11 @@ class Fit:
     further_residual, further_jacobian : (m,), (m, n_x) rows of the priors, of the walls of material and of readings
     log_slope : (k,) ∂log Z/∂log f of the model
     impedance : (k,) Z of the model, ohm; None of what is only extrapolated
-    on_bound : names of the unknowns that ended on a bound
     level : factor on the noise that the fit was made with
     loss : of the readings
     weight : (2k,) that the loss gives them, in squares of residual and jacobian
     promise : gain in χ² that a further step promises, of a fit that was not brought to its end
-    extrapolated : whether it is what linearisation elsewhere promises; its unknowns may be beyond their bounds
+    extrapolated : whether it is what linearisation elsewhere promises
     discrepancy : what the intervals count beside noise and priors; None where nothing is left
     law, mesh : (2k, m) what the laws of causes and the mesh may miss, whitened, each column one standard deviation; the
         intervals count them
@@ -83,7 +83,6 @@ class Fit:
     further_jacobian: np.ndarray = field(repr=False)
     log_slope: np.ndarray = field(repr=False)
     impedance: np.ndarray | None = field(default=None, repr=False)
-    on_bound: tuple[str, ...] = ()
     level: float = 1.0
     loss: str = "linear"
     weight: np.ndarray | float = field(default=1.0, repr=False)
@@ -114,6 +113,12 @@ class Fit:
         """Rows of data, priors and wall with those of the data over the noise level of the fit."""
         count = self.residual.size
         return np.concatenate([rows[:count] / self.level, rows[count:]])
+
+    @property
+    def on_bound(self) -> tuple[str, ...]:
+        """Names of the unknowns that ended on a bound."""
+        ended = self.parameters.on_bound(self.x)
+        return tuple(name for name, there in zip(self.parameters.names, ended, strict=True) if there)
 
     @property
     def chi_square(self) -> float:
@@ -211,7 +216,7 @@ class Fit:
         count, unknowns = self.residual.size, self.x.size
         if whole.shape[1] == unknowns:
             return Marginal.of(whole, right, count, self.noise_scale, walls, held)
-        own = np.flatnonzero(~np.isin(self.parameters.names, self.on_bound))
+        own = np.flatnonzero(~self.parameters.on_bound(self.x))
         moving = np.append(own, np.arange(unknowns, whole.shape[1]))
 
         def followed(columns: np.ndarray, right: np.ndarray, level: float) -> np.ndarray:
@@ -433,7 +438,6 @@ def _at(found: Descent, log_slope: np.ndarray, law: np.ndarray) -> Fit:
         further_jacobian=further_jacobian,
         log_slope=log_slope,
         impedance=posterior.data.modelled(residual),
-        on_bound=tuple(posterior.parameters.names[i] for i in found.on_bound),
         level=found.level,
         loss=found.loss,
         weight=weight,
@@ -470,16 +474,20 @@ def linear_fit(response: Response, before: Fit, parameters: Unknowns, x: np.ndar
 
 
 def stepped(at_x: Fit, moving: np.ndarray | None = None) -> Fit:
-    """The linearised model of a fit at its least χ² and noise level, unknowns `moving` (m,) alone; all where None."""
+    """The linearised model of a fit at its least χ² within bounds and noise level, unknowns `moving` (m,) alone.
+
+    All where None.
+    """
     moving = np.arange(at_x.x.size) if moving is None else moving
     std = at_x.parameters.prior_std[moving]
+    low, high = ((at_x.parameters.bounds.T - at_x.x)[:, moving]) / std
     right, found = np.concatenate([at_x.residual, at_x.further_residual]), at_x
     rows = np.concatenate([at_x.jacobian, at_x.further_jacobian])[:, moving] * std
     for _ in range(_TURNS):
         weight = np.ones(right.size)
         weight[: at_x.residual.size] = 1 / found.level
         step = np.zeros(at_x.x.size)
-        step[moving] = np.linalg.lstsq(rows * weight[:, None], -right * weight, rcond=1e-12)[0] * std
+        step[moving] = bounded_step(rows * weight[:, None], right * weight, low, high) * std
         found = replace(
             at_x,
             x=at_x.x + step,

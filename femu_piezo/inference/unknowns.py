@@ -242,6 +242,8 @@ class MaterialParameters:
 _REAL_STD, TANGENT, _TANGENT_STD = 0.5, 0.02, 0.05
 #: Prior standard deviation, over its scale, of a parameter that is exactly known.
 _HELD = 1e-6
+#: Distance to a bound, relative to the range of an unknown, that starts keep.
+_MARGIN = 1e-6
 
 
 def material_prior(
@@ -343,6 +345,16 @@ class Unknowns:
         """(n_x, 2)"""
         own = [effect.bounds / effect.scale[:, None] for effect in self.effects]
         return np.concatenate([self.material.bounds, *own])
+
+    @property
+    def margin(self) -> np.ndarray:
+        """(n_x,) distance to a bound that starts keep; what ends no further from it is on the bound."""
+        return _MARGIN * np.ptp(self.bounds, axis=1)
+
+    def on_bound(self, x: np.ndarray) -> np.ndarray:
+        """(n_x,) bool: which unknowns are on a bound."""
+        low, high = self.bounds.T
+        return (x <= low + self.margin) | (x >= high - self.margin)
 
     @property
     def count(self) -> int:

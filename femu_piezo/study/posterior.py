@@ -6,6 +6,7 @@ Several sweeps of one specimen have one mesh and one basis.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import islice
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -259,5 +260,5 @@ def _training(constants: PiezoConstants, free: FreeConstants, spread: float) -> 
     for name, value in lossless.as_dict().items():
         if name not in free.names and value != 0:
             moved = (lossless.with_values(**{name: value * (1 + sign * _HELD_SPREAD)}) for sign in (1, -1))
-            sets += [item for item in moved if not item.physical_faults()][:1]
+            sets += islice((item for item in moved if not item.physical_faults()), 1)
     return sets

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import lsq_linear, minimize
 
-from femu_piezo.inference.step import Beside, damped_step
+from femu_piezo.inference.step import Beside, bounded_step, damped_step
 from femu_piezo.inference.walls import TOLERANCE, Walls
 
 #: Tangents of s11, d31 and eps33T to step from: far inside, on the wall of a loss matrix of nothing, near the wall.
@@ -83,3 +83,44 @@ def test_a_step_far_from_every_wall_looks_twice(lab):
     step, gain = damped_step(np.eye(6), np.full(6, -0.5), 0.0, (np.arange(6), np.full(6, 1e-4)), beside)
     np.testing.assert_allclose(step, 0.5, rtol=1e-12)
     assert gain == pytest.approx(1.5) and len(looks) == 2
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_step_within_bounds(seed):
+    """As the bounded least squares of SciPy find it: what an unknown cannot do the others make up for."""
+    rng = np.random.default_rng(seed)
+    rows, values = rng.standard_normal((12, 6)) * 10.0 ** rng.uniform(-1, 3, 6), 30 * rng.standard_normal(12)
+    low, high = -rng.uniform(0, 0.3, 6), rng.uniform(0, 0.3, 6)
+    low[0], high[1] = -np.inf, np.inf
+    found = bounded_step(rows, values, low, high)
+    best = lsq_linear(rows, -values, (low, high), method="bvls", tol=1e-14)
+    assert np.any(best.active_mask)
+    np.testing.assert_allclose(found, best.x, atol=1e-5)
+
+
+def test_a_step_beside_walls_and_within_bounds(lab):
+    """A damped step whose first unknown may only shrink: the gain is what a search over the others finds."""
+    x = lab.ideal.prior_mean.copy()
+    x[0::2], x[1::2] = 1.0, STARTS["near"]
+    unit, rng = np.tile([1e-3, 1e-2], 3), np.random.default_rng(2)
+    factor = np.triu(rng.standard_normal((6, 6))) / 3 + 20 * np.eye(6)
+    right = -factor @ ((np.array([1.002, 0.015, 0.999, 0.035, 1.001, 0.017]) - x) / unit)
+    low, high = np.full(6, -np.inf), np.array([0.0, *[np.inf] * 5])
+
+    def beside(step: np.ndarray) -> Beside:
+        return Beside(Walls(lab.ideal, x + unit * step), np.zeros(0), np.zeros((0, 6)))
+
+    def cost(step: np.ndarray) -> float:
+        left = factor @ step + right
+        return float(left @ left) + beside(step).walls.cost
+
+    step, gain = damped_step(factor, right, 0.0, (np.arange(6), unit), beside, bounds=(low, high))
+    assert abs(step[0]) < 1e-6
+
+    def of_others(rest: np.ndarray) -> float:
+        return cost(np.append(0.0, rest))
+
+    best = minimize(of_others, step[1:], method="Nelder-Mead", options={"maxiter": 6000, "xatol": 1e-10, "fatol": 1e-9})
+    assert gain > 0.98 * (cost(np.zeros(6)) - best.fun) > 1.0
+    free, more = damped_step(factor, right, 0.0, (np.arange(6), unit), beside)
+    assert free[0] > 1.0 and more > gain
