@@ -201,7 +201,7 @@ def promises_together(current: Fit, alone: Sequence[Start]) -> np.ndarray:
     all_of = all_of - basis @ (basis.T @ all_of)
     gram, ends = all_of.T @ all_of, np.cumsum([1 + len(alone), *widths])
     found = np.full((len(alone), len(alone)), -np.inf)
-    limits = np.hstack([_limits(start) for start in alone])
+    limits = np.hstack([np.zeros((2, 0)), *map(_limits, alone)])
     of_widths: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for first, second in combinations(range(len(alone)), 2):
         of_widths.setdefault((widths[first], widths[second]), []).append((first, second))

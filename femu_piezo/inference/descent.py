@@ -23,9 +23,9 @@ COARSE, RANKED, CLOSE = 1.0, 0.03, 1e-6
 FEW, MANY = 12, 100
 #: Gain in χ² at the noise level that a close fit may still promise when it runs out of evaluations.
 UNSETTLED = 10.0
-#: Damping of the first step, in the precision of the prior, and the factors by which it falls and rises; shares of what
-#: a step promised, above which it falls and below which it rises.
-_DAMPING, _EASED, _RAISED, _KEPT, _BROKEN = 1e-3, 0.1, 10.0, 0.75, 0.25
+#: Damping of the first step, in the precision of the prior, the least that changes a step, and the factors by which it
+#: falls and, from there on, rises; shares of what a step promised, above which it falls and below which it rises.
+_DAMPING, _FELT, _EASED, _RAISED, _KEPT, _BROKEN = 1e-3, 0.1, 0.1, 10.0, 0.75, 0.25
 #: Noise level above which a fit is far from its end, and the share of the distance to every wall that its steps keep
 #: there as long as they gain by it: along a wall it would slide to minima that a fit which comes from inside passes by.
 _FAR, _DISTANCE = 2.0, 0.5
@@ -154,7 +154,7 @@ class Descent:
                 if kept > _KEPT:
                     self._damping *= _EASED
                 elif kept < _BROKEN:
-                    self._damping = max(self._damping, _DAMPING) * _RAISED
+                    self._damping = max(self._damping, _FELT) * _RAISED
                 if kept > 0:
                     self.x, self.parts = other, parts
                     break

@@ -285,11 +285,11 @@ class Fit:
         """The discrepancy of some forms that the residual asks for.
 
         Beside a discrepancy the noise may be a fraction of what it is without one. Data then say more of the unknowns,
-        so both are found in turns.
+        so both are found in turns. What is on its bound stays there: beside a discrepancy it would go beyond.
 
         level : factor on the noise to begin with; that of the fit without a discrepancy where None
         """
-        plain = self._unexplained(self.marginal)
+        plain = self._unexplained(self._at_level(self.marginal.level) if self.on_bound else self.marginal)
         for _ in range(1 + _TURNS):
             left = plain if level is None else self._unexplained(self._at_level(level))
             none = plain.log_likelihood - left.log_volume
@@ -300,9 +300,10 @@ class Fit:
         return found
 
     def _at_level(self, level: float) -> Marginal:
-        """The linearised model, unknowns and laws integrated out, where the noise has a given level."""
+        """The linearised model, unknowns within bounds and laws integrated out, where the noise has a given level."""
         whole, right, walls, held = self._with_laws
-        return Marginal.of(whole, right, self.residual.size, level, walls, held)
+        inside = np.delete(whole, np.flatnonzero(self.parameters.on_bound(self.x)), axis=1)
+        return Marginal.of(inside, right, self.residual.size, level, walls, held)
 
     def _unexplained(self, one: Marginal) -> Unexplained:
         """What no change of the unknowns, or of laws, explains."""

@@ -144,7 +144,7 @@ def test_evidence_where_the_noise_is_a_fraction_of_what_it_is_without(wave):
     k, gram = data.impedance.size, (jacobian * std**2) @ jacobian.T
     q, triangle = np.linalg.qr(np.concatenate([jacobian, np.diag(1 / std)]))
     best = np.linalg.solve(triangle, q.T @ np.concatenate([target, np.zeros(4)]))
-    parameters = SimpleNamespace(prior_std=std, readings=(), names=tuple("abcd"))
+    parameters = SimpleNamespace(prior_std=std, readings=(), names=tuple("abcd"), on_bound=lambda x: x == np.inf)
     found = Fit(parameters, best, data, target - jacobian @ best, -jacobian, best / std, np.diag(1 / std), log_slope)
 
     def log_density(columns: np.ndarray) -> float:
