@@ -17,7 +17,8 @@ class Rules:
         0.5,
         "prior mean number of causes in a sweep, shared alike by all candidates of the library; of the forms of what "
         "none of them describes two weigh as much as a candidate, as an uneven body among these does, and errors of "
-        "every resonance a hundredth",
+        "every resonance a hundredth; times what a cause explains over what it leaves undescribed, the odds of the "
+        "cause against something unknown that looks like it",
     )
     significant: float = _rule(
         3.0,

@@ -164,6 +164,31 @@ def test_evidence_where_the_noise_is_a_fraction_of_what_it_is_without(wave):
     assert gain - np.log(243) - 0.1 < learned.log_evidence < gain + 0.5
 
 
+def test_what_is_on_its_bound_stays_there_beside_a_discrepancy():
+    """The discrepancy that the residual asks for, and its evidence, are those of a fit without that unknown."""
+    data, log_slope, target, jacobian, std = linear(4, 3e-2)
+
+    def fitted(which: np.ndarray, held: np.ndarray) -> Fit:
+        free, deviations = ~held, std[which]
+        rows = np.concatenate([jacobian[:, which], np.diag(1 / deviations)])
+        values, x = np.append(target, np.zeros(which.size)), np.zeros(which.size)
+        x[free] = np.linalg.lstsq(rows[:, free], values, rcond=None)[0]
+        parameters = SimpleNamespace(
+            prior_std=deviations, readings=(), names=tuple("abcd"[: which.size]), on_bound=lambda x: held
+        )
+        left, own = target - jacobian[:, which] @ x, jacobian[:, which]
+        return Fit(parameters, x, data, left, -own, x / deviations, np.diag(1 / deviations), log_slope)
+
+    every = np.arange(4)
+    bound, without = fitted(every, every == 0), fitted(every[1:], every[1:] == 0)
+    free = fitted(every, every > 3)
+    level = bound.marginal.level
+    assert bound.learned_of(bound.forms, level).log_evidence == pytest.approx(
+        without.learned_of(without.forms, level).log_evidence, abs=0.05
+    )
+    assert abs(free.learned.log_evidence - bound.learned.log_evidence) > 0.5
+
+
 def test_forms_compete_with_equal_weight():
     """The evidence of two forms: the mean of both, of a resonance's over all of its places, qualities and sizes."""
     data, log_slope, target, _, _ = linear(6, 2e-3)
