@@ -119,7 +119,8 @@ class _Search:
             # a discrepancy stands for all of several causes: one of them may gain nothing where two do
             if fruitless == (2 if best.discrepant else 1):
                 break
-        while self._exchange() | self._thinned():  # both: an exchange may bring a set near that does with less
+        # both: an exchange may bring a set near that does with less
+        while (self._exchange() | self._thinned()) and not self._unknown():
             pass
 
     def _beam(self, size: int) -> list[Hypothesis]:
@@ -144,10 +145,14 @@ class _Search:
         return max((one for one in self._known.values() if not one.forms), key=lambda one: one.rank)
 
     def _unknown(self) -> bool:
-        """Whether the verdict on the best set would be "unknown": it leaves much beside a discrepancy."""
-        best = self._described()
-        left = unexplained_share(self._base.fit, best.fit, self._rules.significant)
-        return best.discrepant and left > self._rules.unexplained
+        """Whether the verdict on the best set would be "unknown": no cause, or much left, beside a discrepancy."""
+        best = self._best()
+        if not best.discrepant and not best.forms:
+            return False
+        causes = best.keys - {form.key for form in best.forms}
+        described = self._known[causes].fit if causes in self._known else self._base.fit
+        left = unexplained_share(self._base.fit, described, self._rules.significant)
+        return not causes or left > self._rules.unexplained
 
     def _thinned(self) -> bool:
         """Fit sets that may yet be the best without a cause that is nothing in them; whether a better set was found.
