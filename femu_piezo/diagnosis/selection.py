@@ -8,10 +8,10 @@ is proportional to
 
 p(data | S, δ) by Laplace's method with everything else marginalised (`femu_piezo.inference.fit`). The probability of a
 cause is the summed posterior of the sets that hold it. Sets are found by enlarging the best ones until that gains
-nothing, once more where the best has a discrepancy, and by exchanging each cause of the best one; candidates are
-screened by linearisation and fitted roughly before they are fitted closely. An uneven body, the form of a discrepancy
-that is a change of the body, is tried beside every set and has no other discrepancy beside it; no set is enlarged from
-one with it, and no cause left out because of it.
+nothing, once more where the best has a discrepancy, and by exchanging each cause of the best one, until the verdict on
+it would be "unknown"; candidates are screened by linearisation and fitted roughly before they are fitted closely. An
+uneven body, the form of a discrepancy that is a change of the body, is tried beside every set and has no other
+discrepancy beside it; no set is enlarged from one with it, and no cause left out because of it.
 """
 
 from __future__ import annotations

@@ -59,6 +59,17 @@ def test_an_uneven_body_is_unknown_and_what_varies_is_told(setup):
     assert np.all(np.abs(form.values - truth) < 4 * form.std)
 
 
+def test_no_third_cause_is_sought_where_an_uneven_body_is_all_there_is(setup):
+    """The verdict is unknown then, as where two causes leave much: no pair is enlarged."""
+    data, told = data_with(setup, {"uneven_body": (0.02, 0.0, 0.05, 0.01, 0.1, 0.02)}, 2), []
+    names = ("series_resistance", "poling_gradient", "tapered_width", "wrong_width", "point_mass", "uneven_body")
+    library = [setup.library[name] for name in names]
+    result = compare(setup.evaluation, data, setup.unknowns, setup.x, library, progress=told.append)
+    assert judge(result).word == "unknown" and not result.found
+    assert any(words.startswith("beside ") for words in told)
+    assert not any(" and " in words for words in told)
+
+
 @pytest.mark.parametrize("known", [True, False])
 def test_null_stays_null(setup, known):
     for seed in range(3):
