@@ -150,7 +150,7 @@ class Enlargement:
         untried = [one for one in by_promise if not one.tried]
         # the best one alone: most often no other is worth a fit after it
         for batch in [untried[:1], *(untried[n : n + _AT_ONCE] for n in range(1, len(untried), _AT_ONCE))]:
-            worth = [one for one in batch if self._hopeful(one.promised) or self._most(one)]
+            worth = [one for one in batch if self._hopeful(one) or self._most(one)]
             self._settle(worth, list(in_parallel(self._roughly, worth)))
 
     def _fit_from_steps(self) -> None:
@@ -165,7 +165,7 @@ class Enlargement:
         for one, start in zip(left, further, strict=True):
             one.starts = sorted([*one.starts, start], key=promise_of)
             one.promised = max(one.promised, self._odds(start.linear, one.effect))
-        worth = [one for one in left if self._hopeful(one.promised)]
+        worth = [one for one in left if self._hopeful(one)]
         self._settle(worth, list(in_parallel(self._roughly, worth)))
 
     def _fit_loudest(self) -> None:
@@ -180,8 +180,7 @@ class Enlargement:
             self._settle([loudest], [self._roughly(loudest)])
 
     def _fit_unstrained(self) -> None:
-        """The best cause may have stopped on its way; where it is strained in itself, another that promises as much may
-        not be."""
+        """The best cause may have stopped on its way; where it is strained in itself, another may not be."""
         leading = self._leading()
         others = [one for one in self._of_causes if one is not leading]
         for batch in ([leading] if leading else [], others):
@@ -213,12 +212,9 @@ class Enlargement:
 
     def _from_means(self, one: _Prospect) -> Fit | None:
         places = unstrained(self._weighing.response, self._current, one.effect)
-        promised = max(one.promised, self._odds(places[0].linear, one.effect))
-        if one is not self._leading() and not self._hopeful(promised):
-            return None
         return self._weighing.fitted(places[0].linear.parameters, [place.x for place in places], COARSE)
 
-    def _hopeful(self, promised: float) -> bool:
+    def _hopeful(self, one: _Prospect) -> bool:
         """Whether a fit may yet be the best, by what linearisation promises; within more where the misfit is large.
 
         Beside a discrepancy it is not: that takes what is left.
@@ -227,7 +223,7 @@ class Enlargement:
         large = min((fit.chi_square / fit.residual.size for fit in rough), default=1.0)
         best = max((other.odds for other in self._of_causes), default=-np.inf)
         least = best - self._rules.contender * max(1.0, large)
-        return promised + _NONLINEAR * max(promised, 0.0) > least
+        return one.promised + _NONLINEAR * max(one.promised, 0.0) > least
 
     def _most(self, one: _Prospect) -> bool:
         """Whether linearisation explains most of a misfit that no fit explains; what it leaves may be curvature."""
