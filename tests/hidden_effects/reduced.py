@@ -94,7 +94,7 @@ def _basis(part: Part, theta: np.ndarray, factors, top: float, cutoff: float, dr
         further += [first, sl.cho_solve(shifted, part.mass @ first)]
     shapes = [factor.T @ inner for factor in factors]
     for factor, shape in zip(factors, shapes, strict=True):
-        left, singular, _ = np.linalg.svd(sl.cho_solve(shifted, factor), full_matrices=False)
+        left, singular, _ = sl.svd(sl.cho_solve(shifted, factor), full_matrices=False, lapack_driver="gesvd")
         further.append(left[:, singular > 3e-3 * singular[0]][:, :6])
         further.append(sl.cho_solve(shifted, factor @ shape))
     further += [sl.cho_solve(shifted, factor @ shape) for factor, shape in zip(factors, driven, strict=False)]
