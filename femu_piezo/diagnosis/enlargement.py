@@ -217,10 +217,11 @@ class Enlargement:
     def _hopeful(self, one: _Prospect) -> bool:
         """Whether a fit may yet be the best, by what linearisation promises; within more where the misfit is large.
 
-        Beside a discrepancy it is not: that takes what is left.
+        Beside a discrepancy, which takes what is left, no misfit is large.
         """
-        rough = [other.rough for other in self._of_causes if other.rough is not None and not self._forms]
-        large = min((fit.chi_square / fit.residual.size for fit in rough), default=1.0)
+        rough = [other.rough for other in self._of_causes if other.rough is not None]
+        left = min((fit.chi_square / fit.residual.size for fit in rough), default=1.0)
+        large = 1.0 if self._forms else left
         best = max((other.odds for other in self._of_causes), default=-np.inf)
         least = best - self._rules.contender * max(1.0, large)
         return one.promised + _NONLINEAR * max(one.promised, 0.0) > least

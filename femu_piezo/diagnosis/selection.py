@@ -145,7 +145,10 @@ class _Search:
         return max((one for one in self._known.values() if not one.forms), key=lambda one: one.rank)
 
     def _unknown(self) -> bool:
-        """Whether the verdict on the best set would be "unknown": no cause, or much left, beside a discrepancy."""
+        """Whether the best set has no cause, or leaves much, beside a discrepancy: the verdict is "unknown" then.
+
+        But where the discrepancy may be noise that is correlated, which the search does not ask.
+        """
         best = self._best()
         if not best.discrepant and not best.forms:
             return False
@@ -300,11 +303,12 @@ class _Search:
             if len(keys) == 1
         ]
         without, described = self._known.get(rest), rest - {form.key for form in one.forms}
+        fitted = [h.fit for keys, h in self._known.items() if keys <= described and not h.fit.extrapolated]
         return Found(
             effect=effect,
             probability=self._probability(effect.title, total),
             fits=tuple(sorted(fits, key=lambda trial: -trial.log_odds)),
-            rest=min((h.fit for keys, h in self._known.items() if keys <= described), key=lambda fit_: fit_.chi_square),
+            rest=min(fitted, key=lambda fit_: fit_.chi_square),
             without=np.inf if without is None else one.log_posterior - without.log_posterior,
         )
 

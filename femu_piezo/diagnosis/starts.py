@@ -187,7 +187,7 @@ def promises_together(current: Fit, alone: Sequence[Start]) -> np.ndarray:
 
         χ² = rᵗr/s² + 2 gᵗp + pᵗM p,    M = I + CᵗC/s²,  g = Cᵗr/s²,
 
-    of a residual r and the steps p of least χ² within bounds, and evidence is less by ½ log det M; s is the most
+    of a residual r and the steps p within bounds (`_least_within`), and evidence is less by ½ log det M; s is the most
     probable noise level. The starts are taken to change the residual independently.
     """
     rows, basis = current.residual.size, current.span
@@ -233,11 +233,15 @@ def _limits(start: Start) -> np.ndarray:
 
 
 def _least_within(matrix: np.ndarray, slope: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """(k, n) steps p of least 2 gᵗp + pᵗM p for M (k, n, n) and g (k, n): what leaves its bounds is held at them."""
+    """(k, n) steps p of small 2 gᵗp + pᵗM p within bounds, for M (k, n, n) and g (k, n).
+
+    The one that leaves its bounds farthest is held there, again until none does: the least in nearly all cases.
+    """
     held, right = np.zeros(slope.shape, dtype=bool), -slope
     while True:
         steps = np.linalg.solve(np.where(held[:, :, None], np.eye(slope.shape[1]), matrix), right[:, :, None])[:, :, 0]
-        leaving = ~held & ((steps < low) | (steps > high))
+        out = np.where(held, 0.0, np.maximum(low - steps, steps - high))
+        leaving = (out > 0) & (out == out.max(axis=1, keepdims=True))
         if not np.any(leaving):
             return steps
         held |= leaving

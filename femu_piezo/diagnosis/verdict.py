@@ -136,7 +136,7 @@ def _beyond_noise(final: Fit, significant: float) -> bool:
     return left.over_noise * left.level > max(noise_level_of(final, significant), 1.0)
 
 
-def _cause(found: Found, comparison: Comparison, moves: list[Tangent], explained: float) -> Cause:
+def _cause(found: Found, comparison: Comparison, moves: list[Tangent], genuine: float) -> Cause:
     effect, final = found.effect, comparison.final
     place = final.parameters.index(effect.key)
     values = final.parameters.values(final.x)[place]
@@ -150,6 +150,6 @@ def _cause(found: Found, comparison: Comparison, moves: list[Tangent], explained
         effect=effect,
         values=values,
         std=final.std_of_effects[place],
-        probability=found.probability * explained,
+        probability=found.probability * genuine,
         indistinguishable_from=tuple(other for other in dict.fromkeys(alike) if other != effect.title),
     )

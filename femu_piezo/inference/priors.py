@@ -43,7 +43,8 @@ def log_prior_gain(effect: Effect, estimate: np.ndarray, covariance: np.ndarray)
     """
     rest, spread = effect.rest / effect.scale, effect.spread / effect.scale
     if effect.of_unknown:
-        return _gain_of_all(estimate - rest, covariance, spread)
+        free = np.flatnonzero(spread > 0)
+        return _gain_of_all((estimate - rest)[..., free], covariance[..., free[:, None], free], spread[free])
     std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     found, bounds = np.zeros(estimate.shape[:-1]), effect.bounds / effect.scale[:, None] - rest[:, None]
     for number in np.flatnonzero(spread > 0):
@@ -67,7 +68,7 @@ def _gain_of_all(away: np.ndarray, covariance: np.ndarray, usual: np.ndarray) ->
     """The same of all parameters (n,) or (k, n) together, whose priors have one width over the usual ones (n,)."""
     variances, axes = np.linalg.eigh(covariance / np.outer(usual, usual))
     along = np.swapaxes(axes, -1, -2) @ (away / usual)[..., None]
-    density = _with_each(along, np.sqrt(np.maximum(variances, 0.0))[..., None], 1.0, _SHARES)[0]
+    density = _with_each(along, np.sqrt(np.maximum(variances, np.finfo(float).eps))[..., None], 1.0, _SHARES)[0]
     return logsumexp(density.sum(axis=-2), axis=-1) - np.log(_SHARES.size)
 
 

@@ -111,17 +111,16 @@ def _behind(triangle: np.ndarray, planes: _Planes, low: np.ndarray, high: np.nda
     """
     own, (slopes, offsets) = triangle[:, :-1], planes
     free, size = solve_triangular(own, -triangle[:, -1]), low.size
-    held = np.zeros(size, dtype=bool)
+    held, step, cost = np.zeros(size, dtype=bool), free, 0.0
     while True:
-        step, cost = free, 0.0
         ahead = slopes @ free + offsets
         if np.any(ahead < 0):
             through = solve_triangular(own, slopes.T, trans="T")
             both = np.concatenate([np.eye(len(slopes)), through])
             try:
                 passed, _ = nnls(both, np.append(-ahead, np.zeros(size)), maxiter=_PASSES * len(slopes))
-            except RuntimeError:  # does not end: as without planes, and halved where that costs more
-                return step, cost
+            except RuntimeError:  # does not end: as far as it came, and halved where that costs more
+                return np.clip(step, low, high), cost
             moved = through @ passed
             step, cost = free + solve_triangular(own, moved), float(moved @ moved + passed @ passed)
         leaving = ~held & ((step < low) | (step > high))

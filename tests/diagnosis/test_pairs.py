@@ -9,9 +9,10 @@ import pytest
 
 from diagnosis.test_compare import data_with
 from femu_piezo.diagnosis.selection import compare
-from femu_piezo.diagnosis.starts import promises_together, start_together, starts
+from femu_piezo.diagnosis.starts import _least_within, promises_together, start_together, starts
 from femu_piezo.diagnosis.verdict import judge
 from femu_piezo.inference.fit import fit, linear_fit
+from femu_piezo.inference.step import bounded_step
 
 TRUTH = {"series_inductance": 4e-6, "electrode_mass": 0.08}
 
@@ -88,3 +89,14 @@ def test_promises_of_all_pairs_are_those_of_each(setup, smooth):
         each = start_together(base, alone[first], alone[second]).linear.log_evidence
         above = promises[first, second] - each
         assert abs(above) < 0.1 * (each - base.log_evidence) + 2
+
+
+def test_nearly_parallel_causes_are_not_both_held_where_one_leaves_its_bounds():
+    """The one that is farthest out is held, and the other comes back: as the least within bounds has it."""
+    matrix = np.eye(2) + 1e6 * np.array([[1.0, 0.9999], [0.9999, 1.0]])
+    slope, low, high = -matrix @ [30.0, -28.0], np.array([-5.0, 0.0]), np.array([5.0, 5.0])
+    factor = np.linalg.cholesky(matrix)
+    least = bounded_step(factor.T, np.linalg.solve(factor, slope), low, high)
+    found = _least_within(matrix[None], slope[None], low[None], high[None])[0]
+    assert found == pytest.approx(least, rel=1e-6, abs=1e-7)  # planes are passed by 1e-8
+    assert 0 < found[0] < 5
