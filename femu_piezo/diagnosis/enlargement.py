@@ -219,9 +219,8 @@ class Enlargement:
 
         Beside a discrepancy, which takes what is left, no misfit is large.
         """
-        rough = [other.rough for other in self._of_causes if other.rough is not None]
-        left = min((fit.chi_square / fit.residual.size for fit in rough), default=1.0)
-        large = 1.0 if self._forms else left
+        rough = [] if self._forms else [other.rough for other in self._of_causes if other.rough is not None]
+        large = min((fit.chi_square / fit.residual.size for fit in rough), default=1.0)
         best = max((other.odds for other in self._of_causes), default=-np.inf)
         least = best - self._rules.contender * max(1.0, large)
         return one.promised + _NONLINEAR * max(one.promised, 0.0) > least

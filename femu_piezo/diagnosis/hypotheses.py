@@ -43,6 +43,11 @@ class Hypothesis:
         """Those of what no cause describes among the causes."""
         return [cause for cause in self.fit.parameters.causes if cause.of_unknown]
 
+    @property
+    def causes(self) -> frozenset[str]:
+        """Keys of the causes that are no form of what none of them describes."""
+        return self.keys - {form.key for form in self.forms}
+
     @made_once
     def log_plain(self) -> float:
         """log posterior (up to a constant) without a discrepancy."""

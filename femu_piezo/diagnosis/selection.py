@@ -152,10 +152,10 @@ class _Search:
         best = self._best()
         if not best.discrepant and not best.forms:
             return False
-        causes = best.keys - {form.key for form in best.forms}
-        described = self._known[causes].fit if causes in self._known else self._base.fit
-        left = unexplained_share(self._base.fit, described, self._rules.significant)
-        return not causes or left > self._rules.unexplained
+        if not best.causes:
+            return True
+        described = self._known.get(best.causes, self._base).fit
+        return unexplained_share(self._base.fit, described, self._rules.significant) > self._rules.unexplained
 
     def _thinned(self) -> bool:
         """Fit sets that may yet be the best without a cause that is nothing in them; whether a better set was found.
@@ -302,7 +302,7 @@ class _Search:
             for keys, h in others.items()
             if len(keys) == 1
         ]
-        without, described = self._known.get(rest), rest - {form.key for form in one.forms}
+        without, described = self._known.get(rest), one.causes - {effect.key}
         fitted = [h.fit for keys, h in self._known.items() if keys <= described and not h.fit.extrapolated]
         return Found(
             effect=effect,
