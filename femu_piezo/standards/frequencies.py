@@ -15,12 +15,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy.optimize import brentq
 
 Admittance = Callable[[np.ndarray], np.ndarray]
+#: What is looked at of an admittance (…), real (…).
+Part = Callable[[np.ndarray], np.ndarray]
 #: Bandwidths to either side of a pole or zero in which its extrema are looked for, points there, and points between two
-#: of them each time that a maximum is looked at more closely.
+#: of them each time that a place is looked at more closely.
 _REACH, _POINTS, _CLOSER = 1.5, 301, 33
+#: How close maxima are looked at, in bandwidths (they are known to the root of the rounding of what is compared), and
+#: how often crossings are, before a straight line takes their place.
+_MAXIMUM, _CROSSING = 2e-9, 3
 
 
 @dataclass(frozen=True)
@@ -63,83 +67,120 @@ def characteristic_frequencies(
     band : lowest and highest frequency where the curve is known, Hz
     """
     middle = float(np.sqrt(np.sqrt(pole.real * zero.real)) / (2 * np.pi))
-    series = _Window.around(pole, band, (0.0, middle))
-    parallel = _Window.around(zero, band, (middle, np.inf))
+    curve = _Curve(admittance)
+    series = _Window.around(curve, pole, band, (0.0, middle))
+    parallel = _Window.around(curve, zero, band, (middle, np.inf))
+    fs, fm = curve.maxima(series, [_conductance, np.abs])
+    fp, fn = curve.maxima(parallel, [_resistance, _magnitude])
+    found = {"fs": fs, "fp": fp, "fm": fm, "fn": fn}
+    found |= {"fr": curve.resonance(series, fs), "fa": curve.resonance(parallel, fp)}
+    found["Q_series"] = curve.quality(series, _conductance, fs)
+    found["Q_parallel"] = curve.quality(parallel, _resistance, fp)
+    return CharacteristicFrequencies(**found, Z_series=None if fm is None else float(_magnitude(curve.at(fm))))
 
-    def y(frequency):
-        return admittance(2 * np.pi * np.atleast_1d(np.asarray(frequency, dtype=float)))
 
-    def z(frequency):
-        return 1 / y(frequency)
+def _conductance(y: np.ndarray) -> np.ndarray:
+    return y.real
 
-    fs, fp = series.maximum(lambda f: y(f).real), parallel.maximum(lambda f: z(f).real)
-    fm = series.maximum(lambda f: np.abs(y(f)))
-    return CharacteristicFrequencies(
-        fs=fs,
-        fp=fp,
-        fm=fm,
-        fn=parallel.maximum(lambda f: np.abs(z(f))),
-        fr=series.crossing(lambda f: z(f).imag, fs),
-        fa=parallel.crossing(lambda f: z(f).imag, fp),
-        Q_series=series.quality(lambda f: y(f).real, fs),
-        Q_parallel=parallel.quality(lambda f: z(f).real, fp),
-        Z_series=None if fm is None else float(np.abs(z(fm))[0]),
-    )
+
+def _resistance(y: np.ndarray) -> np.ndarray:
+    return (1 / y).real
+
+
+def _magnitude(y: np.ndarray) -> np.ndarray:
+    """|Z|."""
+    return 1 / np.abs(y)
+
+
+def _reactance(y: np.ndarray) -> np.ndarray:
+    return (1 / y).imag
 
 
 @dataclass(frozen=True)
 class _Window:
-    """A band about a pole or a zero, Hz, and its bandwidth."""
+    """A band about a pole or a zero: its bandwidth, Hz; frequencies (n,) over it, Hz; Y (n,) there. n may be 0."""
 
-    low: float
-    high: float
     width: float
+    grid: np.ndarray
+    values: np.ndarray
 
     @classmethod
-    def around(cls, value: complex, band: tuple[float, float], limits: tuple[float, float]) -> _Window:
+    def around(cls, curve: _Curve, value: complex, band: tuple[float, float], limits: tuple[float, float]) -> _Window:
         frequency = float(np.sqrt(value.real) / (2 * np.pi))
         width = max(float(value.imag / value.real), 1e-9) * frequency
-        low, high = max(band[0], limits[0]), min(band[1], limits[1])
-        return cls(max(frequency - _REACH * width, low), min(frequency + _REACH * width, high), width)
+        low = max(frequency - _REACH * width, band[0], limits[0])
+        high = min(frequency + _REACH * width, band[1], limits[1])
+        grid = np.linspace(low, high, _POINTS if low < high else 0)
+        return cls(width, grid, curve.at(grid))
 
-    def maximum(self, curve) -> float | None:
-        """Where the curve is largest, None where that is at an end of the window."""
-        if not self.low < self.high:
-            return None
-        grid = np.linspace(self.low, self.high, _POINTS)
-        best = int(np.argmax(curve(grid)))
-        if best in (0, _POINTS - 1):
-            return None
-        # offsets from the grid point: a maximum is known to the root of the rounding of what is compared
-        low, high = grid[best - 1] - grid[best], grid[best + 1] - grid[best]
-        while high - low > 2e-9 * self.width:
-            steps = np.linspace(low, high, _CLOSER)
-            top = int(np.argmax(curve(grid[best] + steps)))
-            low, high = steps[max(top - 1, 0)], steps[min(top + 1, _CLOSER - 1)]
-        return float(grid[best] + (low + high) / 2)
 
-    def crossing(self, curve, near: float | None) -> float | None:
-        """The zero of the curve nearest to a frequency, None where there is none in the window."""
-        if near is None or not self.low < self.high:
+@dataclass(frozen=True)
+class _Curve:
+    """An admittance; places of several of its parts are looked at together, as one look at many points is cheap."""
+
+    admittance: Admittance
+
+    def at(self, frequency: np.ndarray | float) -> np.ndarray:
+        """Y (…), siemens, at frequencies (…), Hz."""
+        given = np.asarray(frequency, dtype=float)
+        return self.admittance(2 * np.pi * given.ravel()).reshape(given.shape) if given.size else given.astype(complex)
+
+    def maxima(self, window: _Window, parts: list[Part]) -> list[float | None]:
+        """Where each part is largest, None where that is at an end of the window."""
+        if not window.grid.size:
+            return [None] * len(parts)
+        grid, best = window.grid, np.array([np.argmax(part(window.values)) for part in parts])
+        inside = (best > 0) & (best < grid.size - 1)
+        best, every = best.clip(1, grid.size - 2), np.arange(len(parts))
+        low, high = grid[best - 1] - grid[best], grid[best + 1] - grid[best]  # offsets are finer than frequencies
+        while np.max(high - low) > _MAXIMUM * window.width:
+            steps = np.linspace(low, high, _CLOSER, axis=1)
+            values = self.at(grid[best, None] + steps)
+            top = np.array([np.argmax(part(own)) for part, own in zip(parts, values, strict=True)])
+            low, high = steps[every, np.maximum(top - 1, 0)], steps[every, np.minimum(top + 1, _CLOSER - 1)]
+        found = grid[best] + (low + high) / 2
+        return [float(one) if ok else None for one, ok in zip(found, inside, strict=True)]
+
+    def resonance(self, window: _Window, near: float | None) -> float | None:
+        """Where the reactance is zero nearest to a frequency, None where it is not in the window."""
+        if near is None:
             return None
-        grid = np.linspace(self.low, self.high, _POINTS)
-        signs = np.sign(curve(grid))
-        at = np.flatnonzero(signs[1:] * signs[:-1] < 0)
+        at = _changes(_reactance(window.values))
         if not at.size:
             return None
-        best = at[np.argmin(np.abs(grid[at] - near))]
-        return float(brentq(lambda f: float(curve(f)[0]), grid[best], grid[best + 1], rtol=1e-14))
+        nearest = at[np.argmin(np.abs(window.grid[at] - near))]
+        return float(self._crossings(window, _reactance, np.array([nearest]), 0.0)[0])
 
-    def quality(self, curve, peak: float | None) -> float | None:
+    def quality(self, window: _Window, part: Part, peak: float | None) -> float | None:
         """Frequency of the peak over its width at half height; None where the window holds only a part of it."""
         if peak is None:
             return None
-        half = float(curve(peak)[0]) / 2
-
-        def over(f: float) -> float:
-            return float(curve(f)[0]) - half
-
-        if over(self.low) > 0 or over(self.high) > 0:
+        half = float(part(self.at(peak))) / 2
+        at = _changes(part(window.values) - half)
+        below, above = at[window.grid[at] < peak], at[window.grid[at] >= peak]
+        if not below.size or not above.size:
             return None
-        width = brentq(over, peak, self.high, rtol=1e-14) - brentq(over, self.low, peak, rtol=1e-14)
-        return float(peak / width)
+        low, high = self._crossings(window, part, np.array([below[-1], above[0]]), half)
+        return float(peak / (high - low))
+
+    def _crossings(self, window: _Window, part: Part, after: np.ndarray, value: float) -> np.ndarray:
+        """(m,) where a part crosses a value, each between one of the points `after` (m,) of the window and the next."""
+        low, high, every = window.grid[after], window.grid[after + 1], np.arange(after.size)
+        for _ in range(_CROSSING):
+            steps = np.linspace(low, high, _CLOSER, axis=1)
+            over = part(self.at(steps)) - value
+            first = np.argmax(_changed(over), axis=1)
+            low, high = steps[every, first], steps[every, first + 1]
+            before, behind = over[every, first], over[every, first + 1]
+        return low + (high - low) * before / (before - behind)
+
+
+def _changed(values: np.ndarray) -> np.ndarray:
+    """(…, n − 1) bool: between which neighbours values (…, n) change their sign."""
+    positive = values > 0
+    return positive[..., 1:] != positive[..., :-1]
+
+
+def _changes(values: np.ndarray) -> np.ndarray:
+    """Indices of the values (n,) behind which the sign changes."""
+    return np.flatnonzero(_changed(values))
