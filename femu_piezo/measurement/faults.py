@@ -8,6 +8,7 @@ spike.
 from __future__ import annotations
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from femu_piezo.measurement.data_fault import DataFault
 from femu_piezo.measurement.local_fits import left_out, stepped
@@ -26,11 +27,16 @@ _FEWEST = 24
 #: Kinds of faults whose points can be left out.
 MASKABLE = ("jump", "spike", "mains", "not_passive")
 _WIDEST_SPIKE, _MOST_CANDIDATES, _ROUNDS = 3, 200, 6
+#: Multiple of the noise of a point up to which that of what its neighbours say of it counts as certain.
+_CERTAIN = 2.0
 #: Relative noise below which no instrument is believed.
 _FINEST = 2e-5
 #: |Z| in ohm between which numbers are looked at in detail; the checks of the whole sweep report others.
 _SANE = 1e-12, 1e18
 _MAINS_TO, _MAINS = 1100.0, (50.0, 60.0)
+#: Steps of readings over the power of ten of the largest, (18, 1); and most digits of readings that have so many.
+_DECIMAL_STEPS = np.outer(10.0 ** -np.arange(6), (5, 2, 1)).reshape(-1, 1)
+_DIGITS = 5
 _REMEDY = "measure again, or set mask_faults = true in [measurement] of the specimen file (or --mask-faults)"
 
 
@@ -65,18 +71,40 @@ def without_faults(spectrum: ImpedanceSpectrum, faults: list[DataFault]) -> np.n
     return keep
 
 
-def _candidates(z: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """(n,) |distance| of each point from the cubic through its four neighbours, in standard deviations of noise."""
+def _candidates(f: np.ndarray, z: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """(n,) how far each point, or one within two of it, is off what its four neighbours say, in standard deviations.
+
+    inf at the ends. A cubic in log Z through the neighbours serves where Z is smooth, a quadratic over a straight line
+    where a resonance is, as far as noise leaves it certain. With t = f_i − f, w_i the weights of the third divided
+    difference, A = Σ w z, B = Σ w t z and P = Π t, the latter is −P Σ w z/t + P A²/B at the point itself.
+    """
+    own = slice(2, -2)
+    beside = [slice(0, -4), slice(1, -3), slice(3, -1), slice(4, None)]
+    t = np.stack([f[at] for at in beside]) - f[own]
+    w = 1 / np.prod(np.where(np.eye(4, dtype=bool)[:, :, None], 1.0, t[:, None] - t), axis=1)
+    whole = np.prod(t, axis=0)
+    cubic = -whole * w / t
     logs = np.log(np.abs(z)) + 1j * np.unwrap(np.angle(z))
-    middle = logs[2:-2] - (-logs[:-4] + 4 * logs[1:-3] + 4 * logs[3:-1] - logs[4:]) / 6
-    distance = np.abs(middle) / (1.4 * sigma[2:-2])
+    off = np.abs(logs[own] - np.sum(cubic * np.stack([logs[at] for at in beside]), axis=0))
+    distance = off / (sigma[own] * np.sqrt(1 + np.sum(cubic**2, axis=0)))
+    values = np.stack([z[at] for at in beside])
+    a, b = np.sum(w * values, axis=0), np.sum(w * t * values, axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = cubic + whole * (2 * a / b * w - (a / b) ** 2 * w * t)
+        spread = np.sum(np.abs(slopes * np.stack([(sigma * np.abs(z))[at] for at in beside])) ** 2, axis=0)
+        off = np.abs(z[own] - np.sum(cubic * values, axis=0) - whole * a**2 / b)
+    noise = (sigma[own] * np.abs(z[own])) ** 2
+    beside = np.where(spread < _CERTAIN**2 * noise, off / np.sqrt(noise + spread), np.inf)
+    # where neighbours are off together each may seem to be in order
+    around = np.pad(np.minimum(distance, beside), _WIDEST_SPIKE - 1)
+    distance = np.max(sliding_window_view(around, 2 * _WIDEST_SPIKE - 1), axis=1)
     return np.concatenate([[np.inf] * 2, distance, [np.inf] * 2])
 
 
 def _jumps(spectrum: ImpedanceSpectrum, sigma: np.ndarray) -> list[tuple[int, complex]]:
     """(last point before, log of the factor behind) of every jump."""
     z, f, size = spectrum.impedance, spectrum.frequency, len(spectrum)
-    distance = _candidates(z, sigma)
+    distance = _candidates(f, z, sigma)
     near = np.minimum(distance[:-1], distance[1:])  # a jump moves the points on both of its sides off
     near[:5] = near[size - 6 :] = 0.0  # too few points on one side
     after = np.sort(np.argsort(near)[::-1][:_MOST_CANDIDATES])
@@ -115,7 +143,7 @@ def _spikes(f: np.ndarray, z: np.ndarray, sigma: np.ndarray) -> dict[int, float]
 def _spikes_once(f: np.ndarray, z: np.ndarray, sigma: np.ndarray) -> dict[int, float]:
     if f.size < _FEWEST:
         return {}
-    distance = _candidates(z, sigma)
+    distance = _candidates(f, z, sigma)
     first = np.sort(np.argsort(distance)[::-1][:_MOST_CANDIDATES])
     first = first[distance[first] > 3]
     found: dict[int, float] = {}
@@ -236,19 +264,14 @@ def _resolution(values: np.ndarray) -> np.ndarray | None:
     largest = float(np.max(np.abs(values)))
     if largest == 0 or np.unique(values).size < 3:
         return None
-    top = int(np.floor(np.log10(largest)))
-    for step in (factor * 10.0**exponent for exponent in range(top, top - 6, -1) for factor in (5, 2, 1)):
-        # a single reading between the steps decides, and the first ones nearly always are
-        if all(_on_steps(part / step, 1e-7 * np.maximum(1, np.abs(part / step))) for part in (values[:8], values)):
-            return np.full(values.size, step)
-    size = np.floor(np.log10(np.maximum(np.abs(values), 1e-300)))
-    for digits in range(1, 6):
-        step = 10.0 ** (size - digits + 1)
-        if all(_on_steps(part, 1e-7 * 10.0**digits) for part in (values[:8] / step[:8], values / step)):
-            return step
-    return None
+    fixed = 10.0 ** np.floor(np.log10(largest)) * _DECIMAL_STEPS
+    leading = 10.0 ** np.floor(np.log10(np.maximum(np.abs(values), 1e-300)))
+    steps = np.concatenate([fixed * np.ones(values.size), leading * 10.0 ** -np.arange(_DIGITS)[:, None]])
+    # a single reading between the steps decides, and the first ones nearly always are
+    hopeful = steps[_on_steps(values[:8] / steps[:, :8])]
+    return next((step for step in hopeful if _on_steps(values / step)), None)
 
 
-def _on_steps(counts: np.ndarray, rounding: np.ndarray | float) -> bool:
-    """Whether all of the counts of steps (n,) are whole numbers."""
-    return bool(np.all(np.abs(counts - np.round(counts)) < rounding))
+def _on_steps(counts: np.ndarray) -> np.ndarray:
+    """Whether all of the counts of steps (…, n) are whole numbers."""
+    return np.all(np.abs(counts - np.round(counts)) < 1e-7 * np.maximum(1, np.abs(counts)), axis=-1)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from femu_piezo.errors import InputError
-from femu_piezo.measurement.faults import local_faults
+from femu_piezo.measurement.faults import _candidates, local_faults
 from femu_piezo.measurement.readers import read_spectrum, write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
@@ -38,6 +38,38 @@ def test_clean_noisy_sweeps_have_hardly_any_faults() -> None:
         impedance = bar_impedance(frequency, **(SOFT, HARD)[seed % 2])
         alarms += bool(faults_of(frequency, with_noise(impedance, level * np.abs(impedance), seed)))
     assert alarms <= 2
+
+
+def test_neighbours_foretell_a_cubic_and_a_quadratic_over_a_line_exactly() -> None:
+    """At unequal distances; the cubic in log Z."""
+    x = np.linspace(-0.5, 0.5, 40) + np.random.default_rng(4).uniform(-0.006, 0.006, 40)
+    frequency = 1e4 * (x + 1.5)
+    for impedance in (np.exp(2 - x + 0.3j * x**2 - 0.5 * x**3), (1 + 2j * x - x**2) / (x - 0.1 - 0.08j)):
+        assert np.max(_candidates(frequency, impedance, np.full(40, 1e-9))[2:-2]) < 1e-2
+
+
+@pytest.mark.kernels
+@pytest.mark.parametrize("thinned", [False, True])
+def test_every_spike_and_jump_is_looked_at_closely(thinned: bool) -> None:
+    """One to three points, and steps, of 15 deviations anywhere; where nothing is off few places are looked at."""
+    rng = np.random.default_rng(8)
+    frequency, clean = noisy(401, 1e-3, SOFT, 5)
+    if thinned:
+        keep = np.sort(rng.choice(401, 240, replace=False))
+        frequency, clean = frequency[keep], clean[keep]
+    sigma, missed = np.full(frequency.size, 1e-3), 0
+    assert np.sum(_candidates(frequency, clean, sigma) > 3) < 4 + 0.04 * frequency.size
+    places = range(6, frequency.size - 8)
+    for place in places:
+        for end in (place + 1, place + 2, place + 3, frequency.size):
+            impedance = clean.copy()
+            impedance[place:end] *= 1 + 15e-3 * np.exp(2j * np.pi * rng.random())
+            distance = _candidates(frequency, impedance, sigma)
+            if end == frequency.size:
+                missed += bool(min(distance[place - 1], distance[place]) < 2.5)
+            else:
+                missed += bool(distance[place] < 3)
+    assert missed < 0.03 * 4 * len(places)
 
 
 @pytest.mark.kernels
