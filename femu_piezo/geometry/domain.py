@@ -53,6 +53,12 @@ class Domain:
         if not self.hot or not self.ground:
             raise InputError("a domain needs at least one boundary for each of the hot and ground electrodes")
 
+    def has_mesh_of(self, other: Domain) -> bool:
+        """Whether the elements are those of another domain of the same body."""
+        if self.order != other.order or type(self.mesh) is not type(other.mesh):
+            return False
+        return np.array_equal(self.mesh.p, other.mesh.p) and np.array_equal(self.mesh.t, other.mesh.t)
+
     @property
     def admittance_factor(self) -> float:
         """Y of the specimen / Y of the part: stored energy scales with `copies`, voltage with `voltage_factor`."""

@@ -29,8 +29,8 @@ from femu_piezo.study.problem import Problem
 #: are made at most.
 SPREAD, _LEAVE, _BASES = 0.25, 0.3, 6
 #: A start within this of the constants of another basis, or of the specimen file, uses the basis around those: of a
-#: rough basis, and of one of a diagnosis.
-_NEAR, _CLOSE = 0.2, 0.05
+#: rough basis, and of one with effects, which a fit may leave as far before it is made anew (`study.posterior`).
+_NEAR, _CLOSE = 0.2, 0.08
 #: Rungs of the ladders of frequencies (relative to the expected first pole) of an update and of a diagnosis, whose
 #: meshes are costly; of accuracies (relative to 1); and of the grid of free constants.
 _RUNG, _FINE_RUNG, _ACCURACY_RUNG, _GRID = 1.25, 1.04, 1.5, 1.1
@@ -188,10 +188,16 @@ class SharedBases(Bases):
         return float(_ACCURACY_RUNG ** np.floor(np.log(accuracy) / np.log(_ACCURACY_RUNG) + 1e-9))
 
     def _model(self, problem: Problem, frequency_Hz: float, accuracy: float) -> ElectroelasticModel:
-        key = (*_body(problem), problem.shear_speed, frequency_Hz, accuracy)
-        model = self._kept("model", key, lambda: problem.model(frequency_Hz, accuracy))
-        self._keys[model] = key
+        body = _body(problem)
+        key = (body, problem.shear_speed, frequency_Hz, accuracy)
+        model = self._kept("model", key, lambda: self._of_one_mesh(body, problem.model(frequency_Hz, accuracy)))
+        self._keys.setdefault(model, key)
         return model
+
+    def _of_one_mesh(self, body: Hashable, made: ElectroelasticModel) -> ElectroelasticModel:
+        """The model of a body that is kept already where its mesh is the same, as neighbouring rungs may have it."""
+        kept = (model for (of_body, *_), model in self._shelves["model"].items() if of_body == body)
+        return next((model for model in kept if model.domain.has_mesh_of(made.domain)), made)
 
     def _basis(
         self, kind: str, model: ElectroelasticModel, key: tuple[Hashable, ...], make: Callable[[], Made]

@@ -31,7 +31,7 @@ def test_basis_with_effects_is_made_once(subject):
     effects = [effect for effect in subject.library if effect.name in ("wrong_width", "leakage")]
     own = one.problem.constants
     model = bases.model(one, 1e-4)
-    assert bases.model(one, 1.05e-4) is model and bases.model(one, 5e-5) is not model
+    assert bases.model(one, 1.05e-4) is model and bases.model(one, 1e-6) is not model
     training = [bases.around(one.problem, moved(own, share)) for share in (0.03, -0.02)]
     assert training[0] == training[1]
     first = bases.extended(model, training[:1], effects, one, 4e-5)
@@ -41,6 +41,16 @@ def test_basis_with_effects_is_made_once(subject):
     count = bases.made
     assert bases.extended(model, training[:1], effects, one, 4e-5) is first
     assert bases.made == count and first.estimated_error < 4e-5
+
+
+def test_rungs_of_accuracy_with_one_mesh_have_one_model(subject):
+    """Accuracies that ask for the same elements."""
+    bases, one = SharedBases(), subject.measured
+    models = [bases.model(one, accuracy) for accuracy in np.geomspace(3e-5, 3e-6, 10)]
+    meshes = [model.domain.mesh.p for model in models]
+    equal = [[np.array_equal(first, other) for other in meshes] for first in meshes]
+    assert 1 < len(set(map(id, models))) < 6  # of the rungs
+    assert equal == [[first is other for other in models] for first in models]
 
 
 def test_a_start_near_one_before_uses_its_rough_basis(subject):
@@ -58,7 +68,7 @@ def test_a_start_near_one_before_uses_its_rough_basis(subject):
     assert rough(moved(own, 0.15).with_values(s33=1.05 * own.s33)) is not first
 
 
-@pytest.mark.parametrize("share", [0.07, -0.07, 0.3])
+@pytest.mark.parametrize("share", [0.09, -0.09, 0.3])
 def test_constants_far_from_the_file_go_to_a_grid(subject, share):
     """Within half a step of the start, with the tangents of the file; the same for all starts about there."""
     problem = subject.measured.problem
