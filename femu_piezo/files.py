@@ -100,8 +100,8 @@ def with_schema(record: Mapping[str, Any]) -> dict[str, Any]:
     return {"schema": SCHEMA} | dict(record)
 
 
-def json_text(record: Mapping[str, Any], indent: int = 2) -> str:
-    """The text of a record with its schema; NaN is refused (ValueError)."""
+def json_text(record: Mapping[str, Any], indent: int | None = 2) -> str:
+    """The text of a record with its schema, on one line where `indent` is None; NaN is refused (ValueError)."""
     return json.dumps(with_schema(record), indent=indent, allow_nan=False, ensure_ascii=False) + "\n"
 
 

@@ -53,7 +53,7 @@ class Records:
 
 def write_record(folder: Path, record: dict) -> None:
     """Make a record durable in a folder of records."""
-    write_atomically(_path(folder, record["name"]), json_text(record, indent=1))
+    write_atomically(_path(folder, record["name"]), json_text(record, indent=None))
 
 
 def _path(folder: Path, name: str) -> Path:

@@ -26,7 +26,7 @@ _SIGMAS = np.geomspace(1e-6, 3.0, 27)
 #: it takes of a column is no larger a share of what the others leave.
 _UNREACHED = 1e-7
 #: Chords that bound likelihoods, and log odds that are nothing beside the best.
-_CHORDS, _NOTHING = 512, 40.0
+_CHORDS, _NOTHING = 128, 40.0
 #: Prior probability that a sweep holds something that the model does not describe.
 PRIOR = 0.1
 

@@ -19,9 +19,9 @@ import numpy as np
 Admittance = Callable[[np.ndarray], np.ndarray]
 #: What is looked at of an admittance (…), real (…).
 Part = Callable[[np.ndarray], np.ndarray]
-#: Bandwidths to either side of a pole or zero in which its extrema are looked for, points there, and points between two
-#: of them each time that a place is looked at more closely.
-_REACH, _POINTS, _CLOSER = 1.5, 301, 33
+#: Bandwidths to either side of a pole or zero in which its extrema are looked for, points there, and the shares of the
+#: way between two of them that are looked at each time that a place is looked at more closely.
+_REACH, _POINTS, _CLOSER = 1.5, 301, np.linspace(0, 1, 33)
 #: How close maxima are looked at, in bandwidths (they are known to the root of the rounding of what is compared), and
 #: how often crossings are, before a straight line takes their place.
 _MAXIMUM, _CROSSING = 2e-9, 3
@@ -134,10 +134,10 @@ class _Curve:
         best, every = best.clip(1, grid.size - 2), np.arange(len(parts))
         low, high = grid[best - 1] - grid[best], grid[best + 1] - grid[best]  # offsets are finer than frequencies
         while np.max(high - low) > _MAXIMUM * window.width:
-            steps = np.linspace(low, high, _CLOSER, axis=1)
+            steps = low[:, None] + (high - low)[:, None] * _CLOSER
             values = self.at(grid[best, None] + steps)
             top = np.array([np.argmax(part(own)) for part, own in zip(parts, values, strict=True)])
-            low, high = steps[every, np.maximum(top - 1, 0)], steps[every, np.minimum(top + 1, _CLOSER - 1)]
+            low, high = steps[every, np.maximum(top - 1, 0)], steps[every, np.minimum(top + 1, _CLOSER.size - 1)]
         found = grid[best] + (low + high) / 2
         return [float(one) if ok else None for one, ok in zip(found, inside, strict=True)]
 
@@ -167,7 +167,7 @@ class _Curve:
         """(m,) where a part crosses a value, each between one of the points `after` (m,) of the window and the next."""
         low, high, every = window.grid[after], window.grid[after + 1], np.arange(after.size)
         for _ in range(_CROSSING):
-            steps = np.linspace(low, high, _CLOSER, axis=1)
+            steps = low[:, None] + (high - low)[:, None] * _CLOSER
             over = part(self.at(steps)) - value
             first = np.argmax(_changed(over), axis=1)
             low, high = steps[every, first], steps[every, first + 1]
