@@ -106,7 +106,7 @@ class Once:
         with self._guard:
             self._values[key] = value
             while self._latest is not None and len(self._values) > self._latest:
-                self._values.popitem(last=False)
+                self._locks.pop(self._values.popitem(last=False)[0], None)
         return value
 
 

@@ -28,6 +28,8 @@ from femu_piezo.threads import Once, blas_limit, made_once
 
 #: Selections of sectors whose terms are kept, a large one 100 MB; the terms of their classes, a tenth of that, all are.
 _MODELS = 4
+#: Closed forms that are kept.
+_FORMS = 2
 #: Relative stretch of each dimension that the basis is trained for.
 _STRETCH = 0.02
 
@@ -47,12 +49,14 @@ class ExtendedModel:
     owner : (n_s,) index of the e-form constant of each stratum
     exponents : (n_s, 3) exponents 1 − k of the factors on the three dimensions
     places : what effects at a place need
+    closed_forms : the latest, by what tells their stiffness and mass
     """
 
     def __init__(self, source: _Source, sectors: Sectors) -> None:
         self._source, self._sectors, self._extra = source, sectors, Once()
         self.owner, self.exponents = source.owner, source.exponents
         self.places = Places(sectors, source.shared)
+        self.closed_forms = Once(_FORMS)
 
     @property
     def sectors(self) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from hashlib import blake2b
 
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator
@@ -249,22 +250,40 @@ def _along(terms: np.ndarray, tangents: np.ndarray, basis: np.ndarray, weights: 
 def _modal(model: ExtendedModel, c: Coefficients) -> ModalModel:
     """Closed forms with the mass D = Σ m_j M_j: displacements u = T w, TᵗDT = 1; coefficients (1, …).
 
-    A trial step may make D indefinite (each effect keeps to its bounds, their sum need not be a mass): T is complex
-    then, and the same forms hold.
+    The latest are kept: what acts outside the body, or not yet, asks for the same ones again and again. A trial step
+    may make D indefinite (each effect keeps to its bounds, their sum need not be a mass): T is complex then, and the
+    same forms hold.
     """
-    stiffness = np.tensordot(c.stiffness[0], c.terms, axes=1)
+    stiffness = _acting(c.stiffness[0], c.terms)
+    heavy = [(value.real, matrix) for value, matrix in zip(c.inertia[0], c.masses, strict=True) if value]
+    mass = heavy[0][0] if len(heavy) == 1 and heavy[0][1] is c.masses[0] else sum(value * one for value, one in heavy)
+    key = blake2b(stiffness.tobytes() + np.asarray(mass).tobytes()).digest()
+    modal = model.closed_forms.get(key, lambda: _diagonalised(model, stiffness, mass, c.terms))
+    return replace(modal, terms=c.terms)
+
+
+def _acting(values: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+    """Σ values[q] matrices[q], equal bits whatever matrices of value 0 stand among them."""
+    acting = np.flatnonzero(values)
+    few = acting.size < len(values)
+    return np.tensordot(values[acting] if few else values, matrices[acting] if few else matrices, axes=1)
+
+
+def _diagonalised(
+    model: ExtendedModel, stiffness: np.ndarray, mass: float | np.ndarray, terms: np.ndarray
+) -> ModalModel:
+    """Closed forms of a stiffness (r, r) and a mass (u, u), or a multiple of the identity."""
     u, factor = model.displacements, model.admittance_factor
-    if len(c.masses) == 1:
-        transform = np.ones(model.size)
-        transform[:u] = 1 / np.sqrt(c.inertia[0, 0].real)
-        modal = diagonalise(stiffness * np.outer(transform, transform), c.terms, u, factor)
-        return replace(modal, states=modal.states * transform[:, None])
-    mass = sum(value.real * matrix for value, matrix in zip(c.inertia[0], c.masses, strict=True))
+    if np.ndim(mass) == 0:
+        scale = np.ones(model.size)
+        scale[:u] = 1 / np.sqrt(mass)
+        modal = diagonalise(stiffness * np.outer(scale, scale), terms, u, factor)
+        return replace(modal, states=modal.states * scale[:, None])
     values, vectors = np.linalg.eigh(mass)
     root = np.sqrt(values if values[0] > 0 else values.astype(complex))
     transform = np.eye(model.size, dtype=root.dtype)
     transform[:u, :u] = vectors / root
-    modal = diagonalise(transform.T @ stiffness @ transform, c.terms, u, factor)
+    modal = diagonalise(transform.T @ stiffness @ transform, terms, u, factor)
     return replace(modal, states=transform @ modal.states)
 
 

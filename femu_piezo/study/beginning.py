@@ -22,7 +22,7 @@ from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.pole_zero_update import no_history, pole_zero_update
 
 #: Errors of meshes and bases, and relative noise of the fits: their constants are only where to begin.
-_ACCURACY, _BASIS_ACCURACY, _NOISE = 5e-3, 1e-4, 1e-2
+_ACCURACY, _BASIS_ACCURACY, _NOISE = 5e-3, 1e-3, 1e-2
 #: rms |Δ log Z| of a fit above which another start is tried as well: over the noise, and where there is next to none.
 _POOR, _LEAST_POOR = 10.0, 5e-3
 

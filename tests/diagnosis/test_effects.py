@@ -15,6 +15,8 @@ from femu_piezo.effects.effect import EffectContext
 from femu_piezo.effects.library import from_table
 from femu_piezo.effects.library.losses import partner
 from femu_piezo.errors import InputError
+from femu_piezo.forward.modal import diagonalise
+from femu_piezo.inference import response
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.material.constants import D_FORM
 
@@ -62,6 +64,37 @@ APART = {"electrode_resistance": (3.0, 2e-3), "sweep_too_fast": 2e4, "drive_leve
 
 def evaluate(setup, key: str, size: float | np.ndarray):
     return setup.evaluation.with_jacobian(*setup.with_effects({key: size}))
+
+
+def test_what_acts_outside_the_body_or_not_yet_takes_its_closed_forms(setup, monkeypatch):
+    """They are diagonalised once; other constants, and effects that act on the body, have their own."""
+    made = []
+
+    def counted(*given):
+        made.append(1)
+        return diagonalise(*given)
+
+    monkeypatch.setattr(response, "diagonalise", counted)
+    own, x = setup.with_effects({})
+    x = x * (1 + 1e-7)  # none has asked for these
+    plain = setup.evaluation.impedance(own, x)
+    assert len(made) == 1
+    for key, size in {"series_resistance": 3.0, "electrode_mass": 0.0, "wrong_density": 0.0}.items():
+        unknowns, at = setup.with_effects({key: size})
+        at[: x.size] = x
+        z, slopes = setup.evaluation.with_jacobian(unknowns, at)
+        assert len(made) == 1, key
+        assert np.max(np.abs(z / plain - 1)) == pytest.approx(0.0, abs=1e-12) or size
+        moved = at.copy()
+        moved[-1] += 1e-3
+        change = setup.evaluation.impedance(unknowns, moved) - z
+        assert np.max(np.abs(change - 1e-3 * slopes[:, -1])) < 0.02 * np.max(np.abs(change)), key
+        made[1:] = []
+        setup.evaluation.impedance(own, x)
+    for unknowns, at in (setup.with_effects({"electrode_mass": 0.1}), (own, x * (1 + 1e-6))):
+        count = len(made)
+        setup.evaluation.impedance(unknowns, at)
+        assert len(made) == count + 1
 
 
 @pytest.fixture(scope="module")
