@@ -183,6 +183,7 @@ def _enriched(
     basis = driven.basis
     sets = _train(basis, everywhere, top)
     change, error, factors, rounds = np.full(len(sets), np.inf), np.full(len(sets), np.inf), {0}, 0
+    states, left_out = max(item.states.shape[1] for item in sets), 0.0
     active, slow, watched = np.arange(len(points)), [], np.arange(len(sets))
     while error.max() > 0.5 * accuracy and rounds < max_rounds:
         residuals = np.hstack(list(in_parallel(lambda item: state_residuals(basis, item), [sets[i] for i in active])))
@@ -192,14 +193,16 @@ def _enriched(
         factors.update(slow)
         rounds, watched = rounds + 1, np.flatnonzero(error > _SETTLED * accuracy)
         fresh = _train(basis, [everywhere[index] for index in watched], top)
-        before, last = change[watched], [worst_change(sets[i], new) for i, new in zip(watched, fresh, strict=True)]
-        change[watched], error[watched] = last, _predicted(before, np.array(last))
+        last = np.array([worst_change(sets[i], new) for i, new in zip(watched, fresh, strict=True)])
+        ratio = _ratios(change[watched], last, left_out)
+        change[watched], error[watched] = last, _predicted(last, ratio)
+        left_out = states * share**2 * max(last)  # as much of a point may stand in residuals that were not corrected
         for index, new in zip(watched, fresh, strict=True):
             sets[index] = new
         if added == 0:
             break
         active = np.flatnonzero(error > 0.1 * accuracy)
-        stagnant = watched[(error[watched] > 0.5 * accuracy) & (change[watched] > _SLOW * before)]
+        stagnant = watched[(error[watched] > 0.5 * accuracy) & (ratio > _SLOW)]
         slow = [index for index in stagnant[np.argsort(-error[stagnant])] if index not in factors][:_OWN_IN_A_ROUND]
     if watched.size < len(sets):
         sets = _train(basis, everywhere, top)
@@ -211,16 +214,25 @@ def _train(basis: ReducedBasis, points: list[np.ndarray], top: float) -> list[Tr
     return list(in_parallel(lambda point: TrainingSet.of(matrices, basis.u.shape[1], point, top), points))
 
 
-def _predicted(before: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """Error left at each training point, from the last change and the ratio q of it to the one before.
+def _ratios(before: np.ndarray, change: np.ndarray, left_out: float) -> np.ndarray:
+    """(n,) ratio q of the last change of each training point to the one before; 0 where there was none.
+
+    A change before that is no more than what was left out of the corrections tells no ratio of its point: the slowest
+    of the others is taken.
+    """
+    told = np.isfinite(before) & (before > left_out)
+    ratio = np.divide(change, before, out=np.zeros_like(change), where=told)
+    ratio[np.isfinite(before) & ~told] = ratio.max() if np.any(told) else _SLOWEST
+    return np.minimum(_SLOWEST, ratio)
+
+
+def _predicted(change: np.ndarray, ratio: np.ndarray) -> np.ndarray:
+    """(n,) error left at each training point, from the last change and its ratio q to the one before.
 
     Changes usually fall faster than by a constant ratio; √q of the last was above the true error in every case
     measured. Where they fall slowly, by q > 0.38, what a series of that ratio would still bring is more: q/(1 − q).
     """
-    known = np.isfinite(before) & (before > 0)
-    ratio = np.minimum(_SLOWEST, np.divide(change, before, out=np.full_like(change, _SLOWEST), where=known))
-    left = change * np.maximum(np.sqrt(ratio), ratio / (1 - ratio))
-    return np.where(known, left, change)
+    return np.where(ratio > 0, change * np.maximum(np.sqrt(ratio), ratio / (1 - ratio)), change)
 
 
 def _with_neighbours(training: Sequence[TrainingPoint]) -> list[TrainingPoint]:
