@@ -21,6 +21,8 @@ from femu_piezo.threads import in_parallel
 #: squares of the deviations that unknowns are away sum up to this. Most evaluations of a coarse fit and of the others.
 COARSE, RANKED, CLOSE = 1.0, 0.03, 1e-6
 FEW, MANY = 12, 100
+#: Evaluations over which what each brings is averaged.
+_PACE = 15
 #: Gain in χ² at the noise level that a close fit may still promise when it runs out of evaluations.
 UNSETTLED = 10.0
 #: Damping of the first step, in the precision of the prior, the least that changes a step, and the factors by which it
@@ -123,9 +125,13 @@ class Descent:
         return cost if np.isfinite(cost) else np.inf
 
     def run(self, gain: float, most: int) -> Descent:
-        """Descend until the next step promises less than `gain`, by at most so many evaluations."""
-        count = 0
+        """Descend until the next step promises less than `gain`, or evaluations bring less; by at most so many."""
+        count, seen, gained = 0, 0, 0.0
         while count < most and np.isfinite(self.cost(self.parts, self.level)):
+            if count >= seen + _PACE:
+                if gained < _PACE * gain:  # along a ridge that bends
+                    return self
+                seen, gained = count, 0.0
             before = self.level
             self._settle_level()
             settled = abs(np.log(before / self.level)) < NEAR_LEVEL
@@ -157,6 +163,7 @@ class Descent:
                     self._damping = max(self._damping, _FELT) * _RAISED
                 if kept > 0:
                     self.x, self.parts = other, parts
+                    gained += kept * self.promise
                     break
         return self
 
