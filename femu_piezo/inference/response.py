@@ -258,7 +258,7 @@ def _modal(model: ExtendedModel, c: Coefficients) -> ModalModel:
     heavy = [(value.real, matrix) for value, matrix in zip(c.inertia[0], c.masses, strict=True) if value]
     mass = heavy[0][0] if len(heavy) == 1 and heavy[0][1] is c.masses[0] else sum(value * one for value, one in heavy)
     key = blake2b(stiffness.tobytes() + np.asarray(mass).tobytes()).digest()
-    modal = model.closed_forms.get(key, lambda: _diagonalised(model, stiffness, mass, c.terms))
+    modal = model.closed_forms.get(key, lambda: _diagonalised(model, stiffness, mass))
     return replace(modal, terms=c.terms)
 
 
@@ -269,11 +269,9 @@ def _acting(values: np.ndarray, matrices: np.ndarray) -> np.ndarray:
     return np.tensordot(values[acting] if few else values, matrices[acting] if few else matrices, axes=1)
 
 
-def _diagonalised(
-    model: ExtendedModel, stiffness: np.ndarray, mass: float | np.ndarray, terms: np.ndarray
-) -> ModalModel:
-    """Closed forms of a stiffness (r, r) and a mass (u, u), or a multiple of the identity."""
-    u, factor = model.displacements, model.admittance_factor
+def _diagonalised(model: ExtendedModel, stiffness: np.ndarray, mass: float | np.ndarray) -> ModalModel:
+    """Closed forms of a stiffness (r, r) and a mass (u, u), or a multiple of the identity; without the terms."""
+    u, factor, terms = model.displacements, model.admittance_factor, np.empty((0, *stiffness.shape))
     if np.ndim(mass) == 0:
         scale = np.ones(model.size)
         scale[:u] = 1 / np.sqrt(mass)
