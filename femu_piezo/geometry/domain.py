@@ -57,7 +57,7 @@ class Domain:
         """Whether the elements are those of another domain of the same body."""
         if self.order != other.order or type(self.mesh) is not type(other.mesh):
             return False
-        return np.array_equal(self.mesh.p, other.mesh.p) and np.array_equal(self.mesh.t, other.mesh.t)
+        return np.array_equal(self.mesh.doflocs, other.mesh.doflocs) and np.array_equal(self.mesh.t, other.mesh.t)
 
     @property
     def admittance_factor(self) -> float:
