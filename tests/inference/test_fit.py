@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from laboratory import FREQUENCY, NOISE
 
-from femu_piezo.inference.descent import COARSE
+from femu_piezo.inference import descent
+from femu_piezo.inference.descent import CLOSE, COARSE, RANKED
 from femu_piezo.inference.fit import closest, fit, linear_fit, stepped
 from femu_piezo.inference.marginal import Marginal
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
@@ -184,6 +185,47 @@ class Curved:
     def with_jacobian(self, parameters, x):
         z = np.exp(self.logarithm(x))
         return z, z[:, None] * (self.slopes + 2 * self.curvature * (x - self.x0))
+
+
+class Ridge:
+    """log Z that tells the bend y − c x² by far better than x, in units of the prior; counts its evaluations."""
+
+    def __init__(self, unknowns: Unknowns) -> None:
+        self._mean, self._std, self.count = unknowns.prior_mean, unknowns.prior_std, 0
+
+    def at(self, factor):
+        return self
+
+    def impedance(self, parameters, x):
+        return self.with_jacobian(parameters, x)[0]
+
+    def with_jacobian(self, parameters, x):
+        self.count += 1
+        first, second = (x - self._mean) / self._std
+        log = np.append(1e4 * (second - 3 * first**2), np.full(29, 0.6 * (first - 1)))
+        slopes = np.zeros((30, 2), dtype=complex)
+        slopes[0], slopes[1:, 0] = (-6e4 * first, 1e4), 0.6
+        z = np.exp(1e-3 * log)
+        return z, z[:, None] * 1e-3 * slopes / self._std
+
+
+def test_a_fit_that_crawls_along_a_ridge_ends_where_steps_bring_less_than_asked(monkeypatch):
+    """One that is to be ranked; a close one goes on to the end."""
+    free = FreeConstants.of(library_material("pzt-5h").constants, ("s11",))
+    real = free.start[0].real
+    unknowns = Unknowns(
+        MaterialParameters.around(free, free.start), {"s11": (real, 0.1 * real), "tan_s11": (0.1, 0.01)}
+    )
+    data = SweepData(np.linspace(1e3, 2e3, 30), np.ones(30, dtype=complex), np.full(30, 1e-3), True)
+    counts, found = [], []
+    for gain, pace in ((RANKED, descent._PACE), (RANKED, 1000), (CLOSE, descent._PACE)):
+        monkeypatch.setattr(descent, "_PACE", pace)
+        response = Ridge(unknowns)
+        found.append(fit(response, data, unknowns, [unknowns.prior_mean], gain=gain))
+        counts.append(response.count)
+    assert counts[0] < 0.7 * counts[1] and counts[2] == counts[1]
+    early, late, close = (one.chi_square for one in found)
+    assert close <= late < early < late + 2
 
 
 @pytest.mark.parametrize("known", [True, False])
