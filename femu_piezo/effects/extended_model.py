@@ -28,7 +28,7 @@ from femu_piezo.threads import Once, blas_limit, made_once
 
 #: Selections of sectors whose terms are kept, a large one 100 MB; the terms of their classes, a tenth of that, all are.
 _MODELS = 4
-#: Closed forms that are kept.
+#: Closed forms that a model keeps.
 _FORMS = 2
 #: Relative stretch of each dimension that the basis is trained for.
 _STRETCH = 0.02

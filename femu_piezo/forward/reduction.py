@@ -196,7 +196,7 @@ def _enriched(
         last = np.array([worst_change(sets[i], new) for i, new in zip(watched, fresh, strict=True)])
         ratio = _ratios(change[watched], last, left_out)
         change[watched], error[watched] = last, _predicted(last, ratio)
-        left_out = states * share**2 * max(last)  # as much of a point may stand in residuals that were not corrected
+        left_out = states * share**2 * last.max()  # what residuals that were not corrected may hold of a point
         for index, new in zip(watched, fresh, strict=True):
             sets[index] = new
         if added == 0:

@@ -255,8 +255,9 @@ def _modal(model: ExtendedModel, c: Coefficients) -> ModalModel:
     same forms hold.
     """
     stiffness = _acting(c.stiffness[0], c.terms)
-    heavy = [(value.real, matrix) for value, matrix in zip(c.inertia[0], c.masses, strict=True) if value]
-    mass = heavy[0][0] if len(heavy) == 1 and heavy[0][1] is c.masses[0] else sum(value * one for value, one in heavy)
+    mass, further = c.inertia[0, 0].real, np.flatnonzero(c.inertia[0, 1:]) + 1
+    if further.size:
+        mass = sum((c.inertia[0, index].real * c.masses[index] for index in further), mass * c.masses[0])
     key = blake2b(stiffness.tobytes() + np.asarray(mass).tobytes()).digest()
     modal = model.closed_forms.get(key, lambda: _diagonalised(model, stiffness, mass))
     return replace(modal, terms=c.terms)

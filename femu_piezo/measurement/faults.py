@@ -27,7 +27,7 @@ _FEWEST = 24
 #: Kinds of faults whose points can be left out.
 MASKABLE = ("jump", "spike", "mains", "not_passive")
 _WIDEST_SPIKE, _MOST_CANDIDATES, _ROUNDS = 3, 200, 6
-#: Multiple of the noise of a point up to which that of what its neighbours say of it counts as certain.
+#: What neighbours say of a point counts as certain where its noise is below so many times that of the point.
 _CERTAIN = 2.0
 #: Relative noise below which no instrument is believed.
 _FINEST = 2e-5
@@ -78,27 +78,32 @@ def _candidates(f: np.ndarray, z: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     where a resonance is, as far as noise leaves it certain. With t = f_i − f, w_i the weights of the third divided
     difference, A = Σ w z, B = Σ w t z and P = Π t, the latter is −P Σ w z/t + P A²/B at the point itself.
     """
-    own = slice(2, -2)
-    beside = [slice(0, -4), slice(1, -3), slice(3, -1), slice(4, None)]
-    t = np.stack([f[at] for at in beside]) - f[own]
-    w = 1 / np.prod(np.where(np.eye(4, dtype=bool)[:, :, None], 1.0, t[:, None] - t), axis=1)
-    whole = np.prod(t, axis=0)
-    cubic = -whole * w / t
-    logs = np.log(np.abs(z)) + 1j * np.unwrap(np.angle(z))
-    off = np.abs(logs[own] - np.sum(cubic * np.stack([logs[at] for at in beside]), axis=0))
-    distance = off / (sigma[own] * np.sqrt(1 + np.sum(cubic**2, axis=0)))
-    values = np.stack([z[at] for at in beside])
-    a, b = np.sum(w * values, axis=0), np.sum(w * t * values, axis=0)
+    own, size = slice(2, -2), np.abs(z)
+    t = _neighbours(f) - f[own, None]
+    w = 1 / np.prod(np.where(np.eye(4, dtype=bool), 1.0, t[:, :, None] - t[:, None, :]), axis=2)
+    product = np.prod(t, axis=1)
+    cubic = -product[:, None] * w / t
+    logs = np.log(size) + 1j * np.unwrap(np.angle(z))
+    off_cubic = np.abs(logs[own] - np.sum(cubic * _neighbours(logs), axis=1))
+    distance = off_cubic / (sigma[own] * np.sqrt(1 + np.sum(cubic**2, axis=1)))
+    values = _neighbours(z)
+    a, b = np.sum(w * values, axis=1), np.sum(w * t * values, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slopes = cubic + whole * (2 * a / b * w - (a / b) ** 2 * w * t)
-        spread = np.sum(np.abs(slopes * np.stack([(sigma * np.abs(z))[at] for at in beside])) ** 2, axis=0)
-        off = np.abs(z[own] - np.sum(cubic * values, axis=0) - whole * a**2 / b)
-    noise = (sigma[own] * np.abs(z[own])) ** 2
-    beside = np.where(spread < _CERTAIN**2 * noise, off / np.sqrt(noise + spread), np.inf)
+        ratio = (a / b)[:, None]
+        slopes = cubic + product[:, None] * (2 * ratio * w - ratio**2 * w * t)
+        spread = np.sum(np.abs(slopes * _neighbours(sigma * size)) ** 2, axis=1)
+        off = np.abs(z[own] - np.sum(cubic * values, axis=1) - product * a**2 / b)
+    noise = (sigma * size)[own] ** 2
+    certain = spread < _CERTAIN**2 * noise
+    distance[certain] = np.minimum(distance[certain], off[certain] / np.sqrt((noise + spread)[certain]))
     # where neighbours are off together each may seem to be in order
-    around = np.pad(np.minimum(distance, beside), _WIDEST_SPIKE - 1)
-    distance = np.max(sliding_window_view(around, 2 * _WIDEST_SPIKE - 1), axis=1)
+    distance = np.max(sliding_window_view(np.pad(distance, _WIDEST_SPIKE - 1), 2 * _WIDEST_SPIKE - 1), axis=1)
     return np.concatenate([[np.inf] * 2, distance, [np.inf] * 2])
+
+
+def _neighbours(values: np.ndarray) -> np.ndarray:
+    """(n − 4, 4) the two values before and the two behind each of n but those at the ends."""
+    return sliding_window_view(values, 5)[:, [0, 1, 3, 4]]
 
 
 def _jumps(spectrum: ImpedanceSpectrum, sigma: np.ndarray) -> list[tuple[int, complex]]:

@@ -15,16 +15,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
+from scipy.optimize import brentq
 
 Admittance = Callable[[np.ndarray], np.ndarray]
 #: What is looked at of an admittance (…), real (…).
 Part = Callable[[np.ndarray], np.ndarray]
-#: Bandwidths to either side of a pole or zero in which its extrema are looked for, points there, and the shares of the
-#: way between two of them that are looked at each time that a place is looked at more closely.
-_REACH, _POINTS, _CLOSER = 1.5, 301, np.linspace(0, 1, 33)
-#: How close maxima are looked at, in bandwidths (they are known to the root of the rounding of what is compared), and
-#: how often crossings are, before a straight line takes their place.
-_MAXIMUM, _CROSSING = 2e-9, 3
+#: Bandwidths to either side of a pole or zero in which its extrema are looked for, points there, the shares of the way
+#: between two of them where a maximum is looked for more closely, and the bandwidths to which it is found: it is known
+#: to the root of the rounding of what is compared.
+_REACH, _POINTS, _CLOSER, _CLOSE = 1.5, 301, np.linspace(0, 1, 33), 2e-9
 
 
 @dataclass(frozen=True)
@@ -116,7 +115,7 @@ class _Window:
 
 @dataclass(frozen=True)
 class _Curve:
-    """An admittance; places of several of its parts are looked at together, as one look at many points is cheap."""
+    """An admittance, which is evaluated at many points at once: that costs hardly more than at one."""
 
     admittance: Admittance
 
@@ -133,7 +132,7 @@ class _Curve:
         inside = (best > 0) & (best < grid.size - 1)
         best, every = best.clip(1, grid.size - 2), np.arange(len(parts))
         low, high = grid[best - 1] - grid[best], grid[best + 1] - grid[best]  # offsets are finer than frequencies
-        while np.max(high - low) > _MAXIMUM * window.width:
+        while np.max(high - low) > _CLOSE * window.width:
             steps = low[:, None] + (high - low)[:, None] * _CLOSER
             values = self.at(grid[best, None] + steps)
             top = np.array([np.argmax(part(own)) for part, own in zip(parts, values, strict=True)])
@@ -149,7 +148,7 @@ class _Curve:
         if not at.size:
             return None
         nearest = at[np.argmin(np.abs(window.grid[at] - near))]
-        return float(self._crossings(window, _reactance, np.array([nearest]), 0.0)[0])
+        return self._crossing(window, _reactance, nearest, 0.0)
 
     def quality(self, window: _Window, part: Part, peak: float | None) -> float | None:
         """Frequency of the peak over its width at half height; None where the window holds only a part of it."""
@@ -160,27 +159,14 @@ class _Curve:
         below, above = at[window.grid[at] < peak], at[window.grid[at] >= peak]
         if not below.size or not above.size:
             return None
-        low, high = self._crossings(window, part, np.array([below[-1], above[0]]), half)
-        return float(peak / (high - low))
+        low, high = (self._crossing(window, part, after, half) for after in (below[-1], above[0]))
+        return peak / (high - low)
 
-    def _crossings(self, window: _Window, part: Part, after: np.ndarray, value: float) -> np.ndarray:
-        """(m,) where a part crosses a value, each between one of the points `after` (m,) of the window and the next."""
-        low, high, every = window.grid[after], window.grid[after + 1], np.arange(after.size)
-        for _ in range(_CROSSING):
-            steps = low[:, None] + (high - low)[:, None] * _CLOSER
-            over = part(self.at(steps)) - value
-            first = np.argmax(_changed(over), axis=1)
-            low, high = steps[every, first], steps[every, first + 1]
-            before, behind = over[every, first], over[every, first + 1]
-        return low + (high - low) * before / (before - behind)
-
-
-def _changed(values: np.ndarray) -> np.ndarray:
-    """(…, n − 1) bool: between which neighbours values (…, n) change their sign."""
-    positive = values > 0
-    return positive[..., 1:] != positive[..., :-1]
+    def _crossing(self, window: _Window, part: Part, after: int, value: float) -> float:
+        """Where a part takes a value between a point of the window and the next."""
+        return float(brentq(lambda f: float(part(self.at(f))) - value, *window.grid[after : after + 2], rtol=1e-14))
 
 
 def _changes(values: np.ndarray) -> np.ndarray:
     """Indices of the values (n,) behind which the sign changes."""
-    return np.flatnonzero(_changed(values))
+    return np.flatnonzero(np.diff(values > 0))

@@ -29,8 +29,8 @@ from femu_piezo.study.problem import Problem
 #: are made at most.
 SPREAD, _LEAVE, _BASES = 0.25, 0.3, 6
 #: A start within this of the constants of another basis, or of the specimen file, uses the basis around those: of a
-#: rough basis, and of one with effects, which a fit may leave as far before it is made anew (`study.posterior`).
-_NEAR, _CLOSE = 0.2, 0.08
+#: rough basis, and of one with effects, which is made anew where a fit ends farther away.
+_NEAR, CLOSE = 0.2, 0.08
 #: Rungs of the ladders of frequencies (relative to the expected first pole) of an update and of a diagnosis, whose
 #: meshes are costly; of accuracies (relative to 1); and of the grid of free constants.
 _RUNG, _FINE_RUNG, _ACCURACY_RUNG, _GRID = 1.25, 1.04, 1.5, 1.1
@@ -175,7 +175,7 @@ class SharedBases(Bases):
         return free if near is None else problem.free(problem.simplified(near.lossless()))
 
     def around(self, problem: Problem, constants: PiezoConstants) -> PiezoConstants:
-        near = _rounded(problem, problem.free(constants), _CLOSE)
+        near = _rounded(problem, problem.free(constants), CLOSE)
         return constants if near is None else problem.simplified(near)
 
     def _rung(self, problem: Problem, frequency_Hz: float, step: float) -> float:

@@ -24,7 +24,7 @@ from femu_piezo.inference.unknowns import FreeConstants, Unknowns
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Update
-from femu_piezo.study.model_cache import Bases
+from femu_piezo.study.model_cache import CLOSE, Bases
 from femu_piezo.study.progress import Clock
 from femu_piezo.study.subjects import LEAST_ERROR, Subject
 from femu_piezo.study.unknowns import as_filed, served, tolerances_of, unknowns_of
@@ -34,9 +34,8 @@ from femu_piezo.threads import made_once
 #: and the ranges they are kept in.
 _MESH_SHARE, _MESH_RANGE = 1 / 60, (LEAST_ERROR / 5, 1e-4)
 _BASIS_SHARE, _BASIS_RANGE = 1 / 30, (5e-6, 5e-5)
-#: Relative range of the free and of the held constants that the basis is trained for, and how far a fit may leave the
-#: first before the basis is made anew.
-_FREE_SPREAD, _HELD_SPREAD, _LEAVE = 0.05, 0.1, 0.08
+#: Relative range of the free and of the held constants that the basis is trained for; it serves what is `CLOSE`.
+_FREE_SPREAD, _HELD_SPREAD = 0.05, 0.1
 #: What the range of the free constants grows by where temperatures differ, relative, 1/K.
 _PER_KELVIN = 3e-3
 #: Bases made at most: a fit that still leaves the second one follows a misfit, and its constants are not the piece's.
@@ -145,7 +144,7 @@ class Posterior:
 
     def _serves(self, constants: PiezoConstants) -> bool:
         around, found = (self.problem.free(one).start.real for one in (self._around, constants))
-        return bool(np.all(np.abs(found - around) <= _LEAVE * np.abs(around)))
+        return bool(np.all(np.abs(found - around) <= CLOSE * np.abs(around)))
 
     def _of_pieces(self, make: Callable[[int, Sequence[Subject]], Made]) -> tuple[Made, ...]:
         """What is made once for all sweeps of a specimen, for every sweep.

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.eigen import solve_eigen
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.forward.reduction import reduce_model
+from femu_piezo.forward.reduction import _predicted, _ratios, reduce_model
 from femu_piezo.forward.response import full_impedance
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.unknowns import FreeConstants
@@ -178,3 +178,13 @@ def test_an_accuracy_out_of_reach_is_told(trained):
 def _lossy(sets):
     """The same constants with a loss tangent of 0.5 % throughout, as the estimate takes it."""
     return [PiezoConstants.from_vector(item.vector() * (1 - 0.005j)) for item in sets]
+
+
+def test_a_change_that_was_left_out_of_corrections_tells_no_ratio():
+    """The slowest of the others stands for it, else the slowest there is; of a first change none is told."""
+    before, change = np.array([1.0, 0.1, 1e-6, np.inf]), np.array([1e-3, 2e-2, 5e-6, 0.3])
+    ratio = _ratios(before, change, 1e-5)
+    np.testing.assert_allclose(ratio, [1e-3, 0.2, 0.2, 0.0])
+    np.testing.assert_allclose(_predicted(change, ratio), [1e-3 * 1e-3**0.5, 2e-2 * 0.2**0.5, 5e-6 * 0.2**0.5, 0.3])
+    assert _ratios(before[2:3], change[2:3], 1e-5) == pytest.approx(0.9)
+    assert _predicted(np.array([1.0]), np.array([0.8])) == pytest.approx(4.0)  # 0.8 + 0.64 + …
