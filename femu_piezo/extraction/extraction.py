@@ -23,7 +23,7 @@ from femu_piezo.extraction.limitations import (
     too_few_points,
 )
 from femu_piezo.extraction.model import RationalModel
-from femu_piezo.extraction.order import MAX_BACKGROUND, Candidate, evidence, is_passive, without
+from femu_piezo.extraction.order import MAX_BACKGROUND, Candidate, is_passive, without
 from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.extraction.result import Extraction, Method
 from femu_piezo.extraction.roots import Roots, interlaced, pair, resonances, unsettled_modes
@@ -83,21 +83,24 @@ def _extract(
     band = (float(spectrum.frequency[0]), float(spectrum.frequency[-1]))
     tried: tuple[Candidate, ...] = ()
     if method == "prony_ss":
-        roots, result, data = _prony_ss(sweep)
+        roots, result = _prony_ss(sweep)
         noise, reported = noise_of(result, sweep), None
     else:
         estimate = maximum_likelihood(sweep, MAX_MODES if max_modes is None else max_modes, start)
-        result, data, noise, tried = estimate.fit, estimate.data, estimate.noise, estimate.orders
+        result, noise, tried, data = estimate.fit, estimate.noise, estimate.orders, estimate.fit.data
         scale = result.scale if noise.origin != "file" else _inflation(result, findings)
         reported = fisher_spread(result.model, data, scale)
-        if estimate.is_systematic:
+        systematic = result.is_correlated
+        if systematic:
             points = _points(sweep)
             result, left = _most_probable((*estimate.way, result), data, points)
             reported = systematic_spread(result.model, data, points, left)
             noise = noise if noise.origin == "file" else replace(noise, relative=result.scale)
             findings += find_systematic(left, result.residual / data.weight, result.degrees_of_freedom, points)
-        roots = resonances(result.model, reported, band, systematic=estimate.is_systematic)
-    ordered = gravest_first(findings + find_reversed(data) + find_missing(roots, spectrum) + find_doubtful(roots))
+        roots = resonances(result.model, reported, band, systematic=systematic)
+    ordered = gravest_first(
+        findings + find_reversed(result.data) + find_missing(roots, spectrum) + find_doubtful(roots)
+    )
     impedance = 1 / result.model.admittance(spectrum.omega)
     residual = np.full(n, complex("nan+nanj"))
     sigma = sweep.noise if noise.origin == "file" else noise.std(impedance[used])
@@ -156,7 +159,7 @@ def _points(sweep: ImpedanceSpectrum) -> SweepData:
     return SweepData(sweep.frequency, sweep.impedance, np.maximum(noise, ROUNDING), sweep.noise is not None)
 
 
-def _prony_ss(sweep: ImpedanceSpectrum) -> tuple[Roots, Fit, NormalisedSweep]:
+def _prony_ss(sweep: ImpedanceSpectrum) -> tuple[Roots, Fit]:
     """Poles and zeros of the stable columns, and the best curve with those poles held."""
     every = []
     for kind in ("pole", "zero"):
@@ -174,8 +177,8 @@ def _prony_ss(sweep: ImpedanceSpectrum) -> tuple[Roots, Fit, NormalisedSweep]:
         for d in range(1, MAX_BACKGROUND + 2)
         if 2 * at.size + d < len(data)
     ]
-    best = min(fits, key=lambda f: evidence(f, data))
-    return Roots(ResonanceSet(poles, zeros, None), ()), best, data
+    best = min(fits, key=lambda f: f.evidence)
+    return Roots(ResonanceSet(poles, zeros, None), ()), best
 
 
 def _inflation(result: Fit, findings: list[Finding]) -> float:

@@ -83,12 +83,13 @@ class Fit:
 
     Attributes
     ----------
-    model : the model
+    model : the model;  data : what it was fitted to
     residual : (n,) complex, weight · (charge_model/charge_data − 1): the misfit in units of the noise
     misfit : Σ|residual|²
     """
 
     model: RationalModel
+    data: NormalisedSweep
     residual: np.ndarray
     misfit: float
 
@@ -101,6 +102,32 @@ class Fit:
     def scale(self) -> float:
         """rms residual per degree of freedom: 1 where the noise is known and the model is right."""
         return float(np.sqrt(2 * self.misfit / self.degrees_of_freedom))
+
+    @made_once
+    def evidence(self) -> float:
+        """Bayesian information criterion, N ln(S/n) + k ln(N) · N/(N − k − 1) − 2 Σ ln weight²; less is better.
+
+        N = 2n real data, k real parameters, S = Σ|r|²: −2 ln of the likelihood of the relative errors with the noise
+        level profiled out, plus Schwarz's penalty with the small-sample factor of Hurvich and Tsai (1989).
+        Here r = weight · ln(charge_model/charge_data), whose noise is the same however wrong the model is.
+        Rounding of double precision counts as noise, and so does what is far below a noise that is given.
+        """
+        data, n, k = self.data, len(self.data), 2 * self.model.size
+        if k + 1 >= 2 * n:
+            return np.inf
+        misfit = _power(data.weight * np.log(1 + self.residual / data.weight))
+        return 2 * n * np.log((misfit + data.negligible) / n) + penalty(k, n) - 2 * data.log_weight
+
+    @made_once
+    def is_correlated(self) -> bool:
+        """Whether neighbouring residuals are correlated beyond chance (1 in 10 000 white ones) and not negligible."""
+        phi, least = correlation(self.residual), max(100 * self.data.rounding, self.data.negligible)
+        return bool(self.misfit > least and abs(phi) ** 2 * self.residual.size > np.log(1e4))
+
+
+def penalty(k: int, n: int) -> float:
+    """Of k real parameters of a fit to n complex data, in its evidence."""
+    return k * np.log(2 * n) * 2 * n / (2 * n - k - 1)
 
 
 def residual(model: RationalModel, data: NormalisedSweep) -> np.ndarray:
@@ -221,12 +248,6 @@ def correlation(residual: np.ndarray) -> complex:
     return complex(2 * np.sum(after * before.conj()) / power) if power > 0 else 0j
 
 
-def is_correlated(result: Fit, data: NormalisedSweep) -> bool:
-    """Whether neighbouring residuals are correlated beyond chance (1 in 10 000 white residuals) and not negligible."""
-    phi, size = correlation(result.residual), result.residual.size
-    return bool(result.misfit > max(100 * data.rounding, data.negligible) and abs(phi) ** 2 * size > np.log(1e4))
-
-
 def _as_fit(model: RationalModel, data: NormalisedSweep) -> Fit:
     r = residual(model, data)
-    return Fit(model, r, float(np.sum(np.abs(r) ** 2)))
+    return Fit(model, data, r, _power(r))

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from femu_piezo.extraction.fit import Fit, NormalisedSweep, fit, is_correlated
+from femu_piezo.extraction.fit import Fit, NormalisedSweep, fit
 from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.noise_level import NoiseUsed, noise_from_residual, weight_of_file
-from femu_piezo.extraction.order import Candidate, evidence, search, widen
+from femu_piezo.extraction.order import Candidate, search, widen
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 GUARD_DEGREES = 2  # background beyond the evidence: an omitted degree biases, an idle one costs 3 % of σ
@@ -19,16 +19,11 @@ FEW_POINTS = 200  # below, one sweep hardly tells relative from additive noise: 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The fit, the data as it saw them, the noise used, and every order tried.
-
-    `is_systematic`: neighbouring residuals are correlated beyond chance; `way`: the fits on the way to this one.
-    """
+    """The fit with the data as it saw them, the noise used, every order tried, and the fits on the way to this one."""
 
     fit: Fit
-    data: NormalisedSweep
     noise: NoiseUsed
     orders: tuple[Candidate, ...]
-    is_systematic: bool
     way: tuple[Fit, ...]
 
 
@@ -45,51 +40,42 @@ def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int, start: Rational
     weight = np.ones(len(sweep)) if given is None else given
     data = NormalisedSweep.of(sweep.omega, sweep.admittance, weight, 0.0 if given is None else FAR_BELOW)
     first = search(data, max_modes, None if start is None else start.normalised(data.axis, data.scale))
-    best, tried, way = first.best, first.tried, first.way
+    best, tried = first.best, first.tried
     if given is None:
-        plain, plain_data = best, data
-        best, data, again = _learn_noise(sweep, max_modes, best, data)
-        tried = tried + again
-        if is_correlated(best, data):
-            best, data = plain, plain_data
-    final = _guarded(best, data)
-    systematic = is_correlated(final, data)
+        noisy, again = _learn_noise(sweep, max_modes, best)
+        tried, best = tried + again, best if noisy.is_correlated else noisy
+    final = _guarded(best)
     if given is not None:
         noise = NoiseUsed(float(np.median(1 / given)), 0.0, "file")
-    elif systematic:
+    elif final.is_correlated:
         noise = NoiseUsed(final.scale, 0.0, "misfit")
     else:
         noise = noise_of(final, sweep)
-    return Estimate(final, data, noise, tried, systematic, way)
+    return Estimate(final, noise, tried, first.way)
 
 
-def _learn_noise(
-    sweep: ImpedanceSpectrum, max_modes: int, best: Fit, data: NormalisedSweep
-) -> tuple[Fit, NormalisedSweep, tuple[Candidate, ...]]:
+def _learn_noise(sweep: ImpedanceSpectrum, max_modes: int, best: Fit) -> tuple[Fit, tuple[Candidate, ...]]:
     """The noise shape the residual shows, and the orders it supports; a second start from purely additive noise."""
-    best, data, tried = _reweighted(sweep, max_modes, best, data)
-    if len(sweep) < FEW_POINTS or np.ptp(data.weight) > 0 or is_correlated(best, data):
+    best, tried = _reweighted(sweep, max_modes, best)
+    if len(sweep) < FEW_POINTS or np.ptp(best.data.weight) > 0 or best.is_correlated:
         size = np.abs(sweep.impedance)
-        additive = replace(data, weight=size / np.median(size))
+        additive = replace(best.data, weight=size / np.median(size))
         again = search(additive, max_modes, None if len(sweep) < FEW_POINTS else best.model)
-        other, other_data, more = _reweighted(sweep, max_modes, again.best, additive)
+        other, more = _reweighted(sweep, max_modes, again.best)
         tried = (*tried, *again.tried, *more)
-        if evidence(other, other_data) < evidence(best, data):
-            best, data = other, other_data
-    return best, data, tried
+        if other.evidence < best.evidence:
+            best = other
+    return best, tried
 
 
-def _reweighted(
-    sweep: ImpedanceSpectrum, max_modes: int, best: Fit, data: NormalisedSweep
-) -> tuple[Fit, NormalisedSweep, tuple[Candidate, ...]]:
+def _reweighted(sweep: ImpedanceSpectrum, max_modes: int, best: Fit) -> tuple[Fit, tuple[Candidate, ...]]:
     """The search continued with the noise that the residual shows, if that differs in shape."""
     noise = noise_of(best, sweep)
-    if noise.additive == 0 and np.ptp(data.weight) == 0:
-        return best, data, ()
+    if noise.additive == 0 and np.ptp(best.data.weight) == 0:
+        return best, ()
     impedance = 1 / best.model.admittance(sweep.omega)
-    data = replace(data, weight=np.abs(impedance) / noise.std(impedance))
-    found = search(data, max_modes, best.model)
-    return found.best, data, found.tried
+    found = search(replace(best.data, weight=np.abs(impedance) / noise.std(impedance)), max_modes, best.model)
+    return found.best, found.tried
 
 
 def noise_of(result: Fit, sweep: ImpedanceSpectrum) -> NoiseUsed:
@@ -98,8 +84,8 @@ def noise_of(result: Fit, sweep: ImpedanceSpectrum) -> NoiseUsed:
     return noise_from_residual(sweep.impedance - impedance, impedance, result.model.size)
 
 
-def _guarded(best: Fit, data: NormalisedSweep) -> Fit:
+def _guarded(best: Fit) -> Fit:
     """The final fit, with `GUARD_DEGREES` more background than the evidence asks for."""
-    if not best.model.poles.size or best.model.size + GUARD_DEGREES >= len(data):
+    if not best.model.poles.size or best.model.size + GUARD_DEGREES >= len(best.data):
         return best
-    return fit(widen(best.model, GUARD_DEGREES), data, tolerance=1e-15)
+    return fit(widen(best.model, GUARD_DEGREES), best.data, tolerance=1e-15)

@@ -9,7 +9,7 @@ from itertools import islice
 import numpy as np
 
 from femu_piezo.extraction.covariance import fisher_spread
-from femu_piezo.extraction.fit import Fit, NormalisedSweep, evenly, is_correlated, refit
+from femu_piezo.extraction.fit import Fit, NormalisedSweep, evenly, penalty, refit
 from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.vector_fitting import DEGREE, relocated_poles
 
@@ -34,7 +34,7 @@ class Candidate:
     modes : number of poles M
     background_degree : degree d of the background polynomial
     misfit : Σ|residual|², where the fit was given up if it will not have the most evidence
-    evidence : Bayesian information criterion (`evidence`) there, smaller is better
+    evidence : Bayesian information criterion (`Fit.evidence`) there, smaller is better
     poles : (M,) complex λ, rad²/s²
     """
 
@@ -45,31 +45,10 @@ class Candidate:
     poles: np.ndarray
 
 
-def evidence(result: Fit, data: NormalisedSweep) -> float:
-    """Bayesian information criterion of a fit, N ln(S/n) + k ln(N) · N/(N − k − 1) − 2 Σ ln weight²; less is better.
-
-    N = 2n real data, k real parameters, S = Σ|r|²: −2 ln of the likelihood of the relative errors with the noise level
-    profiled out, plus Schwarz's penalty with the small-sample factor of Hurvich and Tsai (1989).
-    Here r = weight · ln(charge_model/charge_data), whose noise is the same however wrong the model is.
-    Rounding of double precision counts as noise, and so does what is far below a noise that is given.
-    """
-    n, k = len(data), 2 * result.model.size
-    if k + 1 >= 2 * n:
-        return np.inf
-    r = data.weight * np.log(1 + result.residual / data.weight)
-    misfit = float(np.vdot(r, r).real)
-    return 2 * n * np.log((misfit + data.negligible) / n) + _penalty(k, n) - 2 * data.log_weight
-
-
-def _penalty(k: int, n: int) -> float:
-    """Of k real parameters of a fit to n complex data, in its evidence."""
-    return k * np.log(2 * n) * 2 * n / (2 * n - k - 1)
-
-
-def _least(model: RationalModel, best: Fit, data: NormalisedSweep) -> float:
+def _least(model: RationalModel, best: Fit) -> float:
     """Σ|residual|² above which a fit of a model has less evidence than the best one."""
-    n = len(data)
-    worth = (_penalty(2 * best.model.size, n) - _penalty(2 * model.size, n)) / (2 * n)
+    data, n = best.data, len(best.data)
+    worth = (penalty(2 * best.model.size, n) - penalty(2 * model.size, n)) / (2 * n)
     return (best.misfit + data.negligible) * float(np.exp(worth)) - data.negligible
 
 
@@ -112,7 +91,7 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
     """Grow modes and background while the evidence grows, then try to remove each mode and degree again.
 
     At each step the moves "one more mode, where a scan of the
-    residual finds most to explain" and "one, two or three more background degrees" compete by `evidence`;
+    residual finds most to explain" and "one, two or three more background degrees" compete by their evidence;
     models that are not passive are not considered. Where none gains and neighbouring residuals are alike, modes that
     may be two are tried as two. Where they stay alike, modes may overlap too closely to be found one by one: starts
     with many poles at once (`relocated_poles`) then compete as well, unless a start is given. Where they stay alike
@@ -127,39 +106,39 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
         way = [refit(one.model, data) for one in few.way]
     nothing = np.zeros(0, complex)
     first = start or RationalModel(data.axis, data.scale, nothing, nothing, np.zeros(2, complex))
-    best = _grown(_record(_passive(refit(first, data), data), data, tried), data, max_modes, tried, way)
+    best = _grown(_record(_passive(refit(first, data)), tried), max_modes, tried, way)
     for count in CROWDS if start is None else ():
-        if not is_correlated(best, data) or 2 * count + DEGREE + 1 >= len(data) or count > 2 * max_modes:
+        if not best.is_correlated or 2 * count + DEGREE + 1 >= len(data) or count > 2 * max_modes:
             break
         crowd = _crowd(data, count, max_modes)
         if crowd is not None:
-            rival = _grown(_prune(_record(crowd, data, tried), data, tried), data, max_modes, tried, way)
-            best = min(best, rival, key=lambda f: evidence(f, data))
-    if start is None and is_correlated(best, data) and min(CROWDS) <= best.model.poles.size < len(data) / 8:
-        other = _passive(refit(search(data.thinned(len(data) // 2), max_modes).best.model, data), data)
-        rival = _grown(_prune(_record(other, data, tried), data, tried), data, max_modes, tried, way)
-        best = min(best, rival, key=lambda f: evidence(f, data))
+            rival = _grown(_prune(_record(crowd, tried), tried), max_modes, tried, way)
+            best = min(best, rival, key=_evidence)
+    if start is None and best.is_correlated and min(CROWDS) <= best.model.poles.size < len(data) / 8:
+        other = _passive(refit(search(data.thinned(len(data) // 2), max_modes).best.model, data))
+        rival = _grown(_prune(_record(other, tried), tried), max_modes, tried, way)
+        best = min(best, rival, key=_evidence)
     return Search(best, tuple(tried), (*way, best))
 
 
-def _passive(best: Fit, data: NormalisedSweep) -> Fit:
+def _passive(best: Fit) -> Fit:
     """A fit without the modes that draw power the wrong way, the weakest of them first."""
     while not is_passive(best.model):
-        strength = np.where(_active(best.model), _significance(best, data), np.inf)
-        best = refit(without(best.model, int(np.argmin(strength))), data)
+        strength = np.where(_active(best.model), _significance(best), np.inf)
+        best = refit(without(best.model, int(np.argmin(strength))), best.data)
     return best
 
 
-def _grown(best: Fit, data: NormalisedSweep, max_modes: int, tried: list[Candidate], way: list[Fit]) -> Fit:
+def _grown(best: Fit, max_modes: int, tried: list[Candidate], way: list[Fit]) -> Fit:
     """The fit with the modes and degrees that its evidence asks for, and without those that it does not."""
     while True:
         way.append(best)
-        moves = [_record(f, data, tried) for f in _moves(best, data, max_modes)]
-        top = min(moves, key=lambda f: evidence(f, data), default=best)
-        if evidence(top, data) >= evidence(best, data) and is_correlated(best, data):
-            top = min(_splits(best, data, max_modes, tried), key=lambda f: evidence(f, data), default=best)
-        if evidence(top, data) >= evidence(best, data):
-            return _prune(best, data, tried)
+        moves = [_record(f, tried) for f in _moves(best, max_modes)]
+        top = min(moves, key=_evidence, default=best)
+        if top.evidence >= best.evidence and best.is_correlated:
+            top = min(_splits(best, max_modes, tried), key=_evidence, default=best)
+        if top.evidence >= best.evidence:
+            return _prune(best, tried)
         best = top
 
 
@@ -170,7 +149,7 @@ def _crowd(data: NormalisedSweep, count: int, max_modes: int) -> Fit | None:
     keep = resonant(model)
     best = _roughly(replace(model, poles=poles[keep], residues=model.residues[keep]), data)
     while best.model.poles.size:
-        strength, active = _significance(best, data), _active(best.model) | ~resonant(best.model)
+        strength, active = _significance(best), _active(best.model) | ~resonant(best.model)
         surplus = best.model.poles.size > max_modes
         if not surplus and not np.any(active):
             return best
@@ -182,6 +161,11 @@ def _crowd(data: NormalisedSweep, count: int, max_modes: int) -> Fit | None:
 def _roughly(model: RationalModel, data: NormalisedSweep) -> Fit:
     """A fit for the sake of a decision that others follow."""
     return refit(model, data, tolerance=1e-2, max_steps=6)
+
+
+def _evidence(one: Fit) -> float:
+    """To choose the best fit by; less is better."""
+    return one.evidence
 
 
 def _with_pole(model: RationalModel, pole: complex) -> RationalModel:
@@ -198,31 +182,31 @@ def widen(model: RationalModel, extra: int) -> RationalModel:
     return replace(model, background=np.concatenate([model.background, np.zeros(extra, complex)]))
 
 
-def _moves(current: Fit, data: NormalisedSweep, max_modes: int) -> list[Fit]:
-    model, n = current.model, len(data)
+def _moves(current: Fit, max_modes: int) -> list[Fit]:
+    model, n = current.model, len(current.data)
     out: list[Fit] = []
     if model.poles.size < max_modes and model.size + 2 < n:
-        grown = (_rival(_with_pole(model, z), current, data) for z in _likely_poles(current, data))
+        grown = (_rival(_with_pole(model, z), current) for z in _likely_poles(current))
         out += islice((f for f in grown if is_passive(f.model)), 1)
     for extra in (1, 2, 3):
         if model.background.size - 1 + extra <= MAX_BACKGROUND and model.size + extra < n:
-            best = min((current, *out), key=lambda f: evidence(f, data))
-            out.append(_rival(widen(model, extra), best, data))
+            best = min((current, *out), key=_evidence)
+            out.append(_rival(widen(model, extra), best))
     return [f for f in out if is_passive(f.model)]
 
 
-def _rival(model: RationalModel, best: Fit, data: NormalisedSweep) -> Fit:
+def _rival(model: RationalModel, best: Fit) -> Fit:
     """The fit of a model, given up where it will not have more evidence than the best one."""
-    return refit(model, data, least=_least(model, best, data))
+    return refit(model, best.data, least=_least(model, best))
 
 
-def _splits(current: Fit, data: NormalisedSweep, max_modes: int, tried: list[Candidate]) -> list[Fit]:
+def _splits(current: Fit, max_modes: int, tried: list[Candidate]) -> list[Fit]:
     """Passive fits with one mode as two, for the `PLACES` modes where the linearised misfit drops most.
 
     Two modes at z ± δ of half the residue are r/(z − x) + r δ²/(z − x)³ + …, so the third power tells δ. A scan for one
     more pole beside a mode does not see them: it leaves the first where it is.
     """
-    model = current.model
+    model, data = current.model, current.data
     if model.poles.size >= max_modes or model.size + 2 >= len(data):
         return []
     row, r = data.weight / data.charge, current.residual
@@ -235,40 +219,40 @@ def _splits(current: Fit, data: NormalisedSweep, max_modes: int, tried: list[Can
     for mode in np.argsort(-(np.abs(along) ** 2) / size)[:PLACES]:
         pole, others = model.poles[mode], without(model, int(mode))
         both = _with_pole(_with_pole(others, pole + apart[mode]), pole - apart[mode])
-        best = min((current, *found), key=lambda f: evidence(f, data))
-        found.append(_record(_rival(both, best, data), data, tried))
+        best = min((current, *found), key=_evidence)
+        found.append(_record(_rival(both, best), tried))
     return [f for f in found if is_passive(f.model)]
 
 
-def _prune(best: Fit, data: NormalisedSweep, tried: list[Candidate]) -> Fit:
+def _prune(best: Fit, tried: list[Candidate]) -> Fit:
     while True:
         model = best.model
-        fewer = [without(model, int(m)) for m in np.flatnonzero(_significance(best, data) < KEEP_SIGMA)]
+        fewer = [without(model, int(m)) for m in np.flatnonzero(_significance(best) < KEEP_SIGMA)]
         if model.background.size > 1:
             fewer.append(replace(model, background=model.background[:-1]))
-        trials = [_record(_rival(m, best, data), data, tried) for m in fewer]
+        trials = [_record(_rival(m, best), tried) for m in fewer]
         trials = [f for f in trials if is_passive(f.model)]
-        top = min(trials, key=lambda f: evidence(f, data), default=best)
-        if evidence(top, data) >= evidence(best, data):
+        top = min(trials, key=_evidence, default=best)
+        if top.evidence >= best.evidence:
             return best
         best = top
 
 
-def _significance(result: Fit, data: NormalisedSweep) -> np.ndarray:
+def _significance(result: Fit) -> np.ndarray:
     """(M,) |residue| in units of its standard deviation."""
     m = result.model.poles.size
-    factor = fisher_spread(result.model, data, result.scale).factor
+    factor = fisher_spread(result.model, result.data, result.scale).factor
     return np.abs(result.model.residues) / np.linalg.norm(factor[m : 2 * m], axis=1)
 
 
-def _likely_poles(current: Fit, data: NormalisedSweep) -> list[complex]:
+def _likely_poles(current: Fit) -> list[complex]:
     """Up to `PLACES` places for one more pole, where the linearised misfit drops most first (a score scan).
 
     Every trial pole is an atom a = weight/(charge (z − x)); with a⊥ its part that the current model cannot follow its
     gain is |⟨a⊥, r⟩|²/‖a⊥‖² = |⟨a, r⟩|²/(‖a‖² − ‖Qᴴa‖²), as r ⊥ Q. An atom that is followed but for rounding has none.
     A place is the best of those nearer than its width.
     """
-    model = current.model
+    model, data = current.model, current.data
     pick = evenly(len(data), MAX_SCAN_POINTS)
     x, row = data.x[pick], (data.weight / data.charge)[pick]
     basis, _ = np.linalg.qr(row[:, None] * model.jacobian(x))
@@ -303,8 +287,8 @@ def _scan(positions: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return trials, atoms, np.abs(atoms) ** 2
 
 
-def _record(result: Fit, data: NormalisedSweep, tried: list[Candidate]) -> Fit:
+def _record(result: Fit, tried: list[Candidate]) -> Fit:
     model = result.model
-    poles = data.axis.eigenvalue(model.poles)
-    tried.append(Candidate(model.poles.size, model.background.size - 1, result.misfit, evidence(result, data), poles))
+    poles = result.data.axis.eigenvalue(model.poles)
+    tried.append(Candidate(model.poles.size, model.background.size - 1, result.misfit, result.evidence, poles))
     return result
