@@ -36,28 +36,33 @@ def driven_krylov(
     """
     split = mass.shape[0]
     norm = np.sqrt(static[:split] @ (mass @ static[:split]))
-    lanczos, weighted, solutions = [static[:split] / norm], [], [static]
-    projected = np.zeros((0, 0))
-    previous, settled = None, np.inf
+    solutions, lanczos = [static], np.empty((_STEPS, split))
+    weighted, projected = np.empty_like(lanczos), np.zeros((0, 0))
+    lanczos[0] = static[:split] / norm
+    weighted[0] = mass @ lanczos[0]
+    count, previous, settled = 0, None, np.inf
     while settled > accuracy:
-        if len(lanczos) > _MOST_STEPS:
+        if count >= _MOST_STEPS:
             raise ConvergenceError(
                 f"{_MOST_STEPS} Lanczos steps left Z with a relative change of {settled:.1e}: narrow the band"
             )
-        for _ in range(_STEPS):
-            weighted.append(mass @ lanczos[-1])
-            right = np.zeros(static.size)
-            right[:split] = weighted[-1]
-            solution = factor.solve(right)
-            solutions.append(solution)
-            q, mq = np.array(lanczos), np.array(weighted)
-            fresh, column = solution[:split], 0.0
+        if count + _STEPS >= len(lanczos):
+            lanczos, weighted = (np.concatenate([one, np.empty_like(one)]) for one in (lanczos, weighted))
+        right = np.zeros((static.size, _STEPS))
+        for step in range(_STEPS):
+            right[:split, step] = weighted[count]
+            solutions.append(factor.solve_unchecked(right[:, step]))
+            fresh, column, count = solutions[-1][:split], 0.0, count + 1
+            q, mq = lanczos[:count], weighted[:count]
             for _ in range(2):
                 part = mq @ fresh
                 fresh, column = fresh - part @ q, column + part
             projected = np.pad(projected, (0, 1))
             projected[:, -1] = projected[-1, :] = column
-            lanczos.append(fresh / np.sqrt(fresh @ (mass @ fresh)))
+            heavy = mass @ fresh
+            size = np.sqrt(fresh @ heavy)
+            lanczos[count], weighted[count] = fresh / size, heavy / size
+        factor.check(np.column_stack(solutions[-_STEPS:]), right)
         current = np.linalg.eigh(projected)
         if previous is not None:
             settled = _change(previous, current, static[-1], norm, shift, top)

@@ -25,6 +25,8 @@ except ImportError:  # no wheel for this platform
 
 #: Relative residual above which a solution is refined, and above which it is refused.
 REFINE_ABOVE, REFUSE_ABOVE = 1e-11, 1e-7
+#: Random sums of columns whose residuals are looked at in place of those of all (Freivalds 1979).
+_SUMS = 3
 
 
 class Solver(Protocol):
@@ -72,25 +74,35 @@ class Factorization:
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """A^-1 right, shape (n,) or (n, k); ConvergenceError where the residual stays large."""
-        solution = self._raw(right)
-        residual = right - self._matrix @ solution
-        scale = self._size(right)
-        if self._size(residual) > REFINE_ABOVE * scale:
-            solution = solution + self._raw(residual)
-            error = self._size(right - self._matrix @ solution) / scale
-            if not error < REFUSE_ABOVE:
-                raise ConvergenceError(
-                    f"the linear solver left a relative residual of {error:.1e}; the operator is nearly singular "
-                    "here (a frequency on a lossless resonance, or a floating part): move the frequency or add loss"
-                )
+        solution = self.solve_unchecked(right)
+        if self._error(solution, right) > REFINE_ABOVE:
+            solution = solution + self.solve_unchecked(right - self._matrix @ solution)
+            self.check(solution, right)
         return solution
+
+    def check(self, solution: np.ndarray, right: np.ndarray) -> None:
+        """ConvergenceError where what solutions (n,) or (n, k) leave of the right-hand sides is large."""
+        error = self._error(solution, right)
+        if not error < REFUSE_ABOVE:
+            raise ConvergenceError(
+                f"the linear solver left a relative residual of {error:.1e}; the operator is nearly singular "
+                "here (a frequency on a lossless resonance, or a floating part): move the frequency or add loss"
+            )
+
+    def _error(self, solution: np.ndarray, right: np.ndarray) -> float:
+        """Relative residual; of several columns that of a few random sums of them, whose mean square is the same."""
+        if right.ndim == 2 and right.shape[1] > _SUMS:
+            signs = np.random.default_rng(0).choice([-1.0, 1.0], (right.shape[1], _SUMS))
+            solution, right = solution @ signs, right @ signs
+        return self._size(right - self._matrix @ solution) / (self._size(right) or 1.0)
 
     def _size(self, loads: np.ndarray) -> float:
         return float(np.linalg.norm((self._weight * loads.T).T))
 
-    def _raw(self, right: np.ndarray) -> np.ndarray:
+    def solve_unchecked(self, right: np.ndarray) -> np.ndarray:
+        """A^-1 right, (n,) or (n, k), as the factor gives it: for those who `check` several solutions at once."""
         if np.iscomplexobj(right) and not np.issubdtype(self._matrix.dtype, np.complexfloating):
-            return self._raw(right.real) + 1j * self._raw(right.imag)
+            return self.solve_unchecked(right.real) + 1j * self.solve_unchecked(right.imag)
         return self._solver.solve(np.asarray(right, dtype=self._matrix.dtype))
 
 

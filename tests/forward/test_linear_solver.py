@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import scipy.sparse as sp
 
+from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward import linear_solver
-from femu_piezo.forward.linear_solver import Analysis, factorize
+from femu_piezo.forward.linear_solver import Analysis, Factorization, factorize
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.library import library_material
@@ -38,3 +40,38 @@ def test_without_rslab_superlu_solves(monkeypatch):
         assert solver.backend == "scipy"
         np.testing.assert_allclose(solver.solve(right), expected, rtol=1e-8, atol=1e-9 * np.abs(expected).max())
     np.testing.assert_allclose(found.solve(right), expected, rtol=1e-8, atol=1e-9 * np.abs(expected).max())
+
+
+class Spoilt:
+    """A solver that makes one column wrong by a share of itself, as often as it is told."""
+
+    def __init__(self, solver, share: float, column: int, times: int) -> None:
+        self._solver, self._share, self._column, self.times = solver, share, column, times
+
+    def solve(self, right: np.ndarray) -> np.ndarray:
+        """The solutions (n, k), one of them wrong."""
+        found = self._solver.solve(right)
+        if self.times:
+            self.times -= 1
+            found[:, self._column] *= 1 + self._share
+        return found
+
+
+@pytest.mark.parametrize("column", [0, 7, 29])
+def test_one_wrong_solution_among_many_is_seen(column):
+    """A few sums of the columns show it: it is mended once, and refused where the solver goes on."""
+    model = ElectroelasticModel(Plate(12e-3, 5e-3, 1e-3).domain((2, 1, 1)), 7500.0)
+    matrix = sp.csc_matrix(model.stiffness(E_FORM) + model.mass)
+    right = np.random.default_rng(column).standard_normal((model.size, 30))
+    solver = Analysis().solver(matrix)
+    expected = factorize(matrix).solve(right)
+    once = Spoilt(solver, 1e-4, column, times=1)
+    found = Factorization(matrix, once, matrix.diagonal()).solve(right)
+    assert once.times == 0
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    always = Factorization(matrix, Spoilt(solver, 0.5, column, times=9), matrix.diagonal())
+    with pytest.raises(ConvergenceError, match="nearly singular"):
+        always.solve(right)
+    always.check(expected, right)
+    with pytest.raises(ConvergenceError):
+        always.check(np.where(np.arange(30) == column, 0.0, expected), right)
