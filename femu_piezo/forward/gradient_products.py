@@ -100,9 +100,25 @@ class ScalarProducts(ABC):
         return found
 
     def within(self, fields: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
-        """(n_tensors, k, k) symmetric: `between` of fields (4, n, k) with themselves."""
-        found = self.between(fields, fields, tensors)
-        return (found + found.transpose(0, 2, 1)) / 2
+        """(n_tensors, k, k): `between` of fields (4, n, k) with themselves, for tensors H[f, a, g, b] = H[g, b, f, a].
+
+        Of the parts H[f, a, g, b] and H[g, b, f, a], the transposes of each other, one is computed.
+        """
+        own = fields[:, self.nodes]
+        used = np.any(own, axis=(1, 2))
+        tensors = np.asarray(tensors) * used[:, None, None, None] * used[:, None]
+        wanted = np.any(tensors, axis=0).reshape(3 * FIELDS, 3 * FIELDS)
+        half = np.zeros((len(tensors), own.shape[2], own.shape[2]))
+        for column in range(3 * FIELDS):
+            g, b = divmod(column, 3)
+            for a in range(3):
+                rows = [f for f in range(FIELDS) if 3 * f + a <= column and wanted[3 * f + a, column]]
+                image = self.times(a, b, own[g]) if rows else None
+                for f in rows:
+                    product, shares = own[f].T @ image, tensors[:, f, a, g, b]
+                    for number in np.flatnonzero(shares):
+                        half[number] += (0.5 if (f, a) == (g, b) else 1.0) * shares[number] * product
+        return half + half.transpose(0, 2, 1)
 
 
 @dataclass(frozen=True)
