@@ -28,6 +28,8 @@ from femu_piezo.threads import Once
 _EVALUATIONS, _SETTLED, _INSIDE = 40, 1e-3, 1e-9
 #: Separation beyond which the figure has no meaning, and pairs told in one recommendation.
 _FAR, _TOLD = 100, 3
+#: Evaluations that are kept.
+_KEPT = 4
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class Plan:
     """
 
     words: str
-    evaluation: Evaluation | Ensemble
+    evaluation: Evaluation | Ensemble | Remembered
     relative_noise: np.ndarray = field(repr=False)
     owner: str = ""
     readings: Mapping[tuple[str, str], np.ndarray] = field(default_factory=dict)
@@ -58,7 +60,8 @@ class Plan:
         """The point with the unknowns of the plan, each where it is expected."""
         parameters = replace(point.parameters, effects=(*point.parameters.effects, *self.tolerances))
         expected = [effect.rest / effect.scale for effect in self.tolerances]
-        return Point(parameters, np.concatenate([point.x, *expected]))
+        among = None if point.among is None else self.widened(point.among)
+        return Point(parameters, np.concatenate([point.x, *expected]), among)
 
     def owned(self, parameters: Unknowns) -> Unknowns:
         """The unknowns with every effect that is not common as that of its specimen."""
@@ -92,10 +95,30 @@ class Plan:
 
 @dataclass(frozen=True)
 class Point:
-    """Unknowns of a fit and where they stand."""
+    """Unknowns of a fit and where they stand.
+
+    Attributes
+    ----------
+    x : (n_x,)
+    among : a point of the same curve with further unknowns, whose slopes hold those of this one; None for itself
+    """
 
     parameters: Unknowns
     x: np.ndarray
+    among: Point | None = None
+
+
+@dataclass(frozen=True)
+class Remembered:
+    """An evaluation that keeps what it was asked for last: plans of the same sweeps ask for the same."""
+
+    evaluation: Evaluation | Ensemble
+    _kept: Once = field(default_factory=lambda: Once(_KEPT), init=False, repr=False, compare=False)
+
+    def with_jacobian(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Z (k,) and ∂Z/∂x (k, n_x), ohm."""
+        key = parameters.names, x.tobytes()
+        return self._kept.get(key, lambda: self.evaluation.with_jacobian(parameters, x))
 
 
 @dataclass(frozen=True)
@@ -170,7 +193,11 @@ def between(plan: Plan, first: Point, second: Point) -> float:
 def strength(plan: Plan, point: Point, effect: int, size: float) -> float:
     """size/σ of the first parameter of the effect number `effect`, all other unknowns free; size in SI."""
     point = plan.widened(point)
-    _, jacobian = plan.predicted(point.parameters, point.x)
+    whole, keys = point.among or point, [one.key for one in point.parameters.effects]
+    columns = np.arange(whole.parameters.count)
+    places = [columns[whole.parameters.columns(whole.parameters.index(key))] for key in keys]
+    _, jacobian = plan.predicted(whole.parameters, whole.x)
+    jacobian = jacobian[:, np.concatenate([columns[: whole.parameters.of_material], *places])]
     own = point.parameters.columns(effect)
     others = np.delete(np.arange(point.x.size), own.start)
     rows = _prior_rows(point)

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from femu_piezo.diagnosis.comparison import Comparison
-from femu_piezo.diagnosis.next_measurement import Plan, Point, Separation, between, strength, summary
+from femu_piezo.diagnosis.next_measurement import Plan, Point, Remembered, Separation, between, strength, summary
 from femu_piezo.diagnosis.readings import readings
 from femu_piezo.diagnosis.verdict import Verdict
 from femu_piezo.effects.effect import Effect
@@ -55,7 +55,7 @@ def separations(
     material = comparison.final.parameters.material
     constants = material.constants(comparison.final.x[: 2 * material.scale.size])
     owner = several[0].measured.piece.name
-    now = Plan("", posterior.evaluation, comparison.base.data.relative_noise, owner)
+    now = Plan("", Remembered(posterior.evaluation), comparison.base.data.relative_noise, owner)
     plans = [
         replace(now, words="average until the noise is a third", relative_noise=now.relative_noise / _QUIETER),
         *_readings(now, several, tuple(effects.values())),
@@ -148,16 +148,19 @@ def _named(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
 
 def _hidden(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
     """Each effect that the sweep cannot show, of usual size, with the constant that imitates it."""
-    base, pairs = comparison.base, []
-    known = {cause.effect.title for cause in verdict.causes}
+    base, known = comparison.base, {cause.effect.title for cause in verdict.causes}
+    hidden: dict[str, tuple[Effect, str]] = {}
     for effect, constant in verdict.hidden:
-        if effect.name == "wrong_insensitive_parameter" or effect.local is not None or effect.title in known:
-            continue
-        known.add(effect.title)
-        parameter = effect.parameters[0]
+        if effect.name != "wrong_insensitive_parameter" and effect.local is None and effect.title not in known:
+            hidden.setdefault(effect.title, (effect, constant))
+    every = base.parameters
+    for effect, _ in hidden.values():
+        every = every.with_candidate(effect)
+    among, pairs = Point(every, every.carried(base.parameters, base.x)), []
+    for effect, constant in hidden.values():
+        parameter, parameters = effect.parameters[0], base.parameters.with_candidate(effect)
         size = min(parameter.spread, parameter.high - parameter.rest)
-        parameters = base.parameters.with_candidate(effect)
-        point = Point(parameters, parameters.carried(base.parameters, base.x))
+        point = Point(parameters, parameters.carried(base.parameters, base.x), among)
         pairs.append(_Pair(effect, point, constant, None, size, f"{size:.2g}{parameter.after_number}"))
     return pairs
 
@@ -190,7 +193,7 @@ def _sweeps(now: Plan, several: Sequence[Subject], effects: Sequence[Effect], co
             parts.append((_share(one, now.owner), Evaluation(model, 2 * np.pi * np.concatenate([frequency, more]))))
             noise.append(_noise(one, frequency.size + more.size))
         words = f"sweep up to {factor:g} times the present end of the band"
-        plans.append(Plan(words, Ensemble(tuple(parts)), np.concatenate(noise), now.owner, new_sweeps=True))
+        plans.append(Plan(words, Remembered(Ensemble(tuple(parts))), np.concatenate(noise), now.owner, new_sweeps=True))
     if second is not None:
         plans.append(_beside_the_first(now, several[0], models[0], second))
     return plans
@@ -208,7 +211,7 @@ def _again(now: Plan, one: Subject, model: ExtendedModel) -> list[Plan]:
     for words, way in ways.items():
         other = replace(one, context=replace(one.context, taken=way))
         parts = tuple((_share(sweep, now.owner), part) for sweep in (one, other))
-        plans.append(Plan(words, Ensemble(parts), noise, now.owner))
+        plans.append(Plan(words, Remembered(Ensemble(parts)), noise, now.owner))
     return plans
 
 
@@ -256,7 +259,7 @@ def _beside_the_first(now: Plan, one: Subject, model: ExtendedModel, second: _Se
     own = tuple(belonging_to(effect, _SECOND) for effect in second.sizes)
     words = f"measure a second specimen of the same material, half the {second.halved}"
     noise = np.tile(_noise(one, frequency.size), 2)
-    return Plan(words, Ensemble(parts), noise, now.owner, new_sweeps=True, tolerances=own)
+    return Plan(words, Remembered(Ensemble(parts)), noise, now.owner, new_sweeps=True, tolerances=own)
 
 
 def _measured_alike(effect: Effect, halved: str, second: Problem) -> Effect:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from diagnosis.conftest import FREQUENCY, SIZE
-from femu_piezo.diagnosis.next_measurement import Plan, Point, Separation, between, strength, summary
+from femu_piezo.diagnosis.next_measurement import Plan, Point, Remembered, Separation, between, strength, summary
 from femu_piezo.diagnosis.readings import readings
 from femu_piezo.effects.effect import EffectContext
 from femu_piezo.inference.ensemble import belonging_to
@@ -82,6 +82,35 @@ def test_strength_is_size_over_its_standard_deviation(setup, low):
     expected = 0.01 / (found.std[-1] / found.noise_scale * width.scale[0])
     assert np.exp(-3 * found.data.level_std) <= found.noise_scale * (1 + 1e-9) <= 1.0
     assert strength(plan, Point(parameters, x), 0, 0.01) == pytest.approx(expected, rel=1e-3)
+
+
+def test_slopes_of_several_causes_at_rest_serve_each(setup, low):
+    """One evaluation with all of them gives the strength of every one that it has alone, asked for by two plans."""
+    kept, evaluation = low
+    keys = ["wrong_width", "electrode_mass", "leakage"]
+    asked = []
+
+    class Counted:
+        @staticmethod
+        def with_jacobian(parameters, x):
+            asked.append(parameters.names)
+            return evaluation.with_jacobian(parameters, x)
+
+    plain = Plan("as it is", evaluation, np.full(np.count_nonzero(kept), NOISE))
+    shared = replace(plain, evaluation=Remembered(Counted()))
+    every = setup.unknowns
+    for key in keys:
+        every = every.with_candidate(setup.library[key])
+    among = Point(every, every.carried(setup.unknowns, setup.x))
+    for key in keys:
+        parameters = setup.unknowns.with_candidate(setup.library[key])
+        x, size = parameters.carried(setup.unknowns, setup.x), setup.library[key].scale[0]
+        expected = strength(plain, Point(parameters, x), 0, size)
+        for one in (shared, replace(shared, words="quieter", relative_noise=plain.relative_noise / 3)):
+            found = strength(one, Point(parameters, x, among), 0, size)
+            times = plain.relative_noise[0] / one.relative_noise[0]
+            assert found == pytest.approx(expected * times, rel=1e-6 if times == 1 else 0.2)
+    assert len(asked) == 1
 
 
 def test_a_tolerance_takes_from_what_a_sweep_can_tell(setup):
