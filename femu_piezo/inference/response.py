@@ -237,6 +237,10 @@ def _smooth(omegas: bytes, dtype: np.dtype) -> tuple[float, np.ndarray, np.ndarr
 
 def _along(terms: np.ndarray, tangents: np.ndarray, basis: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """xᵗ (Σ_t tangents[t, i] A_t) x (k, n) of states x = basis · weights, for real symmetric A (n_terms, r, r)."""
+    wanted = tangents.shape[1]
+    if 2 * wanted < len(terms):
+        terms = np.tensordot(np.vstack([tangents.real.T, tangents.imag.T]), terms, axes=1)
+        tangents = np.vstack([np.eye(wanted), 1j * np.eye(wanted)])
     real, imag = np.ascontiguousarray(basis.real), np.ascontiguousarray(basis.imag)
     images = terms.reshape(-1, terms.shape[2]) @ np.hstack([real, imag])
     size = basis.shape[1]
