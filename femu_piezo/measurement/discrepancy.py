@@ -187,14 +187,10 @@ class _Left:
     def _beside(self, one: Alternatives) -> tuple[np.ndarray, np.ndarray]:
         """χ² (s, n) that alternatives leave at every size, and the volume ½ Σ log(1 + τ g) of each."""
         squares, sides = one.products(self.sides)
-        inside = sides[:, :, 1:]
-        values, vectors = np.linalg.eigh(squares - inside @ inside.transpose(0, 2, 1))
-        along = np.einsum("nab,na->nb", vectors, sides[:, :, 0]) ** 2
-        sizes = _SIGMAS[:, None] ** 2
-        count, m = values.shape
-        grown = 1 + sizes * np.maximum(values, 0.0).ravel()
-        volume = np.log(grown).reshape(-1, count, m) @ np.full(m, 0.5)
-        return self.chi_square - (sizes / grown * along.ravel()).reshape(-1, count, m) @ np.ones(m), volume
+        inside, along = sides[:, :, 1:], sides[:, :, 0]
+        own = squares - inside @ inside.transpose(0, 2, 1)
+        gained, volume = (_eliminated if len(own) > 1 else _turned)(own, along)
+        return self.chi_square - gained, volume
 
     def _profiled(self, chi_square: np.ndarray, volume: np.ndarray) -> np.ndarray:
         """log likelihoods of χ² (m,), from above where that less the volume (m,) cannot matter beside the largest.
@@ -221,6 +217,32 @@ class _Left:
             left=float(left[size, which]),
             which=one.chosen(int(which)),
         )
+
+
+def _turned(matrices: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(s, n) bᵗ(1/τ + G)^-1 b and ½ log|1 + τ G| at every size, by the eigenvalues of G (n, m, m); b (n, m)."""
+    values, vectors = np.linalg.eigh(matrices)
+    along = np.einsum("nab,na->nb", vectors, right) ** 2
+    sizes = _SIGMAS[:, None, None] ** 2
+    grown = 1 + sizes * np.maximum(values, 0.0)
+    return np.sum(sizes / grown * along, axis=2), 0.5 * np.sum(np.log(grown), axis=2)
+
+
+def _eliminated(matrices: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same by elimination of one unknown after another, of all matrices and sizes at once: for few unknowns."""
+    sizes, count = _SIGMAS[:, None] ** 2, right.shape[1]
+    rest = [[sizes * matrices[:, row, column] for column in range(row + 1)] for row in range(count)]
+    left = [np.broadcast_to(right[:, row], (len(sizes), len(right))) for row in range(count)]
+    gained, determinant = 0.0, 1.0
+    for first in range(count):
+        pivot = 1 + np.maximum(rest[first][first], 0.0)
+        gained, determinant = gained + left[first] ** 2 / pivot, determinant * pivot
+        for row in range(first + 1, count):
+            share = rest[row][first] / pivot
+            left[row] = left[row] - share * left[first]
+            for column in range(first + 1, row + 1):
+                rest[row][column] = rest[row][column] - share * rest[column][first]
+    return sizes * gained, 0.5 * np.log(determinant)
 
 
 #: Standard deviations of its logarithm below which a noise level is not taken to be.

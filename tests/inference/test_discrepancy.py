@@ -12,6 +12,7 @@ from laboratory import FREQUENCY
 from scipy.special import logsumexp
 
 from femu_piezo.inference.fit import Fit, fit, with_discrepancy
+from femu_piezo.measurement import discrepancy
 from femu_piezo.measurement.discrepancy import (
     PRIOR,
     Discrepancy,
@@ -91,6 +92,22 @@ def columns_of(data: SweepData, log_slope: np.ndarray, length: float, share: flo
     parts = [np.sqrt(1 - share) * own, np.sqrt(share) * moved]
     whole = np.hstack([turn * part for part in parts for turn in (1, 1j)]) * data.weight[:, None]
     return np.concatenate([whole.real, whole.imag])
+
+
+@pytest.mark.parametrize("way", ["_turned", "_eliminated"])
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_what_columns_take_and_their_volume_are_those_of_dense_matrices(way, count):
+    """bᵗ(1/τ + G)^-1 b and ½ log|1 + τ G| at every size, of columns of any strength, some of them twice."""
+    rng = np.random.default_rng(count)
+    columns = rng.standard_normal((30, count, 9)) * np.exp(rng.uniform(-5, 5, (30, count, 1)))
+    columns[:5, -1] = columns[:5, 0]
+    squares, right = columns @ columns.transpose(0, 2, 1), columns @ rng.standard_normal(9)
+    gained, volume = getattr(discrepancy, way)(squares, right)
+    for own_gain, own_volume, sigma in zip(gained, volume, discrepancy._SIGMAS, strict=True):
+        grown = np.eye(9) + sigma**2 * columns.transpose(0, 2, 1) @ columns
+        exact = np.einsum("ni,nij,nj->n", right, np.linalg.inv(np.eye(count) / sigma**2 + squares), right)
+        np.testing.assert_allclose(own_gain, exact, rtol=1e-5)
+        np.testing.assert_allclose(own_volume, 0.5 * np.linalg.slogdet(grown)[1], rtol=1e-7, atol=1e-12)
 
 
 @pytest.mark.parametrize("wave", [0.0, 2e-3, 1e-2])
