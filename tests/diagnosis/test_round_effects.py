@@ -186,7 +186,7 @@ def test_change_of_impedance_against_independent_solution(bodies, bare, name, ca
     assert error < share * size, f"{error / size:.4f}"
 
 
-@pytest.mark.parametrize("distance", [4e-3, 5.3e-3])
+@pytest.mark.parametrize("distance", [pytest.param(4e-3, marks=pytest.mark.slow), 5.3e-3])
 def test_stiff_points_are_sought_again_with_the_constants_found(bodies, distance):
     """Constants of a fit without the support mislead all first starts; those of the best of them lead to its place."""
     one, stiffness = bodies["ring"], 2e7

@@ -55,7 +55,7 @@ def problem():
 
 def test_samples_have_the_known_mean_width_and_intervals(problem):
     response, solution, mean, covariance = problem
-    posterior = sample_posterior(response, solution, 4000)
+    posterior = sample_posterior(response, solution, 2000)
     assert posterior.names == ("s11", "tan_s11")
     scale = np.array([solution.parameters.material.scale[0], 1.0])
     for column, (exact, std) in enumerate(zip(mean * scale, np.sqrt(np.diag(covariance)) * scale, strict=True)):
