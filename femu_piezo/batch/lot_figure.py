@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from femu_piezo.batch.lot import Distribution, Lot
 from femu_piezo.output.curves import PRINTED
@@ -36,6 +37,8 @@ def lot_figure(lot: Lot) -> Figure:
     if not lot.distributions:
         axes[0, 0].text(0.5, 0.5, "no specimen gave a result", ha="center", transform=axes[0, 0].transAxes)
     axes[-1, 0].set_xlabel("serial number (place in the order of file names)")
+    for axis in (axes[-1, 0].xaxis, axes[-1, 1].xaxis):
+        axis.set_major_locator(MaxNLocator(integer=True))
     axes[-1, 1].set_xlabel("specimens")
     figure.align_ylabels(axes[:, 0])
     counts = lot.counts

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -133,9 +134,9 @@ def _headline(result: Diagnosis) -> str:
     word = result.verdict.word
     if word == "none":
         return "The simulation explains this sweep: nothing beyond noise is left over, no effect is needed."
-    many = len(result.verdict.causes) > 1
     if word == "effect":
-        return f"The misfit has {'named causes' if many else 'a named cause'}: {named(result.verdict.causes)}."
+        likely = _likely(result.verdict.causes)
+        return f"The misfit has {'named causes' if len(likely) > 1 else 'a named cause'}: {named(likely)}."
     if _points_to_blame(result):
         return "No linear body follows these points: what is wrong is in the data, not in the simulation."
     words = "The simulation misses something that no known effect explains"
@@ -145,6 +146,12 @@ def _headline(result: Diagnosis) -> str:
         )
     looks = _looks(result)
     return f"{words}; it looks like {listed(looks)}." if looks else f"{words}."
+
+
+def _likely(causes: Sequence[Cause]) -> list[Cause]:
+    """Those more probable than not, or the most probable one; what else the fit needs is told with its probability."""
+    found = [cause for cause in causes if cause.probability >= 0.5]
+    return found or [max(causes, key=lambda cause: cause.probability)]
 
 
 def _looks(result: Diagnosis) -> list[str]:

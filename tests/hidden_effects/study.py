@@ -74,11 +74,19 @@ def run(wanted: Sequence[Job], processes: int = 1, results: Path | None = None) 
 
 
 def _computed(left: Sequence[Job], processes: int) -> Iterator[Outcome]:
+    """Outcomes as they come; the first error once all others have come."""
     if processes == 1:
         yield from map(judged, left)
         return
+    errors = []
     with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
-        yield from (future.result() for future in as_completed([pool.submit(judged, job) for job in left]))
+        for future in as_completed([pool.submit(judged, job) for job in left]):
+            if error := future.exception():
+                errors.append(error)
+            else:
+                yield future.result()
+    if errors:
+        raise errors[0]
 
 
 def read(results: Path) -> list[Outcome]:

@@ -23,7 +23,7 @@ from femu_piezo.effects.effect import EffectParameter
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.material.constants import EPS0
 from femu_piezo.output.diagnosis import diagnosis_record
-from femu_piezo.output.diagnosis_words import _best_candidate, whatever_the_cause
+from femu_piezo.output.diagnosis_words import _best_candidate, _likely, whatever_the_cause
 from femu_piezo.output.folder import prepare_folder, write_json
 from femu_piezo.output.report_diagnosis import write_diagnosis_report
 from femu_piezo.output.tables import between
@@ -98,6 +98,13 @@ def none(tmp_path_factory) -> Case:
 @pytest.fixture(scope="module")
 def unknown(tmp_path_factory) -> Case:
     return _diagnosed(tmp_path_factory.mktemp("unknown"), "unknown")
+
+
+def test_a_headline_names_what_is_more_probable_than_not():
+    """The others are told with their probability; where none is, the most probable one stands for all."""
+    small, large, half = (SimpleNamespace(probability=p) for p in (0.0, 0.67, 0.5))
+    assert _likely([small, large, half]) == [large, half]
+    assert _likely([small, SimpleNamespace(probability=0.3)])[0].probability == 0.3
 
 
 def test_effect_is_told_in_words_and_figures(effect):
