@@ -52,45 +52,45 @@ class ScalarProducts(ABC):
 
     Attributes
     ----------
-    size : number n of functions;  nodes : (m,) those whose rows are not zero
+    size : number n of functions
+    nodes : (m,) those whose rows are not zero, in the order in which `times` has them; a slice of all
     """
 
     size: int
-    nodes: np.ndarray
+    nodes: np.ndarray | slice
 
     @abstractmethod
-    def times(self, a: int, b: int, vectors: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
-        """G_ab times vectors (m, k) on `nodes`: (m, k), or (j, k) in the rows numbered `rows` (j,) among the nodes."""
+    def times(self, a: int, b: int, vectors: np.ndarray) -> np.ndarray:
+        """G_ab times vectors (m, k) on `nodes`: (m, k)."""
 
     def applied(self, tensors: Sequence[np.ndarray], fields: np.ndarray) -> np.ndarray:
         """(n_tensors, 4, n, k): A w of extended tensors, each (4, 3, 4, 3), on fields w (4, n, k), no A formed."""
-        tensors, nodes = np.asarray(tensors), self.nodes
-        found = np.zeros((len(tensors), *fields.shape))
-        given = np.any(fields, axis=(1, 2))[:, None]
+        tensors, own = np.asarray(tensors), fields[:, self.nodes]
+        found = np.zeros((len(tensors), *own.shape))
+        given = np.any(own, axis=(1, 2))[:, None]
         for a, g, b in zip(*np.nonzero(np.any(tensors, axis=(0, 1)) & given), strict=True):
-            image = self.times(a, b, fields[g, nodes])
+            image = self.times(a, b, own[g])
             for number, f in zip(*np.nonzero(tensors[:, :, a, g, b]), strict=True):
-                found[number, f, nodes] += tensors[number, f, a, g, b] * image
-        return found
+                found[number, f] += tensors[number, f, a, g, b] * image
+        if isinstance(self.nodes, slice):
+            return found
+        whole = np.zeros((len(tensors), *fields.shape))
+        whole[:, :, self.nodes] = found
+        return whole
 
-    def between(
-        self, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray], rows: np.ndarray | None = None
-    ) -> np.ndarray:
+    def between(self, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
         """(n_tensors, k, l): vᵗA w of extended tensors on all pairs of fields v and w, without forming any A.
 
         Parameters
         ----------
         left, right : (4, n, k) and (4, n, l) fields;  tensors : each (4, 3, 4, 3)
-        rows : the only functions where left is not zero; all where None
         """
-        nodes = self.nodes
-        left, right = left[:, nodes if rows is None else rows], right[:, nodes]
-        among = None if rows is None else np.searchsorted(nodes, rows)
+        left, right = left[:, self.nodes], right[:, self.nodes]
         used = np.flatnonzero(np.any(left, axis=(1, 2)))
         tensors = np.asarray(tensors)[:, used]
         found = np.zeros((len(tensors), left.shape[2], right.shape[2]))
         for a, other, b in zip(*np.nonzero(np.any(tensors, axis=(0, 1))), strict=True):
-            image = self.times(a, b, right[other], among)
+            image = self.times(a, b, right[other])
             for f, row in enumerate(used):
                 shares = tensors[:, f, a, other, b]
                 if np.any(shares):
@@ -140,15 +140,13 @@ class GradientProducts(ScalarProducts):
     grid: TensorGrid | None = None
 
     @property
-    def nodes(self) -> np.ndarray:
-        """(n,) all."""
-        return np.arange(self.size)
+    def nodes(self) -> np.ndarray | slice:
+        """All, in the order of the grid where there is one."""
+        return slice(None) if self.grid is None else self.grid.order
 
-    def times(self, a: int, b: int, vectors: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
-        """G_ab times vectors (n, k), by the Kronecker structure where there is one and all rows are asked for."""
-        if rows is not None:
-            return self.gradient_matrices[a][b][rows] @ vectors
-        return self.gradient_matrices[a][b] @ vectors if self.grid is None else self.grid.product(a, b, vectors)
+    def times(self, a: int, b: int, vectors: np.ndarray) -> np.ndarray:
+        """G_ab times vectors (n, k) on `nodes`, by the Kronecker structure where there is one."""
+        return self.gradient_matrices[a][b] @ vectors if self.grid is None else self.grid.times(a, b, vectors)
 
     def mass_times(self, vectors: np.ndarray) -> np.ndarray:
         """∫ φ_i φ_j times vectors (n, k)."""

@@ -99,8 +99,8 @@ class LayeredProducts(ScalarProducts):
 
     @property
     def nodes(self) -> np.ndarray:
-        """(n,) all."""
-        return np.arange(self.size)
+        """(n,) all, those through the height one after another."""
+        return self.numbers.ravel()
 
     @property
     def cells(self) -> int:
@@ -157,13 +157,15 @@ class LayeredProducts(ScalarProducts):
         columns = np.arange(self.squares.size)
         return sp.csr_matrix((np.ones(columns.size), (self.squares.ravel(), columns)))
 
-    def times(self, a: int, b: int, vectors: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
-        """G_ab times vectors (n, k): (n, k), or (j, k) in the rows (j,)."""
-        return self._applied(_FACTORS[a], _FACTORS[b], vectors, rows)
+    def times(self, a: int, b: int, vectors: np.ndarray) -> np.ndarray:
+        """G_ab times vectors (n, k) on `nodes`."""
+        return self._layered(_FACTORS[a], _FACTORS[b], vectors)
 
     def mass_times(self, vectors: np.ndarray) -> np.ndarray:
-        """∫ φ_i φ_j times vectors (n, k)."""
-        return self._applied(_FACTORS[_NONE], _FACTORS[_NONE], vectors)
+        """∫ φ_i φ_j times vectors (n, k) in the order of the basis."""
+        found = np.empty_like(vectors)
+        found[self.nodes] = self._layered(_FACTORS[_NONE], _FACTORS[_NONE], vectors[self.nodes])
+        return found
 
     def diagonal(self, a: int, b: int) -> np.ndarray:
         """(n,) diagonal of G_ab."""
@@ -172,16 +174,10 @@ class LayeredProducts(ScalarProducts):
         found[self.numbers] = np.outer(self._plane_matrices[s][t].diagonal(), self._lines[up, over].diagonal())
         return found
 
-    def _applied(
-        self, left: tuple[int, int], right: tuple[int, int], vectors: np.ndarray, rows: np.ndarray | None = None
-    ) -> np.ndarray:
+    def _layered(self, left: tuple[int, int], right: tuple[int, int], vectors: np.ndarray) -> np.ndarray:
         (s, up), (t, over) = left, right
-        width = vectors.shape[1]
-        image = self._plane_matrices[s][t] @ vectors[self.numbers].reshape(len(self.numbers), -1)
-        image = self._lines[up, over] @ image.reshape(*self.numbers.shape, width)
-        found = np.empty((self.size, width), dtype=image.dtype)
-        found[self.numbers] = image
-        return found if rows is None else found[rows]
+        image = self._plane_matrices[s][t] @ vectors.reshape(len(self.numbers), -1)
+        return (self._lines[up, over] @ image.reshape(*self.numbers.shape, -1)).reshape(self.size, -1)
 
     @made_once
     def _plane_matrices(self) -> list[list[sp.csr_matrix]]:

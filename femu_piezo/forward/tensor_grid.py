@@ -63,17 +63,14 @@ class TensorGrid:
         """(2, 2, n_i, n_i) ∫ w ∂^s φ_i ∂^t φ_j along one axis, with a weight w of the place (m), a polynomial."""
         return _matrices(self.lines[axis], self.places[axis], weight)
 
-    def product(self, a: int, b: int, vectors: np.ndarray) -> np.ndarray:
-        """∫ ∂_aφ_i ∂_bφ_j times vectors (n, k)."""
-        return self._applied([matrices[int(a == i), int(b == i)] for i, matrices in enumerate(self.axes)], vectors)
+    def times(self, a: int, b: int, vectors: np.ndarray) -> np.ndarray:
+        """∫ ∂_aφ_i ∂_bφ_j times vectors (n, k) in the order of the grid."""
+        return kronecker_times([matrices[int(a == i), int(b == i)] for i, matrices in enumerate(self.axes)], vectors)
 
     def mass(self, vectors: np.ndarray) -> np.ndarray:
-        """∫ φ_i φ_j times vectors (n, k)."""
-        return self._applied([matrices[0, 0] for matrices in self.axes], vectors)
-
-    def _applied(self, factors: list[np.ndarray], vectors: np.ndarray) -> np.ndarray:
-        found = np.empty_like(vectors, dtype=np.result_type(factors[0], vectors))
-        found[self.order] = kronecker_times(factors, vectors[self.order])
+        """∫ φ_i φ_j times vectors (n, k) in the order of the basis."""
+        found = np.empty_like(vectors, dtype=np.result_type(self.axes[0], vectors))
+        found[self.order] = kronecker_times([matrices[0, 0] for matrices in self.axes], vectors[self.order])
         return found
 
 

@@ -25,7 +25,7 @@ _STOPPED = "the server was stopped meanwhile"
 #: Environment variable in which the commands find the address of a store.
 STORE_VARIABLE = "FEMU_PIEZO_STORE"
 #: Seconds that an interrupted command has to tidy up.
-_PATIENCE = 5.0
+_PATIENCE = 15.0
 #: Seconds that a command takes where none was run here before.
 _FIRST_GUESS = {"extract": 4.0, "update": 12.0, "diagnose": 60.0, "modes": 20.0, "identify": 20.0, "datasheet": 12.0}
 

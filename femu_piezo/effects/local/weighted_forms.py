@@ -41,12 +41,12 @@ class SeparableProducts(ScalarProducts):
     nodes: np.ndarray
     terms: Mapping[tuple[int, int], Sequence[Kronecker]]
 
-    def times(self, a: int, b: int, vectors: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+    def times(self, a: int, b: int, vectors: np.ndarray) -> np.ndarray:
         """G_ab times vectors (m, k)."""
         found = np.zeros_like(vectors)
         for coefficient, factors in self.terms.get((a, b), ()):
             found += coefficient * kronecker_times(factors, vectors)
-        return found if rows is None else found[rows]
+        return found
 
 
 def cut_near(edges: np.ndarray, reach: float, left: float, right: float) -> np.ndarray:
