@@ -127,6 +127,27 @@ class Bases:
             lambda: extend_model(model, training, effects, band, accuracy=accuracy),
         )
 
+    def coarse(
+        self,
+        problem: Problem,
+        constants: PiezoConstants,
+        effects: Sequence[Effect],
+        band_Hz: float,
+        accuracy: float,
+    ) -> ExtendedModel:
+        """Basis of a body that is not measured yet, up to a frequency, for effects and about constants that are known.
+
+        accuracy : of mesh and basis
+        """
+        band, around = self._rung(problem, band_Hz, _FINE_RUNG), self.around(problem, constants)
+        exact = problem.equivalent_frequency(band, accuracy)
+        model, free = self._model(problem, self._rung(problem, exact, _FINE_RUNG), accuracy), problem.free(around)
+        training = [around] if around is constants else [around, *free.training_sets(free.start, CLOSE, 4)[1:]]
+        key = (band, accuracy, *(_bits(item.vector()) for item in training), Needs.of(effects))
+        return self._basis(
+            "extended", model, key, lambda: extend_model(model, training, effects, band, accuracy=accuracy)
+        )
+
     def _rung(self, problem: Problem, frequency_Hz: float, step: float) -> float:
         """The frequency that stands for one, not below it, Hz."""
         return frequency_Hz
@@ -163,7 +184,7 @@ class SharedBases(Bases):
     made, used : models and bases built, and asked for, so far
     """
 
-    def __init__(self, models: int = 4, bases: int = 16, extended: int = 8) -> None:
+    def __init__(self, models: int = 6, bases: int = 16, extended: int = 8) -> None:
         super().__init__()
         self._most = {"model": models, "rough": bases, "extended": extended}
         self._shelves: dict[str, OrderedDict[Hashable, Any]] = {kind: OrderedDict() for kind in self._most}

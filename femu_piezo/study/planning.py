@@ -13,13 +13,14 @@ from femu_piezo.diagnosis.next_measurement import Plan, Point, Remembered, Separ
 from femu_piezo.diagnosis.readings import readings
 from femu_piezo.diagnosis.verdict import Verdict
 from femu_piezo.effects.effect import Effect
-from femu_piezo.effects.extended_model import ExtendedModel, extend_model
+from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.geometry.reshaping import reshapings
 from femu_piezo.inference.ensemble import Ensemble, Share, belonging_to, is_common, owned_by
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import Specimen
+from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.shapes import shape_of
@@ -59,7 +60,7 @@ def separations(
     plans = [
         replace(now, words="average until the noise is a third", relative_noise=now.relative_noise / _QUIETER),
         *_readings(now, several, tuple(effects.values())),
-        *_sweeps(now, several, tuple(effects.values()), constants),
+        *_sweeps(now, several, tuple(effects.values()), constants, posterior.bases),
     ]
     if len(several) == 1:
         plans += _again(now, several[0], posterior.models[0])
@@ -155,12 +156,13 @@ def _hidden(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
             hidden.setdefault(effect.title, (effect, constant))
     every = base.parameters
     for effect, _ in hidden.values():
-        every = every.with_candidate(effect)
+        every = every if effect.acquisition else every.with_candidate(effect)
     among, pairs = Point(every, every.carried(base.parameters, base.x)), []
     for effect, constant in hidden.values():
         parameter, parameters = effect.parameters[0], base.parameters.with_candidate(effect)
         size = min(parameter.spread, parameter.high - parameter.rest)
-        point = Point(parameters, parameters.carried(base.parameters, base.x), among)
+        x = parameters.carried(base.parameters, base.x)
+        point = Point(parameters, x, None if effect.acquisition else among)  # which looks at the body several times
         pairs.append(_Pair(effect, point, constant, None, size, f"{size:.2g}{parameter.after_number}"))
     return pairs
 
@@ -171,7 +173,9 @@ def _readings(now: Plan, several: Sequence[Subject], effects: Sequence[Effect]) 
     return [replace(now, words=words, readings=slopes) for words, slopes in readings(owned, contexts)]
 
 
-def _sweeps(now: Plan, several: Sequence[Subject], effects: Sequence[Effect], constants: PiezoConstants) -> list[Plan]:
+def _sweeps(
+    now: Plan, several: Sequence[Subject], effects: Sequence[Effect], constants: PiezoConstants, bases: Bases
+) -> list[Plan]:
     """Wider bands, and for a single specimen a second one half as long; by models without effects at a place.
 
     Such effects need the other parity classes of the plate, which cost more than a recommendation is worth.
@@ -180,8 +184,8 @@ def _sweeps(now: Plan, several: Sequence[Subject], effects: Sequence[Effect], co
         return []
     effects = [effect for effect in effects if effect.local is None]
     highest = max(_WIDER)
-    made = [partial(_coarse, one.problem, one, effects, constants, highest * one.measured.band_Hz) for one in several]
-    second_made = partial(_second_specimen, several, effects, constants)
+    made = [partial(_coarse, bases, one, effects, constants, highest * one.measured.band_Hz) for one in several]
+    second_made = partial(_second_specimen, bases, several, effects, constants)
     *models, second = in_parallel(lambda make: make(), [*made, second_made])
     plans = []
     for factor in _WIDER:
@@ -231,7 +235,7 @@ class _Second:
 
 
 def _second_specimen(
-    several: Sequence[Subject], effects: Sequence[Effect], constants: PiezoConstants
+    bases: Bases, several: Sequence[Subject], effects: Sequence[Effect], constants: PiezoConstants
 ) -> _Second | None:
     """The same material half as long; None where there is no such body, or are several already."""
     one, geometry = several[0], several[0].problem.specimen.geometry
@@ -243,7 +247,7 @@ def _second_specimen(
         common = [effect for effect in effects if is_common(effect)]
         sizes = [_measured_alike(effect, dimension, problem) for effect in one.library if effect.has_tolerance]
         sizes = [effect for effect in sizes if effect.resizes or effect.density is not None]
-        model = _coarse(problem, one, [*common, *sizes], constants, 2 * one.measured.band_Hz)
+        model = _coarse(bases, one, [*common, *sizes], constants, 2 * one.measured.band_Hz, problem)
     except (InputError, ConvergenceError):
         return None
     return _Second(model, dimension, tuple(sizes))
@@ -280,12 +284,17 @@ def _halved(problem: Problem, dimension: str) -> Specimen:
     return specimen.model_copy(update={"geometry": half})
 
 
-def _coarse(problem: Problem, one: Subject, effects: Sequence[Effect], constants: PiezoConstants, band_Hz: float):
-    """A model good enough for planning, up to a frequency."""
-    model = problem.model(problem.equivalent_frequency(band_Hz, _ACCURACY), _ACCURACY)
-    own = [effect for effect in effects if one.share.has(effect)]
-    own += [effect for effect, _ in one.fixed]
-    return extend_model(model, [constants], own, band_Hz, accuracy=_ACCURACY)
+def _coarse(
+    bases: Bases,
+    one: Subject,
+    effects: Sequence[Effect],
+    constants: PiezoConstants,
+    band_Hz: float,
+    problem: Problem | None = None,
+) -> ExtendedModel:
+    """A model good enough for planning, up to a frequency; of another body where its problem is given."""
+    own = [effect for effect in effects if one.share.has(effect)] + [effect for effect, _ in one.fixed]
+    return bases.coarse(problem or one.problem, constants, own, band_Hz, _ACCURACY)
 
 
 def _thinned(frequency: np.ndarray) -> np.ndarray:

@@ -67,13 +67,14 @@ class Posterior:
     ----------
     models : the reduced model of each specimen
     tolerances : effects that every fit has
+    bases : where models and bases come from
     """
 
     def __init__(
         self, several: Sequence[Subject], clock: Clock, bases: Bases, candidates: Sequence[Effect] = ()
     ) -> None:
         self.several = tuple(several)
-        self._clock, self._bases, self._candidates = clock, bases, tuple(candidates)
+        self._clock, self.bases, self._candidates = clock, bases, tuple(candidates)
         self.tolerances = tolerances_of(several)
         self.problem = several[0].problem
         self.models: tuple[ExtendedModel, ...] = ()
@@ -137,7 +138,7 @@ class Posterior:
         """Reduced models around given constants."""
         full = self.full
         self._clock.step("reduce")
-        self._around = self._bases.around(self.problem, constants)
+        self._around = self.bases.around(self.problem, constants)
         spread = _FREE_SPREAD + _PER_KELVIN * max(one.context.taken.span_K for one in self.several)
         training = _training(self._around, self.problem.free(self._around), spread)
         self.models = self._of_pieces(lambda number, several: self._reduced(full[number], number, several, training))
@@ -161,7 +162,7 @@ class Posterior:
         return tuple(made[one.name] for one in self.several)
 
     def _meshed(self, number: int, several: Sequence[Subject]) -> ElectroelasticModel:
-        return self._bases.model(self.several[number].measured, mesh_accuracy(several))
+        return self.bases.model(self.several[number].measured, mesh_accuracy(several))
 
     def _reduced(
         self,
@@ -173,7 +174,7 @@ class Posterior:
         offered = (*self.tolerances, *self._candidates)
         effects = list({effect.key: effect for own in several for effect in served(own, offered)}.values())
         accuracy = _share_of_noise(several, _BASIS_SHARE, _BASIS_RANGE)
-        return self._bases.extended(full, training, effects, self.several[number].measured, accuracy)
+        return self.bases.extended(full, training, effects, self.several[number].measured, accuracy)
 
     @property
     def evaluation(self) -> Evaluation | Ensemble:

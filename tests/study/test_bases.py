@@ -79,3 +79,20 @@ def test_constants_far_from_the_file_go_to_a_grid(subject, share):
         assert ratio.imag == pytest.approx(0.0, abs=1e-12) and abs(np.log(ratio.real)) <= np.log(1.1) / 2 + 1e-9
     assert around.s12 == own.s12
     assert SharedBases().around(problem, moved(around, 0.01)) == SharedBases().around(problem, around)
+
+
+def test_what_plans_are_made_with_is_made_once_for_a_lot(subject):
+    """Constants of two specimens have one coarse basis, and Z there is that of a basis of their own."""
+    shared, one = SharedBases(), subject.measured
+    problem, band = one.problem, 1.5 * one.band_Hz
+    effects = [effect for effect in subject.library if effect.name in ("wrong_width", "leakage")]
+    frequency = np.linspace(0.1, 1.0, 400) * band
+    for share in (0.06, -0.05):
+        constants = moved(problem.constants, share)
+        made = shared.made
+        found = shared.coarse(problem, constants, effects, band, 3e-3)
+        own = Bases().coarse(problem, constants, effects, band, 3e-3)
+        assert shared.made - made == (2 if share > 0 else 0)  # model and basis
+        z, exact = (model.modal(constants.to_e_form()).impedance(2 * np.pi * frequency) for model in (found, own))
+        assert np.sqrt(np.mean(np.abs(np.log(z / exact)) ** 2)) < 0.05
+        assert np.mean(np.abs(np.log(z / exact))) < 0.01
