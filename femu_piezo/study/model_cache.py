@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
+from threading import Lock
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -189,6 +190,7 @@ class SharedBases(Bases):
         self._most = {"model": models, "rough": bases, "extended": extended}
         self._shelves: dict[str, OrderedDict[Hashable, Any]] = {kind: OrderedDict() for kind in self._most}
         self._keys: WeakKeyDictionary[ElectroelasticModel, Hashable] = WeakKeyDictionary()
+        self._guard = Lock()
         self.made = self.used = 0
 
     def anchor(self, problem: Problem, free: FreeConstants) -> FreeConstants:
@@ -217,7 +219,8 @@ class SharedBases(Bases):
 
     def _of_one_mesh(self, body: Hashable, made: ElectroelasticModel) -> ElectroelasticModel:
         """The model of a body that is kept already where its mesh is the same, as neighbouring rungs may have it."""
-        kept = (model for (of_body, *_), model in self._shelves["model"].items() if of_body == body)
+        with self._guard:
+            kept = [model for (of_body, *_), model in self._shelves["model"].items() if of_body == body]
         return next((model for model in kept if model.domain.has_mesh_of(made.domain)), made)
 
     def _basis(
@@ -226,15 +229,19 @@ class SharedBases(Bases):
         return self._kept(kind, (self._keys[model], *key), make)
 
     def _kept(self, kind: str, key: Hashable, make: Callable[[], Made]) -> Made:
-        self.used += 1
         shelf = self._shelves[kind]
-        if key not in shelf:
+        with self._guard:
+            self.used += 1
+            if key in shelf:
+                shelf.move_to_end(key)
+                return shelf[key]
+        found = make()  # threads make different ones at once
+        with self._guard:
             self.made += 1
-            shelf[key] = make()
+            shelf[key] = found
             while len(shelf) > self._most[kind]:
                 shelf.popitem(last=False)
-        shelf.move_to_end(key)
-        return shelf[key]
+        return found
 
 
 def _rounded(problem: Problem, free: FreeConstants, near: float) -> PiezoConstants | None:
