@@ -172,16 +172,11 @@ def between(plan: Plan, first: Point, second: Point) -> float:
         difference[phases] -= turn * np.round(difference[phases] / turn)  # phases differ by less than half a turn
         return np.concatenate([difference, rows @ (x - second.x)]), np.concatenate([jacobian, rows])
 
-    at_last = Once(1)
-
-    def at(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return at_last.get(x.tobytes(), lambda: pulled(x))
-
     low, high = second.parameters.bounds.T
     found = least_squares(
-        lambda x: at(x)[0],
+        lambda x: pulled(x)[0],
         np.clip(second.x, low + _INSIDE * (high - low), high - _INSIDE * (high - low)),
-        lambda x: at(x)[1],
+        lambda x: pulled(x)[1],
         (low, high),
         x_scale="jac",
         ftol=_SETTLED,
@@ -193,11 +188,9 @@ def between(plan: Plan, first: Point, second: Point) -> float:
 def strength(plan: Plan, point: Point, effect: int, size: float) -> float:
     """size/σ of the first parameter of the effect number `effect`, all other unknowns free; size in SI."""
     point = plan.widened(point)
-    whole, keys = point.among or point, [one.key for one in point.parameters.effects]
-    columns = np.arange(whole.parameters.count)
-    places = [columns[whole.parameters.columns(whole.parameters.index(key))] for key in keys]
+    whole = point.among or point
     _, jacobian = plan.predicted(whole.parameters, whole.x)
-    jacobian = jacobian[:, np.concatenate([columns[: whole.parameters.of_material], *places])]
+    jacobian = jacobian[:, [whole.parameters.names.index(name) for name in point.parameters.names]]
     own = point.parameters.columns(effect)
     others = np.delete(np.arange(point.x.size), own.start)
     rows = _prior_rows(point)

@@ -80,6 +80,12 @@ class Factorization:
             self.check(solution, right)
         return solution
 
+    def solve_unchecked(self, right: np.ndarray) -> np.ndarray:
+        """A^-1 right, (n,) or (n, k), as the factor gives it: for those who `check` several solutions at once."""
+        if np.iscomplexobj(right) and not np.issubdtype(self._matrix.dtype, np.complexfloating):
+            return self.solve_unchecked(right.real) + 1j * self.solve_unchecked(right.imag)
+        return self._solver.solve(np.asarray(right, dtype=self._matrix.dtype))
+
     def check(self, solution: np.ndarray, right: np.ndarray) -> None:
         """ConvergenceError where what solutions (n,) or (n, k) leave of the right-hand sides is large."""
         error = self._error(solution, right)
@@ -98,12 +104,6 @@ class Factorization:
 
     def _size(self, loads: np.ndarray) -> float:
         return float(np.linalg.norm((self._weight * loads.T).T))
-
-    def solve_unchecked(self, right: np.ndarray) -> np.ndarray:
-        """A^-1 right, (n,) or (n, k), as the factor gives it: for those who `check` several solutions at once."""
-        if np.iscomplexobj(right) and not np.issubdtype(self._matrix.dtype, np.complexfloating):
-            return self.solve_unchecked(right.real) + 1j * self.solve_unchecked(right.imag)
-        return self._solver.solve(np.asarray(right, dtype=self._matrix.dtype))
 
 
 @dataclass(frozen=True)

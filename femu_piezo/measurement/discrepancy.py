@@ -189,7 +189,8 @@ class _Left:
         squares, sides = one.products(self.sides)
         inside, along = sides[:, :, 1:], sides[:, :, 0]
         own = squares - inside @ inside.transpose(0, 2, 1)
-        gained, volume = (_eliminated if len(own) > 1 else _turned)(own, along)
+        # of many alternatives with few columns, or of one with many
+        gained, volume = (_by_elimination if len(own) > 1 else _by_eigenvalues)(own, along)
         return self.chi_square - gained, volume
 
     def _profiled(self, chi_square: np.ndarray, volume: np.ndarray) -> np.ndarray:
@@ -219,8 +220,8 @@ class _Left:
         )
 
 
-def _turned(matrices: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(s, n) bᵗ(1/τ + G)^-1 b and ½ log|1 + τ G| at every size, by the eigenvalues of G (n, m, m); b (n, m)."""
+def _by_eigenvalues(matrices: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(s, n) bᵗ(1/τ + G)^-1 b and ½ log|1 + τ G| at every size, of G (n, m, m) and b (n, m)."""
     values, vectors = np.linalg.eigh(matrices)
     along = np.einsum("nab,na->nb", vectors, right) ** 2
     sizes = _SIGMAS[:, None, None] ** 2
@@ -228,7 +229,7 @@ def _turned(matrices: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.nda
     return np.sum(sizes / grown * along, axis=2), 0.5 * np.sum(np.log(grown), axis=2)
 
 
-def _eliminated(matrices: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _by_elimination(matrices: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The same by elimination of one unknown after another, of all matrices and sizes at once: for few unknowns."""
     sizes, count = _SIGMAS[:, None] ** 2, right.shape[1]
     rest = [[sizes * matrices[:, row, column] for column in range(row + 1)] for row in range(count)]

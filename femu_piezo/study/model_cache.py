@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from threading import Lock
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -23,7 +23,6 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.mesh_file import MeshFile
 from femu_piezo.inference.unknowns import FreeConstants
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.study.measured import Measured
 from femu_piezo.study.problem import Problem
 
 #: Relative range of the free constants that one reduced basis covers, how far they may leave it, and how many bases
@@ -39,6 +38,18 @@ _RUNG, _FINE_RUNG, _ACCURACY_RUNG, _GRID = 1.25, 1.04, 1.5, 1.1
 Made = TypeVar("Made")
 
 
+class Swept(Protocol):
+    """A body that was swept, or is to be, up to a frequency."""
+
+    @property
+    def problem(self) -> Problem:
+        """The body and its constants."""
+
+    @property
+    def band_Hz(self) -> float:
+        """The highest frequency."""
+
+
 class Bases:
     """Models and reduced bases made for the specimens at hand, around their own start values.
 
@@ -49,7 +60,7 @@ class Bases:
         self._anchors: list[FreeConstants] = []
         self._rough: dict[Hashable, ExtendedModel] = {}
 
-    def model(self, one: Measured, accuracy: float) -> ElectroelasticModel:
+    def model(self, one: Swept, accuracy: float) -> ElectroelasticModel:
         """Mesh within `accuracy` (relative, of eigenvalues) to the end of the sweep."""
         problem, accuracy = one.problem, self._rung_below(accuracy)
         exact = problem.equivalent_frequency(one.band_Hz, accuracy)
@@ -68,7 +79,7 @@ class Bases:
         """The constants that bases with effects are trained around, where a fit starts from `constants`."""
         return constants
 
-    def rough(self, model: ElectroelasticModel, around: FreeConstants, one: Measured, accuracy: float) -> ExtendedModel:
+    def rough(self, model: ElectroelasticModel, around: FreeConstants, one: Swept, accuracy: float) -> ExtendedModel:
         """Basis for the free constants within `SPREAD` of `around`, without effects."""
         band = self._rung(one.problem, one.band_Hz, _RUNG)
         key = (band, accuracy, around.names, _bits(around.start), _bits(around.constants(around.start).vector()))
@@ -81,7 +92,7 @@ class Bases:
 
     def following(
         self,
-        measured: Sequence[Measured],
+        measured: Sequence[Swept],
         full: Sequence[ElectroelasticModel],
         start: PiezoConstants,
         accuracy: float,
@@ -115,7 +126,7 @@ class Bases:
         model: ElectroelasticModel,
         training: Sequence[PiezoConstants],
         effects: Sequence[Effect],
-        one: Measured,
+        one: Swept,
         accuracy: float,
     ) -> ExtendedModel:
         """Basis that serves all effects of a list, within `accuracy` of Z at the training constants."""
@@ -126,27 +137,6 @@ class Bases:
             model,
             key,
             lambda: extend_model(model, training, effects, band, accuracy=accuracy),
-        )
-
-    def coarse(
-        self,
-        problem: Problem,
-        constants: PiezoConstants,
-        effects: Sequence[Effect],
-        band_Hz: float,
-        accuracy: float,
-    ) -> ExtendedModel:
-        """Basis of a body that is not measured yet, up to a frequency, for effects and about constants that are known.
-
-        accuracy : of mesh and basis
-        """
-        band, around = self._rung(problem, band_Hz, _FINE_RUNG), self.around(problem, constants)
-        exact = problem.equivalent_frequency(band, accuracy)
-        model, free = self._model(problem, self._rung(problem, exact, _FINE_RUNG), accuracy), problem.free(around)
-        training = [around] if around is constants else [around, *free.training_sets(free.start, CLOSE, 4)[1:]]
-        key = (band, accuracy, *(_bits(item.vector()) for item in training), Needs.of(effects))
-        return self._basis(
-            "extended", model, key, lambda: extend_model(model, training, effects, band, accuracy=accuracy)
         )
 
     def _rung(self, problem: Problem, frequency_Hz: float, step: float) -> float:
@@ -235,7 +225,7 @@ class SharedBases(Bases):
             if key in shelf:
                 shelf.move_to_end(key)
                 return shelf[key]
-        found = make()  # threads make different ones at once
+        found = make()  # not under the lock: threads make several at once
         with self._guard:
             self.made += 1
             shelf[key] = found

@@ -20,7 +20,7 @@ from femu_piezo.inference.ensemble import Ensemble, Share, belonging_to, is_comm
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import Specimen
-from femu_piezo.study.model_cache import Bases
+from femu_piezo.study.model_cache import CLOSE, Bases
 from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.shapes import shape_of
@@ -156,13 +156,14 @@ def _hidden(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
             hidden.setdefault(effect.title, (effect, constant))
     every = base.parameters
     for effect, _ in hidden.values():
-        every = every if effect.acquisition else every.with_candidate(effect)
+        if effect.acquisition is None:  # else the body is looked at several times, with all that is asked for
+            every = every.with_candidate(effect)
     among, pairs = Point(every, every.carried(base.parameters, base.x)), []
     for effect, constant in hidden.values():
         parameter, parameters = effect.parameters[0], base.parameters.with_candidate(effect)
         size = min(parameter.spread, parameter.high - parameter.rest)
         x = parameters.carried(base.parameters, base.x)
-        point = Point(parameters, x, None if effect.acquisition else among)  # which looks at the body several times
+        point = Point(parameters, x, among if effect.acquisition is None else None)
         pairs.append(_Pair(effect, point, constant, None, size, f"{size:.2g}{parameter.after_number}"))
     return pairs
 
@@ -184,7 +185,10 @@ def _sweeps(
         return []
     effects = [effect for effect in effects if effect.local is None]
     highest = max(_WIDER)
-    made = [partial(_coarse, bases, one, effects, constants, highest * one.measured.band_Hz) for one in several]
+    made = [
+        partial(_coarse, bases, _ToSweep(one.problem, highest * one.measured.band_Hz), one, effects, constants)
+        for one in several
+    ]
     second_made = partial(_second_specimen, bases, several, effects, constants)
     *models, second = in_parallel(lambda make: make(), [*made, second_made])
     plans = []
@@ -247,7 +251,7 @@ def _second_specimen(
         common = [effect for effect in effects if is_common(effect)]
         sizes = [_measured_alike(effect, dimension, problem) for effect in one.library if effect.has_tolerance]
         sizes = [effect for effect in sizes if effect.resizes or effect.density is not None]
-        model = _coarse(bases, one, [*common, *sizes], constants, 2 * one.measured.band_Hz, problem)
+        model = _coarse(bases, _ToSweep(problem, 2 * one.measured.band_Hz), one, [*common, *sizes], constants)
     except (InputError, ConvergenceError):
         return None
     return _Second(model, dimension, tuple(sizes))
@@ -284,17 +288,24 @@ def _halved(problem: Problem, dimension: str) -> Specimen:
     return specimen.model_copy(update={"geometry": half})
 
 
+@dataclass(frozen=True)
+class _ToSweep:
+    """A body and how far it is to be swept."""
+
+    problem: Problem
+    band_Hz: float
+
+
 def _coarse(
-    bases: Bases,
-    one: Subject,
-    effects: Sequence[Effect],
-    constants: PiezoConstants,
-    band_Hz: float,
-    problem: Problem | None = None,
+    bases: Bases, body: _ToSweep, one: Subject, effects: Sequence[Effect], constants: PiezoConstants
 ) -> ExtendedModel:
-    """A model good enough for planning, up to a frequency; of another body where its problem is given."""
+    """A model of a body good enough for planning; one about other constants, as a lot shares, serves what is near."""
     own = [effect for effect in effects if one.share.has(effect)] + [effect for effect, _ in one.fixed]
-    return bases.coarse(problem or one.problem, constants, own, band_Hz, _ACCURACY)
+    around = bases.around(body.problem, constants)
+    training, free = [around], body.problem.free(around)
+    if around is not constants:
+        training += free.training_sets(free.start, CLOSE, 4)[1:]
+    return bases.extended(bases.model(body, _ACCURACY), training, own, body, _ACCURACY)
 
 
 def _thinned(frequency: np.ndarray) -> np.ndarray:

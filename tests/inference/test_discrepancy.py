@@ -94,7 +94,7 @@ def columns_of(data: SweepData, log_slope: np.ndarray, length: float, share: flo
     return np.concatenate([whole.real, whole.imag])
 
 
-@pytest.mark.parametrize("way", ["_turned", "_eliminated"])
+@pytest.mark.parametrize("way", ["_by_eigenvalues", "_by_elimination"])
 @pytest.mark.parametrize("count", [1, 2, 4])
 def test_what_columns_take_and_their_volume_are_those_of_dense_matrices(way, count):
     """bᵗ(1/τ + G)^-1 b and ½ log|1 + τ G| at every size, of columns of any strength, some of them twice."""

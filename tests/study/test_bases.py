@@ -9,6 +9,7 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.measured import measure
 from femu_piezo.study.model_cache import Bases, SharedBases
+from femu_piezo.study.planning import _coarse, _ToSweep
 from femu_piezo.study.subjects import subjects
 
 TRIO = ("s11", "d31", "eps33T")
@@ -90,8 +91,9 @@ def test_what_plans_are_made_with_is_made_once_for_a_lot(subject):
     for share in (0.06, -0.05):
         constants = moved(problem.constants, share)
         made = shared.made
-        found = shared.coarse(problem, constants, effects, band, 3e-3)
-        own = Bases().coarse(problem, constants, effects, band, 3e-3)
+        found, own = (
+            _coarse(bases, _ToSweep(problem, band), subject, effects, constants) for bases in (shared, Bases())
+        )
         assert shared.made - made == (2 if share > 0 else 0)  # model and basis
         z, exact = (model.modal(constants.to_e_form()).impedance(2 * np.pi * frequency) for model in (found, own))
         assert np.sqrt(np.mean(np.abs(np.log(z / exact)) ** 2)) < 0.05

@@ -14,6 +14,7 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Simulation, Specimen, read_specimen, write_specimen
 from femu_piezo.study.diagnose import diagnose, extended_specimen
 from femu_piezo.study.effects import effects_as_simulated, simulated_with_effects
+from femu_piezo.study.measured import Measured
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.problem import prepare
 from femu_piezo.study.simulate import simulate
@@ -24,13 +25,15 @@ NOISE = 5e-4
 
 
 class Keeping(Bases):
-    """Bases that remember the last one with effects."""
+    """Bases that remember the last one with effects of a sweep that was measured; plans have others."""
 
     last: ExtendedModel
 
-    def extended(self, *arguments, **more):
-        self.last = super().extended(*arguments, **more)
-        return self.last
+    def extended(self, model, training, effects, one, accuracy):
+        found = super().extended(model, training, effects, one, accuracy)
+        if isinstance(one, Measured):
+            self.last = found
+        return found
 
 
 @pytest.fixture(params=["no cause", "series_resistance", "leakage"])

@@ -173,14 +173,14 @@ class Base:
         """Of all unknowns' fields (4n, r): displacements, inner potentials, hot potential."""
         values, size = constants.vector().real, fields.shape[1]
         odd = sectors.member > 0
-        forms_of_all = forms.within(fields, units) * (odd[:, None] == odd)
-        matrix = np.tensordot(values, forms_of_all, axes=1)
+        of_units = forms.within(fields, units) * (odd[:, None] == odd)
+        matrix = np.tensordot(values, of_units, axes=1)
         inner, kept = np.arange(sectors.displacements, size - 1), np.append(np.arange(sectors.displacements), size - 1)
-        own = np.eye(size)[:, kept]
-        own[inner] = -np.linalg.solve(matrix[np.ix_(inner, inner)], matrix[np.ix_(inner, kept)])
-        based, odd = fields @ own, odd[kept]
-        momenta = based[:, :-1].T @ (forms.mass @ based[:, :-1]) * (odd[:-1, None] == odd[:-1])
-        return cls(kept, odd, based, momenta, own.T @ forms_of_all @ own, values, units)
+        combined = np.eye(size)[:, kept]
+        combined[inner] = -np.linalg.solve(matrix[np.ix_(inner, inner)], matrix[np.ix_(inner, kept)])
+        own, odd = fields @ combined, odd[kept]
+        momenta = own[:, :-1].T @ (forms.mass @ own[:, :-1]) * (odd[:-1, None] == odd[:-1])
+        return cls(kept, odd, own, momenta, combined.T @ of_units @ combined, values, units)
 
 
 def measure_bare_ends(sectors: Sectors) -> BareEnds:
