@@ -38,7 +38,7 @@ def lot_figure(lot: Lot) -> Figure:
         axes[0, 0].text(0.5, 0.5, "no specimen gave a result", ha="center", transform=axes[0, 0].transAxes)
     axes[-1, 0].set_xlabel("serial number (place in the order of file names)")
     for axis in (axes[-1, 0].xaxis, axes[-1, 1].xaxis):
-        axis.set_major_locator(MaxNLocator(integer=True))
+        axis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes[-1, 1].set_xlabel("specimens")
     figure.align_ylabels(axes[:, 0])
     counts = lot.counts

@@ -82,3 +82,13 @@ def test_an_empty_lot_is_reported():
     lot = lot_of([{"number": 1, "file": "x", "status": "lost", "reason": "died"}])
     assert "1 lost" in lot_text(lot)
     assert lot_figure(lot) is not None
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 40])
+def test_serial_numbers_and_counts_are_whole(count):
+    """Also of a lot with one result."""
+    figure = lot_figure(lot_of(rows(clean(count, 1))))
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        ticks = axes.get_xticks()
+        assert ticks.size and np.array_equal(ticks, np.round(ticks))
