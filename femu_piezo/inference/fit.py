@@ -20,7 +20,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import block_diag, solve_triangular
+from scipy.linalg import block_diag
 
 from femu_piezo.inference.descent import (
     CLOSE,
@@ -97,7 +97,7 @@ class Fit:
         """Residual and Jacobian of data, priors and wall, the data whitened by noise and discrepancy."""
         residual, jacobian = self.residual, self.jacobian
         if self.discrepancy is not None:
-            both = solve_triangular(self.discrepancy.factor, np.column_stack([residual, jacobian]), lower=True)
+            both = self.discrepancy.whitened(np.column_stack([residual, jacobian]))
             residual, jacobian = both[:, 0], both[:, 1:]
         return (
             np.concatenate([residual, self.further_residual]),

@@ -93,7 +93,7 @@ def _drawn(solution: Fit, rng: np.random.Generator) -> np.ndarray:
     """(2k,) a draw of what moves the whitened data."""
     noise = rng.standard_normal(solution.residual.size)
     if solution.discrepancy is not None:
-        noise = solution.discrepancy.factor @ noise
+        noise = solution.discrepancy.coloured(noise)
     moved = solution.noise_scale * noise
     for misses in (solution.law, solution.mesh):
         if misses is not None:

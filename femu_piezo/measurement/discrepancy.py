@@ -15,6 +15,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 
 from femu_piezo.measurement.discrepancy_forms import WEIGHTS, Alternatives, Form, Sides
 from femu_piezo.measurement.sweeps import SweepData
@@ -25,8 +26,10 @@ _SIGMAS = np.geomspace(1e-6, 3.0, 27)
 #: Square of the share of a direction of the unknowns that lies in the data, below which the direction is left out: what
 #: it takes of a column is no larger a share of what the others leave.
 _UNREACHED = 1e-7
-#: Chords that bound likelihoods, and log odds that are nothing beside the best.
-_CHORDS, _NOTHING = 128, 40.0
+#: What of a column is left beside unknowns that take all of it but by rounding.
+_ROUNDING = 1e-13
+#: Values of χ² between which its likelihood is interpolated.
+_NODES = 512
 #: Prior probability that a sweep holds something that the model does not describe.
 PRIOR = 0.1
 
@@ -70,10 +73,22 @@ class Discrepancy:
         squares = np.sum(self.columns**2, axis=1).reshape(2, -1).mean(axis=0)
         return float(np.sqrt(np.sum(squares**2) / np.sum(squares)))
 
-    @property
-    def factor(self) -> np.ndarray:
-        """(2k, 2k) lower Cholesky factor of the covariance of noise and discrepancy, whitened, over s²."""
-        return np.linalg.cholesky(np.eye(len(self.columns)) + self.columns @ self.columns.T)
+    @made_once
+    def _principal(self) -> tuple[np.ndarray, np.ndarray]:
+        """Variances v (m,) of the discrepancy, and its principal axes (2k, m), columns of length √v."""
+        variances, axes = np.linalg.eigh(self.columns.T @ self.columns)
+        return np.maximum(variances, 0.0), self.columns @ axes
+
+    def whitened(self, rows: np.ndarray) -> np.ndarray:
+        """S⁻¹ of rows (2k,) or (2k, n) that are whitened by the noise; S Sᵗ = I + columns columnsᵗ, S symmetric."""
+        variances, along = self._principal
+        grown = np.sqrt(1 + variances)
+        return rows - (along / (grown * (1 + grown))) @ (along.T @ rows)
+
+    def coloured(self, noise: np.ndarray) -> np.ndarray:
+        """S of white noise (2k,) or (2k, n): noise and discrepancy, whitened by the noise alone."""
+        variances, along = self._principal
+        return noise + (along / (1 + np.sqrt(1 + variances))) @ (along.T @ noise)
 
 
 def learn_discrepancy(
@@ -178,7 +193,7 @@ class _Left:
         beside = [self._beside(one) for one in every]
         left, volume = (np.concatenate([part.ravel() for part in parts]) for parts in zip(*beside, strict=True))
         ends = np.cumsum([part.size for part, _ in beside])[:-1]
-        gains = np.split(self._profiled(left, volume) - volume - self.none, ends)
+        gains = np.split(self._profiled(left) - volume - self.none, ends)
         return [
             self._best(one, own.reshape(chi_square.shape), chi_square)
             for one, own, (chi_square, _) in zip(every, gains, beside, strict=True)
@@ -186,26 +201,22 @@ class _Left:
 
     def _beside(self, one: Alternatives) -> tuple[np.ndarray, np.ndarray]:
         """χ² (s, n) that alternatives leave at every size, and the volume ½ Σ log(1 + τ g) of each."""
-        squares, sides = one.products(self.sides)
-        inside, along = sides[:, :, 1:], sides[:, :, 0]
-        own = squares - inside @ inside.transpose(0, 2, 1)
-        # of many alternatives with few columns, or of one with many
-        gained, volume = (_by_elimination if len(own) > 1 else _by_eigenvalues)(own, along)
+        if one.scale.size == 1:
+            values, sides = one.principal(self.sides)
+            gained, volume = _by_principal_axes(values, sides[:, 1:], sides[:, 0])
+        else:  # many, of few columns each
+            squares, sides = one.products(self.sides)
+            inside = sides[:, :, 1:]
+            gained, volume = _by_elimination(squares - inside @ inside.transpose(0, 2, 1), sides[:, :, 0])
         return self.chi_square - gained, volume
 
-    def _profiled(self, chi_square: np.ndarray, volume: np.ndarray) -> np.ndarray:
-        """log likelihoods of χ² (m,), from above where that less the volume (m,) cannot matter beside the largest.
-
-        They are convex in χ², the most of straight lines, so chords between some of them lie above.
-        """
+    def _profiled(self, chi_square: np.ndarray) -> np.ndarray:
+        """log likelihoods of χ² (m,), by cubic polynomials between nodes, where their slopes are −1/(2 s²)."""
         freedom, std = len(self.span), self.data.level_std
         given = np.maximum(chi_square, np.finfo(float).tiny)
-        nodes = np.geomspace(given.min(), given.max(), _CHORDS)
-        found = np.interp(given, nodes, profiled(nodes, freedom, std))
-        first = int(np.argmax(found - volume))
-        matter = found - volume > float(profiled(given[first], freedom, std)) - volume[first] - _NOTHING
-        found[matter] = profiled(given[matter], freedom, std)
-        return found
+        nodes = np.geomspace(given.min(), given.max() * (1 + 1e-9), _NODES)
+        slopes = -0.5 / noise_level(nodes, freedom, std) ** 2
+        return CubicHermiteSpline(nodes, profiled(nodes, freedom, std), slopes)(given)
 
     @staticmethod
     def _best(one: Alternatives, gains: np.ndarray, left: np.ndarray) -> _Gains:
@@ -220,17 +231,25 @@ class _Left:
         )
 
 
-def _by_eigenvalues(matrices: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(s, n) bᵗ(1/τ + G)^-1 b and ½ log|1 + τ G| at every size, of G (n, m, m) and b (n, m)."""
-    values, vectors = np.linalg.eigh(matrices)
-    along = np.einsum("nab,na->nb", vectors, right) ** 2
-    sizes = _SIGMAS[:, None, None] ** 2
+def _by_principal_axes(values: np.ndarray, inside: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(s, 1) bᵗ(1/τ + G)^-1 b and ½ log|1 + τ G| at every size, of G = diag(g) − U Uᵗ.
+
+    With ω = τ/(1 + τ g) and W = I − Uᵗ ω U they are bᵗω b + cᵗ W^-1 c, c = Uᵗω b, and ½ Σ log(1 + τ g) + ½ log|W|.
+
+    values, inside, along : g (m,), U (m, p), b (m,);  U Uᵗ is no more than diag(g)
+    """
+    sizes = _SIGMAS[:, None] ** 2
     grown = 1 + sizes * np.maximum(values, 0.0)
-    return np.sum(sizes / grown * along, axis=2), 0.5 * np.sum(np.log(grown), axis=2)
+    weights = sizes / grown
+    left = np.linalg.cholesky((1 + _ROUNDING) * np.eye(inside.shape[1]) - inside.T @ (weights[:, :, None] * inside))
+    turned = np.linalg.solve(left, ((weights * along) @ inside)[:, :, None])[:, :, 0]
+    gained = weights @ along**2 + np.sum(turned**2, axis=1)
+    volume = 0.5 * np.sum(np.log(grown), axis=1) + np.sum(np.log(np.diagonal(left, axis1=1, axis2=2)), axis=1)
+    return gained[:, None], volume[:, None]
 
 
 def _by_elimination(matrices: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same by elimination of one unknown after another, of all matrices and sizes at once: for few unknowns."""
+    """(s, n) the same of G (n, m, m) and b (n, m), one unknown of all matrices and sizes after another: for few."""
     sizes, count = _SIGMAS[:, None] ** 2, right.shape[1]
     rest = [[sizes * matrices[:, row, column] for column in range(row + 1)] for row in range(count)]
     left = [np.broadcast_to(right[:, row], (len(sizes), len(right))) for row in range(count)]

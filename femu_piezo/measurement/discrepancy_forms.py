@@ -24,7 +24,7 @@ lies between them is the second column, c' λ/(λ − ω²)².
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import product
@@ -44,6 +44,8 @@ STRENGTHS, LOSSES = (1.0, 10.0, 100.0), (0.1, 1.0)
 _FEWEST = 3
 #: Quality factors of a resonance of its own, and the distance of neighbours among its places, in half widths.
 QUALITIES, _APART = (10.0, 30.0, 100.0), 1.5
+#: Curves whose smooth errors are kept.
+_CURVES = 4
 #: Most points of a sweep whose resonances at all places are kept for the next sweep of the same frequencies.
 _KEPT = 2000
 #: Share of the largest variance below which a component is left out.
@@ -107,7 +109,7 @@ class Alternatives:
     imaginary: float
     points: np.ndarray
     places: np.ndarray
-    _kept: Once = field(default_factory=lambda: Once(latest=1), init=False, repr=False, compare=False)
+    _kept: Once = field(default_factory=lambda: Once(latest=2), init=False, repr=False, compare=False)
 
     @property
     def columns(self) -> np.ndarray:
@@ -138,12 +140,10 @@ class Alternatives:
         Where Re and Im have one share, Φᵗ V is a complex product of rows, with factors between. The first is the same
         for all fits of a sweep whose loss gives its points the same weights, and is kept for the next of them.
         """
-        data, share = sides.data, sides.share[self.among(sides.data)]
+        squares = self._squares(sides)
         if sides.turned is None:
-            whole = self._whole(data, share)
-            return whole @ whole.transpose(0, 2, 1), whole @ sides.vectors[self.among(data)]
-        key = share.tobytes(), data.relative_noise.tobytes(), data.noise_memory
-        squares = self._kept.get(key, lambda: self._squares_of(data, share))
+            among = self.among(sides.data)
+            return squares, self._whole(sides.data, sides.share[among]) @ sides.vectors[among]
         n, rows, size = len(self.rows), self.rows.shape[1], len(self.factors)
         along = self.factors[:, :, None] * sides.turned[self.points]  # (t, k', p)
         along = self.rows.reshape(-1, self.points.size) @ along.transpose(1, 0, 2).reshape(self.points.size, -1)
@@ -151,13 +151,43 @@ class Alternatives:
         both = np.stack([along.real, -self.imaginary * along.imag], axis=1)
         return squares, both.reshape(n, 2 * size * rows, -1)
 
+    def principal(self, sides: Sides) -> tuple[np.ndarray, np.ndarray]:
+        """Eigenvalues (2m,) of ΦᵗΦ of a single alternative, and ΦᵗV (2m, p) along its eigenvectors.
+
+        Where Re and Im weigh the same, of coefficients and of readings, ΦᵗΦ is φᴴφ, complex and of half the size.
+        """
+        (squares,), (along,) = self.products(sides)
+        half = len(squares) // 2
+        if self.imaginary != 1 or sides.turned is None:
+            values, axes = np.linalg.eigh(squares)
+            return values, axes.T @ along
+
+        def decomposed() -> tuple[np.ndarray, np.ndarray]:
+            inner, across = squares[:half, :half], squares[half:, :half]
+            return np.linalg.eigh(inner + 1j * across if np.any(across) else inner)
+
+        values, axes = self._kept.get(("principal", *self._key(sides)), decomposed)
+        turned = axes.conj().T @ (along[:half] + 1j * along[half:])
+        return np.tile(values, 2), np.concatenate([turned.real, turned.imag])
+
+    def _key(self, sides: Sides) -> tuple[Hashable, ...]:
+        data, share = sides.data, sides.share[self.among(sides.data)]
+        return share.tobytes(), data.relative_noise.tobytes(), data.noise_memory
+
+    def _squares(self, sides: Sides) -> np.ndarray:
+        """ΦᵗΦ (n, 2m, 2m)."""
+        share = sides.share[self.among(sides.data)]
+        return self._kept.get(
+            ("squares", *self._key(sides)), lambda: self._squares_of(sides.data, share, sides.turned is not None)
+        )
+
     def _whole(self, data: SweepData, share: np.ndarray) -> np.ndarray:
         """Φᵗ (n, 2m, 2k')."""
         return np.ascontiguousarray((self.whitened(data) * share[:, None, None]).transpose(1, 2, 0))
 
-    def _squares_of(self, data: SweepData, share: np.ndarray) -> np.ndarray:
-        """ΦᵗΦ (n, 2m, 2m) where Re and Im have one share; of white noise it is a complex product of rows as well."""
-        if any(data.noise_memory):
+    def _squares_of(self, data: SweepData, share: np.ndarray, alike: bool) -> np.ndarray:
+        """ΦᵗΦ (n, 2m, 2m); of white noise, and where Re and Im have one share, it is a complex product of rows too."""
+        if any(data.noise_memory) or not alike:
             whole = self._whole(data, share)
             return whole @ whole.transpose(0, 2, 1)
         k = self.points.size
@@ -214,22 +244,35 @@ def smooth(
     lengths: Sequence[float] = LENGTHS,
     shares: Sequence[float] = SHARES,
     kernel: Kernel = squared_exponential,
-) -> Iterator[Alternatives]:
+) -> Sequence[Alternatives]:
     """Both processes for every ℓ and w; each sweep has its own.
+
+    Those of the curves that were asked for last are kept: fits that linearisation promises have the curve of another.
 
     Parameters
     ----------
     log_slope : (k,) complex ∂log Z/∂log f of the model
     lengths : ℓ as shares of the sweep in log f;  shares : w;  kernel : correlation over distances in ℓ
     """
+    curve = data.frequency.tobytes(), data.sizes, log_slope.tobytes()
+    key = (*curve, tuple(lengths), tuple(shares), kernel)
+    return _smooth.get(key, lambda: tuple(_made_smooth(data, log_slope, lengths, shares, kernel)))
+
+
+_smooth = Once(latest=_CURVES)
+
+
+def _made_smooth(
+    data: SweepData, log_slope: np.ndarray, lengths: Sequence[float], shares: Sequence[float], kernel: Kernel
+) -> Iterator[Alternatives]:
     steep = [np.sqrt(np.mean(np.abs(log_slope[sweep]) ** 2)) or 1.0 for sweep in data.sweeps]
     moved = np.concatenate([log_slope[sweep] / rms for sweep, rms in zip(data.sweeps, steep, strict=True)])
     for length in lengths:
-        blocks = [components(np.log(data.frequency[sweep]), length, kernel) for sweep in data.sweeps]
+        rows = _of_sweeps(data, [components(np.log(data.frequency[sweep]), length, kernel) for sweep in data.sweeps])
         for share in shares:
             factors = [np.sqrt(1 - share) * np.ones_like(moved)] if share < 1 else []
             factors += [np.sqrt(share) * moved] if share > 0 else []
-            yield _of_sweeps("smooth", data, blocks, np.array(factors), 1.0, length)
+            yield _alone("smooth", rows, np.array(factors), 1.0, length)
 
 
 def of_every_resonance(data: SweepData, impedance: np.ndarray) -> Iterator[Alternatives]:
@@ -251,7 +294,8 @@ def of_every_resonance(data: SweepData, impedance: np.ndarray) -> Iterator[Alter
     for ratio, loss in product(STRENGTHS, LOSSES):
         blocks = [np.hstack([one, ratio * other]) for one, other in zip(moved, mixed, strict=True)]
         blocks = [block / (_size(block, loss) or 1.0) for block in blocks]
-        yield _of_sweeps("of every resonance", data, blocks, np.ones((1, data.impedance.size)), loss, ratio)
+        factor = np.ones((1, data.impedance.size))
+        yield _alone("of every resonance", _of_sweeps(data, blocks), factor, loss, ratio)
 
 
 def of_one_resonance(
@@ -289,17 +333,19 @@ def _size(columns: np.ndarray, imaginary: float) -> float:
     return float(np.sqrt((1 + imaginary**2) / 2 * np.mean(np.sum(np.abs(columns) ** 2, axis=1))))
 
 
-def _of_sweeps(
-    form: Form, data: SweepData, blocks: Sequence[np.ndarray], factors: np.ndarray, imaginary: float, place: float
-) -> Alternatives:
-    """One alternative of columns (k', s') of every sweep, whose coefficients are its own, by every factor (t, k)."""
-    count = data.impedance.size
-    rows = np.zeros((1, sum(block.shape[1] for block in blocks), count), dtype=np.result_type(*blocks))
+def _of_sweeps(data: SweepData, blocks: Sequence[np.ndarray]) -> np.ndarray:
+    """(1, s, k) rows of one alternative of columns (k', s') of every sweep, whose coefficients are its own."""
+    rows = np.zeros((1, sum(block.shape[1] for block in blocks), data.impedance.size), dtype=np.result_type(*blocks))
     begin = 0
     for sweep, block in zip(data.sweeps, blocks, strict=True):
         rows[0, begin : begin + block.shape[1], sweep] = block
         begin += block.shape[1]
-    return Alternatives(form, rows, factors, np.ones(1), imaginary, np.arange(count), np.array([place]))
+    return rows
+
+
+def _alone(form: Form, rows: np.ndarray, factors: np.ndarray, imaginary: float, place: float) -> Alternatives:
+    """One alternative of rows (1, s, k) over all points by every factor (t, k)."""
+    return Alternatives(form, rows, factors, np.ones(1), imaginary, np.arange(rows.shape[2]), np.array([place]))
 
 
 def _thinned(frequency: np.ndarray, apart: float) -> np.ndarray:
