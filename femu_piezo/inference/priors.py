@@ -22,7 +22,7 @@ of their deviations τ away and left out.
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import logsumexp, ndtr
+from scipy.special import ndtr
 
 from femu_piezo.effects.effect import Effect
 
@@ -61,7 +61,7 @@ def _gain(
     """The same of one parameter, estimated at `away` (1,) or (k, 1) from rest, of m priors for the usual one."""
     density, mean, narrowed = _with_each(away, std, usual, spreads)
     inside = _log_inside(np.clip(mean, *ends), narrowed, ends) - _log_inside(0.0, spreads, ends)
-    return logsumexp(density + inside, axis=-1) - np.log(spreads.size)
+    return np.logaddexp.reduce(density + inside, axis=-1) - np.log(spreads.size)
 
 
 def _gain_of_all(away: np.ndarray, covariance: np.ndarray, usual: np.ndarray) -> np.ndarray:
@@ -69,7 +69,7 @@ def _gain_of_all(away: np.ndarray, covariance: np.ndarray, usual: np.ndarray) ->
     variances, axes = np.linalg.eigh(covariance / np.outer(usual, usual))
     along = np.swapaxes(axes, -1, -2) @ (away / usual)[..., None]
     density = _with_each(along, np.sqrt(np.maximum(variances, np.finfo(float).eps))[..., None], 1.0, _SHARES)[0]
-    return logsumexp(density.sum(axis=-2), axis=-1) - np.log(_SHARES.size)
+    return np.logaddexp.reduce(density.sum(axis=-2), axis=-1) - np.log(_SHARES.size)
 
 
 def _with_each(

@@ -309,7 +309,7 @@ class Unknowns:
     fixed: tuple[tuple[Effect, np.ndarray], ...] = ()
     readings: tuple[Read, ...] = ()
 
-    @property
+    @made_once
     def names(self) -> tuple[str, ...]:
         """Names of all unknowns, of the material first."""
         own = tuple(f"{effect.key}.{p.name}" for effect in self.effects for p in effect.parameters)
