@@ -43,7 +43,9 @@ class Rules:
     )
     beam: int = _rule(2, "best sets of causes that are enlarged by one more cause")
     promise: float = _rule(
-        -3.0, "a candidate is fitted where linearisation promises more log odds than this over the set without it"
+        -3.0,
+        "a candidate, or a pair of them, is fitted where linearisation promises more log odds than this over the set "
+        "without it",
     )
     doubt: float = _rule(
         0.05,

@@ -224,7 +224,8 @@ class _Search:
                 promised[keys] = max(promised.get(keys, (-np.inf, 0, 0)), (float(promise), first, second))
         best, described = sorted(promised.items(), key=lambda item: -item[1][0])[:_PAIRS], self._described()
         large = max(1.0, described.fit.chi_square / described.fit.residual.size)
-        least = described.log_posterior - self._rules.contender * large
+        near = described.log_posterior - self._rules.contender * large
+        least = max(near, current.log_evidence + self._rules.promise)
         worth = [
             start_together(current, alone[first], alone[second])
             for keys, (promise, first, second) in best
