@@ -81,8 +81,12 @@ class FreePattern:
             indices[self.indptr[-2] : -1] = self._hot_rows
         return indices
 
-    def stiffness(self, tensor: np.ndarray) -> sp.csr_matrix:
-        """(m, m) operator of an extended tensor H (4, 3, 4, 3), real or complex, symmetric in (f,a) ↔ (g,b)."""
+    def stiffness(self, tensor: np.ndarray, inertia: float = 0.0) -> sp.csr_matrix:
+        """(m, m) operator of an extended tensor H (4, 3, 4, 3), real or complex, symmetric in (f,a) ↔ (g,b).
+
+        inertia : ω²ρ, taken off times ∫ φ_i φ_j of the displacements; sparse matrices subtracted from each other would
+            lose entries that happen to be zero, and with them the analysis of the pattern
+        """
         data = np.zeros(self.indptr[-1], dtype=tensor.dtype)
         ends = self.indptr[1:] - 1
         for f in range(FIELDS):
@@ -90,12 +94,25 @@ class FreePattern:
                 block = self._products.combine(tensor[f, :, g, :])
                 if block is None:
                     continue
+                if inertia and f == g < 3:
+                    block = block - inertia * self._products.mass
                 block = block * (self._scale[f] * self._scale[g])
                 kept, target = self._targets(f, g)
                 data[target] = block[kept]
                 if g == 3 and self._electrode:
                     self._couple(data, ends, f, self._products.scalar(block) @ self._hot)
         return sp.csr_matrix((data, self.indices, self.indptr), shape=(self.size, self.size))
+
+    def added(self, matrix: sp.csr_matrix, factor: float, further: sp.csr_matrix) -> sp.csr_matrix:
+        """A matrix on the pattern, and a factor times another (m, m); on the pattern where that has room for it."""
+        entries = further.tocoo()
+        numbers = np.arange(1, self.indices.size + 1)
+        places = sp.csr_matrix((numbers, self.indices, self.indptr), shape=matrix.shape)[entries.row, entries.col]
+        places = np.asarray(places).ravel() - 1
+        if np.any(places < 0):
+            return matrix + factor * further
+        matrix.data[places] += factor * entries.data
+        return matrix
 
     def _couple(self, data: np.ndarray, ends: np.ndarray, f: int, column: np.ndarray) -> None:
         """Write the electrode's column and row for field f from ∫ against the electrode's potential (n,)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from femu_piezo.forward.gradient_products import extended_tensor
 from femu_piezo.forward.model import ElectroelasticModel
@@ -35,3 +36,33 @@ def test_unit_terms_add_up():
     total = sum(value * model.term(name) for value, name in zip(values, E_FORM, strict=True))
     whole = model.stiffness(E_CONSTANTS.lossless())
     assert abs(total - whole).max() < 1e-12 * abs(whole).max()
+
+
+def test_inertia_and_further_terms_stay_on_the_pattern():
+    """K − ω²M + s A, with the pattern of K: also where entries cancel, and one more where A has no room on it."""
+    model = ElectroelasticModel(Plate(8e-3, 5e-3, 1e-3).domain((3, 2, 2)), 7500.0)
+    pattern, tensor, omega = model._pattern, extended_tensor(E_CONSTANTS.lossless(), model.rotation).real, 4e5
+    whole = model.stiffness(E_CONSTANTS.lossless())
+    found = pattern.stiffness(tensor, omega**2 * model.density)
+    expected = whole - omega**2 * model.mass
+    assert abs(found - expected).max() < 1e-13 * abs(expected).max()
+    found = pattern.added(found, -1.0, 1.0 * expected)
+    assert found.nnz == whole.nnz and abs(found).max() < 1e-13 * abs(expected).max()
+    row = int(np.argmin(np.diff(whole.indptr)))
+    column = int(np.setdiff1d(np.arange(model.size), whole[row].indices)[0])
+    apart = sp.csr_matrix(([1.0], ([row], [column])), shape=whole.shape)
+    assert pattern.added(whole, 2.0, apart)[row, column] == 2.0
+
+
+def test_factors_of_one_model_share_an_analysis():
+    """At several shifts and constants, without and with a further term."""
+    model = ElectroelasticModel(Plate(8e-3, 5e-3, 1e-3).domain((3, 2, 2)), 7500.0)
+    film = sp.identity(4 * model.basis.N, format="csr")
+    model = model.with_terms({}, {"film": film})
+    values, right = E_CONSTANTS.lossless().vector().real, np.arange(1.0, model.size + 1)
+    for shift, film in ((0.0, 0.0), (1e11, 0.0), (1e11, 3e4), (3e11, 1e5)):
+        coefficients = np.append(values, film)
+        found = model.factorize(coefficients, shift).solve(right)
+        left = model.operator(coefficients, shift) @ found - right
+        assert np.linalg.norm(left) < 1e-8 * np.linalg.norm(right)
+    assert model.analysis.analyses == 1
