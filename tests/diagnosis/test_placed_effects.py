@@ -124,7 +124,7 @@ def bare(setup):
 
 
 #: The cases that take longest.
-LONG = ("edge_depoling", "edge_depoling, deep", "electrode_margin, unequal")
+LONG = ("edge_depoling", "edge_depoling, deep", "electrode_margin, unequal", "electrode_margin, one end")
 
 
 @pytest.mark.parametrize(

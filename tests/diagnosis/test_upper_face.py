@@ -141,6 +141,9 @@ CASES = {
 }
 
 
+LONG = ("mounting/one patch", "unequal_electrode_mass")
+
+
 @pytest.fixture(
     scope="module",
     params=["trapezoid", *(pytest.param(name, marks=pytest.mark.slow) for name in ("rounded plate", "mesh of a user"))],
@@ -158,7 +161,7 @@ def bare(both):
     return both[1]().impedance(FREQUENCY)
 
 
-@pytest.mark.parametrize("key", CASES)
+@pytest.mark.parametrize("key", [pytest.param(key, marks=[pytest.mark.slow] * (key in LONG)) for key in CASES])
 def test_change_of_impedance_against_independent_solution(both, bare, key):
     body, make = both
     values, change, share = CASES[key]

@@ -25,7 +25,7 @@ def bases():
     return SharedBases()
 
 
-@pytest.mark.parametrize("effect", ["none", "wrong_width"])
+@pytest.mark.parametrize("effect", ["none", pytest.param("wrong_width", marks=pytest.mark.slow)])
 def test_hidden_effect_is_named(effect, tmp_path, bases):
     outcome = judge_draw(draw(effect, 7, variant=False), tmp_path, bases)
     assert outcome.word == ("none" if effect == "none" else "effect")

@@ -142,6 +142,7 @@ def test_margin_without_coupling_has_the_capacitance_of_the_conformal_map():
     assert capacitance == pytest.approx(PZT5H[9] * width * (length - 3e-3 + 2 * beyond) / thickness, rel=2e-5)
 
 
+@pytest.mark.slow
 def test_margin_converges():
     """Against elements graded to a hundredth of a millimetre in both directions: 2e-4 in Z, so 2e-6 in resonances.
 
@@ -172,6 +173,7 @@ def test_margin_vanishes():
     assert small < 1e-3 < 1e-2 < large
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["spot", "slice"])
 def test_spot_and_slice_converge(what):
     """Already at lower orders than the draws have: 1e-4 in Z for a spot of mass and for a slice of softer material."""

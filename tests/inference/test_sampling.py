@@ -86,7 +86,7 @@ def test_a_ridge_far_narrower_than_it_bends_is_followed():
     response = Ridge(slopes, start)
     data = SweepData(np.linspace(1e3, 2e3, 40), np.ones(40, complex), np.full(40, 1e-5), True)
     solution = fit(response, data, unknowns, [start])
-    found = sample_posterior(response, solution, 500).values / np.array([unknowns.material.scale[0], 1.0])
+    found = sample_posterior(response, solution, 200).values / np.array([unknowns.material.scale[0], 1.0])
     product, exact = found[:, 0] * found[:, 1], start[0] * start[1]
     assert np.std(product) / exact < 1e-4
     normal = np.random.default_rng(1).multivariate_normal(solution.x, solution.covariance, 500)

@@ -207,6 +207,7 @@ def test_of_a_form_that_no_cause_describes_the_best_cause_is_told_beside_it():
     assert "+160.0" in said
 
 
+@pytest.mark.slow
 def test_points_that_no_linear_body_follows_are_told(tmp_path):
     case = _diagnosed(tmp_path, "points")
     linear = case.record["linear_body"]

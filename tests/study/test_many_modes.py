@@ -157,6 +157,7 @@ def test_a_budget_names_what_limits_poles_and_zeros(tmp_path):
     assert "exactly known" not in answer.output
 
 
+@pytest.mark.slow
 def test_all_modes_count_the_tolerances(tmp_path):
     """s11 of drawn plates from all their poles and zeros; of d31 and eps33T these tell less than the prior."""
     pulls = []

@@ -35,6 +35,7 @@ SLOW = {
     "full_set",
     "stated_uncertainty",
     "hidden_effect",
+    "own_effect",
     "several_sweeps",
 }
 MEASURED = {"measured_bar", "measured_disk"}

@@ -149,7 +149,7 @@ def against_finer(shape: Slab, band: float, accuracies: tuple[float, ...]) -> li
 @pytest.mark.parametrize(
     "name",
     [
-        "disk, margin",
+        pytest.param("disk, margin", marks=pytest.mark.slow),
         pytest.param("ring, margin", marks=pytest.mark.slow),
         pytest.param("trapezoid, wrapped", marks=pytest.mark.slow),
     ],
