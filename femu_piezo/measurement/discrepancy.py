@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -28,8 +29,8 @@ _SIGMAS = np.geomspace(1e-6, 3.0, 27)
 _UNREACHED = 1e-7
 #: What of a column is left beside unknowns that take all of it but by rounding.
 _ROUNDING = 1e-13
-#: Values of χ² between which its likelihood is interpolated.
-_NODES = 512
+#: Range of χ² over its degrees of freedom in which likelihoods are interpolated, and nodes to a factor of e there.
+_RANGE, _NODES = (1e-9, 1e15), 100
 #: Prior probability that a sweep holds something that the model does not describe.
 PRIOR = 0.1
 
@@ -124,14 +125,16 @@ def learn_discrepancy(
     best = max(own, key=lambda one: one.most + np.log(WEIGHTS[one.form]))
     level = float(noise_level(best.left, len(span), data.level_std))
     gain = _log_mean(np.array(list(of_forms.values())), weights)
-    columns = best.size * left.columns(best.which)
-    return Discrepancy(best.form, float(best.which.places[0]), float(best.size * level), level, gain, columns)
+    which = best.which
+    columns = best.size * left.columns(which)
+    return Discrepancy(best.form, float(which.places[0]), float(best.size * level), level, gain, columns)
 
 
 def _log_mean(logs: np.ndarray, weights: np.ndarray | None = None) -> float:
     """Logarithm of the (weighted) mean of numbers with these logarithms."""
     most = float(np.max(logs))
-    return most + float(np.log(np.average(np.exp(logs - most), weights=weights)))
+    shares = np.exp(logs - most)
+    return most + float(np.log(np.mean(shares) if weights is None else np.average(shares, weights=weights)))
 
 
 @dataclass(frozen=True)
@@ -141,18 +144,24 @@ class _Gains:
     Attributes
     ----------
     most : its evidence over none;  size : its σ/s;  left : χ² beside it
-    which : it alone
+    among, number : the alternatives, and which of them it is
     """
 
     mean: float
     most: float
     size: float
     left: float
-    which: Alternatives
+    among: Alternatives
+    number: int
 
     @property
     def form(self) -> Form:
-        return self.which.form
+        return self.among.form
+
+    @property
+    def which(self) -> Alternatives:
+        """It alone."""
+        return self.among.chosen(self.number)
 
 
 @dataclass(frozen=True)
@@ -193,7 +202,7 @@ class _Left:
         beside = [self._beside(one) for one in every]
         left, volume = (np.concatenate([part.ravel() for part in parts]) for parts in zip(*beside, strict=True))
         ends = np.cumsum([part.size for part, _ in beside])[:-1]
-        gains = np.split(self._profiled(left) - volume - self.none, ends)
+        gains = np.split(interpolated(left, len(self.span), self.data.level_std) - volume - self.none, ends)
         return [
             self._best(one, own.reshape(chi_square.shape), chi_square)
             for one, own, (chi_square, _) in zip(every, gains, beside, strict=True)
@@ -210,14 +219,6 @@ class _Left:
             gained, volume = _by_elimination(squares - inside @ inside.transpose(0, 2, 1), sides[:, :, 0])
         return self.chi_square - gained, volume
 
-    def _profiled(self, chi_square: np.ndarray) -> np.ndarray:
-        """log likelihoods of χ² (m,), by cubic polynomials between nodes, where their slopes are −1/(2 s²)."""
-        freedom, std = len(self.span), self.data.level_std
-        given = np.maximum(chi_square, np.finfo(float).tiny)
-        nodes = np.geomspace(given.min(), given.max() * (1 + 1e-9), _NODES)
-        slopes = -0.5 / noise_level(nodes, freedom, std) ** 2
-        return CubicHermiteSpline(nodes, profiled(nodes, freedom, std), slopes)(given)
-
     @staticmethod
     def _best(one: Alternatives, gains: np.ndarray, left: np.ndarray) -> _Gains:
         """Of alternatives with gains and χ² (s, n) at every size."""
@@ -227,7 +228,8 @@ class _Left:
             most=float(gains[size, which]),
             size=float(_SIGMAS[size]),
             left=float(left[size, which]),
-            which=one.chosen(int(which)),
+            among=one,
+            number=int(which),
         )
 
 
@@ -302,3 +304,18 @@ def profiled(chi_square: np.ndarray | float, freedom: float, level_std: float) -
     """log likelihood of χ² (one, or (m,)) at its most probable noise level, up to a constant."""
     level = np.log(noise_level(chi_square, freedom, level_std))
     return _log_likelihood(level, chi_square, freedom, level_std)
+
+
+def interpolated(chi_square: np.ndarray, freedom: int, level_std: float) -> np.ndarray:
+    """(n, m) the same of many χ² (n, m), by cubic polynomials between nodes, where the slopes are −1/(2 s²)."""
+    low, high = _RANGE
+    return _between_nodes(freedom, level_std)(np.clip(chi_square, low * freedom, high * freedom))
+
+
+@lru_cache(maxsize=8)
+def _between_nodes(freedom: int, level_std: float) -> CubicHermiteSpline:
+    """Kept: the fits of a sweep all ask for the same."""
+    low, high = np.log(_RANGE)
+    nodes = freedom * np.exp(np.linspace(low, high, round((high - low) * _NODES) + 1))
+    level = np.log(noise_level(nodes, freedom, level_std))
+    return CubicHermiteSpline(nodes, _log_likelihood(level, nodes, freedom, level_std), -0.5 * np.exp(-2 * level))
