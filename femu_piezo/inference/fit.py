@@ -48,6 +48,8 @@ from femu_piezo.threads import blas_limit, made_once
 _LEAPS = 3
 #: Most turns of a linearised fit and its noise level.
 _TURNS = 5
+#: Share of an unknown that other bands than one have to tell.
+_TOLD = 1e-10
 #: Change of the logarithm of the noise level below which the evidence counts as that at it.
 _EXACT_LEVEL = 1e-3
 
@@ -327,14 +329,20 @@ class Fit:
         ]
 
     def _left_out(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """(rows of the residual, their values for the fit that did not see them) of each band of each sweep; linear."""
-        k = self.residual.size // 2
-        residual, basis = self.residual, self._levers
-        found = []
+        """(rows of the residual, their values for the fit that did not see them) of each band of each sweep; linear.
+
+        (I − B Bᵗ)^-1 r of the levers B of a band, along the principal axes of BᵗB; nothing along those that no other
+        band determines.
+        """
+        k, found = self.residual.size // 2, []
         for points in self.data.bands():
             rows = np.concatenate([points, points + k])
-            hat = basis[rows] @ basis[rows].T
-            found.append((rows, np.linalg.lstsq(np.eye(rows.size) - hat, residual[rows], rcond=1e-10)[0]))
+            levers, residual = self._levers[rows], self.residual[rows]
+            share, axes = np.linalg.eigh(levers.T @ levers)
+            told = 1 - share > _TOLD
+            factor = np.where(told, 1, -1) / np.where(told, 1 - share, share)
+            along = levers @ axes
+            found.append((rows, residual + along @ (factor * (along.T @ residual))))
         return found
 
     @property
@@ -458,8 +466,8 @@ def precision_inverse(rows: np.ndarray, prior_std: np.ndarray) -> np.ndarray:
 
 
 def with_discrepancy(plain: Fit, discrepancy: Discrepancy | None) -> Fit:
-    """The same estimate with intervals that count a discrepancy."""
-    return replace(plain, discrepancy=discrepancy)
+    """The same estimate with intervals that count a discrepancy; the fit itself where they do."""
+    return plain if discrepancy is plain.discrepancy else replace(plain, discrepancy=discrepancy)
 
 
 def linear_fit(response: Response, before: Fit, parameters: Unknowns, x: np.ndarray) -> tuple[Fit, np.ndarray]:
