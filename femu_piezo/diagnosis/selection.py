@@ -225,7 +225,7 @@ class _Search:
         best, described = sorted(promised.items(), key=lambda item: -item[1][0])[:_PAIRS], self._described()
         large = max(1.0, described.fit.chi_square / described.fit.residual.size)
         near = described.log_posterior - self._rules.contender * large
-        least = max(near, current.log_evidence + self._rules.promise)
+        least = max(near, current.log_evidence + self._rules.promise)  # as of single causes, beside noise alone
         worth = [
             start_together(current, alone[first], alone[second])
             for keys, (promise, first, second) in best

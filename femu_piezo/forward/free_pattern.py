@@ -104,7 +104,10 @@ class FreePattern:
         return sp.csr_matrix((data, self.indices, self.indptr), shape=(self.size, self.size))
 
     def added(self, matrix: sp.csr_matrix, factor: float, further: sp.csr_matrix) -> sp.csr_matrix:
-        """A matrix on the pattern, and a factor times another (m, m); on the pattern where that has room for it."""
+        """A matrix on the pattern, and a factor times another (m, m).
+
+        The first itself, changed, where the pattern has room for all entries of the other.
+        """
         entries = further.tocoo()
         numbers = np.arange(1, self.indices.size + 1)
         places = sp.csr_matrix((numbers, self.indices, self.indptr), shape=matrix.shape)[entries.row, entries.col]
