@@ -92,10 +92,10 @@ class FreePattern:
         for f in range(FIELDS):
             for g in range(FIELDS):
                 block = self._products.combine(tensor[f, :, g, :])
+                if inertia and f == g < 3:
+                    block = (0.0 if block is None else block) - inertia * self._products.mass
                 if block is None:
                     continue
-                if inertia and f == g < 3:
-                    block = block - inertia * self._products.mass
                 block = block * (self._scale[f] * self._scale[g])
                 kept, target = self._targets(f, g)
                 data[target] = block[kept]
@@ -103,18 +103,18 @@ class FreePattern:
                     self._couple(data, ends, f, self._products.scalar(block) @ self._hot)
         return sp.csr_matrix((data, self.indices, self.indptr), shape=(self.size, self.size))
 
-    def added(self, matrix: sp.csr_matrix, factor: float, further: sp.csr_matrix) -> sp.csr_matrix:
-        """A matrix on the pattern, and a factor times another (m, m).
+    def added(self, matrix: sp.csr_matrix, further: sp.csr_matrix) -> sp.csr_matrix:
+        """The sum of a matrix that `stiffness` gave, which is changed, and another (m, m).
 
-        The first itself, changed, where the pattern has room for all entries of the other.
+        On the pattern where that has room for all entries of the other, else with the pattern of both.
         """
         entries = further.tocoo()
         numbers = np.arange(1, self.indices.size + 1)
         places = sp.csr_matrix((numbers, self.indices, self.indptr), shape=matrix.shape)[entries.row, entries.col]
         places = np.asarray(places).ravel() - 1
         if np.any(places < 0):
-            return matrix + factor * further
-        matrix.data[places] += factor * entries.data
+            return matrix + further
+        matrix.data[places] += entries.data
         return matrix
 
     def _couple(self, data: np.ndarray, ends: np.ndarray, f: int, column: np.ndarray) -> None:

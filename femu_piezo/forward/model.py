@@ -164,10 +164,8 @@ class ElectroelasticModel:
         """K − shift · M at real coefficients (n_terms,) of the affine terms, factorised."""
         tensor, extra = self._combined(coefficients)
         if self._condensation is None:
-            matrix = self._pattern.stiffness(tensor, shift * self.density)
-            for factor, further in extra:
-                matrix = self._pattern.added(matrix, factor, further) if factor else matrix
-            return self.analysis.factorize(matrix)
+            matrix, beside = self._pattern.stiffness(tensor, shift * self.density), _total(extra)
+            return self.analysis.factorize(matrix if beside is None else self._pattern.added(matrix, beside))
         solver = self._condensation.factorize(tensor, shift * self.density, [factor for factor, _ in extra])
         return Factorization(self.operator(coefficients, shift), solver, self.diagonal(coefficients))
 

@@ -40,7 +40,7 @@ from femu_piezo.inference.priors import log_prior_gain
 from femu_piezo.inference.step import bounded_step
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, profiled
-from femu_piezo.measurement.discrepancy_forms import Alternatives, of_every_resonance, of_one_resonance, smooth
+from femu_piezo.measurement.discrepancy_forms import Alternatives, of_every_resonance, of_one_resonance, shared_smooth
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import blas_limit, made_once
 
@@ -276,8 +276,8 @@ class Fit:
 
     @property
     def forms(self) -> list[list[Alternatives]]:
-        """That a discrepancy may have here, made anew: they are large. Without Z of the model the smooth one alone."""
-        forms: list[Iterable[Alternatives]] = [smooth(self.data, self.log_slope)]
+        """That a discrepancy may have here; without Z of the model the smooth one alone. Large ones are made anew."""
+        forms: list[Iterable[Alternatives]] = [shared_smooth(self.data, self.log_slope)]
         if self.impedance is not None:
             forms.append(of_every_resonance(self.data, self.impedance))
             forms.append(of_one_resonance(self.data, self.impedance, self.log_slope))

@@ -27,10 +27,10 @@ _SIGMAS = np.geomspace(1e-6, 3.0, 27)
 #: Square of the share of a direction of the unknowns that lies in the data, below which the direction is left out: what
 #: it takes of a column is no larger a share of what the others leave.
 _UNREACHED = 1e-7
-#: What of a column is left beside unknowns that take all of it but by rounding.
-_ROUNDING = 1e-13
+#: Rounding of the largest τ g below which what unknowns take of the columns is taken off along their principal axes.
+_ROUNDING = 1e-3
 #: Range of χ² over its degrees of freedom in which likelihoods are interpolated, and nodes to a factor of e there.
-_RANGE, _NODES = (1e-9, 1e15), 100
+_RANGE, _NODES = (1e-9, 1e25), 100
 #: Prior probability that a sweep holds something that the model does not describe.
 PRIOR = 0.1
 
@@ -211,12 +211,15 @@ class _Left:
     def _beside(self, one: Alternatives) -> tuple[np.ndarray, np.ndarray]:
         """χ² (s, n) that alternatives leave at every size, and the volume ½ Σ log(1 + τ g) of each."""
         if one.scale.size == 1:
-            values, sides = one.principal(self.sides)
-            gained, volume = _by_principal_axes(values, sides[:, 1:], sides[:, 0])
-        else:  # many, of few columns each
-            squares, sides = one.products(self.sides)
-            inside = sides[:, :, 1:]
-            gained, volume = _by_elimination(squares - inside @ inside.transpose(0, 2, 1), sides[:, :, 0])
+            values, axes = one.principal(self.sides)
+            if np.finfo(float).eps * _SIGMAS[-1] ** 2 * values.max() < _ROUNDING:
+                gained, volume = _by_principal_axes(values, axes[:, 1:], axes[:, 0])
+                return self.chi_square - gained, volume
+        squares, sides = one.products(self.sides)
+        inside, along = sides[:, :, 1:], sides[:, :, 0]
+        own = squares - inside @ inside.transpose(0, 2, 1)
+        # of many alternatives with few columns, or of one with many
+        gained, volume = (_by_elimination if len(own) > 1 else _by_eigenvalues)(own, along)
         return self.chi_square - gained, volume
 
     @staticmethod
@@ -238,20 +241,30 @@ def _by_principal_axes(values: np.ndarray, inside: np.ndarray, along: np.ndarray
 
     With ω = τ/(1 + τ g) and W = I − Uᵗ ω U they are bᵗω b + cᵗ W^-1 c, c = Uᵗω b, and ½ Σ log(1 + τ g) + ½ log|W|.
 
-    values, inside, along : g (m,), U (m, p), b (m,);  U Uᵗ is no more than diag(g)
+    values, inside, along : g (m,), U (m, p), b (m,);  U Uᵗ is no more than diag(g), so that no eigenvalue of W is below
+        the least 1/(1 + τ g), which has to be far above rounding
     """
     sizes = _SIGMAS[:, None] ** 2
     grown = 1 + sizes * np.maximum(values, 0.0)
     weights = sizes / grown
-    left = np.linalg.cholesky((1 + _ROUNDING) * np.eye(inside.shape[1]) - inside.T @ (weights[:, :, None] * inside))
+    left = np.linalg.cholesky(np.eye(inside.shape[1]) - inside.T @ (weights[:, :, None] * inside))
     turned = np.linalg.solve(left, ((weights * along) @ inside)[:, :, None])[:, :, 0]
     gained = weights @ along**2 + np.sum(turned**2, axis=1)
     volume = 0.5 * np.sum(np.log(grown), axis=1) + np.sum(np.log(np.diagonal(left, axis1=1, axis2=2)), axis=1)
     return gained[:, None], volume[:, None]
 
 
+def _by_eigenvalues(matrices: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(s, n) the same of G (n, m, m) and b (n, m)."""
+    values, vectors = np.linalg.eigh(matrices)
+    along = np.einsum("nab,na->nb", vectors, right) ** 2
+    sizes = _SIGMAS[:, None, None] ** 2
+    grown = 1 + sizes * np.maximum(values, 0.0)
+    return np.sum(sizes / grown * along, axis=2), 0.5 * np.sum(np.log(grown), axis=2)
+
+
 def _by_elimination(matrices: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(s, n) the same of G (n, m, m) and b (n, m), one unknown of all matrices and sizes after another: for few."""
+    """The same by elimination of one unknown after another, of all matrices and sizes at once: for few unknowns."""
     sizes, count = _SIGMAS[:, None] ** 2, right.shape[1]
     rest = [[sizes * matrices[:, row, column] for column in range(row + 1)] for row in range(count)]
     left = [np.broadcast_to(right[:, row], (len(sizes), len(right))) for row in range(count)]
@@ -307,7 +320,7 @@ def profiled(chi_square: np.ndarray | float, freedom: float, level_std: float) -
 
 
 def interpolated(chi_square: np.ndarray, freedom: int, level_std: float) -> np.ndarray:
-    """(n, m) the same of many χ² (n, m), by cubic polynomials between nodes, where the slopes are −1/(2 s²)."""
+    """(m,) the same of many χ² (m,) within `_RANGE`, by cubic polynomials between nodes with slopes −1/(2 s²)."""
     low, high = _RANGE
     return _between_nodes(freedom, level_std)(np.clip(chi_square, low * freedom, high * freedom))
 

@@ -46,7 +46,8 @@ _FEWEST = 3
 QUALITIES, _APART = (10.0, 30.0, 100.0), 1.5
 #: Curves whose smooth errors are kept.
 _CURVES = 4
-#: Most points of a sweep whose resonances at all places are kept for the next sweep of the same frequencies.
+#: Most points of a sweep of which forms are kept: resonances at all places for the next sweep of the same frequencies,
+#: smooth errors of a curve for the next fit.
 _KEPT = 2000
 #: Share of the largest variance below which a component is left out.
 _NEGLIGIBLE = 1e-4
@@ -244,27 +245,14 @@ def smooth(
     lengths: Sequence[float] = LENGTHS,
     shares: Sequence[float] = SHARES,
     kernel: Kernel = squared_exponential,
-) -> Sequence[Alternatives]:
+) -> Iterator[Alternatives]:
     """Both processes for every ℓ and w; each sweep has its own.
-
-    Those of the curves that were asked for last are kept: fits that linearisation promises have the curve of another.
 
     Parameters
     ----------
     log_slope : (k,) complex ∂log Z/∂log f of the model
     lengths : ℓ as shares of the sweep in log f;  shares : w;  kernel : correlation over distances in ℓ
     """
-    curve = data.frequency.tobytes(), data.sizes, log_slope.tobytes()
-    key = (*curve, tuple(lengths), tuple(shares), kernel)
-    return _smooth.get(key, lambda: tuple(_made_smooth(data, log_slope, lengths, shares, kernel)))
-
-
-_smooth = Once(latest=_CURVES)
-
-
-def _made_smooth(
-    data: SweepData, log_slope: np.ndarray, lengths: Sequence[float], shares: Sequence[float], kernel: Kernel
-) -> Iterator[Alternatives]:
     steep = [np.sqrt(np.mean(np.abs(log_slope[sweep]) ** 2)) or 1.0 for sweep in data.sweeps]
     moved = np.concatenate([log_slope[sweep] / rms for sweep, rms in zip(data.sweeps, steep, strict=True)])
     for length in lengths:
@@ -273,6 +261,20 @@ def _made_smooth(
             factors = [np.sqrt(1 - share) * np.ones_like(moved)] if share < 1 else []
             factors += [np.sqrt(share) * moved] if share > 0 else []
             yield _alone("smooth", rows, np.array(factors), 1.0, length)
+
+
+def shared_smooth(data: SweepData, log_slope: np.ndarray) -> Sequence[Alternatives]:
+    """The same for the fits of a sweep, with slope (k,): those that linearisation promises have the curve of another.
+
+    Of the latest curves they are kept, with their products; of long sweeps they would be large.
+    """
+    if data.impedance.size > _KEPT:
+        return tuple(smooth(data, log_slope))
+    key = data.frequency.tobytes(), data.sizes, log_slope.tobytes()
+    return _smooth.get(key, lambda: tuple(smooth(data, log_slope)))
+
+
+_smooth = Once(latest=_CURVES)
 
 
 def of_every_resonance(data: SweepData, impedance: np.ndarray) -> Iterator[Alternatives]:

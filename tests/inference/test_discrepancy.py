@@ -13,6 +13,7 @@ from scipy.special import logsumexp
 
 from femu_piezo.inference.fit import Fit, fit, with_discrepancy
 from femu_piezo.measurement import discrepancy
+from femu_piezo.measurement.autoregression import autoregression
 from femu_piezo.measurement.discrepancy import (
     PRIOR,
     Discrepancy,
@@ -93,7 +94,7 @@ def columns_of(data: SweepData, log_slope: np.ndarray, length: float, share: flo
     return np.concatenate([whole.real, whole.imag])
 
 
-@pytest.mark.parametrize("way", ["principal axes", "elimination"])
+@pytest.mark.parametrize("way", ["principal axes", "eigenvalues", "elimination"])
 @pytest.mark.parametrize("count", [1, 2, 4])
 def test_what_columns_take_and_their_volume_are_those_of_dense_matrices(way, count):
     """bᵗ(1/τ + G)^-1 b and ½ log|1 + τ G| at every size, of columns of any strength, some of them twice.
@@ -108,6 +109,8 @@ def test_what_columns_take_and_their_volume_are_those_of_dense_matrices(way, cou
     squares, right = columns @ left @ columns.transpose(0, 2, 1), columns @ rng.standard_normal(9)
     if way == "elimination":
         gained, volume = discrepancy._by_elimination(squares, right)
+    elif way == "eigenvalues":
+        gained, volume = discrepancy._by_eigenvalues(squares, right)
     else:
         parts = []
         for own, one in zip(columns, right, strict=True):
@@ -119,6 +122,32 @@ def test_what_columns_take_and_their_volume_are_those_of_dense_matrices(way, cou
         exact = np.einsum("ni,nij,nj->n", right, np.linalg.inv(np.eye(count) / sigma**2 + squares), right)
         np.testing.assert_allclose(own_gain, exact, rtol=1e-5)
         np.testing.assert_allclose(own_volume, 0.5 * np.linalg.slogdet(grown)[1], rtol=1e-7, atol=1e-12)
+
+
+@pytest.mark.parametrize("noise", [1e-3, 1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize("smoothed", [False, True])
+def test_quiet_sweeps_lose_no_evidence_by_rounding(noise, smoothed, monkeypatch):
+    """Also where what whitens smoothed noise makes the largest variances 1e13 times the least that unknowns leave."""
+    rng, frequency = np.random.default_rng(5), np.linspace(1e5, 3e5, 400)
+    drawn = rng.standard_normal((2000, 2)) @ [1, 1j]
+    memory = (autoregression(np.convolve(drawn, np.hanning(9)[1:-1], "same")),) if smoothed else ()
+    data = SweepData(frequency, np.ones(400, complex), np.full(400, noise), False, noise_memory=memory)
+    poles = np.array([1.3e5, 1.6e5, 2.1e5, 2.5e5]) * (1 + 5e-4j)
+    parts = [1 / (pole**2 - frequency**2) for pole in poles]
+    charge = 3 + 0.01 * sum(pole**2 * part for pole, part in zip(poles, parts, strict=True))
+    slope = frequency * np.gradient(-np.log(frequency * charge), frequency)
+    slopes = np.array([*parts, *(part**2 * frequency**2 for part in parts), np.ones(400), slope])
+    slopes = slopes / np.linalg.norm(slopes, axis=1)[:, None]
+    columns = stacked(data.over_noise(np.concatenate([slopes, 1j * slopes]).T))
+    q = np.linalg.qr(np.concatenate([columns, np.eye(columns.shape[1])]))[0]
+    misfit = stacked(data.over_noise(1e-3 * np.cos(20 * np.log(frequency)) + 0j)) + rng.standard_normal(800)
+    residual = np.concatenate([misfit, np.zeros(columns.shape[1])])
+    residual -= q @ (q.T @ residual)
+    found = learn_discrepancy(data, residual, q[:800], [smooth(data, slope)])
+    monkeypatch.setattr(discrepancy, "_ROUNDING", 0.0)
+    exact = learn_discrepancy(data, residual, q[:800], [smooth(data, slope)])
+    assert found.log_evidence == pytest.approx(exact.log_evidence, abs=0.05)
+    assert found.sigma == pytest.approx(exact.sigma)
 
 
 @pytest.mark.parametrize("wave", [0.0, 2e-3, 1e-2])
