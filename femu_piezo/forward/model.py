@@ -117,7 +117,7 @@ class ElectroelasticModel:
         """A_q (m, m) real: the operator of one unit constant, which is also ∂A/∂c_q."""
         if name in self.extra_terms:
             return self.extra_terms[name]
-        return self._reduced(self.tensors[self.terms.index(name)])
+        return self._pattern.stiffness(self.tensors[self.terms.index(name)])
 
     def stiffness(self, constants: ElasticForm, extra: Mapping[str, complex] | None = None) -> sp.csr_matrix:
         """Σ c_q A_q (m, m): real where every constant is real, else complex symmetric."""
@@ -127,7 +127,7 @@ class ElectroelasticModel:
         tensor = np.tensordot(values, self.unit_tensors, axes=1)
         for name in extra.keys() & self.tensor_terms.keys():
             tensor = tensor + extra.pop(name) * self.tensor_terms[name]
-        matrix = self._reduced(tensor)
+        matrix = self._pattern.stiffness(tensor)
         for name, coefficient in extra.items():
             matrix = matrix + coefficient * self.extra_terms[name]
         return matrix
@@ -193,9 +193,6 @@ class ElectroelasticModel:
     def potential(self, vector: np.ndarray) -> np.ndarray:
         """(n,) electric potential at the degrees of freedom, V per unit of the vector."""
         return (self.prolongation @ vector).reshape(FIELDS, -1)[3]
-
-    def _reduced(self, tensor: np.ndarray) -> sp.csr_matrix:
-        return self._pattern.stiffness(tensor)
 
     @made_once
     def _pattern(self) -> FreePattern:

@@ -27,10 +27,10 @@ _SIGMAS = np.geomspace(1e-6, 3.0, 27)
 #: Square of the share of a direction of the unknowns that lies in the data, below which the direction is left out: what
 #: it takes of a column is no larger a share of what the others leave.
 _UNREACHED = 1e-7
-#: Rounding of the largest τ g below which what unknowns take of the columns is taken off along their principal axes.
+#: Rounding of Σ τ g below which what unknowns take of the columns is taken off along their principal axes.
 _ROUNDING = 1e-3
 #: Range of χ² over its degrees of freedom in which likelihoods are interpolated, and nodes to a factor of e there.
-_RANGE, _NODES = (1e-9, 1e25), 100
+_RANGE, _NODES = (1e-9, 1e25), 200
 #: Prior probability that a sweep holds something that the model does not describe.
 PRIOR = 0.1
 
@@ -210,16 +210,15 @@ class _Left:
 
     def _beside(self, one: Alternatives) -> tuple[np.ndarray, np.ndarray]:
         """χ² (s, n) that alternatives leave at every size, and the volume ½ Σ log(1 + τ g) of each."""
-        if one.scale.size == 1:
-            values, axes = one.principal(self.sides)
-            if np.finfo(float).eps * _SIGMAS[-1] ** 2 * values.max() < _ROUNDING:
-                gained, volume = _by_principal_axes(values, axes[:, 1:], axes[:, 0])
-                return self.chi_square - gained, volume
         squares, sides = one.products(self.sides)
-        inside, along = sides[:, :, 1:], sides[:, :, 0]
-        own = squares - inside @ inside.transpose(0, 2, 1)
-        # of many alternatives with few columns, or of one with many
-        gained, volume = (_by_elimination if len(own) > 1 else _by_eigenvalues)(own, along)
+        if len(squares) == 1 and np.finfo(float).eps * _SIGMAS[-1] ** 2 * np.trace(squares[0]) < _ROUNDING:
+            values, turned = one.along_axes(self.sides, squares[0], sides[0])
+            gained, volume = _by_principal_axes(values, turned[:, 1:], turned[:, 0])
+        else:
+            inside, along = sides[:, :, 1:], sides[:, :, 0]
+            own = squares - inside @ inside.transpose(0, 2, 1)
+            # of many alternatives with few columns, or of one with many
+            gained, volume = (_by_elimination if len(own) > 1 else _by_eigenvalues)(own, along)
         return self.chi_square - gained, volume
 
     @staticmethod
@@ -320,15 +319,17 @@ def profiled(chi_square: np.ndarray | float, freedom: float, level_std: float) -
 
 
 def interpolated(chi_square: np.ndarray, freedom: int, level_std: float) -> np.ndarray:
-    """(m,) the same of many χ² (m,) within `_RANGE`, by cubic polynomials between nodes with slopes −1/(2 s²)."""
+    """(m,) the same of many χ² (m,) within `_RANGE`, by cubic polynomials in log χ² with slopes −χ²/(2 s²) at nodes."""
     low, high = _RANGE
-    return _between_nodes(freedom, level_std)(np.clip(chi_square, low * freedom, high * freedom))
+    return _between_nodes(freedom, level_std)(np.log(np.clip(chi_square / freedom, low, high)))
 
 
 @lru_cache(maxsize=8)
 def _between_nodes(freedom: int, level_std: float) -> CubicHermiteSpline:
-    """Kept: the fits of a sweep all ask for the same."""
+    """Over the logarithm of χ² per degree of freedom; kept, as the fits of a sweep all ask for the same."""
     low, high = np.log(_RANGE)
-    nodes = freedom * np.exp(np.linspace(low, high, round((high - low) * _NODES) + 1))
-    level = np.log(noise_level(nodes, freedom, level_std))
-    return CubicHermiteSpline(nodes, _log_likelihood(level, nodes, freedom, level_std), -0.5 * np.exp(-2 * level))
+    nodes = np.linspace(low, high, round((high - low) * _NODES) + 1)
+    chi_square = freedom * np.exp(nodes)
+    level = np.log(noise_level(chi_square, freedom, level_std))
+    slopes = -0.5 * chi_square * np.exp(-2 * level)
+    return CubicHermiteSpline(nodes, _log_likelihood(level, chi_square, freedom, level_std), slopes)

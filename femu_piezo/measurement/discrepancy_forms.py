@@ -152,12 +152,12 @@ class Alternatives:
         both = np.stack([along.real, -self.imaginary * along.imag], axis=1)
         return squares, both.reshape(n, 2 * size * rows, -1)
 
-    def principal(self, sides: Sides) -> tuple[np.ndarray, np.ndarray]:
-        """Eigenvalues (2m,) of ΦᵗΦ of a single alternative, and ΦᵗV (2m, p) along its eigenvectors.
+    def along_axes(self, sides: Sides, squares: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Eigenvalues (2m,) of ΦᵗΦ (2m, 2m) of a single alternative, and its ΦᵗV (2m, p) along the eigenvectors.
 
-        Where Re and Im weigh the same, of coefficients and of readings, ΦᵗΦ is φᴴφ, complex and of half the size.
+        Where Re and Im weigh the same, of coefficients and of readings, ΦᵗΦ is φᴴφ, complex and of half the size. The
+        eigenvectors are kept as the products are.
         """
-        (squares,), (along,) = self.products(sides)
         half = len(squares) // 2
         if self.imaginary != 1 or sides.turned is None:
             values, axes = np.linalg.eigh(squares)
@@ -167,7 +167,7 @@ class Alternatives:
             inner, across = squares[:half, :half], squares[half:, :half]
             return np.linalg.eigh(inner + 1j * across if np.any(across) else inner)
 
-        values, axes = self._kept.get(("principal", *self._key(sides)), decomposed)
+        values, axes = self._kept.get(("axes", *self._key(sides)), decomposed)
         turned = axes.conj().T @ (along[:half] + 1j * along[half:])
         return np.tile(values, 2), np.concatenate([turned.real, turned.imag])
 
@@ -271,10 +271,11 @@ def shared_smooth(data: SweepData, log_slope: np.ndarray) -> Sequence[Alternativ
     if data.impedance.size > _KEPT:
         return tuple(smooth(data, log_slope))
     key = data.frequency.tobytes(), data.sizes, log_slope.tobytes()
-    return _smooth.get(key, lambda: tuple(smooth(data, log_slope)))
+    return _of_curves.get(key, lambda: tuple(smooth(data, log_slope)))
 
 
-_smooth = Once(latest=_CURVES)
+#: Smooth forms of the latest curves.
+_of_curves = Once(latest=_CURVES)
 
 
 def of_every_resonance(data: SweepData, impedance: np.ndarray) -> Iterator[Alternatives]:

@@ -139,8 +139,7 @@ CASES = {
     "unequal_electrode_mass": ((0.6,), films, 0.03),
     "local_crack": ((soft_volume(SIZE[2], SOFT, SPOT_RADIUS), SPOT_X, 0.0), soft_spot, 0.11),
 }
-
-
+#: The cases that take longest.
 LONG = ("mounting/one patch", "unequal_electrode_mass")
 
 

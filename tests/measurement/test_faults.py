@@ -29,15 +29,15 @@ def faults_of(frequency: np.ndarray, impedance: np.ndarray) -> dict[str, list[in
 
 @pytest.mark.kernels
 def test_clean_noisy_sweeps_have_hardly_any_faults() -> None:
-    """100 sweeps of 61 … 1601 points, noise 1e-4 … 3e-3, linear and logarithmic, with and without resonances."""
+    """200 sweeps of 61 … 1601 points, noise 1e-4 … 3e-3, linear and logarithmic, with and without resonances."""
     rng, alarms = np.random.default_rng(7), 0
-    for seed in range(100):
+    for seed in range(200):
         points, level = int(rng.choice([61, 101, 201, 401, 801, 1601])), 10 ** rng.uniform(-4, -2.52)
         band = BANDS[rng.integers(len(BANDS))]
         frequency = np.geomspace(*band, points) if rng.random() < 0.3 else np.linspace(*band, points)
         impedance = bar_impedance(frequency, **(SOFT, HARD)[seed % 2])
         alarms += bool(faults_of(frequency, with_noise(impedance, level * np.abs(impedance), seed)))
-    assert alarms <= 1
+    assert alarms <= 2
 
 
 def test_neighbours_foretell_a_cubic_and_a_quadratic_over_a_line_exactly() -> None:
