@@ -23,6 +23,8 @@ _KINDS = {
     ".png": "image/png",
     ".pdf": "application/pdf",
 }
+#: Seconds that a browser may be silent (asleep, busy, a network that comes and goes) without losing its page.
+_AWAY = 30.0
 
 
 def serve(folder: Path, host: str, port: int, store: str | None = None) -> None:
@@ -72,7 +74,9 @@ def serve(folder: Path, host: str, port: int, store: str | None = None) -> None:
 
     run.process_pool_start_method = "spawn"  # a fork would take the threads' locks along
     register(Site(workspace, jobs))
-    ui.run_with(application, title="femu-piezo", storage_secret=secret, show_welcome_message=False)
+    ui.run_with(
+        application, title="femu-piezo", storage_secret=secret, show_welcome_message=False, reconnect_timeout=_AWAY
+    )
     everywhere = host in ("0.0.0.0", "::")
     shown = socket.gethostname() if everywhere else f"[{host}]" if ":" in host else host
     address = f"http://{shown}:{port}/" + (f"?token={token}" if token else "")

@@ -57,6 +57,11 @@ def open_page(page, server: Server, path: str) -> None:
     page.wait_for_function("window.socket === undefined || window.socket.connected !== false")
 
 
+def drawn(page) -> None:
+    """Wait until every chart of the page stands."""
+    page.wait_for_function("document.querySelectorAll('.js-plotly-plot .main-svg').length > 0")
+
+
 def cells(page, label: str) -> list[list[str]]:
     rows = page.locator(f'[aria-label="{label}"] tbody tr')
     rows.first.wait_for()
@@ -68,7 +73,12 @@ def test_dropped_files_give_the_constants_of_the_command_line(serve, page, tmp_p
     open_page(page, server, "sweep")
     page.set_input_files("input[type=file]", TUTORIALS / "k31_plate" / "sweep.csv")
     page.wait_for_url("**file=sweep.csv*")
-    page.get_by_role("button", name="Find poles and zeros").click()
+    start = page.get_by_role("button", name="Find poles and zeros")
+    start.wait_for()
+    before = start.bounding_box()["y"]
+    drawn(page)
+    assert start.bounding_box()["y"] == pytest.approx(before, abs=30)  # the curve above it has not moved it
+    start.click()
     page.get_by_text("done in").wait_for()
     found = json.loads((tmp_path / "results/sweep.csv/extract/extraction.json").read_text())
     poles = cells(page, "poles and zeros")
@@ -90,6 +100,26 @@ def test_dropped_files_give_the_constants_of_the_command_line(serve, page, tmp_p
     assert page.locator(".js-plotly-plot").count() >= 2
     names = {path.name for path in (tmp_path / "results/plate.toml/update").iterdir()}
     assert names == {path.name for path in (tmp_path / "terminal").iterdir()} | {"report.html"}
+
+
+def test_a_browser_that_was_away_keeps_its_page(serve, page, tmp_path: Path) -> None:
+    """Five seconds without a connection, in which something is pressed: it is done on return, without a reload."""
+    tutorial("k31_plate", tmp_path)
+    open_page(page, serve(), "sweep?file=sweep.csv")
+    start = page.get_by_role("button", name="Find poles and zeros")
+    drawn(page)
+    page.evaluate(
+        """() => {
+            window.kept = true;
+            window.socket.io.reconnectionDelay(5000);
+            window.socket.io.randomizationFactor(0);
+            window.socket.io.engine.close();
+        }"""
+    )
+    page.wait_for_function("!window.socket.connected")
+    start.click()
+    page.get_by_text("done in").wait_for()
+    assert page.evaluate("window.kept === true")
 
 
 def test_a_broken_file_is_answered_by_the_sentence_of_the_terminal(serve, page, tmp_path: Path) -> None:

@@ -24,6 +24,12 @@ def figure_rows(figures: dict, model: bool = False) -> list[tuple[str, ...]]:
     return rows
 
 
+def chart(figure: dict, words: str) -> ui.plotly:
+    """A figure whose place is kept free until it is drawn, so that nothing below it moves under a hand."""
+    found = ui.plotly(figure).classes("w-full").style(f"min-height: {figure['layout']['height']}px")
+    return found.props(f'role="img" aria-label="{words}"')
+
+
 def report_links(site: Site, folder: Path) -> None:
     """Links to what a command wrote."""
     if not folder.is_dir():

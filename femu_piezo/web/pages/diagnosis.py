@@ -10,7 +10,7 @@ from nicegui import ui
 from femu_piezo.errors import InputError
 from femu_piezo.specimen.file import read_specimen, write_specimen
 from femu_piezo.web import charts, results
-from femu_piezo.web.pages.common import framed, notes, report_links
+from femu_piezo.web.pages.common import chart, framed, notes, report_links
 from femu_piezo.web.pages.update import unsaved
 from femu_piezo.web.site import Site, complain, nothing, table
 
@@ -129,11 +129,11 @@ class _Diagnosis:
         }
         curves = {name: (frequency, one) for name, one in z.items()}
         figure = charts.impedance_chart(curves, charts.VIEWS[0], measured="measured")
-        ui.plotly(figure).classes("w-full").props('role="img" aria-label="measured, before and after"')
+        chart(figure, "measured, before and after")
         sigma = found["noise_ohm"] / np.abs(z["measured"]) / np.sqrt(2)
         left = {name: np.log(z[name] / z["measured"]) / sigma for name in ("before", "after")}
         figure = charts.residual_chart(frequency, left, "residual (σ)", band=2.0)
-        ui.plotly(figure).classes("w-full").props('role="img" aria-label="residual before and after"')
+        chart(figure, "residual before and after")
 
     def _candidates(self, found: dict) -> None:
         rows = []

@@ -10,7 +10,7 @@ from nicegui import ui
 from femu_piezo.errors import InputError
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.web import charts, results
-from femu_piezo.web.pages.common import report_links
+from femu_piezo.web.pages.common import chart, report_links
 from femu_piezo.web.site import Site, nothing, table
 from femu_piezo.web.workspace import Outside, lot_of
 
@@ -99,8 +99,7 @@ class _Lot:
             if quantities:
                 choice = ui.select(quantities, value=self._quantity, label="Control chart of", on_change=self._choose)
                 choice.props("outlined").classes("w-64")
-                self._chart = ui.plotly(self._control(rows, lot)).classes("w-full")
-                self._chart.props('role="img" aria-label="control chart"')
+                self._chart = chart(self._control(rows, lot), "control chart")
             report_links(self._site, self._folder)
 
     def _control(self, rows: list[dict[str, str]], lot: dict) -> dict:

@@ -11,7 +11,7 @@ from nicegui import app, run, ui
 
 from femu_piezo.errors import InputError
 from femu_piezo.web import charts, results
-from femu_piezo.web.pages.common import figure_rows, notes, report_links
+from femu_piezo.web.pages.common import chart, figure_rows, notes, report_links
 from femu_piezo.web.site import Site, complain, nothing, table
 
 _TEMPLATE = """# What is known of the piece. Dimensions and material stand for yours: check every line.
@@ -86,8 +86,7 @@ class _Sweep:
             ui.toggle(list(charts.VIEWS), value=self._view, on_change=self._turn).props("no-caps")
             ui.switch("logarithmic", on_change=self._scale)
             ui.switch("mask by dragging", on_change=self._begin_mask)
-        self._plot = ui.plotly(self._figure()).classes("w-full")
-        self._plot.props('role="img" aria-label="impedance over frequency"')
+        self._plot = chart(self._figure(), "impedance over frequency")
         self._plot.on("plotly_selected", self._selected)
         self._bands = ui.row().classes("gap-2 items-center")
         self._show_bands()

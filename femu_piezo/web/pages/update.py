@@ -12,7 +12,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.output.results.result import suffixes
 from femu_piezo.specimen.file import CONSTANTS, Specimen
 from femu_piezo.web import charts, results
-from femu_piezo.web.pages.common import figure_rows, framed, notes, report_links
+from femu_piezo.web.pages.common import chart, figure_rows, framed, notes, report_links
 from femu_piezo.web.site import Site, complain, nothing, table
 
 
@@ -65,8 +65,7 @@ class _Update:
             shares = results.shares(found["parameters"])
             if shares:
                 ui.label("Where the deviations come from").classes("text-lg font-bold")
-                chart = charts.bar_chart(shares, "share of the variance (%)")
-                ui.plotly(chart).classes("w-full").props('role="img" aria-label="budget of the deviations"')
+                chart(charts.bar_chart(shares, "share of the variance (%)"), "budget of the deviations")
             self._curves = ui.column().classes("w-full")
             ui.timer(0.05, self._draw, once=True)
             figures = found["specimens"][0].get("standard_figures") or []
@@ -100,12 +99,12 @@ class _Update:
         with self._curves:
             curves = {name: measured, "updated": updated}
             figure = charts.impedance_chart(curves, charts.VIEWS[0], measured=name)
-            ui.plotly(figure).classes("w-full").props('role="img" aria-label="measured and updated impedance"')
+            chart(figure, "measured and updated impedance")
             here = np.isin(measured[0], updated[0])
             if np.count_nonzero(here) == updated[0].size:
                 left = 100 * np.log(updated[1] / measured[1][here])
                 figure = charts.residual_chart(updated[0], {"updated": left}, "updated/measured (%)")
-                ui.plotly(figure).classes("w-full").props('role="img" aria-label="residual"')
+                chart(figure, "residual")
 
     def _freeing(self) -> None:
         """Which constants are free, and what a sweep like this can tell of each."""
