@@ -94,8 +94,9 @@ def _basis(part: Part, theta: np.ndarray, factors, top: float, cutoff: float, dr
         further += [first, sl.cho_solve(shifted, part.mass @ first)]
     shapes = [factor.T @ inner for factor in factors]
     for factor, shape in zip(factors, shapes, strict=True):
-        left, singular, _ = sl.svd(sl.cho_solve(shifted, factor), full_matrices=False, lapack_driver="gesvd")
-        further.append(left[:, singular > 3e-3 * singular[0]][:, :6])
+        answers = sl.cho_solve(shifted, factor)
+        squares, left = sl.eigh(answers @ answers.T, subset_by_index=(max(0, len(answers) - 6), len(answers) - 1))
+        further.append(left[:, squares > (3e-3) ** 2 * squares[-1]])
         further.append(sl.cho_solve(shifted, factor @ shape))
     further += [sl.cho_solve(shifted, factor @ shape) for factor, shape in zip(factors, driven, strict=False)]
     extra = np.concatenate(further, axis=1)

@@ -138,15 +138,24 @@ class RitzPlate:
         return matrix
 
     def impedance(self, theta, frequency: np.ndarray) -> np.ndarray:
-        """Z (n,), ohm, by a full solve at every frequency.
+        """Z (n,), ohm, by a full solve at every frequency; inner potentials that do not change are eliminated once.
 
         theta : (10,) constants, or a function of the frequency in Hz that returns them
         """
         found = np.empty(len(frequency), dtype=complex)
-        stiffness = None if callable(theta) else self.stiffness(np.asarray(theta))
+        condensed = None if callable(theta) else self._condensed(np.asarray(theta))
+        inertia = self.mass[: self.displacements, : self.displacements]
         for i, f in enumerate(frequency):
             omega = 2 * np.pi * f
-            matrix = (self.stiffness(theta(f)) if callable(theta) else stiffness) - omega**2 * self.mass
+            matrix = self.stiffness(theta(f)) if callable(theta) else condensed.copy()
+            matrix[: self.displacements, : self.displacements] -= omega**2 * inertia
             inner = np.linalg.solve(matrix[:-1, :-1], matrix[:-1, -1])
             found[i] = 1 / (1j * omega * -(matrix[-1, -1] - matrix[-1, :-1] @ inner))
         return found
+
+    def _condensed(self, theta: np.ndarray) -> np.ndarray:
+        """`stiffness` of the displacements and the voltage, inner potentials following them."""
+        matrix, moving = self.stiffness(theta), self.displacements
+        kept, inner = np.append(np.arange(moving), self.size - 1), np.arange(moving, self.size - 1)
+        side = matrix[np.ix_(inner, kept)]
+        return matrix[np.ix_(kept, kept)] - side.T @ np.linalg.solve(matrix[np.ix_(inner, inner)], side)
