@@ -237,18 +237,22 @@ def _smooth(omegas: bytes, dtype: np.dtype) -> tuple[float, np.ndarray, np.ndarr
 
 def _along(terms: np.ndarray, tangents: np.ndarray, basis: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """xᵗ (Σ_t tangents[t, i] A_t) x (k, n) of states x = basis · weights, for real symmetric A (n_terms, r, r)."""
-    wanted = tangents.shape[1]
+    wanted, size = tangents.shape[1], basis.shape[1]
+    if not len(terms):
+        return np.zeros((len(weights), wanted), dtype=complex)
     if 2 * wanted < len(terms):
         terms = np.tensordot(np.vstack([tangents.real.T, tangents.imag.T]), terms, axes=1)
         tangents = np.vstack([np.eye(wanted), 1j * np.eye(wanted)])
-    real, imag = np.ascontiguousarray(basis.real), np.ascontiguousarray(basis.imag)
-    images = terms.reshape(-1, terms.shape[2]) @ np.hstack([real, imag])
-    size = basis.shape[1]
-    images = images.reshape(*terms.shape[:2], 2 * size)
-    small = basis.T @ (images[:, :, :size] + 1j * images[:, :, size:])
-    first, second = np.triu_indices(size)  # of symmetric products, each pair once
-    pairs = small[:, first, second] * np.where(first == second, 1, 2)
-    return (weights[:, first] * weights[:, second]) @ (pairs.T @ tangents)
+    both = np.hstack([basis.real, basis.imag])
+    among = both.T @ (terms.reshape(-1, len(both)) @ both).reshape(len(terms), len(both), 2 * size)
+    small = among[:, :size, :size] - among[:, size:, size:] + 1j * (among[:, :size, size:] + among[:, size:, :size])
+    if wanted < len(terms):
+        small, tangents = np.tensordot(tangents.T, small, axes=1), np.eye(wanted)
+    joined, found = small.transpose(1, 0, 2).reshape(size, -1), np.empty((len(weights), len(small)), dtype=complex)
+    for rows in range(0, len(weights), _BATCH):  # what is between two products of a batch stays near the processor
+        own = weights[rows : rows + _BATCH]
+        found[rows : rows + _BATCH] = ((own @ joined).reshape(len(own), -1, size) @ own[:, :, None])[:, :, 0]
+    return found @ tangents
 
 
 def _modal(model: ExtendedModel, c: Coefficients) -> ModalModel:
