@@ -13,14 +13,15 @@ and the gradient of (u_r, u_θ, u_z, φ) along r, θ, z is
 
 The extended tensor of a crystal poled along z is the same in every such frame, so the forms are those of
 `femu_piezo.forward.gradient_products` with these twelve numbers and ∫ cos² nθ dθ r dr dz; what would join a cosine to a
-sine is zero in it. The section is half as high as the body: its parity about the mid-plane is that of the field that
-the terminals drive, or flipped. Fields have the size that they have on an eighth of the body.
+sine is zero in it. As the gradient is linear in n, the operator is K = K_0 + n K_1 + n² K_2 times ∫ cos² nθ dθ, and the
+three are assembled once for all orders. The section is half as high as the body: its parity about the mid-plane is that
+of the field that the terminals drive, or flipped. Fields have the size that they have on an eighth of the body.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse as sp
@@ -32,7 +33,7 @@ from femu_piezo.forward.hex_element import lobatto_nodes
 from femu_piezo.forward.model import POTENTIAL_SCALE
 from femu_piezo.forward.parity import modes_below
 from femu_piezo.geometry.shape import wave_error
-from femu_piezo.threads import made_once
+from femu_piezo.threads import Once, made_once
 
 #: Orders of the elements along r and z, and the error of eigenvalues that their number is chosen for.
 _ORDERS, _ACCURACY = (8, 5), 1e-5
@@ -72,6 +73,11 @@ class Line:
         half, middle = np.diff(self.ends)[:, None] / 2, (self.ends[1:, None] + self.ends[:-1, None]) / 2
         return (middle + half * points).ravel(), (half * weights).ravel()
 
+    @made_once
+    def at_gauss(self) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+        """`shapes` at the points that integrate."""
+        return self.shapes(self.gauss[0])
+
     def shapes(self, points: np.ndarray) -> tuple[sp.csr_matrix, sp.csr_matrix]:
         """(q, n) values and slopes of the functions of all nodes at points (q,)."""
         element = np.clip(np.searchsorted(self.ends, points, side="right") - 1, 0, self.ends.size - 2)
@@ -96,6 +102,7 @@ class Section:
     radial: Line
     axial: Line
     density: float
+    _kept: Once = field(default_factory=lambda: Once(latest=1), init=False, repr=False, compare=False)
 
     @classmethod
     def fine_for(cls, radii: tuple[float, float], thickness: float, density: float, wavenumber: float) -> Section:
@@ -118,6 +125,54 @@ class Section:
         """The forms of one Fourier order."""
         return FourierOrder(self, number)
 
+    @made_once
+    def radii(self) -> np.ndarray:
+        """(q,) r of the Gauss points, m."""
+        return np.repeat(self.radial.gauss[0], self.axial.gauss[0].size)
+
+    @made_once
+    def areas(self) -> np.ndarray:
+        """(q,) weights of the Gauss points, ∫ r dr dz, m³."""
+        (r, along), (_, across) = self.radial.gauss, self.axial.gauss
+        return np.outer(r * along, across).ravel()
+
+    @made_once
+    def values(self) -> sp.csr_matrix:
+        """(q, n) of all nodes' functions at the Gauss points."""
+        return sp.kron(self.radial.at_gauss[0], self.axial.at_gauss[0], format="csr")
+
+    @made_once
+    def _slopes(self) -> tuple[sp.csr_matrix, sp.csr_matrix]:
+        """(q, n) of the same along r and along z."""
+        (value_r, slope_r), (value_z, slope_z) = self.radial.at_gauss, self.axial.at_gauss
+        return sp.kron(slope_r, value_z, format="csr"), sp.kron(value_r, slope_z, format="csr")
+
+    def gradients(self, number: int) -> list[list[sp.csr_matrix]]:
+        """[f][a] (q, 4n) of every field of a Fourier order at the Gauss points."""
+        along, up = self._slopes
+        plane = _in_plane(self.values, along, self.radii, number)
+        return [[*plane[f], of_field(up, f)] for f in range(FIELDS)]
+
+    def stiffness_by_order(self, tensor: np.ndarray) -> list[sp.csr_matrix]:
+        """K_0, K_1, K_2 (4n, 4n) of an extended tensor (4, 3, 4, 3); those of the latest are kept."""
+        return self._kept.get(tensor.tobytes(), lambda: self._stiffness_by_order(tensor))
+
+    def _stiffness_by_order(self, tensor: np.ndarray) -> list[sp.csr_matrix]:
+        weighted, still = sp.diags(self.areas), self.gradients(0)
+        turning = [(first - zero).tocsr() for (_, first, _), (_, zero, _) in zip(self.gradients(1), still, strict=True)]
+        found = [sp.csr_matrix((FIELDS * self.size,) * 2) for _ in range(3)]
+        for f, a in zip(*np.nonzero(np.any(tensor, axis=(2, 3))), strict=True):
+            joined = list(zip(*np.nonzero(tensor[f, a]), strict=True))
+            stresses = [sum(tensor[f, a, g, b] * still[g][b] for g, b in joined)]
+            if any(b == 1 for _, b in joined):
+                stresses.append(sum(tensor[f, a, g, b] * turning[g] for g, b in joined if b == 1))
+            for power, stress in enumerate(stresses):
+                own = weighted @ stress
+                found[power] = found[power] + still[f][a].T @ own
+                if a == 1:
+                    found[power + 1] = found[power + 1] + turning[f].T @ own
+        return [one.tocsr() for one in found]
+
 
 class FourierOrder:
     """Forms of one Fourier order n on fields (u_r, u_θ, u_z, φ), each (n_nodes,) one after another.
@@ -125,49 +180,35 @@ class FourierOrder:
     Attributes
     ----------
     radii, heights, weights : (q,) of the Gauss points: r and z in m, and their volumes m³
-    gradients : [f][a] (q, 4n) the gradient of every field at these points
     """
 
     def __init__(self, section: Section, number: int) -> None:
         self.section, self.number = section, number
-        (r, wr), (z, wz) = section.radial.gauss, section.axial.gauss
-        (value_r, slope_r), (value_z, slope_z) = section.radial.shapes(r), section.axial.shapes(z)
         # a quarter of ∫ cos² nθ dθ over the turn, half the height: an eighth
         self._turn = np.pi / (4 if number else 2)
-        self.radii, self.heights = np.repeat(r, z.size), np.tile(z, r.size)
-        self.weights = np.outer(r * wr, wz).ravel() * self._turn
-        self._values = sp.kron(value_r, value_z, format="csr")
-        up = sp.kron(value_r, slope_z, format="csr")
-        plane = self._in_plane(self._values, sp.kron(slope_r, value_z, format="csr"), self.radii)
-        self.gradients = [[*plane[f], of_field(up, f)] for f in range(FIELDS)]
+        self.radii, self.heights = section.radii, np.tile(section.axial.gauss[0], section.radial.gauss[0].size)
+        self.weights = section.areas * self._turn
 
     @property
     def size(self) -> int:
         """4n"""
         return FIELDS * self.section.size
 
-    def _in_plane(self, values: sp.csr_matrix, slopes: sp.csr_matrix, radii: np.ndarray) -> list[list[sp.csr_matrix]]:
-        """[f][a] (q, 4n) gradients along r and θ at points on which the functions have values and slopes (q, n)."""
-        n, over_r = self.number, sp.diags(1 / radii) @ values
-        r, turn, z, potential = (of_field(over_r, f) for f in range(FIELDS))
-        around = [-(n * r + turn), n * turn + r, -n * z, -n * potential]
-        return [[of_field(slopes, f), around[f].tocsr()] for f in range(FIELDS)]
+    @made_once
+    def gradients(self) -> list[list[sp.csr_matrix]]:
+        """[f][a] (q, 4n) the gradient of every field at the Gauss points."""
+        return self.section.gradients(self.number)
 
     def stiffness(self, tensor: np.ndarray) -> sp.csr_matrix:
         """(4n, 4n) of an extended tensor (4, 3, 4, 3)."""
-        weighted = sp.diags(self.weights)
-        found = sp.csr_matrix((self.size, self.size))
-        for f, a in zip(*np.nonzero(np.any(tensor, axis=(2, 3))), strict=True):
-            stress = sum(
-                tensor[f, a, g, b] * self.gradients[g][b] for g, b in zip(*np.nonzero(tensor[f, a]), strict=True)
-            )
-            found = found + self.gradients[f][a].T @ (weighted @ stress)
-        return found.tocsr()
+        still, once, twice = self.section.stiffness_by_order(tensor)
+        return (self._turn * (still + self.number * once + self.number**2 * twice)).tocsr()
 
     @made_once
     def mass(self) -> sp.csr_matrix:
         """(4n, 4n), kg; zero in the potential."""
-        block = self.section.density * (self._values.T @ sp.diags(self.weights) @ self._values)
+        values = self.section.values
+        block = self.section.density * (values.T @ sp.diags(self.weights) @ values)
         return sp.block_diag([*[block] * 3, sp.csr_matrix(block.shape)], format="csr")
 
     @made_once
@@ -176,9 +217,9 @@ class FourierOrder:
         section = self.section
         r, wr = section.radial.gauss
         top = sp.csr_matrix(([1.0], ([0], [section.axial.places.size - 1])), shape=(1, section.axial.places.size))
-        value, slope = (sp.kron(own, top, format="csr") for own in section.radial.shapes(r))
+        value, slope = (sp.kron(own, top, format="csr") for own in section.radial.at_gauss)
         values = [of_field(value, f) for f in range(FIELDS)]
-        return Faces(r * wr * self._turn, values, self._in_plane(value, slope, r))
+        return Faces(r * wr * self._turn, values, _in_plane(value, slope, r, self.number))
 
     def at_points(self, fields: np.ndarray) -> np.ndarray:
         """(4, 3, q, k) gradients of fields (4n, k) at the Gauss points."""
@@ -219,7 +260,7 @@ class FourierOrder:
         found = np.zeros_like(fields)
         for f in (0, 2):
             own = slice(f * n, (f + 1) * n)
-            found[own] = self._values.T @ (volume * (self._values @ fields[own]))
+            found[own] = self.section.values.T @ (volume * (self.section.values @ fields[own]))
         return found
 
     def within(self, fields: np.ndarray, tensors: Sequence[np.ndarray], weight: np.ndarray | float = 1.0) -> np.ndarray:
@@ -254,3 +295,11 @@ class FourierOrder:
         """(4n, k) fields of all modes with ω² below `top`, uᵗMu = 1; rigid bodies among them."""
         p = self.free(flipped)
         return p @ modes_below((p.T @ self.stiffness(tensor) @ p).tocsr(), (p.T @ self.mass @ p).tocsr(), top)
+
+
+def _in_plane(values: sp.csr_matrix, slopes: sp.csr_matrix, radii: np.ndarray, n: int) -> list[list[sp.csr_matrix]]:
+    """[f][a] (q, 4n) gradients of order n along r and θ at points on which the functions have values and slopes."""
+    over_r = sp.diags(1 / radii) @ values
+    r, turn, z, potential = (of_field(over_r, f) for f in range(FIELDS))
+    around = [-(n * r + turn), n * turn + r, -n * z, -n * potential]
+    return [[of_field(slopes, f), around[f].tocsr()] for f in range(FIELDS)]

@@ -274,12 +274,16 @@ class RoundFields(Fields):
 
     def _on_nodes(self, fields: np.ndarray, at: int) -> np.ndarray:
         """(j, 3, k) Legendre coefficients along r of displacements in fields (4n, k), on the nodes `at` along z."""
-        radial = self.section.radial
+        there = fields.reshape(FIELDS, self.section.radial.places.size, -1, fields.shape[1])[:3, :, at]
+        return np.einsum("jr,frk->jfk", self._to_legendre, there)
+
+    @made_once
+    def _to_legendre(self) -> np.ndarray:
+        """(j, n) Legendre coefficients along r of what has given values on the n nodes of a radius."""
+        radial, (inner, outer) = self.section.radial, self.model.domain.radii
         nodes = legendre.leggauss(min(_SAMPLES, radial.places.size))[0]
-        inner, outer = self.model.domain.radii
-        there = fields.reshape(FIELDS, radial.places.size, -1, fields.shape[1])[:3, :, at]
-        values = np.stack([radial.shapes(inner + (nodes + 1) / 2 * (outer - inner))[0] @ part for part in there])
-        return np.einsum("jq,fqk->jfk", np.linalg.inv(legendre.legvander(nodes, nodes.size - 1)), values)
+        values = radial.shapes(inner + (nodes + 1) / 2 * (outer - inner))[0]
+        return np.linalg.solve(legendre.legvander(nodes, nodes.size - 1), values.toarray())
 
     def order(self, number: int) -> FourierOrder:
         """Forms of one Fourier order on the section."""
