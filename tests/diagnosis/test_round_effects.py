@@ -188,7 +188,7 @@ def test_change_of_impedance_against_independent_solution(bodies, bare, name, ca
 
 @pytest.mark.parametrize("distance", [pytest.param(4e-3, marks=pytest.mark.slow), 5.3e-3])
 def test_stiff_points_are_sought_again_with_the_constants_found(bodies, distance):
-    """Constants of a fit without the support mislead all first starts; those of the best of them lead to its place."""
+    """Constants of a fit without the support mislead its first start; those found from there lead to its place."""
     one, stiffness = bodies["ring"], 2e7
     z = one.exact(one.body(), RoundSurface.tripod(distance, 0.8e-3, (1,), lambda w: stiffness * (1 + 2e-6j * w)))
     noise = 1 + 1e-3 * np.random.default_rng(1).standard_normal(z.size)
@@ -197,7 +197,7 @@ def test_stiff_points_are_sought_again_with_the_constants_found(bodies, distance
     base = fit(one.evaluation, data, one.unknowns, [one.x * 1.01])
     first = starts(one.evaluation, base, effect)
     own, parameters = first[0].own(effect), first[0].linear.parameters
-    found = fit(one.evaluation, data, parameters, [start.x for start in first], gain=COARSE)
+    found = fit(one.evaluation, data, parameters, [first[0].x], gain=COARSE)
     assert found.chi_square > 10 * found.residual.size
     again = [start.x for start in relocated(one.evaluation, found, effect)]
     better = fit(one.evaluation, data, parameters, [found.x, *again], gain=RANKED)

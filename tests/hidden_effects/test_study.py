@@ -21,7 +21,7 @@ from hidden_effects.catalogue import EFFECTS
 from hidden_effects.confusion import rates, report
 from hidden_effects.draws import draw
 from hidden_effects.judge import judge_draw
-from hidden_effects.round_draws import ROUND_EFFECTS
+from hidden_effects.round_draws import ROUND_EFFECTS, draw_round
 from hidden_effects.study import jobs, round_jobs, run
 
 
@@ -42,6 +42,7 @@ def _number(name: str, default: int) -> int:
         ("laboratory:mounting+series_inductance", 104002, 0.9),
         ("laboratory:point_mass+series_resistance", 109009, 0.5),
         ("laboratory:frequency_dependent_elastic_loss+edge_depoling", 141001, 0.9),
+        ("disk:mounting", 260000, 0.9),
     ],
 )
 def test_causes_whose_fits_take_many_steps_are_found(name, seed, least, tmp_path):
@@ -51,9 +52,11 @@ def test_causes_whose_fits_take_many_steps_are_found(name, seed, least, tmp_path
     where their fits began at the constants of the base. The onset of the mass of 116000 promises 22 less than it holds.
     Of the two pairs after it neither cause gains anything by itself over a discrepancy, and where every resonance may
     have an error of its own the point mass explains the sweep hardly better than that: it is named with 0.6. Of the
-    last pair the second cause explains less than such errors, by linearisation beside the first.
+    last pair the second cause explains less than such errors, by linearisation beside the first. The descent to the
+    three points under the disk takes a detour: after twelve evaluations one that ends at the middle lay lower.
     """
-    outcome = judge_draw(draw(name, seed), tmp_path)
+    make = draw_round if name.startswith("disk:") else draw
+    outcome = judge_draw(make(name, seed), tmp_path)
     assert set(outcome.said) == set(outcome.truth) and min(outcome.said.values()) > least
     assert outcome.sizes and all(abs(size) < 3 for size in outcome.sizes.values())
 

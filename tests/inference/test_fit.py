@@ -228,6 +228,32 @@ def test_a_fit_that_crawls_along_a_ridge_ends_where_steps_bring_less_than_asked(
     assert close <= late < early < late + 2
 
 
+class Detour:
+    """Stands for a descent that starts at x: one to 0 settles at once, one to 1 lies higher until it has gone on."""
+
+    def __init__(self, posterior, start, loss):
+        self.x, self.level, self.promise, self.parts, self.calls = start, 1.0, np.inf, None, 0
+
+    def run(self, gain, most):
+        self.calls += 1
+        self.promise = 50.0 if self.x[0] == 1 and self.calls < 3 else 0.1
+        return self
+
+    def cost(self, parts, level):
+        return 300.0 if self.x[0] == 0 else 400.0 if self.calls < 3 else 100.0
+
+
+def test_a_descent_that_takes_a_detour_is_compared_at_its_end(monkeypatch):
+    """It goes on while its next step promises a tenth of what is left; one start alone has no others to wait for."""
+    monkeypatch.setattr(descent, "Descent", Detour)
+    ends = np.array([0.0]), np.array([1.0])
+    best = descent.descended(None, ends, COARSE, "linear")
+    assert best.x is ends[1] and best.calls == 3
+    assert descent.descended(None, ends[1:], COARSE, "linear").calls == 1
+    monkeypatch.setattr(descent, "_TURNS", 1)
+    assert descent.descended(None, ends, COARSE, "linear").x is ends[0]
+
+
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize("curvature", [0.0, 0.02])
 def test_evidence_is_the_integral_over_prior_and_likelihood(known, curvature):
