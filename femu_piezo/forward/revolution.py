@@ -131,8 +131,13 @@ class Section:
         return np.repeat(self.radial.gauss[0], self.axial.gauss[0].size)
 
     @made_once
-    def areas(self) -> np.ndarray:
-        """(q,) weights of the Gauss points, ∫ r dr dz, m³."""
+    def heights(self) -> np.ndarray:
+        """(q,) z of the Gauss points, m."""
+        return np.tile(self.axial.gauss[0], self.radial.gauss[0].size)
+
+    @made_once
+    def weights(self) -> np.ndarray:
+        """(q,) of the Gauss points, ∫ r dr dz: their volumes per radian, m³."""
         (r, along), (_, across) = self.radial.gauss, self.axial.gauss
         return np.outer(r * along, across).ravel()
 
@@ -158,19 +163,15 @@ class Section:
         return self._kept.get(tensor.tobytes(), lambda: self._stiffness_by_order(tensor))
 
     def _stiffness_by_order(self, tensor: np.ndarray) -> list[sp.csr_matrix]:
-        weighted, still = sp.diags(self.areas), self.gradients(0)
-        turning = [(first - zero).tocsr() for (_, first, _), (_, zero, _) in zip(self.gradients(1), still, strict=True)]
-        found = [sp.csr_matrix((FIELDS * self.size,) * 2) for _ in range(3)]
+        still, first, weighted = self.gradients(0), self.gradients(1), sp.diags(self.weights)
+        turning = [[one - zero for one, zero in zip(*row, strict=True)] for row in zip(first, still, strict=True)]
+        by_power, found = (still, turning), [sp.csr_matrix((FIELDS * self.size,) * 2) for _ in range(3)]
         for f, a in zip(*np.nonzero(np.any(tensor, axis=(2, 3))), strict=True):
             joined = list(zip(*np.nonzero(tensor[f, a]), strict=True))
-            stresses = [sum(tensor[f, a, g, b] * still[g][b] for g, b in joined)]
-            if any(b == 1 for _, b in joined):
-                stresses.append(sum(tensor[f, a, g, b] * turning[g] for g, b in joined if b == 1))
-            for power, stress in enumerate(stresses):
-                own = weighted @ stress
-                found[power] = found[power] + still[f][a].T @ own
-                if a == 1:
-                    found[power + 1] = found[power + 1] + turning[f].T @ own
+            for right, gradients in enumerate(by_power):
+                stress = weighted @ sum(tensor[f, a, g, b] * gradients[g][b] for g, b in joined)
+                for left, strains in enumerate(by_power):
+                    found[left + right] = found[left + right] + strains[f][a].T @ stress
         return [one.tocsr() for one in found]
 
 
@@ -186,8 +187,7 @@ class FourierOrder:
         self.section, self.number = section, number
         # a quarter of ∫ cos² nθ dθ over the turn, half the height: an eighth
         self._turn = np.pi / (4 if number else 2)
-        self.radii, self.heights = section.radii, np.tile(section.axial.gauss[0], section.radial.gauss[0].size)
-        self.weights = section.areas * self._turn
+        self.radii, self.heights, self.weights = section.radii, section.heights, section.weights * self._turn
 
     @property
     def size(self) -> int:

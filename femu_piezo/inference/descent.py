@@ -21,9 +21,9 @@ from femu_piezo.threads import in_parallel
 #: squares of the deviations that unknowns are away sum up to this. Most evaluations of a coarse fit and of the others.
 COARSE, RANKED, CLOSE = 1.0, 0.03, 1e-6
 FEW, MANY = 12, 100
-#: Share of χ² above which what the next step of one of several descents promises takes it on before it is compared with
-#: the others, and how often that many evaluations at most.
-_ON_ITS_WAY, _TURNS = 0.1, 4
+#: A descent is on its way while its next step promises more than this share of χ². One of several is compared with the
+#: others when it no longer is, or after so many runs of `FEW` evaluations.
+_ON_ITS_WAY, _RUNS = 0.1, 4
 #: Evaluations over which what each brings is averaged.
 _PACE = 15
 #: Gain in χ² at the noise level that a close fit may still promise when it runs out of evaluations.
@@ -228,18 +228,17 @@ class Descent:
 
 def descended(posterior: Posterior, starts: Sequence[np.ndarray], gain: float, loss: str) -> Descent:
     """The best of several descents from starts (n_x,), at its end; arguments as of `fit`."""
-    turns = _TURNS if len(starts) > 1 else 1
 
-    def run(start: np.ndarray) -> Descent:
-        """Until it can be compared with others: one that takes a detour is behind those that have settled before it."""
-        one = Descent(posterior, start, loss).run(COARSE, FEW)
-        for _ in range(turns - 1):
+    def comparable(start: np.ndarray) -> Descent:
+        """A descent from there; one that takes a detour lies above others that have settled, until it has gone on."""
+        one = Descent(posterior, start, loss)
+        for _ in range(_RUNS if len(starts) > 1 else 1):
+            one.run(COARSE, FEW)
             if not one.promise > _ON_ITS_WAY * one.cost(one.parts, one.level):
                 break
-            one.run(COARSE, FEW)
         return one
 
-    ends: list[Descent] = list(in_parallel(run, starts))
+    ends: list[Descent] = list(in_parallel(comparable, starts))
     level = min(one.level for one in ends)
     best = min(ends, key=lambda one: one.cost(one.parts, level))
     coarse = gain >= COARSE

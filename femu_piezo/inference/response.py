@@ -165,8 +165,7 @@ def _site_slopes(model, effect: Effect, site: np.ndarray, omega, span, e_form) -
     total = np.zeros((effect.sizes.size, omega.size), dtype=complex)
     for own, size in zip(total, effect.sizes, strict=True):
         for kind, matrix, slope in _gathered(terms, e_form, int(size)):
-            moved = basis[: len(matrix)]
-            along = np.einsum("ki,ki->k", weights @ (moved.T @ (matrix @ moved)), weights)
+            along = _along(matrix[None], np.ones((1, 1)), basis[: len(matrix)], weights)[:, 0]
             own += (-(omega**2) if kind == "inertia" else 1.0) * slope * along
     return total
 
@@ -240,7 +239,7 @@ def _along(terms: np.ndarray, tangents: np.ndarray, basis: np.ndarray, weights: 
     wanted, size = tangents.shape[1], basis.shape[1]
     if not len(terms):
         return np.zeros((len(weights), wanted), dtype=complex)
-    if 2 * wanted < len(terms):
+    if 2 * wanted < len(terms):  # the terms of each unknown are summed first
         terms = np.tensordot(np.vstack([tangents.real.T, tangents.imag.T]), terms, axes=1)
         tangents = np.vstack([np.eye(wanted), 1j * np.eye(wanted)])
     both = np.hstack([basis.real, basis.imag])

@@ -250,7 +250,7 @@ def test_a_descent_that_takes_a_detour_is_compared_at_its_end(monkeypatch):
     best = descent.descended(None, ends, COARSE, "linear")
     assert best.x is ends[1] and best.calls == 3
     assert descent.descended(None, ends[1:], COARSE, "linear").calls == 1
-    monkeypatch.setattr(descent, "_TURNS", 1)
+    monkeypatch.setattr(descent, "_RUNS", 1)
     assert descent.descended(None, ends, COARSE, "linear").x is ends[0]
 
 

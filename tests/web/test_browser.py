@@ -58,7 +58,7 @@ def open_page(page, server: Server, path: str) -> None:
 
 
 def drawn(page) -> None:
-    """Wait until every chart of the page stands."""
+    """Wait until a chart stands on the page."""
     page.wait_for_function("document.querySelectorAll('.js-plotly-plot .main-svg').length > 0")
 
 
