@@ -138,7 +138,8 @@ def control_chart(numbers: Sequence[float], values: Sequence[float], limits: Seq
         shapes.append({"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": limit, "y1": limit, "line": line})
     traces = [_trace(np.asarray(numbers, float), np.asarray(values, float), name, 0, points=True)]
     traces[0]["mode"] = "lines+markers"
-    layout = _layout(shapes) | {"xaxis": _axis("number in the lot"), "yaxis": _axis(name), "height": 300}
+    pieces = _axis("number in the lot") | {"tick0": 1, "dtick": max(1, len(numbers) // 10)}
+    layout = _layout(shapes) | {"xaxis": pieces, "yaxis": _axis(name), "height": 300}
     return _figure(traces, layout)
 
 
@@ -154,13 +155,14 @@ def _layout(shapes: Sequence[dict] = ()) -> dict:
         "plot_bgcolor": "rgba(0,0,0,0)",
         "margin": {"l": 64, "r": 12, "t": 44, "b": 48},
         "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom"},
-        "font": {"family": "inherit", "size": 13},
+        "font": {"family": "Roboto, sans-serif", "size": 13},  # the page's by name: plotly measures words with it
         "dragmode": "zoom",
     }
 
 
 def _axis(title: str, kind: str = "linear") -> dict:
-    return {"title": {"text": title}, "type": kind, "gridcolor": "rgba(128,128,128,0.25)", "zeroline": False}
+    lines = {"gridcolor": "rgba(128,128,128,0.25)", "zeroline": False}
+    return {"title": {"text": title}, "type": kind, "automargin": True, **lines}
 
 
 def _trace(x: np.ndarray, y: np.ndarray, name: str, number: int, *, points: bool) -> dict:

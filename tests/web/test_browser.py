@@ -98,6 +98,14 @@ def test_dropped_files_give_the_constants_of_the_command_line(serve, page, tmp_p
         assert [unit, value, tangent, most] == [row[1], row[3], row[4], row[5]]
     assert [row[0] for row in shown] == ["s11", "d31", "eps33T"]
     assert page.locator(".js-plotly-plot").count() >= 2
+    beyond = page.evaluate(
+        """() => [...document.querySelectorAll('.legend')].map(legend => {
+            const right = one => one.getBoundingClientRect().right;
+            const words = [...legend.querySelectorAll('.legendtext')].map(right);
+            return Math.max(...words) - right(legend.querySelector('.bg'));
+        })"""
+    )
+    assert beyond and max(beyond) < 1  # pixels: no word of a legend is cut
     names = {path.name for path in (tmp_path / "results/plate.toml/update").iterdir()}
     assert names == {path.name for path in (tmp_path / "terminal").iterdir()} | {"report.html"}
 
