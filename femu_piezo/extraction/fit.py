@@ -110,13 +110,13 @@ class Fit:
         N = 2n real data, k real parameters, S = Σ|r|²: −2 ln of the likelihood of the relative errors with the noise
         level profiled out, plus Schwarz's penalty with the small-sample factor of Hurvich and Tsai (1989).
         Here r = weight · ln(charge_model/charge_data), whose noise is the same however wrong the model is.
-        Rounding of double precision counts as noise, and so does what is far below a noise that is given.
+        Rounding of double precision is noise, and so is what is far below a noise that is given: S is no less.
         """
         data, n, k = self.data, len(self.data), 2 * self.model.size
         if k + 1 >= 2 * n:
             return np.inf
         misfit = _power(data.weight * np.log(1 + self.residual / data.weight))
-        return 2 * n * np.log((misfit + data.negligible) / n) + penalty(k, n) - 2 * data.log_weight
+        return 2 * n * np.log(max(misfit, data.negligible) / n) + penalty(k, n) - 2 * data.log_weight
 
     @made_once
     def is_correlated(self) -> bool:

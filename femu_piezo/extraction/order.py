@@ -46,10 +46,11 @@ class Candidate:
 
 
 def _least(model: RationalModel, best: Fit) -> float:
-    """Σ|residual|² above which a fit of a model has less evidence than the best one."""
+    """Σ|residual|² above which a fit of a model has less evidence than the best one; −∞ where any has."""
     data, n = best.data, len(best.data)
     worth = (penalty(2 * best.model.size, n) - penalty(2 * model.size, n)) / (2 * n)
-    return (best.misfit + data.negligible) * float(np.exp(worth)) - data.negligible
+    found = max(best.misfit, data.negligible) * float(np.exp(worth))
+    return found if found > data.negligible else -np.inf
 
 
 def is_passive(model: RationalModel) -> bool:
