@@ -38,6 +38,9 @@ class CurvedMapping(MappingIsoparametric):
 
     def __init__(self, mesh: CurvedHexahedra) -> None:
         super().__init__(mesh, mesh.elem(), mesh.bndelem)
+        #: Coefficients of x, y and of z, and of their slopes along each reference axis that they change with.
+        self._planes = {None: mesh.plane} | {j: 2 * chebyshev.chebder(mesh.plane, axis=j + 2) for j in range(2)}
+        self._heights = {None: mesh.height, 2: 2 * chebyshev.chebder(mesh.height, axis=1)}
         corners = self.F(mesh.elem.refdom.p.astype(float))
         if not np.allclose(corners, mesh.p[:, mesh.t].transpose(0, 2, 1), rtol=0, atol=1e-9 * np.ptp(mesh.p)):
             raise ValueError("the vertices of a curved mesh were moved without its maps")
@@ -86,17 +89,15 @@ class CurvedMapping(MappingIsoparametric):
 
     def _maps(self, X: np.ndarray, tind: np.ndarray | None, derivative: int | None) -> np.ndarray:
         """x, y = Σ c_ab T_a(X_0) T_b(X_1) and z = Σ c_k T_k(X_2) of each cell, or their slopes along one axis."""
-        plane, height = self.mesh.plane, self.mesh.height
-        if tind is not None:
-            plane, height = plane[:, tind], height[tind]
+        plane = self._planes.get(derivative)
+        height = self._heights.get(derivative)
+        cells = slice(None) if tind is None else tind
         at = 2 * np.asarray(X, dtype=float) - 1
-        at = np.broadcast_to(at.reshape(3, -1, at.shape[-1]), (3, height.shape[0], at.shape[-1]))
-        found = np.zeros(at.shape)
-        if derivative != 2:
-            plane = plane if derivative is None else 2 * chebyshev.chebder(plane, axis=derivative + 2)
-            lines = [chebyshev.chebvander(at[axis], plane.shape[axis + 2] - 1) for axis in range(2)]
-            found[:2] = np.einsum("icpb,cpb->icp", np.einsum("icab,cpa->icpb", plane, lines[0]), lines[1])
-        if derivative in (None, 2):
-            height = height if derivative is None else 2 * chebyshev.chebder(height, axis=1)
-            found[2] = np.einsum("ck,cpk->cp", height, chebyshev.chebvander(at[2], height.shape[1] - 1))
+        found = np.zeros((3, self.mesh.height[cells].shape[0], at.shape[-1]))
+        if plane is not None:
+            first, second = (chebyshev.chebvander(at[axis], plane.shape[axis + 2] - 1) for axis in range(2))
+            between = first @ plane[:, cells]
+            found[:2] = np.einsum("icpb,cpb->icp", between, np.broadcast_to(second, between.shape[1:]))
+        if height is not None:
+            found[2] = (chebyshev.chebvander(at[2], height.shape[1] - 1) @ height[cells, :, None])[..., 0]
         return found
