@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from types import TracebackType
 from typing import Any, ClassVar, Literal, Self
 
@@ -280,6 +281,14 @@ def _number(word: str) -> float:
     return value if abs(value) < 9e36 else np.nan
 
 
+@cache
+def _resources() -> Any:
+    """The `pyvisa.ResourceManager` of this process: its search for a library runs the compiler five times."""
+    import pyvisa
+
+    return pyvisa.ResourceManager()
+
+
 class Session:
     """A VISA connection whose errors are sentences.
 
@@ -305,7 +314,7 @@ class Session:
 
     def _open(self) -> None:
         try:
-            self._resource = self._visa.ResourceManager().open_resource(
+            self._resource = _resources().open_resource(
                 self.address, read_termination="\n", write_termination="\n", timeout=1000 * self._timeout
             )
         except (self._visa.Error, ValueError, OSError) as error:
