@@ -173,6 +173,7 @@ def test_a_sweep_of_no_passive_body_is_followed_and_said_to_be_none(turned):
     assert ", of either sign" in spice_text(turned)
 
 
+@pytest.mark.slow
 def test_a_sweep_of_several_modes_is_followed_by_all_its_poles(measured_folder):
     """Doubtful and merged ones too, flagged; what the reported ones alone leave is tens of per cent."""
     found = fp.circuit(measured_folder / "e4990a_thickness_mode.csv")

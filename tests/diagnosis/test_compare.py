@@ -34,6 +34,7 @@ def run(setup, data, *, placed: bool = True):
     return result, judge(result)
 
 
+@pytest.mark.slow
 def test_two_effects_are_both_named(setup):
     truth = {"series_resistance": 2.0, "wrong_width": 0.006}
     result, verdict = run(setup, data_with(setup, truth, 1), placed=False)
@@ -60,6 +61,7 @@ def test_an_uneven_body_is_unknown_and_what_varies_is_told(setup):
     assert np.all(np.abs(form.values - truth) < 4 * form.std)
 
 
+@pytest.mark.slow
 def test_no_third_cause_is_sought_where_an_uneven_body_is_all_there_is(setup):
     """The verdict is unknown then, as where two causes leave much: no pair is enlarged."""
     data, told = data_with(setup, {"uneven_body": (0.02, 0.0, 0.05, 0.01, 0.1, 0.02)}, 2), []
@@ -169,7 +171,7 @@ def test_likeness_of_an_effect_with_itself_and_with_another(setup):
     assert found["stray_capacitance"].hidden and not found["wrong_width"].hidden
 
 
-@pytest.mark.parametrize("share", [0.0, 0.15])
+@pytest.mark.parametrize("share", [0.0, pytest.param(0.15, marks=pytest.mark.slow)])
 def test_what_causes_leave_that_is_no_noise_makes_the_verdict_unknown(setup, share):
     """Beside a resistance the sweep has ripples that no candidate makes, too rough for a smooth discrepancy."""
     ripples = share * np.sin(np.arange(FREQUENCY.size) * 0.9) * np.exp(1j * np.arange(FREQUENCY.size) * 0.2)
@@ -186,7 +188,8 @@ def test_what_no_cause_describes_may_imitate_one():
     assert chances == pytest.approx([1.0, 0.9802, 0.75, 0.5, 0.0], abs=1e-4)
 
 
-@pytest.mark.parametrize("height", [pytest.param(0.0, marks=pytest.mark.slow), 0.02])
+@pytest.mark.slow
+@pytest.mark.parametrize("height", [0.0, 0.02])
 def test_a_further_cause_is_as_probable_as_what_it_explains_of_the_misfit_left_beside_the_first(setup, height):
     """A wrong width beside a resonance that no candidate describes, about as large as it, far below a resistance."""
     bump = height / (1 + 1j * (FREQUENCY - 160e3) / 4e3)

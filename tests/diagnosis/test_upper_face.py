@@ -140,7 +140,7 @@ CASES = {
     "local_crack": ((soft_volume(SIZE[2], SOFT, SPOT_RADIUS), SPOT_X, 0.0), soft_spot, 0.11),
 }
 #: The cases that take longest.
-LONG = ("mounting/one patch", "unequal_electrode_mass")
+LONG = ("point_mass", "mounting/one patch", "unequal_electrode_mass")
 
 
 @pytest.fixture(

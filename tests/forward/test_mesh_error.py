@@ -26,7 +26,9 @@ BODIES = {
 }
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=[pytest.mark.slow] * (one in ("plate, to 300 kHz", "square"))) for one in BODIES]
+)
 def test_no_eigenvalue_is_farther_off_than_stated(name):
     body, band_Hz, accuracy = BODIES[name]
     model = ElectroelasticModel(body.domain_for(accuracy, band_Hz, SPEED), DENSITY)

@@ -100,6 +100,7 @@ def test_parity_classes_together_are_the_whole_plate():
     assert np.max(np.abs(one / without - 1)) > 1e-3
 
 
+@pytest.mark.slow
 def test_small_mass_lowers_the_resonance_as_rayleigh_says():
     """δf/f = −(m/M) sin²(πx/L) of the fundamental."""
     plain = resonance(bar(), FUNDAMENTAL)[0]
@@ -109,6 +110,7 @@ def test_small_mass_lowers_the_resonance_as_rayleigh_says():
         assert heavy / plain - 1 == pytest.approx(-1e-4 * np.sin(np.pi * x / BAR[0]) ** 2, rel=0.03)
 
 
+@pytest.mark.slow
 def test_crack_lowers_the_resonance_by_its_added_length():
     """δf/f = −(a/L) cos²(πx/L): compliance where the stress is."""
     plain = resonance(bar(), FUNDAMENTAL)[0]
@@ -228,7 +230,14 @@ def test_tapered_bar_resonates_as_bessel_says():
     assert ratio > 1.005
 
 
-@pytest.mark.parametrize("effect", ["mounting", "electrode_margin", "poling_gradient", "leakage"])
+@pytest.mark.parametrize(
+    "effect",
+    [
+        "mounting",
+        "leakage",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("electrode_margin", "poling_gradient")),
+    ],
+)
 def test_draws_are_passive_and_keep_their_key(effect):
     """Re Z > 0 over the sweep; the file says nothing of the effect; the same seed gives the same draw."""
     hidden = draw(effect, 3, points=41, variant=False)

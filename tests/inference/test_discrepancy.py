@@ -290,7 +290,14 @@ def truth(lab):
     return lab.material.x_of(lab.free.start)
 
 
-@pytest.mark.parametrize(("sigma", "length", "stated"), [(3e-3, 1 / 6, 1.0), (1e-2, 1 / 12, 1.0), (3e-3, 1 / 6, 0.2)])
+@pytest.mark.parametrize(
+    ("sigma", "length", "stated"),
+    [
+        (3e-3, 1 / 6, 1.0),
+        pytest.param(1e-2, 1 / 12, 1.0, marks=pytest.mark.slow),
+        pytest.param(3e-3, 1 / 6, 0.2, marks=pytest.mark.slow),
+    ],
+)
 def test_intervals_stay_honest_where_something_smooth_is_added(lab, sigma, length, stated):
     """40 draws of a laboratory with an error of Z of 0.3 or 1 % that no unknown describes.
 

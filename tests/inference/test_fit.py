@@ -470,21 +470,25 @@ def away(lab, data, std, truth, loss="linear") -> float:
     return float(np.max((np.abs(found.x - truth) / std)[:6]))
 
 
+@pytest.mark.parametrize(
+    "seeds", [range(25), pytest.param(range(25, 100), marks=pytest.mark.slow)], ids=["few", "many"]
+)
 @pytest.mark.parametrize("noise", [1e-3, 1e-4])
-def test_no_fit_ends_in_a_wrong_minimum(lab, noise):
+def test_no_fit_ends_in_a_wrong_minimum(lab, noise, seeds):
     """100 specimens 3 % from the file's constants, from there: the largest of their 600 errors is one of the noise."""
     found = []
-    for seed in range(100):
+    for seed in seeds:
         truth = lab.truth(seed)
         data = lab.measured(lab.evaluation.impedance(lab.unknowns, truth), seed, noise)
         found.append(away(lab, data, deviations(lab, data, truth), truth))
-    assert max(found) < 4  # of 600 normal numbers one in 25 times
+    assert max(found) < 4  # of all 600 normal numbers one in 25 times
 
 
+@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(4, 15), marks=pytest.mark.slow)], ids=["few", "many"])
 @pytest.mark.parametrize("known", [True, False])
-def test_a_robust_loss_finds_the_solution_from_afar(lab, known):
+def test_a_robust_loss_finds_the_solution_from_afar(lab, known, seeds):
     """Next to no noise, none or one in twenty readings 5 to 30 % off, from the constants of the file."""
-    for seed in range(15):
+    for seed in seeds:
         truth = lab.truth(seed)
         clean = lab.measured(lab.evaluation.impedance(lab.unknowns, truth), seed, 1e-5, known)
         std = deviations(lab, clean, truth)
@@ -497,7 +501,9 @@ def test_a_robust_loss_finds_the_solution_from_afar(lab, known):
                 assert away(lab, data, std, truth, loss) < 3, (seed, bad, loss)
 
 
-@pytest.mark.parametrize("loss", ["linear", "soft_l1", "huber", "cauchy"])
+@pytest.mark.parametrize(
+    "loss", ["linear", "cauchy", *(pytest.param(loss, marks=pytest.mark.slow) for loss in ("soft_l1", "huber"))]
+)
 def test_every_loss_finds_the_noise_and_intervals_of_it(lab, loss):
     """Sweeps twice as noisy as guessed: the level is 2, and errors are as large as the deviations."""
     truth = lab.truth(0)[:6]

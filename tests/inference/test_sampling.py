@@ -53,6 +53,7 @@ def problem():
     return response, solution, mean, np.linalg.inv(precision)
 
 
+@pytest.mark.slow
 def test_samples_have_the_known_mean_width_and_intervals(problem):
     response, solution, mean, covariance = problem
     posterior = sample_posterior(response, solution, 2000)

@@ -20,6 +20,7 @@ from femu_piezo.cli import main
 from femu_piezo.diagnosis.averaging import Averaged
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.effects.effect import EffectParameter
+from femu_piezo.effects.library import circuits, losses
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.material.constants import EPS0
 from femu_piezo.output.diagnosis import diagnosis_record
@@ -74,8 +75,9 @@ def _diagnosed(folder: Path, verdict: str) -> Case:
         command = ["diagnose", str(folder / "plate.toml"), "--out", str(folder / "out"), "--report"]
         answer = CliRunner().invoke(main, command)
         assert answer.exit_code == 0, answer.output
-    else:  # one effect at most, which is enough for the words and much faster
-        result = diagnose(read_specimen(folder / "plate.toml"), rules=Rules(most_causes=1))
+    else:  # one effect of few at most, which is enough for the words and much faster
+        few = [circuits.candidates, losses.candidates]
+        result = diagnose(read_specimen(folder / "plate.toml"), rules=Rules(most_causes=1), effects=few)
         prepare_folder(folder / "out")
         write_json(folder / "out/diagnosis.json", diagnosis_record(result))
         write_diagnosis_report(folder / "out/report.html", result)

@@ -58,7 +58,9 @@ def share_of_circle(mesh: meshio.Mesh, shape: str) -> float:
     return corners / (2 * np.pi) * np.sin(2 * np.pi / corners)
 
 
-@pytest.fixture(scope="module", params=SHAPES)
+@pytest.fixture(
+    scope="module", params=[pytest.param(name, marks=[pytest.mark.slow] * (name == "plate")) for name in SHAPES]
+)
 def folder(request, tmp_path_factory):
     """What `modes --vtu --mesh` writes of a body, and the body."""
     out = tmp_path_factory.mktemp(request.param)

@@ -233,6 +233,7 @@ def plates(tmp_path_factory):
     return found
 
 
+@pytest.mark.slow
 def test_error_of_the_bar_formula_follows_lateral_inertia(plates):
     """Rayleigh and Love: lateral motion lowers fs by π² (σ12² w² + σ13² t²)/(24 l²); s11 reads twice that too large.
 

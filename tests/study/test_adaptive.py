@@ -78,6 +78,7 @@ def specimen(drawn, tmp_path):
     return specimen_of(drawn, tmp_path)
 
 
+@pytest.mark.slow
 def test_hundred_points_tell_what_four_hundred_equally_spaced_do(drawn, specimen, bases):
     """Deviations within a tenth, the one that noise limits smaller, and the truth within what is stated."""
     bench = Bench(drawn)
@@ -192,6 +193,7 @@ def misses(seeds, folder: Path, bases) -> list[int]:
     return found
 
 
+@pytest.mark.slow
 def test_a_hidden_narrow_mode_is_seen(tmp_path, bases):
     assert misses(range(1), tmp_path, bases) == []
 

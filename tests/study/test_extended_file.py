@@ -36,7 +36,7 @@ class Keeping(Bases):
         return found
 
 
-@pytest.fixture(params=["no cause", "series_resistance", "leakage"])
+@pytest.fixture(params=["no cause", "series_resistance", pytest.param("leakage", marks=pytest.mark.slow)])
 def diagnosed(request, sweeps, write_specimen_of, tmp_path):
     """A plate 0.1 % wider and stiffer than its file says, by an instrument 0.1 % off; s11 of the file 1 % off."""
     frequency, z = sweeps["k31"].frequency, sweeps["k31"].impedance

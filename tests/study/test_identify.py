@@ -79,20 +79,34 @@ def test_noise_scales_the_prediction(record, tmp_path):
     np.testing.assert_allclose(ratios, 2.0, rtol=1e-3)
 
 
-def test_study_of_drawn_specimens(tmp_path):
-    """Updates of drawn specimens are off by what they state, and by less with less noise and more points."""
-    spec = tmp_path / "k31.toml"
+def studied(folder, points: int, draws: int) -> dict[tuple[float, int], dict]:
+    """Noise and points → what the command finds with so many drawn specimens."""
+    spec = folder / "k31.toml"
     text = BODY.format(name="k31", thickness="1 mm", poling="thickness", stop="90 kHz")
-    spec.write_text(text, encoding="utf-8")
-    run = ["identify", str(spec), "--out", str(tmp_path / "out"), "--noise", "0.001", "--study", "40"]
+    spec.write_text(text.replace("points = 301", f"points = {points}"), encoding="utf-8")
+    run = ["identify", str(spec), "--out", str(folder / "out"), "--noise", "0.001", "--study", str(draws)]
     answer = CliRunner().invoke(main, run)
     assert answer.exit_code == 0, answer.output
-    assert (tmp_path / "out/study.png").stat().st_size > 20_000
-    study = json.loads((tmp_path / "out/identifiability.json").read_text(encoding="utf-8"))["study"]
-    settings = {(round(one["noise"], 9), one["points"]): one for one in study}
-    assert set(settings) == {(1e-4, 301), (1e-3, 301), (1e-2, 301), (1e-3, 75), (1e-3, 1204)}
-    for one in study:
-        assert one["lost"] == 0 and one["draws"] == 40
+    assert (folder / "out/study.png").stat().st_size > 20_000
+    study = json.loads((folder / "out/identifiability.json").read_text(encoding="utf-8"))["study"]
+    found = {(round(one["noise"], 9), one["points"]): one for one in study}
+    assert set(found) == {*((noise, points) for noise in (1e-4, 1e-3, 1e-2)), (1e-3, points // 4), (1e-3, 4 * points)}
+    assert all(one["lost"] == 0 and one["draws"] == draws for one in study)
+    return found
+
+
+def test_more_points_and_less_noise_tell_more(tmp_path):
+    settings = studied(tmp_path, points=101, draws=20)
+    for better, worse in (((1e-3, 404), (1e-3, 25)), ((1e-4, 101), (1e-2, 101))):
+        for label, found in settings[better]["constants"].items():
+            assert found["stated"] < 1.01 * settings[worse]["constants"][label]["stated"], label
+
+
+@pytest.mark.slow
+def test_study_of_drawn_specimens(tmp_path):
+    """Updates of drawn specimens are off by what they state, and by less with less noise and more points."""
+    settings = studied(tmp_path, points=301, draws=40)
+    for one in settings.values():
         for label, found in one["constants"].items():
             assert found["deviation"] == pytest.approx(found["stated"], rel=0.45), (one["noise"], label)
             assert abs(found["bias_over_its_std"]) < 3.5, (one["noise"], label)

@@ -64,6 +64,7 @@ def written(folder, seed: int, length: float = SIZE[0], more: str = "noise_only 
     return path
 
 
+@pytest.mark.slow
 def test_four_constants_from_three_modes(tmp_path):
     """Values and tangents of four sweeps within what is stated: noise of λ and error of the mesh."""
     pulls = []
@@ -133,6 +134,7 @@ def pulls_of(path, theta: np.ndarray, free=FUNDAMENTAL) -> list[float]:
     return values + [(found[name].tan + one.imag / one.real) / found[name].tan_std for name, one in exact.items()]
 
 
+@pytest.mark.slow
 def test_the_papers_intervals_count_the_tolerances(tmp_path):
     """Ten plates, everything off by its tolerance; as if all were exactly known, s11 and d31 are tens of σ away."""
     pulls = np.array([pulls_of(*in_a_laboratory(tmp_path / str(seed), seed)) for seed in range(10)])

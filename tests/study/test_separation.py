@@ -105,6 +105,7 @@ def left_by(posterior, right: Fit, wrong: Fit, extra: np.ndarray) -> float:
     return fit(evaluation, data, wrong.parameters, [wrong.x]).chi_square
 
 
+@pytest.mark.slow
 def test_it_ends_when_the_causes_are_told_apart(bases, tmp_path, monkeypatch):
     """Once more after that: the first points have not looked where the two differ. Circuits alone may be the cause."""
     drawn = draw("laboratory:series_resistance", 6)

@@ -244,6 +244,7 @@ def leaning(drive: float, beta: float, ratio: float, frequency: np.ndarray) -> n
     return np.array([np.exp(table(one)[index]) for index, one in enumerate(found)])
 
 
+@pytest.mark.slow
 def test_lean_goes_with_the_square_of_the_voltage(bench):
     """Two levels share one softening, at the higher of the two."""
     frequency, beta = np.linspace(100e3, 140e3, 401), 2e-3
@@ -258,6 +259,7 @@ def test_lean_goes_with_the_square_of_the_voltage(bench):
     assert abs(ratio.value - 0.4) < 2 * ratio.std and ratio.std < 0.1
 
 
+@pytest.mark.slow
 def test_a_stray_capacitance_is_that_of_its_fixture(bench):
     """One fixture adds 40 pF, the other nothing: the cause is named with the fixture, and extended.toml keeps it."""
     stray = 40e-12

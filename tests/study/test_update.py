@@ -44,6 +44,7 @@ def test_noise_free_recovery(sweeps, write_specimen_of, truth, method):
         assert result.constants.tangent(name) == pytest.approx(truth.tangent(name), rel=1e-3), name
 
 
+@pytest.mark.slow
 def test_pole_zero_intervals_carry_the_error_of_the_permittivity(sweeps, write_specimen_of, truth):
     """d31 ∝ sqrt(ε33T): the noise of the low point is most of its error, and the pulls over draws show it counted."""
     pulls = []

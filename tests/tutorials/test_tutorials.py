@@ -29,6 +29,7 @@ PICTURES = {
     "several_sweeps": ("told_apart.png", "diagnosis_1.png", "diagnosis_2.png"),
 }
 SLOW = {
+    "paper",
     "measured_bar",
     "measured_disk",
     "trapezoid",

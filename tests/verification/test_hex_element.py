@@ -105,7 +105,7 @@ def free_eigenvalues(basis: skfem.CellBasis, count: int) -> np.ndarray:
     return np.sort(spla.eigsh(stiff, count, M=inertia, sigma=-1.0, return_eigenvectors=False))
 
 
-@pytest.mark.parametrize("order", [2, 3, 4, 5])
+@pytest.mark.parametrize("order", [2, 3, 4, pytest.param(5, marks=pytest.mark.slow)])
 def test_eigenvalues_of_a_box_converge_with_twice_the_order(order):
     """λ = π² (i²/a² + j²/b² + k²/c²) on a × b × c, whichever way the cells are turned."""
     sides, found = (1.0, 1.2, 0.7), []

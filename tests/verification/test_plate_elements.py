@@ -33,7 +33,9 @@ def values(plate: Plate, elements: tuple, material: LibraryMaterial, band: float
     return np.concatenate([part[part < (2 * np.pi * band) ** 2] for part in found])
 
 
-@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize(
+    "body", [pytest.param(one, marks=[pytest.mark.slow] * (one in ("square plate", "thick bar"))) for one in BODIES]
+)
 def test_the_accuracy_asked_for_is_kept(body):
     """Every pole and zero, against a mesh for a tenth of the finest accuracy, its elements of one order more."""
     plate, name, band = BODIES[body]

@@ -127,7 +127,7 @@ def largest_error(domain: Domain, band: float, exact: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "half plate")) for name in BY_NGSOLVE]
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "rounded")) for name in BY_NGSOLVE]
 )
 def test_an_independent_code_finds_the_same(name):
     shape, band = SMALL[name]

@@ -182,6 +182,7 @@ def test_a_specimen_is_edited_in_both_ways_undone_and_survives(serve, page, tmp_
     assert 'length = "39 mm"' in saved and saved.endswith("# from the text")
 
 
+@pytest.mark.slow
 def test_jobs_run_two_at_once_are_cancelled_and_seen_after_a_reload(serve, page, tmp_path: Path) -> None:
     tutorial("hidden_effect", tmp_path)
     server = serve()
