@@ -1,4 +1,4 @@
-"""Mode shapes in a report: the fundamental of each specimen at the updated constants."""
+"""Mode shapes in a report: the fundamental of each piece at the updated constants."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from femu_piezo.study.results import Outcome, UpdateResult
 
 
 def mode_section(result: UpdateResult) -> Section:
-    """Pictures of the fundamental; a sentence in place of each that cannot be drawn here."""
-    return Section("modes", "Mode shapes", "".join(_fundamental(result, outcome) for outcome in result.outcomes))
+    """A picture for each piece, however many sweeps there are of it; a sentence where it cannot be drawn here."""
+    first = [outcome for outcome in result.outcomes if outcome.measured.taken.number == 0]
+    return Section("modes", "Mode shapes", "".join(_fundamental(result, outcome) for outcome in first))
 
 
 def _fundamental(result: UpdateResult, outcome: Outcome) -> str:
     pair = outcome.measured.pair
-    specimen = updated_specimen(outcome.measured.problem.specimen, result)
+    specimen = updated_specimen(outcome.measured.piece, result)
     return fundamental_picture(specimen, pair.pole.frequency_Hz, 1.2 * pair.zero.frequency_Hz)
 
 

@@ -219,7 +219,9 @@ def test_temperature_series(bench):
         assert at_reference[0][0] == pytest.approx(result.parameters[name].value, rel=1e-12)
         assert at_reference[1][0] == pytest.approx(result.parameters[name].std, rel=1e-9)
     out = result.save(bench.folder / "out", report=True)
-    assert "Constants over temperature" in (out / "report.html").read_text(encoding="utf-8")
+    report = (out / "report.html").read_text(encoding="utf-8")
+    assert "Constants over temperature" in report
+    assert report.count('<img alt="piece: first length extension') == 1  # of one body, however many sweeps
     assert (out / "temperature.png").stat().st_size > 10_000
     record = json.loads((out / "update.json").read_text(encoding="utf-8"))["temperature"]
     assert set(record["coefficients"]) == set(COEFFICIENTS)
