@@ -330,7 +330,7 @@ def records(folder: Path) -> dict[str, bytes | dict]:
     return found
 
 
-@pytest.mark.parametrize("command", ["simulate", "extract", "update", "identify"])
+@pytest.mark.parametrize("command", ["simulate", "extract", "update", pytest.param("identify", marks=pytest.mark.slow)])
 def test_save_writes_what_the_command_writes(command, specimen, sweep, tmp_path):
     path = with_file(specimen, sweep, tmp_path)
     given = tmp_path / "plate.csv" if command == "extract" else path

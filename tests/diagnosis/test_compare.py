@@ -46,6 +46,7 @@ def test_two_effects_are_both_named(setup):
     assert result.final.held_out_score == pytest.approx(1.0, abs=0.2)
 
 
+@pytest.mark.slow
 def test_an_uneven_body_is_unknown_and_what_varies_is_told(setup):
     """It competes with a taper and a gradient of poling; what it explains beside a resistance counts as unexplained."""
     truth = (0.02, 0.0, 0.05, 0.01, 0.1, 0.02)

@@ -59,7 +59,7 @@ def share_of_circle(mesh: meshio.Mesh, shape: str) -> float:
 
 
 @pytest.fixture(
-    scope="module", params=[pytest.param(name, marks=[pytest.mark.slow] * (name == "plate")) for name in SHAPES]
+    scope="module", params=[pytest.param(name, marks=[pytest.mark.slow] * (name != "disk")) for name in SHAPES]
 )
 def folder(request, tmp_path_factory):
     """What `modes --vtu --mesh` writes of a body, and the body."""

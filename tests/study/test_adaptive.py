@@ -97,6 +97,7 @@ def test_hundred_points_tell_what_four_hundred_equally_spaced_do(drawn, specimen
     assert found.states[-1].departures == ()
 
 
+@pytest.mark.slow
 def test_it_ends_when_what_was_asked_for_is_reached(drawn, specimen, bases):
     coarse = adapt(specimen, Bench(drawn), Wish(points=64, band_Hz=BAND), bases=bases)
     goal = {"tan_s11": 0.7 * coarse.states[0].deviations["tan_s11"]}

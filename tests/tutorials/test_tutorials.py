@@ -30,6 +30,7 @@ PICTURES = {
 }
 SLOW = {
     "paper",
+    "k33_bar",
     "measured_bar",
     "measured_disk",
     "trapezoid",
