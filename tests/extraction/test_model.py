@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from femu_piezo.extraction.covariance import Spread, fisher_spread, systematic_error, systematic_spread
-from femu_piezo.extraction.fit import NormalisedSweep, correlation, fit, residual, solve_linear
+from femu_piezo.extraction.fit import Fit, NormalisedSweep, correlation, fit, residual, solve_linear
 from femu_piezo.extraction.model import FrequencyAxis, RationalModel
+from femu_piezo.extraction.order import _least
 from femu_piezo.measurement.sweeps import SweepData
 
 from .bar import Bar, sweep
@@ -85,6 +86,23 @@ def test_a_fit_is_given_up_only_where_it_cannot_get_below_the_least_of_use():
     np.testing.assert_array_equal(useful.model.parameters, end.model.parameters)
     assert end.misfit < useless.misfit < 1.1 * end.misfit
     assert np.any(useless.model.parameters != end.model.parameters)
+
+
+def test_no_model_gains_by_following_rounding():
+    """Of fits below it the smaller one has more evidence, whatever their misfits; above it misfits count."""
+    small = made()
+    data = NormalisedSweep.of(OMEGA, small.admittance(OMEGA), np.full(OMEGA.size, 1e3))
+    large = replace(small, background=np.append(small.background, 0j))
+
+    def left(model: RationalModel, share: float) -> Fit:
+        """Of a misfit that is a share of rounding."""
+        residual = np.full(len(data), np.sqrt(share * data.rounding / len(data)), dtype=complex)
+        return Fit(model, data, residual, float(np.vdot(residual, residual).real))
+
+    assert left(small, 0.9).evidence < left(large, 1e-3).evidence
+    assert left(small, 9.0).evidence > left(large, 1e-3).evidence
+    assert _least(large, left(small, 0.9)) == -np.inf
+    assert left(small, 9.0).misfit > _least(large, left(small, 9.0)) > data.rounding
 
 
 def test_residual_is_the_relative_error_of_the_impedance():
