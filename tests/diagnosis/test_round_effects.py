@@ -175,7 +175,7 @@ CASES = {
 
 
 #: What differs on a body with two rims; the other cases are tried on rings among the slow tests.
-TWO_RIMS = ("mounting/three points", "edge_depoling", "unequal_electrode_mass")
+TWO_RIMS = ("edge_depoling", "unequal_electrode_mass")
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,11 @@ def values(plate: Plate, elements: tuple, material: LibraryMaterial, band: float
 
 
 @pytest.mark.parametrize(
-    "body", [pytest.param(one, marks=[pytest.mark.slow] * (one in ("square plate", "thick bar"))) for one in BODIES]
+    "body",
+    [
+        pytest.param(one, marks=[pytest.mark.slow] * (one in ("long plate", "square plate", "thick bar")))
+        for one in BODIES
+    ],
 )
 def test_the_accuracy_asked_for_is_kept(body):
     """Every pole and zero, against a mesh for a tenth of the finest accuracy, its elements of one order more."""

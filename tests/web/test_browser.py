@@ -11,6 +11,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
+
+from femu_piezo.cli import main
 
 from .conftest import TUTORIALS, Server
 
@@ -90,9 +93,9 @@ def test_dropped_files_give_the_constants_of_the_command_line(serve, page, tmp_p
     page.get_by_role("button", name="Update the constants").click()
     page.get_by_text("done in").wait_for()
     shown = cells(page, "constants")
-    order = [sys.executable, "-m", "femu_piezo.cli", "update", str(TUTORIALS / "k31_plate/plate.toml")]
-    run = subprocess.run([*order, "--out", str(tmp_path / "terminal")], capture_output=True, text=True, check=True)
-    printed = [[cell.strip() for cell in line.split("│")[1:-1]] for line in run.stdout.splitlines() if "│" in line]
+    order = ["update", str(TUTORIALS / "k31_plate/plate.toml"), "--out", str(tmp_path / "terminal")]
+    run = CliRunner().invoke(main, order, catch_exceptions=False)
+    printed = [[cell.strip() for cell in line.split("│")[1:-1]] for line in run.output.splitlines() if "│" in line]
     for name, unit, value, tangent, most in shown:
         row = next(one for one in printed if one[0] == name)
         assert [unit, value, tangent, most] == [row[1], row[3], row[4], row[5]]
