@@ -174,14 +174,19 @@ CASES = {
 }
 
 
-#: What differs on a body with two rims; the other cases are tried on rings among the slow tests.
-TWO_RIMS = ("edge_depoling", "unequal_electrode_mass")
+#: What is tried on a ring as well; sizes and places that are tried among the slow tests, as are the other rings.
+TWO_RIMS, FURTHER = (
+    ("edge_depoling", "unequal_electrode_mass"),
+    ("point_mass, rim", "local_crack, rim", "ovality, long"),
+)
 
 
 @pytest.mark.parametrize(
     ("case", "name"),
     [
-        pytest.param(case, name, marks=[pytest.mark.slow] * (name == "ring" and case not in TWO_RIMS))
+        pytest.param(
+            case, name, marks=[pytest.mark.slow] * (case in FURTHER or (name == "ring" and case not in TWO_RIMS))
+        )
         for case in CASES
         for name in RADII
     ],

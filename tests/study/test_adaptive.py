@@ -126,6 +126,7 @@ def test_a_measurement_that_was_broken_off_goes_on(drawn, specimen, bases):
     assert np.all(np.isin(begun.frequency, found.spectrum.frequency))
 
 
+@pytest.mark.slow
 def test_the_next_frequencies_without_an_instrument_are_those_of_the_loop(drawn, specimen):
     bench = Bench(drawn)
     adapt(specimen, bench, Wish(points=100, band_Hz=BAND))

@@ -26,6 +26,7 @@ def moved(constants: PiezoConstants, share: float) -> PiezoConstants:
     return constants.with_values(**{name: getattr(constants, name) * (1 + share) for name in TRIO})
 
 
+@pytest.mark.slow
 def test_basis_with_effects_is_made_once(subject):
     """Specimens whose noise and start differ by little get one model and one basis; others their own."""
     bases, one = SharedBases(), subject.measured

@@ -114,7 +114,7 @@ def test_dropped_files_give_the_constants_of_the_command_line(serve, page, tmp_p
 
 
 def test_a_browser_that_was_away_keeps_its_page(serve, page, tmp_path: Path) -> None:
-    """Five seconds without a connection, in which something is pressed: it is done on return, without a reload."""
+    """Four seconds without a connection, in which something is pressed: it is done on return, without a reload."""
     tutorial("k31_plate", tmp_path)
     open_page(page, serve(), "sweep?file=sweep.csv")
     start = page.get_by_role("button", name="Find poles and zeros")
@@ -122,7 +122,7 @@ def test_a_browser_that_was_away_keeps_its_page(serve, page, tmp_path: Path) -> 
     page.evaluate(
         """() => {
             window.kept = true;
-            window.socket.io.reconnectionDelay(5000);
+            window.socket.io.reconnectionDelay(4000);
             window.socket.io.randomizationFactor(0);
             window.socket.io.engine.close();
         }"""
@@ -237,6 +237,7 @@ def test_points_are_masked_by_dragging(serve, page, tmp_path: Path) -> None:
     assert "mask = [[" in page.locator(".cm-content").inner_text()
 
 
+@pytest.mark.slow
 def test_another_shape_leaves_no_dimension_of_the_former(serve, page, tmp_path: Path) -> None:
     tutorial("k31_plate", tmp_path)
     server = serve()
