@@ -32,8 +32,8 @@ def usual(tmp_path_factory) -> bytes:
 
 @pytest.mark.parametrize(
     "environment",
-    [PLAIN, {"PYTHONIOENCODING": "ascii", "LC_ALL": "de_DE.UTF-8"}, {"LC_ALL": "tr_TR.UTF-8", "TZ": "Asia/Kolkata"}],
-    ids=["plain", "german", "turkish"],
+    [PLAIN, {"PYTHONIOENCODING": "ascii"}, {"LC_ALL": "de_DE.UTF-8"}, {"LC_ALL": "tr_TR.UTF-8", "TZ": "Asia/Kolkata"}],
+    ids=["plain", "ascii", "german", "turkish"],
 )
 def test_the_result_is_the_same(environment, usual, tmp_path):
     assert extraction(tmp_path, environment) == usual

@@ -89,8 +89,7 @@ class CurvedMapping(MappingIsoparametric):
 
     def _maps(self, X: np.ndarray, tind: np.ndarray | None, derivative: int | None) -> np.ndarray:
         """x, y = Σ c_ab T_a(X_0) T_b(X_1) and z = Σ c_k T_k(X_2) of each cell, or their slopes along one axis."""
-        plane = self._planes.get(derivative)
-        height = self._heights.get(derivative)
+        plane, height = self._planes.get(derivative), self._heights.get(derivative)
         cells = slice(None) if tind is None else tind
         at = 2 * np.asarray(X, dtype=float) - 1
         found = np.zeros((3, self.mesh.height[cells].shape[0], at.shape[-1]))

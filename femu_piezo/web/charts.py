@@ -161,8 +161,13 @@ def _layout(shapes: Sequence[dict] = ()) -> dict:
 
 
 def _axis(title: str, kind: str = "linear") -> dict:
-    lines = {"gridcolor": "rgba(128,128,128,0.25)", "zeroline": False}
-    return {"title": {"text": title}, "type": kind, "automargin": True, **lines}
+    return {
+        "title": {"text": title},
+        "type": kind,
+        "automargin": True,
+        "gridcolor": "rgba(128,128,128,0.25)",
+        "zeroline": False,
+    }
 
 
 def _trace(x: np.ndarray, y: np.ndarray, name: str, number: int, *, points: bool) -> dict:

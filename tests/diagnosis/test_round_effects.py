@@ -174,11 +174,10 @@ CASES = {
 }
 
 
-#: What is tried on a ring as well; sizes and places that are tried among the slow tests, as are the other rings.
-TWO_RIMS, FURTHER = (
-    ("edge_depoling", "unequal_electrode_mass"),
-    ("point_mass, rim", "local_crack, rim", "ovality, long"),
-)
+#: What a second rim changes: tried on a ring as well, where the others are slow tests.
+TWO_RIMS = ("edge_depoling", "unequal_electrode_mass")
+#: Further sizes and places of a cause, slow tests too.
+FURTHER = ("point_mass, rim", "local_crack, rim", "ovality, long")
 
 
 @pytest.mark.parametrize(
@@ -238,8 +237,7 @@ def test_slopes_of_a_deformation_against_differences(bodies, key):
     assert np.max(np.abs(slopes - difference)) < 1e-5 * np.max(np.abs(difference))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["disk", "ring"])
+@pytest.mark.parametrize("name", ["disk", pytest.param("ring", marks=pytest.mark.slow)])
 def test_bare_rims_against_a_full_solution(bodies, name):
     """The potential set free on a strip of the reduced body, and elements that are graded to the electrode's end."""
     one, margin = bodies[name], 0.3e-3

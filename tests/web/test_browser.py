@@ -94,7 +94,8 @@ def test_dropped_files_give_the_constants_of_the_command_line(serve, page, tmp_p
     page.get_by_text("done in").wait_for()
     shown = cells(page, "constants")
     order = ["update", str(TUTORIALS / "k31_plate/plate.toml"), "--out", str(tmp_path / "terminal")]
-    run = CliRunner().invoke(main, order, catch_exceptions=False)
+    run = CliRunner().invoke(main, order)
+    assert run.exit_code == 0, run.output
     printed = [[cell.strip() for cell in line.split("│")[1:-1]] for line in run.output.splitlines() if "│" in line]
     for name, unit, value, tangent, most in shown:
         row = next(one for one in printed if one[0] == name)
@@ -114,7 +115,7 @@ def test_dropped_files_give_the_constants_of_the_command_line(serve, page, tmp_p
 
 
 def test_a_browser_that_was_away_keeps_its_page(serve, page, tmp_path: Path) -> None:
-    """Four seconds without a connection, in which something is pressed: it is done on return, without a reload."""
+    """Five seconds without a connection, in which something is pressed: it is done on return, without a reload."""
     tutorial("k31_plate", tmp_path)
     open_page(page, serve(), "sweep?file=sweep.csv")
     start = page.get_by_role("button", name="Find poles and zeros")
@@ -122,7 +123,7 @@ def test_a_browser_that_was_away_keeps_its_page(serve, page, tmp_path: Path) -> 
     page.evaluate(
         """() => {
             window.kept = true;
-            window.socket.io.reconnectionDelay(4000);
+            window.socket.io.reconnectionDelay(5000);
             window.socket.io.randomizationFactor(0);
             window.socket.io.engine.close();
         }"""

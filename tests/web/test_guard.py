@@ -10,9 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 
-from femu_piezo.cli import main
 from femu_piezo.web.guard import is_loopback
 
 
@@ -137,8 +135,9 @@ def test_wrong_folders_and_ports_are_one_sentence(tmp_path: Path, serve) -> None
         ((str(tmp_path), "--port", str(port)), "cannot be used; give another one"),
         ((str(tmp_path), "--port", "70000"), "70000"),
     ):
-        run = CliRunner().invoke(main, ["serve", *arguments])
-        assert run.exit_code == 2 and words in run.output and "Traceback" not in run.output, run.output
+        order = [sys.executable, "-m", "femu_piezo.cli", "serve", *arguments]
+        run = subprocess.run(order, capture_output=True, text=True, timeout=60)
+        assert run.returncode == 2 and words in run.stderr and "Traceback" not in run.stderr, run.stderr
 
 
 @pytest.mark.parametrize(
