@@ -12,6 +12,7 @@ import pytest
 
 from femu_piezo.errors import InputError
 from femu_piezo.output.folder import write_binary
+from tests.variants import variants
 
 PLATE = Path(__file__).resolve().parents[1] / "tutorials" / "k31_plate"
 COMMANDS = {
@@ -39,9 +40,7 @@ def run(words: tuple[str, ...], out: Path, largest: int) -> subprocess.Completed
 
 
 @pytest.mark.parametrize("largest", [0, 30_000])
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name not in ("simulate", "extract"))) for name in COMMANDS]
-)
+@pytest.mark.parametrize("name", variants(COMMANDS, slow=COMMANDS.keys() - {"simulate", "extract"}))
 def test_nothing_is_half_written(name, largest, tmp_path):
     out = tmp_path / "out"
     answer = run(COMMANDS[name], out, largest)

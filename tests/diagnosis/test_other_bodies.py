@@ -25,6 +25,7 @@ from femu_piezo.study.measured import measure, start_constants
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.problem import prepare
 from femu_piezo.study.update import update
+from tests.variants import variants
 
 NOISE = 2e-3
 #: What is hidden beside the body: series resistance (ohm), parallel conductance (S).
@@ -95,7 +96,7 @@ def exact(body: str, theta: np.ndarray, frequency: np.ndarray, path) -> np.ndarr
     return full_impedance(model, PiezoConstants.from_vector(theta).to_e_form(), frequency)
 
 
-@pytest.mark.parametrize("body", ["k33", *(pytest.param(body, marks=pytest.mark.slow) for body in ("square", "disk"))])
+@pytest.mark.parametrize("body", variants(["k33", "square", "disk"], slow=["square", "disk"]))
 def test_cause_is_named_and_the_start_is_near(body, tmp_path):
     """The first constants lie within 5 % of the truth, also where modes of two dimensions meet."""
     hidden = {"conductance": CONDUCTANCE} if body == "k33" else {"resistance": RESISTANCE}

@@ -14,6 +14,7 @@ from femu_piezo.effects.local.mesh_fields import flipped_axes
 from femu_piezo.effects.local.operators import PIEZOELECTRIC
 from femu_piezo.effects.local.sectors import driven_states
 from femu_piezo.inference.fit import fit
+from tests.variants import variants
 
 
 def impedance(setup, key: str = "", values=()):
@@ -127,9 +128,7 @@ def bare(setup):
 LONG = ("edge_depoling", "edge_depoling, deep", "electrode_margin, unequal", "electrode_margin, one end")
 
 
-@pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=[pytest.mark.slow] if case in LONG else []) for case in CASES]
-)
+@pytest.mark.parametrize("case", variants(CASES, slow=LONG))
 def test_change_of_impedance_against_independent_solution(setup, bare, case):
     (values, change, share), key = CASES[case], case.partition(",")[0]
     built = build(setup)

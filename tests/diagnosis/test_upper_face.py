@@ -27,6 +27,7 @@ from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import diagnose
+from tests.variants import variants
 
 THETA = library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS)
 TAPER = 0.25
@@ -143,10 +144,7 @@ CASES = {
 LONG = ("point_mass", "mounting/one patch", "unequal_electrode_mass")
 
 
-@pytest.fixture(
-    scope="module",
-    params=["trapezoid", *(pytest.param(name, marks=pytest.mark.slow) for name in ("rounded plate", "mesh of a user"))],
-)
+@pytest.fixture(scope="module", params=variants(BODIES, slow=["rounded plate", "mesh of a user"]))
 def both(request, tmp_path_factory):
     """A body, and how the spectral solver builds it."""
     make, taper = BODIES[request.param]
@@ -160,7 +158,7 @@ def bare(both):
     return both[1]().impedance(FREQUENCY)
 
 
-@pytest.mark.parametrize("key", [pytest.param(key, marks=[pytest.mark.slow] * (key in LONG)) for key in CASES])
+@pytest.mark.parametrize("key", variants(CASES, slow=LONG))
 def test_change_of_impedance_against_independent_solution(both, bare, key):
     body, make = both
     values, change, share = CASES[key]

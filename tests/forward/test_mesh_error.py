@@ -11,6 +11,7 @@ from femu_piezo.forward.reduction import driven_modal
 from femu_piezo.geometry import catalogue
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.library import library_material
+from tests.variants import variants
 
 CONSTANTS, DENSITY = library_material("pzt-5h").constants, 7500.0
 #: Slowest shear wave, m/s.
@@ -26,9 +27,7 @@ BODIES = {
 }
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(one, marks=[pytest.mark.slow] * (one in ("plate, to 300 kHz", "square"))) for one in BODIES]
-)
+@pytest.mark.parametrize("name", variants(BODIES, slow=["plate, to 300 kHz", "square"]))
 def test_no_eigenvalue_is_farther_off_than_stated(name):
     body, band_Hz, accuracy = BODIES[name]
     model = ElectroelasticModel(body.domain_for(accuracy, band_Hz, SPEED), DENSITY)

@@ -16,6 +16,7 @@ from hidden_effects.draws import DENSITY, PZT5H, draw
 from hidden_effects.reduced import Plate
 from hidden_effects.ritz import RitzPlate
 from hidden_effects.spectral import Axis, joined
+from tests.variants import variants
 
 #: A slender plate, near a bar, of which the 1-D formulas hold to a per cent, and its low losses.
 BAR, LOW = np.array([12e-3, 1.0e-3, 0.5e-3]), PZT5H * (1 - 2e-4j)
@@ -232,11 +233,9 @@ def test_tapered_bar_resonates_as_bessel_says():
 
 @pytest.mark.parametrize(
     "effect",
-    [
-        "mounting",
-        "leakage",
-        *(pytest.param(n, marks=pytest.mark.slow) for n in ("electrode_margin", "poling_gradient")),
-    ],
+    variants(
+        ["mounting", "electrode_margin", "poling_gradient", "leakage"], slow=["electrode_margin", "poling_gradient"]
+    ),
 )
 def test_draws_are_passive_and_keep_their_key(effect):
     """Re Z > 0 over the sweep; the file says nothing of the effect; the same seed gives the same draw."""

@@ -17,6 +17,7 @@ from femu_piezo.inference.walls import TOLERANCE, Walls, wall_and_readings
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.discrepancy import log_level_prior
 from femu_piezo.measurement.sweeps import SweepData
+from tests.variants import variants
 
 #: Weights of the central difference of eighth order at ±1, ±2, ±3, ±4 steps.
 WEIGHTS = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])
@@ -501,9 +502,7 @@ def test_a_robust_loss_finds_the_solution_from_afar(lab, known, seeds):
                 assert away(lab, data, std, truth, loss) < 3, (seed, bad, loss)
 
 
-@pytest.mark.parametrize(
-    "loss", ["linear", "cauchy", *(pytest.param(loss, marks=pytest.mark.slow) for loss in ("soft_l1", "huber"))]
-)
+@pytest.mark.parametrize("loss", variants(["linear", "soft_l1", "huber", "cauchy"], slow=["soft_l1", "huber"]))
 def test_every_loss_finds_the_noise_and_intervals_of_it(lab, loss):
     """Sweeps twice as noisy as guessed: the level is 2, and errors are as large as the deviations."""
     truth = lab.truth(0)[:6]

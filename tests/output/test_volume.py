@@ -14,6 +14,7 @@ from click.testing import CliRunner
 import femu_piezo as fp
 from femu_piezo.cli import main
 from femu_piezo.geometry.mesh_file import MeshFile
+from tests.variants import variants
 
 SHAPES = {
     "plate": (
@@ -58,9 +59,7 @@ def share_of_circle(mesh: meshio.Mesh, shape: str) -> float:
     return corners / (2 * np.pi) * np.sin(2 * np.pi / corners)
 
 
-@pytest.fixture(
-    scope="module", params=[pytest.param(name, marks=[pytest.mark.slow] * (name != "disk")) for name in SHAPES]
-)
+@pytest.fixture(scope="module", params=variants(SHAPES, slow=["plate", "tetrahedra"]))
 def folder(request, tmp_path_factory):
     """What `modes --vtu --mesh` writes of a body, and the body."""
     out = tmp_path_factory.mktemp(request.param)

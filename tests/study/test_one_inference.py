@@ -11,6 +11,7 @@ from femu_piezo.inference.walls import Walls
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.output.tables import number
 from femu_piezo.specimen.file import Specimen, read_specimen
+from tests.variants import variants
 
 TRIO = ("s11", "d31", "eps33T")
 NOISE = 5e-4
@@ -55,7 +56,7 @@ CASES = {
 ALIKE = ("noise estimated", "an ideal world", "a held-out band")
 
 
-@pytest.mark.parametrize("case", [pytest.param(case, marks=[pytest.mark.slow] * (case in ALIKE)) for case in CASES])
+@pytest.mark.parametrize("case", variants(CASES, slow=ALIKE))
 def test_diagnose_without_candidates_is_update(sweeps, write_specimen_of, case):
     """Values, deviations, budgets: to the last printed digit, and beyond."""
     factors, extra, more, lead = CASES[case]

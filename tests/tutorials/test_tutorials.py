@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from femu_piezo.specimen.file import read_specimen
+from tests.variants import variants
 
 FOLDER = Path(__file__).resolve().parents[2] / "tutorials"
 #: tutorial → pictures it must write
@@ -50,7 +51,7 @@ def test_every_tutorial_is_listed_here():
     assert {path.stem for path in SCRIPTS} == set(PICTURES)
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SLOW)) for n in PICTURES])
+@pytest.mark.parametrize("name", variants(PICTURES, slow=SLOW))
 def test_tutorial_runs(name, tmp_path, request):
     environment = {**os.environ, "FEMU_PIEZO_OUT": str(tmp_path), "OMP_NUM_THREADS": "1"}
     if name in MEASURED:

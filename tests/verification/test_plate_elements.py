@@ -10,6 +10,7 @@ from femu_piezo.forward.eigen import solve_eigen
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.library import LibraryMaterial, library_material
+from tests.variants import variants
 
 BODIES = {
     "long plate": (Plate(40e-3, 5e-3, 1e-3), "tj52-hd", 200e3),
@@ -33,13 +34,7 @@ def values(plate: Plate, elements: tuple, material: LibraryMaterial, band: float
     return np.concatenate([part[part < (2 * np.pi * band) ** 2] for part in found])
 
 
-@pytest.mark.parametrize(
-    "body",
-    [
-        pytest.param(one, marks=[pytest.mark.slow] * (one in ("long plate", "square plate", "thick bar")))
-        for one in BODIES
-    ],
-)
+@pytest.mark.parametrize("body", variants(BODIES, slow=["long plate", "square plate", "thick bar"]))
 def test_the_accuracy_asked_for_is_kept(body):
     """Every pole and zero, against a mesh for a tenth of the finest accuracy, its elements of one order more."""
     plate, name, band = BODIES[body]

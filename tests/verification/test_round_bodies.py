@@ -21,6 +21,7 @@ from femu_piezo.geometry.quality import boundary_area, check_electrodes, check_e
 from femu_piezo.geometry.round_body import Divisions, divisions_for, round_domain
 from femu_piezo.geometry.slab import Electrodes
 from femu_piezo.material.library import LibraryMaterial, library_material
+from tests.variants import variants
 
 MM, EVERY, UP = 1e-3, (0, 1, 2), (0.0, 0.0, 1.0)
 ACCURACIES = (1e-3, 1e-4, 1e-5)
@@ -64,9 +65,7 @@ def errors(found: list[tuple], exact: list[tuple]) -> np.ndarray:
     return np.array(result)
 
 
-@pytest.mark.parametrize(
-    "body", [pytest.param(body, marks=[pytest.mark.slow] * (body == "disk 35 x 2 mm")) for body in BODIES]
-)
+@pytest.mark.parametrize("body", variants(BODIES, slow=["disk 35 x 2 mm"]))
 def test_the_accuracy_asked_for_is_kept(body):
     radii, thickness, name, band, most = BODIES[body]
     wavenumber = shear_wavenumber(library_material(name), band)

@@ -20,6 +20,7 @@ from femu_piezo.geometry.round_body import PINHOLE
 from femu_piezo.geometry.slab import Electrodes, Slab
 from femu_piezo.geometry.slab_mesh import Fineness, is_grid, is_round, slab_mesh
 from femu_piezo.material.library import library_material
+from tests.variants import variants
 
 MM = 1e-3
 PZT = library_material("pzt-5h")
@@ -126,9 +127,7 @@ def largest_error(domain: Domain, band: float, exact: np.ndarray) -> float:
     return max(np.min(np.abs(found / value - 1)) for value in exact)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name != "rounded")) for name in BY_NGSOLVE]
-)
+@pytest.mark.parametrize("name", variants(BY_NGSOLVE, slow=["holed", "half plate"]))
 def test_an_independent_code_finds_the_same(name):
     shape, band = SMALL[name]
     exact = (2 * np.pi * np.concatenate(BY_NGSOLVE[name])) ** 2
