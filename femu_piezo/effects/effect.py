@@ -107,7 +107,7 @@ class EffectParameter:
     law_error : standard deviation, relative to the value, by which the law's own approximations miss the parameter; of
         the first one, the size, also the share of the effect's change of log Z that they miss in each band by itself
     law_detuning : of the first one, where the law ends with the square of the size: relative standard deviation of the
-        frequency at which it has that change, in each band by itself, over that square
+        frequencies of modes of other classes than the driven one, in each band by itself, over that square
     """
 
     name: str

@@ -415,7 +415,7 @@ def fit(
     with blas_limit():
         best = descended(Posterior(response, data, parameters), starts, gain, loss)
         slope = log_slope(response, parameters, best.x)
-        law = law_misses(response, data, parameters, best.x, best.parts[1], slope)
+        law = law_misses(response, data, parameters, best.x, best.parts[1])
     return _at(best, slope, law)
 
 

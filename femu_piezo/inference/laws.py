@@ -4,9 +4,9 @@ The law of a cause is an approximation that is wrong by a share e of what it des
 may be wrong as a whole, so that the parameter that fits best is off by e of its value, and in shape: of p ∂log Z/∂p of
 its size p, as far as no other unknown does the same, it misses e in each band by itself. A film that stiffens a plate
 does much of what s11 does; that part has the shape of s11 and no error of its own. A law that ends with the square of p
-may also have its change at a frequency that is off by φ p² (`EffectParameter.law_detuning`): modes which nothing else
-drives are not put in place by any fit. All of it moves what is fitted beside the cause as any change of data does, and
-is what a further cause might be taken for.
+may also have the modes of other classes, which the terminals drive only through the cause, at frequencies that are off
+by φ p² (`EffectParameter.law_detuning`), in each band by itself: no fit puts these in place. All of it moves what is
+fitted beside the cause as any change of data does, and is what a further cause might be taken for.
 """
 
 from __future__ import annotations
@@ -16,13 +16,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from femu_piezo.effects.effect import Effect
+from femu_piezo.effects.effect import Effect, EffectParameter, LocalTerm
+from femu_piezo.effects.local.operators import Places
 from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.measurement.sweeps import SweepData, stacked
+from femu_piezo.measurement.sweeps import SweepData
 
 if TYPE_CHECKING:
     from femu_piezo.inference.descent import Response
 
+#: Relative frequency by which modes of other classes are off.
+_DETUNING = EffectParameter("detuning", "1", 0.0, 0.0, 1.0, 0.0)
 #: Relative step of the frequency for ∂log Z/∂log f.
 _STEP = 1e-5
 
@@ -39,15 +42,14 @@ def law_misses(
     parameters: Unknowns,
     x: np.ndarray,
     at_x: np.ndarray,
-    slope: np.ndarray,
 ) -> np.ndarray:
     """(2k, m) whitened errors of log Z, independent and of one standard deviation each, of all laws at x (n_x,).
 
-    Of every parameter p: e p ∂log Z/∂p. Of the first one, the size, in each band: e p ∂log Z/∂p and φ p² ∂Δ/∂log f, Δ
-    the change of log Z between the effect as it is at x and none, both less what the other unknowns can do within
-    their priors. Known effects have laws as fitted ones do.
+    Of every parameter p: e p ∂log Z/∂p. Of the first one, the size, in each band: e p ∂log Z/∂p less what the other
+    unknowns can do within their priors, and φ p² ∂log Z/∂δ, δ the relative frequency by which modes of other classes
+    are off. Known effects have laws as fitted ones do.
 
-    at_x : whitened Jacobian (2k, n_x) there;  slope : (k,) ∂log Z/∂log f there
+    at_x : whitened Jacobian (2k, n_x) there
     """
     known = [item for item in parameters.fixed if _approximate(item[0])]
     whole = replace(
@@ -66,16 +68,15 @@ def law_misses(
         errors = np.array([parameter.law_error for parameter in effect.parameters])
         size = at[own.start] - effect.rest[0] / effect.scale[0]
         found.append(jacobian[:, own] * (errors * at[own]))
-        misses = [errors[0] * size * jacobian[:, own.start]]
-        if detuning := effect.parameters[0].law_detuning:
-            without = at.copy()
-            without[own] = effect.rest / effect.scale
-            change = data.over_noise(slope - log_slope(response, whole, without))
-            misses.append(detuning * (size * effect.scale[0]) ** 2 * stacked(change))
         others = np.delete(np.arange(x.size), np.arange(own.start, min(own.stop, x.size)))
         span = np.linalg.qr(np.concatenate([jacobian[:, others] * prior_std[others], np.eye(others.size)]))[0]
-        span = span[: len(jacobian)]
-        found += [_in_bands(data, miss - span @ (span.T @ miss)) for miss in misses]
+        span, miss = span[: len(jacobian)], errors[0] * size * jacobian[:, own.start]
+        found.append(_in_bands(data, miss - span @ (span.T @ miss)))
+        if detuning := effect.parameters[0].law_detuning:
+            effects = (*whole.effects[:number], _detuned(effect), *whole.effects[number + 1 :])
+            moved, at_rest = replace(whole, effects=effects), np.insert(at, own.stop, 0.0)
+            slope = data.whitened(*response.with_jacobian(moved, at_rest))[1][:, own.stop]
+            found.append(_in_bands(data, detuning * (size * effect.scale[0]) ** 2 * slope))
     return np.hstack(found)
 
 
@@ -92,3 +93,18 @@ def _in_bands(data: SweepData, miss: np.ndarray) -> np.ndarray:
 
 def _approximate(effect: Effect) -> bool:
     return any(parameter.law_error > 0 for parameter in effect.parameters)
+
+
+def _detuned(effect: Effect) -> Effect:
+    """The same with a last parameter δ: modes of its other classes are at frequencies (1 + δ) times their own."""
+    law = effect.local
+    assert law is not None
+
+    def terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
+        found = [replace(one, slopes=np.pad(one.slopes, [(0, 0), (0, 1)])) for one in law(places, omega, p[:-1])]
+        lighter, one = np.zeros(places.size), np.ones(omega.shape, dtype=complex)
+        lighter[places.sectors.of_other_classes(effect.sectors)] = -2.0
+        matrix, slopes = places.of_displacements(np.diag(lighter)), one[:, None] * np.eye(p.size)[-1]
+        return [*found, LocalTerm("inertia", matrix, p[-1] * one, slopes)]
+
+    return replace(effect, parameters=(*effect.parameters, _DETUNING), local=terms)

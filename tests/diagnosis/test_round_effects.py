@@ -26,11 +26,12 @@ from femu_piezo.geometry.round_body import PINHOLE
 from femu_piezo.geometry.slab import Electrodes
 from femu_piezo.inference.descent import COARSE, RANKED
 from femu_piezo.inference.fit import fit
+from femu_piezo.inference.laws import law_misses
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
-from femu_piezo.measurement.sweeps import SweepData
+from femu_piezo.measurement.sweeps import SweepData, stacked
 
 THICKNESS = 1.5e-3
 SPOT_RADIUS = 0.5e-3
@@ -324,6 +325,36 @@ def test_an_electrode_off_the_middle_against_a_full_solution(bodies, name):
     assert size > 0.1 * all_of_it
     assert error < {"disk": 0.4, "ring": 0.1}[name] * size
     assert error < 0.05 * all_of_it
+
+
+def test_modes_of_another_order_may_be_off_by_the_square_of_a_wedge(bodies):
+    """Against differences of a dense system in which the inertia of that order alone is over (1 + δ)²."""
+    one, noise, size, omega = bodies["disk"], 1e-3, 0.1, 2 * np.pi * FREQUENCY["disk"]
+    effect = one.library["wedge"]
+    data = SweepData(one.frequency, one.impedance("wedge", (size,)), np.full(omega.size, noise), True)
+    unknowns, x = one.unknowns.with_candidate(effect), np.append(one.x, size / effect.scale)
+    model = one.evaluation.model.restricted(effect.sectors)
+    terms = effect.local(model.places, omega, np.array([size]))
+    e_form, u = PiezoConstants.from_vector(one.theta).to_e_form().vector(), model.displacements
+    body = np.tensordot(e_form, model.bulk, axes=1)
+    joined = sum(e_form[term.constant] * term.value[0] * term.matrix for term in terms if term.kind == "stiffness")
+    mass = model.mass + sum(term.value[0] * term.matrix for term in terms if term.kind == "inertia")
+    across = np.isin(model.member, [model.sectors.index(name) for name in effect.sectors])[:u]
+
+    def log_z(off: float) -> np.ndarray:
+        inertia = mass / np.where(np.outer(across, across), (1 + off) ** 2, 1.0)
+        system = body + joined - omega[:, None, None] ** 2 * np.pad(inertia, (0, len(body) - u))
+        charge = 1 / np.linalg.inv(system)[:, -1, -1]
+        return -np.log(charge)
+
+    at_x = data.whitened(*one.evaluation.with_jacobian(unknowns, x))[1]
+    step, missed = 1e-4, law_misses(one.evaluation, data, unknowns, x, at_x)
+    slope = (log_z(step) - log_z(-step)) / (2 * step)
+    expected = effect.parameters[0].law_detuning * size**2 * stacked(data.over_noise(slope))
+    assert np.max(np.abs(expected)) > 0.1
+    detuned = missed[:, -len(data.bands()) :]
+    np.testing.assert_allclose(detuned.sum(axis=1), expected, atol=1e-3 * np.max(np.abs(expected)))
+    assert np.all(np.count_nonzero(detuned, axis=1) <= 1)
 
 
 @pytest.mark.slow

@@ -150,6 +150,11 @@ class Sectors:
         """The unknowns (indices) of some of the sectors; the potentials come with the driven one."""
         return np.flatnonzero(np.isin(self.member, [self.names.index(name) for name in names]))
 
+    def of_other_classes(self, names: Iterable[str]) -> np.ndarray:
+        """The unknowns (indices) of those of some of the sectors whose class is not the driven one; a spot has none."""
+        driven = (SPOT, *self.classes[self.all_fields.class_of(DRIVEN)])
+        return self.numbers(name for name in names if name not in driven)
+
 
 def driven_states(reduced: ReducedModel, constants: ElasticForm, top: float) -> np.ndarray:
     """(r, k) plate under a volt, clamped and free to yield slowly; then the driven modes in the band."""
