@@ -25,13 +25,16 @@ COMMANDS = {
 
 
 def run(words: tuple[str, ...], out: Path, largest: int) -> subprocess.CompletedProcess:
-    """A command in a process that may write no file of more than `largest` bytes, which fails as a full disk does."""
+    """A command in a process that may write no file of more than `largest` bytes, which fails as a full disk does.
+
+    It keeps no compiled modules: half of one would be taken for whole by every process after it.
+    """
 
     def limit() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (largest, largest))
 
     return subprocess.run(
-        [sys.executable, "-m", "femu_piezo.cli", *words, "--out", str(out)],
+        [sys.executable, "-B", "-m", "femu_piezo.cli", *words, "--out", str(out)],
         preexec_fn=limit,
         capture_output=True,
         text=True,
