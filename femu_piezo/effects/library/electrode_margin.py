@@ -28,7 +28,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         misses = (0.03, 0.0)
     else:
         size, where = context.radii[1] - context.radii[0], "both faces are bare along their rims"
-        sectors, misses = (ORDERS[1], RIMS), (0.05, 0.15)
+        sectors, misses = (ORDERS[1], RIMS), (0.05, 0.2)
     return (
         Effect(
             name="electrode_margin",
