@@ -61,9 +61,11 @@ class CurvedMapping(MappingIsoparametric):
         return latest[1][i, j]
 
     def G(self, X: np.ndarray, find: np.ndarray | None = None) -> np.ndarray:
-        """(3, facets, points) places of points (2, points) of the reference facet."""
+        """(3, facets, points) places of points (2, points) of the reference facet; the last ones asked for are kept."""
         cells, at, _ = self._on_facets(X, find)
-        return self.F(at, cells)
+        places = self.F(at, cells)
+        self._placed = places, cells, at
+        return places
 
     def detDG(self, X: np.ndarray, find: np.ndarray | None = None) -> np.ndarray:
         """(facets, points) area of a facet over that of the reference facet, m²."""
@@ -72,7 +74,13 @@ class CurvedMapping(MappingIsoparametric):
         return np.linalg.norm(np.cross(tangents[0], tangents[1], axis=0), axis=0)
 
     def invF(self, x: np.ndarray, tind: np.ndarray | None = None) -> np.ndarray:
-        """(3, cells, points) reference points of places in given cells, by Newton's method."""
+        """(3, cells, points) reference points of places in given cells, by Newton's method where they are not known.
+
+        A basis on facets asks for those of the places that it has just been given.
+        """
+        places, cells, at = getattr(self, "_placed", (None, None, None))
+        if x is places and tind is not None and np.array_equal(tind, cells):
+            return at
         return super().invF(x, tind, newton_tol=1e-9)
 
     def _on_facets(self, X: np.ndarray, find: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
