@@ -213,7 +213,8 @@ class _Search:
         enlarged : causes that are enlarged by every other one anyhow
         """
         current = self._base.fit
-        alone = [start for own in self._starts for start in own if start.cause.sites is None]
+        every = (start for own in self._starts for start in own)
+        alone = [one for one in every if one.cause.sites is None and not one.cause.of_unknown]
         promised: dict[frozenset[str], tuple[float, int, int]] = {}
         promises = promises_together(current, alone)
         for first, second in combinations(range(len(alone)), 2):
