@@ -246,9 +246,9 @@ def test_a_plan_that_separates_needs_a_sweep(specimen, tmp_path):
 
 @pytest.mark.slow
 def test_causes_are_told_apart_at_the_analyser(specimen, tmp_path):
-    """6 ohm that the file says nothing of: named, told from the next cause, looked at once more; and planned alike."""
+    """30 ohm that the file says nothing of: named, told from resistive electrodes, looked at again; planned alike."""
     hidden = tmp_path / "hidden.toml"
-    hidden.write_text(PLATE.replace("1.5 ohm", "6 ohm"), encoding="utf-8")
+    hidden.write_text(PLATE.replace("1.5 ohm", "30 ohm"), encoding="utf-8")
     out = tmp_path / "out"
     with analyser(hidden) as running:
         done = run(specimen, running.address, out, "--separate", "--speed", "5")
