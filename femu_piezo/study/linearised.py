@@ -140,7 +140,7 @@ class Linearised:
         apart = left[own] - (1 - share) * left[before] - share * left[behind]
         sigma = np.sqrt(noise[own] ** 2 + ((1 - share) * noise[before]) ** 2 + (share * noise[behind]) ** 2)
         times = np.abs(apart) / sigma
-        usual = max(1.0, float(np.median(times)) / np.sqrt(np.log(2)))
+        usual = max(1.0, _median_over(f[own], times) / np.sqrt(np.log(2)))
         found = np.zeros(f.size, dtype=bool)
         found[own] = times > DEPARTS * usual
         return found
@@ -169,6 +169,12 @@ class Linearised:
         above = self._frequency[1:] > lowest / 2
         gap = np.max((np.diff(self._frequency) / self._frequency[1:])[above])
         return float(np.sqrt(DEPARTS * np.sqrt(1.5) * np.median(self._noise) * gap))
+
+
+def _median_over(frequency: np.ndarray, values: np.ndarray) -> float:
+    """The median of values (n,) over the band: many points about one place count no more than its width."""
+    order, width = np.argsort(values), np.gradient(frequency)
+    return float(values[order][np.searchsorted(np.cumsum(width[order]), np.sum(width) / 2)])
 
 
 def _expected(explanations: Sequence[Explanation], apart: np.ndarray) -> float:

@@ -16,6 +16,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.adaptive import Wish, adapt, joined, next_frequencies, watching
+from femu_piezo.study.linearised import _median_over
 from femu_piezo.study.model_cache import SharedBases
 from femu_piezo.study.update import update
 
@@ -193,6 +194,13 @@ def misses(seeds, folder: Path, bases) -> list[int]:
             found.append(seed)
     assert shown > 0.6 * len(seeds)
     return found
+
+
+def test_what_is_usual_is_so_over_the_band():
+    """Ninety points within a hundredth of the band, where the model is bent, say nothing of all of it."""
+    frequency = np.union1d(np.linspace(0.0, 100.0, 101), np.linspace(50.01, 50.99, 90))
+    values = np.where(np.abs(frequency - 50.5) < 0.5, 30.0, 1.0) + 1e-3 * frequency
+    assert np.median(values) > 1.05 and _median_over(frequency, values) == pytest.approx(1.05, abs=2e-3)
 
 
 @pytest.mark.slow
