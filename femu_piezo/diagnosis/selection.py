@@ -210,6 +210,8 @@ class _Search:
     def _pairs(self, enlarged: frozenset[str]) -> list[Fit | None]:
         """The pairs that linearisation finds best, fitted: each cause may explain little by itself.
 
+        Of causes alone: forms of what none describes are tried beside every set.
+
         enlarged : causes that are enlarged by every other one anyhow
         """
         current = self._base.fit
