@@ -73,9 +73,11 @@ def law_misses(
         span, miss = span[: len(jacobian)], errors[0] * size * jacobian[:, own.start]
         found.append(_in_bands(data, miss - span @ (span.T @ miss)))
         if detuning := effect.parameters[0].law_detuning:
-            effects = (*whole.effects[:number], _detuned(effect), *whole.effects[number + 1 :])
-            moved, at_rest = replace(whole, effects=effects), np.insert(at, own.stop, 0.0)
-            slope = data.whitened(*response.with_jacobian(moved, at_rest))[1][:, own.stop]
+            detuned = _detuned(effect)
+            moved = replace(whole, effects=(*whole.effects[:number], detuned, *whole.effects[number + 1 :]))
+            there = np.insert(at, own.stop, 0.0)
+            alone = moved.alone(detuned, there), there[own.start : own.stop + 1]
+            slope = data.whitened(*response.with_jacobian(*alone))[1][:, -1]
             found.append(_in_bands(data, detuning * (size * effect.scale[0]) ** 2 * slope))
     return np.hstack(found)
 

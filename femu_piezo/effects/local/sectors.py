@@ -152,8 +152,8 @@ class Sectors:
 
     def of_other_classes(self, names: Iterable[str]) -> np.ndarray:
         """The unknowns (indices) of those of some of the sectors whose class is not the driven one; a spot has none."""
-        driven = (SPOT, *self.classes[self.all_fields.class_of(DRIVEN)])
-        return self.numbers(name for name in names if name not in driven)
+        alike = (SPOT, *self.classes[()])
+        return self.numbers(name for name in names if name not in alike)
 
 
 def driven_states(reduced: ReducedModel, constants: ElasticForm, top: float) -> np.ndarray:
