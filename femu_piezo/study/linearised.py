@@ -134,14 +134,15 @@ class Linearised:
         f, left, noise = self._frequency, self._left, self._noise
         before = np.searchsorted(f, f - reach, side="left") - 1
         behind = np.searchsorted(f, f + reach, side="right")
-        own = np.flatnonzero((before >= 0) & (behind < f.size))
+        own, found = np.flatnonzero((before >= 0) & (behind < f.size)), np.zeros(f.size, dtype=bool)
+        if not own.size:
+            return found
         before, behind = before[own], behind[own]
         share = (f[own] - f[before]) / (f[behind] - f[before])
         apart = left[own] - (1 - share) * left[before] - share * left[behind]
         sigma = np.sqrt(noise[own] ** 2 + ((1 - share) * noise[before]) ** 2 + (share * noise[behind]) ** 2)
         times = np.abs(apart) / sigma
-        usual = max(1.0, _median_over(f[own], times) / np.sqrt(np.log(2)))
-        found = np.zeros(f.size, dtype=bool)
+        usual = max(1.0, _median_over(np.gradient(f)[own], times) / np.sqrt(np.log(2)))
         found[own] = times > DEPARTS * usual
         return found
 
@@ -171,10 +172,9 @@ class Linearised:
         return float(np.sqrt(DEPARTS * np.sqrt(1.5) * np.median(self._noise) * gap))
 
 
-def _median_over(frequency: np.ndarray, values: np.ndarray) -> float:
-    """The median of values (n,) over the band: many points about one place count no more than its width."""
-    order, width = np.argsort(values), np.gradient(frequency)
-    return float(values[order][np.searchsorted(np.cumsum(width[order]), np.sum(width) / 2)])
+def _median_over(widths: np.ndarray, values: np.ndarray) -> float:
+    """The median over the band of values (n,), each of which stands for so much of it: crowded points count no more."""
+    return float(np.quantile(values, 0.5, weights=widths, method="inverted_cdf"))
 
 
 def _expected(explanations: Sequence[Explanation], apart: np.ndarray) -> float:
