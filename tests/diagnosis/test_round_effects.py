@@ -305,30 +305,50 @@ def off_the_middle(name: str, margin: float, asymmetry: float) -> Domain:
     )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", RADII)
-def test_an_electrode_off_the_middle_against_a_full_solution(bodies, name):
-    """Elements graded to the electrode's end: the asymmetry is found to the law's error, and the shape is right."""
-    one, margin, asymmetry = bodies[name], 0.3e-3, 0.6
+@pytest.fixture(scope="module", params=RADII)
+def shifted(request, bodies) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    """Error of an asymmetry as its law states it; changes of log Z (k,): what the asymmetry adds by that law and by a
+    full solution with elements graded to the electrode's end, and what all of the margin changes.
+    """
+    one, margin, asymmetry = bodies[request.param], 0.3e-3, 0.6
     frequency, constants = one.frequency[::12], PiezoConstants.from_vector(one.theta).to_e_form()
     solved = [
-        full_impedance(ElectroelasticModel(off_the_middle(name, margin, shift), DENSITY), constants, frequency)
-        for shift in (asymmetry, 0.0)
+        full_impedance(ElectroelasticModel(off_the_middle(request.param, margin, a), DENSITY), constants, frequency)
+        for a in (asymmetry, 0.0)
     ]
     bare, even, own = (
         one.impedance(*key)[::12]
         for key in ((), ("electrode_margin", (margin,)), ("electrode_margin", (margin, asymmetry)))
     )
-    exact, found, whole = np.log(solved[0] / solved[1]), np.log(own / even), np.log(even / bare)
-    share = np.sqrt(np.vdot(found, exact).real / np.vdot(found, found).real)  # what is added goes with a²
     misses = one.library["electrode_margin"].parameters[1].law_error
-    error, left, size, all_of_it = (
-        np.sqrt(np.mean(np.abs(part) ** 2)) for part in (found - exact, share**2 * found - exact, exact, whole)
-    )
-    print(f"{name}: {error / size:.4f}, {error / all_of_it:.4f}; a times {share:.4f} leaves {left / size:.4f}")
-    assert size > 0.1 * all_of_it
+    return misses, np.log(own / even), np.log(solved[0] / solved[1]), np.log(even / bare)
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.abs(values) ** 2)))
+
+
+@pytest.mark.slow
+def test_an_electrode_off_the_middle_has_the_right_shape(shifted):
+    """The asymmetry a is found to the law's error; what it adds goes with a²."""
+    misses, found, exact, whole = shifted
+    share = np.sqrt(np.vdot(found, exact).real / np.vdot(found, found).real)
+    print(f"a times {share:.4f} leaves {rms(share**2 * found - exact) / rms(exact):.4f}")
+    assert rms(exact) > 0.1 * rms(whole)
     assert abs(share - 1) < misses
-    assert left < 0.1 * size
+    assert rms(share**2 * found - exact) < 0.1 * rms(exact)
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="what a adds is 40 % too large for a disk, 14 % for a ring: rim_strips says why")
+def test_an_electrode_off_the_middle_against_a_full_solution(shifted, request):
+    """What was asked of the law, and is not reached."""
+    _, found, exact, whole = shifted
+    error, size, all_of_it = rms(found - exact), rms(exact), rms(whole)
+    print(f"{error / size:.4f}, {error / all_of_it:.4f}")
+    assert size > 0.1 * all_of_it
+    assert error < {"disk": 0.4, "ring": 0.1}[request.node.callspec.params["shifted"]] * size
+    assert error < 0.05 * all_of_it
 
 
 def test_modes_of_another_order_may_be_off_by_the_square_of_a_wedge(bodies):
