@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import signal
 import socket
 import subprocess
 import sys
@@ -95,11 +94,8 @@ def analyser(specimen: Path, *options: str) -> Iterator[Running]:
         line = process.stdout.readline()
         yield Running(int(re.search(r"::(\d+)::SOCKET", line)[1]), log)
     finally:
-        process.send_signal(signal.SIGINT)
-        try:
-            process.wait(10)
-        except subprocess.TimeoutExpired:
-            process.kill()
+        process.terminate()  # Ctrl-C is ignored by what a shell started in the background
+        process.wait()
         process.stdout.close()
 
 
