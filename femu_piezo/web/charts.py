@@ -11,6 +11,8 @@ import numpy as np
 _MOST = 6000
 #: Colours of curves, told apart by those who see red and green alike (Okabe and Ito).
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+#: Of the charts, in pixels.
+IMPEDANCE_HEIGHT, RESIDUAL_HEIGHT = 520, 320
 _POLE, _ZERO, _FAULT = "#d55e00", "#0072b2", "#b3261e"
 
 View = Literal["|Z| and phase", "R and X", "admittance circle"]
@@ -68,7 +70,7 @@ def impedance_chart(
         "xaxis": _axis("frequency (kHz)", "log" if logarithmic else "linear") | {"anchor": "y2"},
         "yaxis": _axis(names[0], upper) | {"domain": [0.42, 1]},
         "yaxis2": _axis(names[1]) | {"domain": [0, 0.36]},
-        "height": 520,
+        "height": IMPEDANCE_HEIGHT,
     }
     return _figure(traces, layout)
 
@@ -83,7 +85,7 @@ def _circles(curves: Mapping[str, Curve], measured: str) -> dict:
     layout = _layout() | {
         "xaxis": _axis("G (mS)"),
         "yaxis": _axis("B (mS)") | {"scaleanchor": "x"},
-        "height": 520,
+        "height": IMPEDANCE_HEIGHT,
     }
     return _figure(traces, layout)
 
@@ -102,7 +104,7 @@ def residual_chart(frequency: np.ndarray, residuals: Mapping[str, np.ndarray], w
     layout = _layout([shaded] if band else []) | {
         "xaxis": _axis("frequency (kHz)"),
         "yaxis": _axis(words),
-        "height": 320,
+        "height": RESIDUAL_HEIGHT,
     }
     return _figure(traces, layout)
 

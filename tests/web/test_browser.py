@@ -268,6 +268,10 @@ def test_results_of_an_earlier_state_are_told(serve, page, tmp_path: Path) -> No
     (tmp_path / "plate.toml").write_text((tmp_path / "plate.toml").read_text().replace("40 mm", "39.9 mm"))
     page.reload()
     page.get_by_text("earlier state").wait_for()
+    below = page.get_by_role("button", name="What can the data tell of each?")
+    before = below.bounding_box()["y"]
+    page.locator('[aria-label="residual"] .main-svg').first.wait_for()
+    assert below.bounding_box()["y"] == pytest.approx(before, abs=30)  # the charts above it have not moved it
 
 
 @pytest.mark.slow

@@ -66,7 +66,7 @@ class _Update:
             if shares:
                 ui.label("Where the deviations come from").classes("text-lg font-bold")
                 chart(charts.bar_chart(shares, "share of the variance (%)"), "budget of the deviations")
-            self._curves = ui.column().classes("w-full")
+            self._places = self._kept_free()
             ui.timer(0.05, self._draw, once=True)
             figures = found["specimens"][0].get("standard_figures") or []
             if figures:
@@ -86,25 +86,26 @@ class _Update:
                     framed(self._site.address(self._site.workspace.name(self._folder / "report.html")), "report")
             report_links(self._site, self._folder)
 
-    async def _draw(self) -> None:
-        """Measured curves beside the updated ones, and what is left."""
-        files = _sweep_files(self._site, self._name)
+    def _kept_free(self) -> list[tuple[str, Path, charts.Curve, ui.column]]:
+        """Of every sweep that was updated: a name, its file, the updated curve, and the place of both charts."""
+        files, found = _sweep_files(self._site, self._name), []
         for suffix, path in zip(suffixes(len(files)), files, strict=True):
             updated = results.curve(self._folder / f"updated{suffix}.csv")
-            found = None if updated is None or path is None else await run.cpu_bound(results.sweep, path)
-            if found is not None and not isinstance(found, str):
-                self._compare(path.name if suffix else "measured", found[0], updated)
+            if updated is not None and path is not None:
+                height = f"min-height: calc({charts.IMPEDANCE_HEIGHT + charts.RESIDUAL_HEIGHT}px + 1rem)"
+                place = ui.column().classes("w-full gap-4").style(height)
+                found.append((path.name if suffix else "measured", path, updated, place))
+        return found
 
-    def _compare(self, name: str, measured: charts.Curve, updated: charts.Curve) -> None:
-        with self._curves:
-            curves = {name: measured, "updated": updated}
-            figure = charts.impedance_chart(curves, charts.VIEWS[0], measured=name)
-            chart(figure, "measured and updated impedance")
-            here = np.isin(measured[0], updated[0])
-            if np.count_nonzero(here) == updated[0].size:
-                left = 100 * np.log(updated[1] / measured[1][here])
-                figure = charts.residual_chart(updated[0], {"updated": left}, "updated/measured (%)")
-                chart(figure, "residual")
+    async def _draw(self) -> None:
+        """Measured curves beside the updated ones, and what is left."""
+        for name, path, updated, place in self._places:
+            found = await run.cpu_bound(results.sweep, path)
+            with place:
+                if found is None or isinstance(found, str):
+                    place.style("min-height: 0")
+                else:
+                    _compare(name, found[0], updated)
 
     def _freeing(self) -> None:
         """Which constants are free, and what a sweep like this can tell of each."""
@@ -188,3 +189,13 @@ def _sweep_files(site: Site, name: str) -> list[Path | None]:
     except InputError:
         return []
     return [None if one.measurement is None else one.measurement.file for one in every]
+
+
+def _compare(name: str, measured: charts.Curve, updated: charts.Curve) -> None:
+    """Both curves, and what is left where the updated one has the points of the measured one."""
+    curves = {name: measured, "updated": updated}
+    chart(charts.impedance_chart(curves, charts.VIEWS[0], measured=name), "measured and updated impedance")
+    here = np.isin(measured[0], updated[0])
+    if np.count_nonzero(here) == updated[0].size:
+        left = 100 * np.log(updated[1] / measured[1][here])
+        chart(charts.residual_chart(updated[0], {"updated": left}, "updated/measured (%)"), "residual")
