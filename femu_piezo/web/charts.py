@@ -11,7 +11,7 @@ import numpy as np
 _MOST = 6000
 #: Colours of curves, told apart by those who see red and green alike (Okabe and Ito).
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-#: Of the charts, in pixels.
+#: Heights of charts, in pixels.
 IMPEDANCE_HEIGHT, RESIDUAL_HEIGHT = 520, 320
 _POLE, _ZERO, _FAULT = "#d55e00", "#0072b2", "#b3261e"
 

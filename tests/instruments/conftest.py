@@ -94,7 +94,7 @@ def analyser(specimen: Path, *options: str) -> Iterator[Running]:
         line = process.stdout.readline()
         yield Running(int(re.search(r"::(\d+)::SOCKET", line)[1]), log)
     finally:
-        process.terminate()  # Ctrl-C is ignored by what a shell started in the background
+        process.terminate()  # what a shell starts in the background ignores Ctrl-C
         process.wait()
         process.stdout.close()
 

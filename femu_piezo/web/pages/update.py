@@ -86,12 +86,12 @@ class _Update:
                     framed(self._site.address(self._site.workspace.name(self._folder / "report.html")), "report")
             report_links(self._site, self._folder)
 
-    def _kept_free(self) -> list[tuple[str, Path, charts.Curve, ui.column]]:
-        """Of every sweep that was updated: a name, its file, the updated curve, and the place of both charts."""
+    def _kept_free(self) -> list[tuple[str, Path, Path, ui.column]]:
+        """Of every sweep that was updated: name, file, file of the updated curve, and the place of both charts."""
         files, found = _sweep_files(self._site, self._name), []
         for suffix, path in zip(suffixes(len(files)), files, strict=True):
-            updated = results.curve(self._folder / f"updated{suffix}.csv")
-            if updated is not None and path is not None:
+            updated = self._folder / f"updated{suffix}.csv"
+            if path is not None and updated.exists():
                 height = f"min-height: calc({charts.IMPEDANCE_HEIGHT + charts.RESIDUAL_HEIGHT}px + 1rem)"
                 place = ui.column().classes("w-full gap-4").style(height)
                 found.append((path.name if suffix else "measured", path, updated, place))
@@ -99,12 +99,12 @@ class _Update:
 
     async def _draw(self) -> None:
         """Measured curves beside the updated ones, and what is left."""
-        for name, path, updated, place in self._places:
-            found = await run.cpu_bound(results.sweep, path)
-            with place:
-                if found is None or isinstance(found, str):
-                    place.style("min-height: 0")
-                else:
+        for name, path, file, place in self._places:
+            updated = results.curve(file)
+            found = None if updated is None else await run.cpu_bound(results.sweep, path)
+            place.style("min-height: 0")  # charts keep their own
+            if found is not None and not isinstance(found, str):
+                with place:
                     _compare(name, found[0], updated)
 
     def _freeing(self) -> None:
