@@ -226,9 +226,19 @@ class Enlargement:
         return one.promised + _NONLINEAR * max(one.promised, 0.0) > least
 
     def _most(self, one: _Prospect) -> bool:
-        """Whether linearisation explains most of a misfit that no fit explains; what it leaves may be curvature."""
+        """Whether linearisation explains most of a misfit but no fit does, or one does better than it had promised.
+
+        What linearisation leaves may be curvature then.
+        """
         left, misfit, size = one.starts[0].promised, self._current.chi_square, self._current.residual.size
-        return self._unexplained() and left - size < (misfit - size) / 2
+        return left - size < (misfit - size) / 2 and (self._unexplained() or self._outdone())
+
+    def _outdone(self) -> bool:
+        """Whether the best fit with a cause found more than linearisation had promised of it."""
+        if self._forms:
+            return False
+        best = max((one for one in self._of_causes if one.rough is not None), key=lambda one: one.odds, default=None)
+        return best is not None and best.odds - best.promised > self._rules.contender + _NONLINEAR * abs(best.promised)
 
     def _unexplained(self) -> bool:
         """Whether no fit with a cause explains the misfit, nor a discrepancy."""

@@ -114,12 +114,19 @@ def noise_level_of(final: Fit, significant: float) -> float:
 def unexplained_share(before: Fit, final: Fit, significant: float) -> float:
     """√[(χ²_final − n s²)/(χ²_before − n s²)] within 0…1; 0 where nothing was in excess before.
 
-    χ² of data and priors, of which a right model leaves n s², n the residuals of the data and s the level of the noise:
-    a tolerance that has to be off by many of its deviations is as unexplained as data that are.
+    The larger one of two: of χ² of data and priors, of which a right model leaves n s², n the residuals of the data and
+    s the level of the noise, since a tolerance that has to be off by many of its deviations is as unexplained as data
+    that are; and of χ² of bands as predicted by fits that do not see them (`Fit.left_out_misfit`), since causes that
+    only imitate what they are fitted to go wrong there.
     """
-    by_noise = final.residual.size * noise_level_of(final, significant) ** 2
-    left, excess = (with_discrepancy(fit, None).chi_square - by_noise for fit in (final, before))
-    return float(np.sqrt(np.clip(left / excess, 0.0, 1.0))) if excess > 0 else 0.0
+    count, level = final.residual.size, noise_level_of(final, significant)
+    final, before = (with_discrepancy(fit, None) for fit in (final, before))
+    fitted, predicted = (
+        (of(final) - count * level**2, of(before) - count * level**2)
+        for of in (lambda fit: fit.chi_square, lambda fit: count * fit.left_out_misfit**2)
+    )
+    shares = [left / excess for left, excess in (fitted, predicted) if excess > 0]
+    return float(np.sqrt(np.clip(max(shares, default=0.0), 0.0, 1.0)))
 
 
 def whiteness(residual: np.ndarray, sweeps: list[np.ndarray] | None = None) -> float:
