@@ -86,7 +86,7 @@ class Enlargement:
         self._prospects = self._screened(candidates, known, tell, words)
         self.starts = [one.starts for one in self._prospects]
         self._fit_roughly()
-        if self._first and any(one.tried for one in self._prospects) and self._unexplained():
+        if self._first and any(one.tried for one in self._prospects):
             self._fit_from_steps()
         if self._forms:
             self._fit_loudest()
@@ -154,11 +154,18 @@ class Enlargement:
             self._settle(worth, list(in_parallel(self._roughly, worth)))
 
     def _fit_from_steps(self) -> None:
-        """Constants that make up for a cause move far with it: what it promises shows from where they went."""
+        """Constants that make up for a cause move far with it: what it promises shows from where they went.
+
+        Of those that explain most of the misfit; of all where no fit does.
+        """
+        unexplained = self._unexplained()
         left = [
             one
             for one in self._prospects
-            if one.promised > self._rules.promise and one.rough is None and one.effect.sites is None
+            if one.promised > self._rules.promise
+            and one.rough is None
+            and one.effect.sites is None
+            and (unexplained or self._explains_most(one))
         ]
         response, current = self._weighing.response, self._current
         further = in_parallel(lambda one: stepped_start(response, current, one.starts[0]), left)
@@ -230,8 +237,12 @@ class Enlargement:
 
         What linearisation leaves may be curvature then.
         """
+        return self._explains_most(one) and (self._unexplained() or self._outdone())
+
+    def _explains_most(self, one: _Prospect) -> bool:
+        """Whether linearisation explains most of the misfit, whatever else does."""
         left, misfit, size = one.starts[0].promised, self._current.chi_square, self._current.residual.size
-        return left - size < (misfit - size) / 2 and (self._unexplained() or self._outdone())
+        return left - size < (misfit - size) / 2
 
     def _outdone(self) -> bool:
         """Whether the best fit with a cause found more than linearisation had promised of it."""
@@ -268,9 +279,10 @@ class Enlargement:
         rough, places = one.rough, one.starts
         unfinished = rough is not None and rough.promise > COARSE  # it ran out of evaluations
         goes_on = self._first and unfinished and self._unexplained()
+        astray = rough is not None and one.odds < one.promised - self._rules.alike and self._most(one)
         # what settled and promises no more is known well enough where it is not among the best
         near = self._rules.contender if rough is None or unfinished else self._rules.alike
-        if self._hope(one) < best - near and not goes_on:
+        if self._hope(one) < best - near and not goes_on and not astray:
             return rough
         reached, unit = np.inf, _AS_PROMISED
         if rough is not None:
