@@ -88,6 +88,8 @@ class Enlargement:
         self._fit_roughly()
         if self._first and any(one.tried for one in self._prospects):
             self._fit_from_steps()
+        if self._first and self._unexplained():
+            self._fit_the_rest()
         if self._forms:
             self._fit_loudest()
         if self._first and self._strained():
@@ -174,6 +176,11 @@ class Enlargement:
             one.promised = max(one.promised, self._odds(start.linear, one.effect))
         worth = [one for one in left if self._hopeful(one)]
         self._settle(worth, list(in_parallel(self._roughly, worth)))
+
+    def _fit_the_rest(self) -> None:
+        """Causes that linearisation promises nothing of: before a misfit has no explanation every one was fitted."""
+        rest = [one for one in self._of_causes if not one.tried]
+        self._settle(rest, list(in_parallel(self._roughly, rest)))
 
     def _fit_loudest(self) -> None:
         """The cause at no place that explains most beside noise alone.

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from femu_piezo.diagnosis.whiteness import remaining, whiteness
+from femu_piezo.diagnosis import whiteness as module
+from femu_piezo.diagnosis.whiteness import remaining, unexplained_share, whiteness
 
 
 def test_false_alarm_rate_on_white_noise():
@@ -47,3 +50,23 @@ def test_a_bump_is_found_and_placed():
     assert left.structured
     low, high = left.worst_Hz[0]
     assert 1.6 < low < high < 1.8
+
+
+@pytest.mark.parametrize(
+    ("chi_square", "predicted", "share"), [(250.0, 1.0, 0.25), (250.0, 3.0, 0.5), (50.0, 0.9, 0.0), (5000.0, 9.0, 1.0)]
+)
+def test_the_larger_of_what_fitted_and_predicted_points_have_left_is_unexplained(
+    chi_square, predicted, share, monkeypatch
+):
+    """Of 200 residuals at the level of the noise: χ² 1000 and a prediction off by √33 times what noise makes before."""
+    monkeypatch.setattr(module, "with_discrepancy", lambda fit, none: fit)
+
+    def fit(chi_square: float, predicted: float) -> SimpleNamespace:
+        data = SimpleNamespace(level_std=0.1)
+        return SimpleNamespace(
+            chi_square=chi_square, left_out_misfit=predicted, residual=np.zeros(200), noise_scale=1.0, data=data
+        )
+
+    before = fit(1000.0, np.sqrt(33.0))
+    assert unexplained_share(before, fit(chi_square, predicted), 3.0) == pytest.approx(share)
+    assert unexplained_share(fit(150.0, 0.9), fit(chi_square, predicted), 3.0) == 0.0

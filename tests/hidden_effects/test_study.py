@@ -43,6 +43,9 @@ def _number(name: str, default: int) -> int:
         ("laboratory:point_mass+series_resistance", 109009, 0.5),
         ("laboratory:frequency_dependent_elastic_loss+edge_depoling", 141001, 0.9),
         ("disk:mounting", 260000, 0.9),
+        ("ring:frequency_dependent_elastic_loss", 310000, 0.9),
+        ("ring:local_crack", 320001, 0.9),
+        ("disk:local_crack", 320002, 0.9),
     ],
 )
 def test_causes_whose_fits_take_many_steps_are_found(name, seed, least, tmp_path):
@@ -53,9 +56,12 @@ def test_causes_whose_fits_take_many_steps_are_found(name, seed, least, tmp_path
     Of the two pairs after it neither cause gains anything by itself over a discrepancy, and where every resonance may
     have an error of its own the point mass explains the sweep hardly better than that: it is named with 0.6. Of the
     last pair the second cause explains less than such errors, by linearisation beside the first. The descent to the
-    three points under the disk takes a detour: after twelve evaluations one that ends at the middle lay lower.
+    three points under the disk takes a detour: after twelve evaluations one that ends at the middle lay lower. Beside
+    the losses of the ring a support under it, at a place, left as little: linearisation had promised less of both than
+    they hold, and of the losses less than the support held, so that they were not fitted. The rough fits of the two
+    cracks ended at wrong places, below what was promised of them, and were not tried from others.
     """
-    make = draw_round if name.startswith("disk:") else draw
+    make = draw_round if name.startswith(("disk:", "ring:")) else draw
     outcome = judge_draw(make(name, seed), tmp_path)
     assert set(outcome.said) == set(outcome.truth) and min(outcome.said.values()) > least
     assert outcome.sizes and all(abs(size) < 3 for size in outcome.sizes.values())
@@ -64,12 +70,19 @@ def test_causes_whose_fits_take_many_steps_are_found(name, seed, least, tmp_path
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "seed"),
-    [("second_piece", 107004), ("delamination", 105003), ("tuned_mass", 107008), ("half_film", 112007)],
+    [
+        ("second_piece", 107004),
+        ("delamination", 105003),
+        ("tuned_mass", 107008),
+        ("tuned_mass", 280000),
+        ("half_film", 112007),
+    ],
 )
 def test_what_nothing_describes_has_no_confident_name(kind, seed, tmp_path):
     """A second piece, told as three causes at 1.00 without a resonance of its own; a stretch that is soft; a mass.
 
-    Half a film, told as a taper at 0.99 without an uneven body.
+    Half a film, told as a taper at 0.99 without an uneven body. The second tuned mass was a point mass at 0.95, which
+    left 2 % of the misfit of the points that were fitted.
     """
     assert not judge_draw(draw(f"laboratory:undescribed:{kind}", seed), tmp_path).confident
 

@@ -19,7 +19,8 @@ shares w of the thickness, and G = B K^-1 Bᵗ how the body itself yields to str
     A → A − V Bᵗ (1/w c̄^-1 + V G)^-1 B.
 
 A round hole through the thickness, of area A and in the middle of a thin sheet, has about 3 A t; a spot whose c^E is
-(1 − k) times that of the rest about A t k/(1 − 0.66 k). Modes are slow over a spot, so its own extent is left open.
+(1 − k) times that of the rest about A t k/(1 − 0.66 k). Modes are slow over a spot, so its own extent is left open; it
+moves where the spot seems to be.
 """
 
 from __future__ import annotations
@@ -42,6 +43,9 @@ _C11 = ELASTIC[0]
 #: Relative error of frequencies over the square of the share of the body that a spot is worth: it moves them by half
 #: that share, the law misses a tenth of this, and a spot of a hundredth is taken as usual.
 _DETUNING = 5.0
+#: Share of its coordinates by which a spot seems nearer the middle than it is: strains fall over its extent, and what
+#: overhangs a rim does not count.
+_EXTENT = 0.02
 #: Slices that share a crack.
 _SHARED = 4
 
@@ -146,7 +150,7 @@ def _of_a_spot(context: EffectContext, common: Effect) -> Effect:
                 law_error=0.1,
                 law_detuning=_DETUNING / volume**2,
             ),
-            *place.parameters,
+            *(replace(one, law_error=_EXTENT) for one in place.parameters),
         ),
         local=_spot(PATCH * place.size),
         onset_hidden=context.radii is not None,
