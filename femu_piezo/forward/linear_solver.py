@@ -73,7 +73,9 @@ class Factorization:
         self._weight = 1 / np.sqrt(np.where(size > 0, size, 1.0))
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """A^-1 right, shape (n,) or (n, k); ConvergenceError where the residual stays large."""
+        """A^-1 right, shape (n,) or (n, k), k may be 0; ConvergenceError where the residual stays large."""
+        if right.size == 0:  # the libraries want a column
+            return np.array(right, dtype=np.result_type(right, self._matrix.dtype))
         solution = self.solve_unchecked(right)
         if self._error(solution, right) > REFINE_ABOVE:
             solution = solution + self.solve_unchecked(right - self._matrix @ solution)

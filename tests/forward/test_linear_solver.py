@@ -42,6 +42,13 @@ def test_without_rslab_superlu_solves(monkeypatch):
     np.testing.assert_allclose(found.solve(right), expected, rtol=1e-8, atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("dtype", [float, complex])
+def test_no_right_hand_side_has_no_solution(dtype):
+    """The response of a disk to an uneven film was nothing new beside the modes that it had: an exception."""
+    found = factorize(sp.eye(5, format="csr")).solve(np.zeros((5, 0), dtype=dtype))
+    assert found.shape == (5, 0) and found.dtype == dtype
+
+
 class Spoilt:
     """A solver that makes one column wrong by a share of itself, as often as it is told."""
 
