@@ -259,13 +259,13 @@ class Enlargement:
         return best is not None and best.odds - best.promised > self._rules.contender + _NONLINEAR * abs(best.promised)
 
     def _unexplained(self) -> bool:
-        """Whether no fit with a cause explains the misfit, nor a discrepancy."""
+        """Whether there is a misfit that no fit with a cause explains, nor a discrepancy."""
         if self._forms:
             return False
         data = self._current.data
         by_noise = self._current.residual.size * np.exp(2 * self._rules.significant * data.level_std)
         fits = [fit for one in self._of_causes for fit in (one.rough, one.close) if fit is not None]
-        return all(fit.chi_square > by_noise for fit in fits)
+        return all(fit.chi_square > by_noise for fit in (self._current, *fits))
 
     def _leading(self) -> _Prospect | None:
         """The cause with the best fit so far."""
