@@ -86,7 +86,7 @@ class Enlargement:
         self._prospects = self._screened(candidates, known, tell, words)
         self.starts = [one.starts for one in self._prospects]
         self._fit_roughly()
-        if self._first and any(one.tried for one in self._prospects):
+        if self._first:
             self._fit_from_steps()
         if self._first and self._unexplained():
             self._fit_the_rest()
@@ -152,13 +152,13 @@ class Enlargement:
         untried = [one for one in by_promise if not one.tried]
         # the best one alone: most often no other is worth a fit after it
         for batch in [untried[:1], *(untried[n : n + _AT_ONCE] for n in range(1, len(untried), _AT_ONCE))]:
-            worth = [one for one in batch if self._hopeful(one) or self._most(one)]
+            worth = [one for one in batch if self._hopeful(one) or self._may_hold_more(one)]
             self._settle(worth, list(in_parallel(self._roughly, worth)))
 
     def _fit_from_steps(self) -> None:
         """Constants that make up for a cause move far with it: what it promises shows from where they went.
 
-        Of those that explain most of the misfit; of all where no fit does.
+        It is asked of causes that by linearisation explain most of the misfit, and of all where no fit explains it.
         """
         unexplained = self._unexplained()
         left = [
@@ -178,7 +178,7 @@ class Enlargement:
         self._settle(worth, list(in_parallel(self._roughly, worth)))
 
     def _fit_the_rest(self) -> None:
-        """Causes that linearisation promises nothing of: before a misfit has no explanation every one was fitted."""
+        """Causes that linearisation promises nothing of: a misfit counts as unexplained once every one was fitted."""
         rest = [one for one in self._of_causes if not one.tried]
         self._settle(rest, list(in_parallel(self._roughly, rest)))
 
@@ -239,23 +239,21 @@ class Enlargement:
         least = best - self._rules.contender * max(1.0, large)
         return one.promised + _NONLINEAR * max(one.promised, 0.0) > least
 
-    def _most(self, one: _Prospect) -> bool:
-        """Whether linearisation explains most of a misfit but no fit does, or one does better than it had promised.
+    def _may_hold_more(self, one: _Prospect) -> bool:
+        """Whether a fit may find much more than linearisation promises of a candidate that explains most of the misfit.
 
-        What linearisation leaves may be curvature then.
+        What linearisation leaves may be curvature where no fit explains the misfit, or the best one outdid its promise.
         """
         return self._explains_most(one) and (self._unexplained() or self._outdone())
 
     def _explains_most(self, one: _Prospect) -> bool:
-        """Whether linearisation explains most of the misfit, whatever else does."""
+        """Whether linearisation promises that a candidate explains most of the misfit, whatever others do."""
         left, misfit, size = one.starts[0].promised, self._current.chi_square, self._current.residual.size
         return left - size < (misfit - size) / 2
 
     def _outdone(self) -> bool:
-        """Whether the best fit with a cause found more than linearisation had promised of it."""
-        if self._forms:
-            return False
-        best = max((one for one in self._of_causes if one.rough is not None), key=lambda one: one.odds, default=None)
+        """Whether the best fit, beside no discrepancy, found more of its cause than linearisation had promised."""
+        best = None if self._forms else self._leading()
         return best is not None and best.odds - best.promised > self._rules.contender + _NONLINEAR * abs(best.promised)
 
     def _unexplained(self) -> bool:
@@ -286,7 +284,8 @@ class Enlargement:
         rough, places = one.rough, one.starts
         unfinished = rough is not None and rough.promise > COARSE  # it ran out of evaluations
         goes_on = self._first and unfinished and self._unexplained()
-        astray = rough is not None and one.odds < one.promised - self._rules.alike and self._most(one)
+        # it ended at a wrong place, below what was promised of it
+        astray = rough is not None and one.odds < one.promised - self._rules.alike and self._may_hold_more(one)
         # what settled and promises no more is known well enough where it is not among the best
         near = self._rules.contender if rough is None or unfinished else self._rules.alike
         if self._hope(one) < best - near and not goes_on and not astray:

@@ -114,18 +114,17 @@ def noise_level_of(final: Fit, significant: float) -> float:
 def unexplained_share(before: Fit, final: Fit, significant: float) -> float:
     """√[(χ²_final − n s²)/(χ²_before − n s²)] within 0…1; 0 where nothing was in excess before.
 
-    The larger one of two: of χ² of data and priors, of which a right model leaves n s², n the residuals of the data and
-    s the level of the noise, since a tolerance that has to be off by many of its deviations is as unexplained as data
-    that are; and of χ² of bands as predicted by fits that do not see them (`Fit.left_out_misfit`), since causes that
-    only imitate what they are fitted to go wrong there.
+    A right model leaves n s² of it, n the residuals of the data and s the level of the noise. The larger one of two
+    shares: with χ² of data and priors, since a tolerance that has to be off by many of its deviations is as unexplained
+    as data that are; and with χ² of bands as predicted by fits that do not see them (`Fit.left_out_misfit`), since
+    causes that only imitate the curve they were fitted to go wrong there.
     """
-    count, level = final.residual.size, noise_level_of(final, significant)
+    count = final.residual.size
+    by_noise = count * noise_level_of(final, significant) ** 2
     final, before = (with_discrepancy(fit, None) for fit in (final, before))
-    fitted, predicted = (
-        (of(final) - count * level**2, of(before) - count * level**2)
-        for of in (lambda fit: fit.chi_square, lambda fit: count * fit.left_out_misfit**2)
-    )
-    shares = [left / excess for left, excess in (fitted, predicted) if excess > 0]
+    fitted = final.chi_square, before.chi_square
+    predicted = count * final.left_out_misfit**2, count * before.left_out_misfit**2
+    shares = [(left - by_noise) / (whole - by_noise) for left, whole in (fitted, predicted) if whole > by_noise]
     return float(np.sqrt(np.clip(max(shares, default=0.0), 0.0, 1.0)))
 
 

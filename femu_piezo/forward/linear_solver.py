@@ -50,7 +50,9 @@ class SymmetricSolver:
     backend: str
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """A^-1 right, (n,) or (n, k), in the type of the factor."""
+        """A^-1 right, (n,) or (n, k), in the type of the factor; k may be 0, of which the libraries know nothing."""
+        if right.size == 0:
+            return right
         if self.backend == "scipy":
             return self.factor.solve(np.asfortranarray(right))
         return self.factor.solve(right) if right.ndim == 1 else self.factor.solve_many(np.ascontiguousarray(right))
@@ -73,9 +75,7 @@ class Factorization:
         self._weight = 1 / np.sqrt(np.where(size > 0, size, 1.0))
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """A^-1 right, shape (n,) or (n, k), k may be 0; ConvergenceError where the residual stays large."""
-        if right.size == 0:  # the libraries want a column
-            return np.array(right, dtype=np.result_type(right, self._matrix.dtype))
+        """A^-1 right, shape (n,) or (n, k); ConvergenceError where the residual stays large."""
         solution = self.solve_unchecked(right)
         if self._error(solution, right) > REFINE_ABOVE:
             solution = solution + self.solve_unchecked(right - self._matrix @ solution)

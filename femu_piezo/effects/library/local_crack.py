@@ -19,8 +19,8 @@ shares w of the thickness, and G = B K^-1 Bᵗ how the body itself yields to str
     A → A − V Bᵗ (1/w c̄^-1 + V G)^-1 B.
 
 A round hole through the thickness, of area A and in the middle of a thin sheet, has about 3 A t; a spot whose c^E is
-(1 − k) times that of the rest about A t k/(1 − 0.66 k). Modes are slow over a spot, so its own extent is left open; it
-moves where the spot seems to be.
+(1 − k) times that of the rest about A t k/(1 − 0.66 k). Modes are slow over a spot, so its own extent is left open; by
+this the spot may seem to lie nearer the middle than it does.
 """
 
 from __future__ import annotations
