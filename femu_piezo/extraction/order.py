@@ -21,6 +21,9 @@ CROWDS = (12, 24, 48)  # poles that a crowded sweep is started with
 PLACES = 3  # for one more pole that are tried, until the model is passive
 SCAN_FREQUENCIES = 160
 SCAN_WIDTHS = 8
+SCAN_STEP = 0.25  # most that trial poles of one half-width are apart, in half-widths
+BEYOND, BEYOND_LOSS = np.geomspace(0.03, 4, 24), 0.02  # trial poles above the sweep: x − 1, and Im x over x + 1
+STANDS_OUT = 10.0  # standard deviations by which the loss falls on both sides of a maximum that begins as a mode
 _FOLLOWED = 1e-12  # share of an atom's square below which the rest of it is rounding
 MAX_SCAN_POINTS, MANY_POINTS = 2000, 1601  # that one scan, and that the search, look at
 
@@ -91,13 +94,14 @@ class Search:
 def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = None) -> Search:
     """Grow modes and background while the evidence grows, then try to remove each mode and degree again.
 
-    At each step the moves "one more mode, where a scan of the
-    residual finds most to explain" and "one, two or three more background degrees" compete by their evidence;
-    models that are not passive are not considered. Where none gains and neighbouring residuals are alike, modes that
-    may be two are tried as two. Where they stay alike, modes may overlap too closely to be found one by one: starts
-    with many poles at once (`relocated_poles`) then compete as well, unless a start is given. Where they stay alike
-    beside many modes, the search may have ended beside the best fit: the modes of a search on half of the points, whose
-    way is another one, then compete too. A sweep of very many points is searched on some of them first.
+    The search begins with the modes that stand out, or with those of `start`. At each step the moves "one more
+    mode, where a scan of the residual finds most to explain" and "one, two or three more background degrees"
+    compete by their evidence; models that are not passive are not considered. Where none gains and neighbouring
+    residuals are alike, modes that may be two are tried as two. Where they stay alike, modes may overlap too
+    closely to be found one by one: starts with many poles at once (`relocated_poles`) then compete as well, unless
+    a start is given. Where they stay alike beside many modes, the search may have ended beside the best fit: the
+    modes of a search on half of the points, whose way is another one, then compete too. A sweep of very many points
+    is searched on some of them first.
     """
     tried: list[Candidate] = []
     way: list[Fit] = []
@@ -105,8 +109,7 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
         few = search(data.thinned(MANY_POINTS), max_modes)
         start, tried = few.best.model, list(few.tried)
         way = [refit(one.model, data) for one in few.way]
-    nothing = np.zeros(0, complex)
-    first = start or RationalModel(data.axis, data.scale, nothing, nothing, np.zeros(2, complex))
+    first = _standing_out(data, max_modes) if start is None else start
     best = _grown(_record(_passive(refit(first, data)), tried), max_modes, tried, way)
     for count in CROWDS if start is None else ():
         if not best.is_correlated or 2 * count + DEGREE + 1 >= len(data) or count > 2 * max_modes:
@@ -120,6 +123,39 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
         rival = _grown(_prune(_record(other, tried), tried), max_modes, tried, way)
         best = min(best, rival, key=_evidence)
     return Search(best, tuple(tried), (*way, best))
+
+
+def _standing_out(data: NormalisedSweep, max_modes: int) -> RationalModel:
+    """A mode at each maximum of the loss |Im Y/(jω)|, the highest first, beside a straight line; nothing is fitted yet.
+
+    A maximum counts where the loss falls on both sides by `STANDS_OUT` deviations of its noise, which is what second
+    differences of neighbours show. The half-width of a mode is that of its maximum at half the height.
+    """
+    loss, size = np.abs(data.charge.imag), np.abs(data.charge)
+    noise = size * float(np.median(np.abs(np.diff(data.charge, 2)) / size[1:-1])) / np.sqrt(6)
+    turns = _turns(loss, STANDS_OUT * noise)
+    found = []
+    for left, peak, right in zip(turns[:-2:2], turns[1:-1:2], turns[2::2], strict=True):
+        base = max(loss[left], loss[right])
+        above = data.x[left : right + 1][loss[left : right + 1] > (loss[peak] + base) / 2]
+        found.append((loss[peak] - base, data.x[peak] + 0.5j * (above[-1] - above[0] + data.x[1] - data.x[0])))
+    most = min(max_modes, (len(data) - 4) // 4)
+    poles = np.array([pole for _, pole in sorted(found, key=lambda one: -one[0])[:most]], complex)
+    return RationalModel(data.axis, data.scale, poles, np.zeros_like(poles), np.zeros(2, complex))
+
+
+def _turns(values: np.ndarray, least: np.ndarray) -> list[int]:
+    """Places of a minimum, a maximum, a minimum … of values (n,) each so much (n,) at least from the next."""
+    turns, sign = [0], -1
+    of_each, apart = values.tolist(), least.tolist()
+    for place, value in enumerate(of_each):
+        beyond = sign * (value - of_each[turns[-1]])
+        if beyond > 0:
+            turns[-1] = place
+        elif -beyond > apart[turns[-1]]:
+            turns.append(place)
+            sign = -sign
+    return turns
 
 
 def _passive(best: Fit) -> Fit:
@@ -276,14 +312,17 @@ def _likely_poles(current: Fit) -> list[complex]:
 def _scan(positions: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Trial positions z (m,) of a pole, 1/(z − x) at x (n,) as (n, m), and the squares of its sizes.
 
-    Half-widths from the point spacing up to a quarter of the sweep. Kept: the scans of a sweep, and the sweeps of a
-    lot, have the same x.
+    Half-widths from the point spacing up to a quarter of the sweep; and above the sweep, where the next overtone is: a
+    pole that begins inside takes many steps to get there. Kept: the scans of a sweep, and the sweeps of a lot, have the
+    same x.
     """
     x = np.frombuffer(positions)
     spacing = float(np.median(np.diff(x)))
-    widths = np.geomspace(spacing / 2, 0.5, SCAN_WIDTHS)
-    centres = np.interp(np.linspace(0, x.size - 1, SCAN_FREQUENCIES), np.arange(x.size), x)
-    trials = (centres + 1j * widths[:, None]).ravel()
+    trials = [1 + BEYOND + 1j * BEYOND_LOSS * (1 + BEYOND)]
+    for width in np.geomspace(spacing / 2, 0.5, SCAN_WIDTHS):
+        count = min(SCAN_FREQUENCIES, int(np.ceil(2 / (SCAN_STEP * width))))
+        trials.append(np.interp(np.linspace(0, x.size - 1, count), np.arange(x.size), x) + 1j * width)
+    trials = np.concatenate(trials)
     atoms = 1 / (trials - x[:, None])
     return trials, atoms, np.abs(atoms) ** 2
 
