@@ -23,7 +23,7 @@ from femu_piezo.study.pole_zero_update import no_history, pole_zero_update
 
 #: Errors of meshes and bases, and relative noise of the fits: their constants are only where to begin.
 _ACCURACY, _BASIS_ACCURACY, _NOISE = 5e-3, 1e-3, 1e-2
-#: rms |Δ log Z| of a fit above which another start is tried as well: over the noise, and where there is next to none.
+#: rms |Δ log Z| above which constants are poor: over the noise, and where there is next to none.
 _POOR, _LEAST_POOR = 10.0, 5e-3
 
 
@@ -39,7 +39,9 @@ class Beginning:
 
 
 def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
-    """A fit of the curves from the pole-zero update, and from the file's constants where that is poor; the better one.
+    """The pole-zero update, a fit of the curves from there where that is poor, and then one from the file's constants.
+
+    The best of them.
 
     The pole-zero update starts from thin-body formulas, which fail where the modes of two dimensions meet, and may take
     another mode for the fundamental, of a body that is far too soft; the file's constants may be far away.
@@ -59,7 +61,6 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     elif not attempts:
         where, told = problem.specimen.path or problem.specimen.name, "; ".join(map(str, faults))
         raise InputError(f"{where}: material: {told}; with [effects] the fit starts from these constants")
-    noise = float(np.median(np.concatenate([one.relative_noise for one in measured])))
     found = []
     for attempt in attempts:
         try:
@@ -67,13 +68,19 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
         except ConvergenceError as error:
             reason = error
             continue
-        if found[-1][0] <= max(_POOR * noise, _LEAST_POOR):
+        if not _is_poor(found[-1][0], measured):
             break
     if not found:
         raise reason
     _, constants, histories = min(found, key=lambda item: item[0])
     of_piece = dict(zip(leading, histories, strict=True))
     return Beginning(constants, tuple(of_piece[one.piece.name] for one in every))
+
+
+def _is_poor(rms: float, measured: Sequence[Measured]) -> bool:
+    """Whether curves are far from the sweeps, rms |Δ log Z| from them."""
+    noise = float(np.median(np.concatenate([one.relative_noise for one in measured])))
+    return rms > max(_POOR * noise, _LEAST_POOR)
 
 
 def _one_of_each(measured: Sequence[Measured]) -> dict[str, Measured]:
@@ -86,13 +93,13 @@ def _one_of_each(measured: Sequence[Measured]) -> dict[str, Measured]:
 
 
 def _from_pole_zero(measured: list[Measured], full, bases: Bases):
-    """rms |Δ log Z|, constants and histories of the pole-zero update and a fit from there."""
+    """rms |Δ log Z|, constants and histories of the pole-zero update, fitted to the curves where that is poor."""
     state = pole_zero_update(measured, full, bases, start_constants(measured), _BASIS_ACCURACY)
     return (*_fitted(measured, full, bases, state.constants), state.histories)
 
 
 def _fitted(measured: list[Measured], full, bases: Bases, start: PiezoConstants) -> tuple[float, PiezoConstants]:
-    """rms |Δ log Z| and constants of a fit of the curves from given constants."""
+    """rms |Δ log Z| and constants: those given, or of a fit of the curves from there where they are poor."""
 
     def step(free: FreeConstants, models: Sequence[ExtendedModel]):
         rms, theta = _fit_curves(measured, models, free)
@@ -105,7 +112,7 @@ def _fitted(measured: list[Measured], full, bases: Bases, start: PiezoConstants)
 def _fit_curves(
     measured: list[Measured], models: Sequence[ExtendedModel], free: FreeConstants
 ) -> tuple[float, np.ndarray]:
-    """rms |Δ log Z| and free constants (n,) complex."""
+    """rms |Δ log Z| and free constants (n,) complex: those given where they are not poor, else fitted."""
     pairs = zip(models, measured, strict=True)
     sweeps = together([(Share(), Evaluation(model, one.fitted.omega)) for model, one in pairs])
     impedance = np.concatenate([one.fitted.impedance for one in measured])
@@ -118,5 +125,12 @@ def _fit_curves(
     )
     material = MaterialParameters.around(free, free.start)
     unknowns = Unknowns(material, material_prior(free, {}, {}))
-    x, error = closest(sweeps, data, unknowns, [material.x_of(free.start)])
-    return float(np.sqrt(np.mean(np.abs(error) ** 2))), material.theta(x)
+    x = material.x_of(free.start)
+    error = np.log(sweeps.impedance(unknowns, x) / impedance)
+    if _is_poor(_rms(error), measured):
+        x, error = closest(sweeps, data, unknowns, [x])
+    return _rms(error), material.theta(x)
+
+
+def _rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.abs(error) ** 2)))

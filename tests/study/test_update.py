@@ -11,6 +11,10 @@ from click.testing import CliRunner
 from femu_piezo.cli import main
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import read_specimen, read_specimens
+from femu_piezo.study import beginning
+from femu_piezo.study.beginning import begin
+from femu_piezo.study.measured import measure
+from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.update import update
 
 TRIO = ("s11", "d31", "eps33T")
@@ -42,6 +46,24 @@ def test_noise_free_recovery(sweeps, write_specimen_of, truth, method):
         limit = 3e-5 if method == "pole_zero" else 1e-5  # ε33T at 500 Hz is static to (f/f_p)² k² ≈ 3e-6 only
         assert value.real == pytest.approx(exact.real, rel=limit), name
         assert result.constants.tangent(name) == pytest.approx(truth.tangent(name), rel=1e-3), name
+
+
+def test_the_fit_begins_at_the_pole_zero_update_where_that_is_near(sweeps, write_specimen_of, truth, monkeypatch):
+    """A curve that is not poor is not fitted on the coarse mesh first; one that is comes closer by it."""
+    spec = write_specimen_of("k31", noisy(sweeps["k31"], 1e-3, 1), TRIO, {"s11": 0.8, "d31": 1.25, "eps33T": 0.7})
+    measured = [measure(read_specimen(spec))]
+
+    def away(found) -> np.ndarray:
+        return np.abs([getattr(found.constants, name) / getattr(truth, name) - 1 for name in TRIO])
+
+    near = begin(measured, Bases())
+    assert near.constants == near.histories[0][-1].constants
+    assert np.all(away(near) < 0.01)
+    monkeypatch.setattr(beginning, "_POOR", 0.0)
+    monkeypatch.setattr(beginning, "_LEAST_POOR", 0.0)
+    fitted = begin(measured, Bases())
+    assert fitted.constants != fitted.histories[0][-1].constants
+    assert np.linalg.norm(away(fitted)) < np.linalg.norm(away(near))
 
 
 @pytest.mark.slow
