@@ -55,6 +55,7 @@ class Plan:
     readings: Mapping[tuple[str, str], np.ndarray] = field(default_factory=dict)
     new_sweeps: bool = False
     tolerances: tuple[Effect, ...] = ()
+    _triangles: Once = field(default_factory=lambda: Once(_KEPT), init=False, repr=False, compare=False)
 
     def widened(self, point: Point) -> Point:
         """The point with the unknowns of the plan, each where it is expected."""
@@ -91,6 +92,13 @@ class Plan:
                 row[0, owned.columns(index)] = slope * effect.scale
         logs = np.log(z) * weight
         return np.concatenate([logs.real, logs.imag, [reading]]), np.concatenate([rows.real, rows.imag, row])
+
+    def triangle(self, point: Point) -> np.ndarray:
+        """(n, n_x) R of the Jacobian, whose columns have the lengths and angles of those of all data; kept."""
+        key = point.parameters.names, point.x.tobytes()
+        return self._triangles.get(
+            key, lambda: np.asarray(np.linalg.qr(self.predicted(point.parameters, point.x)[1], mode="r"))
+        )
 
 
 @dataclass(frozen=True)
@@ -189,8 +197,7 @@ def strength(plan: Plan, point: Point, effect: int, size: float) -> float:
     """size/σ of the first parameter of the effect number `effect`, all other unknowns free; size in SI."""
     point = plan.widened(point)
     whole = point.among or point
-    _, jacobian = plan.predicted(whole.parameters, whole.x)
-    jacobian = jacobian[:, [whole.parameters.names.index(name) for name in point.parameters.names]]
+    jacobian = plan.triangle(whole)[:, [whole.parameters.names.index(name) for name in point.parameters.names]]
     own = point.parameters.columns(effect)
     others = np.delete(np.arange(point.x.size), own.start)
     rows = _prior_rows(point)
