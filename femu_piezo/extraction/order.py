@@ -318,11 +318,11 @@ def _scan(positions: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     x = np.frombuffer(positions)
     spacing = float(np.median(np.diff(x)))
-    trials = [1 + BEYOND + 1j * BEYOND_LOSS * (1 + BEYOND)]
+    parts = [1 + BEYOND + 1j * BEYOND_LOSS * (1 + BEYOND)]
     for width in np.geomspace(spacing / 2, 0.5, SCAN_WIDTHS):
         count = min(SCAN_FREQUENCIES, int(np.ceil(2 / (SCAN_STEP * width))))
-        trials.append(np.interp(np.linspace(0, x.size - 1, count), np.arange(x.size), x) + 1j * width)
-    trials = np.concatenate(trials)
+        parts.append(np.interp(np.linspace(0, x.size - 1, count), np.arange(x.size), x) + 1j * width)
+    trials = np.concatenate(parts)
     atoms = 1 / (trials - x[:, None])
     return trials, atoms, np.abs(atoms) ** 2
 

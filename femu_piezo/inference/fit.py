@@ -35,7 +35,7 @@ from femu_piezo.inference.descent import (
 )
 from femu_piezo.inference.laws import law_misses, log_slope
 from femu_piezo.inference.losses import level_of, weight_of
-from femu_piezo.inference.marginal import Marginal, Unexplained, behind_walls
+from femu_piezo.inference.marginal import Columns, Marginal, Unexplained, behind_walls
 from femu_piezo.inference.priors import log_prior_gain
 from femu_piezo.inference.step import bounded_step
 from femu_piezo.inference.unknowns import Unknowns
@@ -107,14 +107,23 @@ class Fit:
         )
 
     @made_once
-    def _triangle(self) -> tuple[np.ndarray, np.ndarray]:
-        """Q and R of the Jacobian at the noise level of the fit, its columns in prior standard deviations."""
-        return np.linalg.qr(self._levelled(self._rows[1]) * self.parameters.prior_std)
+    def _columns(self) -> Columns:
+        """The Jacobian of data, priors and walls in prior standard deviations, whitened by the noise alone."""
+        std = self.parameters.prior_std
+        return Columns.of(self.jacobian * std, self.further_jacobian * std)
 
-    def _levelled(self, rows: np.ndarray) -> np.ndarray:
-        """Rows of data, priors and wall with those of the data over the noise level of the fit."""
-        count = self.residual.size
-        return np.concatenate([rows[:count] / self.level, rows[count:]])
+    @made_once
+    def _whitened(self) -> Columns:
+        """The same, whitened by noise and discrepancy."""
+        if self.discrepancy is None:
+            return self._columns
+        rows, count = self._rows[1] * self.parameters.prior_std, self.residual.size
+        return Columns.of(rows[:count], rows[count:])
+
+    @made_once
+    def _basis(self) -> np.ndarray:
+        """Q of the rows of `_whitened` at the noise level of the fit."""
+        return np.linalg.qr(self._whitened.rows(self.level))[0]
 
     @property
     def on_bound(self) -> tuple[str, ...]:
@@ -136,23 +145,23 @@ class Fit:
     @property
     def determined(self) -> float:
         """Number of unknowns that the data determine, Σ over all of 1 − posterior/prior variance in their span."""
-        rows = self.residual.size
-        return float(np.sum(self._triangle[0][:rows] ** 2))
+        return float(np.sum(self._basis[: len(self._whitened.triangle)] ** 2))
 
     @property
     def noise_scale(self) -> float:
         """Most probable factor on the noise; beside a discrepancy, of the estimate that its likelihood would have."""
-        own = self._levelled(self._rows[0])
+        own = self._rows[0]
         if self.discrepancy is not None:
-            own = own - self._triangle[0] @ (self._triangle[0].T @ own)
-        squares = (own[: self.residual.size] * self.level) ** 2
+            reached = self._whitened.reached(own, self.level)
+            own = own - self.level * self._whitened.whole(self._basis @ (self._basis.T @ reached))
+        squares = own[: self.residual.size] ** 2
         return level_of(squares, self.weight, self.loss, self.residual.size - self.determined, self.data.level_std)
 
     @property
     def _walls(self) -> np.ndarray:
-        """(2k + m,) bool: rows of walls which the estimate touches, among those of data and of `further_jacobian`."""
-        found = np.append(np.zeros(self.residual.size, dtype=bool), np.any(self.further_jacobian != 0, axis=1))
-        found[: self.residual.size + self.x.size] = False
+        """(m,) bool: those of the rows of `further_jacobian` that are walls which the estimate touches."""
+        found = np.any(self.further_jacobian != 0, axis=1)
+        found[: self.x.size] = False
         found[found.size - len(self.parameters.readings) :] = False
         return found
 
@@ -162,20 +171,19 @@ class Fit:
 
         Of a wall that just touches the estimate one half of the intervals is left, and they are as long as without it.
         """
-        walls, count = self._walls, self.residual.size
+        walls = self._walls
         if not np.any(walls):
             return self.further_jacobian
-        values = self._levelled(np.concatenate([self.residual, self.further_residual]))
-        rows = self._levelled(np.concatenate([self.jacobian, self.further_jacobian]))
-        held, weights = walls & (values < 0), (~walls).astype(float)
-        weights[held] = behind_walls(rows * self.parameters.prior_std, values, walls, held)[2]
-        return weights[count:, None] * self.further_jacobian
+        columns, held, weights = self._columns, walls & (self.further_residual < 0), (~walls).astype(float)
+        reached = columns.reached(np.concatenate([self.residual, self.further_residual]), self.level)
+        weights[held] = behind_walls(columns.rows(self.level), reached, columns.among(walls), columns.among(held))[2]
+        return weights[:, None] * self.further_jacobian
 
     @made_once
     def precision_inverse(self) -> np.ndarray:
         """H^-1 (n_x, n_x) of data, priors and what walls leave at the noise level of the fit."""
-        rows = np.concatenate([self.jacobian / self.level, self.prior_rows])
-        return precision_inverse(rows, self.parameters.prior_std)
+        std = self.parameters.prior_std
+        return _inverse(np.concatenate([self._columns.triangle / self.level, self.prior_rows * std]), std)
 
     @made_once
     def gain(self) -> np.ndarray:
@@ -214,22 +222,22 @@ class Fit:
 
         What the others could gain without the laws is left: a fit that was not brought to its end stays where it is.
         """
-        whole, right, walls, held = self._with_laws
+        columns, right, walls, held = self._with_laws
         count, unknowns = self.residual.size, self.x.size
-        if whole.shape[1] == unknowns:
-            return Marginal.of(whole, right, count, self.noise_scale, walls, held)
+        if columns is self._columns:
+            return Marginal.of(columns, right, self.noise_scale, walls, held)
         own = np.flatnonzero(~self.parameters.on_bound(self.x))
-        moving = np.append(own, np.arange(unknowns, whole.shape[1]))
+        moving = np.append(own, np.arange(unknowns, columns.triangle.shape[1]))
 
-        def followed(columns: np.ndarray, right: np.ndarray, level: float) -> np.ndarray:
-            """What the columns can change of the right side at their best, at a noise level."""
-            over = np.where(np.arange(right.size) < count, 1 / level, 1.0)
-            step = np.linalg.lstsq(columns * over[:, None], -right * over, rcond=1e-12)[0]
-            return columns @ step
+        def followed(which: np.ndarray, right: np.ndarray, level: float) -> np.ndarray:
+            """What some columns can change of the right side at their best, at a noise level."""
+            reached = columns.reached(right, level)
+            step = np.linalg.lstsq(columns.rows(level)[:, which], -reached, rcond=1e-12)[0]
+            return columns.whole(columns.rows()[:, which] @ step)
 
-        ended, level = right + followed(whole[:, own], right, self.level), self.noise_scale
+        ended, level = right + followed(own, right, self.level), self.noise_scale
         for _ in range(MANY):
-            left = Marginal.of(whole, right + followed(whole[:, moving], ended, level), count, level, walls, held)
+            left = Marginal.of(columns, right + followed(moving, ended, level), level, walls, held)
             freedom = count - float(np.sum(left.basis[:count] ** 2))
             level = level_of(left.residual**2, self.weight, self.loss, freedom, self.data.level_std)
             if abs(np.log(level / left.level)) < _EXACT_LEVEL:
@@ -237,18 +245,19 @@ class Fit:
         return left
 
     @made_once
-    def _with_laws(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Columns (2k + m, n) of unknowns and errors of laws in prior standard deviations, right side, and rows.
+    def _with_laws(self) -> tuple[Columns, np.ndarray, np.ndarray, np.ndarray]:
+        """Columns of unknowns and errors of laws, right side (2k + m,), and rows beside the data.
 
-        Of the rows (2k + m,) bool: those of walls that are touched, and those of them that hold the estimate.
+        Of these rows (m,) bool: those of walls that are touched, and those of them that hold the estimate.
         """
-        count, std = self.residual.size, self.parameters.prior_std
-        laws = np.zeros((count, 0)) if self.law is None else self.law
-        beside = block_diag(self.further_jacobian * std, np.eye(laws.shape[1]))
-        whole = np.concatenate([np.hstack([self.jacobian * std, laws]), beside])
-        right = np.concatenate([self.residual, self.further_residual, np.zeros(laws.shape[1])])
-        walls = np.append(self._walls, np.zeros(laws.shape[1], dtype=bool))
-        return whole, right, walls, walls & (right < 0)
+        laws, columns = self.law, self._columns
+        count = 0 if laws is None else laws.shape[1]
+        if laws is not None and count:
+            beside = block_diag(columns.beside, np.eye(count))
+            columns = Columns.of(np.hstack([self.jacobian * self.parameters.prior_std, laws]), beside)
+        right = np.concatenate([self.residual, self.further_residual, np.zeros(count)])
+        walls = np.append(self._walls, np.zeros(count, dtype=bool))
+        return columns, right, walls, walls & (right[self.residual.size :] < 0)
 
     @made_once
     def log_evidence(self) -> float:
@@ -303,9 +312,9 @@ class Fit:
 
     def _at_level(self, level: float) -> Marginal:
         """The linearised model, unknowns within bounds and laws integrated out, where the noise has a given level."""
-        whole, right, walls, held = self._with_laws
-        inside = np.delete(whole, np.flatnonzero(self.parameters.on_bound(self.x)), axis=1)
-        return Marginal.of(inside, right, self.residual.size, level, walls, held)
+        columns, right, walls, held = self._with_laws
+        inside = columns.without(np.flatnonzero(self.parameters.on_bound(self.x)))
+        return Marginal.of(inside, right, level, walls, held)
 
     def _unexplained(self, one: Marginal) -> Unexplained:
         """What no change of the unknowns, or of laws, explains."""
@@ -353,8 +362,8 @@ class Fit:
     @made_once
     def _levers(self) -> np.ndarray:
         """(2k, n_x) rows of the data of Q of the unknowns alone, noise alone in the likelihood."""
-        rows = np.concatenate([self.jacobian, self.further_jacobian])
-        return np.linalg.qr(self._levelled(rows) * self.parameters.prior_std)[0][: self.residual.size]
+        basis = np.linalg.qr(self._columns.rows(self.level))[0]
+        return self._columns.whole(basis)[: self.residual.size]
 
     def predicted(self) -> np.ndarray:
         """(k,) complex whitened error of each point as predicted by a fit that did not see its band of its sweep.
@@ -461,7 +470,12 @@ def precision_inverse(rows: np.ndarray, prior_std: np.ndarray) -> np.ndarray:
 
     By QR of the columns in prior standard deviations (n_x,), which leaves the product RᵗR unformed.
     """
-    inverse = np.linalg.inv(np.linalg.qr(rows * prior_std, mode="r"))
+    return _inverse(rows * prior_std, prior_std)
+
+
+def _inverse(rows: np.ndarray, prior_std: np.ndarray) -> np.ndarray:
+    """The same of columns in prior standard deviations."""
+    inverse = np.linalg.inv(np.linalg.qr(rows, mode="r"))
     return (inverse @ inverse.T) * np.outer(prior_std, prior_std)
 
 

@@ -10,6 +10,47 @@ from scipy.special import erfcx
 
 
 @dataclass(frozen=True)
+class Columns:
+    """Columns of a linearised model in prior standard deviations, the rows of the data reduced to Q R once for all.
+
+    Attributes
+    ----------
+    basis, triangle : (2k, r), (r, n) Q and R of the rows of the data;  beside : (m, n) rows of priors, walls, readings
+    """
+
+    basis: np.ndarray
+    triangle: np.ndarray
+    beside: np.ndarray
+
+    @classmethod
+    def of(cls, data: np.ndarray, beside: np.ndarray) -> Columns:
+        """Of rows of data (2k, n), whitened, and of others (m, n)."""
+        return cls(*np.linalg.qr(data), beside)
+
+    def without(self, which: np.ndarray) -> Columns:
+        """The same without some columns, by number."""
+        return Columns(self.basis, np.delete(self.triangle, which, axis=1), np.delete(self.beside, which, axis=1))
+
+    def rows(self, level: float = 1.0) -> np.ndarray:
+        """(r + m, n) at a noise level, with the products of the columns with each other."""
+        return np.concatenate([self.triangle / level, self.beside])
+
+    def reached(self, values: np.ndarray, level: float) -> np.ndarray:
+        """(r + m,) what columns can reach of values (2k + m,), those of the data over the noise level."""
+        count = len(self.basis)
+        return np.concatenate([self.basis.T @ values[:count] / level, values[count:]])
+
+    def whole(self, rows: np.ndarray) -> np.ndarray:
+        """(2k + m, …) of rows (r + m, …)."""
+        size = len(self.triangle)
+        return np.concatenate([self.basis @ rows[:size], rows[size:]])
+
+    def among(self, beside: np.ndarray) -> np.ndarray:
+        """(r + m,) bool of one (m,) for the rows beside the data."""
+        return np.append(np.zeros(len(self.triangle), dtype=bool), beside)
+
+
+@dataclass(frozen=True)
 class Marginal:
     """What is left over of a linearised model whose unknowns are integrated out.
 
@@ -36,21 +77,19 @@ class Marginal:
         return inverse @ inverse.T
 
     @classmethod
-    def of(
-        cls, columns: np.ndarray, left: np.ndarray, count: int, level: float, walls: np.ndarray, held: np.ndarray
-    ) -> Marginal:
-        """Of all columns (2k + m, n) in prior standard deviations and what is left, the `count` rows of data first.
+    def of(cls, columns: Columns, left: np.ndarray, level: float, walls: np.ndarray, held: np.ndarray) -> Marginal:
+        """Of columns and what is left (2k + m,), the rows of the data first.
 
-        walls : (2k + m,) bool, all rows of walls that are touched;  held : those that keep the best place from beyond
+        walls : (m,) bool, all rows of walls that are touched;  held : those that keep the best place from beyond
         """
-        over = np.where(np.arange(left.size) < count, 1 / level, 1.0)
-        rows, values = columns * over[:, None], left * over
+        count, rows = len(columns.basis), columns.rows(level)
         basis, triangle = np.linalg.qr(rows)
         share = 0.0
         if np.any(walls):
-            triangle, share, _ = behind_walls(rows, values, walls, held)
+            reached = columns.reached(left, level)
+            triangle, share, _ = behind_walls(rows, reached, columns.among(walls), columns.among(held))
         volume = share - float(np.sum(np.log(np.abs(np.diag(triangle)))))
-        return cls(left[:count], left[count:], basis, triangle, volume, level)
+        return cls(left[:count], left[count:], columns.whole(basis), triangle, volume, level)
 
 
 def behind_walls(
@@ -65,7 +104,7 @@ def behind_walls(
     the density is exp(−Δ²/2). That counts twice, so that it is 1 where a wall is just touched, as it is just before. Of
     several walls each finds the mean and the covariance that those before have left.
 
-    walls, held : as in `Marginal.of`
+    walls, held : (m,) bool, as in `Marginal.of`
     """
     inner, other = np.linalg.qr(rows[~walls])
     slopes, triangle = rows[held], other

@@ -11,7 +11,7 @@ from laboratory import FREQUENCY, NOISE
 from femu_piezo.inference import descent
 from femu_piezo.inference.descent import CLOSE, COARSE, RANKED
 from femu_piezo.inference.fit import closest, fit, linear_fit, stepped
-from femu_piezo.inference.marginal import Marginal
+from femu_piezo.inference.marginal import Columns, Marginal
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
 from femu_piezo.inference.walls import TOLERANCE, Walls, wall_and_readings
 from femu_piezo.material.library import library_material
@@ -300,7 +300,7 @@ def test_walls_are_borders_of_the_integral(away):
     rows, left = np.vstack([columns, wall[:2]]), np.append(right, wall[2])
     best = np.linalg.lstsq(rows, -left, rcond=None)[0]
     left = left + rows @ best
-    found = Marginal.of(rows, left, 2, 1.0, *2 * [np.arange(5) == 4])
+    found = Marginal.of(Columns.of(rows[:2], rows[2:]), left, 1.0, *2 * [np.arange(3) == 2])
     # in x along the wall and the distance t behind it
     along = np.array([2.0, -1.0])
     u, t = np.meshgrid(np.linspace(-12, 12, 801), np.geomspace(1e-6, 12, 1601))
@@ -310,7 +310,8 @@ def test_walls_are_borders_of_the_integral(away):
     integral = np.trapezoid(np.trapezoid(density, u[0], axis=1), t[:, 0])
     assert found.log_volume == pytest.approx(np.log(2 * integral / (2 * np.pi)), abs=2e-3)
     if away == 0:
-        free = Marginal.of(columns, right + columns @ best, 2, 1.0, *2 * [np.zeros(4, dtype=bool)])
+        plain, none = Columns.of(columns[:2], columns[2:]), np.zeros(2, dtype=bool)
+        free = Marginal.of(plain, right + columns @ best, 1.0, none, none)
         assert found.log_volume == pytest.approx(free.log_volume, abs=1e-6)
 
 
@@ -321,7 +322,8 @@ def test_second_wall_finds_what_the_first_has_left():
         rows = np.vstack([np.eye(2), *(1e4 * np.array(wall) for wall in walls)])
         left = np.append(np.zeros(2), np.full(len(walls), -1e4))  # one deviation beyond each, without it
         best = np.linalg.lstsq(rows, -left, rcond=None)[0]
-        return Marginal.of(rows, left + rows @ best, 0, 1.0, *2 * [np.arange(left.size) > 1]).log_volume
+        held = np.arange(left.size) > 1
+        return Marginal.of(Columns.of(rows[:0], rows), left + rows @ best, 1.0, held, held).log_volume
 
     one = volume((1.0, 0.0))
     assert volume((1.0, 0.0), (0.0, 1.0)) == pytest.approx(2 * one, abs=1e-3)
