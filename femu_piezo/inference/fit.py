@@ -186,9 +186,15 @@ class Fit:
         return _inverse(np.concatenate([self._columns.triangle / self.level, self.prior_rows * std]), std)
 
     @made_once
+    def _reduced_gain(self) -> np.ndarray:
+        """A Q (n_x, r) of the gain A = A Q Qᵗ, Q of `_columns`."""
+        along = self._columns.triangle / self.parameters.prior_std
+        return self.precision_inverse @ along.T / self.level**2
+
+    @made_once
     def gain(self) -> np.ndarray:
         """A (n_x, 2k): how the estimate moves with the whitened data, H^-1 Jᵗ over the square of the noise level."""
-        return self.precision_inverse @ self.jacobian.T / self.level**2
+        return self._reduced_gain @ self._columns.basis.T
 
     @made_once
     def covariance(self) -> np.ndarray:
@@ -200,13 +206,14 @@ class Fit:
         closest there is; what is smooth in frequency and no noise widens the intervals by s² A K Aᵗ. No factor for
         misfit is applied beyond that. The coverage is tested in tests/inference/test_coverage.py.
         """
-        found = self.noise_scale**2 * self.gain @ self.gain.T
+        gain, basis = self._reduced_gain, self._columns.basis
+        found = self.noise_scale**2 * gain @ gain.T
         if self.discrepancy is not None:
-            moved = self.noise_scale * self.gain @ self.discrepancy.columns
+            moved = self.noise_scale * gain @ (basis.T @ self.discrepancy.columns)
             found = found + moved @ moved.T
         for misses in (self.law, self.mesh):
             if misses is not None:
-                moved = self.gain @ misses
+                moved = gain @ (basis.T @ misses)
                 found = found + moved @ moved.T
         pulled = self.precision_inverse @ self.prior_rows.T
         return found + pulled @ pulled.T

@@ -29,6 +29,8 @@ _SIGMAS = np.geomspace(1e-6, 3.0, 27)
 _UNREACHED = 1e-7
 #: Rounding of Σ τ g below which what unknowns take of the columns is taken off along their principal axes.
 _ROUNDING = 1e-3
+#: Corner of a bordered matrix, so large that its Cholesky factor exists.
+_LARGE = 1e200
 #: Range of χ² over its degrees of freedom in which likelihoods are interpolated, and nodes to a factor of e there.
 _RANGE, _NODES = (1e-9, 1e25), 200
 #: Prior probability that a sweep holds something that the model does not describe.
@@ -243,13 +245,19 @@ def _by_principal_axes(values: np.ndarray, inside: np.ndarray, along: np.ndarray
     values, inside, along : g (m,), U (m, p), b (m,);  U Uᵗ is no more than diag(g), so that no eigenvalue of W is below
         the least 1/(1 + τ g), which has to be far above rounding
     """
-    sizes = _SIGMAS[:, None] ** 2
+    sizes, count = _SIGMAS[:, None] ** 2, inside.shape[1]
     grown = 1 + sizes * np.maximum(values, 0.0)
-    weights = sizes / grown
-    left = np.linalg.cholesky(np.eye(inside.shape[1]) - inside.T @ (weights[:, :, None] * inside))
-    turned = np.linalg.solve(left, ((weights * along) @ inside)[:, :, None])[:, :, 0]
-    gained = weights @ along**2 + np.sum(turned**2, axis=1)
-    volume = 0.5 * np.sum(np.log(grown), axis=1) + np.sum(np.log(np.diagonal(left, axis1=1, axis2=2)), axis=1)
+    weights, both = sizes / grown, np.column_stack([inside, along])
+    rows, columns = np.tril_indices(count + 1)
+    products = np.zeros((len(sizes), count + 1, count + 1))  # [U, b]ᵗω [U, b], the lower triangle
+    products[:, rows, columns] = weights @ (both[:, rows] * both[:, columns])
+    own, diagonal = products[:, -1, -1].copy(), np.arange(count)
+    products[:, :count, :count] *= -1
+    products[:, diagonal, diagonal] += 1
+    products[:, -1, -1] = _LARGE
+    left = np.linalg.cholesky(products)  # of W, and in its last row L^-1 c
+    gained = own + np.sum(left[:, -1, :count] ** 2, axis=1)
+    volume = 0.5 * np.sum(np.log(grown), axis=1) + np.sum(np.log(left[:, diagonal, diagonal]), axis=1)
     return gained[:, None], volume[:, None]
 
 
