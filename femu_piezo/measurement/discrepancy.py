@@ -26,7 +26,7 @@ from femu_piezo.threads import made_once
 _SIGMAS = np.geomspace(1e-6, 3.0, 27)
 #: Square of the share of a direction of the unknowns that lies in the data, below which the direction is left out: what
 #: it takes of a column is no larger a share of what the others leave.
-_UNREACHED = 1e-7
+_UNREACHED = 1e-4
 #: Rounding of Σ τ g below which what unknowns take of the columns is taken off along their principal axes.
 _ROUNDING = 1e-3
 #: Corner of a bordered matrix, so large that its Cholesky factor exists.

@@ -49,6 +49,8 @@ _CURVES = 4
 #: Most points of a sweep of which forms are kept: resonances at all places for the next sweep of the same frequencies,
 #: smooth errors of a curve for the next fit.
 _KEPT = 2000
+#: What is kept of forms that have the rows in common: products of two factors, and of each share w squares and axes.
+_PRODUCTS = 3 + 2 * len(SHARES)
 #: Share of the largest variance below which a component is left out.
 _NEGLIGIBLE = 1e-4
 #: Points of a curve that its rational function goes through at most, its relative error, the share of C (median over
@@ -71,11 +73,13 @@ class Sides:
     ----------
     share : (2k,) what a loss makes of the readings, and so of the columns
     vectors : (2k, p) whitened, Re, then Im
+    products : with the latest rows
     """
 
     data: SweepData
     share: np.ndarray
     vectors: np.ndarray
+    products: Once = field(default_factory=lambda: Once(latest=1), init=False, repr=False, compare=False)
 
     @made_once
     def turned(self) -> np.ndarray | None:
@@ -90,12 +94,13 @@ class Sides:
 class Alternatives:
     """Errors of log Z of one form that compete, n of them, each the sum of m columns with complex normal coefficients.
 
-    A column is the product of a row and a factor, m = t s, each of the t factors with the s rows of an alternative.
+    A column is the product of a row and a factor, m = t s, each of the t factors that act with the s rows of an
+    alternative.
 
     Attributes
     ----------
     rows : (n, s, k') over frequency, which do not depend on the model
-    factors : (t, k') complex
+    factors : (t', k') complex;  amounts : (t',) that multiply them; those with 0 do not act
     scale : (n,) that brings the error of each alternative to rms 1 of Re and Im over its sweep
     imaginary : deviation of the imaginary part of each coefficient over that of its real part
     points : (k',) indices of the points of the data where it is not zero: those of whole sweeps
@@ -110,12 +115,23 @@ class Alternatives:
     imaginary: float
     points: np.ndarray
     places: np.ndarray
-    _kept: Once = field(default_factory=lambda: Once(latest=2), init=False, repr=False, compare=False)
+    amounts: np.ndarray = field(default_factory=lambda: np.ones(1))
+    _kept: Once = field(default_factory=lambda: Once(_PRODUCTS), repr=False, compare=False)
+
+    def mixed(self, amounts: Sequence[float]) -> Alternatives:
+        """The same with other amounts (t',) of the factors; what is kept of one serves the other."""
+        return replace(self, amounts=np.array(amounts))
+
+    @property
+    def _acting(self) -> np.ndarray:
+        """Numbers (t,) of the factors that act."""
+        return np.flatnonzero(self.amounts)
 
     @property
     def columns(self) -> np.ndarray:
         """(k', n, m) complex."""
-        every = self.rows[:, None] * self.factors[:, None] * self.scale[:, None, None, None]
+        factors = (self.amounts[:, None] * self.factors)[self._acting]
+        every = self.rows[:, None] * factors[:, None] * self.scale[:, None, None, None]
         return every.reshape(len(self.rows), -1, self.points.size).transpose(2, 0, 1)
 
     def among(self, data: SweepData) -> np.ndarray:
@@ -125,7 +141,8 @@ class Alternatives:
     def chosen(self, which: int) -> Alternatives:
         """One of them."""
         one = slice(which, which + 1)
-        return replace(self, rows=self.rows[one].copy(), scale=self.scale[one], places=self.places[one])
+        kept = Once(_PRODUCTS)
+        return replace(self, rows=self.rows[one].copy(), scale=self.scale[one], places=self.places[one], _kept=kept)
 
     def whitened(self, data: SweepData) -> np.ndarray:
         """(2k', n, 2m) Re, then Im, over the noise, by each real coefficient."""
@@ -141,16 +158,21 @@ class Alternatives:
         Where Re and Im have one share, Φᵗ V is a complex product of rows, with factors between. The first is the same
         for all fits of a sweep whose loss gives its points the same weights, and is kept for the next of them.
         """
-        squares = self._squares(sides)
         if sides.turned is None:
             among = self.among(sides.data)
-            return squares, self._whole(sides.data, sides.share[among]) @ sides.vectors[among]
-        n, rows, size = len(self.rows), self.rows.shape[1], len(self.factors)
-        along = self.factors[:, :, None] * sides.turned[self.points]  # (t, k', p)
-        along = self.rows.reshape(-1, self.points.size) @ along.transpose(1, 0, 2).reshape(self.points.size, -1)
-        along = along.reshape(n, rows, size, -1).transpose(0, 2, 1, 3) * self.scale[:, None, None, None]
+            whole = self._whole(sides.data, sides.share[among])
+            return self._squares(sides), whole @ sides.vectors[among]
+        acting, amounts = self._acting, self.amounts[self._acting]
+        along = sides.products.get(id(self._kept), lambda: self._along(sides))[1][:, acting] * amounts[:, None, None]
         both = np.stack([along.real, -self.imaginary * along.imag], axis=1)
-        return squares, both.reshape(n, 2 * size * rows, -1)
+        return self._squares(sides), both.reshape(len(both), -1, along.shape[-1])
+
+    def _along(self, sides: Sides) -> tuple[Once, np.ndarray]:
+        """Σ rows factors v (n, t', s, p) of every factor; beside what keeps the place of these rows in memory."""
+        n, rows, size = len(self.rows), self.rows.shape[1], len(self.factors)
+        along = self.factors[:, :, None] * sides.turned[self.points]  # (t', k', p)
+        along = self.rows.reshape(-1, self.points.size) @ along.transpose(1, 0, 2).reshape(self.points.size, -1)
+        return self._kept, along.reshape(n, rows, size, -1).transpose(0, 2, 1, 3) * self.scale[:, None, None, None]
 
     def along_axes(self, sides: Sides, squares: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Eigenvalues (2m,) of ΦᵗΦ (2m, 2m) of a single alternative, and its ΦᵗV (2m, p) along the eigenvectors.
@@ -167,7 +189,7 @@ class Alternatives:
             inner, across = squares[:half, :half], squares[half:, :half]
             return np.linalg.eigh(inner + 1j * across if np.any(across) else inner)
 
-        values, axes = self._kept.get(("axes", *self._key(sides)), decomposed)
+        values, axes = self._kept.get(("axes", self.amounts.tobytes(), *self._key(sides)), decomposed)
         turned = axes.conj().T @ (along[:half] + 1j * along[half:])
         return np.tile(values, 2), np.concatenate([turned.real, turned.imag])
 
@@ -177,27 +199,20 @@ class Alternatives:
 
     def _squares(self, sides: Sides) -> np.ndarray:
         """ΦᵗΦ (n, 2m, 2m)."""
+        key = ("squares", self.amounts.tobytes(), *self._key(sides))
+        return self._kept.get(key, lambda: self._squares_of(sides))
+
+    def _squares_of(self, sides: Sides) -> np.ndarray:
+        """The same; where noise is white and Re and Im have one share, complex products of rows."""
         share = sides.share[self.among(sides.data)]
-        return self._kept.get(
-            ("squares", *self._key(sides)), lambda: self._squares_of(sides.data, share, sides.turned is not None)
-        )
-
-    def _whole(self, data: SweepData, share: np.ndarray) -> np.ndarray:
-        """Φᵗ (n, 2m, 2k')."""
-        return np.ascontiguousarray((self.whitened(data) * share[:, None, None]).transpose(1, 2, 0))
-
-    def _squares_of(self, data: SweepData, share: np.ndarray, alike: bool) -> np.ndarray:
-        """ΦᵗΦ (n, 2m, 2m); of white noise, and where Re and Im have one share, it is a complex product of rows too."""
-        if any(data.noise_memory) or not alike:
-            whole = self._whole(data, share)
+        if any(sides.data.noise_memory) or sides.turned is None:
+            whole = self._whole(sides.data, share)
             return whole @ whole.transpose(0, 2, 1)
-        k = self.points.size
-        factors = self.factors * (data.weight[self.points] * share[:k])
-        n, rows, size = len(self.rows), self.rows.shape[1], len(factors)
+        n, rows, size = len(self.rows), self.rows.shape[1], self._acting.size
         found = np.empty((n, 2, size, rows, 2, size, rows))
-        for one, first in enumerate(factors):
-            for other, second in enumerate(factors[: one + 1]):
-                own = self._weighted(first.conj() * second) * self.scale[:, None, None] ** 2
+        for one, first in enumerate(self._acting):
+            for other, second in enumerate(self._acting[: one + 1]):
+                own = self.amounts[first] * self.amounts[second] * self._product(sides, share, first, second)
                 for a, b in ((one, other), (other, one)):
                     found[:, 0, a, :, 0, b] = found[:, 1, a, :, 1, b] = own.real
                     found[:, 1, a, :, 0, b], found[:, 0, a, :, 1, b] = own.imag, -own.imag
@@ -205,6 +220,20 @@ class Alternatives:
         found[:, 1] *= self.imaginary
         found[:, :, :, :, 1] *= self.imaginary
         return found.reshape(n, 2 * size * rows, -1)
+
+    def _product(self, sides: Sides, share: np.ndarray, first: int, second: int) -> np.ndarray:
+        """Σ conj(row factor) row factor (n, s, s) of two factors in full, whitened, over the points; kept."""
+
+        def made() -> np.ndarray:
+            weight = (sides.data.weight[self.points] * share[: self.points.size]) ** 2
+            across = self.factors[first].conj() * self.factors[second] * weight
+            return self._weighted(across) * self.scale[:, None, None] ** 2
+
+        return self._kept.get(("product", int(first), int(second), *self._key(sides)), made)
+
+    def _whole(self, data: SweepData, share: np.ndarray) -> np.ndarray:
+        """Φᵗ (n, 2m, 2k')."""
+        return np.ascontiguousarray((self.whitened(data) * share[:, None, None]).transpose(1, 2, 0))
 
     def _weighted(self, weight: np.ndarray) -> np.ndarray:
         """Σ w conj(row) row (n, s, s) for complex weights w (k'), real where they are."""
@@ -257,10 +286,9 @@ def smooth(
     moved = np.concatenate([log_slope[sweep] / rms for sweep, rms in zip(data.sweeps, steep, strict=True)])
     for length in lengths:
         rows = _of_sweeps(data, [components(np.log(data.frequency[sweep]), length, kernel) for sweep in data.sweeps])
+        both = _alone("smooth", rows, np.array([np.ones_like(moved), moved]), 1.0, length)
         for share in shares:
-            factors = [np.sqrt(1 - share) * np.ones_like(moved)] if share < 1 else []
-            factors += [np.sqrt(share) * moved] if share > 0 else []
-            yield _alone("smooth", rows, np.array(factors), 1.0, length)
+            yield both.mixed([np.sqrt(1 - share), np.sqrt(share)])
 
 
 def shared_smooth(data: SweepData, log_slope: np.ndarray) -> Sequence[Alternatives]:
