@@ -9,7 +9,7 @@ import numpy as np
 from femu_piezo.extraction.fit import NormalisedSweep
 from femu_piezo.extraction.model import RationalModel
 from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, profiled
-from femu_piezo.measurement.discrepancy_forms import matern, smooth
+from femu_piezo.measurement.discrepancy_forms import Alternatives, matern, smooth
 from femu_piezo.measurement.sweeps import SweepData, stacked
 
 SHARES = (0.0, 1.0)  # of errors of frequency in them: none, or nothing else
@@ -59,20 +59,32 @@ def fisher_spread(model: RationalModel, data: NormalisedSweep, scale: float = 1.
     return Spread(scale * np.linalg.inv(np.linalg.qr(jac / size)[1]) / size[:, None], circular=True)
 
 
-def systematic_error(model: RationalModel, data: NormalisedSweep, sweep: SweepData) -> tuple[Discrepancy, float]:
-    """The smooth function of frequency that a fit leaves beside the noise, and the evidence of the fit with it.
+def errors_about(model: RationalModel, data: NormalisedSweep, sweep: SweepData) -> list[Alternatives]:
+    """The smooth functions of frequency that a fit may leave, correlated over the lengths of `smooth`.
 
-    The evidence is the Bayesian information criterion, −2 log p(data) + k log(2n), less is better, with the discrepancy
-    of log Z marginalised (`femu_piezo.measurement.discrepancy`), correlated over the lengths of `smooth` and no
-    smoother than instruments are (Matérn).
+    No smoother than instruments are (Matérn). Those of one fit serve others that are near it.
 
     Parameters
     ----------
-    sweep : the same points with the noise that neighbours show
+    sweep : the points of `data` with the noise that neighbours show
+    """
+    return list(smooth(sweep, model.log_slope(data.x), shares=SHARES, kernel=matern))
+
+
+def systematic_error(
+    model: RationalModel, data: NormalisedSweep, sweep: SweepData, errors: list[Alternatives]
+) -> tuple[Discrepancy, float]:
+    """The smooth function of frequency that a fit leaves beside the noise, and the evidence of the fit with it.
+
+    The evidence is the Bayesian information criterion, −2 log p(data) + k log(2n), less is better, with the discrepancy
+    of log Z marginalised (`femu_piezo.measurement.discrepancy`).
+
+    Parameters
+    ----------
+    sweep, errors : as of `errors_about`
     """
     residual = stacked((model.charge(data.x) / data.charge - 1) * sweep.weight)
-    forms = [smooth(sweep, model.log_slope(data.x), shares=SHARES, kernel=matern)]
-    found = learn_discrepancy(sweep, residual, np.zeros((residual.size, 0)), forms)
+    found = learn_discrepancy(sweep, residual, np.zeros((residual.size, 0)), [errors])
     likelihood = profiled(float(residual @ residual), residual.size, sweep.level_std) + found.log_evidence
     return found, float(-2 * likelihood + 2 * model.size * np.log(2 * len(data)))
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from femu_piezo.errors import InputError
-from femu_piezo.extraction.covariance import fisher_spread, systematic_error, systematic_spread
+from femu_piezo.extraction.covariance import errors_about, fisher_spread, systematic_error, systematic_spread
 from femu_piezo.extraction.fit import ROUNDING, Fit, NormalisedSweep, refit, solve_linear
 from femu_piezo.extraction.likelihood import maximum_likelihood, noise_of
 from femu_piezo.extraction.limitations import (
@@ -134,10 +134,12 @@ def _most_probable(fits: Sequence[Fit], data: NormalisedSweep, points: SweepData
     followed. Then modes go that the error explains as well.
     """
 
-    def judged(one: Fit) -> tuple[Fit, Discrepancy, float]:
-        return one, *systematic_error(one.model, data, points)
-
     passive = sorted((one for one in fits if is_passive(one.model)), key=lambda one: one.misfit)
+    errors = errors_about(passive[0].model, data, points)
+
+    def judged(one: Fit) -> tuple[Fit, Discrepancy, float]:
+        return one, *systematic_error(one.model, data, points, errors)
+
     near = [one for one in passive if one.misfit < CLOSE**2 * passive[0].misfit]
     orders = {(one.model.poles.size, one.model.background.size): one for one in near[::-1]}
     each = [judged(one) for one in orders.values()]

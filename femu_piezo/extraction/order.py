@@ -98,10 +98,10 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
     mode, where a scan of the residual finds most to explain" and "one, two or three more background degrees"
     compete by their evidence; models that are not passive are not considered. Where none gains and neighbouring
     residuals are alike, modes that may be two are tried as two. Where they stay alike, modes may overlap too
-    closely to be found one by one: starts with many poles at once (`relocated_poles`) then compete as well, unless
-    a start is given. Where they stay alike beside many modes, the search may have ended beside the best fit: the
-    modes of a search on half of the points, whose way is another one, then compete too. A sweep of very many points
-    is searched on some of them first.
+    closely to be found one by one: starts with many poles at once (`relocated_poles`), the more as long as half of
+    them are modes, then compete as well, unless a start is given. Where they stay alike beside many modes, the
+    search may have ended beside the best fit: the modes of a search on half of the points, whose way is another
+    one, then compete too. A sweep of very many points is searched on some of them first.
     """
     tried: list[Candidate] = []
     way: list[Fit] = []
@@ -118,6 +118,8 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
         if crowd is not None:
             rival = _grown(_prune(_record(crowd, tried), tried), max_modes, tried, way)
             best = min(best, rival, key=_evidence)
+            if rival.model.poles.size < count / 2:  # most of its poles are no modes: more of them are none either
+                break
     if start is None and best.is_correlated and min(CROWDS) <= best.model.poles.size < len(data) / 8:
         other = _passive(refit(search(data.thinned(len(data) // 2), max_modes).best.model, data))
         rival = _grown(_prune(_record(other, tried), tried), max_modes, tried, way)

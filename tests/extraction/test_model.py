@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from femu_piezo.extraction.covariance import Spread, fisher_spread, systematic_error, systematic_spread
+from femu_piezo.extraction.covariance import Spread, errors_about, fisher_spread, systematic_error, systematic_spread
 from femu_piezo.extraction.fit import Fit, NormalisedSweep, correlation, fit, residual, solve_linear
 from femu_piezo.extraction.model import FrequencyAxis, RationalModel
 from femu_piezo.extraction.order import _least
@@ -172,7 +172,7 @@ def test_stated_deviations_hold_beside_a_smooth_error(length):
         start = RationalModel(rows.axis, rows.scale, np.array([at]), np.zeros(1, complex), np.zeros(6, complex))
         found = fit(solve_linear(start, rows).model, rows, tolerance=1e-10)
         points = SweepData(frequency, z, np.full(frequency.size, noise), noise_known=True)
-        error, _ = systematic_error(found.model, rows, points)
+        error, _ = systematic_error(found.model, rows, points, errors_about(found.model, rows, points))
         spread = systematic_spread(found.model, rows, points, error)
         pulls.append(abs(found.model.poles[0] - at) / spread.size(np.eye(found.model.size)[0]))
     # of |δ| over its standard deviation; 20 squared Gaussian errors have a mean of at most 1 + 3 √(2/20)
@@ -188,15 +188,17 @@ def test_a_mode_that_a_smooth_error_explains_as_well_has_the_worse_evidence():
     rows = NormalisedSweep.of(measured.omega, 1 / z, np.ones(frequency.size))
     points = SweepData(frequency, z, np.full(frequency.size, 1e-5), noise_known=True)
     at = (bar.pole(1) - rows.axis.center) / rows.axis.half_width
-    levels = []
-    for poles in ([at], [at, 0.62 + 0.05j]):
-        nothing = np.zeros(len(poles), complex)
-        start = RationalModel(rows.axis, rows.scale, np.array(poles), nothing, np.zeros(6, complex))
-        levels.append(systematic_error(fit(solve_linear(start, rows).model, rows).model, rows, points)[1])
-    assert levels[0] < levels[1]
     # and a true mode is not given up for such an error
-    none = RationalModel(rows.axis, rows.scale, np.zeros(0, complex), np.zeros(0, complex), np.zeros(6, complex))
-    assert levels[0] < systematic_error(solve_linear(none, rows).model, rows, points)[1]
+    models = []
+    for poles in ([at], [at, 0.62 + 0.05j], []):
+        nothing = np.zeros(len(poles), complex)
+        start = RationalModel(rows.axis, rows.scale, np.array(poles, complex), nothing, np.zeros(6, complex))
+        linear = solve_linear(start, rows)
+        models.append(fit(linear.model, rows).model if poles else linear.model)
+    errors = errors_about(models[0], rows, points)
+    one, two, none = (systematic_error(model, rows, points, errors)[1] for model in models)
+    assert one < two
+    assert one < none
 
 
 def test_the_same_modes_over_another_axis_and_scale():
