@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -79,8 +79,8 @@ class Start:
 def starts(response, current: Fit, effect: Effect) -> list[Start]:
     """Starts of a fit with one more cause, the most promising first.
 
-    At its most promising sites where it sits at a place, judged by its onset and, where that is hidden, by the size
-    listed for them; where the fit has it within its tolerance, from there; else at rest and at the values that its
+    At its most promising sites where it sits at a place, judged by its onset and, where that is hidden, by the sizes
+    that it lists; where the fit has it within its tolerance, from there; else at rest and at the values that its
     parameters list.
     """
     parameters = current.parameters.with_candidate(effect)
@@ -88,9 +88,10 @@ def starts(response, current: Fit, effect: Effect) -> list[Start]:
     own, found = parameters.columns(parameters.index(effect.key)), []
     if effect.sites is not None:
         found = _at_sites(response, current, effect, parameters, x)
-        for site in effect.sites if effect.onset_hidden else ():
+        for share, site in product(effect.start_sizes, effect.sites):
             at = x.copy()
             at[own] = site / effect.scale
+            at[own.start + effect.sizes] *= share
             found.append(Start(at, *linear_fit(response, current, parameters, at)))
         return sorted(found, key=promise_of)[:_SITES]
     if current.parameters.has(effect):
@@ -149,10 +150,10 @@ def stepped_start(response, current: Fit, start: Start) -> Start:
 def relocated(response, reached: Fit, effect: Effect) -> list[Start]:
     """Starts of a fit with its cause at every other site, sizes and constants as found; the most promising first.
 
-    The first starts stand where the fit without the cause left the constants. Of one whose onset is hidden they may be
-    too far off to tell one place from another.
+    The first starts stand where the fit without the cause left the constants. Of one whose small sizes these hide they
+    may be too far off to tell one place from another.
     """
-    if effect.sites is None or not effect.onset_hidden:
+    if effect.sites is None or not effect.start_sizes:
         return []
     own = reached.parameters.columns(reached.parameters.index(effect.key))
     placed, found = np.setdiff1d(np.arange(len(effect.parameters)), effect.sizes), []

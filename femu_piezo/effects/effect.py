@@ -173,7 +173,8 @@ class Effect:
         (`femu_piezo.effects.local.sectors`)
     sites : (m, n) parameters to start a fit from: the size, then where it sits. How Z moves with a small size tells
         how promising each is and what size it asks for
-    onset_hidden : whether the constants make up for what a small size does, so that it shows in second order first
+    start_sizes : where the constants make up for what a small size does, so that it shows in second order first: sizes
+        to start from, over that in `sites`; linearisation at one holds to a few times of it
     onset : terms whose slopes in the size hold at size zero, where those of `local` do not
     outward : place of the circuit or acquisition on the way from the body to the instrument, the lowest first
     freed : whether every fit has it with the prior of a cause, as the specimen file asks
@@ -203,7 +204,7 @@ class Effect:
     sectors: tuple[str, ...] = ()
     sites: np.ndarray | None = None
     onset: LocalHook | None = None
-    onset_hidden: bool = False
+    start_sizes: tuple[float, ...] = ()
     outward: float = 0.0
     freed: bool = False
     of_unknown: bool = False

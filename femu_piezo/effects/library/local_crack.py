@@ -153,7 +153,7 @@ def _of_a_spot(context: EffectContext, common: Effect) -> Effect:
             *(replace(one, law_error=_EXTENT) for one in place.parameters),
         ),
         local=_spot(PATCH * place.size),
-        onset_hidden=context.radii is not None,
+        start_sizes=() if context.radii is None else (0.25, 1.0),
         sectors=place.sectors,
         sites=place.sites_with(0.002 * volume),
     )

@@ -139,7 +139,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         local=_patches(context, (contact.low, contact.high), _TRIPOD[:, None]),
         sites=np.column_stack([sites, np.full(len(sites), contact.rest)]),
         sectors=(FILM, *AT_A_PLACE),
-        onset_hidden=True,
+        start_sizes=(1.0,),
     )
     return replace(common, law="circle", parameters=at("radius"), local=_hook(_line), sites=sites), points
 

@@ -92,7 +92,8 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             advice=("look at both faces and clean them", "weigh the specimen before and after cleaning"),
             local=_hook(context, (radius.low, radius.high)),
             onset=_onset,
-            onset_hidden=context.radii is not None,  # it moves radial modes as s11 and s12 do; bending shows it
+            # it moves radial modes as s11 and s12 do; bending shows it
+            start_sizes=() if context.radii is None else (0.25, 1.0),
             sectors=(SPOT, *place.sectors),
             sites=place.sites_with(0.002 * own, radius.rest),
         ),
