@@ -88,4 +88,4 @@ def _guarded(best: Fit) -> Fit:
     """The final fit, with `GUARD_DEGREES` more background than the evidence asks for."""
     if not best.model.poles.size or best.model.size + GUARD_DEGREES >= len(best.data):
         return best
-    return fit(widen(best.model, GUARD_DEGREES), best.data, tolerance=1e-15)
+    return fit(widen(best.model, GUARD_DEGREES), best.data, tolerance=1e-12)

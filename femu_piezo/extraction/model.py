@@ -127,16 +127,16 @@ class RationalModel:
         for m, residue in enumerate(self.residues):
             total = chebyshev.chebadd(total, residue * _from_roots(np.delete(self.poles, m)))
         roots = chebyshev.chebroots(chebyshev.chebtrim(total, 1e-300))
-        return np.array([self._polish(root) for root in roots], complex)
+        return self._polished(roots)
 
-    def _polish(self, root: complex) -> complex:
-        x = complex(root)
+    def _polished(self, roots: np.ndarray) -> np.ndarray:
+        """Roots (n,) after Newton steps; one that these lead away from stays where it was."""
+        x, led = roots.astype(complex), np.ones(roots.size, dtype=bool)
         for _ in range(NEWTON_STEPS):
-            slope = self.charge_slope(np.array(x))
-            step = complex(self.charge(np.array(x)) / slope)
-            if not np.isfinite(step) or abs(step) > 0.5 * abs(x - root) + 0.1:
-                return complex(root)
-            x -= step
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                step = self.charge(x) / self.charge_slope(x)
+            led &= np.isfinite(step) & (np.abs(step) <= 0.5 * np.abs(x - roots) + 0.1)
+            x = np.where(led, x - step, roots)
         return x
 
     def zero_derivative(self, x: complex) -> np.ndarray:

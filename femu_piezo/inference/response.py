@@ -247,10 +247,12 @@ def _along(terms: np.ndarray, tangents: np.ndarray, basis: np.ndarray, weights: 
     small = among[:, :size, :size] - among[:, size:, size:] + 1j * (among[:, :size, size:] + among[:, size:, :size])
     if wanted < len(terms):
         small, tangents = np.tensordot(tangents.T, small, axes=1), np.eye(wanted)
-    joined, found = small.transpose(1, 0, 2).reshape(size, -1), np.empty((len(weights), len(small)), dtype=complex)
+    first, second = np.triu_indices(size)  # wᵗ S w of symmetric S from its upper triangle
+    packed = small[:, first, second].T * np.where(first == second, 1.0, 2.0)[:, None]
+    found = np.empty((len(weights), len(small)), dtype=complex)
     for rows in range(0, len(weights), _BATCH):  # what is between two products of a batch stays near the processor
         own = weights[rows : rows + _BATCH]
-        found[rows : rows + _BATCH] = ((own @ joined).reshape(len(own), -1, size) @ own[:, :, None])[:, :, 0]
+        found[rows : rows + _BATCH] = (own[:, first] * own[:, second]) @ packed
     return found @ tangents
 
 
