@@ -242,8 +242,8 @@ class Enlargement:
     def _may_hold_more(self, one: _Prospect) -> bool:
         """Whether a fit may find much more than linearisation promises of a candidate that explains most of the misfit.
 
-        What linearisation leaves may be curvature where constants make up for small sizes, no fit explains the misfit, or
-        the best one outdid its promise.
+        What linearisation leaves may be curvature where constants make up for small sizes, where no fit explains the
+        misfit, or where the best one outdid its promise.
         """
         return self._explains_most(one) and bool(one.effect.start_sizes or self._unexplained() or self._outdone())
 
