@@ -1,9 +1,48 @@
-"""Local rational fits: the direction that a window determines least."""
+"""Distances of points and steps from local fits follow from the data: not from rounding, nor from the unit of Z."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from femu_piezo.measurement.local_fits import _least_moved
+from femu_piezo.measurement.local_fits import _least_moved, left_out, stepped
+
+from .sweeps import HARD, SOFT, bar_impedance, with_noise
+
+WINDOWS = ((14, (2, 1)), (16, (3, 2)), (22, (4, 3)))
+
+
+def all_distances(frequency: np.ndarray, impedance: np.ndarray, level: float) -> np.ndarray:
+    """Distances (2 · 3 windows, n) of every point from its neighbours, and of a step behind it."""
+    sigma, after = np.full(frequency.size, level), np.arange(8, frequency.size - 8)
+    rows = []
+    for shape in WINDOWS:
+        rows.append(left_out(frequency, impedance, sigma, sigma, after, np.ones_like(after), shape)[0])
+        rows.append(stepped(frequency, impedance, sigma, after, shape, np.zeros(after.size))[1])
+    return np.array(rows)
+
+
+@pytest.mark.kernels
+@pytest.mark.parametrize("material", [SOFT, HARD])
+@pytest.mark.parametrize("level", [1e-4, 1e-3])
+def test_rounding_and_the_unit_of_impedance_do_not_matter(material: dict, level: float) -> None:
+    """Changed in the 14th digit, 1e-10 of the noise, and read in kilo-ohm, the same to 1e-4 (measured: 5e-6)."""
+    frequency = np.linspace(30e3, 50e3, 101)
+    impedance = bar_impedance(frequency, **material)
+    impedance = with_noise(impedance, level * np.abs(impedance), 3)
+    distances = all_distances(frequency, impedance, level)
+    rounded = impedance * (1 + 1e-14 * np.random.default_rng(0).standard_normal(frequency.size))
+    for same in (rounded, impedance / 1e3):
+        np.testing.assert_allclose(all_distances(frequency, same, level), distances, rtol=1e-4, atol=1e-4)
+
+
+def test_a_whole_turn_of_the_phase_is_no_step() -> None:
+    frequency = np.linspace(30e3, 50e3, 101)
+    impedance = bar_impedance(frequency, **SOFT)
+    impedance = with_noise(impedance, 1e-3 * np.abs(impedance), 3)
+    after, sigma = np.array([20, 50, 80]), np.full(101, 1e-3)
+    step, distance, _ = stepped(frequency, impedance, sigma, after, WINDOWS[0], np.full(3, 2j * np.pi))
+    assert np.all(np.abs(step) < 0.01) and np.all(distance < 4)
 
 
 @pytest.mark.parametrize("smallest", [1.0, 1e-3, 1e-9, 1e-15, 0.0])
