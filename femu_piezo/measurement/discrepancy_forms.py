@@ -163,16 +163,16 @@ class Alternatives:
             whole = self._whole(sides.data, sides.share[among])
             return self._squares(sides), whole @ sides.vectors[among]
         acting, amounts = self._acting, self.amounts[self._acting]
-        along = sides.products.get(id(self._kept), lambda: self._along(sides))[1][:, acting] * amounts[:, None, None]
+        along = sides.products.get(self._kept, lambda: self._along(sides))[:, acting] * amounts[:, None, None]
         both = np.stack([along.real, -self.imaginary * along.imag], axis=1)
         return self._squares(sides), both.reshape(len(both), -1, along.shape[-1])
 
-    def _along(self, sides: Sides) -> tuple[Once, np.ndarray]:
-        """Σ rows factors v (n, t', s, p) of every factor; beside what keeps the place of these rows in memory."""
+    def _along(self, sides: Sides) -> np.ndarray:
+        """Σ row factor v (n, t', s, p) over the points, of every factor in full."""
         n, rows, size = len(self.rows), self.rows.shape[1], len(self.factors)
         along = self.factors[:, :, None] * sides.turned[self.points]  # (t', k', p)
         along = self.rows.reshape(-1, self.points.size) @ along.transpose(1, 0, 2).reshape(self.points.size, -1)
-        return self._kept, along.reshape(n, rows, size, -1).transpose(0, 2, 1, 3) * self.scale[:, None, None, None]
+        return along.reshape(n, rows, size, -1).transpose(0, 2, 1, 3) * self.scale[:, None, None, None]
 
     def along_axes(self, sides: Sides, squares: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Eigenvalues (2m,) of ΦᵗΦ (2m, 2m) of a single alternative, and its ΦᵗV (2m, p) along the eigenvectors.
@@ -203,7 +203,7 @@ class Alternatives:
         return self._kept.get(key, lambda: self._squares_of(sides))
 
     def _squares_of(self, sides: Sides) -> np.ndarray:
-        """The same; where noise is white and Re and Im have one share, complex products of rows."""
+        """ΦᵗΦ anew; where noise is white and Re and Im have one share, by complex products of rows."""
         share = sides.share[self.among(sides.data)]
         if any(sides.data.noise_memory) or sides.turned is None:
             whole = self._whole(sides.data, share)

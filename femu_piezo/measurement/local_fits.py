@@ -61,7 +61,8 @@ def _least_moved(triangle: np.ndarray) -> np.ndarray:
     """(k, n) an x of length 1 with hardly more than the least |R x|, for triangles R (k, n, n).
 
     The first eigenvector of R⁻¹R⁻ᴴ by squaring: of directions with singular values s₁ < s₂ of R a share of
-    (s₁/s₂)^(2·2^`_SQUARINGS`) of the second is left, which is where both do alike.
+    (s₁/s₂)^(2·2^`_SQUARINGS`) of the second is left, so much only where both do alike. It is the largest eigenvalue
+    that is squared: no digits are lost.
     """
     inverse = _inverse(triangle)
     squared = inverse @ inverse.conj().transpose(0, 2, 1)

@@ -20,6 +20,7 @@ from femu_piezo.study.effects import has_effects
 from femu_piezo.study.measured import Measured, start_constants
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.pole_zero_update import no_history, pole_zero_update
+from femu_piezo.study.results import rms
 
 #: Errors of meshes and bases, and relative noise of the fits: their constants are only where to begin.
 _ACCURACY, _BASIS_ACCURACY, _NOISE = 5e-3, 1e-3, 1e-2
@@ -39,9 +40,9 @@ class Beginning:
 
 
 def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
-    """The pole-zero update, a fit of the curves from there where that is poor, and then one from the file's constants.
+    """The constants of the pole-zero update, fitted to the curves where they are poor; or those of the file, likewise.
 
-    The best of them.
+    The file's are tried where the others stay poor, and the closer ones are taken.
 
     The pole-zero update starts from thin-body formulas, which fail where the modes of two dimensions meet, and may take
     another mode for the fundamental, of a body that is far too soft; the file's constants may be far away.
@@ -77,10 +78,10 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     return Beginning(constants, tuple(of_piece[one.piece.name] for one in every))
 
 
-def _is_poor(rms: float, measured: Sequence[Measured]) -> bool:
-    """Whether curves are far from the sweeps, rms |Δ log Z| from them."""
+def _is_poor(misfit: float, measured: Sequence[Measured]) -> bool:
+    """Whether rms |Δ log Z| between curves and sweeps is large."""
     noise = float(np.median(np.concatenate([one.relative_noise for one in measured])))
-    return rms > max(_POOR * noise, _LEAST_POOR)
+    return misfit > max(_POOR * noise, _LEAST_POOR)
 
 
 def _one_of_each(measured: Sequence[Measured]) -> dict[str, Measured]:
@@ -102,9 +103,9 @@ def _fitted(measured: list[Measured], full, bases: Bases, start: PiezoConstants)
     """rms |Δ log Z| and constants: those given, or of a fit of the curves from there where they are poor."""
 
     def step(free: FreeConstants, models: Sequence[ExtendedModel]):
-        rms, theta = _fit_curves(measured, models, free)
+        misfit, theta = _fit_curves(measured, models, free)
         constants = free.constants(theta)
-        return (rms, constants), constants
+        return (misfit, constants), constants
 
     return bases.following(measured, full, start, _BASIS_ACCURACY, step)
 
@@ -127,10 +128,6 @@ def _fit_curves(
     unknowns = Unknowns(material, material_prior(free, {}, {}))
     x = material.x_of(free.start)
     error = np.log(sweeps.impedance(unknowns, x) / impedance)
-    if _is_poor(_rms(error), measured):
+    if _is_poor(rms(error), measured):
         x, error = closest(sweeps, data, unknowns, [x])
-    return _rms(error), material.theta(x)
-
-
-def _rms(error: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(np.abs(error) ** 2)))
+    return rms(error), material.theta(x)

@@ -30,7 +30,7 @@ from femu_piezo.study.planning import recommended, separations
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals, pole_zero_residuals
 from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.progress import Clock, Progress
-from femu_piezo.study.results import mesh_words
+from femu_piezo.study.results import mesh_words, rms
 from femu_piezo.study.shapes import electrode_notes
 from femu_piezo.study.standard_figures import figures_of
 from femu_piezo.study.subjects import LEAST_ERROR, Subject, subjects
@@ -311,9 +311,6 @@ def _gain(posterior: Posterior, comparison: Comparison, sweeps: Sequence[Diagnos
     Noise also moves the constants that predict such points; `over_expected` is the misfit after in units of what
     noise at the points and in all unknowns makes of it: 1 for a right model.
     """
-
-    def rms(values: np.ndarray) -> float:
-        return float(np.sqrt(np.mean(np.abs(values) ** 2)))
 
     final = comparison.final
     unseen = [(index, sweep) for index, sweep in enumerate(sweeps) if not np.all(sweep.fitted)]

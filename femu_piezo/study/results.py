@@ -24,9 +24,14 @@ from femu_piezo.study.temperature import TemperatureSeries
 from femu_piezo.threads import made_once
 
 
+def rms(values: np.ndarray) -> float:
+    """Root mean square of |values| (k,)."""
+    return float(np.sqrt(np.mean(np.abs(values) ** 2)))
+
+
 def rms_log_error(model: np.ndarray, data: np.ndarray) -> float:
     """Root mean square of |log Z_model − log Z_data| over a sweep (k,), dimensionless."""
-    return float(np.sqrt(np.mean(np.abs(np.log(model / data)) ** 2)))
+    return rms(np.log(model / data))
 
 
 def mesh_words(model: ElectroelasticModel, reduced: ExtendedModel) -> str:
