@@ -40,7 +40,13 @@ from femu_piezo.inference.priors import log_prior_gain
 from femu_piezo.inference.step import bounded_step
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, log_level_prior, profiled
-from femu_piezo.measurement.discrepancy_forms import Alternatives, of_every_resonance, of_one_resonance, shared_smooth
+from femu_piezo.measurement.discrepancy_forms import (
+    Alternatives,
+    of_every_resonance,
+    of_one_resonance,
+    of_one_step,
+    shared_smooth,
+)
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import blas_limit, made_once
 
@@ -297,6 +303,7 @@ class Fit:
         if self.impedance is not None:
             forms.append(of_every_resonance(self.data, self.impedance))
             forms.append(of_one_resonance(self.data, self.impedance, self.log_slope))
+            forms.append(of_one_step(self.data, self.log_slope))
         return [list(form) for form in forms]
 
     def learned_of(self, forms: list[list[Alternatives]], level: float | None = None) -> Discrepancy:

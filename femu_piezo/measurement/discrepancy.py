@@ -3,10 +3,10 @@
     log Z_data = log Z_model + Φ c + noise,   c normal of variance σ²
 
 The columns of Φ are those of a form (`femu_piezo.measurement.discrepancy_forms`): a smooth function of frequency, an
-error of every resonance, a resonance of its own. Kennedy and O'Hagan (J. R. Statist. Soc. B 63 (2001) 425) put such a
-function beside a model so that its errors widen the intervals by themselves. A sweep knows it by the change of log Z
-that it makes, so σ is the rms of Re and Im of that change over a sweep; σ, the form and what a form leaves open are
-learned from the evidence.
+error of every resonance, a resonance of its own, a step. Kennedy and O'Hagan (J. R. Statist. Soc. B 63 (2001) 425) put
+such a function beside a model so that its errors widen the intervals by themselves. A sweep knows it by the change of
+log Z that it makes, so σ is the rms of Re and Im of that change over a sweep; σ, the form and what a form leaves open
+are learned from the evidence.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Discrepancy:
             return "a smooth function of frequency"
         if self.form == "of every resonance":
             return "an error of its own at every resonance"
-        return f"a resonance of its own near {self.place / 1e3:.3g} kHz"
+        return f"{self.form} near {self.place / 1e3:.3g} kHz"
 
     @property
     def over_noise(self) -> float:

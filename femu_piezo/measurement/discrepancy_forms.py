@@ -19,6 +19,9 @@ all and in proportion to that a_1 of the strongest. The ratio κ and the part of
 A resonance λ of its own, in a fixture or in a part that is loose, complex strength c: ΔC = c/(λ − ω²) where it stands
 beside the piece, Δlog f = c/(λ − ω²) where it moves with it. Places λ over the sweep and quality factors compete; what
 lies between them is the second column, c' λ/(λ − ω²)².
+
+A step, where an instrument changes its range or a contact moves: from a frequency f_0 of the sweep on log Z is off by a
+complex c, or log f is. Places f_0 compete.
 """
 
 from __future__ import annotations
@@ -44,6 +47,8 @@ STRENGTHS, LOSSES = (1.0, 10.0, 100.0), (0.1, 1.0)
 _FEWEST = 3
 #: Quality factors of a resonance of its own, and the distance of neighbours among its places, in half widths.
 QUALITIES, _APART = (10.0, 30.0, 100.0), 1.5
+#: Places of a step in a sweep at most, and fewest points on either side.
+_STEPS, _BESIDE = 64, 3
 #: Curves whose smooth errors are kept.
 _CURVES = 4
 #: Most points of a sweep of which forms are kept: resonances at all places for the next sweep of the same frequencies,
@@ -57,10 +62,10 @@ _NEGLIGIBLE = 1e-4
 #: the sweep) below which a pole is one of rounding, and by how much resonances may lie beyond the sweep (in f).
 _POINTS, _EXACT, _VISIBLE, _BEYOND = 60, 1e-7, 1e-6, 1.5
 
-Form = Literal["smooth", "of every resonance", "a resonance of its own"]
+Form = Literal["smooth", "of every resonance", "a resonance of its own", "a step"]
 #: Prior probability of each form over that of a candidate cause. Errors of every resonance may stand for any cause that
 #: acts on the body: one that explains as much is preferred by 100 to 1.
-WEIGHTS: dict[Form, float] = {"smooth": 1.0, "of every resonance": 0.01, "a resonance of its own": 1.0}
+WEIGHTS: dict[Form, float] = {"smooth": 1.0, "of every resonance": 0.01, "a resonance of its own": 1.0, "a step": 1.0}
 #: Correlation of a process at distances (…) in correlation lengths.
 Kernel = Callable[[np.ndarray], np.ndarray]
 
@@ -343,6 +348,18 @@ def of_one_resonance(
         for factor in (1j * frequency * impedance[points], log_slope[points]):
             scale = 1 / np.sqrt(power @ np.abs(factor) ** 2 / factor.size)
             yield Alternatives("a resonance of its own", rows, factor[None], scale, 1.0, points, places)
+
+
+def of_one_step(data: SweepData, log_slope: np.ndarray) -> Iterator[Alternatives]:
+    """A step at every place of every sweep, of log Z or of log f; log_slope : (k,) ∂log Z/∂log f."""
+    for sweep in data.sweeps:
+        points, frequency = np.arange(data.impedance.size)[sweep], data.frequency[sweep]
+        every = -(-points.size // _STEPS)
+        behind = np.arange(max(every, _BESIDE), points.size - _BESIDE + 1, every)
+        rows = (np.arange(points.size) >= behind[:, None]).astype(float)
+        for factor in (np.ones(points.size), log_slope[points]):
+            scale = 1 / np.sqrt(rows @ np.abs(factor) ** 2 / factor.size)
+            yield Alternatives("a step", rows[:, None], factor[None], scale, 1.0, points, frequency[behind])
 
 
 @lru_cache(maxsize=2 * len(QUALITIES))

@@ -105,6 +105,7 @@ def _discrepancy(comparison: Comparison) -> dict | None:
         "smooth": "length",
         "of every resonance": "strength_over_frequency",
         "a resonance of its own": "frequency_Hz",
+        "a step": "frequency_Hz",
     }
     return {"form": left.form, place[left.form]: left.place, "sigma": left.sigma, "log_evidence": left.log_evidence}
 

@@ -199,6 +199,8 @@ def _form(final: Fit) -> list[str]:
         "of every resonance": "as where the body is not the same all along, or is held or loaded in places",
         "a resonance of its own": "as a loose part, a second piece or the fixture would have; a sweep of the fixture "
         "without the specimen shows whether it is there",
+        "a step": "as where the instrument changes its range or a contact moves; sweep again in one range, or each "
+        "side by itself",
     }
     return [f"It looks like {left}, {why[left.form]}."]
 

@@ -15,6 +15,7 @@ from femu_piezo.measurement.discrepancy_forms import (
     Sides,
     of_every_resonance,
     of_one_resonance,
+    of_one_step,
     smooth,
 )
 from femu_piezo.measurement.sweeps import SweepData, stacked
@@ -56,6 +57,7 @@ def learned(data: SweepData) -> tuple[Discrepancy, Discrepancy]:
     model, slope = body(), log_slope()
     residual, span = stacked(data.over_noise(np.log(model / data.impedance))), np.zeros((2 * FREQUENCY.size, 1))
     forms = [smooth(data, slope), of_every_resonance(data, model), of_one_resonance(data, model, slope)]
+    forms.append(of_one_step(data, slope))
     every = learn_discrepancy(data, residual, span, forms)
     return every, learn_discrepancy(data, residual, span, [smooth(data, slope)])
 
@@ -82,7 +84,8 @@ def test_columns_of_every_resonance_are_changes_of_the_curve(one, which):
 def test_columns_have_the_size_that_is_said():
     """rms 1 of Re and Im of the error of log Z over the sweep, of every form."""
     data, model, slope = sweep(body()), body(), log_slope()
-    for form in (smooth(data, slope), of_every_resonance(data, model), of_one_resonance(data, model, slope)):
+    own = of_one_resonance(data, model, slope), of_one_step(data, slope)
+    for form in (smooth(data, slope), of_every_resonance(data, model), *own):
         for one in form:
             assert size(one) == pytest.approx(np.ones(one.places.size), rel=0.03)
 
@@ -115,6 +118,24 @@ def test_an_oscillator_that_moves_with_the_piece_is_a_resonance_of_its_own():
     assert found.form == "a resonance of its own"
     assert found.place == pytest.approx(134e3, rel=0.02)
     assert found.log_evidence > alone.log_evidence + 20
+
+
+@pytest.mark.parametrize("place", [40e3, 120e3, 230e3])
+def test_a_step_of_the_readings_is_told_with_its_place(place):
+    """They are 0.3 % larger from there on; to half the distance between two places, as no smooth function has it."""
+    found, alone = learned(sweep(body() * np.where(FREQUENCY > place, 1.003, 1.0)))
+    assert found.form == "a step" and found.probable
+    assert found.place == pytest.approx(place, rel=0.03)
+    assert str(found) == f"a step near {found.place / 1e3:.3g} kHz"
+    assert found.log_evidence > alone.log_evidence + 5
+    assert found.level == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_step_of_the_body_is_told_between_the_resonances_that_it_parts():
+    """Softer by 0.06 % from 150 kHz on: the second resonance is where it was, the third one is not."""
+    found, alone = learned(sweep(body(omega=OMEGA * np.where(FREQUENCY > 150e3, 1.0003, 1.0))))
+    assert found.form == "a step" and 118e3 < found.place < 190e3
+    assert found.log_evidence > alone.log_evidence + 5
 
 
 @pytest.mark.parametrize("seed", [5, 6])

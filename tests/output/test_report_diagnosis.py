@@ -23,8 +23,9 @@ from femu_piezo.effects.effect import EffectParameter
 from femu_piezo.effects.library import circuits, losses
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.material.constants import EPS0
+from femu_piezo.measurement.discrepancy import Discrepancy
 from femu_piezo.output.diagnosis import diagnosis_record
-from femu_piezo.output.diagnosis_words import _best_candidate, _likely, whatever_the_cause
+from femu_piezo.output.diagnosis_words import _best_candidate, _form, _likely, whatever_the_cause
 from femu_piezo.output.folder import prepare_folder, write_json
 from femu_piezo.output.report_diagnosis import write_diagnosis_report
 from femu_piezo.output.tables import between
@@ -193,6 +194,12 @@ def test_unknown_is_told_in_words_and_figures(unknown):
     linear = unknown.record["linear_body"]  # specimen and holder together are a linear body
     assert linear["resonances"] == 2 and linear["least"] < 1.3 and linear["model"] > 2
     assert "It is not the simulation" not in unknown.first
+
+
+def test_a_step_is_told_with_its_place_and_what_makes_one():
+    left = Discrepancy("a step", 123.4e3, 1e-3, 1.0, 30.0, np.ones((8, 2)))
+    (sentence,) = _form(SimpleNamespace(discrepancy=left))
+    assert sentence.startswith("It looks like a step near 123 kHz, as where the instrument changes its range")
 
 
 def test_of_a_form_that_no_cause_describes_the_best_cause_is_told_beside_it():
