@@ -123,7 +123,7 @@ def test_an_oscillator_that_moves_with_the_piece_is_a_resonance_of_its_own():
 @pytest.mark.parametrize("place", [40e3, 120e3, 230e3])
 def test_a_step_of_the_readings_is_told_with_its_place(place):
     """They are 0.3 % larger from there on; to half the distance between two places, as no smooth function has it."""
-    found, alone = learned(sweep(body() * np.where(FREQUENCY > place, 1.003, 1.0)))
+    found, alone = learned(sweep(body() * np.where(place < FREQUENCY, 1.003, 1.0)))
     assert found.form == "a step" and found.probable
     assert found.place == pytest.approx(place, rel=0.03)
     assert str(found) == f"a step near {found.place / 1e3:.3g} kHz"
