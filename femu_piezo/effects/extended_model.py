@@ -18,7 +18,7 @@ from femu_piezo.effects.local.box_fields import BoxFields
 from femu_piezo.effects.local.mesh_fields import MeshFields
 from femu_piezo.effects.local.operators import Places
 from femu_piezo.effects.local.round_fields import RoundFields
-from femu_piezo.effects.local.sectors import DRIVEN, Fields, Sectors
+from femu_piezo.effects.local.sectors import Fields, Sectors
 from femu_piezo.forward.mesh_error import MeshError, mesh_error
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.model import ElectroelasticModel
@@ -155,8 +155,7 @@ class _Source:
 
     def model(self, wanted: Iterable[str]) -> ExtendedModel:
         """With the driven sector and those that are wanted."""
-        wanted = {DRIVEN, *wanted}
-        names = tuple(name for name in self._fields.names if name in wanted)
+        names = self._fields.chosen(wanted)
         return self._models.get(names, lambda: ExtendedModel(self, self._fields.select(names)))
 
     def strata(self, names: tuple[str, ...]) -> np.ndarray:

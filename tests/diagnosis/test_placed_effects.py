@@ -114,7 +114,7 @@ CASES = {
     "tapered_width, slight": ((0.01,), slight_taper, 0.003),
     "edge_depoling": ((0.12e-3,), depoled, 0.05),
     "edge_depoling, deep": ((0.4e-3,), depoled_deep, 0.05),
-    "wedge": ((0.05,), wedge, 0.04),
+    "wedge": ((0.05,), wedge, 0.003),
     "uneven_body": ((0.03, 0.02, -0.05, 0.04, 0.1, 0.06), uneven, 0.02),
 }
 

@@ -96,6 +96,14 @@ class MeshFields(Fields):
         """All sectors of a class at once, and classes on several threads."""
         tuple(in_parallel(self._class, {flipped_axes(name) for name in names}))
 
+    def beside(self, name: str) -> tuple[str, ...]:
+        """Of a local response the modes of its class and the local responses that are made before it."""
+        flipped = flipped_axes(name)
+        local = self._local.get(flipped, [])
+        if name not in local:
+            return ()
+        return (letters(flipped) or UNDRIVEN, *local[: local.index(name)])
+
     def further(self, name: str) -> int:
         """Number of unknowns of a sector beyond the driven one."""
         return self.of(name).shape[2]

@@ -96,6 +96,13 @@ class RoundFields(Fields):
         for name in names:
             self._modes(name)
 
+    def beside(self, name: str) -> tuple[str, ...]:
+        """Of what joins the modes of an order these; of driven fields near rims also a response to the same order."""
+        if name not in JOINING:
+            return ()
+        order = JOINING[name]
+        return (ORDERS[order], *(kind for kind, m in COUPLED.items() if name == RIMS and m == order))
+
     def further(self, name: str) -> int:
         """Number of unknowns of a sector beyond the driven one."""
         return sum(one.fields.shape[1] for one in self._modes(name))
@@ -225,7 +232,7 @@ class RoundFields(Fields):
         outward = np.tile(np.repeat((r / r[-1]) ** 2, axial), FIELDS)[:, None]
         fields = self.on_section[:, : self.reduced.displacements] * outward
         fields[3 * n :] = 0.0
-        known = [ORDERS[1], *(kind for kind, m in COUPLED.items() if m == 1 and kind in self.names)]
+        known = [name for name in self.names if name in self.beside(RIMS)]
         beside = np.hstack([one.fields for name in known for one in self._modes(name)])
         return self._new_beside(order, False, fields, beside)
 

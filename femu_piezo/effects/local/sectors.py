@@ -50,12 +50,20 @@ class Fields(ABC):
         """Number of inner potentials, and the hot one."""
         return self.reduced.size - self.reduced.displacements
 
-    def select(self, wanted: Iterable[str]) -> Sectors:
-        """The unknowns of the driven sector and of those that are wanted."""
+    def chosen(self, wanted: Iterable[str]) -> tuple[str, ...]:
+        """Names of the driven sector, of those that are wanted, and of those without which these are not whole."""
         wanted = {DRIVEN, *wanted}
-        names = tuple(name for name in self.names if name in wanted)
+        wanted |= {other for name in wanted for other in self.beside(name)}
+        return tuple(name for name in self.names if name in wanted)
+
+    def select(self, names: tuple[str, ...]) -> Sectors:
+        """The unknowns of `chosen` sectors."""
         self.prepare(name for name in names if name not in (DRIVEN, SPOT))
         return Sectors(names, self)
+
+    @abstractmethod
+    def beside(self, name: str) -> tuple[str, ...]:
+        """Sectors of the same class beside which a sector has nothing but what is new."""
 
     @abstractmethod
     def prepare(self, names: Iterable[str]) -> None:
