@@ -23,6 +23,8 @@ from femu_piezo.geometry.upper_face import UpperFace
 #: Orders of the elements to choose from.
 ORDERS = range(2, 9)
 
+#: Fewest elements along the length of a plate: what yields in a slice across it, a crack, moves elements by themselves.
+LEAST_ALONG = 16
 #: All three mirror planes: one eighth of the plate. () is the full plate; (1, 2) leaves the length unsymmetric.
 EIGHTH = (0, 1, 2)
 
@@ -114,7 +116,11 @@ class Plate:
         order : of the elements where it is given, else the one of `ORDERS` that costs least
         """
         size = 2 * np.pi * frequency_Hz / shear_speed * self.part(symmetric_axes)
-        choices = [(p, fewest_divisions(p, size, accuracy)) for p in (ORDERS if order is None else (order,))]
+        least = LEAST_ALONG // (2 if 0 in symmetric_axes else 1)
+        choices = []
+        for p in ORDERS if order is None else (order,):
+            along, *across = fewest_divisions(p, size, accuracy)
+            choices.append((p, (max(along, least), *across)))
         found = min(choices, key=lambda choice: _cost(*choice))
         check_unknowns(*_unknowns(*found))
         return found

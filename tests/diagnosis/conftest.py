@@ -9,6 +9,7 @@ from femu_piezo.effects.effect import EffectContext
 from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.effects.library import library
 from femu_piezo.forward.model import ElectroelasticModel
+from femu_piezo.geometry.domain import Domain
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
@@ -26,9 +27,9 @@ BAND = (float(FREQUENCY[0]), float(FREQUENCY[-1]))
 
 
 class Setup:
-    """The model, its library and the unknowns of the truth."""
+    """The model, its library and the unknowns of the truth; on a mesh that is finer than a sweep needs, or another."""
 
-    def __init__(self) -> None:
+    def __init__(self, domain: Domain | None = None) -> None:
         self.theta = library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS)
         constants = PiezoConstants.from_vector(self.theta)
         free = FreeConstants.of(constants, ("s11", "d31", "eps33T"))
@@ -37,7 +38,7 @@ class Setup:
         self.unknowns = Unknowns(self.material, material_prior(free, {}, {}))
         context = EffectContext(FUNDAMENTAL, free.names, constants, AXES, DENSITY, SIZE[2], 2e3, SIZE, band_Hz=BAND)
         self.library = {effect.key: effect for effect in library(context)}
-        model = self.model_of_part = ElectroelasticModel(Plate(*SIZE).domain((16, 9, 2)), DENSITY)
+        model = self.model_of_part = ElectroelasticModel(domain or Plate(*SIZE).domain((16, 9, 2)), DENSITY)
         training = [constants, *free.training_sets(free.start, 0.04, 3)[1:]]
         training += [constants.lossless().with_values(s12=1.08 * constants.s12.real)]
         self.model = extend_model(model, training, list(self.library.values()), FREQUENCY[-1], accuracy=1e-5)

@@ -165,7 +165,7 @@ def _of_a_slice(length: float, common: Effect) -> Effect:
         common,
         sentence="a slice across the plate yields more than the rest: a crack or a soft joint",
         parameters=(
-            EffectParameter("added_length", "m", 0.0, 0.2 * length, 0.002 * length, 0.03 * length, law_error=0.02),
+            EffectParameter("added_length", "m", 0.0, 0.2 * length, 0.002 * length, 0.03 * length, law_error=0.04),
             EffectParameter("position", "m", 0.0, length / 2, length / 40, 5 * length, rest=length / 4, law_error=0.02),
             EffectParameter(
                 "width", "m", width / 30, 10 * width, width, width, rest=width, optional=True, law_error=0.25
