@@ -80,6 +80,11 @@ def grid_lines(mesh: skfem.MeshHex) -> list[np.ndarray]:
     return found
 
 
+def divided(line: np.ndarray, parts: int) -> np.ndarray:
+    """(m,) ends of elements (n,) along an axis, and of so many equal parts of each."""
+    return np.interp(np.arange((line.size - 1) * parts + 1) / parts, np.arange(line.size), line)
+
+
 def elements_of(mesh: skfem.MeshHex) -> np.ndarray:
     """(nx, ny, nz) number of the element in every cell of a box."""
     lines, centres = grid_lines(mesh), mesh.p[:, mesh.t].mean(axis=1)

@@ -16,6 +16,7 @@ from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unk
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.sweeps import SweepData
+from femu_piezo.study.posterior import _training
 
 SIZE, DENSITY = (12e-3, 6.5e-3, 1.5e-3), 7500.0
 TANGENTS = np.array([15, 13, 12, 16, 20, 13, 12, 14, 18, 17]) * 1e-3
@@ -27,7 +28,10 @@ BAND = (float(FREQUENCY[0]), float(FREQUENCY[-1]))
 
 
 class Setup:
-    """The model, its library and the unknowns of the truth; on a mesh that is finer than a sweep needs, or another."""
+    """The model, its library and the unknowns of the truth.
+
+    On a mesh that is finer than a sweep needs; or on another, trained for all constants as in a study.
+    """
 
     def __init__(self, domain: Domain | None = None) -> None:
         self.theta = library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS)
@@ -41,6 +45,8 @@ class Setup:
         model = self.model_of_part = ElectroelasticModel(domain or Plate(*SIZE).domain((16, 9, 2)), DENSITY)
         training = [constants, *free.training_sets(free.start, 0.04, 3)[1:]]
         training += [constants.lossless().with_values(s12=1.08 * constants.s12.real)]
+        if domain is not None:
+            training = _training(constants, free, 0.05)
         self.model = extend_model(model, training, list(self.library.values()), FREQUENCY[-1], accuracy=1e-5)
         self.evaluation = Evaluation(self.model, 2 * np.pi * FREQUENCY)
 

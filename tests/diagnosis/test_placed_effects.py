@@ -145,6 +145,17 @@ def test_a_slice_yields_as_the_law_says_within_few_long_elements(on_fewest_eleme
     assert error < setup.library["local_crack"].parameters[0].law_error * size, f"{error / size:.4f}"
 
 
+@pytest.mark.parametrize("margin", [0.25e-3, 0.35e-3])
+def test_bare_ends_on_few_long_elements(on_fewest_elements, bare, margin):
+    """Of base fields that the elements at the ends do not follow 14 % of what 0.35 mm change were missed."""
+    built, setup = build(on_fewest_elements), on_fewest_elements
+    built.margins = (margin, margin)
+    exact = np.log(built.impedance(FREQUENCY) / bare)
+    own = np.log(impedance(setup, "electrode_margin", (margin, 0.0)) / impedance(setup))
+    error, size = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (own - exact, exact))
+    assert error < 0.02 * size, f"{error / size:.4f}"
+
+
 #: The cases that take longest.
 LONG = ("edge_depoling", "edge_depoling, deep", "electrode_margin, unequal", "electrode_margin, one end")
 

@@ -28,8 +28,8 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     if context.dimensions is None:
         return ()
 
-    def taper(name: str) -> EffectParameter:
-        return EffectParameter(name, "1", 0.0, 0.1, 0.005, 0.02, starts=(0.003, 0.01, 0.03))
+    def taper(name: str, misses: float = 0.0) -> EffectParameter:
+        return EffectParameter(name, "1", 0.0, 0.1, 0.005, 0.02, starts=(0.003, 0.01, 0.03), law_error=misses)
 
     return (
         Effect(
@@ -41,7 +41,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             local=lambda places, omega, p: places.taper.terms(places, omega, p),
             sectors=("x", "x ramp", "x taper"),
         ),
-        _wedge(taper("wedge"), "tapered_width", "at both ends", ("x", "x ramp", "x wedge")),
+        _wedge(taper("wedge", 0.03), "tapered_width", "at both ends", ("x", "x ramp", "x wedge")),
     )
 
 

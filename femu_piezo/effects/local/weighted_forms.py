@@ -15,6 +15,7 @@ import numpy as np
 from femu_piezo.forward.gradient_products import ScalarProducts
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.tensor_grid import kronecker_times, line_products
+from femu_piezo.geometry.boxes import divided
 from femu_piezo.threads import made_once
 
 #: Slices across the part along its length, at least.
@@ -87,8 +88,7 @@ class WeightedProducts:
     def slice_ends(self) -> np.ndarray:
         """(slices + 1,) places along x where the slices meet, m."""
         line = self._grid.lines[0]
-        each = -(-_SLICES // (line.size - 1))
-        return np.interp(np.arange(0, line.size - 1 + 1e-9, 1 / each), np.arange(line.size), line)
+        return divided(line, -(-_SLICES // (line.size - 1)))
 
     @made_once
     def odd(self) -> SeparableProducts:
