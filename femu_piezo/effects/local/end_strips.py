@@ -226,7 +226,7 @@ def _bare_end(model: ElectroelasticModel, base: Base, width: float) -> np.ndarra
     start = max(0.0, length - width - 2 * REACH * height)
     lines = (
         graded(start, length - width, length, height),
-        divided(grid_lines(model.domain.mesh)[1], -(-model.domain.order // ORDER)),
+        divided(grid_lines(model.domain.mesh)[1], model.domain.order // ORDER),
         deep(height),
     )
     basis = skfem.Basis(skfem.MeshHex.init_tensor(*lines), ElementHexP(ORDER), intorder=2 * ORDER)
