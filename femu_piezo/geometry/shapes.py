@@ -116,12 +116,9 @@ class Plate:
         order : of the elements where it is given, else the one of `ORDERS` that costs least
         """
         size = 2 * np.pi * frequency_Hz / shear_speed * self.part(symmetric_axes)
-        least = LEAST_ALONG // (2 if 0 in symmetric_axes else 1)
-        choices = []
-        for p in ORDERS if order is None else (order,):
-            along, *across = fewest_divisions(p, size, accuracy)
-            choices.append((p, (max(along, least), *across)))
-        found = min(choices, key=lambda choice: _cost(*choice))
+        choices = [(p, fewest_divisions(p, size, accuracy)) for p in (ORDERS if order is None else (order,))]
+        p, (along, *across) = min(choices, key=lambda choice: _cost(*choice))
+        found = p, (max(along, LEAST_ALONG // (2 if 0 in symmetric_axes else 1)), *across)
         check_unknowns(*_unknowns(*found))
         return found
 
