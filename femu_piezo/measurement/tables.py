@@ -71,12 +71,13 @@ def read_table(lines: list[str], source: str, first_line: int = 1, names: Sequen
     if start is None:
         raise InputError(f"{source}: there are no rows of numbers in this file; {UNDERSTOOD}")
     delimiter, decimal_comma = _delimiter(lines[start])
+    rows = (line.rstrip(" ;\t" if delimiter == ";" else None).rstrip(",") for line in lines[start:])
     numbered = [
-        (number, line)
-        for number, line in enumerate(lines[start:], start + first_line)
-        if line.strip() and not line.lstrip().startswith(_COMMENT)
+        (number, row)  # a line of delimiters alone, as spreadsheets write, is no row
+        for number, row in enumerate(rows, start + first_line)
+        if row.strip() and not row.lstrip().startswith(_COMMENT)
     ]
-    body = [line.rstrip(" ;\t" if delimiter == ";" else None).rstrip(",") for _, line in numbered]
+    body = [row for _, row in numbered]
     decimal_comma = decimal_comma or (delimiter != "," and any("," in line for line in body[:200]))
     if decimal_comma:
         _refuse_thousands(body[:200], source)
