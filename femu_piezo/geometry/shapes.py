@@ -23,7 +23,7 @@ from femu_piezo.geometry.upper_face import UpperFace
 #: Orders of the elements to choose from.
 ORDERS = range(2, 9)
 
-#: Fewest elements along the length of a plate: what yields in a slice across it, a crack, moves elements by themselves.
+#: Fewest elements along the length of a plate: long ones follow waves, but not a crack, which yields within a slice.
 LEAST_ALONG = 16
 #: All three mirror planes: one eighth of the plate. () is the full plate; (1, 2) leaves the length unsymmetric.
 EIGHTH = (0, 1, 2)
@@ -107,6 +107,8 @@ class Plate:
         order: int | None = None,
     ) -> tuple[int, tuple[int, int, int]]:
         """Order and number along x, y, z of the cheapest hexahedra that keep eigenvalues within `accuracy`.
+
+        Along the length no fewer than `LEAST_ALONG` of a whole plate.
 
         Parameters
         ----------

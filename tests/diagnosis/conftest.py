@@ -43,9 +43,10 @@ class Setup:
         context = EffectContext(FUNDAMENTAL, free.names, constants, AXES, DENSITY, SIZE[2], 2e3, SIZE, band_Hz=BAND)
         self.library = {effect.key: effect for effect in library(context)}
         model = self.model_of_part = ElectroelasticModel(domain or Plate(*SIZE).domain((16, 9, 2)), DENSITY)
-        training = [constants, *free.training_sets(free.start, 0.04, 3)[1:]]
-        training += [constants.lossless().with_values(s12=1.08 * constants.s12.real)]
-        if domain is not None:
+        if domain is None:
+            training = [constants, *free.training_sets(free.start, 0.04, 3)[1:]]
+            training += [constants.lossless().with_values(s12=1.08 * constants.s12.real)]
+        else:
             training = _training(constants, free, 0.05)
         self.model = extend_model(model, training, list(self.library.values()), FREQUENCY[-1], accuracy=1e-5)
         self.evaluation = Evaluation(self.model, 2 * np.pi * FREQUENCY)

@@ -28,17 +28,17 @@ def noisy(z: np.ndarray) -> np.ndarray:
 
 
 def test_constants_lie_within_deviations_that_hold_the_error_of_the_law(setup):
-    """Bare ends of 0.4 mm by the independent solver: noise alone promises ε33T far too closely.
+    """Bare ends of 0.8 mm by the independent solver: noise alone promises the constants far too closely.
 
-    What the law misses looks like other constants: no misfit tells it, and no discrepancy.
+    Of narrower ones the law misses hardly more than what other constants make up for.
     """
-    margin = 0.4e-3
+    margin = 0.8e-3
     built = Build(np.array(SIZE), DENSITY, setup.theta, FUNDAMENTAL)
     built.margins = (margin, margin)
     plain, honest = fitted(setup, "electrode_margin", noisy(built.impedance(FREQUENCY)), margin)
     truth = np.append(setup.x, margin / setup.library["electrode_margin"].scale)
     assert np.max(np.abs(plain.x - truth) / plain.std) > 3
-    assert not plain.learned.probable
+    assert plain.learned.probable
     assert np.max(np.abs(honest.x - truth) / honest.std) < 3
 
 

@@ -86,8 +86,8 @@ def test_what_nothing_describes_has_no_confident_name(kind, seed, tmp_path):
     """A second piece, told as three causes at 1.00 without a resonance of its own; a stretch that is soft; a mass.
 
     Half a film, told as a taper at 0.99 without an uneven body. The second tuned mass was a point mass at 0.95, which
-    left 2 % of the misfit of the points that were fitted. A change of range by less than a spike was a dispersion at
-    0.97 without a step.
+    left 2 % of the misfit of the points that were fitted. A change of range, too small for a fault of the data, was a
+    dispersion at 0.97 without a step.
     """
     assert not judge_draw(draw(f"laboratory:undescribed:{kind}", seed), tmp_path).confident
 

@@ -51,7 +51,7 @@ class Fields(ABC):
         return self.reduced.size - self.reduced.displacements
 
     def chosen(self, wanted: Iterable[str]) -> tuple[str, ...]:
-        """Names of the driven sector, of those that are wanted, and of those without which these are not whole."""
+        """The driven sector, those that are wanted, and those `beside` which these hold only what is new, in order."""
         wanted = {DRIVEN, *wanted}
         wanted |= {other for name in wanted for other in self.beside(name)}
         return tuple(name for name in self.names if name in wanted)
@@ -63,7 +63,7 @@ class Fields(ABC):
 
     @abstractmethod
     def beside(self, name: str) -> tuple[str, ...]:
-        """Sectors of the same class beside which a sector has nothing but what is new."""
+        """Sectors of the same class to which a sector is orthonormal: without them it is a part of the response."""
 
     @abstractmethod
     def prepare(self, names: Iterable[str]) -> None:
