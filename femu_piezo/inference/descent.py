@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -15,7 +15,7 @@ from femu_piezo.inference.step import Beside, damped_step
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.inference.walls import Walls, readings
 from femu_piezo.measurement.sweeps import SweepData
-from femu_piezo.threads import in_parallel
+from femu_piezo.threads import Once, in_parallel
 
 #: Gain in χ² at the noise level below which a coarse fit stops, one that is to be ranked, and a close one: there the
 #: squares of the deviations that unknowns are away sum up to this. Most evaluations of a coarse fit and of the others.
@@ -34,6 +34,8 @@ _DAMPING, _FELT, _EASED, _RAISED, _KEPT, _BROKEN = 1e-3, 0.1, 0.1, 10.0, 0.75, 0
 #: Noise level above which a fit is far from its end, and the share of the distance to every wall that its steps keep
 #: there as long as they gain by it: along a wall it would slide to minima that a fit which comes from inside passes by.
 _FAR, _DISTANCE = 2.0, 0.5
+#: Places at which what needs no Z is kept.
+_PLACES = 4
 #: Change of the logarithm of the noise level below which a fit counts as made at it.
 NEAR_LEVEL = 0.03
 
@@ -62,6 +64,7 @@ class Posterior:
     response: Response
     data: SweepData
     parameters: Unknowns
+    _beside: Once = field(default_factory=lambda: Once(_PLACES), init=False, repr=False, compare=False)
 
     def parts(self, x: np.ndarray) -> Parts:
         """Residuals and Jacobians at x (n_x,)."""
@@ -73,8 +76,8 @@ class Posterior:
         )
 
     def beside(self, x: np.ndarray) -> Beside:
-        """What needs no Z."""
-        return Beside(Walls(self.parameters, x), *readings(self.parameters, x))
+        """What needs no Z; kept, as a step asks for it where it begins and a fit where it ends."""
+        return self._beside.get(x.tobytes(), lambda: Beside(Walls(self.parameters, x), *readings(self.parameters, x)))
 
 
 @dataclass(frozen=True)

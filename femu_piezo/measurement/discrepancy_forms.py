@@ -111,6 +111,7 @@ class Alternatives:
     points : (k',) indices of the points of the data where it is not zero: those of whole sweeps
     places : (n,) what tells the n apart: the correlation length as a share of the sweep in log f, the ratio κ, or the
         frequency in Hz
+    pairs : (n, s, s, k') conj(row) row of every two rows, where they are kept: Re above and on the diagonal, Im below
     """
 
     form: Form
@@ -121,6 +122,7 @@ class Alternatives:
     points: np.ndarray
     places: np.ndarray
     amounts: np.ndarray = field(default_factory=lambda: np.ones(1))
+    pairs: np.ndarray | None = None
     _kept: Once = field(default_factory=lambda: Once(_PRODUCTS), repr=False, compare=False)
 
     def mixed(self, amounts: Sequence[float]) -> Alternatives:
@@ -146,8 +148,8 @@ class Alternatives:
     def chosen(self, which: int) -> Alternatives:
         """One of them."""
         one = slice(which, which + 1)
-        kept = Once(_PRODUCTS)
-        return replace(self, rows=self.rows[one].copy(), scale=self.scale[one], places=self.places[one], _kept=kept)
+        own = {"rows": self.rows[one].copy(), "scale": self.scale[one], "places": self.places[one], "pairs": None}
+        return replace(self, **own, _kept=Once(_PRODUCTS))
 
     def whitened(self, data: SweepData) -> np.ndarray:
         """(2k', n, 2m) Re, then Im, over the noise, by each real coefficient."""
@@ -231,8 +233,10 @@ class Alternatives:
 
         def made() -> np.ndarray:
             weight = (sides.data.weight[self.points] * share[: self.points.size]) ** 2
-            across = self.factors[first].conj() * self.factors[second] * weight
-            return self._weighted(across) * self.scale[:, None, None] ** 2
+            # of a factor with itself without the rounding of an imaginary part
+            own = self.factors[first]
+            across = np.abs(own) ** 2 if first == second else own.conj() * self.factors[second]
+            return self._weighted(across * weight) * self.scale[:, None, None] ** 2
 
         return self._kept.get(("product", int(first), int(second), *self._key(sides)), made)
 
@@ -241,9 +245,10 @@ class Alternatives:
         return np.ascontiguousarray((self.whitened(data) * share[:, None, None]).transpose(1, 2, 0))
 
     def _weighted(self, weight: np.ndarray) -> np.ndarray:
-        """Σ w conj(row) row (n, s, s) for complex weights w (k'), real where they are."""
-        weight = weight if np.any(weight.imag) else weight.real
-        return (self.rows.conj() * weight) @ self.rows.transpose(0, 2, 1)
+        """Σ w conj(row) row (n, s, s) for real or complex weights w (k')."""
+        if self.pairs is None or np.iscomplexobj(weight):
+            return (self.rows.conj() * weight) @ self.rows.transpose(0, 2, 1)
+        return _weighted_pairs(self.pairs, weight)
 
 
 def squared_exponential(distance: np.ndarray) -> np.ndarray:
@@ -344,10 +349,11 @@ def of_one_resonance(
     for sweep, quality in product(data.sweeps, qualities):
         points, frequency = np.arange(data.impedance.size)[sweep], data.frequency[sweep]
         make = _resonances_at_places if points.size <= _KEPT else _resonances_at_places.__wrapped__
-        places, rows, power = make(np.ascontiguousarray(frequency).tobytes(), quality)
+        places, rows, pairs = make(np.ascontiguousarray(frequency).tobytes(), quality)
         for factor in (1j * frequency * impedance[points], log_slope[points]):
-            scale = 1 / np.sqrt(power @ np.abs(factor) ** 2 / factor.size)
-            yield Alternatives("a resonance of its own", rows, factor[None], scale, 1.0, points, places)
+            power = np.trace(_weighted_pairs(pairs, np.abs(factor) ** 2).real, axis1=1, axis2=2) / factor.size
+            scale = 1 / np.sqrt(power)
+            yield Alternatives("a resonance of its own", rows, factor[None], scale, 1.0, points, places, pairs=pairs)
 
 
 def of_one_step(data: SweepData, log_slope: np.ndarray) -> Iterator[Alternatives]:
@@ -364,7 +370,7 @@ def of_one_step(data: SweepData, log_slope: np.ndarray) -> Iterator[Alternatives
 
 @lru_cache(maxsize=2 * len(QUALITIES))
 def _resonances_at_places(frequencies: bytes, quality: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places (n,) Hz of a quality factor over a sweep, both rows (n, 2, k') of a resonance there, and Σ|row|² (n, k').
+    """Places (n,) Hz of a quality factor over a sweep, both rows (n, 2, k') of a resonance there, and their pairs.
 
     Kept, as the sweeps of a lot have the same frequencies.
     """
@@ -373,7 +379,17 @@ def _resonances_at_places(frequencies: bytes, quality: float) -> tuple[np.ndarra
     poles = (2 * np.pi * places[:, None]) ** 2 * (1 + 1j / quality)
     form = poles / (poles - (2 * np.pi * frequency) ** 2)
     rows = np.stack([form, form**2 / quality], axis=1)
-    return places, rows, np.sum(np.abs(rows) ** 2, axis=1)
+    both = rows[:, 0].conj() * rows[:, 1]
+    squares = np.abs(rows) ** 2
+    pairs = np.stack([squares[:, 0], both.real, both.imag, squares[:, 1]], axis=1)
+    return places, rows, pairs.reshape(len(places), 2, 2, -1)
+
+
+def _weighted_pairs(pairs: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Σ w conj(row) row (n, s, s) of pairs (n, s, s, k') as `Alternatives` keeps them, for real weights w (k')."""
+    packed = (pairs.reshape(-1, weight.size) @ weight).reshape(pairs.shape[:3])
+    turned = packed.transpose(0, 2, 1)
+    return np.triu(packed) + np.tril(turned, -1) + 1j * (np.triu(turned, 1) - np.tril(packed, -1))
 
 
 def _size(columns: np.ndarray, imaginary: float) -> float:

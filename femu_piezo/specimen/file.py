@@ -490,7 +490,7 @@ def read_specimens(paths: Sequence[Path | str], data_file: Path | str | None = N
         data = _parse_toml(path)
         members = data.get("specimens")
         if members is None:
-            found.append(read_specimen(path, data_file))
+            found.append(_specimen_of(data, path, data_file))
             continue
         right = 'a study file has only specimens = ["k31.toml", "k33.toml"], paths relative to it'
         if set(data) - {"specimens", "name"} or not isinstance(members, list) or not members:
@@ -511,7 +511,11 @@ def read_specimen(path: Path | str, data_file: Path | str | None = None) -> Spec
     Raises InputError where the file or any value in it cannot be used.
     """
     path = Path(path)
-    data = _parse_toml(path)
+    return _specimen_of(_parse_toml(path), path, data_file)
+
+
+def _specimen_of(data: dict[str, Any], path: Path, data_file: Path | str | None) -> Specimen:
+    """The specimen of the tables of a TOML file, which are changed."""
     if "path" in data:
         raise InputError(f"{path}: path is not a key that is known; remove it")
     data.setdefault("name", path.stem)
