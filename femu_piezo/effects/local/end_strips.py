@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -33,6 +34,7 @@ from scipy.interpolate import BarycentricInterpolator
 from femu_piezo.effects.local.blocks import Blocks
 from femu_piezo.effects.local.sectors import Sectors
 from femu_piezo.forward.box_interpolation import interpolation
+from femu_piezo.forward.free_pattern import FreePattern
 from femu_piezo.forward.gradient_products import FIELDS, GradientProducts, assemble_gradient_products
 from femu_piezo.forward.hex_element import ElementHexP, node_places
 from femu_piezo.forward.linear_solver import factorize
@@ -117,9 +119,6 @@ class Forms(Protocol):
 
     mass: sp.spmatrix
 
-    def stiffness(self, tensor: np.ndarray) -> sp.csr_matrix:
-        """(4n, 4n) of an extended tensor."""
-
     def between(self, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
         """(n, k, l) of extended tensors."""
 
@@ -131,8 +130,19 @@ class _BoxForms:
     """On a box."""
 
     def __init__(self, products: GradientProducts, density: float) -> None:
-        self._products = products
-        self.stiffness, self.mass = self._products.stiffness, self._products.mass_matrix(density)
+        self._products, self.mass = products, products.mass_matrix(density)
+
+    def charges(self, tensor: np.ndarray, nodes: np.ndarray, fields: np.ndarray) -> np.ndarray:
+        """(s, k) what fields (4n, k) leave on nodes (s,) by an extended tensor."""
+        found = np.zeros((nodes.size, fields.shape[1]))
+        for coefficients, own in zip(tensor[3].transpose(1, 0, 2), np.split(fields, FIELDS), strict=True):
+            if np.any(coefficients):
+                found += self._products.scalar(self._products.combine(coefficients))[nodes] @ own
+        return found
+
+    def restricted(self, tensor: np.ndarray, prolongation: sp.csr_matrix) -> sp.csr_matrix:
+        """PᵗKP (m, m) of an extended tensor."""
+        return FreePattern(self._products, prolongation, electrode=False).stiffness(tensor)
 
     def between(self, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
         fields = [one.reshape(FIELDS, self._products.size, -1) for one in (left, right)]
@@ -243,7 +253,7 @@ def _bare_end(model: ElectroelasticModel, base: Base, width: float) -> np.ndarra
     return _freed(forms, held, strip, interpolation(model, places), base)
 
 
-def _freed(forms: Forms, held: np.ndarray, strip: np.ndarray, probe: sp.csr_matrix, base: Base) -> np.ndarray:
+def _freed(forms: _BoxForms, held: np.ndarray, strip: np.ndarray, probe: sp.csr_matrix, base: Base) -> np.ndarray:
     """∂T/∂c and ∂D/∂c (2, 10, k, k) of a region with one strip.
 
     Parameters
@@ -251,9 +261,10 @@ def _freed(forms: Forms, held: np.ndarray, strip: np.ndarray, probe: sp.csr_matr
     held : (4, n) what is zero in the region while the electrode is whole;  strip : nodes that are freed
     probe : (n, nodes of the body) values of a field in the region
     """
-    interpolated, operator = in_region(probe, base.fields), forms.stiffness(base.tensor)
-    charges = operator[3 * held.shape[1] + strip] @ interpolated
-    answered = Answers.of(forms, interpolated, answers(operator, held, strip, charges), base.units)
+    interpolated = in_region(probe, base.fields)
+    charges = forms.charges(base.tensor, strip, interpolated)
+    found = answers(partial(forms.restricted, base.tensor), held, strip, charges)
+    answered = Answers.of(forms, interpolated, found, base.units)
     both = answered.condensed(base, ~base.odd, 1.0)
     if not np.any(base.odd):
         return np.array([both, np.zeros_like(both)])
@@ -267,22 +278,22 @@ def in_region(probe: sp.csr_matrix, fields: np.ndarray) -> np.ndarray:
     return np.concatenate([probe @ part for part in np.split(fields, FIELDS)])
 
 
-def answers(operator: sp.csr_matrix, held: np.ndarray, strip: np.ndarray, charges: np.ndarray) -> np.ndarray:
-    """(4n, r) ψ: what a region of an operator (4n, 4n) answers to the patterns of charges (s, k) on nodes of a strip.
+def answers(
+    restricted: Callable[[sp.csr_matrix], sp.csr_matrix], held: np.ndarray, strip: np.ndarray, charges: np.ndarray
+) -> np.ndarray:
+    """(4n, r) ψ: what a region answers to the patterns of charges (s, k) on nodes of a strip.
 
+    restricted : prolongation P (4n, m) from what is free → PᵗKP of the operator K (4n, 4n)
     held : (4, n) what is zero while the electrode is whole
     """
-    n, free = held.shape[1], ~held
+    n, free, patterns = held.shape[1], ~held, _patterns(charges)
     free[3, strip] = True
     free = np.flatnonzero(free.ravel())
     scale = np.where(free >= 3 * n, POTENTIAL_SCALE, 1.0)
-    patterns = _patterns(charges)
-    right = np.zeros((free.size, patterns.shape[1]))
-    right[np.searchsorted(free, 3 * n + strip)] = patterns * POTENTIAL_SCALE
-    found = np.zeros((held.size, patterns.shape[1]))
-    local = operator[free][:, free].multiply(scale).T.multiply(scale).tocsr()
-    found[free] = scale[:, None] * factorize(local).solve(right)
-    return found
+    prolongation = sp.csr_matrix((scale, (free, np.arange(free.size))), shape=(held.size, free.size))
+    loads = np.zeros((held.size, patterns.shape[1]))
+    loads[3 * n + strip] = patterns
+    return prolongation @ factorize(restricted(prolongation)).solve(prolongation.T @ loads)
 
 
 @dataclass(frozen=True)

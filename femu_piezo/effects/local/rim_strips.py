@@ -163,7 +163,7 @@ def _freed(fields: RoundFields, base: Base, width: float) -> np.ndarray:
     def answered(strip: np.ndarray) -> Answers:
         rows = 3 * r.size + strip
         charges = np.where(base.odd, 2 * (turned[rows] @ inside), operator[rows] @ inside)
-        psi = answers(operator, held, strip, charges)
+        psi = answers(lambda free: free.T @ operator @ free, held, strip, charges)
         after = even.at_points(psi)
         return Answers(
             own=even.joined(after, after, base.units),
