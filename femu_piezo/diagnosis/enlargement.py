@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femu_piezo.diagnosis.hypotheses import Weighing
-from femu_piezo.diagnosis.starts import Start, promise_of, relocated, starts, stepped_start, unstrained
+from femu_piezo.diagnosis.starts import Start, of_either_sign, promise_of, relocated, starts, stepped_start, unstrained
 from femu_piezo.diagnosis.whiteness import strain_of
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.descent import COARSE
@@ -222,6 +222,7 @@ class Enlargement:
     def _roughly(self, one: _Prospect) -> Fit | None:
         likely = one.starts if self._first and one.effect.sites is not None else one.starts[:1]
         begins = [one.starts[0].x, *(start.stepped() for start in likely)]
+        begins += [start.x for start in of_either_sign(one.starts)] if self._first else []
         return self._weighing.fitted(one.starts[0].linear.parameters, begins, COARSE)
 
     def _from_means(self, one: _Prospect) -> Fit | None:

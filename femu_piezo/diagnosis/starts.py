@@ -136,6 +136,20 @@ def unstrained(response, current: Fit, effect: Effect) -> list[Start]:
     return sorted(found, key=promise_of)[:_SITES]
 
 
+def of_either_sign(found: Sequence[Start]) -> list[Start]:
+    """Of the starts of an effect those nearest to rest on either side, where its size may be of either sign.
+
+    Constants may make up for what small sizes of one sign do better than they can near the right one of the other: no
+    descent leads there from rest, and linearisation promises nothing.
+    """
+    effect = found[0].cause
+    away = np.array([start.x[start.own(effect).start] - effect.rest[0] / effect.scale[0] for start in found])
+    beyond = [np.flatnonzero(sign * away > _AT_REST) for sign in (-1, 1)]
+    if effect.sites is not None or not all(side.size for side in beyond):
+        return []
+    return [found[side[np.argmin(np.abs(away[side]))]] for side in beyond]
+
+
 def promise_of(start: Start) -> float:
     """χ² by linearisation, to sort starts by."""
     return start.promised

@@ -13,7 +13,7 @@ from hidden_effects.round_draws import soft_volume
 from diagnosis.conftest import DENSITY, TANGENTS
 from femu_piezo.diagnosis.comparison import Comparison
 from femu_piezo.diagnosis.selection import compare
-from femu_piezo.diagnosis.starts import relocated, starts
+from femu_piezo.diagnosis.starts import of_either_sign, relocated, starts
 from femu_piezo.effects.effect import EffectContext
 from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.effects.library import library
@@ -225,6 +225,18 @@ def test_stiff_points_are_sought_again_with_the_constants_found(bodies, distance
     elsewhere = [start.x[own] for start in relocated(one.evaluation, replace(found, x=damped), effect)]
     assert all(np.array_equal(x[:2], damped[own][:2]) for x in elsewhere)  # sizes as found, at another place
     assert len({x[2] for x in elsewhere}) == len(elsewhere)
+
+
+def test_a_size_of_either_sign_is_fitted_from_both_sides(bodies, bare):
+    """The nearest of its starts on either side; the slow disk:poling_gradient 450000 needs it."""
+    one = bodies["disk"]
+    data = SweepData(one.frequency, bare["disk"], np.full(one.frequency.size, 1e-3), True)
+    base = fit(one.evaluation, data, one.unknowns, [one.x], gain=COARSE)
+    first = starts(one.evaluation, base, one.library["poling_gradient"])
+    sides = [start.x[start.own(start.cause)] * start.cause.scale for start in of_either_sign(first)]
+    np.testing.assert_allclose(np.ravel(sides), [-0.1, 0.1])
+    for key in ("edge_depoling", "temperature_drift", "point_mass"):  # of one sign; of no further start; at a place
+        assert of_either_sign(starts(one.evaluation, base, one.library[key])) == []
 
 
 @pytest.mark.parametrize(("share", "place"), [(1e-3, 5.3e-3), (5e-4, 2.5e-3)])
