@@ -85,19 +85,26 @@ class ScalarProducts(ABC):
         ----------
         left, right : (4, n, k) and (4, n, l) fields;  tensors : each (4, 3, 4, 3)
         """
-        left, right = left[:, self.nodes], right[:, self.nodes]
-        used = np.flatnonzero(np.any(left, axis=(1, 2)))
-        tensors = np.asarray(tensors)[:, used]
-        found = np.zeros((len(tensors), left.shape[2], right.shape[2]))
-        for a, other, b in zip(*np.nonzero(np.any(tensors, axis=(0, 1))), strict=True):
-            image = self.times(a, b, right[other])
-            for f, row in enumerate(used):
-                shares = tensors[:, f, a, other, b]
-                if np.any(shares):
-                    product = left[row].T @ image
+        tensors, found = np.asarray(tensors), np.zeros((len(tensors), left.shape[2], right.shape[2]))
+        rows, columns = (self._of_each(side) for side in (left, right))
+        for a, g, b in zip(*np.nonzero(np.any(tensors, axis=(0, 1))), strict=True):
+            after, image = columns[g][0], None
+            for f, (before, own) in enumerate(rows):
+                shares = tensors[:, f, a, g, b]
+                if before.size and after.size and np.any(shares):
+                    image = self.times(a, b, columns[g][1]) if image is None else image
+                    product = own.T @ image
                     for number in np.flatnonzero(shares):
-                        found[number] += shares[number] * product
+                        found[number][np.ix_(before, after)] += shares[number] * product
         return found
+
+    def _of_each(self, fields: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Of each part of fields (4, n, k) the numbers of those that have some of it, and their values on `nodes`.
+
+        Many are of displacements or of potentials alone.
+        """
+        chosen = [np.flatnonzero(np.any(part, axis=0)) for part in fields]
+        return [(own, part[self.nodes][:, own]) for own, part in zip(chosen, fields, strict=True)]
 
     def within(self, fields: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
         """(n_tensors, k, k): `between` of fields (4, n, k) with themselves, for tensors H[f, a, g, b] = H[g, b, f, a].

@@ -33,16 +33,17 @@ class Setup:
     On a mesh that is finer than a sweep needs; or on another, trained for all constants as in a study.
     """
 
-    def __init__(self, domain: Domain | None = None) -> None:
+    def __init__(self, domain: Domain | None = None, size: tuple[float, float, float] = SIZE) -> None:
+        self.size = size
         self.theta = library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS)
         constants = PiezoConstants.from_vector(self.theta)
         free = FreeConstants.of(constants, ("s11", "d31", "eps33T"))
         self.material = MaterialParameters.around(free, free.start)
         self.x = self.material.x_of(free.start)
         self.unknowns = Unknowns(self.material, material_prior(free, {}, {}))
-        context = EffectContext(FUNDAMENTAL, free.names, constants, AXES, DENSITY, SIZE[2], 2e3, SIZE, band_Hz=BAND)
+        context = EffectContext(FUNDAMENTAL, free.names, constants, AXES, DENSITY, size[2], 2e3, size, band_Hz=BAND)
         self.library = {effect.key: effect for effect in library(context)}
-        model = self.model_of_part = ElectroelasticModel(domain or Plate(*SIZE).domain((16, 9, 2)), DENSITY)
+        model = self.model_of_part = ElectroelasticModel(domain or Plate(*size).domain((16, 9, 2)), DENSITY)
         if domain is None:
             training = [constants, *free.training_sets(free.start, 0.04, 3)[1:]]
             training += [constants.lossless().with_values(s12=1.08 * constants.s12.real)]

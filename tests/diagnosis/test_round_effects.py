@@ -369,9 +369,10 @@ def test_an_electrode_off_the_middle_has_the_right_shape(shifted):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="what a adds is 40 % too large for a disk, 14 % for a ring: rim_strips says why")
 def test_an_electrode_off_the_middle_against_a_full_solution(shifted, request):
-    """What was asked of the law, and is not reached."""
+    """What was asked of the law, and is not reached for a ring."""
+    if request.node.callspec.params["shifted"] == "ring":
+        request.applymarker(pytest.mark.xfail(strict=True, reason="13 % of what a adds: rim_strips says why"))
     _, found, exact, whole = shifted
     error, size, all_of_it = rms(found - exact), rms(exact), rms(whole)
     print(f"{error / size:.4f}, {error / all_of_it:.4f}")

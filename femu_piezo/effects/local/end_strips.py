@@ -1,22 +1,28 @@
 """Bare strips at the edges of electrodes: what freeing the potential there does to a reduced body.
 
 A base field x leaves the charge R x on a strip where its potential was held. Let ψ be the static answers of the region
-at the edge to the few patterns of such charges, less the base fields that have their momentum, so that no inertia joins
-them to those. With K the operator the amplitudes a = −(ψᵗKψ)^-1 ψᵗK x make
+at the edge to the few patterns of such charges, their displacements and their potentials apart, the displacements less
+the base fields that have their momentum, so that no inertia joins them to those. Apart, ψᵗKψ of the operator K is
+positive in the one and negative in the other, and never singular; together they no longer balance each other once the
+base fields are taken off, least on strips a few thicknesses wide. The amplitudes a = −(ψᵗKψ)^-1 ψᵗK x make
 
     S(m) = xᵗKψ a + (…)ᵗ + aᵗψᵗKψ a    per base field
 
 stationary, so its parts per unit constant are exact derivatives of S; and since S is homogeneous of degree one in the
 constants, it is the sum of constant times derivative. The mesh of the region is graded to the end of the electrode, m
 from the edge, where the field is singular; the inertia of ψ itself is left out. S starts as m² and is interpolated
-between a few strips, over √m. They lie at both ends of a plate, or along the rims of a disk or ring
-(`femu_piezo.effects.local.rim_strips`).
+between a few strips, over √m: all of it alike, since parts of it cancel in what the terminals see. They lie at both
+ends of a plate, or along the rims of a disk or ring (`femu_piezo.effects.local.rim_strips`).
 
 Strips of unequal widths at the ends of a plate, m₊ and m₋, couple the driven fields to those that are odd about the
 middle. With P = ±1 for even and odd fields, T(m) twice the S of a ψ at one end alone, and D(m) what S is more for
 strips at both ends, whose ψ meet in the momenta that are taken out, it is
 
-    S(m₊, m₋) = ½ [T(m₊) + P T(m₋) P] + D(√(m₊ m₋)),    T ∝ m² and D ∝ m⁴ at first.
+    S(m₊, m₋) = ½ [T(m₊) + P T(m₋) P] + D(√(m₊ m₋)).
+
+Against the independent solver equal strips are off by up to 2 % of what they change from 0.25 mm on, on plates of 1 and
+1.5 mm, and by up to 5 % where they are as much as twelve thicknesses wide. Unequal ones are off by up to 8 % there; on
+thin plates, the wider one many thicknesses wide, by a tenth to more than half.
 """
 
 from __future__ import annotations
@@ -46,7 +52,7 @@ from femu_piezo.threads import Once, in_parallel
 #: Widest strips, on the mean of both ends, as a share of the length of a plate or of the way across a ring; shares of
 #: that where S is computed, those above 1 once the wider one of two is wider than that.
 WIDEST = 0.1
-NODES = np.array([0.05, 0.11, 0.22, 0.42, 0.75, 1.0, 1.5, 2.0])
+NODES = np.array([0.03, 0.08, 0.22, 0.5, 0.75, 1.0, 1.5, 2.0])
 #: Reach of the end region beyond the strip, in thicknesses; elements over half the thickness. Across the plate each of
 #: its own elements is divided so that those of the region follow the base fields: where they do not, constant times
 #: derivative, summed, is off by 2 % at the reference, and by half of S away from it on some meshes.
@@ -83,16 +89,16 @@ class BareEnds:
         if self.further is not None and width * (1 + asymmetry) > self.widths[-1]:
             return self.further().at(width, asymmetry)
         ratio = np.sqrt(max(1 - asymmetry**2, _ROUNDING))
-        right, by_right = self._at(self.apart, 2, width * (1 + asymmetry))
-        left, by_left = self._at(self.mirrored, 2, width * (1 - asymmetry))
-        both, by_both = self._at(self.meeting, 4, width * ratio)
+        right, by_right = self._at(self.apart, width * (1 + asymmetry))
+        left, by_left = self._at(self.mirrored, width * (1 - asymmetry))
+        both, by_both = self._at(self.meeting, width * ratio)
         by_width = 0.5 * ((1 + asymmetry) * by_right + (1 - asymmetry) * by_left) + ratio * by_both
         by_asymmetry = width * (0.5 * (by_right - by_left) - asymmetry / ratio * by_both)
         return 0.5 * (right + left) + both, by_width, by_asymmetry
 
-    def _at(self, blocks: Blocks, power: int, width: float) -> tuple[np.ndarray, np.ndarray]:
+    def _at(self, blocks: Blocks, width: float) -> tuple[np.ndarray, np.ndarray]:
         """Matrices (10, r, r) at a width and their slopes by it."""
-        value, slope = (blocks.combined(one) for one in between_widths(self.widths[: len(blocks.inner)], power, width))
+        value, slope = (blocks.combined(one) for one in between_widths(self.widths[: len(blocks.inner)], width))
         return value, slope
 
     def among(self, numbers: np.ndarray, size: int) -> BareEnds:
@@ -102,16 +108,15 @@ class BareEnds:
         return BareEnds(self.widths, *every, further)
 
 
-def between_widths(widths: np.ndarray, power: int, width: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-    """(…, n) shares of what is known at widths (n,), (m/m_k)ⁿ times Lagrange polynomials of √m, and their slopes by m.
+def between_widths(widths: np.ndarray, width: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+    """(…, n) shares of what is known at widths (n,), (m/m_k)² times Lagrange polynomials of √m, and their slopes by m.
 
     width : one, or (…,) of them
     """
     width = np.asarray(width, dtype=float)[..., None]
-    root, lagrange = np.sqrt(width), BarycentricInterpolator(np.sqrt(widths), np.eye(widths.size))
+    root, lagrange = np.sqrt(width), BarycentricInterpolator(np.sqrt(widths), np.eye(widths.size), rng=0)
     value, slope = lagrange(root[..., 0]), lagrange.derivative(root[..., 0])
-    shares = value * width**power, power * value * width ** (power - 1) + 0.5 * slope * root ** (2 * power - 1)
-    return shares[0] / widths**power, shares[1] / widths**power
+    return value * (width / widths) ** 2, (2 * value * width + 0.5 * slope * root**3) / widths**2
 
 
 class Forms(Protocol):
@@ -281,7 +286,7 @@ def in_region(probe: sp.csr_matrix, fields: np.ndarray) -> np.ndarray:
 def answers(
     restricted: Callable[[sp.csr_matrix], sp.csr_matrix], held: np.ndarray, strip: np.ndarray, charges: np.ndarray
 ) -> np.ndarray:
-    """(4n, r) ψ: what a region answers to the patterns of charges (s, k) on nodes of a strip.
+    """(4n, 2 r) ψ: what a region answers to r patterns of charges (s, k) on nodes of a strip, displacements first.
 
     restricted : prolongation P (4n, m) from what is free → PᵗKP of the operator K (4n, 4n)
     held : (4, n) what is zero while the electrode is whole
@@ -293,7 +298,9 @@ def answers(
     prolongation = sp.csr_matrix((scale, (free, np.arange(free.size))), shape=(held.size, free.size))
     loads = np.zeros((held.size, patterns.shape[1]))
     loads[3 * n + strip] = patterns
-    return prolongation @ factorize(restricted(prolongation)).solve(prolongation.T @ loads)
+    found = prolongation @ factorize(restricted(prolongation)).solve(prolongation.T @ loads)
+    moved = np.arange(len(found))[:, None] < 3 * n
+    return np.hstack([np.where(moved, found, 0.0), np.where(moved, 0.0, found)])
 
 
 @dataclass(frozen=True)

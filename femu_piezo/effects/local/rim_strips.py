@@ -68,12 +68,12 @@ class BareRims:
         if self.further is not None and width * (1 + asymmetry) > self.widths[-1]:
             return self.further().at(width, asymmetry)
         cosine = np.cos(np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES)
-        shares, slopes = between_widths(self.widths[: len(self.meeting.inner)], 4, width)
+        shares, slopes = between_widths(self.widths[: len(self.meeting.inner)], width)
         value, by_width = self.meeting.combined(shares), self.meeting.combined(slopes)
         by_asymmetry = np.zeros_like(value)
         for side, of_orders in zip((-1.0, 1.0), self.apart, strict=False):
             relative = 1 + side * asymmetry * cosine
-            shares, slopes = between_widths(self.widths, 2, width * relative)
+            shares, slopes = between_widths(self.widths, width * relative)
             for power, blocks in enumerate(of_orders):
                 weight = cosine[:, None] ** power / _ANGLES
                 value = value + blocks.combined(np.sum(weight * shares, axis=0))
