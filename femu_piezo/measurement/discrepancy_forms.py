@@ -129,6 +129,11 @@ class Alternatives:
         """The same with other amounts (t',) of the factors; what is kept of one serves the other."""
         return replace(self, amounts=np.array(amounts))
 
+    def of_size_one(self) -> Alternatives:
+        """The same, of one factor, brought to rms 1 of Re and Im over its sweep."""
+        power = np.trace(self._weighted(np.abs(self.factors[0]) ** 2).real, axis1=1, axis2=2) / self.points.size
+        return replace(self, scale=1 / np.sqrt(power))
+
     @property
     def _acting(self) -> np.ndarray:
         """Numbers (t,) of the factors that act."""
@@ -348,12 +353,14 @@ def of_one_resonance(
     """
     for sweep, quality in product(data.sweeps, qualities):
         points, frequency = np.arange(data.impedance.size)[sweep], data.frequency[sweep]
-        make = _resonances_at_places if points.size <= _KEPT else _resonances_at_places.__wrapped__
-        places, rows, pairs = make(np.ascontiguousarray(frequency).tobytes(), quality)
+        if points.size <= _KEPT:
+            places, rows, pairs = _kept_at_places(np.ascontiguousarray(frequency).tobytes(), quality)
+        else:
+            (places, rows), pairs = _resonances_at_places(frequency, quality), None
         for factor in (1j * frequency * impedance[points], log_slope[points]):
-            power = np.trace(_weighted_pairs(pairs, np.abs(factor) ** 2).real, axis1=1, axis2=2) / factor.size
-            scale = 1 / np.sqrt(power)
-            yield Alternatives("a resonance of its own", rows, factor[None], scale, 1.0, points, places, pairs=pairs)
+            scale = np.ones(places.size)
+            one = Alternatives("a resonance of its own", rows, factor[None], scale, 1.0, points, places, pairs=pairs)
+            yield one.of_size_one()
 
 
 def of_one_step(data: SweepData, log_slope: np.ndarray) -> Iterator[Alternatives]:
@@ -368,19 +375,19 @@ def of_one_step(data: SweepData, log_slope: np.ndarray) -> Iterator[Alternatives
             yield Alternatives("a step", rows[:, None], factor[None], scale, 1.0, points, frequency[behind])
 
 
-@lru_cache(maxsize=2 * len(QUALITIES))
-def _resonances_at_places(frequencies: bytes, quality: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places (n,) Hz of a quality factor over a sweep, both rows (n, 2, k') of a resonance there, and their pairs.
-
-    Kept, as the sweeps of a lot have the same frequencies.
-    """
-    frequency = np.frombuffer(frequencies)
+def _resonances_at_places(frequency: np.ndarray, quality: float) -> tuple[np.ndarray, np.ndarray]:
+    """Places (n,) Hz of a quality factor over a sweep (k',), and both rows (n, 2, k') of a resonance there."""
     places = _thinned(frequency, _APART / (2 * quality))
     poles = (2 * np.pi * places[:, None]) ** 2 * (1 + 1j / quality)
     form = poles / (poles - (2 * np.pi * frequency) ** 2)
-    rows = np.stack([form, form**2 / quality], axis=1)
-    both = rows[:, 0].conj() * rows[:, 1]
-    squares = np.abs(rows) ** 2
+    return places, np.stack([form, form**2 / quality], axis=1)
+
+
+@lru_cache(maxsize=2 * len(QUALITIES))
+def _kept_at_places(frequencies: bytes, quality: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same and the pairs of the rows, kept, as the sweeps of a lot have the same frequencies."""
+    places, rows = _resonances_at_places(np.frombuffer(frequencies), quality)
+    squares, both = np.abs(rows) ** 2, rows[:, 0].conj() * rows[:, 1]
     pairs = np.stack([squares[:, 0], both.real, both.imag, squares[:, 1]], axis=1)
     return places, rows, pairs.reshape(len(places), 2, 2, -1)
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from femu_piezo.measurement import discrepancy_forms
 from femu_piezo.measurement.autoregression import Autoregression
 from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy
 from femu_piezo.measurement.discrepancy_forms import (
@@ -186,6 +187,18 @@ def test_products_are_those_of_the_columns(memory, loss):
             expected, along = columns @ columns.transpose(0, 2, 1), columns @ others
             assert np.max(np.abs(squares - expected)) < 1e-11 * np.max(np.abs(expected))
             assert np.max(np.abs(sides - along)) < 1e-11 * np.max(np.linalg.norm(columns, axis=2)) * np.sqrt(2 * k)
+
+
+def test_resonances_in_long_sweeps_are_those_in_others(monkeypatch):
+    """Of long ones nothing is kept: products come of the rows, and the sizes too."""
+    data, model, slope, k = sweep(body()), body(), log_slope(), FREQUENCY.size
+    sides = Sides(data, np.ones(2 * k), np.random.default_rng(4).standard_normal((2 * k, 3)))
+    kept = list(of_one_resonance(data, model, slope, (30.0,)))
+    monkeypatch.setattr(discrepancy_forms, "_KEPT", 0)
+    for one, other in zip(kept, of_one_resonance(data, model, slope, (30.0,)), strict=True):
+        assert one.pairs is not None and other.pairs is None
+        for own, long in zip(one.products(sides), other.products(sides), strict=True):
+            np.testing.assert_allclose(own, long, rtol=0, atol=1e-11 * np.max(np.abs(own)))
 
 
 def test_one_of_several_has_its_own_columns():
