@@ -286,7 +286,7 @@ def in_region(probe: sp.csr_matrix, fields: np.ndarray) -> np.ndarray:
 def answers(
     restricted: Callable[[sp.csr_matrix], sp.csr_matrix], held: np.ndarray, strip: np.ndarray, charges: np.ndarray
 ) -> np.ndarray:
-    """(4n, 2 r) ψ: what a region answers to r patterns of charges (s, k) on nodes of a strip, displacements first.
+    """(4n, r) ψ: what a region answers to patterns of charges (s, k) on nodes of a strip, displacements first.
 
     restricted : prolongation P (4n, m) from what is free → PᵗKP of the operator K (4n, 4n)
     held : (4, n) what is zero while the electrode is whole
@@ -300,7 +300,8 @@ def answers(
     loads[3 * n + strip] = patterns
     found = prolongation @ factorize(restricted(prolongation)).solve(prolongation.T @ loads)
     moved = np.arange(len(found))[:, None] < 3 * n
-    return np.hstack([np.where(moved, found, 0.0), np.where(moved, 0.0, found)])
+    apart = np.hstack([np.where(moved, found, 0.0), np.where(moved, 0.0, found)])
+    return apart[:, np.any(apart, axis=0)]  # without coupling nothing moves
 
 
 @dataclass(frozen=True)
