@@ -358,8 +358,8 @@ def of_one_resonance(
         else:
             (places, rows), pairs = _resonances_at_places(frequency, quality), None
         for factor in (1j * frequency * impedance[points], log_slope[points]):
-            scale = np.ones(places.size)
-            one = Alternatives("a resonance of its own", rows, factor[None], scale, 1.0, points, places, pairs=pairs)
+            unit = np.ones(places.size)
+            one = Alternatives("a resonance of its own", rows, factor[None], unit, 1.0, points, places, pairs=pairs)
             yield one.of_size_one()
 
 
@@ -371,8 +371,9 @@ def of_one_step(data: SweepData, log_slope: np.ndarray) -> Iterator[Alternatives
         behind = np.arange(max(every, _BESIDE), points.size - _BESIDE + 1, every)
         rows = (np.arange(points.size) >= behind[:, None]).astype(float)
         for factor in (np.ones(points.size), log_slope[points]):
-            scale = 1 / np.sqrt(rows @ np.abs(factor) ** 2 / factor.size)
-            yield Alternatives("a step", rows[:, None], factor[None], scale, 1.0, points, frequency[behind])
+            unit = np.ones(behind.size)
+            one = Alternatives("a step", rows[:, None], factor[None], unit, 1.0, points, frequency[behind])
+            yield one.of_size_one()
 
 
 def _resonances_at_places(frequency: np.ndarray, quality: float) -> tuple[np.ndarray, np.ndarray]:

@@ -3,16 +3,16 @@
 A base field x leaves the charge R x on a strip where its potential was held. Let ψ be the static answers of the region
 at the edge to the few patterns of such charges, their displacements and their potentials apart, the displacements less
 the base fields that have their momentum, so that no inertia joins them to those. Apart, ψᵗKψ of the operator K is
-positive in the one and negative in the other, and never singular; together they no longer balance each other once the
-base fields are taken off, least on strips a few thicknesses wide. The amplitudes a = −(ψᵗKψ)^-1 ψᵗK x make
+positive in the one and negative in the other, and never singular. Together, the one could cancel the other once the
+base fields are taken off: it did on strips a few thicknesses wide. The amplitudes a = −(ψᵗKψ)^-1 ψᵗK x make
 
     S(m) = xᵗKψ a + (…)ᵗ + aᵗψᵗKψ a    per base field
 
 stationary, so its parts per unit constant are exact derivatives of S; and since S is homogeneous of degree one in the
 constants, it is the sum of constant times derivative. The mesh of the region is graded to the end of the electrode, m
 from the edge, where the field is singular; the inertia of ψ itself is left out. S starts as m² and is interpolated
-between a few strips, over √m: all of it alike, since parts of it cancel in what the terminals see. They lie at both
-ends of a plate, or along the rims of a disk or ring (`femu_piezo.effects.local.rim_strips`).
+between a few strips, over √m: T and D below by the same shares, as parts of them cancel in what the terminals see. The
+strips lie at both ends of a plate, or along the rims of a disk or ring (`femu_piezo.effects.local.rim_strips`).
 
 Strips of unequal widths at the ends of a plate, m₊ and m₋, couple the driven fields to those that are odd about the
 middle. With P = ±1 for even and odd fields, T(m) twice the S of a ψ at one end alone, and D(m) what S is more for
@@ -22,7 +22,7 @@ strips at both ends, whose ψ meet in the momenta that are taken out, it is
 
 Against the independent solver equal strips are off by up to 2 % of what they change from 0.25 mm on, on plates of 1 and
 1.5 mm, and by up to 5 % where they are as much as twelve thicknesses wide. Unequal ones are off by up to 8 % there; on
-thin plates, the wider one many thicknesses wide, by a tenth to more than half.
+thin plates, the wider one many thicknesses wide, by a tenth and more, up to more than all of it.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ end_strips`) between fields of orders n and n' as they are at θ = 0, and D_nn(m
 
 over the rims, ⟨ ⟩ the mean over θ. T_00 and T_11 are those of strips of one width, with what the ψ have of the momenta
 of the fields of their order taken out; between the orders the ψᵗKψ of both are averaged. Against a full solution the
-sum is exact to 0.2 % (disk) and 2 % (ring) at a = 0; what a adds, which goes with a², has the right shape but is too
-large by 40 % and 13 %, so that a is found 15 % and 6 % too small: the fields of order 1 do not hold all of the response
+sum is exact to 0.2 % (disk) and 2 % (ring) at a = 0; what a adds, which goes with a², has the right shape but is off
+by 40 % and 13 %, so that a is found 15 % and 6 % too small: the fields of order 1 do not hold all of the response
 to a wider strip on one side. More of them near the rim do not help, as S takes fields as slow across a strip.
 """
 
