@@ -1,12 +1,13 @@
-"""Noise whose neighbours err alike, as filters, smoothing and averaging over neighbours make it.
+"""Noise that is correlated between neighbouring points, as filters, smoothing and averaging over neighbours make it.
 
-Over its standard deviation the noise n of a sweep is an autoregression, the point k by those before it,
+The noise n of a sweep, in units of its standard deviation, is an autoregression of order p, each point k predicted by
+the points before it,
 
-    n_k = Σ_j φ_j n_{k−j} + s e_k,    e white and of deviation 1,
+    n_k = Σ_j φ_j n_{k−j} + s e_k,    e white with standard deviation 1.
 
-with φ by Yule and Walker: with the correlations ρ_j of what a fit leaves, Σ_j φ_j ρ_{|i−j|} = ρ_i for i = 1…p and
-s² = 1 − Σ_j φ_j ρ_j. The likelihood of n is that of e, which is what a fit minimises: as many points, but each tells
-less. The first p points are predicted by those that they have.
+The coefficients φ solve the equations of Yule and Walker, Σ_j φ_j ρ_{|i−j|} = ρ_i for i = 1…p, with the correlations
+ρ_j of the residual of a fit, and s² = 1 − Σ_j φ_j ρ_j. The likelihood of n is that of e, so a fit minimises Σ|e|²: the
+points are as many, but each carries less information. The first p points are predicted by fewer points than p.
 """
 
 from __future__ import annotations
@@ -19,17 +20,17 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.special import chdtri
 
-#: Most neighbours before a point that predict it.
+#: Highest order p.
 _MOST = 4
-#: Probability by chance below which one more of them is taken.
+#: Probability by chance, of white noise, below which a partial correlation counts.
 _CHANCE = 1e-4
-#: Correlation of nearest neighbours below which noise is taken as white: deviations are then at most a third too small.
+#: ρ_1 below which noise is taken as white: standard deviations are then at most a third too small.
 _LEAST = 0.25
 
 
 @dataclass(frozen=True)
 class Autoregression:
-    """How neighbouring errors follow each other.
+    """The autoregression of the errors of a sweep.
 
     Attributes
     ----------
@@ -42,28 +43,30 @@ class Autoregression:
         return bool(self.correlations)
 
     def predictor(self, order: int) -> tuple[np.ndarray, float]:
-        """φ (order,) of so many points before, the nearest first, and s."""
+        """φ (order,) and s of the prediction by the `order` points before, the nearest first."""
         return _predictor(self.correlations[:order])
 
     def whitened(self, errors: np.ndarray) -> np.ndarray:
-        """e (k, …) of errors n (k, …) over their standard deviation, in order of frequency."""
+        """White e (k, …) of errors n (k, …) in units of their standard deviation, in order of frequency."""
         found = np.array(errors)
         for rows, phi, deviation in self._predictions(len(errors)):
-            expected = sum(one * errors[rows.start - back : rows.stop - back] for back, one in enumerate(phi, start=1))
+            expected = sum(
+                coefficient * errors[rows.start - lag : rows.stop - lag] for lag, coefficient in enumerate(phi, start=1)
+            )
             found[rows] = (errors[rows] - expected) / deviation
         return found
 
     def transposed(self, values: np.ndarray) -> np.ndarray:
-        """Aᵗ v (k, …) of values (k, …), with A the matrix of `whitened`."""
+        """Aᵗ v (k, …) of values v (k, …), with A the matrix of `whitened`, e = A n."""
         found = np.array(values)
         for rows, phi, deviation in self._predictions(len(values)):
             found[rows] += values[rows] / deviation - values[rows]
-            for back, one in enumerate(phi, start=1):
-                found[rows.start - back : rows.stop - back] -= one * values[rows] / deviation
+            for lag, coefficient in enumerate(phi, start=1):
+                found[rows.start - lag : rows.stop - lag] -= coefficient * values[rows] / deviation
         return found
 
     def _predictions(self, count: int) -> Iterator[tuple[slice, np.ndarray, float]]:
-        """The points after the first of so many: those that as many before predict, with φ and s."""
+        """Slices of the points 1…count − 1, each predicted by equally many points before, with φ and s."""
         most = min(len(self.correlations), count)
         for order in range(1, most + 1):
             yield slice(order, count if order == most else order + 1), *self.predictor(order)
@@ -79,7 +82,7 @@ class Autoregression:
 
 @lru_cache(maxsize=64)
 def _predictor(correlations: tuple[float, ...]) -> tuple[np.ndarray, float]:
-    """φ and s of ρ_1…ρ_p; kept, since all that is whitened asks for them."""
+    """φ (p,) and s from ρ_1…ρ_p; cached, since every whitening needs them."""
     if not correlations:
         return np.zeros(0), 1.0
     rho = np.array([1.0, *correlations])
@@ -91,13 +94,14 @@ WHITE = Autoregression()
 
 
 def autoregression(errors: np.ndarray) -> Autoregression:
-    """That of complex errors (k,), up to the last partial correlation that is beyond chance; real correlations.
+    """The autoregression of complex errors (k,), whose order is the last with a partial correlation beyond chance.
 
-    The partial correlation of p steps is φ_p of the order p; of white noise it has the standard deviation 1/√(2k).
+    The partial correlation of p steps is φ_p of the order p; for white noise its standard deviation is 1/√(2k). The
+    correlations are real parts. White where ρ_1 is no larger than `_LEAST`.
     """
     power, least = float(np.sum(np.abs(errors) ** 2)), chdtri(1, _CHANCE) / (2 * errors.size)
     steps = range(1, min(_MOST, errors.size // 8) + 1) if power > 0 else ()
     rho = [float(np.sum(errors[step:] * errors[:-step].conj()).real) / power for step in steps]
     tried = [Autoregression(tuple(rho[:step])) for step in steps]
-    beyond = [one for one, step in zip(tried, steps, strict=True) if one.predictor(step)[0][-1] ** 2 > least]
+    beyond = [model for model, step in zip(tried, steps, strict=True) if model.predictor(step)[0][-1] ** 2 > least]
     return beyond[-1] if beyond and rho[0] > _LEAST else WHITE

@@ -31,7 +31,7 @@ _CAUSES = {
 def order_points(
     frequency: np.ndarray, impedance: np.ndarray, noise: np.ndarray | None, lines: np.ndarray, source: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, tuple[str, ...]]:
-    """Frequency, impedance and noise (m,) of the points in order, repeated frequencies averaged; and notes on both.
+    """Frequency, impedance and noise (m,) in order of frequency, repeated frequencies averaged; notes on these changes.
 
     Parameters
     ----------
@@ -88,13 +88,13 @@ def check_spectrum(spectrum: ImpedanceSpectrum, *, hertz_stated: bool = True) ->
         message = f"the sweep has {len(spectrum)} points, and at least {FEWEST_POINTS} are needed; measure more points"
         return [DataFault("too_few", message, whole)]
     faults = [_frequency_unit(spectrum, hertz_stated), _roughness(spectrum), *_passivity(spectrum)]
-    if not any(faults):  # in a sweep that is wrong as a whole there is no telling what single points do
+    if not any(faults):  # single points cannot be judged in a sweep that is wrong as a whole
         faults = local_faults(spectrum)
     return sorted((fault for fault in faults if fault), key=lambda fault: not fault.fatal)
 
 
 def _frequency_unit(spectrum: ImpedanceSpectrum, hertz_stated: bool) -> DataFault | None:
-    """Frequencies of a few hundred "Hz" that must be kHz."""
+    """The fault of frequencies of a few hundred "Hz" that must be kHz."""
     low, high = spectrum.frequency[[0, -1]]
     if high >= 5000:
         return None
@@ -115,7 +115,7 @@ def _frequency_unit(spectrum: ImpedanceSpectrum, hertz_stated: bool) -> DataFaul
 
 
 def _roughness(spectrum: ImpedanceSpectrum) -> DataFault | None:
-    """Neighbouring points without relation, as after exchanged columns."""
+    """The fault of a sweep whose neighbouring points form no smooth curve, as after exchanged columns."""
     logs = np.log(spectrum.impedance)
     difference = 2 * logs[1:-1] - logs[:-2] - logs[2:]
     turn = (difference.imag + np.pi) % (2 * np.pi) - np.pi
@@ -130,7 +130,7 @@ def _roughness(spectrum: ImpedanceSpectrum) -> DataFault | None:
 
 
 def _passivity(spectrum: ImpedanceSpectrum) -> list[DataFault]:
-    """Signs and columns in the wrong place; single points of negative resistance."""
+    """The fault of wrong signs or exchanged columns; else that of the points with negative resistance."""
     cause = misread_as(spectrum.impedance)
     negative = np.flatnonzero(spectrum.impedance.real < 0)
     told = f"Re Z is negative at {negative.size} of {len(spectrum)} points"

@@ -58,7 +58,7 @@ _BY_UNIT = {
 _SIGNED = ("x", "b", "phase", "phase_z", "phase_y")
 _PREFIX = {"": 1.0, "p": 1e-12, "n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "k": 1e3, "K": 1e3, "M": 1e6, "G": 1e9}
 _PAIRS = (("r", "x"), ("abs_z", "phase_z"), ("g", "b"), ("abs_y", "phase_y"))
-#: What LCR meters measure beside these, and Z (n,) or 1/Y (n,) of it at ω (n,).
+#: Further pairs, which LCR meters measure → Z (n,) from ω (n,) and both columns (n,).
 _LCR = {
     ("cp", "d"): lambda w, c, d: 1 / (w * c * (1j + d)),
     ("cp", "q"): lambda w, c, q: 1 / (w * c * (1j + 1 / q)),
@@ -112,7 +112,7 @@ def parse_column(name: str) -> Column | None:
 
 
 def is_lcr(name: str) -> bool:
-    """Whether a column is one of a capacitance, an inductance, D or Q."""
+    """Whether a column holds a capacitance, an inductance, D, Q or a parallel resistance Rp."""
     column = parse_column(name)
     return column is not None and any(column.kind in pair and column.kind not in ("r", "g") for pair in _LCR)
 
@@ -154,7 +154,7 @@ def _parse_unit(text: str) -> tuple[str, float] | None:
 
 @dataclass(frozen=True)
 class Layout:
-    """Which columns hold the sweep: indices of frequency, of the two of `pair`, of the noise (or None)."""
+    """Indices of the columns of the frequency, of both quantities of `pair`, and of the noise (None without one)."""
 
     frequency: int
     first: int
@@ -164,16 +164,16 @@ class Layout:
 
 
 def choose_columns(names: list[str], columns: list[Column | None], source: str) -> Layout:
-    """The columns to take.
+    """The columns that hold the sweep; of several complete pairs the first of `_PAIRS`, then of `_LCR`.
 
-    Raises InputError where a frequency or a whole pair is missing, or one quantity is there twice.
+    Raises InputError where a frequency or a complete pair is missing, or two columns hold the same quantity.
     """
     shown = ", ".join(name.strip() for name in names)[:120]
     kinds = [column.kind if column else None for column in columns]
     if "frequency" not in kinds:
         raise InputError(f"{source}: no column of ({shown}) is known to be the frequency; {UNDERSTOOD}")
-    owner = "phase_z" if "abs_z" in kinds else "phase_y"
-    kinds = [owner if kind == "phase" and owner not in kinds else kind for kind in kinds]
+    phase_kind = "phase_z" if "abs_z" in kinds else "phase_y"
+    kinds = [phase_kind if kind == "phase" and phase_kind not in kinds else kind for kind in kinds]
     for pair in (*_PAIRS, *_LCR):
         if pair[0] in kinds and pair[1] in kinds:
             break
@@ -242,6 +242,6 @@ def to_impedance(
     if pair[0] in ("g", "abs_y"):
         if np.any(values == 0):
             raise InputError(f"{source}: {int(np.sum(values == 0))} admittances are zero; remove these points")
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is found by the check for infinities
+        with np.errstate(over="ignore", invalid="ignore"):  # the check for infinities refuses what overflows
             values = 1.0 / values
     return values

@@ -8,7 +8,7 @@ admittance; open/short/load: any linear two-port):
 - open and short:        Z = (Zm − Zs)/(1 − (Zm − Zs) Yo),  Yo = 1/(Zo − Zs)
 - open, short and load:  Z = ZL (Zo − Zl)(Zm − Zs)/[(Zl − Zs)(Zo − Zm)]
 
-Zm, Zo, Zs, Zl are raw readings of the piece, open, short and load; ZL is what the load is.
+Zm, Zo, Zs, Zl are raw readings of the piece, open, short and load; ZL is the true impedance of the load.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 @dataclass(frozen=True)
 class Load:
-    """What the load is: a resistance with an inductance in series and a capacitance across both, and its tolerance.
+    """True impedance of the load: a resistance, an inductance in series, a capacitance across both; and its tolerance.
 
     Attributes
     ----------
     resistance : ohm;  inductance : H;  capacitance : F
-    std : relative standard deviation of the whole; an error of the load is the same at every point, so it is no noise
-        but counts with the accuracy of the instrument
+    std : relative standard deviation of its impedance; an error of the load is the same at every point, so it is no
+        noise but counts with the accuracy of the instrument
     """
 
     resistance: float
@@ -51,7 +51,7 @@ class Compensation:
     Attributes
     ----------
     open, short, load : raw sweeps
-    standard : what the load is, with `load`
+    standard : true impedance of the load, required with `load`
     """
 
     open: ImpedanceSpectrum | None = None
@@ -66,11 +66,11 @@ class Compensation:
             raise InputError("a compensation needs a sweep of the open or of the shorted fixture")
 
     def applied(self, spectrum: ImpedanceSpectrum) -> ImpedanceSpectrum:
-        """The sweep as it would be without the fixture, the noise of all readings in its noise.
+        """The sweep as it would be without the fixture; its noise includes that of all readings.
 
-        The load is taken as known. Readings of the fixture at other frequencies are interpolated, linear in Y of the
-        open and in Z of the others.
-        InputError where they do not cover the sweep, or leave nothing.
+        The impedance of the load is taken as exact. Readings of the fixture are interpolated to the frequencies of the
+        sweep, linearly in Y for the open and in Z for the others.
+        Raises InputError where they do not cover the sweep, or the result is zero or infinite somewhere.
         """
         frequency, raw = spectrum.frequency, spectrum.impedance
         names = [name for name in ("open", "short", "load") if getattr(self, name) is not None]
@@ -85,8 +85,8 @@ class Compensation:
                 f"{spectrum.source}: the compensation leaves no impedance at "
                 f"{int(np.sum(~np.isfinite(found) | (found == 0)))} points; are open and short exchanged?"
             )
-        own = _noise(spectrum)
-        variance = np.abs(slopes["raw"]) ** 2 * own**2
+        raw_noise = _noise(spectrum)
+        variance = np.abs(slopes["raw"]) ** 2 * raw_noise**2
         for name, (_, noise) in readings.items():
             variance = variance + np.abs(slopes[name]) ** 2 * noise**2
         largest = float(np.max(np.abs(found / raw - 1)))
@@ -95,9 +95,9 @@ class Compensation:
 
 
 def compensated(raw, open=None, short=None, load=None, known=None) -> np.ndarray:
-    """Z (n,) of the piece, ohm, by the formula for what was measured of the fixture, all (n,) complex ohm.
+    """Z (n,) of the piece, ohm, by the formula for the readings of the fixture that are given, all (n,) complex ohm.
 
-    raw, open, short, load : raw readings;  known : what the load is
+    raw, open, short, load : raw readings;  known : true impedance of the load
     """
     if load is not None:
         return known * (open - load) * (raw - short) / ((load - short) * (open - raw))
@@ -109,7 +109,7 @@ def compensated(raw, open=None, short=None, load=None, known=None) -> np.ndarray
 
 
 def compensation_slopes(raw, open=None, short=None, load=None, known=None) -> dict[str, np.ndarray]:
-    """∂Z/∂(raw, open, short, load), (n,) complex each, exact; names of what was measured only."""
+    """∂Z/∂(raw, open, short, load), (n,) complex each, exact; only for the readings that are given."""
     found = compensated(raw, open, short, load, known)
     if load is not None:
         return {
@@ -130,7 +130,7 @@ def compensation_slopes(raw, open=None, short=None, load=None, known=None) -> di
 
 
 def _at(reading: ImpedanceSpectrum, frequency: np.ndarray, as_admittance: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Z and its noise (n,) of a reading of the fixture at the frequencies (n,) of the sweep."""
+    """Z and its noise, (n,) ohm, of a reading of the fixture, interpolated to the frequencies (n,) of the sweep."""
     low, high = reading.frequency[[0, -1]]
     if frequency[0] < low * (1 - 1e-9) or frequency[-1] > high * (1 + 1e-9):
         raise InputError(
@@ -147,5 +147,5 @@ def _at(reading: ImpedanceSpectrum, frequency: np.ndarray, as_admittance: bool) 
 
 
 def _noise(spectrum: ImpedanceSpectrum) -> np.ndarray:
-    """Standard deviation (n,), ohm: that of the file, else from the roughness of the sweep."""
+    """Standard deviation of Z (n,), ohm: that of the file, else estimated from the roughness of the sweep."""
     return spectrum.noise if spectrum.noise is not None else estimate_noise(spectrum).std(spectrum.impedance)

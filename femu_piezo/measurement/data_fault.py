@@ -17,8 +17,8 @@ class DataFault:
         "admittance_exchanged", "not_passive", "rough", "jump", "spike", "mains", "quantised" or
         "interpolated"
     message : one sentence with the numbers and the remedy
-    indices : (k,) int, the points concerned, counted from 0; empty where it is the whole sweep. Of a jump those of
-        the shorter side
+    indices : (k,) int, the points concerned, counted from 0; empty where it is the whole sweep. For a jump the points
+        on its side away from the longest stretch without a jump, up to the next jump
     fatal : whether the sweep cannot be used as it is
     """
 

@@ -1,8 +1,8 @@
 """Faults inside a sweep: jumps (range switch), spikes, lines of the mains, quantised readings, interpolated points.
 
-Spikes and jumps are found by comparison with local rational fits of two sizes that must agree, so that resonances are
-not taken for them. A resonance narrower than the steps of the sweep is one point off its neighbours and looks like a
-spike.
+Spikes and jumps are found by comparison with local rational fits over windows of several sizes, of which a majority
+must agree, so that resonances are not taken for them. A resonance narrower than the steps of the sweep is one point off
+its neighbours and looks like a spike.
 """
 
 from __future__ import annotations
@@ -16,25 +16,29 @@ from femu_piezo.measurement.noise import estimate_noise
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.straight_lines import interpolated
 
-#: Standard deviations from which a point or a step is off, and the residual up to which a window is well described.
+#: Standard deviations beyond which a point or a step is a fault; rms residual, in standard deviations, below which a
+#: fit describes its window.
 _OFF, _DESCRIBED = 7.0, 1.6
-#: Windows: points and degrees of the rational function. A majority must agree (a function with a free pole can hide
-#: a spike in one of them); the short one serves lines of the mains.
+#: Windows: number of points, degrees of numerator and denominator. A majority must agree, since a function with a
+#: free pole can hide a spike in one of them. The short window serves lines of the mains.
 _SPIKE_WINDOWS = ((13, (3, 2)), (17, (4, 3)), (11, (2, 1)), (13, (2, 2)), (17, (3, 2)))
 _JUMP_WINDOWS = ((14, (2, 1)), (16, (3, 2)), (22, (4, 3)), (16, (2, 2)), (22, (3, 2)))
 _MAINS_WINDOW = ((9, (2, 1)),)
 _FEWEST = 24
 #: Kinds of faults whose points can be left out.
 MASKABLE = ("jump", "spike", "mains", "not_passive")
+#: Most points of one spike, points that are tested by fits, and searches for spikes.
 _WIDEST_SPIKE, _MOST_CANDIDATES, _ROUNDS = 3, 200, 6
-#: What neighbours say of a point counts as certain where its noise is below so many times that of the point.
+#: Standard deviation of a prediction over that of the noise of its point, below which the prediction counts.
 _CERTAIN = 2.0
-#: Relative noise below which no instrument is believed.
+#: Relative standard deviation that every reading has at least, added in squares to the estimated noise.
 _FINEST = 2e-5
-#: |Z| in ohm between which numbers are looked at in detail; the checks of the whole sweep report others.
+#: Range of |Z|, ohm, in which local faults are looked for.
 _SANE = 1e-12, 1e18
+#: Frequency up to which lines of the mains are looked for, and frequencies of the mains, Hz.
 _MAINS_TO, _MAINS = 1100.0, (50.0, 60.0)
-#: Steps of readings over the power of ten of the largest, (18, 1); and most digits of readings that have so many.
+#: Decimal steps of readings over the power of ten of the largest, (18, 1); and most significant digits of readings
+#: whose number of digits is fixed.
 _DECIMAL_STEPS = np.outer(10.0 ** -np.arange(6), (5, 2, 1)).reshape(-1, 1)
 _DIGITS = 5
 _REMEDY = "measure again, or set mask_faults = true in [measurement] of the specimen file (or --mask-faults)"
@@ -55,15 +59,15 @@ def local_faults(spectrum: ImpedanceSpectrum) -> list[DataFault]:
     sigma = estimate_noise(spectrum).std(spectrum.impedance) / np.abs(spectrum.impedance)
     sigma = np.sqrt(sigma**2 + quantum**2 + _FINEST**2)
     spikes = _spikes(spectrum.frequency, spectrum.impedance, sigma)
-    rest = np.delete(np.arange(len(spectrum)), sorted(spikes))
-    jumps = [(int(rest[after]), step) for after, step in _jumps(spectrum.select(rest), sigma[rest])]
-    for after, _ in jumps:  # what one side makes of the other
+    kept = np.delete(np.arange(len(spectrum)), sorted(spikes))
+    jumps = [(int(kept[after]), step) for after, step in _jumps(spectrum.select(kept), sigma[kept])]
+    for after, _ in jumps:  # fits across a jump make spikes of the points beside it
         spikes = {point: off for point, off in spikes.items() if not -2 <= point - after <= 3}
     return [*_jump_faults(spectrum, jumps), *_spike_faults(spectrum, spikes), *found]
 
 
 def without_faults(spectrum: ImpedanceSpectrum, faults: list[DataFault]) -> np.ndarray:
-    """(n,) bool: the points that no jump, spike or mains line spoils; of the sides of jumps the longest."""
+    """(n,) bool: the points outside every fault of a `MASKABLE` kind; between jumps the longest stretch stays."""
     keep = np.ones(len(spectrum), dtype=bool)
     for fault in faults:
         if fault.kind in MASKABLE:
@@ -72,42 +76,43 @@ def without_faults(spectrum: ImpedanceSpectrum, faults: list[DataFault]) -> np.n
 
 
 def _candidates(f: np.ndarray, z: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """(n,) how far each point, or one within two of it, is off what its four neighbours say, in standard deviations.
+    """(n,) distance in standard deviations of each point from the prediction by its four neighbours.
 
-    inf at the ends. A cubic in log Z through the neighbours serves where Z is smooth, a quadratic over a straight line
-    where a resonance is, as far as noise leaves it certain. With t = f_i − f, w_i the weights of the third divided
-    difference, A = Σ w z, B = Σ w t z and P = Π t, the latter is −P Σ w z/t + P A²/B at the point itself.
+    The result is the largest distance within two points, and inf at the ends. Two predictions interpolate the
+    neighbours, and the smaller distance counts: a cubic in log Z, for where Z is smooth, and a quadratic over a
+    straight line in Z, for resonances, only where its noise is low (`_CERTAIN`). With t = f_i − f, w_i the weights of
+    the third divided difference, A = Σ w z, B = Σ w t z and P = Π t, the latter is −P Σ w z/t + P A²/B at the point.
     """
-    own, size = slice(2, -2), np.abs(z)
-    t = _neighbours(f) - f[own, None]
+    inner, size = slice(2, -2), np.abs(z)
+    t = _neighbours(f) - f[inner, None]
     w = 1 / np.prod(np.where(np.eye(4, dtype=bool), 1.0, t[:, :, None] - t[:, None, :]), axis=2)
     product = np.prod(t, axis=1)
     cubic = -product[:, None] * w / t
     logs = np.log(size) + 1j * np.unwrap(np.angle(z))
-    off_cubic = np.abs(logs[own] - np.sum(cubic * _neighbours(logs), axis=1))
-    distance = off_cubic / (sigma[own] * np.sqrt(1 + np.sum(cubic**2, axis=1)))
+    off_cubic = np.abs(logs[inner] - np.sum(cubic * _neighbours(logs), axis=1))
+    distance = off_cubic / (sigma[inner] * np.sqrt(1 + np.sum(cubic**2, axis=1)))
     values = _neighbours(z)
     a, b = np.sum(w * values, axis=1), np.sum(w * t * values, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = (a / b)[:, None]
         slopes = cubic + product[:, None] * (2 * ratio * w - ratio**2 * w * t)
         spread = np.sum(np.abs(slopes * _neighbours(sigma * size)) ** 2, axis=1)
-        off = np.abs(z[own] - np.sum(cubic * values, axis=1) - product * a**2 / b)
-    noise = (sigma * size)[own] ** 2
+        off = np.abs(z[inner] - np.sum(cubic * values, axis=1) - product * a**2 / b)
+    noise = (sigma * size)[inner] ** 2
     certain = spread < _CERTAIN**2 * noise
     distance[certain] = np.minimum(distance[certain], off[certain] / np.sqrt((noise + spread)[certain]))
-    # where neighbours are off together each may seem to be in order
+    # neighbours that are off together may agree with each other
     distance = np.max(sliding_window_view(np.pad(distance, _WIDEST_SPIKE - 1), 2 * _WIDEST_SPIKE - 1), axis=1)
     return np.concatenate([[np.inf] * 2, distance, [np.inf] * 2])
 
 
 def _neighbours(values: np.ndarray) -> np.ndarray:
-    """(n − 4, 4) the two values before and the two behind each of n but those at the ends."""
+    """(n − 4, 4) the two values before and the two after each of the values (n,), without the two at either end."""
     return sliding_window_view(values, 5)[:, [0, 1, 3, 4]]
 
 
 def _jumps(spectrum: ImpedanceSpectrum, sigma: np.ndarray) -> list[tuple[int, complex]]:
-    """(last point before, log of the factor behind) of every jump."""
+    """(index of the last point before, log of the factor by which Z is larger after) of every jump."""
     z, f, size = spectrum.impedance, spectrum.frequency, len(spectrum)
     distance = _candidates(f, z, sigma)
     near = np.minimum(distance[:-1], distance[1:])  # a jump moves the points on both of its sides off
@@ -119,11 +124,11 @@ def _jumps(spectrum: ImpedanceSpectrum, sigma: np.ndarray) -> list[tuple[int, co
     votes, steps = np.zeros((len(_JUMP_WINDOWS), after.size)), np.zeros((len(_JUMP_WINDOWS), after.size), complex)
     for row, shape in enumerate(_JUMP_WINDOWS):
         hopeful = np.flatnonzero(np.sum(votes > _OFF, axis=0) >= row - 2)
-        guess = steps[0, hopeful] if row else None  # of the function of lowest degree, which has no way round a step
+        guess = steps[0, hopeful] if row else None  # from the function of lowest degree, which cannot imitate a step
         steps[row, hopeful], off, rest = stepped(f, z, sigma, after[hopeful], shape, guess)
         votes[row, hopeful] = np.where(rest < _DESCRIBED, off, 0.0)
     order = np.argsort(votes, axis=0)
-    score = np.take_along_axis(votes, order[2:3], axis=0)[0]  # what three of five reach
+    score = np.take_along_axis(votes, order[2:3], axis=0)[0]  # three of five windows reach it
     steps = np.take_along_axis(steps, order[2:3], axis=0)[0]
     found: list[tuple[int, complex]] = []
     for best in np.argsort(score)[::-1]:
@@ -133,7 +138,7 @@ def _jumps(spectrum: ImpedanceSpectrum, sigma: np.ndarray) -> list[tuple[int, co
 
 
 def _spikes(f: np.ndarray, z: np.ndarray, sigma: np.ndarray) -> dict[int, float]:
-    """Point → distance in standard deviations, of every point that is off; again without those found."""
+    """Point → distance in standard deviations of every spike, searched again and again without those found before."""
     found: dict[int, float] = {}
     index = np.arange(f.size)
     for _ in range(_ROUNDS):
@@ -156,7 +161,7 @@ def _spikes_once(f: np.ndarray, z: np.ndarray, sigma: np.ndarray) -> dict[int, f
     for shapes, chosen in ((_SPIKE_WINDOWS, first), (_MAINS_WINDOW, first[mains[first] & (first >= 2)])):
         count, cases = np.repeat(np.arange(1, _WIDEST_SPIKE + 1), chosen.size), np.tile(chosen, _WIDEST_SPIKE)
         inside, trusted = cases + count <= f.size, sigma
-        if shapes is _MAINS_WINDOW:  # other lines in the window may be off as well: they must not bear witness
+        if shapes is _MAINS_WINDOW:  # other lines in the window may be off as well and get no weight
             if np.sum(mains) > 0.4 * np.sum(f < _MAINS_TO):
                 continue
             inside &= mains[np.minimum(cases + count, f.size) - 1]
@@ -172,7 +177,10 @@ def _spikes_once(f: np.ndarray, z: np.ndarray, sigma: np.ndarray) -> dict[int, f
 
 
 def _agreed(f, z, sigma, trusted, cases: np.ndarray, count: np.ndarray, shapes) -> np.ndarray:
-    """(k,) distance that the majority of the windows reaches, for count (k,) points left out from each case on."""
+    """(k,) distance, in standard deviations, that a majority of the windows reaches.
+
+    Case i leaves out the points cases[i] … cases[i] + count[i] − 1.
+    """
     votes, majority = np.zeros((len(shapes), cases.size)), len(shapes) // 2 + 1
     for row, shape in enumerate(shapes):
         hopeful = np.flatnonzero(np.sum(votes > _OFF, axis=0) >= row - (len(shapes) - majority))
@@ -189,7 +197,7 @@ def _is_mains(frequency: np.ndarray) -> np.ndarray:
 
 
 def _jump_faults(spectrum: ImpedanceSpectrum, jumps: list[tuple[int, complex]]) -> list[DataFault]:
-    """One fault per jump; its points are those outside the longest stretch, shared out to the jump beside them."""
+    """One fault per jump; its points are the stretch on its side away from the longest stretch without a jump."""
     edges = [0, *(after + 1 for after, _ in jumps), len(spectrum)]
     longest = int(np.argmax(np.diff(edges)))
     faults = []
@@ -225,9 +233,9 @@ def _spike_faults(spectrum: ImpedanceSpectrum, spikes: dict[int, float]) -> list
 
 
 def _quantised(spectrum: ImpedanceSpectrum) -> tuple[DataFault | None, np.ndarray]:
-    """Readings coarser than their own scatter; and the relative step of Z by the resolution, (n,)."""
+    """The fault of readings in steps coarser than their noise; and (n,) the relative step of Z, 0 for fine readings."""
     z, y = spectrum.impedance, 1 / spectrum.impedance
-    none = np.zeros(z.size)
+    zero = np.zeros(z.size)
     columns = {
         "|Z|": (np.abs(z), 1 / np.abs(z)),
         "resistance": (z.real, 1 / np.abs(z)),
@@ -239,14 +247,14 @@ def _quantised(spectrum: ImpedanceSpectrum) -> tuple[DataFault | None, np.ndarra
         "susceptance": (y.imag, 1 / np.abs(y)),
     }
     if z.size < _FEWEST:
-        return None, none
-    worst, told = none, None
+        return None, zero
+    worst, told = zero, None
     for name, (values, relative) in columns.items():
         step = _resolution(values)
         if step is not None and np.median(step * relative) > np.median(worst):
             worst, told = step * relative, (name, float(np.median(step)))
     if told is None:
-        return None, none
+        return None, zero
     noise = estimate_noise(spectrum).std(z) / np.abs(z)
     equal = _repeats(columns[told[0]][0])
     if np.median(worst) < 2 * np.median(noise) and equal < 0.2:
@@ -260,23 +268,23 @@ def _quantised(spectrum: ImpedanceSpectrum) -> tuple[DataFault | None, np.ndarra
 
 
 def _repeats(values: np.ndarray) -> float:
-    """Share of neighbours that are equal."""
+    """Share of neighbouring readings that are equal."""
     return float(np.mean(np.abs(np.diff(values)) <= 1e-12 * np.abs(values[1:])))
 
 
 def _resolution(values: np.ndarray) -> np.ndarray | None:
-    """(n,) step of the readings: a fixed decimal one, or that of a fixed number of digits; None for fine readings."""
+    """(n,) step of the readings (n,), decimal and fixed or that of a fixed number of digits; None for fine readings."""
     largest = float(np.max(np.abs(values)))
     if largest == 0 or np.unique(values).size < 3:
         return None
     fixed = 10.0 ** np.floor(np.log10(largest)) * _DECIMAL_STEPS
     leading = 10.0 ** np.floor(np.log10(np.maximum(np.abs(values), 1e-300)))
     steps = np.concatenate([fixed * np.ones(values.size), leading * 10.0 ** -np.arange(_DIGITS)[:, None]])
-    # a single reading between the steps decides, and the first ones nearly always are
+    # one reading between the steps excludes them, and the first eight nearly always hold one
     hopeful = steps[_on_steps(values[:8] / steps[:, :8])]
     return next((step for step in hopeful if _on_steps(values / step)), None)
 
 
 def _on_steps(counts: np.ndarray) -> np.ndarray:
-    """Whether all of the counts of steps (…, n) are whole numbers."""
+    """(…) bool: whether all n readings, in units of a step (…, n), are whole numbers."""
     return np.all(np.abs(counts - np.round(counts)) < 1e-7 * np.maximum(1, np.abs(counts)), axis=-1)

@@ -32,7 +32,7 @@ def is_4294a(lines: list[str]) -> bool:
 
 
 def is_keysight(lines: list[str]) -> bool:
-    """Whether the text is a CSV export of an E4990A or of a relative with the same frame."""
+    """Whether the text is a CSV export of an E4990A or of an analyser that writes the same blocks."""
     return any(re.match(r"\s*BEGIN CH\d+_DATA", line) for line in lines[:60])
 
 
@@ -44,7 +44,7 @@ def is_formatted_trace(lines: list[str]) -> bool:
 def read_formatted_trace(lines: list[str], source: str, names: Sequence[str] | None) -> Table:
     """A trace saved by an E5061B: frequency and the two numbers of its display format, which the user must name.
 
-    Raises InputError where nobody says what they are, or the second is nothing but zeros.
+    Raises InputError where `names` is None, or the second number is zero throughout.
     """
     if names is None:
         raise InputError(
@@ -126,7 +126,7 @@ def _block(lines: list[str], first_line: int, points: str, source: str) -> Table
 
 
 def read_keysight(lines: list[str], source: str) -> tuple[Table, tuple[str, ...]]:
-    """The first channel that holds an impedance, and notes on channels left out.
+    """The first channel with R and X, |Z| or the like, else with C, L, D or Q; and a note where there are several.
 
     Raises InputError where a channel has no END, or none holds an impedance.
     """

@@ -1,10 +1,10 @@
-"""Local rational fits that leave points out or allow a step: how far a point, or a side, is off its neighbours.
+"""Local rational fits that leave points out or allow a step: how far a point is off its neighbours, how large the step.
 
-In a short window an impedance is a rational function of low degree times noise. Fitted without the suspects, it
-predicts them; the prediction has a standard deviation, and what the other points leave over says whether the
-function can describe the window at all.
+In a short window an impedance is a rational function of low degree times noise. Fitted without the suspected points, it
+predicts them with a standard deviation; the residual of the other points says whether the function describes the window
+at all.
 
-Every system is solved by a QR factorisation of the weighted matrix itself. Its square would lose half of the digits,
+Every system is solved by a QR factorisation of the weighted matrix. Its normal equations would lose half of the digits,
 and rounding would then decide what is a fault.
 """
 
@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import numpy as np
 
-#: Linear fits, each weighted by the one before, and changes tried from there on.
+#: Linear fits, each weighted by the denominator of the one before, and Gauss-Newton steps after them.
 _PASSES, _REFINEMENTS = 2, 5
-#: Squarings that find the direction which a window determines least.
+#: Squarings of a matrix that find its dominant eigenvector (`_least_moved`).
 _SQUARINGS = 6
 
 
 def windows(size: int, centers: np.ndarray, width: int) -> np.ndarray:
-    """(k, width) indices of windows about `centers`, moved inside where they would stand out."""
+    """(k, width) indices of windows about `centers` (k,), shifted into 0 … size − 1 at the ends."""
     start = np.clip(centers - width // 2, 0, size - width)
     return start[:, None] + np.arange(width)
 
@@ -58,11 +58,11 @@ def _linear_fit(top: np.ndarray, bottom: np.ndarray, values: np.ndarray, weight:
 
 
 def _least_moved(triangle: np.ndarray) -> np.ndarray:
-    """(k, n) an x of length 1 with hardly more than the least |R x|, for triangles R (k, n, n).
+    """(k, n) unit vectors x with nearly the least |R x|, for triangles R (k, n, n).
 
-    The first eigenvector of R⁻¹R⁻ᴴ by squaring: of directions with singular values s₁ < s₂ of R a share of
-    (s₁/s₂)^(2·2^`_SQUARINGS`) of the second is left, so much only where both do alike. It is the largest eigenvalue
-    that is squared: no digits are lost.
+    x is the dominant eigenvector of R⁻¹R⁻ᴴ, by repeated squaring. With s₁ < s₂ the least singular values of R, the
+    direction of s₂ keeps a share (s₁/s₂)^(2·2^`_SQUARINGS`), which is large only where both serve equally well. The
+    largest eigenvalue is the one that grows, so no digits are lost.
     """
     inverse = _inverse(triangle)
     squared = inverse @ inverse.conj().transpose(0, 2, 1)
@@ -75,7 +75,7 @@ def _least_moved(triangle: np.ndarray) -> np.ndarray:
 
 
 def _inverse(triangle: np.ndarray) -> np.ndarray:
-    """(k, n, n) R⁻¹ of triangles, whose pivots are no smaller than rounding."""
+    """(k, n, n) R⁻¹ of triangles R, with pivots below rounding raised to it."""
     raised = triangle.copy()
     diagonal = np.einsum("kii->ki", raised)
     size = np.abs(diagonal)
@@ -93,7 +93,7 @@ def _quotient(top: np.ndarray, bottom: np.ndarray, coefficients: np.ndarray) -> 
 
 
 def _away_from_zero(values: np.ndarray) -> np.ndarray:
-    """Values (k, w) no smaller than 1e-12 of the largest of their window: a zero on a sample says nothing there."""
+    """Values (k, w), raised to 1e-12 of the largest of their window where smaller, so that none divides by zero."""
     size = np.abs(values)
     largest = size.max(axis=1, keepdims=True)
     floor = np.where(largest > 0, 1e-12 * largest, 1.0)
@@ -113,13 +113,14 @@ def left_out(
 
     Parameters
     ----------
-    sigma : (n,) relative standard deviation of the impedance;  trusted : the same for points as neighbours
-    first, count : points first … first + count − 1 are left out, (k,) cases
+    sigma : (n,) relative standard deviation of the impedance
+    trusted : (n,) relative standard deviation by which the points of a fit are weighted
+    first, count : (k,) each; case i leaves out the points first[i] … first[i] + count[i] − 1
     shape : (points of a window, (degree of numerator, of denominator))
 
     Returns
     -------
-    distance : (k,) the least of those left out, in standard deviations of the prediction
+    distance : (k,) the least of the points left out, in standard deviations of point and prediction together
     rest : (k,) rms residual of the other points in standard deviations, 1 where the fit is good
     """
     width, degrees = shape
@@ -144,7 +145,7 @@ def stepped(
     shape: tuple[int, tuple[int, int]],
     guess: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """How large a step of log Z behind the points `after` (k,) fits best.
+    """The step of log Z behind the points `after` (k,) that fits best.
 
     Parameters
     ----------
@@ -165,15 +166,15 @@ def stepped(
     powers = _powers(frequency[index], degrees)
     start = _straight_step(z, behind) if guess is None else guess
     linear = _linear_fit(*powers, z * np.exp(-start[:, None] * behind), weight)
-    unknowns, std, left = _refined(*powers, z, behind, weight, np.concatenate([linear, start[:, None]], axis=1))
+    unknowns, std, misfit = _refined(*powers, z, behind, weight, np.concatenate([linear, start[:, None]], axis=1))
     step = np.log(np.exp(unknowns[:, -1]))  # a whole turn of the phase is no step
-    return step, np.abs(step) / std[:, 0], left[:, 0] / np.sqrt(width - (sum(degrees) + 2))
+    return step, np.abs(step) / std[:, 0], misfit[:, 0] / np.sqrt(width - (sum(degrees) + 2))
 
 
 def _refined(top, bottom, values, behind, weight, unknowns) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Unknowns (coefficients, step) of least residual, standard deviation of the step (k, 1), residual (k, 1).
 
-    Gauss-Newton: the linear fit does not minimise the residual itself. Where a change does not help, a part of it is
+    Gauss-Newton: the linear fit does not minimise the residual itself. Where a change does not lower it, a quarter is
     tried.
     """
     best = (unknowns, *_linearised(top, bottom, values, behind, weight, unknowns))
@@ -200,21 +201,21 @@ def _linearised(top, bottom, values, behind, weight, unknowns) -> tuple[np.ndarr
 def _least_squares(jacobian: np.ndarray, weight: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Change (k, n) of the unknowns that explains a residual (k, w), and a root (k, n, n) of its covariance C = R Rᴴ.
 
-    p and q may have a common factor, which no data fix. So it is taken as known beforehand, to one standard deviation,
-    that the part of each unknown in log Z changes by no more than 1 (rms over the window).
+    p and q may have a common factor, which no data determine. A prior therefore gives each unknown the standard
+    deviation that changes log Z by 1 (rms over the window).
     """
     width, n = jacobian.shape[1:]
-    known = np.linalg.norm(jacobian, axis=1) / np.sqrt(width)
-    known = np.where(known == 0, 1.0, known)
+    rms = np.linalg.norm(jacobian, axis=1) / np.sqrt(width)
+    rms = np.where(rms == 0, 1.0, rms)
     data = np.concatenate([jacobian, residual[..., None]], axis=-1) * weight[..., None]
-    prior = np.concatenate([known[:, None] * np.eye(n), np.zeros((len(known), n, 1))], axis=-1)
+    prior = np.concatenate([rms[:, None] * np.eye(n), np.zeros((len(rms), n, 1))], axis=-1)
     triangle = np.linalg.qr(np.concatenate([data, prior], axis=1), mode="r")
     root = np.linalg.inv(triangle[:, :n, :n])
     return np.einsum("kij,kj->ki", root, triangle[:, :n, -1]), root
 
 
 def _straight_step(values: np.ndarray, behind: np.ndarray) -> np.ndarray:
-    """A first guess: the step between straight lines through the three points on either side."""
+    """(k,) first guess of the step: between the straight lines in log Z through the two points on either side."""
     last = np.argmax(behind > 0, axis=1) - 1
     rows, logs = np.arange(values.shape[0])[:, None], np.log(values)
     near = logs[rows, last[:, None] + np.arange(-1, 3)]

@@ -1,7 +1,7 @@
 """The noise of a sweep, estimated from the sweep itself.
 
-In a short window of neighbouring points an impedance is a rational function of frequency of low degree, resonance or
-not; what such a function leaves over is noise. The median over the windows is blind to single bad ones.
+In a short window of neighbouring points an impedance is a rational function of frequency of low degree, with or without
+a resonance; the residual of such a function is noise. The median over the windows ignores single bad windows.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ def estimate_noise(spectrum: ImpedanceSpectrum) -> NoiseModel:
 
     Accuracy on simulated sweeps of a k31 bar (relative noise 1e-4 … 3e-3, tests/measurement/test_noise.py): within
     25 % from 201 points on and within 40 % at 61 points. A sweep so coarse that a pole and its zero lie three steps
-    apart gives up to twice the noise. Noise that is correlated between
-    neighbouring points (smoothing, interpolation) is not seen.
+    apart gives up to twice the noise. Noise that is correlated between neighbouring points (smoothing, interpolation)
+    is not seen.
 
     Raises InputError below 8 points.
     """
@@ -63,7 +63,7 @@ def estimate_noise(spectrum: ImpedanceSpectrum) -> NoiseModel:
 
 @lru_cache(maxsize=8)
 def _estimated(frequencies: bytes, impedances: bytes) -> NoiseModel:
-    """From the roughness of a sweep; kept, as checks, extraction and fit of a sweep all ask for it."""
+    """The noise model from the roughness of a sweep; cached, since checks, extraction and fit all need it."""
     frequency, impedance = np.frombuffer(frequencies), np.frombuffer(impedances, dtype=complex)
     size = frequency.size
     window = min(_WINDOW, size)
@@ -78,7 +78,7 @@ def _estimated(frequencies: bytes, impedances: bytes) -> NoiseModel:
 
 
 def _stride(windows: int) -> int:
-    """Every how manieth window is used."""
+    """Distance of the windows that are used, so that they are `_MOST_WINDOWS` at most."""
     return -(-windows // _MOST_WINDOWS)
 
 
@@ -87,7 +87,7 @@ def _window_variances(
 ) -> tuple[np.ndarray, int]:
     """Relative variance of Z in each window about its best rational function; complex degrees of freedom.
 
-    degrees : of numerator and denominator. Returns (windows,) and window − (their unknowns).
+    degrees : of numerator and denominator. Returns (windows,) and window − (number of coefficients).
     """
     step = _stride(frequency.size - window + 1)
     f = sliding_window_view(frequency, window)[::step]
@@ -98,14 +98,15 @@ def _window_variances(
 
 
 def _fit_model(variance: np.ndarray, magnitude: np.ndarray) -> NoiseModel:
-    """The model whose relative variances relative² + (additive/|Z|)² lie in the middle of those given.
+    """The model relative² + (additive/|Z|)² nearest to given relative variances (windows,) at |Z| (windows,), ohm.
 
-    An additive part is taken only where it explains the variances clearly better. A variance of nothing at all is
-    raised to the rounding of floating-point numbers.
+    The ratio of both parts has the least mean absolute deviation of log variances, the level is their median. An
+    additive part is taken only where it lowers that deviation clearly (`_GAIN_OF_ADDITIVE`). A variance of zero is
+    raised to the square of the rounding of floating-point numbers.
     """
     rounding = np.finfo(float).eps
     logs = np.log(np.maximum(variance, rounding**2))
-    # one row for each |Z| at which both parts are alike: 0 is all relative
+    # candidates of the |Z| at which both parts are equal, one row each; 0 has no additive part
     crossings = np.concatenate([[0.0], np.geomspace(magnitude.min() / 10, magnitude.max() * 10, _CROSSINGS)])
     shapes = np.log1p((crossings[:, None] / magnitude) ** 2)
     levels = np.median(logs - shapes, axis=1)

@@ -1,8 +1,8 @@
 """Which signs and columns of an impedance sweep are in the wrong place.
 
 A piece of piezoceramic is passive, Re Z ≥ 0, its reflection turns clockwise as the frequency rises, and it is a
-capacitor or inductor of small loss over most of any sweep. Six readings of two columns are tried; the data as they
-are stay unless another reading is plainly better.
+capacitor or inductor of small loss over most of any sweep. Six readings of the two columns compete; the data are
+taken as they are unless another reading is plainly better.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _READINGS = {
     "columns_exchanged": lambda z: z.imag + 1j * z.real,
     "admittance_exchanged": lambda z: -z.imag - 1j * z.real,
 }
-"""What is wrong with the data → the correction, as a function of Z."""
+"""Fault of the data → the correction, as a function of Z."""
 
 
 def misread_as(impedance: np.ndarray) -> str | None:
@@ -60,14 +60,14 @@ def _area_steps(impedance: np.ndarray) -> np.ndarray:
 
 
 def _turns(impedance: np.ndarray) -> int:
-    """−1 clockwise, +1 counter-clockwise, 0 undecided for the noise."""
+    """Sense in which the reflection turns: −1 clockwise, +1 counter-clockwise, 0 where it is within the noise."""
     steps = _area_steps(impedance)
     total, scatter = np.sum(steps), np.median(np.abs(np.diff(steps)))
     return int(np.sign(total)) if abs(total) > max(1e-4, 10 * scatter) else 0
 
 
 def _is_active(impedance: np.ndarray) -> bool:
-    """Whether Re Z is negative in earnest, not by noise or a small error of the phase near ±90°."""
+    """Whether Re Z is clearly negative, not by noise or a small error of the phase near ±90°."""
     cosine = impedance.real / np.abs(impedance)
     strongest = np.argsort(np.abs(cosine))[-max(3, cosine.size // 20) :]
     return bool(np.mean(cosine < -0.05) > 0.25 or (np.median(cosine[strongest]) < 0 and np.mean(cosine < 0) > 0.5))

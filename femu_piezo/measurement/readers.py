@@ -56,11 +56,11 @@ def read_spectrum(
     path : the file
     correct_phase : turn a phase that is wrong by 180° (Re Z < 0) back
     mask_faults : leave out the points of spikes, mains lines and negative resistance, and the shorter side of a jump
-    mask : bands (low, high), Hz, whose points are left out before anything is looked at
-    noise : relative standard deviation of the complex impedance, where it is known; goes before that of the file
+    mask : bands (low, high), Hz, whose points are left out before any check
+    noise : relative standard deviation of the complex impedance, where it is known; replaces that of the file
     connection : of the piece, for Touchstone: "reflection", "series" or "shunt"; found out where None
-    columns : what the columns are, in place of a header, as a header would name them; "" for one that is not meant
-    compensation : raw sweeps of the fixture (`read_raw`), which are taken out
+    columns : names of the columns in place of a header, written as in one; "" for a column that is not used
+    compensation : raw sweeps of the fixture (`read_raw`), whose influence is removed
 
     Returns
     -------
@@ -79,7 +79,7 @@ def read_spectrum(
 def read_raw(
     path: Path | str, *, connection: Connection | None = None, columns: Sequence[str] | None = None
 ) -> ImpedanceSpectrum:
-    """The impedance of a raw file, of an open or shorted fixture, whose physics is not checked; as `read_spectrum`."""
+    """The sweep of a raw file, such as that of an open fixture, unchecked; parameters as of `read_spectrum`."""
     return _read(Path(path), connection, columns)[0]
 
 
@@ -110,9 +110,9 @@ def accept_spectrum(
     mask: Bands = (),
     noise: float | None = None,
 ) -> ImpedanceSpectrum:
-    """A sweep in memory as `read_spectrum` gives that of a file: checked, and corrected where asked.
+    """A sweep in memory, checked and corrected as `read_spectrum` does it with the sweep of a file.
 
-    The phase of a sweep that has been checked is right, and stays. Parameters and errors as of `read_spectrum`.
+    `correct_phase` has no effect on a sweep that is already `checked`. Parameters and errors as of `read_spectrum`.
     """
     spectrum = _with_noise(_without(spectrum, mask), noise)
     if not spectrum.checked:
@@ -128,7 +128,7 @@ def accept_spectrum(
 
 
 def _without(spectrum: ImpedanceSpectrum, mask: Bands) -> ImpedanceSpectrum:
-    """The spectrum without the points in some bands, and a note on these."""
+    """The spectrum without the points in the bands of `mask`, with a note on them."""
     if not mask:
         return spectrum
     keep = np.ones(len(spectrum), dtype=bool)
@@ -144,7 +144,7 @@ def _without(spectrum: ImpedanceSpectrum, mask: Bands) -> ImpedanceSpectrum:
 
 
 def _with_noise(spectrum: ImpedanceSpectrum, noise: float | None) -> ImpedanceSpectrum:
-    """The spectrum with its noise relative to |Z|, where that is given."""
+    """The spectrum with the relative standard deviation `noise`, unless it is None."""
     if noise is None:
         return spectrum
     if not (np.isfinite(noise) and 0 < noise < 1):
@@ -216,7 +216,7 @@ def _checked(
 
 
 def _masked(spectrum: ImpedanceSpectrum, faults: list[DataFault]) -> tuple[ImpedanceSpectrum, list[DataFault]]:
-    """The spectrum without the points of faults that can be left out, a note on each; and the faults that stay."""
+    """The spectrum without the points of faults that can be left out, with a note on each; and the other faults."""
     keep = without_faults(spectrum, faults)
     if keep.sum() < max(FEWEST_POINTS, len(spectrum) // 4):
         raise InputError(
@@ -227,13 +227,13 @@ def _masked(spectrum: ImpedanceSpectrum, faults: list[DataFault]) -> tuple[Imped
         for fault in faults
         if fault.kind in MASKABLE
     )
-    told = {fault.message for fault in faults if fault.kind in MASKABLE}  # by an earlier check that masked nothing
+    told = {fault.message for fault in faults if fault.kind in MASKABLE}  # noted by an earlier check without masking
     notes = tuple(note for note in spectrum.notes if note not in told) + notes
     return replace(spectrum.select(keep), notes=notes), [fault for fault in faults if fault.kind not in MASKABLE]
 
 
 def write_spectrum(spectrum: ImpedanceSpectrum, path: Path | str) -> None:
-    """Write CSV `frequency_Hz,resistance_ohm,reactance_ohm[,noise_ohm]` with all digits, beside `path` and renamed.
+    """Write CSV `frequency_Hz,resistance_ohm,reactance_ohm[,noise_ohm]` with all digits; no half-written file remains.
 
     Raises InputError where the file cannot be written.
     """

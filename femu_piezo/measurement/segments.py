@@ -11,7 +11,7 @@ import numpy as np
 RESOLUTION = 1e-3
 #: Segments and points that a Keysight E4990A takes in one sweep (its help: 1 to 201 segments, 2 to 1601 points).
 E4990A_MOST = (201, 1601)
-#: How far below a lonely frequency its companion lies where there is no other one, relative.
+#: Relative distance of the second point that is added below a frequency where the sweep has only this one.
 _COMPANION = 1e-4
 
 
@@ -30,10 +30,10 @@ class Segment:
 
 
 def segments(frequency: np.ndarray) -> list[Segment]:
-    """Few segments that hold every one of some frequencies (n,), Hz, to the resolution of analysers.
+    """A few segments that hold all of the frequencies (n,), Hz, to the resolution of analysers.
 
-    Runs of equal steps are one segment, other points pairs. Since a segment has two points at least, a frequency that
-    is left alone comes with the middle between it and the one below, which is measured as well.
+    A run of equal steps is one segment; other frequencies are taken in pairs. Since a segment has at least two points,
+    a last single frequency is measured together with the middle between it and the one below.
     """
     f = np.unique(np.round(np.asarray(frequency, dtype=float) / RESOLUTION)) * RESOLUTION
     found, place = [], 0
@@ -49,7 +49,7 @@ def segments(frequency: np.ndarray) -> list[Segment]:
 
 
 def _run(f: np.ndarray) -> int:
-    """How many of the first frequencies have equal steps, to the resolution; 0 below three."""
+    """Number of frequencies, from the first on, with equal steps to the resolution; 0 where fewer than three."""
     if f.size < 3:
         return 0
     even = f[0] + (f[1] - f[0]) * np.arange(f.size)
@@ -58,19 +58,19 @@ def _run(f: np.ndarray) -> int:
 
 
 def in_sweeps(found: Sequence[Segment], most_segments: int, most_points: int) -> Iterator[list[Segment]]:
-    """The segments of one sweep after another, no more in each than an instrument takes."""
-    one: list[Segment] = []
+    """The segments of successive sweeps, in each no more segments and points than an instrument takes."""
+    sweep: list[Segment] = []
     for segment in _cut(found, most_points):
-        if one and (len(one) == most_segments or sum(s.points for s in one) + segment.points > most_points):
-            yield one
-            one = []
-        one.append(segment)
-    if one:
-        yield one
+        if sweep and (len(sweep) == most_segments or sum(s.points for s in sweep) + segment.points > most_points):
+            yield sweep
+            sweep = []
+        sweep.append(segment)
+    if sweep:
+        yield sweep
 
 
 def _cut(found: Sequence[Segment], most: int) -> Iterator[Segment]:
-    """Segments of no more points than `most`, none of a single one."""
+    """The segments, long ones split so that each has 2 … `most` points."""
     for segment in found:
         f = segment.frequency
         while f.size > most:

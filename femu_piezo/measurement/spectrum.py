@@ -1,4 +1,4 @@
-"""`ImpedanceSpectrum`: a sweep of complex impedance over frequency, the one form in which data travel."""
+"""`ImpedanceSpectrum`: a sweep of complex impedance over frequency, in the form that all of the package takes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ImpedanceSpectrum:
         None where the file gives none
     source : where the data came from, for messages and reports
     notes : sentences about what was corrected or is doubtful in the data
-    checked : whether the data have passed `accept_spectrum`, as those of every file have
+    checked : whether the data have passed the checks of `read_spectrum` or `accept_spectrum`
 
     Sweeps in memory: `from_impedance`, `from_resistance_reactance`, `from_magnitude_phase` and
     `from_conductance_susceptance` take lists or arrays in the order they were measured.

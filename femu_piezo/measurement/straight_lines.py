@@ -7,17 +7,17 @@ import numpy as np
 from femu_piezo.measurement.data_fault import DataFault
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
-#: Bend of a straight piece against the largest bend of its surroundings, and how many points those reach.
+#: Bend of a straight piece over the largest bend around it, and how many points to either side are around it.
 _STRAIGHT, _AROUND = 1e-6, 12
-#: Least share of straight points, in both parts of the reading, of a sweep that is told.
+#: Share of straight points, in both columns, beyond which a sweep counts as interpolated.
 _SHARE = 0.15
 
 
 def interpolated(spectrum: ImpedanceSpectrum) -> DataFault | None:
     """The fault of a sweep whose points were joined by straight lines, in R and X, G and B, or |Z| and phase.
 
-    Measured points scatter, those of a simulation bend: three in a row on one line to a millionth of the bends around
-    them are neither. Where at least 15 % are, in both parts, the sweep has been interpolated.
+    Measured points scatter and simulated curves bend; three points in a row on one line, to a millionth of the bends
+    around them, do neither. Where more than 15 % of both columns are such points, the sweep has been interpolated.
     """
     z, y = spectrum.impedance, spectrum.admittance
     readings = {
@@ -39,10 +39,10 @@ def interpolated(spectrum: ImpedanceSpectrum) -> DataFault | None:
 
 
 def straight_share(frequency: np.ndarray, values: np.ndarray) -> float:
-    """Share of points (n,) that lie on the line through both neighbours, next to others that do not."""
+    """Share of points (n,) that lie on the line through both neighbours, while some of the points around do not."""
     slopes = np.diff(values) / np.diff(frequency)
     bend = np.abs(np.diff(slopes)) * (frequency[2:] - frequency[:-2])
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(bend, _AROUND), 2 * _AROUND + 1)
     around = windows.max(axis=1)
-    level = np.abs(values[1:-1]) * 1e-9  # what rounding in a file leaves is no bend
+    level = np.abs(values[1:-1]) * 1e-9  # size of bends that are only rounding in a file
     return float(np.mean((bend < _STRAIGHT * around) & (around > 1e3 * level)))

@@ -62,7 +62,7 @@ def read_table(lines: list[str], source: str, first_line: int = 1, names: Sequen
 
     Comment lines (#, %, !, //) and blank lines are skipped; the header may be the last comment.
     `first_line` is the number of the first line in the file, for messages; `names` are those of the columns, in place
-    of a header, "" for a column that is not meant.
+    of a header, "" for a column that is not used.
 
     Raises InputError where there is no header, no table, or a line that does not fit it.
     """
@@ -73,7 +73,7 @@ def read_table(lines: list[str], source: str, first_line: int = 1, names: Sequen
     delimiter, decimal_comma = _delimiter(lines[start])
     rows = (line.rstrip(" ;\t" if delimiter == ";" else None).rstrip(",") for line in lines[start:])
     numbered = [
-        (number, row)  # a line of delimiters alone, as spreadsheets write, is no row
+        (number, row)  # a line of delimiters alone, as spreadsheets write it, is no row
         for number, row in enumerate(rows, start + first_line)
         if row.strip() and not row.lstrip().startswith(_COMMENT)
     ]
@@ -96,7 +96,7 @@ def read_table(lines: list[str], source: str, first_line: int = 1, names: Sequen
 
 
 def _with_points(lines: list[str], source: str) -> list[str]:
-    """The lines with points for the decimal commas of numbers in quotes, which commas separate: "1,5","2,5".
+    """The lines with decimal points in place of the commas of quoted numbers that commas separate: "1,5","2,5".
 
     Raises InputError where every such number may have separators of thousands as well.
     """

@@ -1,11 +1,11 @@
 """Touchstone files of network analysers (version 1 and 2, read by scikit-rf) as impedances.
 
-A reflection S11 = (Z − Z0)/(Z + Z0) of a one-port; the transmission of a piece in series between two ports,
-S21 = 2 sqrt(Z1 Z2)/(Z + Z1 + Z2), or in shunt, S21 = 2 sqrt(Z1 Z2) Z/(Z1 Z2 + Z (Z1 + Z2)), with the reference
-resistances Z1 and Z2 (Pozar, Microwave Engineering, 4th ed., section 4.3 and table 4.1).
+Z follows from the reflection S11 = (Z − Z0)/(Z + Z0) of a one-port, or from the transmission of a piece between two
+ports: in series S21 = 2 sqrt(Z1 Z2)/(Z + Z1 + Z2), in shunt S21 = 2 sqrt(Z1 Z2) Z/(Z1 Z2 + Z (Z1 + Z2)), with the
+reference resistances Z1 and Z2 (Pozar, Microwave Engineering, 4th ed., section 4.3 and table 4.1).
 
-An analyser has about one error of S at all points, that of Z is |dZ/dS| times as large: |Z + Z0|²/(2 Z0) of a
-reflection, so that |Z| far from the reference is known badly. It enters the noise of the sweep.
+The error of S is about the same at all points of a sweep; that of Z is |dZ/dS| times as large, |Z + Z0|²/(2 Z0) for a
+reflection, so that |Z| far from the reference is known badly. The noise of the sweep contains it.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 Connection = Literal["reflection", "series", "shunt"]
 CONNECTIONS = ("reflection", "series", "shunt")
-#: Least median difference of S11 from that of a piece in series or shunt which refuses to call it one.
+#: Median difference of S11 from that of a piece in series or shunt, from which on the connection is not accepted.
 _UNLIKE = 0.2
-#: Fewest points whose roughness tells the noise.
+#: Fewest points from which the noise can be estimated.
 _FEWEST = 8
 
 
@@ -36,7 +36,7 @@ def is_touchstone(path: Path) -> bool:
 
 
 def read_touchstone(text: str, source: str, connection: Connection | None = None) -> ImpedanceSpectrum:
-    """The impedance of a Touchstone file with its noise, as the roughness of S tells it, and a note on |Z|.
+    """The sweep of a Touchstone file; its noise is from the roughness of S, and a note states the error of |Z|.
 
     Parameters
     ----------
@@ -82,13 +82,13 @@ def impedance_of(
 
     first, second : reference resistances of both ports, ohm
     """
-    root, both, product = 2 * np.sqrt(np.real(first * second)), first + second, first * second
+    root, total, product = 2 * np.sqrt(np.real(first * second)), first + second, first * second
     with np.errstate(divide="ignore", invalid="ignore"):
         if connection == "reflection":
             return first * (1 + s) / (1 - s), np.abs(2 * first / (1 - s) ** 2)
         if connection == "series":
-            return root / s - both, np.abs(root / s**2)
-        return product * s / (root - both * s), np.abs(product * root / (root - both * s) ** 2)
+            return root / s - total, np.abs(root / s**2)
+        return product * s / (root - total * s), np.abs(product * root / (root - total * s) ** 2)
 
 
 def touchstone_text(frequency_Hz: np.ndarray, impedance: np.ndarray, reference: float = 50.0) -> str:
@@ -127,9 +127,10 @@ def _parse(text: str, source: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _as_impedances(text: str) -> str | None:
-    """The text of a version 1 file of Y with its option line saying Z; None for any other.
+    """The text of a version 1 file of Y with Z in place of Y in its option line; None for any other file.
 
-    There y = Y R (Touchstone 1.1), which scikit-rf 2.2 takes for Y/R: it multiplies by R, as is right for z = Z/R.
+    Its numbers are y = Y R (Touchstone 1.1), but scikit-rf 2.2 takes them for Y/R and multiplies by R, which is right
+    only for z = Z/R. Read as Z they are multiplied by R as well, and `_parse` divides by R².
     """
     options = re.search(r"^\s*#[^!\n]*", text, re.MULTILINE)
     if options is None or "[version]" in text.lower() or not re.search(r"\bY\b", options[0], re.IGNORECASE):
@@ -138,7 +139,7 @@ def _as_impedances(text: str) -> str | None:
 
 
 def _connection(s: np.ndarray, reference: np.ndarray, source: str) -> Connection:
-    """Series or shunt, from the reflection that S21 then implies."""
+    """Series or shunt, whichever reflection implied by S21 is nearer to S11."""
     first, second = reference[:, 0], reference[:, 1]
     misfit = {}
     for kind in ("series", "shunt"):
@@ -157,7 +158,7 @@ def _connection(s: np.ndarray, reference: np.ndarray, source: str) -> Connection
 
 
 def _noise(frequency, s, impedance, slope, kind: str, reference: float, source: str) -> tuple[np.ndarray | None, str]:
-    """Standard deviation of Z (n,) from that of S, and what to know of it."""
+    """Standard deviation of Z (n,), ohm, from that of S, None for few points; and a note on the error of |Z|."""
     relative = slope / np.abs(impedance)
     worst = int(np.argmax(relative))
     words = (
