@@ -1,4 +1,4 @@
-"""How far the parameters of a fit may be off: by noise alone, and by what is smooth in frequency beside it."""
+"""Errors of the parameters of a fit: due to noise alone, or also to a systematic error smooth in frequency."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from femu_piezo.measurement.discrepancy import Discrepancy, learn_discrepancy, p
 from femu_piezo.measurement.discrepancy_forms import Alternatives, matern, smooth
 from femu_piezo.measurement.sweeps import SweepData, stacked
 
-SHARES = (0.0, 1.0)  # of errors of frequency in them: none, or nothing else
+SHARES = (0.0, 1.0)  # of the variance that is due to errors of frequency: none, or all
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Spread:
     ----------
     factor : (p, q) complex F. Circular: F Fᴴ = E[δθ δθᴴ] and E[δθ δθᵀ] = 0, as white circular noise gives.
         Otherwise the columns are a sample: E over the columns of any product of Re and Im parts
-    circular : which of both
+    circular : whether F is of the first kind
     """
 
     factor: np.ndarray
@@ -60,13 +60,14 @@ def fisher_spread(model: RationalModel, data: NormalisedSweep, scale: float = 1.
 
 
 def errors_about(model: RationalModel, data: NormalisedSweep, sweep: SweepData) -> list[Alternatives]:
-    """The smooth functions of frequency that a fit may leave, correlated over the lengths of `smooth`.
+    """The systematic errors of log Z that compete: Gaussian processes over frequency, of the lengths of `smooth`.
 
-    No smoother than instruments are (Matérn). Those of one fit serve others that are near it.
+    Their kernel (Matérn, 3/2) is no smoother than the errors of instruments. The processes of one fit serve for all
+    fits that are near it.
 
     Parameters
     ----------
-    sweep : the points of `data` with the noise that neighbours show
+    sweep : the points of `data`, with the noise estimated from neighbouring points
     """
     return list(smooth(sweep, model.log_slope(data.x), shares=SHARES, kernel=matern))
 
@@ -74,7 +75,7 @@ def errors_about(model: RationalModel, data: NormalisedSweep, sweep: SweepData) 
 def systematic_error(
     model: RationalModel, data: NormalisedSweep, sweep: SweepData, errors: list[Alternatives]
 ) -> tuple[Discrepancy, float]:
-    """The smooth function of frequency that a fit leaves beside the noise, and the evidence of the fit with it.
+    """The systematic error that a fit leaves in addition to noise, and the evidence of the fit with it.
 
     The evidence is the Bayesian information criterion, −2 log p(data) + k log(2n), less is better, with the discrepancy
     of log Z marginalised (`femu_piezo.measurement.discrepancy`).
@@ -90,16 +91,16 @@ def systematic_error(
 
 
 def systematic_spread(model: RationalModel, data: NormalisedSweep, sweep: SweepData, error: Discrepancy) -> Spread:
-    """Second moments of the errors of a fit that leaves a systematic error beside the noise.
+    """Second moments of the errors of the parameters of a fit that leaves a systematic error in addition to noise.
 
     The parameters are off by A = (JᴴW²J)⁻¹JᴴW² times the relative errors of Z, J = ∂ log charge/∂θ and W the weights of
-    the fit: cov = A (N + K) Aᴴ, N of the noise and K of the error.
+    the fit: cov = A (N + K) Aᴴ, N the covariance of the noise and K that of the systematic error.
     """
-    plain, k = model.jacobian(data.x) / data.charge[:, None], len(data)
-    size = np.linalg.norm(plain, axis=0)
-    q, upper = np.linalg.qr(data.weight[:, None] * plain / size)
-    moved = np.linalg.solve(upper, q.conj().T) * data.weight / size[:, None]
+    jacobian, k = model.jacobian(data.x) / data.charge[:, None], len(data)
+    size = np.linalg.norm(jacobian, axis=0)
+    q, upper = np.linalg.qr(data.weight[:, None] * jacobian / size)
+    response = np.linalg.solve(upper, q.conj().T) * data.weight / size[:, None]
     level = error.level / sweep.weight
     smooth = (error.columns[:k] + 1j * error.columns[k:]) * level[:, None]
-    noise = moved * level
-    return Spread(np.hstack([noise, 1j * noise, moved @ smooth]), circular=False)
+    noise = response * level
+    return Spread(np.hstack([noise, 1j * noise, response @ smooth]), circular=False)

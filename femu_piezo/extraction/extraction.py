@@ -36,7 +36,7 @@ from femu_piezo.threads import blas_limit
 
 MAX_MODES = 40
 MIN_POINTS = 8
-CLOSE = 10.0  # times the misfit of the closest fit, up to which others are worth a comparison
+CLOSE = 10.0  # times the rms misfit of the closest fit, up to which other fits are compared with it
 
 
 def extract(
@@ -55,10 +55,10 @@ def extract(
     Parameters
     ----------
     spectrum : the sweep; its `noise` is used where given, else learned from the residual of the fit
-    max_modes : most modes the evidence may ask for (40 where None)
+    max_modes : largest number of modes of the fit (40 where None)
     method : "maximum_likelihood", or "prony_ss" for the paper's time-domain method (uniform grid): no
         covariance; the curve is the best one with those poles
-    start : fitted function of a like sweep, whose modes the search begins with; the maximum-likelihood method alone
+    start : fitted function of a similar sweep, with whose modes the search begins; only for maximum likelihood
 
     Raises
     ------
@@ -84,20 +84,20 @@ def _extract(
     tried: tuple[Candidate, ...] = ()
     if method == "prony_ss":
         roots, result = _prony_ss(sweep)
-        noise, reported = noise_of(result, sweep), None
+        noise, spread = noise_of(result, sweep), None
     else:
         estimate = maximum_likelihood(sweep, MAX_MODES if max_modes is None else max_modes, start)
         result, noise, tried, data = estimate.fit, estimate.noise, estimate.orders, estimate.fit.data
         scale = result.scale if noise.origin != "file" else _inflation(result, findings)
-        reported = fisher_spread(result.model, data, scale)
+        spread = fisher_spread(result.model, data, scale)
         systematic = result.is_correlated
         if systematic:
             points = _points(sweep)
-            result, left = _most_probable((*estimate.way, result), data, points)
-            reported = systematic_spread(result.model, data, points, left)
+            result, discrepancy = _most_probable((*estimate.way, result), data, points)
+            spread = systematic_spread(result.model, data, points, discrepancy)
             noise = noise if noise.origin == "file" else replace(noise, relative=result.scale)
-            findings += find_systematic(left, result.residual / data.weight, result.degrees_of_freedom, points)
-        roots = resonances(result.model, reported, band, systematic=systematic)
+            findings += find_systematic(discrepancy, result.residual / data.weight, result.degrees_of_freedom, points)
+        roots = resonances(result.model, spread, band, systematic=systematic)
     ordered = gravest_first(
         findings + find_reversed(result.data) + find_missing(roots, spectrum) + find_doubtful(roots)
     )
@@ -121,17 +121,18 @@ def _extract(
         orders=tried,
         findings=ordered,
         method=method,
-        spread=reported,
+        spread=spread,
     )
 
 
 def _most_probable(fits: Sequence[Fit], data: NormalisedSweep, points: SweepData) -> tuple[Fit, Discrepancy]:
-    """The fit that a sweep with a systematic error asks for, and this error.
+    """The most probable fit of a sweep with a systematic error, and this error.
 
-    Of fits with as many modes and degrees the closest competes, passive ones within `CLOSE` of the closest of all. The
-    error is what the one of most evidence leaves. Of as many modes the closest is taken, since an omitted degree of the
-    background biases and an idle one costs little; what it leaves itself says too little of an error that it has
-    followed. Then modes go that the error explains as well.
+    Passive fits compete whose rms misfit is at most `CLOSE` times the least, of each order the one of least misfit. The
+    one of most evidence gives the number of modes and, by its discrepancy, the error. Of the fits with that number of
+    modes the one of least misfit is taken, since an omitted degree of the background biases and an idle one costs
+    little; its own discrepancy would be too small, as it follows a part of the error. At last unsettled modes are
+    removed while that raises the evidence, since the error explains them as well.
     """
 
     passive = sorted((one for one in fits if is_passive(one.model)), key=lambda one: one.misfit)
@@ -156,21 +157,21 @@ def _most_probable(fits: Sequence[Fit], data: NormalisedSweep, points: SweepData
 
 
 def _points(sweep: ImpedanceSpectrum) -> SweepData:
-    """The sweep with its noise: its own, or what neighbouring points show."""
+    """The sweep with its relative noise, from its file or estimated from neighbouring points."""
     noise = estimate_noise(sweep).std(sweep.impedance) / np.abs(sweep.impedance)
     return SweepData(sweep.frequency, sweep.impedance, np.maximum(noise, ROUNDING), sweep.noise is not None)
 
 
 def _prony_ss(sweep: ImpedanceSpectrum) -> tuple[Roots, Fit]:
-    """Poles and zeros of the stable columns, and the best curve with those poles held."""
+    """Poles and zeros of the stable columns of Prony-SS, and the fit of most evidence with those poles held fixed."""
     every = []
     for kind in ("pole", "zero"):
         found = prony_ss(sweep, kind)
         pairs = zip(found.diagram.columns, found.residues, strict=True)
         every += [Resonance(kind, column.eigenvalue, residue=complex(residue)) for column, residue in pairs]
-    told = interlaced(every, lambda one: one.frequency_Hz)
+    alternating = interlaced(every, lambda one: one.frequency_Hz)
     poles, zeros = (
-        tuple(Resonance(kind, one.eigenvalue) for one in told if one.kind == kind) for kind in ("pole", "zero")
+        tuple(Resonance(kind, one.eigenvalue) for one in alternating if one.kind == kind) for kind in ("pole", "zero")
     )
     data = NormalisedSweep.of(sweep.omega, sweep.admittance, np.ones(len(sweep)))
     at = np.array([(r.eigenvalue - data.axis.center) / data.axis.half_width for r in poles], complex)
@@ -184,7 +185,10 @@ def _prony_ss(sweep: ImpedanceSpectrum) -> tuple[Roots, Fit]:
 
 
 def _inflation(result: Fit, findings: list[Finding]) -> float:
-    """1 where the file's noise explains the residual; the rms residual where χ² is 5 σ too large."""
+    """Factor on standard deviations: 1 where the file's noise explains the residual, else its rms, with a finding.
+
+    The noise does not explain a χ² that is more than 5 σ too large.
+    """
     excess = result.scale**2 - 1
     if excess <= 5 * np.sqrt(2 / result.degrees_of_freedom):
         return 1.0

@@ -10,15 +10,15 @@ from scipy.linalg import lapack
 from femu_piezo.extraction.model import FrequencyAxis, RationalModel
 from femu_piezo.threads import made_once
 
-# Relative size below which a residual is arithmetic and no evidence for anything
+# Relative size below which a residual is rounding and no evidence
 ROUNDING = 1e-10
-_ALIKE = 1e-7  # sine of the angle of a column with others below which their difference is one of rounding
-_HOPE = 10.0  # times the fall of the misfit by a step, or by a linearised problem, that a fit may yet bring
-MAX_DAMPING = 1e6  # a step this short that still does not lower the misfit: it is at its minimum
+_ALIKE = 1e-7  # sine of the angle between a column and the span of those before it, below which it depends on them
+_HOPE = 10.0  # bound on the further fall of the misfit, over that of the last step or of the linearised problem
+MAX_DAMPING = 1e6  # damping at which steps are so short that a misfit which they do not lower is at its minimum
 
 
 def evenly(count: int, most: int) -> np.ndarray:
-    """(m,) places of at most so many points, evenly over `count`."""
+    """(m,) indices of at most `most` points, evenly spaced over `count`."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
 
 
@@ -34,7 +34,7 @@ class NormalisedSweep:
     scale : farad; negative where most readings have a negative conductance (reversed terminals)
     weight : (n,) 1/(relative standard deviation of the complex impedance); only its shape matters for the
         search, its size for the covariance
-    least : rms residual in units of `weight` below which it is evidence for nothing
+    least : rms weighted residual below which a residual is no evidence
     """
 
     axis: FrequencyAxis
@@ -58,12 +58,12 @@ class NormalisedSweep:
 
     @made_once
     def negligible(self) -> float:
-        """Σ|residual|² that is rounding or far below the noise."""
+        """Σ|residual|² below which the residual is rounding or far below the noise."""
         return max(self.rounding, self.least**2 * len(self))
 
     @made_once
     def rounding(self) -> float:
-        """Σ|residual|² that rounding leaves."""
+        """Σ|residual|² of a residual of the relative size `ROUNDING`."""
         return ROUNDING**2 * float(np.sum(self.weight**2))
 
     @made_once
@@ -72,7 +72,7 @@ class NormalisedSweep:
         return float(np.sum(np.log(self.weight**2)))
 
     def thinned(self, most: int) -> NormalisedSweep:
-        """At most so many points, evenly over all."""
+        """At most `most` of the points, evenly spaced."""
         keep = evenly(len(self), most)
         return replace(self, x=self.x[keep], charge=self.charge[keep], weight=self.weight[keep])
 
@@ -110,7 +110,7 @@ class Fit:
         N = 2n real data, k real parameters, S = Σ|r|²: −2 ln of the likelihood of the relative errors with the noise
         level profiled out, plus Schwarz's penalty with the small-sample factor of Hurvich and Tsai (1989).
         Here r = weight · ln(charge_model/charge_data), whose noise is the same however wrong the model is.
-        Rounding of double precision is noise, and so is what is far below a noise that is given: S is no less.
+        S is no less than `negligible`: rounding, and what is far below a given noise, counts as noise.
         """
         data, n, k = self.data, len(self.data), 2 * self.model.size
         if k + 1 >= 2 * n:
@@ -126,7 +126,7 @@ class Fit:
 
 
 def penalty(k: int, n: int) -> float:
-    """Of k real parameters of a fit to n complex data, in its evidence."""
+    """Penalty in the evidence of a fit of k real parameters to n complex data: N = 2n, k ln(N) · N/(N − k − 1)."""
     return k * np.log(2 * n) * 2 * n / (2 * n - k - 1)
 
 
@@ -151,9 +151,10 @@ def fit(
     The model is holomorphic in its complex parameters, so the complex Gauss-Newton step −(JᴴJ + μD²)⁻¹Jᴴr is the
     real one, at a quarter of the work of (Re, Im) columns. D are the column norms of J; μ follows the share ρ of the
     promised fall of Σ|r|² that a step brought (Nielsen 1999, Damping parameter in Marquardt's method, IMM-REP-1999-05):
-    times max(1/10, 1 − (2ρ − 1)³) after a step that lowers it, times 2, 4, 8, … after those that do not. Ends where a
-    step lowers Σ|r|² by less than `tolerance` (relative), or none does; and where it stays above `least`, the most that
-    is of use, by more than `_HOPE` times what the last step brought and what the linearised problem still promises.
+    times max(1/10, 1 − (2ρ − 1)³) after a step that lowers it, times 2, 4, 8, … after those that do not. The search
+    ends where a step lowers Σ|r|² by less than `tolerance` (relative), or no step does. It is given up where Σ|r|² will
+    stay above `least`, the most that is of use: where it exceeds `least` by more than `_HOPE` times the larger of the
+    fall by the last step and the fall that the linearised problem still promises.
     """
     row, size = (data.weight / data.charge)[:, None], model.size
     r = residual(model, data)
@@ -185,7 +186,7 @@ def fit(
 def _damped(upper: np.ndarray, target: np.ndarray, lower: np.ndarray) -> np.ndarray:
     """(k,) least squares of upper (k, k) x = target (k,) and lower (k, k) x = 0.
 
-    A column that is zero has no part in the solution of least norm.
+    Where the system is singular, as with a column of zeros, the solution is that of least norm.
     """
     count = target.size
     system, aim = np.zeros((2 * count, count), dtype=complex), np.zeros(2 * count, dtype=complex)
@@ -196,14 +197,14 @@ def _damped(upper: np.ndarray, target: np.ndarray, lower: np.ndarray) -> np.ndar
 
 
 def _triangle(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """(k + 1, k + 1) R of the QR factors of [matrix (m, k), right (m,)]: least squares of both from k + 1 rows.
+    """(k + 1, k + 1) R of the QR factors of [matrix (m, k), right (m,)], with the same least squares in k + 1 rows.
 
-    In its upper triangle; below stands what tells Q.
+    R is the upper triangle of the result; below it stand the reflectors of Q.
     """
     rows, count = matrix.shape
-    both = np.empty((rows, count + 1), dtype=complex, order="F")
-    both[:, :count], both[:, count] = matrix, right
-    return lapack.zgeqrf(both, overwrite_a=True)[0][: count + 1]
+    augmented = np.empty((rows, count + 1), dtype=complex, order="F")
+    augmented[:, :count], augmented[:, count] = matrix, right
+    return lapack.zgeqrf(augmented, overwrite_a=True)[0][: count + 1]
 
 
 def _power(r: np.ndarray) -> float:
@@ -211,7 +212,7 @@ def _power(r: np.ndarray) -> float:
 
 
 def solve_linear(model: RationalModel, data: NormalisedSweep) -> Fit:
-    """Residues and background by linear least squares, poles held."""
+    """The fit of residues and background by linear least squares, with the poles held fixed."""
     m = model.poles.size
     columns = (data.weight / data.charge)[:, None] * model.jacobian(data.x)[:, m:]
     linear = _least_squares(columns, data.weight.astype(complex))
@@ -219,7 +220,7 @@ def solve_linear(model: RationalModel, data: NormalisedSweep) -> Fit:
 
 
 def _least_squares(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """(k,) solution of least norm of matrix (m, k) x = right (m,); by its singular values where columns are alike."""
+    """(k,) solution of least norm of matrix (m, k) x = right (m,); by singular values where columns are dependent."""
     count = matrix.shape[1]
     size = np.linalg.norm(matrix, axis=0)
     if matrix.shape[0] > count and np.all(size > 0):
@@ -236,7 +237,7 @@ def refit(
     max_steps: int = 60,
     least: float = np.inf,
 ) -> Fit:
-    """The fit from the poles of a model alone; what is linear is solved for first."""
+    """`fit` from the poles of a model alone: residues and background start from `solve_linear`."""
     linear = solve_linear(model, data)
     return fit(linear.model, data, tolerance, max_steps, least) if model.poles.size else linear
 

@@ -12,14 +12,14 @@ from femu_piezo.extraction.noise_level import NoiseUsed, noise_from_residual, we
 from femu_piezo.extraction.order import Candidate, search, widen
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
-GUARD_DEGREES = 2  # background beyond the evidence: an omitted degree biases, an idle one costs 3 % of σ
-FAR_BELOW = 0.1  # of a noise that is given: a smaller residual, of a computed curve, is no evidence for modes
-FEW_POINTS = 200  # below, one sweep hardly tells relative from additive noise: both are tried as a start
+GUARD_DEGREES = 2  # added to the background of most evidence: an omitted degree biases, an idle one costs 3 % of σ
+FAR_BELOW = 0.1  # share of a given noise below which a residual, as of a computed curve, is no evidence for modes
+FEW_POINTS = 200  # below, a sweep hardly tells relative from additive noise: both are tried as a start
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The fit with the data as it saw them, the noise used, every order tried, and the fits on the way to this one."""
+    """The final fit, the noise used, every order tried, and the fits on the way of the first search (`Search.way`)."""
 
     fit: Fit
     noise: NoiseUsed
@@ -32,9 +32,9 @@ def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int, start: Rational
 
     The search begins with the modes of `start`, else with none.
 
-    Where the residual stays correlated, instrument or model err systematically. A noise learned from such a
-    residual would give away the regions where the error is largest, so every point then counts alike (relative
-    weights), and the deviations allow for it (`femu_piezo.extraction.covariance.systematic_spread`).
+    Where the residual stays correlated, instrument or model err systematically. A noise learned from such a residual
+    would give little weight to the regions where the error is largest, so all points then have equal relative weight,
+    and the standard deviations allow for the error (`femu_piezo.extraction.covariance.systematic_spread`).
     """
     given = weight_of_file(sweep)
     weight = np.ones(len(sweep)) if given is None else given
@@ -55,7 +55,11 @@ def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int, start: Rational
 
 
 def _learn_noise(sweep: ImpedanceSpectrum, max_modes: int, best: Fit) -> tuple[Fit, tuple[Candidate, ...]]:
-    """The noise shape the residual shows, and the orders it supports; a second start from purely additive noise."""
+    """The best fit with the noise that its residual shows, and the orders tried.
+
+    A second search starts from purely additive noise where points are few, the noise found is not purely relative, or
+    the residual is correlated.
+    """
     best, tried = _reweighted(sweep, max_modes, best)
     if len(sweep) < FEW_POINTS or np.ptp(best.data.weight) > 0 or best.is_correlated:
         size = np.abs(sweep.impedance)
@@ -69,7 +73,7 @@ def _learn_noise(sweep: ImpedanceSpectrum, max_modes: int, best: Fit) -> tuple[F
 
 
 def _reweighted(sweep: ImpedanceSpectrum, max_modes: int, best: Fit) -> tuple[Fit, tuple[Candidate, ...]]:
-    """The search continued with the noise that the residual shows, if that differs in shape."""
+    """The fit, and orders tried, of a search continued with the noise that the residual shows, if its shape differs."""
     noise = noise_of(best, sweep)
     if noise.additive == 0 and np.ptp(best.data.weight) == 0:
         return best, ()

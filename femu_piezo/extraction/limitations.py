@@ -13,7 +13,7 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.sweeps import SweepData
 
 CLIPPED_RUN = 4  # so many equal extreme readings side by side are a clipped peak, not chance
-BANDS = 20  # of a sweep, the one of which with the largest misfit is told
+BANDS = 20  # equal parts of a sweep, of which the one with the largest misfit is named
 
 
 # Every code, the gravest first
@@ -40,7 +40,7 @@ class Finding:
 
 
 def find_lossless(spectrum: ImpedanceSpectrum) -> list[Finding]:
-    """A sweep without any resistance: a simulation of a material without loss, which no instrument can show."""
+    """The finding of a sweep without any resistance, simulated without loss, which no instrument can show."""
     if np.any(np.abs(spectrum.impedance.real) > 1e-9 * np.abs(spectrum.impedance.imag)):
         return []
     sentence = (
@@ -56,7 +56,7 @@ def gravest_first(findings: list[Finding]) -> tuple[Finding, ...]:
 
 
 def too_few_points(spectrum: ImpedanceSpectrum, usable: int, needed: int) -> Finding:
-    """Fewer points than the smallest model with one mode and a capacitance has unknowns."""
+    """The finding of a sweep with fewer usable points than a fit of one mode on a background needs."""
     return Finding(
         "too_few_points",
         f"{spectrum.source}: {usable} usable points are fewer than the {needed} that one resonance on a "
@@ -65,7 +65,7 @@ def too_few_points(spectrum: ImpedanceSpectrum, usable: int, needed: int) -> Fin
 
 
 def find_clipping(spectrum: ImpedanceSpectrum) -> tuple[np.ndarray, list[Finding]]:
-    """(n,) bool: runs of at least `CLIPPED_RUN` equal readings at the largest or smallest |Z|."""
+    """(n,) bool: readings at a largest or smallest |Z| that at least `CLIPPED_RUN` in a row share; and findings."""
     size = np.abs(spectrum.impedance)
     if size.size < CLIPPED_RUN:
         return np.zeros(size.size, bool), []
@@ -87,12 +87,12 @@ def find_clipping(spectrum: ImpedanceSpectrum) -> tuple[np.ndarray, list[Finding
 
 
 def find_systematic(systematic: Discrepancy, error: np.ndarray, freedom: int, sweep: SweepData) -> list[Finding]:
-    """Something smooth in frequency that no passive linear body with the resonances found leaves, and where most of it.
+    """The finding of a probable systematic error, which no passive linear body explains, and the band of most of it.
 
     Parameters
     ----------
     error : (n,) relative errors of the fitted Z;  freedom : 2n less the real parameters of the fit
-    sweep : its points, with the noise that neighbours show
+    sweep : its points, with the noise estimated from neighbouring points
     """
     if not systematic.probable:
         return []
@@ -113,7 +113,7 @@ def find_systematic(systematic: Discrepancy, error: np.ndarray, freedom: int, sw
 
 
 def find_doubtful(roots: Roots) -> list[Finding]:
-    """Modes that the sweep asks for and does not tell well enough."""
+    """The finding of modes that the evidence asks for and whose loss or residue is not known well enough."""
     poles = [r.frequency_Hz for r in roots.doubtful if r.kind == "pole"]
     if not poles:
         return []
@@ -129,7 +129,7 @@ def find_doubtful(roots: Roots) -> list[Finding]:
 
 
 def find_reversed(data: NormalisedSweep) -> list[Finding]:
-    """A sweep whose conductance is negative at most points: −Z was recorded."""
+    """The finding of a sweep whose conductance is negative at most points: −Z was recorded."""
     if data.scale > 0:
         return []
     return [
@@ -142,7 +142,7 @@ def find_reversed(data: NormalisedSweep) -> list[Finding]:
 
 
 def find_missing(roots: Roots, spectrum: ImpedanceSpectrum) -> list[Finding]:
-    """No resonance at all, or poles without zeros and zeros without poles at the ends of the sweep."""
+    """Findings of no resonance at all, or of poles without zeros and zeros without poles at the ends of the sweep."""
     low, high = spectrum.frequency[0], spectrum.frequency[-1]
     poles, zeros = roots.every("pole"), roots.every("zero")
     if not poles and not zeros:

@@ -1,4 +1,4 @@
-"""What the best linear body would leave of a sweep, whatever its shape, constants, electrodes and leads."""
+"""Misfit of the best linear body to a sweep, whatever its shape, constants, electrodes and leads."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from scipy.optimize import least_squares
 
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
-#: Losses of the resonances that fits start from.
+#: Losses of the resonances from which fits start.
 _LOSSES = (0.001, 0.003, 0.01, 0.03)
-#: (End of the sweep / resonance above it)² at most, and its loss.
+#: Upper bounds of (end of the sweep / resonance above it)² and of the loss of that resonance.
 _NEAREST, _LOSSIEST = 0.98, 0.1
 #: Most steps of one fit.
 _STEPS = 100
@@ -22,14 +22,15 @@ def linear_body_misfit(
 ) -> float:
     """rms misfit of the best C(ω) = Y/(jω) = a + b ω² + Σ_k r_k/(λ_k − ω²) + r/(λ − ω²), all numbers complex.
 
-    So looks any linear body with these resonances λ_k in the sweep: one resonance λ above the sweep stands for all
-    beyond. What a simulation misses and this misses as well is no matter of its constants or of an effect that keeps
-    the body linear, as long as this follows the simulation itself, which is a linear body too.
+    Any linear body with these resonances λ_k in the sweep has this form; one resonance λ above the sweep stands for all
+    beyond. A misfit that a simulation shares with this function is not due to its constants or to an effect that keeps
+    the body linear, provided that this function follows the simulation itself, which is a linear body too.
 
     Parameters
     ----------
     poles_Hz : where the resonances are, roughly
-    relative_noise : (k,) sqrt(E|δZ/Z|²); the result is |ΔC/C| over it, 1 for noise alone. Plain |ΔC/C| where None
+    relative_noise : (k,) sqrt(E|δZ/Z|²); the result is the rms of |ΔC/C| over it, 1 for noise alone, or of |ΔC/C|
+        where None
 
     Raises
     ------
@@ -44,7 +45,7 @@ def linear_body_misfit(
     places = (np.asarray(poles_Hz) / near) ** 2
 
     def misfit(u: np.ndarray) -> np.ndarray:
-        """Error of C over its noise with the best strengths, which are linear where λ_k and λ are known."""
+        """(2k,) Re, Im of the error of C over its noise for poles u; a, b, r_k, r by linear least squares."""
         *poles, (near_end, loss) = u.reshape(-1, 2)
         above = 1 / (1 - near_end * (1 - 1j * loss) * x / x.max())
         resonances = [1 / (place * (real + 1j * imag) - x) for place, (real, imag) in zip(places, poles, strict=True)]

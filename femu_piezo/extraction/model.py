@@ -9,7 +9,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 NEWTON_STEPS = 6
-#: Polynomials of a sweep that are made at once.
+#: Least number of polynomials of a sweep that are computed at once and cached.
 _DEGREES = 16
 
 
@@ -84,7 +84,7 @@ class RationalModel:
         return 2 * self.poles.size + self.background.size
 
     def with_parameters(self, theta: np.ndarray) -> RationalModel:
-        """The same structure with other numbers."""
+        """The model with other values of its parameters, (2M + d + 1,) complex, ordered as `parameters`."""
         m = self.poles.size
         return RationalModel(self.axis, self.scale, theta[:m], theta[m : 2 * m], theta[2 * m :])
 
@@ -100,8 +100,8 @@ class RationalModel:
 
     def log_slope(self, x: np.ndarray) -> np.ndarray:
         """∂ log Z/∂ log ω at normalised positions x (n,)."""
-        turning = 2 * self.axis.eigenvalue(x) / self.axis.half_width
-        return -1 - turning * self.charge_slope(x) / self.charge(x)
+        stretch = 2 * self.axis.eigenvalue(x) / self.axis.half_width
+        return -1 - stretch * self.charge_slope(x) / self.charge(x)
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """(n, 2M + d + 1) exact ∂charge/∂parameters (holomorphic, so complex numbers suffice)."""
@@ -116,7 +116,7 @@ class RationalModel:
         return 1j * omega * self.scale * self.charge(self.axis.x(omega))
 
     def zeros(self) -> np.ndarray:
-        """Every root of the charge function in x: the zeros of Y, good and spurious, unsorted.
+        """Every root of the charge function in x: the zeros of Y, physical and spurious, unsorted.
 
         The numerator Σ_m r_m Π_{k≠m}(z_k − x) + B(x) Π(z_m − x) is formed in the Chebyshev basis, its roots
         come from the colleague matrix and are polished by Newton steps on the charge function itself.
@@ -130,13 +130,13 @@ class RationalModel:
         return self._polished(roots)
 
     def _polished(self, roots: np.ndarray) -> np.ndarray:
-        """Roots (n,) after Newton steps; one that these lead away from stays where it was."""
-        x, led = roots.astype(complex), np.ones(roots.size, dtype=bool)
+        """Roots (n,) after Newton steps; a root from which the steps lead away stays where it was."""
+        x, approaching = roots.astype(complex), np.ones(roots.size, dtype=bool)
         for _ in range(NEWTON_STEPS):
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 step = self.charge(x) / self.charge_slope(x)
-            led &= np.isfinite(step) & (np.abs(step) <= 0.5 * np.abs(x - roots) + 0.1)
-            x = np.where(led, x - step, roots)
+            approaching &= np.isfinite(step) & (np.abs(step) <= 0.5 * np.abs(x - roots) + 0.1)
+            x = np.where(approaching, x - step, roots)
         return x
 
     def zero_derivative(self, x: complex) -> np.ndarray:
@@ -152,7 +152,7 @@ def _series(x: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
 
 
 def _polynomials(x: np.ndarray, count: int) -> np.ndarray:
-    """T_0 … T_(count−1) at x (n,) as (n, count); those of a sweep are kept."""
+    """T_0 … T_(count−1) at x (n,) as (n, count); cached for the points of a sweep."""
     if _is_sweep(x):
         return _kept_polynomials(x.tobytes(), max(count, _DEGREES))[:, :count]
     return chebyshev.chebvander(x, count - 1)

@@ -12,8 +12,8 @@ from femu_piezo.extraction.fit import ROUNDING
 from femu_piezo.measurement.noise import NoiseModel
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
-#: Most steps towards the likeliest noise, the longest in the logarithm of a variance, and the gain in log likelihood,
-#: or the length, below which they end.
+#: Most steps of the search for the noise of most likelihood, the longest in the logarithm of a variance, and the gain
+#: in log likelihood, or the length of a step, below which the search ends.
 _STEPS, _LONGEST, _CLOSE = 60, 2.0, 1e-8
 
 
@@ -26,7 +26,7 @@ class NoiseUsed(NoiseModel):
     relative, additive : as in `NoiseModel`
     origin : "file" where the spectrum carried its noise (relative then is the median of σ_Z/|Z|, additive 0),
         "residual" where it was learned from the residual of the fit, "misfit" where that residual is more than noise:
-        what the fit misses, rms, by which every point counts alike
+        relative then is the rms misfit of the fit, and all points have equal relative weight
     """
 
     origin: Literal["file", "residual", "misfit"]
@@ -45,8 +45,8 @@ def noise_from_residual(error: np.ndarray, impedance: np.ndarray, parameters: in
     """Relative and additive noise by maximum likelihood from the misfit of a model.
 
     Minimises Σ [ln σ_i² + |error_i|²/σ_i²], σ_i² = relative²|Z_i|² + additive², the negative log-likelihood
-    of circular Gaussian errors. Relative noise alone is the default; additive noise instead, or beside it,
-    has to pay ln(2n). The level is corrected for the `parameters` complex numbers taken from the data.
+    of circular Gaussian errors. Relative noise alone is the default; additive noise, alone or together with it,
+    has a penalty ln(2n). The level is corrected for the `parameters` complex parameters that were fitted to the data.
 
     Parameters
     ----------
@@ -63,17 +63,19 @@ def noise_from_residual(error: np.ndarray, impedance: np.ndarray, parameters: in
         2 * n * np.log(parts[0][0]) + 2 * np.sum(np.log(level)),
         2 * n * np.log(parts[1][1]) + np.log(2 * n),
     ]
-    both, cost = _of_both(power, level, np.array([np.mean(power / level) / 2, np.median(power) / 2]))
-    parts.append(both)
+    mixed, cost = _relative_and_additive(power, level, np.array([np.mean(power / level) / 2, np.median(power) / 2]))
+    parts.append(mixed)
     costs.append(2 * cost - 2 * n + np.log(2 * n))
     relative, additive = parts[int(np.argmin(costs))]
     return NoiseUsed(float(np.sqrt(relative * correction)), float(np.sqrt(additive * correction)), "residual")
 
 
-def _of_both(power: np.ndarray, level: np.ndarray, start: np.ndarray) -> tuple[tuple[float, float], float]:
+def _relative_and_additive(
+    power: np.ndarray, level: np.ndarray, start: np.ndarray
+) -> tuple[tuple[float, float], float]:
     """Relative² and additive² that minimise Σ [ln v + power/v], v = relative² level + additive², and the least value.
 
-    Scoring (Fisher) in the logarithms of both, (2,) from `start` on, a step cut until it helps.
+    Fisher scoring in the logarithms of both, from those of `start` (2,); a step is quartered until it lowers the sum.
     """
 
     def cost(logs: np.ndarray) -> float:
@@ -83,9 +85,9 @@ def _of_both(power: np.ndarray, level: np.ndarray, start: np.ndarray) -> tuple[t
     logs = np.log(start)
     here = cost(logs)
     for _ in range(_STEPS):
-        own = np.exp(logs[0]) * level
-        variance = own + np.exp(logs[1])
-        shares = np.stack([own / variance, np.exp(logs[1]) / variance])
+        proportional = np.exp(logs[0]) * level
+        variance = proportional + np.exp(logs[1])
+        shares = np.stack([proportional / variance, np.exp(logs[1]) / variance])
         information = shares @ shares.T
         slope = shares @ (1 - power / variance)
         step = -np.linalg.lstsq(information, slope, rcond=1e-12)[0]

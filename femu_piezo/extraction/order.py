@@ -16,16 +16,16 @@ from femu_piezo.extraction.vector_fitting import DEGREE, relocated_poles
 MAX_BACKGROUND = 12
 MAX_LOSS = 0.3  # beyond η = 0.3 a term is background, not a resonance
 KEEP_SIGMA = 10.0  # a mode whose residue is beyond so many standard deviations needs no removal test
-MAX_PHASE = np.pi / 4  # of a residue: the loss angles of a material turn it by far less
-CROWDS = (12, 24, 48)  # poles that a crowded sweep is started with
-PLACES = 3  # for one more pole that are tried, until the model is passive
+MAX_PHASE = np.pi / 4  # of a passive residue: the loss angles of a material turn it by far less
+CROWDS = (12, 24, 48)  # numbers of poles from which the search of a crowded sweep starts
+PLACES = 3  # places for one more pole that are tried, until the model is passive
 SCAN_FREQUENCIES = 160
 SCAN_WIDTHS = 8
-SCAN_STEP = 0.25  # most that trial poles of one half-width are apart, in half-widths
+SCAN_STEP = 0.25  # largest distance between trial poles of one half-width, in half-widths
 BEYOND, BEYOND_LOSS = np.geomspace(0.03, 4, 24), 0.02  # trial poles above the sweep: x − 1, and Im x over x + 1
-STANDS_OUT = 10.0  # standard deviations by which the loss falls on both sides of a maximum that begins as a mode
-_FOLLOWED = 1e-12  # share of an atom's square below which the rest of it is rounding
-MAX_SCAN_POINTS, MANY_POINTS = 2000, 1601  # that one scan, and that the search, look at
+STANDS_OUT = 10.0  # standard deviations by which the loss falls on both sides of a maximum that starts as a mode
+_FOLLOWED = 1e-12  # share of an atom's square below which its part outside the model is rounding
+MAX_SCAN_POINTS, MANY_POINTS = 2000, 1601  # most points that one scan, and that the first search of a sweep, use
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class Candidate:
     ----------
     modes : number of poles M
     background_degree : degree d of the background polynomial
-    misfit : Σ|residual|², where the fit was given up if it will not have the most evidence
-    evidence : Bayesian information criterion (`Fit.evidence`) there, smaller is better
+    misfit : Σ|residual|² at the end of the fit, which is given up early if it will not have the most evidence
+    evidence : Bayesian information criterion (`Fit.evidence`) at the end of the fit, smaller is better
     poles : (M,) complex λ, rad²/s²
     """
 
@@ -49,7 +49,7 @@ class Candidate:
 
 
 def _least(model: RationalModel, best: Fit) -> float:
-    """Σ|residual|² above which a fit of a model has less evidence than the best one; −∞ where any has."""
+    """Σ|residual|² above which a fit of `model` has less evidence than `best`; −∞ where every fit of it has less."""
     data, n = best.data, len(best.data)
     worth = (penalty(2 * best.model.size, n) - penalty(2 * model.size, n)) / (2 * n)
     found = max(best.misfit, data.negligible) * float(np.exp(worth))
@@ -78,12 +78,12 @@ def resonant(model: RationalModel) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Search:
-    """What a search found.
+    """The result of a search.
 
     Attributes
     ----------
     best : the fit of most evidence;  tried : every order
-    way : the fits that had the most evidence on the way there, among them those of fewer modes
+    way : the successive fits of most evidence that led to `best`, among them those of fewer modes
     """
 
     best: Fit
@@ -97,11 +97,11 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
     The search begins with the modes that stand out, or with those of `start`. At each step the moves "one more
     mode, where a scan of the residual finds most to explain" and "one, two or three more background degrees"
     compete by their evidence; models that are not passive are not considered. Where none gains and neighbouring
-    residuals are alike, modes that may be two are tried as two. Where they stay alike, modes may overlap too
-    closely to be found one by one: starts with many poles at once (`relocated_poles`), the more as long as half of
-    them are modes, then compete as well, unless a start is given. Where they stay alike beside many modes, the
-    search may have ended beside the best fit: the modes of a search on half of the points, whose way is another
-    one, then compete too. A sweep of very many points is searched on some of them first.
+    residuals are correlated, single modes are split into two. Where residuals stay correlated and no `start` is given,
+    modes may overlap too closely to be found one by one: fits that start from many poles at once (`relocated_poles`)
+    then compete as well, with ever more poles as long as half of them become modes. Where residuals stay correlated
+    although there are many modes, the search may have missed the best fit: the modes of a search on half of the points,
+    which takes another way, then compete too. A sweep of more than `MANY_POINTS` is first searched on some of them.
     """
     tried: list[Candidate] = []
     way: list[Fit] = []
@@ -118,7 +118,7 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
         if crowd is not None:
             rival = _grown(_prune(_record(crowd, tried), tried), max_modes, tried, way)
             best = min(best, rival, key=_evidence)
-            if rival.model.poles.size < count / 2:  # most of its poles are no modes: more of them are none either
+            if rival.model.poles.size < count / 2:  # most of the poles became no modes, and more poles would not either
                 break
     if start is None and best.is_correlated and min(CROWDS) <= best.model.poles.size < len(data) / 8:
         other = _passive(refit(search(data.thinned(len(data) // 2), max_modes).best.model, data))
@@ -128,10 +128,10 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
 
 
 def _standing_out(data: NormalisedSweep, max_modes: int) -> RationalModel:
-    """A mode at each maximum of the loss |Im Y/(jω)|, the highest first, beside a straight line; nothing is fitted yet.
+    """Start of a search: a mode at each of the highest maxima of the loss |Im Y/(jω)|; residues and background are 0.
 
-    A maximum counts where the loss falls on both sides by `STANDS_OUT` deviations of its noise, which is what second
-    differences of neighbours show. The half-width of a mode is that of its maximum at half the height.
+    A maximum counts where the loss falls on both sides by `STANDS_OUT` standard deviations of its noise, estimated from
+    second differences of neighbours. The half-width of a mode is that of its maximum at half the height.
     """
     loss, size = np.abs(data.charge.imag), np.abs(data.charge)
     noise = size * float(np.median(np.abs(np.diff(data.charge, 2)) / size[1:-1])) / np.sqrt(6)
@@ -147,11 +147,11 @@ def _standing_out(data: NormalisedSweep, max_modes: int) -> RationalModel:
 
 
 def _turns(values: np.ndarray, least: np.ndarray) -> list[int]:
-    """Places of a minimum, a maximum, a minimum … of values (n,) each so much (n,) at least from the next."""
+    """Indices of a minimum, a maximum, a minimum … of values (n,), each more than `least` (n,) from the next."""
     turns, sign = [0], -1
-    of_each, apart = values.tolist(), least.tolist()
-    for place, value in enumerate(of_each):
-        beyond = sign * (value - of_each[turns[-1]])
+    heights, apart = values.tolist(), least.tolist()
+    for place, value in enumerate(heights):
+        beyond = sign * (value - heights[turns[-1]])
         if beyond > 0:
             turns[-1] = place
         elif -beyond > apart[turns[-1]]:
@@ -161,7 +161,7 @@ def _turns(values: np.ndarray, least: np.ndarray) -> list[int]:
 
 
 def _passive(best: Fit) -> Fit:
-    """A fit without the modes that draw power the wrong way, the weakest of them first."""
+    """The fit after active modes (`_active`) are removed one by one, the weakest first."""
     while not is_passive(best.model):
         strength = np.where(_active(best.model), _significance(best), np.inf)
         best = refit(without(best.model, int(np.argmin(strength))), best.data)
@@ -169,7 +169,7 @@ def _passive(best: Fit) -> Fit:
 
 
 def _grown(best: Fit, max_modes: int, tried: list[Candidate], way: list[Fit]) -> Fit:
-    """The fit with the modes and degrees that its evidence asks for, and without those that it does not."""
+    """The fit with modes and degrees added while that raises its evidence, then pruned (`_prune`)."""
     while True:
         way.append(best)
         moves = [_record(f, tried) for f in _moves(best, max_modes)]
@@ -182,7 +182,7 @@ def _grown(best: Fit, max_modes: int, tried: list[Candidate], way: list[Fit]) ->
 
 
 def _crowd(data: NormalisedSweep, count: int, max_modes: int) -> Fit | None:
-    """A passive fit that starts from many poles at once; None where there is none."""
+    """A passive fit of at most `max_modes` that starts from `count` poles at once; None where no mode remains."""
     poles = relocated_poles(data, count)
     model = RationalModel(data.axis, data.scale, poles, np.zeros(count, complex), np.zeros(DEGREE + 1, complex))
     keep = resonant(model)
@@ -198,12 +198,12 @@ def _crowd(data: NormalisedSweep, count: int, max_modes: int) -> Fit | None:
 
 
 def _roughly(model: RationalModel, data: NormalisedSweep) -> Fit:
-    """A fit for the sake of a decision that others follow."""
+    """A fit of few steps, good enough to decide which mode is removed next."""
     return refit(model, data, tolerance=1e-2, max_steps=6)
 
 
 def _evidence(one: Fit) -> float:
-    """To choose the best fit by; less is better."""
+    """Key by which the best fit is chosen; less is better."""
     return one.evidence
 
 
@@ -240,10 +240,10 @@ def _rival(model: RationalModel, best: Fit) -> Fit:
 
 
 def _splits(current: Fit, max_modes: int, tried: list[Candidate]) -> list[Fit]:
-    """Passive fits with one mode as two, for the `PLACES` modes where the linearised misfit drops most.
+    """Passive fits with one mode split into two, for the `PLACES` modes where the linearised misfit drops most.
 
-    Two modes at z ± δ of half the residue are r/(z − x) + r δ²/(z − x)³ + …, so the third power tells δ. A scan for one
-    more pole beside a mode does not see them: it leaves the first where it is.
+    Two modes at z ± δ of half the residue are r/(z − x) + r δ²/(z − x)³ + …, so the term of third power determines δ.
+    A scan for one more pole does not find such pairs, since it keeps the first pole where it is.
     """
     model, data = current.model, current.data
     if model.poles.size >= max_modes or model.size + 2 >= len(data):
@@ -257,9 +257,9 @@ def _splits(current: Fit, max_modes: int, tried: list[Candidate]) -> list[Fit]:
     found: list[Fit] = []
     for mode in np.argsort(-(np.abs(along) ** 2) / size)[:PLACES]:
         pole, others = model.poles[mode], without(model, int(mode))
-        both = _with_pole(_with_pole(others, pole + apart[mode]), pole - apart[mode])
+        split = _with_pole(_with_pole(others, pole + apart[mode]), pole - apart[mode])
         best = min((current, *found), key=_evidence)
-        found.append(_record(_rival(both, best), tried))
+        found.append(_record(_rival(split, best), tried))
     return [f for f in found if is_passive(f.model)]
 
 
@@ -287,9 +287,9 @@ def _significance(result: Fit) -> np.ndarray:
 def _likely_poles(current: Fit) -> list[complex]:
     """Up to `PLACES` places for one more pole, where the linearised misfit drops most first (a score scan).
 
-    Every trial pole is an atom a = weight/(charge (z − x)); with a⊥ its part that the current model cannot follow its
-    gain is |⟨a⊥, r⟩|²/‖a⊥‖² = |⟨a, r⟩|²/(‖a‖² − ‖Qᴴa‖²), as r ⊥ Q. An atom that is followed but for rounding has none.
-    A place is the best of those nearer than its width.
+    Every trial pole is an atom a = weight/(charge (z − x)). With Q the span of the Jacobian of the current model and a⊥
+    the part of a outside it, the gain is |⟨a⊥, r⟩|²/‖a⊥‖² = |⟨a, r⟩|²/(‖a‖² − ‖Qᴴa‖²), as r ⊥ Q; it is 0 where a⊥ is
+    rounding. Trial poles nearer to a place than its width are no further places.
     """
     model, data = current.model, current.data
     pick = evenly(len(data), MAX_SCAN_POINTS)
@@ -297,7 +297,7 @@ def _likely_poles(current: Fit) -> list[complex]:
     basis, _ = np.linalg.qr(row[:, None] * model.jacobian(x))
     r = current.residual[pick]
     r = r - basis @ (basis.conj().T @ r)
-    every, atoms, power = _scan(np.ascontiguousarray(x).tobytes())
+    trials, atoms, power = _scan(np.ascontiguousarray(x).tobytes())
     whole = np.abs(row) ** 2 @ power
     along = (row * np.column_stack([basis, r]).conj().T) @ atoms
     squares = along.real**2 + along.imag**2
@@ -305,18 +305,18 @@ def _likely_poles(current: Fit) -> list[complex]:
     gain = np.where(rest > _FOLLOWED * whole, squares[-1], 0.0) / np.maximum(rest, _FOLLOWED * whole)
     found: list[complex] = []
     while len(found) < PLACES and np.any(gain > 0):
-        found.append(complex(every[np.argmax(gain)]))
-        gain = np.where(np.abs(every - found[-1]) < 2 * np.maximum(every.imag, found[-1].imag), 0.0, gain)
+        found.append(complex(trials[np.argmax(gain)]))
+        gain = np.where(np.abs(trials - found[-1]) < 2 * np.maximum(trials.imag, found[-1].imag), 0.0, gain)
     return found
 
 
 @lru_cache(maxsize=1)
 def _scan(positions: bytes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Trial positions z (m,) of a pole, 1/(z − x) at x (n,) as (n, m), and the squares of its sizes.
+    """Trial poles z (m,), and 1/(z − x) and its |·|² at x (n,), (n, m) each.
 
-    Half-widths from the point spacing up to a quarter of the sweep; and above the sweep, where the next overtone is: a
-    pole that begins inside takes many steps to get there. Kept: the scans of a sweep, and the sweeps of a lot, have the
-    same x.
+    Half-widths run from half the point spacing to a quarter of the sweep. Further trial poles lie above the sweep,
+    where the next overtone is, since a pole that starts inside takes many steps to get there. Cached, since all scans
+    of a sweep, and the sweeps of a lot, have the same x.
     """
     x = np.frombuffer(positions)
     spacing = float(np.median(np.diff(x)))

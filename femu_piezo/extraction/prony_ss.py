@@ -39,7 +39,7 @@ class PronySS:
     residues : (number of columns,) complex R of R/(λ − ω²) in Y/(jω) for poles, farad·rad²/s², and of
         R/(ω² − λ) in jωZ for zeros, ohm·rad³/s³, from the least-squares amplitudes of the signal
     singular_values : (min(rows, columns),) of the Hankel matrix H0, largest first
-    shift : angular frequency that was taken out of the signal, rad/s: 0 of a real one
+    shift : angular frequency ω0 by which all frequencies of the signal are lowered, rad/s; 0 for a real signal
     """
 
     diagram: StabilizationDiagram
@@ -91,12 +91,11 @@ def prony_ss(
         fewer modes and a coarser Δt, so that the same Hankel size spans more of the decay: better under noise.
     taper : fractions of the band over which a smooth window rises and falls, (0, 0.25) from near DC, else
         (0.25, 0.25). A cut-off band would ring like 1/t through the whole signal; the window confines that to
-        the first samples, which are skipped. Modes under the tapers are seen weakly, those under
-        their outer halves are left out. Near DC the constant
-        taken out removes the jump of the imaginary part at ω = 0, which a hysteretic loss has and the
-        extension Y(−ω) = Y(ω)* cannot follow; what is left decays like 1/t³.
+        the first samples, which are skipped. Modes under the tapers are seen weakly, those under their outer
+        halves are left out. Near DC the constant taken out removes the jump of the imaginary part at ω = 0, which
+        a hysteretic loss has and the extension Y(−ω) = Y(ω)* cannot follow; the remainder decays like 1/t³.
     dead_time : the time skipped at the start (and end) of the signal, in units of 1/(taper width in Hz), until
-        the window's own response has decayed. Longer: less leakage of the window, but less is left of the modes.
+        the window's own response has decayed. Longer: less leakage of the window, but weaker modes.
     extension : "hermitian" is the paper's Y'(−ω) = Y'(ω)*, a real signal and two exponentials per mode; it
         needs a grid through multiples of its step. "analytic" uses the positive frequencies alone: a complex
         signal, one exponential per mode, any offset. Default: hermitian from near DC, else analytic.
@@ -183,7 +182,10 @@ def _window(n: int, taper: tuple[float, float]) -> np.ndarray:
 def _growing_order(
     signal: np.ndarray, size: int, max_order: int, time_step: float, shift: float
 ) -> tuple[dict[int, np.ndarray], np.ndarray]:
-    """λ of every order. A of order m is the leading m × m block of A of the highest order: one SVD serves all."""
+    """Order → λ (k,), rad²/s², and the singular values of H0.
+
+    A of order m is the leading m × m block of A of the highest order, so one SVD serves all.
+    """
     h0 = hankel(signal[:size], signal[size - 1 : 2 * size - 1])
     h1 = hankel(signal[1 : size + 1], signal[size : 2 * size])
     u, singular, vh = np.linalg.svd(h0)
@@ -206,8 +208,8 @@ def _physical(
 ) -> tuple[tuple[Column, ...], np.ndarray]:
     """The columns whose least-squares amplitude stands out of the misfit and is passive, and their residues.
 
-    Noise makes columns too, but weak ones of any phase. The weakest of those that fail goes first, so that a
-    spurious neighbour does not widen the deviation of a true one. The sign of the sweep is that of the
+    Noise makes columns too, but weak ones of any phase. The weakest column that fails is removed first, so that a
+    spurious neighbour does not widen the standard deviation of a true one. The sign of the sweep is that of the
     strongest column. The amplitude of R/(λ + s²) in e^{pt} is R/(2p).
     """
     columns = list(diagram.columns)
@@ -224,7 +226,7 @@ def _physical(
 
 
 def _amplitudes(signal: np.ndarray, mu: np.ndarray, time_step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Least-squares c_n of signal = Σ c_n exp(μ_n t), conjugates included if real, and |c_n| over their deviation."""
+    """Least-squares c_n of signal = Σ c_n exp(μ_n t), conjugates included if real, and |c_n| over their std."""
     count = mu.size
     if np.isrealobj(signal):
         mu = np.concatenate([mu, mu.conj()])

@@ -33,7 +33,7 @@ class Extraction:
     resonances : poles and zeros inside the sweep, joint covariance over (Re λ, Im λ)
     pairs : poles with their zeros, k_eff and its standard deviation
     outside : significant poles and zeros the fit places outside the sweep, extrapolated
-    doubtful : poles, then zeros, inside the sweep whose loss or residue it does not tell; not among `resonances`
+    doubtful : poles, then zeros, inside the sweep whose loss or residue is not known well enough for `resonances`
     impedance : (n,) complex ohm, the fitted Z at the sweep's frequencies
     residual : (n,) complex, (Z_data − Z_fit)/σ_Z, E|·|² = 1 for a right model; nan where not used
     noise : the noise the fit used
@@ -63,7 +63,7 @@ class Extraction:
 
     @made_once
     def figures(self) -> StandardFigures | None:
-        """Standard figures of the fundamental, without any body; None where there is no pole with its zero."""
+        """Standard figures of the fundamental that need no shape of the body; None where no pole has its zero."""
         pair = fundamental(self.pairs)
         if pair is None or self.model is None:
             return None
@@ -84,14 +84,14 @@ class Extraction:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What the losses say, a sentence for each pair whose quality factors differ; why there are no figures."""
+        """A sentence for each pair whose quality factors differ; and why there are no figures, where there are none."""
         told = tuple(p.remark for p in self.pairs if p.remark)
         if self.pairs and self.figures is None:
             told += ("no pole has its zero above it in this sweep, so there are no standard figures and no k_eff",)
         return told
 
     def to_json(self) -> dict:
-        """The contract of `extract`: poles and zeros, and all that qualifies them, JSON types only."""
+        """The result of `extract` in JSON types: poles and zeros, and all that qualifies them."""
         return {
             "poles": [r.to_json() for r in self.resonances.poles],
             "zeros": [r.to_json() for r in self.resonances.zeros],

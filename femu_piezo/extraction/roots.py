@@ -1,4 +1,4 @@
-"""From a fitted model to poles and zeros with joint covariance, sound ones told from spurious ones."""
+"""Poles and zeros of a fitted model with their joint covariance, sound ones separated from spurious ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from femu_piezo.resonances import Kind, Resonance, ResonanceSet, effective_coupl
 
 MAX_RELATIVE_STD_LOSS = 0.35  # a resonance has its loss known to better than this
 MIN_RESIDUE_SIGMA = 4.0  # |residue| in units of its standard deviation
-RESOLVED = 2 / np.sqrt(3)  # half-widths from which two equal Lorentz curves show two peaks
+RESOLVED = 2 / np.sqrt(3)  # distance in half-widths from which two equal Lorentz curves show two peaks
 _STRONG = 0.6  # share of the strongest coupling from which a pair may be the fundamental
 
 
@@ -63,7 +63,7 @@ class Roots:
     """Sound resonances inside the sweep, the significant ones found outside it, and the doubtful ones inside.
 
     `outside` are extrapolations: their covariance holds only as far as the model does. `doubtful` are poles, then
-    zeros, that the evidence asks for and whose loss or residue the sweep does not tell.
+    zeros, that the evidence asks for and whose loss or residue is not known well enough.
     """
 
     inside: ResonanceSet
@@ -78,9 +78,9 @@ class Roots:
 
 @dataclass(frozen=True)
 class _Root:
-    """A pole or zero, its slopes (p,) in the parameters, and those of a pole's strength Σ r in the charge.
+    """A pole or zero λ with its gradient (p,) over the parameters; of a pole also its strength Σ r and that gradient.
 
-    `apart` is how far the poles that are told as one lie from their mean, rad²/s².
+    `apart` is the rms distance of merged poles from their mean, rad²/s².
     """
 
     kind: Kind
@@ -99,23 +99,23 @@ def resonances(model: RationalModel, spread: Spread, band: tuple[float, float], 
     ----------
     spread : second moments of the errors of the model parameters
     band : lowest and highest frequency of the sweep, Hz
-    systematic : whether the fit leaves more than noise: poles that show as one peak are then told as one, without the
-        zeros between them, since such an error splits them as well
+    systematic : whether the fit leaves more than noise: poles that show as one peak are then merged, without the zeros
+        between them, since a systematic error may split one mode as well
     """
     groups = _merged_poles(model) if systematic else [[m] for m in range(model.poles.size)]
-    spans = [np.sort(model.axis.eigenvalue(model.poles[own]).real)[[0, -1]] for own in groups]
+    spans = [np.sort(model.axis.eigenvalue(model.poles[members]).real)[[0, -1]] for members in groups]
     zeros = [one for one in _zeros(model) if not any(low < one.eigenvalue.real < high for low, high in spans)]
-    physical = [root for root in [_pole(model, own) for own in groups] + zeros if _is_physical(root, model)]
+    physical = [root for root in [_pole(model, members) for members in groups] + zeros if _is_physical(root, model)]
     sound = [root for root in physical if _is_settled(root, spread)]
     every = interlaced([r for r in physical if band[0] <= _frequency(r) <= band[1]], _frequency)
-    settled = {id(root) for root in sound}  # roots hold arrays, which == compares one by one
+    settled = {id(root) for root in sound}  # by identity, as == would compare the arrays of roots
     inside = [r for r in every if id(r) in settled]
     doubtful = _with_covariance([r for r in every if id(r) not in settled], spread)
-    own_poles, own_zeros, joint = _with_covariance(inside, spread)
+    inner_poles, inner_zeros, joint = _with_covariance(inside, spread)
     far = [r for r in sound if not band[0] <= _frequency(r) <= band[1]]
     outside = [r for r in far if band[0] / 1.5 <= _frequency(r) <= band[1] * 1.5]
     far_poles, far_zeros, _ = _with_covariance(sorted(outside, key=_frequency), spread)
-    return Roots(ResonanceSet(own_poles, own_zeros, joint), far_poles + far_zeros, doubtful[0] + doubtful[1])
+    return Roots(ResonanceSet(inner_poles, inner_zeros, joint), far_poles + far_zeros, doubtful[0] + doubtful[1])
 
 
 def unsettled_modes(model: RationalModel, spread: Spread) -> list[int]:
@@ -162,13 +162,13 @@ def _coupled(found: ResonanceSet, i: int, j: int) -> Pair:
     real = pole.eigenvalue.real / zero.eigenvalue.real
     gradient = np.array([-1 / zero.eigenvalue.real, 0, real / zero.eigenvalue.real, 0]) / (2 * k)
     slope = np.array([-1, ratio]) / (zero.eigenvalue * (1 - ratio))  # d ln(1 − λp/λz)/d(λp, λz)
-    turning = np.array([slope[0].imag, slope[0].real, slope[1].imag, slope[1].real])
-    std, std_phase = (float(np.sqrt(g @ block @ g)) for g in (gradient, turning))
+    phase_gradient = np.array([slope[0].imag, slope[0].real, slope[1].imag, slope[1].real])
+    std, std_phase = (float(np.sqrt(g @ block @ g)) for g in (gradient, phase_gradient))
     return Pair(pole, zero, k, std, phase, std_phase)
 
 
 def _pole(model: RationalModel, members: list[int]) -> _Root:
-    """One mode, or several as one: their mean, each as strong as its residue."""
+    """One mode, or several merged: the mean of their λ, weighted by |residue|, and the sum of their residues."""
     r, z, count, width = model.residues[members], model.poles[members], model.poles.size, model.axis.half_width
     share = np.abs(r) / np.abs(r).sum()
     mean = complex(share @ z)
@@ -182,7 +182,7 @@ def _pole(model: RationalModel, members: list[int]) -> _Root:
 
 
 def _merged_poles(model: RationalModel) -> list[list[int]]:
-    """The poles of the model in groups that show as one peak each: each is nearer than `RESOLVED` to another."""
+    """Indices of the poles in groups that show as one peak each: each is nearer than `RESOLVED` to another."""
     x, width = model.poles.real, model.poles.imag
     near = np.abs(x[:, None] - x) < RESOLVED * np.minimum(width[:, None], width)
     count, group = connected_components(near, directed=False)
@@ -209,10 +209,10 @@ Found = TypeVar("Found", Resonance, _Root)
 
 
 def interlaced(roots: list[Found], frequency: Callable[[Found], float]) -> list[Found]:
-    """Poles, then zeros, by frequency; of two zeros without a pole between them the weaker one is background.
+    """Poles, then zeros, each by frequency; zeros beyond the number of poles are dropped, the weakest first.
 
-    Foster's theorem: poles and zeros of a passive one-port alternate. A weak mode may sit in reversed order
-    with its zero, so a zero is dropped only where there is no pole to pair it with.
+    Foster's theorem: poles and zeros of a passive one-port alternate. A weak mode may sit in reversed order with its
+    zero, so only the numbers are compared: as many zeros as poles, and one more where a zero lies below all poles.
     """
     poles = sorted((r for r in roots if r.kind == "pole"), key=frequency)
     zeros = sorted((r for r in roots if r.kind == "zero"), key=lambda r: -abs(r.residue or 0.0))

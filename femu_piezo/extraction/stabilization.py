@@ -24,8 +24,8 @@ class Column:
     Attributes
     ----------
     eigenvalue : λ at the order where it moved least, rad²/s²
-    spread : largest distance of the column's λ from it over the better half of the column, rad²/s²; how well
-        the order is settled, no standard deviation
+    spread : largest distance from it of the nearer half of the column's λ, rad²/s²; a measure of how well the column
+        has settled, not a standard deviation
     orders : orders the column passes through
     """
 

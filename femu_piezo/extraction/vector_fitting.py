@@ -2,7 +2,7 @@
 
 With poles a_k held, σ(x) = 1 + Σ c̃_k/(a_k − x) and σ·charge = Σ c_k/(a_k − x) + B(x) are linear in c̃, c and the
 background B. The zeros of σ, which are the eigenvalues of diag(a) + 1 c̃ᵗ, are better poles. Repeated from poles spread
-over the sweep this finds modes that overlap, where one after another would each look like no mode at all.
+over the sweep, this finds modes that overlap so closely that a search for one after another does not see them.
 """
 
 from __future__ import annotations
