@@ -1,8 +1,8 @@
 """`StandardFigures`: what a data sheet states of a piece, by the definitions and formulas of the standards.
 
-Each figure stands beside the value of the finite element model where there is one. The formulas take one dimension of
-the body for infinite or for nothing; `formula_error` is what that costs for this piece: the formula applied to the
-curve of the finite element model, against the constants which that curve was computed from.
+Each figure comes with the value of the finite element model where there is one. The formulas take one dimension of the
+body as infinite or as negligible; `formula_error` is the error of that for this piece: of the formula applied to the
+curve of the finite element model, relative to the constants from which that curve was computed.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from femu_piezo.standards.formulas import disk_poisson
 from femu_piezo.standards.frequencies import Admittance, CharacteristicFrequencies, characteristic_frequencies
 from femu_piezo.standards.piece import WORDS, Piece, material_figures
 
-#: Hz at which data sheets state capacitance and loss.
+#: Frequency at which data sheets state capacitance and loss, Hz.
 STATED = 1e3
-#: Share of fs below which a body is taken for a free capacitor.
+#: Share of fs below which a body is taken as a free capacitor.
 _LOW = 0.1
-#: Loss below which a computed curve has none.
+#: Loss of pole or zero below which a computed curve is taken as lossless.
 LEAST_LOSS = 1e-8
-#: Overtones of a disk that belong to the second radial mode: fs2/fs1 is 2.5 to 2.75 for σ = 0.1 to 0.5.
+#: Range of f/fs1 in which a pole of a disk is its second radial mode: fs2/fs1 is 2.5 to 2.75 for σ = 0.1 to 0.5.
 _SECOND_RADIAL = (2.4, 2.9)
 
 MEANING = {
@@ -69,7 +69,7 @@ MEANING = {
 
 @dataclass(frozen=True)
 class CurveFigures:
-    """The figures of one curve: name → value, SI; `notes` say where the capacitance is from.
+    """The figures of one curve: name → value, SI; `notes` say where the capacitance and σ are from.
 
     `poisson` is the σ that the formulas of a disk used.
     """
@@ -86,9 +86,9 @@ class Figure:
     Attributes
     ----------
     name, meaning, unit : SI units, "1" for a pure number
-    value : from the sweep, by definition or by the formula of the standard; None where it has none
+    value : from the sweep, by definition or by the formula of the standard; None where the sweep gives none
     std : standard deviation by the noise of the sweep, None where unknown
-    model : of the finite element model: of its curve, or the constant itself
+    model : value of the finite element model, from its curve or the material constant itself
     formula_error : relative error of the formula for this piece; None where no formula of a body is used
     """
 
@@ -112,9 +112,9 @@ class StandardFigures:
 
     Attributes
     ----------
-    title : what they are of, in words
+    title : kind of body and mode, in words
     figures : in the order of a data sheet
-    aspect : the ratio which the formulas take for large, ("length/width", 8.0), None where there is none
+    aspect : the ratio that the formulas take as large, ("length/width", 8.0), None where there is none
     notes : sentences
     """
 
@@ -175,13 +175,13 @@ def read_curve(
     ----------
     admittance : Y (n,) in siemens at ω (n,) in rad/s, smooth
     points : frequencies (n,) Hz and impedances (n,) ohm, for capacitance and loss at low frequency
-    overtone : pole of the second radial mode of a disk, which tells σ; that of `piece` is taken where None
+    overtone : pole of the second radial mode of a disk, from which σ follows; the σ of `piece` is taken where None
     """
     band = (float(points[0][0]), float(points[0][-1]))
     lossy = pole.loss > LEAST_LOSS and zero.loss > LEAST_LOSS
     if lossy:
         found = characteristic_frequencies(admittance, pole.eigenvalue, zero.eigenvalue, band)
-    else:  # without loss there is no maximum, and the three of each coincide
+    else:  # without loss there are no maxima: fs = fm = fr and fp = fn = fa
         low, high = pole.frequency_Hz, zero.frequency_Hz
         found = CharacteristicFrequencies(low, high, low, high, low, high, None, None, None)
     fs, fp = found.fs or pole.frequency_Hz, found.fp or zero.frequency_Hz
@@ -212,13 +212,13 @@ def standard_figures(
     model: CurveFigures | None = None,
     constants: PiezoConstants | None = None,
 ) -> StandardFigures:
-    """The figures of a sweep beside those of a finite element model.
+    """The figures of a sweep together with those of a finite element model.
 
     Parameters
     ----------
     measured, model : of the measured and of the computed curve; None where there is no computed one
-    pole, zero : measured, whose standard deviations those of the frequencies are to first order in the loss
-    constants : from which the model's curve was computed
+    pole, zero : measured; the frequencies have their standard deviations, to first order in the loss
+    constants : of the material, from which the curve of the model was computed
     """
     material = {} if constants is None else material_figures(constants)
     deviations = _deviations(measured, pole, zero)
@@ -226,18 +226,19 @@ def standard_figures(
     by_formula = set(piece.figures(1.0, 1.2, 1.0)) if piece.kind != "other" else set()
     figures = []
     for name in sorted(names, key=list(MEANING).index):
-        own = name in by_formula and name in material
+        has_formula = name in by_formula and name in material
         computed = None if model is None else model.values.get(name)
-        told = own and computed is not None and material[name] and computed != material[name]  # σ may be given
-        error = computed / material[name] - 1 if told else None
-        beside = material[name] if own else computed
+        # a σ that is taken from the material has no error of a formula
+        has_error = has_formula and computed is not None and material[name] and computed != material[name]
+        error = computed / material[name] - 1 if has_error else None
+        reference = material[name] if has_formula else computed
         value, std = measured.values.get(name), deviations.get(name)
-        figures.append(Figure(name, *MEANING[name], value, std, beside, error))
+        figures.append(Figure(name, *MEANING[name], value, std, reference, error))
     return StandardFigures(WORDS[piece.kind], tuple(figures), piece.aspect, measured.notes)
 
 
 def _deviations(measured: CurveFigures, pole: Resonance, zero: Resonance) -> dict[str, float]:
-    """Standard deviations of the frequencies and of 1/η, as those of pole and zero."""
+    """Standard deviations of the frequencies and of 1/η, from those of pole and zero."""
     found = {}
     for one, names, quality in ((pole, ("fs", "fm", "fr"), "Qm_pole"), (zero, ("fp", "fn", "fa"), "Qm_zero")):
         if one.std_Hz is not None:
@@ -248,14 +249,14 @@ def _deviations(measured: CurveFigures, pole: Resonance, zero: Resonance) -> dic
 
 @dataclass(frozen=True)
 class _Low:
-    """What the low end of a sweep says: loss tangent (None where it does not reach low), and notes."""
+    """Result of the low end of a sweep: loss tangent, None where it starts above `_LOW` fs, and notes."""
 
     tangent: float | None
     notes: tuple[str, ...]
 
 
 def _free_capacitance(points, piece: Piece, fs: float, fp: float) -> tuple[float | None, _Low]:
-    """C^T, F, carried to zero frequency by the formula of the body, and what else the low end tells."""
+    """C^T, F, extrapolated to zero frequency by the formula of the body; loss tangent and notes."""
     frequency, impedance = points
     if frequency[0] >= 0.97 * fs:
         return None, _Low(None, ("the sweep starts at the resonance: no capacitance and nothing that follows from it",))
@@ -268,7 +269,7 @@ def _free_capacitance(points, piece: Piece, fs: float, fp: float) -> tuple[float
         way = "the formula of the body" if piece.kind not in ("other", "thickness plate") else "that of a single mode"
         notes = (f"the sweep does not hold 1 kHz: its capacitance at {at:.6g} Hz was carried there by {way}",)
     if piece.kind == "thickness plate" and at > _LOW * fs:
-        return None, _Low(tangent, notes)  # the lateral modes lie between
+        return None, _Low(tangent, notes)  # lateral modes lie between this frequency and fs
     return capacitance / piece.share(at, fs, fp), _Low(tangent, notes)
 
 
@@ -280,7 +281,7 @@ def _quality(found: CharacteristicFrequencies, fs: float, fp: float, free: float
 
 
 def _with_poisson(piece: Piece, pole: Resonance, overtone: Resonance | None) -> tuple[Piece, tuple[str, ...]]:
-    """The piece with σ from its second radial mode, where that was seen."""
+    """The piece, a disk with σ from its second radial mode if the sweep holds it; and a note if not."""
     if piece.kind != "disk":
         return piece, ()
     ratio = overtone.frequency_Hz / pole.frequency_Hz if overtone is not None else 0.0

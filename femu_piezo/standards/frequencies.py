@@ -18,17 +18,17 @@ import numpy as np
 from scipy.optimize import brentq
 
 Admittance = Callable[[np.ndarray], np.ndarray]
-#: What is looked at of an admittance (…), real (…).
+#: A real quantity (…) of an admittance (…), such as its conductance.
 Part = Callable[[np.ndarray], np.ndarray]
-#: Bandwidths to either side of a pole or zero in which its extrema are looked for, points there, the shares of the way
-#: between two of them where a maximum is looked for more closely, and the bandwidths to which it is found: it is known
-#: to the root of the rounding of what is compared.
+#: Window about a pole or zero in which extrema are looked for: its reach to either side, in bandwidths, and its points.
+#: Subdivision, in shares, of the interval that holds a maximum, and length of the last interval, in bandwidths: a
+#: maximum is known to the root of the rounding of the compared values.
 _REACH, _POINTS, _CLOSER, _CLOSE = 1.5, 301, np.linspace(0, 1, 33), 2e-9
 
 
 @dataclass(frozen=True)
 class CharacteristicFrequencies:
-    """Of one pole and its zero, Hz; None where the curve has no such extremum or crossing beside them.
+    """Characteristic frequencies of one pole and its zero, Hz; None where the curve has no such point near them.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class _Window:
 
 @dataclass(frozen=True)
 class _Curve:
-    """An admittance, which is evaluated at many points at once: that costs hardly more than at one."""
+    """An admittance, evaluated at many points at once, which costs hardly more than at one."""
 
     admittance: Admittance
 
@@ -125,23 +125,24 @@ class _Curve:
         return self.admittance(2 * np.pi * given.ravel()).reshape(given.shape) if given.size else given.astype(complex)
 
     def maxima(self, window: _Window, parts: list[Part]) -> list[float | None]:
-        """Where each part is largest, None where that is at an end of the window."""
+        """Frequency, Hz, at which each part is largest; None where that is an end of the window."""
         if not window.grid.size:
             return [None] * len(parts)
         grid, best = window.grid, np.array([np.argmax(part(window.values)) for part in parts])
         inside = (best > 0) & (best < grid.size - 1)
         best, every = best.clip(1, grid.size - 2), np.arange(len(parts))
-        low, high = grid[best - 1] - grid[best], grid[best + 1] - grid[best]  # offsets are finer than frequencies
+        # offsets from a point of the grid resolve more finely than frequencies
+        low, high = grid[best - 1] - grid[best], grid[best + 1] - grid[best]
         while np.max(high - low) > _CLOSE * window.width:
             steps = low[:, None] + (high - low)[:, None] * _CLOSER
             values = self.at(grid[best, None] + steps)
-            top = np.array([np.argmax(part(own)) for part, own in zip(parts, values, strict=True)])
+            top = np.array([np.argmax(part(row)) for part, row in zip(parts, values, strict=True)])
             low, high = steps[every, np.maximum(top - 1, 0)], steps[every, np.minimum(top + 1, _CLOSER.size - 1)]
         found = grid[best] + (low + high) / 2
         return [float(one) if ok else None for one, ok in zip(found, inside, strict=True)]
 
     def resonance(self, window: _Window, near: float | None) -> float | None:
-        """Where the reactance is zero nearest to a frequency, None where it is not in the window."""
+        """Frequency, Hz, nearest to `near` at which the reactance is zero; None where it is not zero in the window."""
         if near is None:
             return None
         at = _changes(_reactance(window.values))
@@ -163,7 +164,7 @@ class _Curve:
         return peak / (high - low)
 
     def _crossing(self, window: _Window, part: Part, after: int, value: float) -> float:
-        """Where a part takes a value between a point of the window and the next."""
+        """Frequency, Hz, at which a part takes `value`, between the point `after` of the window and the next."""
         return float(brentq(lambda f: float(part(self.at(f))) - value, *window.grid[after : after + 2], rtol=1e-14))
 
 

@@ -42,12 +42,12 @@ class Piece:
 
     Attributes
     ----------
-    kind : whose formulas hold
+    kind : of the body, whose formulas hold
     extent : length of a bar, diameter of a disk, mean diameter of a ring, thickness of a plate, m
     gap, area : distance of the electrodes, m, and area of one, m²; None where the field is not uniform
     density : kg/m³
-    poisson : σ = −s12/s11, which one mode of a disk does not tell
-    aspect : what the formulas take for large, in words and as a number: ("length/width", 8.0)
+    poisson : σ = −s12/s11, which one mode of a disk does not determine
+    aspect : the ratio that the formulas take as large, in words and as a number: ("length/width", 8.0)
     """
 
     kind: Kind
@@ -69,7 +69,7 @@ class Piece:
         return 1 - (fs / fp) ** 2
 
     def share(self, frequency: float, fs: float, fp: float) -> float:
-        """C at a frequency (Hz) below fs over the free C, by the same formula."""
+        """C(f)/C^T at a frequency f below fs, Hz, by the formula of this kind of body."""
         k2 = self.coupling(fs, fp)
         if self.kind == "k31 bar":
             return transverse_share(np.pi / 2 * frequency / fs, k2)
@@ -112,7 +112,7 @@ def _across(s11: float, k31: float, eps: float | None) -> dict[str, float]:
 
 
 def material_figures(constants: PiezoConstants) -> dict[str, float]:
-    """The same names as the constants themselves give them, real parts, SI."""
+    """Name → value as of `Piece.figures`, computed from the constants, which are included; real parts, SI."""
     e_form, coupling = constants.to_e_form(), constants.coupling
     c33_open = e_form.c33 + e_form.e33**2 / e_form.eps33S
     shear = 1 - coupling["k15"] ** 2
