@@ -32,7 +32,7 @@ class Branch:
     ----------
     pole : p, rad/s, in the upper half plane;  residue : ρ of Y at it, S rad/s
     std : standard deviation of each element by the noise, SI; empty where unknown
-    doubtful : whether the sweep hardly tells it from others, so that it is a part of the curve rather than a mode
+    doubtful : whether it is none of the sound resonances of the sweep, so a part of the curve rather than a mode
     """
 
     pole: complex
@@ -47,7 +47,7 @@ class Branch:
 
     @property
     def frequency_Hz(self) -> float:
-        """sqrt(Re λ)/2π with λ = −p², as of any resonance of this package."""
+        """sqrt(Re λ)/2π with λ = −p², as for any resonance of this package."""
         return float(np.sqrt((-(self.pole**2)).real) / (2 * np.pi))
 
     @property

@@ -1,4 +1,4 @@
-"""`Circuit`: the branches of the modes, and elements for what is left: C0, its loss, modes outside the sweep."""
+"""`Circuit`: the branches of the modes, and elements for the rest of Y: C0, its loss, modes outside the sweep."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from scipy.optimize import nnls
 
 from femu_piezo.circuits.branch import UNITS, Branch
 
-#: Points at which what is left over is fitted, and relative share of Y below which an element of it is left out.
+#: Most points at which the rest of Y is fitted, and share of |Y| below which an element of it is dropped.
 _POINTS, _SMALL = 400, 1e-9
-#: Relative misfit beyond which a note says why, and rms beyond which elements that are not passive follow what is left:
-#: constant loss tangents alone ask for (2/π) tan δ, 2 % of a soft ceramic over a decade.
+#: Relative misfit beyond which a note says why, and rms beyond which elements that are not passive follow the rest:
+#: constant loss tangents alone cause (2/π) tan δ per e-fold, 2 % for a soft ceramic over a decade.
 _MISSED, _PASSIVE = 1e-3, 0.02
-#: Corner frequencies of relaxations per decade, and how far they reach beyond the band.
+#: Corner frequencies of relaxations per decade, and the factor by which they reach beyond the band.
 _PER_DECADE, _REACH = 3, 10.0
-#: Resonances of modes outside the sweep, over its end; over its beginning the inverse.
+#: Resonances of modes outside the sweep, over its highest frequency; the lowest frequency over those below it.
 _OUTSIDE = (1.02, 1.05, 1.1, 1.2, 1.35, 1.6, 2.0, 3.0, 5.0)
-#: Broad resonances of either sign that are tried, and how far beyond the band they lie, shares of it (log).
+#: Numbers of broad resonances of either sign that are tried, and how far they reach beyond the band, as a share of its
+#: width in log f.
 _BROAD, _BEYOND = (8, 12, 16, 24, 32), 0.25
 
 
@@ -31,7 +32,7 @@ class Static:
     Attributes
     ----------
     kind : "C", "R", "RC" in series, "LC" in series, a mode outside the sweep, or "RLC" in series, a broad resonance of
-        either sign that follows what other elements leave of the curve and is no mode
+        either sign that follows the rest of the curve and is no mode
     values : SI: C, R or L
     """
 
@@ -80,16 +81,16 @@ class Circuit:
     @property
     def misfit(self) -> tuple[float, float]:
         """(rms, largest) of |Z_circuit/Z − 1| against the curve that it stands for."""
-        return _apart(self.impedance, self.curve)
+        return _relative_misfit(self.impedance, self.curve)
 
     @property
     def misfit_of_sweep(self) -> tuple[float, float] | None:
-        """The same against the measured sweep, noise and all; None where there is none."""
-        return None if self.sweep is None else _apart(self.impedance, self.sweep)
+        """(rms, largest) of |Z_circuit/Z − 1| against the measured sweep, noise included; None for a computed curve."""
+        return None if self.sweep is None else _relative_misfit(self.impedance, self.sweep)
 
     @property
     def static_capacitance(self) -> float:
-        """C0: the capacitor of the circuit without a resistance of its own, F; 0 where there is none."""
+        """C0, F: the capacitor without other elements in series; 0 where there is none."""
         return sum(part.values["C"] for part in self.static if part.kind == "C")
 
     def to_json(self) -> dict:
@@ -122,7 +123,7 @@ class Circuit:
         }
 
 
-def _apart(found: np.ndarray, curve: np.ndarray) -> tuple[float, float]:
+def _relative_misfit(found: np.ndarray, curve: np.ndarray) -> tuple[float, float]:
     """(rms, largest) of |found/curve − 1|."""
     wrong = np.abs(found / curve - 1)
     return float(np.sqrt(np.mean(wrong**2))), float(np.max(wrong))
@@ -135,15 +136,16 @@ def fit_circuit(
     curve: np.ndarray,
     sweep: np.ndarray | None = None,
 ) -> Circuit:
-    """The circuit of given branches, what they leave of a curve by further elements.
+    """The circuit of given branches and of further elements that follow the rest of a curve.
 
-    The branches stay as their residues have them. What is left is smooth: a capacitor, relaxations (R and C in series),
-    lossless modes outside the sweep, each at least zero, and a resistor, which is negative where it takes back the
-    direct current through the Rp of the branches; by least squares relative to |Y| (nonnegative: Lawson and Hanson
-    1974). A circuit of R, L and C is causal, so that its C falls by (2/π) tan δ per e-fold of frequency (Kramers and
-    Kronig), which a model of constant complex moduli does not do: over a wide band they differ by that. Where that is
-    not all that is missing, as in a sweep that no passive body has, a capacitor, a resistor and broad resonances of
-    either sign (`Static`) take their place, as many as it needs to come as near to the sweep as its curve does.
+    The branches keep their residues. The rest is smooth and is followed by a capacitor, relaxations (R and C in series)
+    and lossless modes outside the sweep, all of them nonnegative, and by a resistor, which is negative where it takes
+    back the direct current through the Rp of the branches; by least squares relative to |Y| (nonnegative: Lawson and
+    Hanson 1974). A circuit of R, L and C is causal, so that its C falls by (2/π) tan δ per e-fold of
+    frequency (Kramers and Kronig), which a model of constant complex moduli does not do: over a wide band they differ
+    by that. Where the rms misfit is larger (`_PASSIVE`), as for a sweep that no passive body has, a capacitor, a
+    resistor and broad resonances of either sign (`Static`) replace these elements: as many as bring the misfit below
+    half of that between curve and sweep, or below `_MISSED`.
 
     Parameters
     ----------
@@ -156,11 +158,11 @@ def fit_circuit(
     units += [_scaled(unit, -1.0) for unit in units if unit.kind == "R"]
     circuit = Circuit(name, ordered, _rest(ordered, units, omega, curve), frequency, curve, sweep)
     if circuit.misfit[0] > _PASSIVE:
-        near = max(_MISSED, 0.0 if sweep is None else _apart(curve, sweep)[0] / 2)
+        enough = max(_MISSED, 0.0 if sweep is None else _relative_misfit(curve, sweep)[0] / 2)
         for count in _BROAD:
             static = _rest(ordered, _broad(omega, count), omega, curve, signed=True)
             circuit = min(circuit, replace(circuit, static=static), key=lambda one: one.misfit[0])
-            if circuit.misfit[0] < near:
+            if circuit.misfit[0] < enough:
                 break
     return replace(circuit, notes=tuple(_notes(circuit)))
 
@@ -175,10 +177,10 @@ def _rest(
     at = np.unique(np.linspace(0, omega.size - 1, min(_POINTS, omega.size)).astype(int))
     omega, y = omega[at], 1 / curve[at]
     weight = _weights(omega) / np.abs(y)
-    left = (y - sum((one.section(omega) for one in branches), np.zeros(omega.shape, complex))) * weight
+    remainder = (y - sum((one.section(omega) for one in branches), np.zeros(omega.shape, complex))) * weight
     matrix = np.array([unit.admittance(omega) * weight for unit in units]).T
     size = np.linalg.norm(matrix, axis=0)
-    rows, right = np.vstack([matrix.real, matrix.imag]) / size, np.concatenate([left.real, left.imag])
+    rows, right = np.vstack([matrix.real, matrix.imag]) / size, np.concatenate([remainder.real, remainder.imag])
     if signed:
         amounts = np.linalg.lstsq(rows, right, rcond=None)[0] / size
     else:
@@ -188,7 +190,7 @@ def _rest(
 
 
 def _broad(omega: np.ndarray, count: int) -> list[Static]:
-    """A capacitor, a resistor, and resonances as broad as they are apart: of 1 F, 1 ohm and 1 H."""
+    """A capacitor of 1 F, a resistor of 1 ohm, and resonances of 1 H whose half-width is the distance to the next."""
     reach = (omega[-1] / omega[0]) ** _BEYOND
     places = np.geomspace(omega[0] / reach, omega[-1] * reach, count)
     widths = places * float(places[1] / places[0] - 1)
@@ -209,7 +211,7 @@ def _weights(omega: np.ndarray) -> np.ndarray:
 
 
 def _dictionary(omega: np.ndarray) -> list[Static]:
-    """Elements of 1 F or 1 ohm, of which some multiples are the rest of the circuit."""
+    """Elements of 1 F or 1 ohm, whose multiples make up the rest of the circuit."""
     low, high = float(omega[0]), float(omega[-1])
     count = int(np.ceil(_PER_DECADE * np.log10(high * _REACH**2 / low))) + 1
     corners = np.geomspace(low / _REACH, high * _REACH, count)
