@@ -63,7 +63,7 @@ ReadStd = Annotated[
     float, quantity("1", 1e-6, 1, 'the deviation of a reading is relative, such as 0.01 or "1 %", and not zero')
 ]
 READ = ("mass", "capacitance", "d33", "sound_velocity")
-"""What may be read of a specimen, each with a `std_`."""
+"""Quantities of a specimen that other instruments read; `std_NAME` is the relative standard deviation of each."""
 
 Voltage = Annotated[float, quantity("V", 1e-6, 1e4, 'a drive voltage is one such as "0.5 V"; is the unit right?')]
 Bias = Annotated[float, quantity("V", 0, 1e4, 'the largest bias is a voltage such as "0 V"; is the unit right?')]
@@ -171,7 +171,7 @@ class Material(Table):
 
 
 class Residue(Table):
-    """What a fixture leaves after its compensation, standard deviations."""
+    """Residual elements of a fixture after its compensation, as standard deviations."""
 
     model_config = ConfigDict(title="measurement.residue")
 
@@ -181,7 +181,7 @@ class Residue(Table):
 
 
 class LoadStandard(Table):
-    """The load of a compensation: its raw sweep and what it is."""
+    """The load of a compensation: its raw sweep and its true impedance."""
 
     model_config = ConfigDict(title="measurement.load")
     missing: ClassVar[dict[str, str]] = {
@@ -280,7 +280,7 @@ class Sweep(Table):
 
 
 class Readings(Table):
-    """What other instruments read of the specimen, each with its relative standard deviation."""
+    """Readings of other instruments of the specimen, each with its relative standard deviation."""
 
     model_config = ConfigDict(title="readings")
 
@@ -443,7 +443,7 @@ class Specimen(Table):
 
     @property
     def of_each_sweep(self) -> tuple[Specimen, ...]:
-        """A specimen for each of several sweeps, named by both; itself where there is only one."""
+        """A specimen for each sweep, named by specimen and sweep where there are several; itself without [[sweep]]."""
         if self.sweep is None:
             return (self,)
         several = len(self.sweep) > 1
@@ -468,7 +468,7 @@ class Specimen(Table):
 
     @property
     def fitted_constants(self) -> dict[str, float]:
-        """Where a fit left the free constants and their tangents, SI: "s11", "tan_s11", …; empty where none did."""
+        """Fitted free constants and their loss tangents, SI: "s11", "tan_s11", … → value; empty without a fit."""
         return (self.fitted or {}).get("material", {})
 
     @model_validator(mode="after")
@@ -515,7 +515,7 @@ def read_specimen(path: Path | str, data_file: Path | str | None = None) -> Spec
 
 
 def _specimen_of(data: dict[str, Any], path: Path, data_file: Path | str | None) -> Specimen:
-    """The specimen of the tables of a TOML file, which are changed."""
+    """The specimen from the tables `data` of a TOML file; `data` is changed in place."""
     if "path" in data:
         raise InputError(f"{path}: path is not a key that is known; remove it")
     data.setdefault("name", path.stem)
@@ -538,7 +538,7 @@ def _specimen_of(data: dict[str, Any], path: Path, data_file: Path | str | None)
 
 
 def _several_files(data: dict[str, Any], path: Path) -> None:
-    """`measurement.file = ["a.csv", "b.csv"]` as two [[sweep]] tables, in place."""
+    """Replace `measurement.file = ["a.csv", "b.csv"]` by a [[sweep]] table for each file, in place."""
     measurement = data.get("measurement")
     if not isinstance(measurement, dict) or not isinstance(measurement.get("file"), list):
         return
@@ -551,7 +551,7 @@ def _several_files(data: dict[str, Any], path: Path) -> None:
 
 
 def _resolve_fixture(measurement: Any, path: Path) -> None:
-    """Absolute paths of the raw sweeps of the fixture, in place."""
+    """Make the paths of the raw sweeps of the fixture absolute, in place."""
     if not isinstance(measurement, dict):
         return
     for key in ("open", "short"):
@@ -563,7 +563,7 @@ def _resolve_fixture(measurement: Any, path: Path) -> None:
 
 
 def with_measurement(specimens: Sequence[Specimen], **wishes: bool) -> list[Specimen]:
-    """The specimens with those keys of [measurement] set that are True here, whatever their files say."""
+    """The specimens with the keys of [measurement] that are True in `wishes` set to True, whatever their files say."""
     asked = {key: True for key, wish in wishes.items() if wish}
     if not asked:
         return list(specimens)
@@ -572,7 +572,7 @@ def with_measurement(specimens: Sequence[Specimen], **wishes: bool) -> list[Spec
 
 
 def with_method(specimens: Sequence[Specimen], method: str) -> list[Specimen]:
-    """The specimens updated by another method than their files say."""
+    """The specimens with the key `method` of [update] set, whatever their files say."""
     tables = [(one.update or Update()).model_copy(update={"method": method}) for one in specimens]
     return [one.model_copy(update={"update": table}) for one, table in zip(specimens, tables, strict=True)]
 
@@ -599,8 +599,8 @@ def _parse_toml(path: Path) -> dict[str, Any]:
 def _resolve(text: str, specimen: Path, where: str) -> Path:
     """The absolute path that `text` means in a specimen file.
 
-    A variable that is not set stays as it is written: who reads the file complains (`femu_piezo.files.read_bytes`), and
-    who does not need it may go on.
+    A variable that is not set stays as it is written. Reading the file then raises InputError
+    (`femu_piezo.files.read_bytes`); commands that do not read it are not disturbed.
     """
 
     def variable(match: re.Match[str]) -> str:
@@ -613,7 +613,7 @@ def _resolve(text: str, specimen: Path, where: str) -> Path:
 
 
 def write_specimen(specimen: Specimen, path: Path | str) -> None:
-    """Write a specimen file that reads back as `specimen`; written beside `path` and renamed.
+    """Write a specimen file that reads back as `specimen`; no half-written file remains.
 
     Raises InputError where the file cannot be written, or a path in it has "${", which stands for a variable.
     """

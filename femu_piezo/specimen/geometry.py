@@ -60,7 +60,7 @@ _ALL = tuple(dict.fromkeys(name for table in (DIMENSIONS, OPTIONAL) for names in
 
 
 def _to_poling(value: object) -> object:
-    """ "thickness", "length", or a direction (x, y, z), of which that of the thickness goes by its name."""
+    """ "thickness", "length", or a direction (x, y, z), which becomes "thickness" where it is along z > 0."""
     right = 'write "thickness", "length" or a direction such as [1, 0, 0]'
     if isinstance(value, (list, tuple)):
         numbers = [isinstance(part, (int, float)) and not isinstance(part, bool) for part in value]
@@ -133,7 +133,7 @@ class Geometry(Table):
 
     @property
     def plain(self) -> bool:
-        """Only dimensions, no holes, chamfers, margins and so on."""
+        """Whether the body has only dimensions: no holes, chamfers, margins and so on."""
         return all(getattr(self, name) is None for name in _ALL if name not in DIMENSIONS[self.shape])
 
     def problem(self) -> str | None:

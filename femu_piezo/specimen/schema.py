@@ -32,7 +32,7 @@ class Table(BaseModel):
 
     @classmethod
     def usual(cls, name: str) -> float:
-        """What holds where a file does not give the key `name`; KeyError where nothing does."""
+        """The number, SI, that is taken where a file does not give the key `name`; KeyError where there is none."""
         extra = cls.model_fields[name].json_schema_extra
         if not isinstance(extra, dict):
             raise KeyError(f"nothing stands in for {name}")
@@ -54,7 +54,7 @@ class Table(BaseModel):
         return table
 
     def stated(self, name: str) -> float:
-        """The number of the key `name`, or what holds in its place."""
+        """The number of the key `name`, SI; where it is absent, that of `usual`."""
         value = getattr(self, name)
         return self.usual(name) if value is None else value
 
@@ -95,7 +95,7 @@ def key_in_file(info: ValidationInfo) -> str:
 
 @dataclass(frozen=True)
 class Quantity(BeforeValidator):
-    """A validator that knows what it asks for: low ≤ value ≤ high in SI `unit`; `hint` is said where it is not."""
+    """A validator with its limits: low ≤ value ≤ high in SI `unit`; `hint` is the advice where a value is outside."""
 
     unit: str = "1"
     low: float = 0.0
@@ -120,7 +120,7 @@ def quantity(unit: str, low: float, high: float, hint: str) -> Quantity:
 
 
 def described(description: str, default: Any = None, usual: float | None = None) -> Any:
-    """A key of a table that may be absent: what it is, its default, and what holds in its place where that is None.
+    """A key of a table: its description, its default (... where it must be given), and the number in place of None.
 
     usual : SI; see `Table.usual`
     """
@@ -144,10 +144,10 @@ def _to_path(value: object) -> object:
 
 
 LIST = BeforeValidator(_to_tuple)
-"""Takes the lists of TOML to the tuples of frozen models."""
+"""Converts the lists of TOML to the tuples of frozen models."""
 
 PAIR = BeforeValidator(_to_pair)
-"""The same for a list of two."""
+"""Converts a list of two to a tuple and refuses other lengths."""
 
 PATH = BeforeValidator(_to_path)
-"""Takes a string to a path."""
+"""Converts a string to a path."""
