@@ -1,4 +1,4 @@
-"""The way down of a fit: Levenberg and Marquardt within bounds and walls, the level of the noise found on the way."""
+"""The descent of a fit: Levenberg-Marquardt steps within bounds and walls, the noise level estimated on the way."""
 
 from __future__ import annotations
 
@@ -17,26 +17,29 @@ from femu_piezo.inference.walls import Walls, readings
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import Once, in_parallel
 
-#: Gain in χ² at the noise level below which a coarse fit stops, one that is to be ranked, and a close one: there the
-#: squares of the deviations that unknowns are away sum up to this. Most evaluations of a coarse fit and of the others.
+#: A coarse fit, one that is to be ranked and a close one stop where the next step promises a smaller gain in χ² (at the
+#: noise level) than this. The gain is also Σ (distance of an unknown from the minimum over its standard deviation)².
 COARSE, RANKED, CLOSE = 1.0, 0.03, 1e-6
+#: Most evaluations of a coarse fit, and of the others.
 FEW, MANY = 12, 100
-#: A descent is on its way while its next step promises more than this share of χ². One of several is compared with the
-#: others when it no longer is, or after so many runs of `FEW` evaluations.
+#: A descent is on its way while its next step promises more than this share of χ². Several descents are compared once
+#: each has ceased to be on its way, or has made so many runs of `FEW` evaluations.
 _ON_ITS_WAY, _RUNS = 0.1, 4
-#: Evaluations over which what each brings is averaged.
+#: Evaluations over which the gain per evaluation is averaged.
 _PACE = 15
-#: Gain in χ² at the noise level that a close fit may still promise when it runs out of evaluations.
+#: Gain in χ² at the noise level that the next step of a close fit may still promise after the last evaluation.
 UNSETTLED = 10.0
-#: Damping of the first step, in the precision of the prior, the least that changes a step, and the factors by which it
-#: falls and, from there on, rises; shares of what a step promised, above which it falls and below which it rises.
+#: Damping of the first step, in units of the prior precision; the least damping that changes a step, from which it
+#: rises at least; the factors by which it falls and rises. It falls where a step gained more than the first share of
+#: what it promised, and rises where it gained less than the second.
 _DAMPING, _FELT, _EASED, _RAISED, _KEPT, _BROKEN = 1e-3, 0.1, 0.1, 10.0, 0.75, 0.25
-#: Noise level above which a fit is far from its end, and the share of the distance to every wall that its steps keep
-#: there as long as they gain by it: along a wall it would slide to minima that a fit which comes from inside passes by.
+#: Noise level above which a fit is far from its end. There its steps keep this share of their distance to every wall,
+#: unless they gain less than `COARSE` so: a fit that slides along a wall may end in a minimum that one from the inside
+#: does not meet.
 _FAR, _DISTANCE = 2.0, 0.5
-#: Places at which what needs no Z is kept.
+#: Number of points x at which walls and readings are kept, which need no Z.
 _PLACES = 4
-#: Change of the logarithm of the noise level below which a fit counts as made at it.
+#: Change of the logarithm of the noise level below which the level of a fit counts as settled.
 NEAR_LEVEL = 0.03
 
 
@@ -50,21 +53,21 @@ class Response(Protocol):
         """Z (k,), ohm, and its slopes (k, n_x)."""
 
     def at(self, factor: float) -> Response:
-        """The same at frequencies larger by a factor."""
+        """This response at frequencies multiplied by a factor."""
 
 
-#: Whitened residual and Jacobian of the data, then those of priors and wall.
+#: Whitened residual (2k,) and Jacobian (2k, n_x) of the data, then those (m,), (m, n_x) of priors, walls, readings.
 Parts = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """What a fit minimises."""
+    """The terms of the cost that a fit minimises: data, priors, walls and readings."""
 
     response: Response
     data: SweepData
     parameters: Unknowns
-    _beside: Once = field(default_factory=lambda: Once(_PLACES), init=False, repr=False, compare=False)
+    _kept: Once = field(default_factory=lambda: Once(_PLACES), init=False, repr=False, compare=False)
 
     def parts(self, x: np.ndarray) -> Parts:
         """Residuals and Jacobians at x (n_x,)."""
@@ -76,13 +79,19 @@ class Posterior:
         )
 
     def beside(self, x: np.ndarray) -> Beside:
-        """What needs no Z; kept, as a step asks for it where it begins and a fit where it ends."""
-        return self._beside.get(x.tobytes(), lambda: Beside(Walls(self.parameters, x), *readings(self.parameters, x)))
+        """Walls and readings at x (n_x,), which need no Z; kept, as a step and `parts` ask for them at the same x."""
+        return self._kept.get(x.tobytes(), lambda: Beside(Walls(self.parameters, x), *readings(self.parameters, x)))
 
 
 @dataclass(frozen=True)
 class MovedPosterior(Posterior):
-    """What a fit minimises where the whitened data are moved by (2k,), and priors and readings by (n_x + m,)."""
+    """The terms of the cost of a fit to perturbed data.
+
+    Attributes
+    ----------
+    moved : (2k,) added to the whitened residual of the data
+    pulled : (m,) added to the residuals of the priors, its first n_x, and of the readings, its last
+    """
 
     moved: np.ndarray
     pulled: np.ndarray
@@ -94,7 +103,7 @@ class MovedPosterior(Posterior):
         return residual + self.moved, jacobian, further, slopes
 
     def beside(self, x: np.ndarray) -> Beside:
-        """What needs no Z, the readings moved."""
+        """Walls and perturbed readings at x (n_x,)."""
         plain = super().beside(x)
         return replace(plain, read=plain.read + self.pulled[self.pulled.size - plain.read.size :])
 
@@ -102,17 +111,17 @@ class MovedPosterior(Posterior):
 class Descent:
     """Levenberg-Marquardt within bounds, unknowns in units of their prior standard deviations.
 
-    The noise level is an unknown among the others: every step is made at the one that is most probable with what the
-    steps before have left. So far from the solution, where the misfit is large, data count for less against priors and
-    a robust loss sets hardly anything aside; both come into force as the misfit falls to the noise. An unknown on its
-    bound stays there while the gradient points outwards; steps end at bounds. χ² has a natural unit, so the
-    descent ends where the next step promises less than a given gain.
+    The noise level is an unknown too: every step is made at the level that is most probable for the residual at its
+    start. Far from the solution, where the misfit is large, the data thus weigh less against the priors and a robust
+    loss sets hardly any point aside; both effects vanish as the misfit falls to the noise. An unknown on its bound
+    stays there while the cost falls outwards; steps end at bounds. χ² has a natural unit, so the descent ends where
+    the next step promises less than a given gain.
 
     Attributes
     ----------
-    x : (n_x,) where it stands;  parts : residuals and Jacobians there
+    x : (n_x,) current unknowns;  parts : residuals and Jacobians there
     level : factor on the noise; `fixed` where that is given
-    promise : gain in χ² that the next step promises, as last computed at `_promised_at`; it leads to `_ahead`
+    promise : gain in χ² that the next step promises, last computed at `_promised_at`; this step leads to `_ahead`
     """
 
     def __init__(self, posterior: Posterior, start: np.ndarray, loss: str, fixed: float | None = None) -> None:
@@ -125,56 +134,56 @@ class Descent:
         self._ahead, self._promised_at = self.x, None
 
     def cost(self, parts: Parts, level: float) -> float:
-        """χ² of data and priors at a noise level, as the loss counts it."""
+        """χ² of data (by the loss), priors, walls and readings at a noise level; inf where it is not finite."""
         residual, _, further, _ = parts
         cost = float(np.sum(LOSS[self.loss][0]((residual / level) ** 2)) + further @ further)
         return cost if np.isfinite(cost) else np.inf
 
     def run(self, gain: float, most: int) -> Descent:
-        """Descend until the next step promises less than `gain`, or evaluations bring less; by at most so many."""
+        """Descend until a step promises, or evaluations gain on average, less than `gain`; by `most` evaluations."""
         count, seen, gained = 0, 0, 0.0
         while count < most and np.isfinite(self.cost(self.parts, self.level)):
             if count >= seen + _PACE:
-                if gained < _PACE * gain:  # along a ridge that bends
+                if gained < _PACE * gain:  # along a curved ridge
                     return self
                 seen, gained = count, 0.0
             before = self.level
             self._settle_level()
             settled = abs(np.log(before / self.level)) < NEAR_LEVEL
-            told = settled and self._promised_at is self.x  # by the run before
+            promised = settled and self._promised_at is self.x  # in the run before
             linear = None
             here = self.cost(self.parts, self.level)
             while count < most:
-                if not told:
+                if not promised:
                     linear = linear or self._linear(self.x, self.parts)
                     self._ahead, self.promise = self._stepped(self.x, *linear)
                     self._promised_at = self.x
                 if self.promise < gain and settled:
                     return self
-                count, told, other = count + 1, False, self._ahead
-                if self.promise < gain:  # the level alone moves yet
+                count, promised, ahead = count + 1, False, self._ahead
+                if self.promise < gain:  # only the level has not settled
                     break
-                parts = self.posterior.parts(other)
-                kept = (here - self.cost(parts, self.level)) / self.promise
-                if -np.inf < kept < 0 and count < most:
-                    # one step along a ridge that bends ends beside it, and the next one comes back
-                    further, _ = self._stepped(other, *self._linear(other, parts))
+                parts = self.posterior.parts(ahead)
+                share = (here - self.cost(parts, self.level)) / self.promise
+                if -np.inf < share < 0 and count < most:
+                    # a step along a curved ridge ends off it, and the next one comes back to it
+                    further, _ = self._stepped(ahead, *self._linear(ahead, parts))
                     beyond, count = self.posterior.parts(further), count + 1
-                    back = (here - self.cost(beyond, self.level)) / self.promise
-                    if back > _BROKEN:
-                        other, parts, kept = further, beyond, back
-                if kept > _KEPT:
+                    share_back = (here - self.cost(beyond, self.level)) / self.promise
+                    if share_back > _BROKEN:
+                        ahead, parts, share = further, beyond, share_back
+                if share > _KEPT:
                     self._damping *= _EASED
-                elif kept < _BROKEN:
+                elif share < _BROKEN:
                     self._damping = max(self._damping, _FELT) * _RAISED
-                if kept > 0:
-                    self.x, self.parts = other, parts
-                    gained += kept * self.promise
+                if share > 0:
+                    self.x, self.parts = ahead, parts
+                    gained += share * self.promise
                     break
         return self
 
     def leap(self, count: int) -> None:
-        """Full steps, whatever they cost; back to where it stood unless the last one is the best."""
+        """Make so many steps, whatever they cost; go back to the start unless the last one ends lower."""
         best = self.x, self.parts
         for _ in range(count):
             self._settle_level()
@@ -184,29 +193,32 @@ class Descent:
             self.x, self.parts = best
 
     def _settle_level(self) -> None:
-        """The most probable noise level with what is left here."""
+        """Set the noise level: the fixed one, or the most probable one for the residual at x."""
         residual, known = self.parts[0], self.posterior.data.level_std
         weight, free = weight_of(self.loss, residual / self.level), residual.size - self._determined
         self.level = self._fixed or level_of(weight * residual**2, weight, self.loss, free, known)
 
     def _linear(self, x: np.ndarray, parts: Parts) -> tuple[np.ndarray, np.ndarray]:
-        """Unknowns that may move, and R of Jacobian and residual of data and priors at x (n_x,), at the noise level."""
+        """Numbers (n,) of the unknowns that may move, and R (n + 1, n + 1) of their Jacobian and residual at x (n_x,).
+
+        Data and priors at the noise level, without walls and readings. Counts the unknowns that the data determine.
+        """
         residual, jacobian, further, slopes = parts
         share = np.sqrt(weight_of(self.loss, residual / self.level)) / self.level
         std = self.posterior.parameters.prior_std
-        own = np.column_stack([jacobian * std, residual]) * share[:, None]
-        beside = np.column_stack([slopes * std, further])
-        gradient = own[:, :-1].T @ own[:, -1] + beside[:, :-1].T @ beside[:, -1]
+        data_rows = np.column_stack([jacobian * std, residual]) * share[:, None]
+        other_rows = np.column_stack([slopes * std, further])
+        gradient = data_rows[:, :-1].T @ data_rows[:, -1] + other_rows[:, :-1].T @ other_rows[:, -1]
         held = ((x <= self._low) & (gradient > 0)) | ((x >= self._high) & (gradient < 0))
         moving = np.flatnonzero(~held)
-        rows = np.concatenate([own, beside[: x.size]])
+        rows = np.concatenate([data_rows, other_rows[: x.size]])
         triangle = np.asarray(np.linalg.qr(rows[:, [*moving, -1]], mode="r"))
-        of_data = solve_triangular(triangle[:-1, :-1], own[:, moving].T, trans="T")
-        self._determined = float(np.sum(of_data**2))
+        projected = solve_triangular(triangle[:-1, :-1], data_rows[:, moving].T, trans="T")
+        self._determined = float(np.sum(projected**2))
         return moving, triangle
 
     def _stepped(self, x: np.ndarray, moving: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, float]:
-        """Where the damped step from x (n_x,) leads, and the gain that it promises."""
+        """Point (n_x,) to which the damped step from x (n_x,) leads, and the gain that it promises."""
         std = self.posterior.parameters.prior_std[moving]
 
         def at(step: np.ndarray) -> np.ndarray:
@@ -230,10 +242,10 @@ class Descent:
 
 
 def descended(posterior: Posterior, starts: Sequence[np.ndarray], gain: float, loss: str) -> Descent:
-    """The best of several descents from starts (n_x,), at its end; arguments as of `fit`."""
+    """The best of coarse descents from several starts (n_x,), brought to its end; arguments as of `fit`."""
 
     def comparable(start: np.ndarray) -> Descent:
-        """A descent from there; one that takes a detour lies above others that have settled, until it has gone on."""
+        """A coarse descent, continued while it is on its way: on a detour it costs more than settled ones."""
         one = Descent(posterior, start, loss)
         for _ in range(_RUNS if len(starts) > 1 else 1):
             one.run(COARSE, FEW)

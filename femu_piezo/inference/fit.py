@@ -2,16 +2,16 @@
 
     −2 log p(x | data) = Σ |log Z_model(x) − log Z|²/σ² + Σ ((x − mean)/std)² + walls
 
-The level of the noise σ is found with x: the descent begins at that of the misfit, which falls to that of the noise.
+The level of the noise σ is found with x: it begins at that of the misfit and falls to that of the noise.
 Free constants, tolerances and effects are all in x (`femu_piezo.inference.unknowns`). `update` is this fit; `diagnose`
-is this fit for several lists of causes. About the solution the model is taken as linear (Laplace): with J the Jacobian
-of data and priors, H = JᵗJ, the covariance is H^-1 and the evidence
+is this fit for several lists of causes. The model is linearised about the solution (Laplace): with J the Jacobian of
+data and priors, H = JᵗJ, the covariance is H^-1 and the evidence
 
     log p(data) = −½ χ² − ½ log det(H Σ_prior) + constant,
 
-in which a wall that is touched is a border and no information, and what the laws of causes miss
+in which a wall that is touched bounds the integral over x and is no information. The errors of the laws of causes
 (`femu_piezo.inference.laws`) are unknowns too: a second cause has to explain more than the error of the law of a first.
-Priors of causes are not quite normal: `femu_piezo.inference.priors` tells what that adds to the evidence.
+Priors of causes are not quite normal: `femu_piezo.inference.priors` computes what that adds to the evidence.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ from femu_piezo.measurement.discrepancy_forms import (
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import blas_limit, made_once
 
-#: Full steps at the beginning of a fit to moved data.
+#: Steps that a fit to perturbed data makes at its beginning, whatever they cost.
 _LEAPS = 3
-#: Most turns of a linearised fit and its noise level.
+#: Most turns in which a linearised fit, or a discrepancy, and its noise level are found one after the other.
 _TURNS = 5
-#: Share of an unknown that other bands than one have to tell.
+#: Least share of the information on a combination of unknowns that bands other than the one left out must give.
 _TOLD = 1e-10
-#: Change of the logarithm of the noise level below which the evidence counts as that at it.
+#: Change of the logarithm of the noise level below which the level of the evidence counts as settled.
 _EXACT_LEVEL = 1e-3
 
 
@@ -68,17 +68,17 @@ class Fit:
     ----------
     x : (n_x,) solution
     residual : (2k,) whitened (log Z_model − log Z)/σ, Re then Im
-    jacobian : (2k, n_x) of it
-    further_residual, further_jacobian : (m,), (m, n_x) rows of the priors, of the walls of material and of readings
+    jacobian : (2k, n_x) ∂residual/∂x
+    further_residual, further_jacobian : (m,), (m, n_x) of the priors, the walls of the material, the readings
     log_slope : (k,) ∂log Z/∂log f of the model
-    impedance : (k,) Z of the model, ohm; None of what is only extrapolated
+    impedance : (k,) Z of the model, ohm; None where the fit is extrapolated
     level : factor on the noise that the fit was made with
-    loss : of the readings
-    weight : (2k,) that the loss gives them, in squares of residual and jacobian
+    loss : name of the loss of the data
+    weight : (2k,) ρ' that the loss gives the data; its square root is a factor in residual, jacobian, law and mesh
     promise : gain in χ² that a further step promises, of a fit that was not brought to its end
-    extrapolated : whether it is what linearisation elsewhere promises
-    discrepancy : what the intervals count beside noise and priors; None where nothing is left
-    law, mesh : (2k, m) what the laws of causes and the mesh may miss, whitened, each column one standard deviation; the
+    extrapolated : whether x follows from the model linearised at another point, without Z at x
+    discrepancy : counted in the intervals beside noise and priors; None where there is none
+    law, mesh : (2k, m) whitened errors of the laws of causes and of the mesh, each column one standard deviation; the
         intervals count them
     """
 
@@ -102,11 +102,11 @@ class Fit:
 
     @made_once
     def _rows(self) -> tuple[np.ndarray, np.ndarray]:
-        """Residual and Jacobian of data, priors and wall, the data whitened by noise and discrepancy."""
+        """Residual and Jacobian of data, priors, walls and readings, the data whitened by noise and discrepancy."""
         residual, jacobian = self.residual, self.jacobian
         if self.discrepancy is not None:
-            both = self.discrepancy.whitened(np.column_stack([residual, jacobian]))
-            residual, jacobian = both[:, 0], both[:, 1:]
+            whitened = self.discrepancy.whitened(np.column_stack([residual, jacobian]))
+            residual, jacobian = whitened[:, 0], whitened[:, 1:]
         return (
             np.concatenate([residual, self.further_residual]),
             np.concatenate([jacobian, self.further_jacobian]),
@@ -114,13 +114,13 @@ class Fit:
 
     @made_once
     def _columns(self) -> Columns:
-        """The Jacobian of data, priors and walls in prior standard deviations, whitened by the noise alone."""
+        """The Jacobian of all rows for x in prior standard deviations, the data whitened by the noise alone."""
         std = self.parameters.prior_std
         return Columns.of(self.jacobian * std, self.further_jacobian * std)
 
     @made_once
     def _whitened(self) -> Columns:
-        """The same, whitened by noise and discrepancy."""
+        """The Jacobian of all rows for x in prior standard deviations, the data whitened by noise and discrepancy."""
         if self.discrepancy is None:
             return self._columns
         rows, count = self._rows[1] * self.parameters.prior_std, self.residual.size
@@ -150,22 +150,22 @@ class Fit:
 
     @property
     def determined(self) -> float:
-        """Number of unknowns that the data determine, Σ over all of 1 − posterior/prior variance in their span."""
+        """Number of unknowns that the data determine, Σ (1 − posterior/prior variance) of independent combinations."""
         return float(np.sum(self._basis[: len(self._whitened.triangle)] ** 2))
 
     @property
     def noise_scale(self) -> float:
-        """Most probable factor on the noise; beside a discrepancy, of the estimate that its likelihood would have."""
-        own = self._rows[0]
+        """Most probable factor on the noise; with a discrepancy, at the estimate that a fit with it would have."""
+        residual = self._rows[0]
         if self.discrepancy is not None:
-            reached = self._whitened.reached(own, self.level)
-            own = own - self.level * self._whitened.whole(self._basis @ (self._basis.T @ reached))
-        squares = own[: self.residual.size] ** 2
+            reached = self._whitened.reached(residual, self.level)
+            residual = residual - self.level * self._whitened.whole(self._basis @ (self._basis.T @ reached))
+        squares = residual[: self.residual.size] ** 2
         return level_of(squares, self.weight, self.loss, self.residual.size - self.determined, self.data.level_std)
 
     @property
     def _walls(self) -> np.ndarray:
-        """(m,) bool: those of the rows of `further_jacobian` that are walls which the estimate touches."""
+        """(m,) bool: which rows of `further_jacobian` are walls that the estimate touches."""
         found = np.any(self.further_jacobian != 0, axis=1)
         found[: self.x.size] = False
         found[found.size - len(self.parameters.readings) :] = False
@@ -173,9 +173,11 @@ class Fit:
 
     @made_once
     def prior_rows(self) -> np.ndarray:
-        """F (m, n_x): `further_jacobian`, walls as weak as makes what is behind them as far from the estimate (rms).
+        """F (m, n_x): `further_jacobian`, the rows of walls that the estimate touches weighted.
 
-        Of a wall that just touches the estimate one half of the intervals is left, and they are as long as without it.
+        A wall cuts off a part of the normal distribution. With its weighted row in place of the cut the distribution
+        has the same rms distance from the estimate. So the row of a wall that is just touched, which cuts off one half,
+        has the weight 0, and the intervals are as long as without it.
         """
         walls = self._walls
         if not np.any(walls):
@@ -187,13 +189,13 @@ class Fit:
 
     @made_once
     def precision_inverse(self) -> np.ndarray:
-        """H^-1 (n_x, n_x) of data, priors and what walls leave at the noise level of the fit."""
+        """H^-1 (n_x, n_x), H = JᵗJ/s² + FᵗF, s the noise level of the fit, F the `prior_rows`."""
         std = self.parameters.prior_std
         return _inverse(np.concatenate([self._columns.triangle / self.level, self.prior_rows * std]), std)
 
     @made_once
     def _reduced_gain(self) -> np.ndarray:
-        """A Q (n_x, r) of the gain A = A Q Qᵗ, Q of `_columns`."""
+        """A Q (n_x, r), with A = A Q Qᵗ the `gain` and Q (2k, r) the basis of `_columns`."""
         along = self._columns.triangle / self.parameters.prior_std
         return self.precision_inverse @ along.T / self.level**2
 
@@ -206,11 +208,11 @@ class Fit:
     def covariance(self) -> np.ndarray:
         """(n_x, n_x) of the estimate: s² A (I + K) Aᵗ + A L Lᵗ Aᵗ + A M Mᵗ Aᵗ + H^-1 Fᵗ F H^-1.
 
-        From the noise at its most probable level s, from a discrepancy of covariance s² K where one is probable, from
-        what the laws of causes miss (`femu_piezo.inference.laws`), from the mesh, and from the priors F. Without the
-        three in the middle this is H^-1. The estimate itself is that of noise and priors, so that its curve is the
-        closest there is; what is smooth in frequency and no noise widens the intervals by s² A K Aᵗ. No factor for
-        misfit is applied beyond that. The coverage is tested in tests/inference/test_coverage.py.
+        The terms are those of the noise at its most probable level s, of a discrepancy of covariance s² K where one is
+        probable, of errors L of the laws of causes (`femu_piezo.inference.laws`) and M of the mesh, and of the priors F
+        (`prior_rows`). Without discrepancy, laws and mesh this is H^-1. The estimate itself counts noise and priors
+        alone, so that its curve is the closest there is; a discrepancy widens the intervals by s² A K Aᵗ. No factor
+        for misfit is applied beyond that. The coverage is tested in tests/inference/test_coverage.py.
         """
         gain, basis = self._reduced_gain, self._columns.basis
         found = self.noise_scale**2 * gain @ gain.T
@@ -231,43 +233,44 @@ class Fit:
 
     @made_once
     def marginal(self) -> Marginal:
-        """What is left when errors of laws, as unknowns of deviation 1, do their best and the others follow (linear).
+        """The linearised model, unknowns and errors of laws (unknowns of prior deviation 1) integrated out.
 
-        What the others could gain without the laws is left: a fit that was not brought to its end stays where it is.
+        Its residual is that with errors of laws at their best values, the unknowns following them. What the unknowns
+        could gain without errors of laws is not gained: a fit that was not brought to its end stays where it is.
         """
         columns, right, walls, held = self._with_laws
         count, unknowns = self.residual.size, self.x.size
         if columns is self._columns:
             return Marginal.of(columns, right, self.noise_scale, walls, held)
-        own = np.flatnonzero(~self.parameters.on_bound(self.x))
-        moving = np.append(own, np.arange(unknowns, columns.triangle.shape[1]))
+        free = np.flatnonzero(~self.parameters.on_bound(self.x))
+        moving = np.append(free, np.arange(unknowns, columns.triangle.shape[1]))
 
         def followed(which: np.ndarray, right: np.ndarray, level: float) -> np.ndarray:
-            """What some columns can change of the right side at their best, at a noise level."""
+            """Change (2k + m,) of a residual by the best values of some columns, at a noise level."""
             reached = columns.reached(right, level)
             step = np.linalg.lstsq(columns.rows(level)[:, which], -reached, rcond=1e-12)[0]
             return columns.whole(columns.rows()[:, which] @ step)
 
-        ended, level = right + followed(own, right, self.level), self.noise_scale
+        ended, level = right + followed(free, right, self.level), self.noise_scale
         for _ in range(MANY):
-            left = Marginal.of(columns, right + followed(moving, ended, level), level, walls, held)
-            freedom = count - float(np.sum(left.basis[:count] ** 2))
-            level = level_of(left.residual**2, self.weight, self.loss, freedom, self.data.level_std)
-            if abs(np.log(level / left.level)) < _EXACT_LEVEL:
+            found = Marginal.of(columns, right + followed(moving, ended, level), level, walls, held)
+            freedom = count - float(np.sum(found.basis[:count] ** 2))
+            level = level_of(found.residual**2, self.weight, self.loss, freedom, self.data.level_std)
+            if abs(np.log(level / found.level)) < _EXACT_LEVEL:
                 break
-        return left
+        return found
 
     @made_once
     def _with_laws(self) -> tuple[Columns, np.ndarray, np.ndarray, np.ndarray]:
-        """Columns of unknowns and errors of laws, right side (2k + m,), and rows beside the data.
+        """Columns of unknowns and errors of laws, residual (2k + m,), and two choices of the m rows that are no data.
 
-        Of these rows (m,) bool: those of walls that are touched, and those of them that hold the estimate.
+        These are (m,) bool: rows of walls that are touched, and those of them that hold the estimate.
         """
         laws, columns = self.law, self._columns
         count = 0 if laws is None else laws.shape[1]
         if laws is not None and count:
-            beside = block_diag(columns.beside, np.eye(count))
-            columns = Columns.of(np.hstack([self.jacobian * self.parameters.prior_std, laws]), beside)
+            others = block_diag(columns.beside, np.eye(count))
+            columns = Columns.of(np.hstack([self.jacobian * self.parameters.prior_std, laws]), others)
         right = np.concatenate([self.residual, self.further_residual, np.zeros(count)])
         walls = np.append(self._walls, np.zeros(count, dtype=bool))
         return columns, right, walls, walls & (right[self.residual.size :] < 0)
@@ -275,14 +278,14 @@ class Fit:
     @made_once
     def log_evidence(self) -> float:
         """log p(data) by Laplace's method at the most probable noise level, without a discrepancy."""
-        left, std = self.marginal, self.data.level_std
-        misfit = float(left.residual @ left.residual) / left.level**2 + float(left.further @ left.further)
-        level = self.residual.size * np.log(left.level) - log_level_prior(np.log(left.level), std)
-        return float(-0.5 * misfit + left.log_volume - level) + self.log_prior_gain
+        model, std = self.marginal, self.data.level_std
+        misfit = float(model.residual @ model.residual) / model.level**2 + float(model.further @ model.further)
+        level = self.residual.size * np.log(model.level) - log_level_prior(np.log(model.level), std)
+        return float(-0.5 * misfit + model.log_volume - level) + self.log_prior_gain
 
     @made_once
     def log_prior_gain(self) -> float:
-        """What evidence gains where the priors of causes are those of `femu_piezo.inference.priors`."""
+        """Gain in log evidence by the priors of causes of `femu_piezo.inference.priors` in place of normal ones."""
         if not self.parameters.causes:
             return 0.0
         covariance, std, found = self.marginal.covariance, self.parameters.prior_std, 0.0
@@ -293,12 +296,12 @@ class Fit:
 
     @made_once
     def learned(self) -> Discrepancy:
-        """The discrepancy that the residual asks for, which noise, unknowns and laws leave so far."""
+        """The most probable discrepancy for the residual that unknowns and errors of laws do not explain."""
         return self.learned_of(self.forms)
 
     @property
     def forms(self) -> list[list[Alternatives]]:
-        """That a discrepancy may have here; without Z of the model the smooth one alone. Large ones are made anew."""
+        """Forms that a discrepancy may have; without Z of the model only the smooth one. Large ones are not kept."""
         forms: list[Iterable[Alternatives]] = [shared_smooth(self.data, self.log_slope)]
         if self.impedance is not None:
             forms.append(of_every_resonance(self.data, self.impedance))
@@ -307,36 +310,37 @@ class Fit:
         return [list(form) for form in forms]
 
     def learned_of(self, forms: list[list[Alternatives]], level: float | None = None) -> Discrepancy:
-        """The discrepancy of some forms that the residual asks for.
+        """The most probable discrepancy of some forms, as `learned`.
 
-        Beside a discrepancy the noise may be a fraction of what it is without one. Data then say more of the unknowns,
-        so both are found in turns. What is on its bound stays there: beside a discrepancy it would go beyond.
+        With a discrepancy the noise may be a fraction of what it is without one. The data then determine the unknowns
+        better, so noise level and discrepancy are found in turns. Unknowns on a bound stay there: with a discrepancy
+        they would go beyond.
 
-        level : factor on the noise to begin with; that of the fit without a discrepancy where None
+        level : factor on the noise at the first turn; that of `marginal` where None
         """
         plain = self._unexplained(self._at_level(self.marginal.level) if self.on_bound else self.marginal)
         for _ in range(1 + _TURNS):
-            left = plain if level is None else self._unexplained(self._at_level(level))
-            none = plain.log_likelihood - left.log_volume
-            found = learn_discrepancy(self.data, left.residual, left.span, forms, self.weight, none)
+            unexplained = plain if level is None else self._unexplained(self._at_level(level))
+            none = plain.log_likelihood - unexplained.log_volume
+            found = learn_discrepancy(self.data, unexplained.residual, unexplained.span, forms, self.weight, none)
             level = found.level
-            if abs(np.log(level / left.level)) < NEAR_LEVEL:
+            if abs(np.log(level / unexplained.level)) < NEAR_LEVEL:
                 break
         return found
 
     def _at_level(self, level: float) -> Marginal:
-        """The linearised model, unknowns within bounds and laws integrated out, where the noise has a given level."""
+        """The linearised model at a noise level, unknowns that are on no bound and errors of laws integrated out."""
         columns, right, walls, held = self._with_laws
         inside = columns.without(np.flatnonzero(self.parameters.on_bound(self.x)))
         return Marginal.of(inside, right, level, walls, held)
 
-    def _unexplained(self, one: Marginal) -> Unexplained:
-        """What no change of the unknowns, or of laws, explains."""
+    def _unexplained(self, model: Marginal) -> Unexplained:
+        """The part of the residual that no change of unknowns or errors of laws explains, with its likelihood."""
         count = self.residual.size
-        left = np.concatenate([one.residual / one.level, one.further])
-        left = (left - one.basis @ (one.basis.T @ left)) * one.level
-        likelihood = float(profiled(float(left @ left), count, self.data.level_std))
-        return Unexplained(left, one.basis[:count], one.level, one.log_volume, likelihood + one.log_volume)
+        rest = np.concatenate([model.residual / model.level, model.further])
+        rest = (rest - model.basis @ (model.basis.T @ rest)) * model.level
+        likelihood = float(profiled(float(rest @ rest), count, self.data.level_std))
+        return Unexplained(rest, model.basis[:count], model.level, model.log_volume, likelihood + model.log_volume)
 
     @property
     def log_error(self) -> np.ndarray:
@@ -352,9 +356,9 @@ class Fit:
         ]
 
     def _left_out(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """(rows of the residual, their values for the fit that did not see them) of each band of each sweep; linear.
+        """For each band of each sweep: its rows of the residual, and their values in a fit without that band (linear).
 
-        (I − B Bᵗ)^-1 r of the levers B of a band, along the principal axes of BᵗB; nothing along those that no other
+        (I − B Bᵗ)^-1 r with the `_levers` B of the band, along the principal axes of BᵗB; 0 along those that no other
         band determines.
         """
         k, found = self.residual.size // 2, []
@@ -362,8 +366,8 @@ class Fit:
             rows = np.concatenate([points, points + k])
             levers, residual = self._levers[rows], self.residual[rows]
             share, axes = np.linalg.eigh(levers.T @ levers)
-            told = 1 - share > _TOLD
-            factor = np.where(told, 1, -1) / np.where(told, 1 - share, share)
+            determined = 1 - share > _TOLD
+            factor = np.where(determined, 1, -1) / np.where(determined, 1 - share, share)
             along = levers @ axes
             found.append((rows, residual + along @ (factor * (along.T @ residual))))
         return found
@@ -375,7 +379,7 @@ class Fit:
 
     @made_once
     def _levers(self) -> np.ndarray:
-        """(2k, n_x) rows of the data of Q of the unknowns alone, noise alone in the likelihood."""
+        """(2k, n_x) rows of the data in Q of `_columns` at the noise level of the fit."""
         basis = np.linalg.qr(self._columns.rows(self.level))[0]
         return self._columns.whole(basis)[: self.residual.size]
 
@@ -392,12 +396,12 @@ class Fit:
 
     @made_once
     def held_out_score(self) -> float:
-        """rms of the leave-band-out prediction, in σ."""
+        """rms error of the leave-band-out prediction, in σ."""
         return float(np.sqrt(np.mean(np.abs(self.predicted()) ** 2) / 2))
 
     @made_once
     def left_out_misfit(self) -> float:
-        """rms of the leave-band-out prediction over what noise makes of it, which is more than the noise: 1 if right.
+        """rms error of the leave-band-out prediction over what noise in data and unknowns makes: 1 for a right model.
 
         The prediction has the covariance (I − H_bb)^-1, so r_bᵗ (I − H_bb)^-1 r_b is a χ².
         """
@@ -405,7 +409,7 @@ class Fit:
         return float(np.sqrt(np.sum(squares) / self.residual.size))
 
     def unseen_misfit(self, error: np.ndarray, slopes: np.ndarray) -> float:
-        """rms error of points that the fit did not see, over what noise there and in the unknowns makes of it.
+        """rms error at points that the fit did not see, over what noise there and in the unknowns makes.
 
         Parameters
         ----------
@@ -428,7 +432,7 @@ def fit(
 
     Parameters
     ----------
-    gain : in χ² that may be left; from `COARSE` on the coarse fits are left as they are
+    gain : in χ² that the next step may still promise; from `COARSE` on the best coarse fit is not continued
     loss : "linear", or a robust loss of scipy ("soft_l1", "huber", "cauchy") against outliers
 
     Raises
@@ -445,7 +449,7 @@ def fit(
 def closest(
     response: Response, data: SweepData, parameters: Unknowns, starts: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(n_x,) where `fit` ends and (k,) complex log Z_model − log Z there, without all that says how well it is known.
+    """(n_x,) where `fit` ends and (k,) complex log Z_model − log Z there, without the rest of a `Fit`.
 
     Raises ConvergenceError as `fit`.
     """
@@ -454,15 +458,15 @@ def closest(
     return best.x, data.log_error(best.parts[0])
 
 
-def _at(found: Descent, log_slope: np.ndarray, law: np.ndarray) -> Fit:
-    """The fit where a descent ended; law: (2k, m) what laws miss, before the loss weighs it."""
-    posterior = found.posterior
-    residual, jacobian, further_residual, further_jacobian = found.parts
-    weight = weight_of(found.loss, residual / found.level)
+def _at(descent: Descent, log_slope: np.ndarray, law: np.ndarray) -> Fit:
+    """The fit at the end of a descent; law: (2k, m) whitened errors of laws, not yet weighted by the loss."""
+    posterior = descent.posterior
+    residual, jacobian, further_residual, further_jacobian = descent.parts
+    weight = weight_of(descent.loss, residual / descent.level)
     share = np.sqrt(weight)
     return Fit(
         parameters=posterior.parameters,
-        x=found.x,
+        x=descent.x,
         data=posterior.data,
         residual=residual * share,
         jacobian=jacobian * share[:, None],
@@ -470,10 +474,10 @@ def _at(found: Descent, log_slope: np.ndarray, law: np.ndarray) -> Fit:
         further_jacobian=further_jacobian,
         log_slope=log_slope,
         impedance=posterior.data.modelled(residual),
-        level=found.level,
-        loss=found.loss,
+        level=descent.level,
+        loss=descent.loss,
         weight=weight,
-        promise=found.promise,
+        promise=descent.promise,
         law=law * share[:, None],
         mesh=posterior.data.mesh_misses(log_slope) * share[:, None],
     )
@@ -482,26 +486,26 @@ def _at(found: Descent, log_slope: np.ndarray, law: np.ndarray) -> Fit:
 def precision_inverse(rows: np.ndarray, prior_std: np.ndarray) -> np.ndarray:
     """(RᵗR)^-1 (n_x, n_x) of the rows R (m, n_x) of whitened data and priors.
 
-    By QR of the columns in prior standard deviations (n_x,), which leaves the product RᵗR unformed.
+    By QR of the columns in prior standard deviations (n_x,), so that the product RᵗR is never formed.
     """
     return _inverse(rows * prior_std, prior_std)
 
 
 def _inverse(rows: np.ndarray, prior_std: np.ndarray) -> np.ndarray:
-    """The same of columns in prior standard deviations."""
+    """(RᵗR)^-1 (n_x, n_x) for x in its units, of rows R (m, n_x) for x in prior standard deviations (n_x,)."""
     inverse = np.linalg.inv(np.linalg.qr(rows, mode="r"))
     return (inverse @ inverse.T) * np.outer(prior_std, prior_std)
 
 
 def with_discrepancy(plain: Fit, discrepancy: Discrepancy | None) -> Fit:
-    """The same estimate with intervals that count a discrepancy; the fit itself where they do."""
+    """The fit with intervals that count a discrepancy (none where None); `plain` itself where they do already."""
     return plain if discrepancy is plain.discrepancy else replace(plain, discrepancy=discrepancy)
 
 
 def linear_fit(response: Response, before: Fit, parameters: Unknowns, x: np.ndarray) -> tuple[Fit, np.ndarray]:
     """What one Gauss-Newton step from x (n_x,) promises: the fit by linearisation, and the residual (2k,) at x.
 
-    before : the fit whose data these are, and whose causes have laws that miss what they missed there
+    before : a fit to the same data, whose errors of laws are taken over
     """
     residual, jacobian, further, slopes = Posterior(response, before.data, parameters).parts(x)
     at_x = Fit(
@@ -511,9 +515,9 @@ def linear_fit(response: Response, before: Fit, parameters: Unknowns, x: np.ndar
 
 
 def stepped(at_x: Fit, moving: np.ndarray | None = None) -> Fit:
-    """The linearised model of a fit at its least χ² within bounds and noise level, unknowns `moving` (m,) alone.
+    """The fit at the least χ² of its linearised model within bounds, at the noise level found in turns with it.
 
-    All where None.
+    moving : (m,) numbers of the unknowns that move; all where None
     """
     moving = np.arange(at_x.x.size) if moving is None else moving
     std = at_x.parameters.prior_std[moving]
@@ -544,7 +548,7 @@ def stepped(at_x: Fit, moving: np.ndarray | None = None) -> Fit:
 def refitted(response: Response, solution: Fit, moved: np.ndarray, pulled: np.ndarray) -> np.ndarray | None:
     """(n_x,) the solution of a fit for moved data and priors at its noise level; None where it does not settle.
 
-    It begins with full steps of Gauss and Newton: one along a ridge that bends ends beside it, and the next comes back.
+    It begins with steps made whatever they cost: one along a curved ridge ends off it, and the next comes back.
     """
     posterior = MovedPosterior(response, solution.data, solution.parameters, moved, pulled)
     found = Descent(posterior, solution.x, solution.loss, solution.level)

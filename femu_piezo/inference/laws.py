@@ -1,12 +1,12 @@
-"""What approximate laws miss: errors of known size beside the noise.
+"""Errors of the approximate laws of causes, of known size, which a fit counts beside the noise.
 
-The law of a cause is an approximation that is wrong by a share e of what it describes (`EffectParameter.law_error`). It
-may be wrong as a whole, so that the parameter that fits best is off by e of its value, and in shape: of p ∂log Z/∂p of
-its size p, as far as no other unknown does the same, it misses e in each band by itself. A film that stiffens a plate
-does much of what s11 does; that part has the shape of s11 and no error of its own. A law that ends with the square of p
-may also have the modes of other classes, which the terminals drive only through the cause, at frequencies that are off
-by φ p² (`EffectParameter.law_detuning`), in each band by itself: no fit puts these in place. All of it moves what is
-fitted beside the cause as any change of data does, and is what a further cause might be taken for.
+The law of a cause is an approximation, wrong by a share e of what it describes (`EffectParameter.law_error`). It may be
+wrong as a whole: the best-fitting parameter is off by e of its value. It may also be wrong in shape: of the change
+p ∂log Z/∂p by its size p, less what other unknowns can do as well, it misses a share e, independently in each band. (A
+film that stiffens a plate acts much as s11 does; that part has the shape of s11, hence no error of shape.) A law that
+ends with the square of p may also place the modes of other classes, which the terminals drive only through the cause,
+at frequencies that are off by φ p² (`EffectParameter.law_detuning`), independently in each band; no fit corrects these.
+All these errors shift the other unknowns as errors of the data do, and might be taken for a further cause.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ def law_misses(
 ) -> np.ndarray:
     """(2k, m) whitened errors of log Z, independent and of one standard deviation each, of all laws at x (n_x,).
 
-    Of every parameter p: e p ∂log Z/∂p. Of the first one, the size, in each band: e p ∂log Z/∂p less what the other
+    For every parameter p: e p ∂log Z/∂p. For the first one, the size, in each band: e p ∂log Z/∂p less what the other
     unknowns can do within their priors, and φ p² ∂log Z/∂δ, δ the relative frequency by which modes of other classes
-    are off. Known effects have laws as fitted ones do.
+    are off. Laws of known effects count as those of fitted ones do.
 
-    at_x : whitened Jacobian (2k, n_x) there
+    at_x : whitened Jacobian (2k, n_x) at x
     """
     known = [item for item in parameters.fixed if _approximate(item[0])]
     whole = replace(
@@ -64,32 +64,32 @@ def law_misses(
     jacobian = data.whitened(*response.with_jacobian(whole, at))[1] if known else at_x
     found, prior_std = [], parameters.prior_std
     for number in numbers:
-        effect, own = whole.effects[number], whole.columns(number)
+        effect, columns = whole.effects[number], whole.columns(number)
         errors = np.array([parameter.law_error for parameter in effect.parameters])
-        size = at[own.start] - effect.rest[0] / effect.scale[0]
-        found.append(jacobian[:, own] * (errors * at[own]))
-        others = np.delete(np.arange(x.size), np.arange(own.start, min(own.stop, x.size)))
+        size = at[columns.start] - effect.rest[0] / effect.scale[0]
+        found.append(jacobian[:, columns] * (errors * at[columns]))
+        others = np.delete(np.arange(x.size), np.arange(columns.start, min(columns.stop, x.size)))
         span = np.linalg.qr(np.concatenate([jacobian[:, others] * prior_std[others], np.eye(others.size)]))[0]
-        span, miss = span[: len(jacobian)], errors[0] * size * jacobian[:, own.start]
+        span, miss = span[: len(jacobian)], errors[0] * size * jacobian[:, columns.start]
         found.append(_in_bands(data, miss - span @ (span.T @ miss)))
         if detuning := effect.parameters[0].law_detuning:
             detuned = _detuned(effect)
             moved = replace(whole, effects=(*whole.effects[:number], detuned, *whole.effects[number + 1 :]))
-            there = np.insert(at, own.stop, 0.0)
-            alone = moved.alone(detuned, there), there[own.start : own.stop + 1]
+            there = np.insert(at, columns.stop, 0.0)
+            alone = moved.alone(detuned, there), there[columns.start : columns.stop + 1]
             slope = data.whitened(*response.with_jacobian(*alone))[1][:, -1]
             found.append(_in_bands(data, detuning * (size * effect.scale[0]) ** 2 * slope))
     return np.hstack(found)
 
 
 def _in_bands(data: SweepData, miss: np.ndarray) -> np.ndarray:
-    """(2k, m) the part of a whitened (2k,) in each band."""
+    """(2k, m) a whitened error (2k,) in each band alone, 0 elsewhere."""
     found = []
     for band in data.bands():
         rows = np.concatenate([band, band + data.impedance.size])
-        own = np.zeros(miss.size)
-        own[rows] = miss[rows]
-        found.append(own)
+        part = np.zeros(miss.size)
+        part[rows] = miss[rows]
+        found.append(part)
     return np.stack(found, axis=1)
 
 
@@ -98,15 +98,15 @@ def _approximate(effect: Effect) -> bool:
 
 
 def _detuned(effect: Effect) -> Effect:
-    """The same with a last parameter δ: modes of its other classes are at frequencies (1 + δ) times their own."""
+    """The effect with a further last parameter δ, which multiplies the frequencies of its other classes by 1 + δ."""
     law = effect.local
     assert law is not None
 
     def terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-        found = [replace(one, slopes=np.pad(one.slopes, [(0, 0), (0, 1)])) for one in law(places, omega, p[:-1])]
-        lighter, one = np.zeros(places.size), np.ones(omega.shape, dtype=complex)
+        found = [replace(term, slopes=np.pad(term.slopes, [(0, 0), (0, 1)])) for term in law(places, omega, p[:-1])]
+        lighter, unit = np.zeros(places.size), np.ones(omega.shape, dtype=complex)
         lighter[places.sectors.of_other_classes(effect.sectors)] = -2.0
-        matrix, slopes = places.of_displacements(np.diag(lighter)), one[:, None] * np.eye(p.size)[-1]
-        return [*found, LocalTerm("inertia", matrix, p[-1] * one, slopes)]
+        matrix, slopes = places.of_displacements(np.diag(lighter)), unit[:, None] * np.eye(p.size)[-1]
+        return [*found, LocalTerm("inertia", matrix, p[-1] * unit, slopes)]
 
     return replace(effect, parameters=(*effect.parameters, _DETUNING), local=terms)

@@ -1,4 +1,4 @@
-"""Losses of residuals, robust ones against outliers among them, and the level of the noise that they see."""
+"""Losses of residuals, some of them robust against outliers, and the noise level of a fit with a loss."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from femu_piezo.measurement.discrepancy import noise_level
 
-#: Loss ρ of a squared residual z, the weight ρ' that it gives it, and a power n such that no ρ'ⁿ z is much above 1.
+#: Loss ρ of a squared residual z, its weight ρ', and a power n with which ρ'ⁿ z of a robust loss is never far above 1.
 _Curve = Callable[[np.ndarray], np.ndarray]
 LOSS: dict[str, tuple[_Curve, _Curve, int]] = {
     "linear": (lambda z: z, np.ones_like, 1),
@@ -25,10 +25,10 @@ def weight_of(loss: str, residual: np.ndarray) -> np.ndarray:
 
 
 def level_of(squares: np.ndarray, weight: np.ndarray | float, loss: str, freedom: float, level_std: float) -> float:
-    """Noise level of squared residuals (m,) with the weights ρ' (m,) of a loss in them.
+    """Noise level of squared residuals ρ' z (m,), which contain the weights ρ' (m,) of a loss.
 
-    Where noise is normal the mean of ρ'ⁿ z has a known value: so the level of a robust fit is that of the noise,
-    whatever lies far outside (Huber's second proposal, Ann. Math. Statist. 35 (1964) 73).
+    For normal noise the mean of ρ'ⁿ z is known. So a robust fit finds the level of the noise, whatever outliers there
+    are (Huber's second proposal, Ann. Math. Statist. 35 (1964) 73).
     """
     power = LOSS[loss][2]
     return float(noise_level(float(np.sum(squares * weight ** (power - 1))) / _normal(loss), freedom, level_std))

@@ -1,4 +1,4 @@
-"""A linearised model whose unknowns are integrated out, walls of material among what holds them."""
+"""A linearised model whose unknowns are integrated out, within the walls of the material."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.special import erfcx
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns of a linearised model in prior standard deviations, the rows of the data reduced to Q R once for all.
+    """Jacobian of a linearised model, unknowns in prior standard deviations, the rows of the data factored to Q R.
 
     Attributes
     ----------
@@ -24,42 +24,42 @@ class Columns:
 
     @classmethod
     def of(cls, data: np.ndarray, beside: np.ndarray) -> Columns:
-        """Of rows of data (2k, n), whitened, and of others (m, n)."""
+        """From whitened rows of the data (2k, n) and other rows (m, n)."""
         return cls(*np.linalg.qr(data), beside)
 
     def without(self, which: np.ndarray) -> Columns:
-        """The same without some columns, by number."""
+        """These columns without those of the numbers `which`."""
         return Columns(self.basis, np.delete(self.triangle, which, axis=1), np.delete(self.beside, which, axis=1))
 
     def rows(self, level: float = 1.0) -> np.ndarray:
-        """(r + m, n) at a noise level, with the products of the columns with each other."""
+        """(r + m, n) R over the noise level, then the other rows: JᵗJ is that of all rows."""
         return np.concatenate([self.triangle / level, self.beside])
 
     def reached(self, values: np.ndarray, level: float) -> np.ndarray:
-        """(r + m,) what columns can reach of values (2k + m,), those of the data over the noise level."""
+        """(r + m,) of values (2k + m,): Qᵗ of those of the data over the noise level, then the others."""
         count = len(self.basis)
         return np.concatenate([self.basis.T @ values[:count] / level, values[count:]])
 
     def whole(self, rows: np.ndarray) -> np.ndarray:
-        """(2k + m, …) of rows (r + m, …)."""
+        """(2k + m, …) Q of the first r of rows (r + m, …), then the others: all rows of the data again."""
         size = len(self.triangle)
         return np.concatenate([self.basis @ rows[:size], rows[size:]])
 
     def among(self, beside: np.ndarray) -> np.ndarray:
-        """(r + m,) bool of one (m,) for the rows beside the data."""
+        """(r + m,) bool from one (m,) for the rows that are no data; False for the others."""
         return np.append(np.zeros(len(self.triangle), dtype=bool), beside)
 
 
 @dataclass(frozen=True)
 class Marginal:
-    """What is left over of a linearised model whose unknowns are integrated out.
+    """A linearised model whose unknowns are integrated out: its residual, and their volume.
 
     Attributes
     ----------
     residual : (2k,) whitened, of the data;  further : (m,) of priors, wall and readings
-    basis, triangle : (2k + m, n), (n, n) Q and R of all columns at the noise level; R of all but walls that are touched
-    log_volume : logarithm of the integral over the unknowns, over its value at the best ones and (2π)^(n/2), in prior
-        standard deviations: −log |det R| of all but the walls that are touched, and the share that these leave
+    basis, triangle : (2k + m, n), (n, n) Q and R of all columns at the noise level; R without rows of touched walls
+    log_volume : logarithm of the integral of the density over the unknowns, in prior standard deviations, divided by
+        its value at the estimate and by (2π)^(n/2): −log |det R|, plus the log share that touched walls leave
     level : factor on the noise
     """
 
@@ -78,9 +78,9 @@ class Marginal:
 
     @classmethod
     def of(cls, columns: Columns, left: np.ndarray, level: float, walls: np.ndarray, held: np.ndarray) -> Marginal:
-        """Of columns and what is left (2k + m,), the rows of the data first.
+        """From columns and a residual `left` (2k + m,), the rows of the data first.
 
-        walls : (m,) bool, all rows of walls that are touched;  held : those that keep the best place from beyond
+        walls : (m,) bool, all rows of walls that are touched;  held : those of them that hold the estimate
         """
         count, rows = len(columns.basis), columns.rows(level)
         basis, triangle = np.linalg.qr(rows)
@@ -95,45 +95,46 @@ class Marginal:
 def behind_walls(
     rows: np.ndarray, values: np.ndarray, walls: np.ndarray, held: np.ndarray
 ) -> tuple[np.ndarray, float, np.ndarray]:
-    """What walls leave of the normal distribution that all other rows (m, n) with values (m,) make.
+    """The normal distribution of all rows (m, n), values (m,), but walls, truncated by these to where they allow.
 
-    R (n, n) of those rows; log of the share that is behind the walls, over the density at the best place there; and
-    (w,) weights of the walls with which the distribution had, about that place, the same mean squares.
+    Returns R (n, n) of the rows that are no walls; the log of the share within the walls, over the density at the
+    estimate; and the weights (w,) of the rows of held walls that give the normal distribution the same mean squares
+    about the estimate as the truncated one has.
 
-    A wall whose row is −uΔ without it, u² = gᵗ (RᵗR)⁻¹ g of its slope g, leaves ∫ exp(−t²/2) dt/√(2π) from Δ on, where
-    the density is exp(−Δ²/2). That counts twice, so that it is 1 where a wall is just touched, as it is just before. Of
-    several walls each finds the mean and the covariance that those before have left.
+    A wall of slope g has the value −uΔ at the minimum without it, u² = gᵗ (RᵗR)⁻¹ g. It leaves ∫ exp(−t²/2) dt/√(2π)
+    from Δ on, where the density is exp(−Δ²/2). The ratio is doubled, so that it is 1 for a wall that is just touched,
+    as for one that is not quite touched. Each of several walls acts on the mean and covariance that those before leave.
 
     walls, held : (m,) bool, as in `Marginal.of`
     """
-    inner, other = np.linalg.qr(rows[~walls])
-    slopes, triangle = rows[held], other
-    free = values[held] - slopes @ solve_triangular(other, inner.T @ values[~walls])
-    found, weights = 0.0, np.zeros(free.size)
+    inner, without_walls = np.linalg.qr(rows[~walls])
+    slopes, triangle = rows[held], without_walls
+    free = values[held] - slopes @ solve_triangular(without_walls, inner.T @ values[~walls])
+    log_share, weights = 0.0, np.zeros(free.size)
     for number, slope in enumerate(slopes):
-        own = solve_triangular(triangle, slope, trans="T")
-        size = float(np.linalg.norm(own))
+        direction = solve_triangular(triangle, slope, trans="T")
+        size = float(np.linalg.norm(direction))
         away = max(-free[number] / size, 0.0)
-        found += float(np.log(erfcx(away / np.sqrt(2))))
-        mean = np.sqrt(2 / np.pi) / erfcx(away / np.sqrt(2))  # of t, over Δ
-        narrowed = max(1 - mean * (mean - away), 1 / (2 + away) ** 2)  # not below by rounding
-        free += slopes @ solve_triangular(triangle, own) * mean / size
+        log_share += float(np.log(erfcx(away / np.sqrt(2))))
+        mean = np.sqrt(2 / np.pi) / erfcx(away / np.sqrt(2))  # of t beyond Δ
+        narrowed = max(1 - mean * (mean - away), 1 / (2 + away) ** 2)  # rounding could make it smaller
+        free += slopes @ solve_triangular(triangle, direction) * mean / size
         more = np.sqrt(1 / narrowed - 1) / size * slope
         triangle = np.asarray(np.linalg.qr(np.vstack([triangle, more]), mode="r"))
-        square = narrowed + (mean - away) ** 2  # of the distance behind the wall
+        square = narrowed + (mean - away) ** 2  # mean square of the distance from the wall
         weights[number] = np.sqrt(max(1 / square - 1, 0.0)) / size
-    return other, found, weights
+    return without_walls, log_share, weights
 
 
 @dataclass(frozen=True)
 class Unexplained:
-    """What no change of the unknowns explains, by a linearised model at a level of the noise.
+    """The part of a residual that no change of the unknowns explains, in a linearised model at a noise level.
 
     Attributes
     ----------
     residual : (2k + m,) of data, whitened, then of priors in the same unit
     span : (2k, n) as `Fit.span`
-    level, log_volume : of the `Marginal` that it is of
+    level, log_volume : of the `Marginal` it comes from
     log_likelihood : at the most probable level, with the volume of the unknowns, up to a constant
     """
 

@@ -1,22 +1,22 @@
-"""What the prior of a cause is beside the normal one that a fit has, as a factor on its evidence.
+"""The priors of causes, as a factor on the evidence of a fit, whose own priors are normal.
 
 A fit holds every parameter p of a cause by a normal prior N(p; r, τ) about rest, r. The prior of a hypothesis is
 
     π(p) = ∫ N(p; r, uτ) / P(low < p < high | uτ) d(ln u)/ln U,   1/U < u < 1,   low < p < high,
 
-for a size, and the same with u = 1 for any other parameter. Within its bounds it is a probability: a place that may be
-anywhere along an edge has the density of one over the edge. And τ is how large a cause may usually be; how large it is
-may be smaller by two orders of magnitude, U = 100: odds depend little on τ, and a small cause that is plain to see does
-not pay for the large ones that might have been (a mixture of scales, as Liang et al., J. Am. Stat. Assoc. 103 (2008)
-410, have it for sets of regressors). All other unknowns integrated out, the likelihood of p is taken as normal:
+for a size, and the same with u = 1 for any other parameter. It is normalised within its bounds: a place that may be
+anywhere along an edge has the density 1/(length of the edge). τ is the largest usual size of a cause; its actual size
+may be smaller by two orders of magnitude, U = 100. So odds depend little on τ, and a small cause that is plain to see
+does not lose evidence to large ones that might have been (a mixture of scales, as Liang et al., J. Am. Stat. Assoc. 103
+(2008) 410, have it for sets of regressors). All other unknowns integrated out, the likelihood of p is taken as normal:
 
     ln L(p) = h (p − r) − ½ q (p − r)² + constant,    q = 1/σ² − 1/τ²,  h = (p̂ − r)/σ²
 
-of the estimate p̂ ± σ of the fit. So is known, for every u, what the evidence gains over that of the fit.
+with p̂ ± σ the estimate of the fit. From it follows, for every u, what the evidence gains over that of the fit.
 
-The parameters of a form of what no cause describes say together how large that is: they share one u, and their
-likelihood is normal in all of them, along the axes of Σ/(τ τᵗ) of their covariance Σ one by one. Their bounds are many
-of their deviations τ away and left out.
+The parameters of a form that stands for unknown causes (`Effect.of_unknown`) give its size together: they share one u.
+Their likelihood, normal in all of them, is a product along the eigenvectors of Σ/(τ τᵗ), Σ their covariance. Their
+bounds are many of their deviations τ away and are neglected.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from scipy.special import ndtr
 
 from femu_piezo.effects.effect import Effect
 
-#: U, and values of u that stand for all, evenly in ln u.
+#: U, and the number of values of u, evenly spaced in ln u, whose mean stands for the integral.
 _ORDERS, _STEPS = 100.0, 40
 _SHARES = _ORDERS ** -((np.arange(_STEPS) + 0.5) / _STEPS)
-#: Least share of the variance of the prior by which the data have to narrow it.
+#: Least share of the prior variance by which the variance of an estimate is taken to be below it.
 _TOLD = 1e-12
 
 
@@ -58,14 +58,14 @@ def log_prior_gain(effect: Effect, estimate: np.ndarray, covariance: np.ndarray)
 def _gain(
     away: np.ndarray, std: np.ndarray, ends: tuple[float, float], usual: float, spreads: np.ndarray
 ) -> np.ndarray:
-    """The same of one parameter, estimated at `away` (1,) or (k, 1) from rest, of m priors for the usual one."""
+    """Gain () or (k,) of one parameter, estimated at `away` (1,) or (k, 1) from rest, by the mean of m priors."""
     density, mean, narrowed = _with_each(away, std, usual, spreads)
     inside = _log_inside(np.clip(mean, *ends), narrowed, ends) - _log_inside(0.0, spreads, ends)
     return np.logaddexp.reduce(density + inside, axis=-1) - np.log(spreads.size)
 
 
 def _gain_of_all(away: np.ndarray, covariance: np.ndarray, usual: np.ndarray) -> np.ndarray:
-    """The same of all parameters (n,) or (k, n) together, whose priors have one width over the usual ones (n,)."""
+    """Gain () or (k,) of all parameters, at `away` (n,) or (k, n) from rest, whose priors u τ share u; τ = `usual`."""
     variances, axes = np.linalg.eigh(covariance / np.outer(usual, usual))
     along = np.swapaxes(axes, -1, -2) @ (away / usual)[..., None]
     density = _with_each(along, np.sqrt(np.maximum(variances, np.finfo(float).eps))[..., None], 1.0, _SHARES)[0]
@@ -75,7 +75,7 @@ def _gain_of_all(away: np.ndarray, covariance: np.ndarray, usual: np.ndarray) ->
 def _with_each(
     away: np.ndarray, std: np.ndarray, usual: float, spreads: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Without bounds: (…, m) the gain in log evidence, the mean and the deviation with each of m priors."""
+    """(…, m) gain in log evidence, posterior mean and deviation with each of m priors, without bounds."""
     variance = np.minimum(std**2, usual**2 * (1 - _TOLD))
     natural, precision = away / variance, 1 / variance - 1 / usual**2
     with_usual, with_each = 1 + precision * usual**2, 1 + precision * spreads**2

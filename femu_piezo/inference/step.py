@@ -1,13 +1,13 @@
-"""One damped step of Gauss and Newton beside walls, which are there from one side only.
+"""One damped Gauss-Newton step of a fit with walls, which cost only where an eigenvalue is negative.
 
     min over low ≤ s ≤ high   |F s + r|² + δ |s|² + Σ min(0, λ_i(s))²/TOLERANCE² + Σ readings²
 
-F and r are data and priors, linearised; the walls (`femu_piezo.inference.walls`) and the readings of other instruments
-cost next to nothing to evaluate and are taken as they are. The minimum is approached from beyond the walls, by cutting
+F and r are data and priors, linearised. The walls (`femu_piezo.inference.walls`) and the readings of other instruments
+cost next to nothing to evaluate and are not linearised. The minimum is approached from beyond the walls, by cutting
 planes (Kelley, J. SIAM 8 (1960) 703): a material that passes no wall fulfils λ_i + ∇λ_i·(s − s_k) ≥ 0 for every
-eigenvalue at every s_k, as the loss matrix is linear in the losses. Each turn adds those of the eigenvalues that are
-beyond their walls at the minimum of the turn before. So a step slides along a wall on which it begins. Bounds of
-unknowns are planes that nothing passes: what an unknown cannot do the others make up for.
+eigenvalue at every s_k, as the loss matrix is linear in the losses. Each turn adds the planes of the eigenvalues that
+are beyond their walls at the minimum of the turn before. So a step that begins on a wall slides along it. Bounds of
+unknowns are planes that no step passes; the other unknowns make up for what a bounded one cannot do.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from scipy.optimize import nnls
 
 from femu_piezo.inference.walls import Walls
 
-#: Most turns within one step, most halvings of one that they do not bring to a lower cost, and most changes of the
-#: planes that hold it, over their number.
+#: Most turns within one step; most halvings of a step that no turn has brought to a lower cost; most iterations of the
+#: non-negative least squares over the number of planes.
 _TURNS, _HALVINGS, _PASSES = 20, 20, 30
-#: Slope of the planes that stand for bounds: passed by a share of 1e-6 of a step at most where data hold the unknown to
-#: a thousandth of one, by less where they hold it less.
+#: Slope of the planes that stand for bounds: where the data determine an unknown to a thousandth of its prior standard
+#: deviation, at most 1e-6 of a step lies beyond the bound, and less where they determine it less.
 _HARD = 1e6
-#: By how much χ² may be above what the planes leave, and the share of what was gained: the model of the data beyond the
-#: wall is only linear, so that more turns gain nothing.
+#: The turns end where χ² is above the minimum that the planes allow by less than the first number, or by less than the
+#: second times the gain so far: the model of the data is only linear, so that more turns gain nothing.
 _SETTLED, _SHARE = 1e-7, 1e-2
 
 
 @dataclass(frozen=True)
 class Beside:
-    """What is taken as it is, at some step.
+    """Walls and readings at some step, which are not linearised.
 
     Attributes
     ----------
-    read, along : (q,), (q, n_x) of the readings
+    read, along : (q,) residual and (q, n_x) slopes of the readings
     """
 
     walls: Walls
@@ -52,13 +52,13 @@ _Planes = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class _Linearised:
-    """Data and priors at the start of a step, and how far walls are kept away.
+    """Data and priors, linearised at the start of a step, and the least distance from the walls.
 
     Attributes
     ----------
     factor, right : F (m, n), r (m,);  damping : δ
-    which, unit : unknowns that move (n,), and what one of s is of each (n,)
-    margins : of every eigenvalue, what is left of it at least
+    which, unit : numbers (n,) of the unknowns that move, and change (n,) of each for s = 1
+    margins : value, over the tolerance, that every eigenvalue should keep at least
     low, high : (n,) bounds of the step
     """
 
@@ -72,21 +72,21 @@ class _Linearised:
     high: np.ndarray
 
     def cost(self, step: np.ndarray, there: Beside) -> float:
-        """At a step (n,), all beside the data as it is."""
-        left, passed = self.factor @ step + self.right, np.minimum(there.walls.values - self.margins, 0.0)
-        return float(left @ left + self.damping * (step @ step) + passed @ passed + there.read @ there.read)
+        """Cost of a step (n,), its damping included."""
+        misfit, passed = self.factor @ step + self.right, np.minimum(there.walls.values - self.margins, 0.0)
+        return float(misfit @ misfit + self.damping * (step @ step) + passed @ passed + there.read @ there.read)
 
     def planes(self, step: np.ndarray, walls: Walls, chosen: np.ndarray) -> _Planes:
-        """Those of some eigenvalues (p,) at a step (n,); of none without a look at the slopes."""
+        """Tangent planes of the eigenvalues number `chosen` (p,) at a step (n,); without any, no slopes are made."""
         if not chosen.size:
             return np.zeros((0, step.size)), np.zeros(0)
         slopes = walls.slopes[np.ix_(chosen, self.which)] * self.unit
         return slopes, (walls.values - self.margins)[chosen] - slopes @ step
 
     def least(self, planes: _Planes, near: np.ndarray, there: Beside) -> tuple[np.ndarray, float]:
-        """The step (n,) of least cost behind planes and within bounds, readings linear about the step `near`; its cost.
+        """The step (n,) of least cost with planes and bounds, readings linearised about the step `near`; its cost.
 
-        With R of all rows but the planes, s₀ their minimum, W = R⁻ᵗGᵗ and what each plane is passed by, μ ≥ 0,
+        With R of all rows but the planes, s₀ the minimum without planes, W = R⁻ᵗGᵗ, and μ ≥ 0 how far s is beyond each,
 
             s = s₀ + R⁻¹W μ,    |μ + G s₀ + c|² + |W μ|² least,    the cost |R (s − s₀)|² + |μ|² over that of s₀.
         """
@@ -94,35 +94,37 @@ class _Linearised:
         rows = np.concatenate([self.factor, np.sqrt(self.damping) * np.eye(size), along])
         values = np.concatenate([self.right, np.zeros(size), there.read - along @ near])
         triangle = np.asarray(np.linalg.qr(np.column_stack([rows, values]), mode="r"))
-        step, more = _behind(triangle[:-1], planes, self.low, self.high)
+        step, more = _least_with_planes(triangle[:-1], planes, self.low, self.high)
         return step, float(triangle[-1, -1] ** 2) + more
 
 
 def bounded_step(rows: np.ndarray, values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The step s (n,) of least |A s + b|² for rows A (m, n) and values b (m,), low ≤ s ≤ high."""
     triangle = np.asarray(np.linalg.qr(np.column_stack([rows, values]), mode="r"))
-    return _behind(triangle[: low.size], (np.zeros((0, low.size)), np.zeros(0)), low, high)[0]
+    return _least_with_planes(triangle[: low.size], (np.zeros((0, low.size)), np.zeros(0)), low, high)[0]
 
 
-def _behind(triangle: np.ndarray, planes: _Planes, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, float]:
-    """The step (n,) of least |R s + v|² + |passed|², [R, v] (n, n + 1) upper triangular, and its cost over the least.
+def _least_with_planes(
+    triangle: np.ndarray, planes: _Planes, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """The step (n,) of least |R s + v|² + |μ|², [R, v] (n, n + 1) upper triangular, and that cost less min |R s + v|².
 
-    Bounds are planes that are added where the step would leave them.
+    μ ≥ 0 is how far the step is beyond each plane; bounds become planes once the step would leave them.
     """
-    own, (slopes, offsets) = triangle[:, :-1], planes
-    free, size = solve_triangular(own, -triangle[:, -1]), low.size
+    upper, (slopes, offsets) = triangle[:, :-1], planes
+    free, size = solve_triangular(upper, -triangle[:, -1]), low.size
     held, step, cost = np.zeros(size, dtype=bool), free, 0.0
     while True:
         ahead = slopes @ free + offsets
         if np.any(ahead < 0):
-            through = solve_triangular(own, slopes.T, trans="T")
-            both = np.concatenate([np.eye(len(slopes)), through])
+            through = solve_triangular(upper, slopes.T, trans="T")
+            system = np.concatenate([np.eye(len(slopes)), through])
             try:
-                passed, _ = nnls(both, np.append(-ahead, np.zeros(size)), maxiter=_PASSES * len(slopes))
-            except RuntimeError:  # does not end: as far as it came, and halved where that costs more
+                passed, _ = nnls(system, np.append(-ahead, np.zeros(size)), maxiter=_PASSES * len(slopes))
+            except RuntimeError:  # not converged: the last step; `damped_step` halves it where it costs more
                 return np.clip(step, low, high), cost
             moved = through @ passed
-            step, cost = free + solve_triangular(own, moved), float(moved @ moved + passed @ passed)
+            step, cost = free + solve_triangular(upper, moved), float(moved @ moved + passed @ passed)
         leaving = ~held & ((step < low) | (step > high))
         if not np.any(leaving):
             return step, cost
@@ -147,18 +149,18 @@ def damped_step(
     Parameters
     ----------
     factor, right : F (m, n), r (m,);  damping : δ
-    moving : which unknowns move (n,), and what one of s is of each (n,)
-    beside : of a step
+    moving : numbers (n,) of the unknowns that move, and change (n,) of each for s = 1
+    beside : step (n,) → walls and readings there
     kept : share of the distance to every wall that the step keeps
-    bounds : of the step, (n,) lowest and (n,) highest; none where None
+    bounds : (n,) lowest and (n,) highest step; none where None
     """
     low, high = bounds or (np.full(right.size, -np.inf), np.full(right.size, np.inf))
     start = np.zeros(right.size)
     here = beside(start)
     model = _Linearised(factor, right, damping, *moving, kept * np.maximum(here.walls.values, 0.0), low, high)
-    every = np.arange(here.walls.values.size)
-    # most often no wall is near: its slopes are asked for once one is
-    planes = model.planes(start, here.walls, every if here.walls.touched else every[:0])
+    numbers = np.arange(here.walls.values.size)
+    # slopes of walls are computed only once one is near, which is rare
+    planes = model.planes(start, here.walls, numbers if here.walls.touched else numbers[:0])
     first, nearest = model.cost(start, here), np.min(here.walls.values - model.margins)
     best, lowest, near, there = start, first, start, here
     for _ in range(_TURNS):
@@ -170,11 +172,11 @@ def damped_step(
         if reached - promised < max(_SETTLED, _SHARE * (first - lowest)):
             break
         if not len(planes[0]):
-            planes = model.planes(start, here.walls, every)
+            planes = model.planes(start, here.walls, numbers)
         slopes, offsets = model.planes(step, there.walls, np.flatnonzero(there.walls.values < model.margins))
-        # at the start no plane lies lower than the least eigenvalue there, but for what real parts do to the walls
+        # only the nonlinear action of real parts could put a plane below the least eigenvalue at the start
         planes = np.concatenate([planes[0], slopes]), np.concatenate([planes[1], np.maximum(offsets, nearest)])
-    for _ in range(_HALVINGS):  # what real parts do to the walls is not linear
+    for _ in range(_HALVINGS):  # eigenvalues are not linear in the real parts
         if lowest < first:
             break
         step = step / 2

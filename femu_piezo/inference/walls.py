@@ -1,10 +1,9 @@
-"""What no material can be, as walls of a fit: one that creates energy, or that gives it away at rest.
+"""Walls of a fit, which keep the material stable and passive.
 
-The d-form matrix, scaled to a unit diagonal of its real part, has a real part that must not be indefinite (IEEE 176:
-the stored energy of a stable body is positive) and a negative imaginary part that must not be either (Holland 1967: a
-passive one dissipates). A violation of an eigenvalue by `TOLERANCE` costs as much as one standard deviation of the
-data. Beyond the wall of stability a body has modes of negative stiffness, with which a fit may follow what it should
-not.
+The d-form matrix is scaled to a unit diagonal of its real part. Its real part must be positive semidefinite (IEEE 176:
+the stored energy of a stable body is positive), and so must its negative imaginary part (Holland 1967: a passive body
+dissipates). An eigenvalue of −`TOLERANCE` costs as much as one standard deviation of the data. Beyond the wall of
+stability a body has modes of negative stiffness, by which a fit may follow errors of the data or of the model.
 """
 
 from __future__ import annotations
@@ -29,10 +28,10 @@ def _pairs(size: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Walls:
-    """The walls as seen from some unknowns.
+    """The walls at given unknowns, with their slopes.
 
-    Of free and held constants without laws over frequency. With eigenvalues λ_i and eigenvectors v_i of every block L
-    of both matrices, and h_ij = v_iᵗ (∂L/∂x) v_j, the walls cost Σ min(0, λ_i)²/TOLERANCE².
+    The constants are those with all effects but laws over frequency. With eigenvalues λ_i and eigenvectors v_i of every
+    block L of both matrices, and h_ij = v_iᵗ (∂L/∂x) v_j, the walls cost Σ min(0, λ_i)²/TOLERANCE².
 
     Parameters
     ----------
@@ -44,8 +43,8 @@ class Walls:
         self._active = effects_on_constants(parameters, x)
         self._constants = even_constants(parameters, x, self._active)
         blocks = range(self._constants.block_count)
-        both = [np.stack([self._constants.energy_block(n), self._constants.loss_block(n)]) for n in blocks]
-        self._eigen = [np.linalg.eigh(one) for one in both]
+        pairs = [np.stack([self._constants.energy_block(n), self._constants.loss_block(n)]) for n in blocks]
+        self._eigen = [np.linalg.eigh(pair) for pair in pairs]
 
     @made_once
     def values(self) -> np.ndarray:
@@ -66,28 +65,28 @@ class Walls:
     @made_once
     def slopes(self) -> np.ndarray:
         """(n, n_x) h_ii over the tolerance, ∂values/∂x."""
-        return np.concatenate([np.diagonal(turned, axis1=1, axis2=2).T for turned in self._turned])
+        return np.concatenate([np.diagonal(turned, axis1=1, axis2=2).T for turned in self._eigen_slopes])
 
     @made_once
     def rows(self) -> np.ndarray:
-        """(m,) of a residual, one for each pair i ≤ j of each block: λ_i beyond its wall for i = j, else 0."""
+        """(m,) residual, an element for each pair i ≤ j of each block: min(0, λ_i)/TOLERANCE for i = j, else 0."""
         found = []
-        for low, _ in self._low:
+        for low, _ in self._violations:
             first, second = _pairs(low.size)
             found.append(np.where(first == second, low[first], 0.0))
         return np.concatenate(found) / TOLERANCE
 
     @made_once
     def row_slopes(self) -> np.ndarray:
-        """(m, n_x) of the same, whose product with itself is the Hessian of half the cost.
+        """(m, n_x) slopes G of `rows`, with GᵗG the Hessian of half the cost.
 
-        That is Σ γ_ij h_ij²/TOLERANCE², γ_ij = (λ_i⁻ − λ_j⁻)/(λ_i − λ_j), which counts that the boundary is curved. So
-        a pair i ≠ j has a slope √(2γ_ij) h_ij beside a row that is zero.
+        That is Σ γ_ij h_ij²/TOLERANCE², γ_ij = (λ_i⁻ − λ_j⁻)/(λ_i − λ_j), λ⁻ = min(0, λ), which includes the curvature
+        of the boundary. So a pair i ≠ j has a slope √(2γ_ij) h_ij though its row is zero.
         """
         if not self.touched:
             return np.zeros((self.rows.size, self._x.size))
         found = []
-        for (low, values), turned in zip(self._low, self._turned, strict=True):
+        for (low, values), turned in zip(self._violations, self._eigen_slopes, strict=True):
             first, second = _pairs(low.size)
             apart = values[first] - values[second]
             share = np.where(apart == 0, low[first] < 0, (low[first] - low[second]) / np.where(apart == 0, 1.0, apart))
@@ -96,35 +95,35 @@ class Walls:
         return np.concatenate(found)
 
     @made_once
-    def _low(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """(λ⁻, λ) of every block of each matrix."""
+    def _violations(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """λ⁻ = min(0, λ), and λ, of every block of each matrix."""
         parts = [values for of_both, _ in self._eigen for values in of_both]
         ends = np.cumsum([values.size for values in parts])[:-1]
         low = np.split(np.minimum(self.values, 0.0) * TOLERANCE, ends)
         return list(zip(low, parts, strict=True))
 
     @made_once
-    def _turned(self) -> list[np.ndarray]:
-        """h (n_x, i, j) over the tolerance of every block of each matrix."""
+    def _eigen_slopes(self) -> list[np.ndarray]:
+        """h (n_x, i, j) over the tolerance, of every block of each matrix."""
         tangents = d_form_constants(self._parameters, self._x, self._active, np.ones(1))[1][0]
         moving = np.flatnonzero(np.any(tangents != 0, axis=0))
         found = []
         for block, (_, of_both) in enumerate(self._eigen):
             slopes = self._constants.block_slopes(block, tangents[:, moving].T)
-            for vectors, own in zip(of_both, slopes, strict=True):
+            for vectors, slope in zip(of_both, slopes, strict=True):
                 turned = np.zeros((self._x.size, *vectors.shape))
-                turned[moving] = vectors.T @ own @ vectors / TOLERANCE
+                turned[moving] = vectors.T @ slope @ vectors / TOLERANCE
                 found.append(turned)
         return found
 
 
 def wall_and_readings(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (m,) and slopes (m, n_x) that a fit has beside data and priors: the walls, then a row for each reading."""
+    """Residual (m,) and slopes (m, n_x) of the rows after data and priors: of walls, then one for each reading."""
     walls, (read, along) = Walls(parameters, x), readings(parameters, x)
     return np.concatenate([walls.rows, read]), np.concatenate([walls.row_slopes, along])
 
 
 def readings(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A row (m,) with slopes (m, n_x) for each reading."""
-    found = [one.row(parameters, x) for one in parameters.readings]
+    """Residual (m,) and slopes (m, n_x) of the readings of other instruments."""
+    found = [reading.row(parameters, x) for reading in parameters.readings]
     return np.array([row for row, _ in found]), np.array([slope for _, slope in found]).reshape(len(found), x.size)
