@@ -6,7 +6,7 @@ About the solution the estimate is linear in the data and in the prior means,
 
 So its covariance is the sum of what each source contributes (law of propagation, Guide to the Expression of
 Uncertainty in Measurement, 5.1): A N Aᵗ with A = H^-1 Jᵗ/s² from noise N, s² A K Aᵗ from the discrepancy,
-A L Lᵗ Aᵗ from what the laws of causes miss, the like from mesh and basis, H^-1 Rᵗ R H^-1 from readings of other
+A L Lᵗ Aᵗ from errors of the laws of causes, likewise from mesh and basis, H^-1 Rᵗ R H^-1 from readings of other
 instruments, and H^-1 Σ_g^-1 H^-1 from the prior means of the unknowns of group g.
 """
 
@@ -18,8 +18,8 @@ from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.fit import Fit
 from femu_piezo.inference.unknowns import Estimate, MaterialParameters, Unknowns
 
-#: Sources of uncertainty in the order they are listed; "law" is what the approximate laws of causes miss,
-#: "prior" what is believed of free constants and causes.
+#: Sources of uncertainty in the order they are listed; "law" is the errors of the approximate laws of causes, "prior"
+#: the priors of free constants and causes, and the walls of the material.
 SOURCES = (
     *("noise", "readings", "mesh", "discrepancy", "law", "geometry", "density", "held", "instrument"),
     *("temperature", "prior"),
@@ -52,8 +52,8 @@ def budget(fit: Fit) -> dict[str, np.ndarray]:
     if fit.law is not None and fit.law.size:
         parts["law"] = np.sum((fit.gain @ fit.law) ** 2, axis=1)
     for source, columns in groups(fit.parameters).items():
-        own = inverse[:, columns] / fit.parameters.prior_std[columns]
-        parts[source] = parts.get(source, 0.0) + np.sum(own**2, axis=1)
+        moves = inverse[:, columns] / fit.parameters.prior_std[columns]
+        parts[source] = parts.get(source, 0.0) + np.sum(moves**2, axis=1)
     further = (inverse @ fit.prior_rows[fit.x.size :].T) ** 2
     wall, read = np.split(further, [further.shape[1] - len(fit.parameters.readings)], axis=1)
     parts["prior"] = parts["prior"] + np.sum(wall, axis=1)
@@ -63,7 +63,7 @@ def budget(fit: Fit) -> dict[str, np.ndarray]:
 
 
 def groups(parameters: Unknowns) -> dict[str, np.ndarray]:
-    """Source → (m,) places in x of the unknowns whose prior means it is about."""
+    """Source → (m,) places in x of the unknowns whose prior means are this source."""
     found: dict[str, list[int]] = {"prior": list(range(parameters.of_material))}
     for number, effect in enumerate(parameters.effects):
         source = "prior" if effect.key in parameters.candidates else source_of(effect)

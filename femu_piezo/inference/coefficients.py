@@ -1,4 +1,4 @@
-"""What multiplies the projected matrices at given unknowns: values and tangents over frequency."""
+"""Coefficients of the projected matrices at given unknowns: values and tangents over frequency."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from femu_piezo.material.constants import PiezoConstants
 
 @dataclass(frozen=True)
 class Active:
-    """One effect in the evaluation: its values, and where its slopes go (None for fixed values)."""
+    """An effect with its values (n,), SI, and the columns of x that are its parameters (None where they are fixed)."""
 
     effect: Effect
     values: np.ndarray
@@ -35,7 +35,7 @@ def active_effects(parameters: Unknowns, x: np.ndarray) -> list[Active]:
 
 
 def effects_on_constants(parameters: Unknowns, x: np.ndarray) -> list[Active]:
-    """Those of them at x (n_x,) that change the constants alike at all frequencies."""
+    """The active effects at x (n_x,) that change the constants alike at all frequencies, in the order they act."""
     fixed = [item for item in parameters.fixed if item[0].on_constants]
     return _in_order(parameters, x, fixed, parameters.on_constants)
 
@@ -45,14 +45,14 @@ def _in_order(
 ) -> list[Active]:
     found = [Active(effect, values, None) for effect, values in fixed]
     for number in fitted:
-        effect, own = parameters.effects[number], parameters.columns(number)
-        found.append(Active(effect, x[own] * effect.scale, own))
+        effect, columns = parameters.effects[number], parameters.columns(number)
+        found.append(Active(effect, x[columns] * effect.scale, columns))
     return sorted(found, key=lambda item: item.effect.place)
 
 
 @dataclass(frozen=True)
 class Coefficients:
-    """Projected matrices with what multiplies them at k frequencies, for n_x unknowns.
+    """Projected matrices with their coefficients at k frequencies, and tangents in n_x unknowns.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class _Sum:
 def collect(
     model: ExtendedModel, parameters: Unknowns, x: np.ndarray, active: list[Active], omega: np.ndarray
 ) -> Coefficients:
-    """Everything that multiplies the matrices of a model at the unknowns x (n_x,) and frequencies (k,) rad/s."""
+    """The matrices of a model with their coefficients at the unknowns x (n_x,) and frequencies (k,) rad/s."""
     e_form, e_tangents = e_form_constants(parameters, x, active, omega)
     factors, factor_tangents = _stretch(active, x.size)
     stretched = bool(np.any(factors != 1) or np.any(factor_tangents))
@@ -130,10 +130,10 @@ def _stretch(active: list[Active], unknowns: int) -> tuple[np.ndarray, np.ndarra
     factors, tangents = np.ones(3), np.zeros((3, unknowns))
     for item in active:
         if item.effect.stretch is not None:
-            own, slopes = item.effect.stretch(item.values)
-            tangents *= own[:, None]
+            change, slopes = item.effect.stretch(item.values)
+            tangents *= change[:, None]
             item.put(tangents, slopes * factors[:, None])
-            factors = factors * own
+            factors = factors * change
     return factors, tangents
 
 
@@ -142,10 +142,10 @@ def _density(active: list[Active], unknowns: int) -> tuple[float, np.ndarray]:
     factor, tangent = 1.0, np.zeros(unknowns)
     for item in active:
         if item.effect.density is not None:
-            own, slopes = item.effect.density(item.values)
-            tangent *= own
+            change, slopes = item.effect.density(item.values)
+            tangent *= change
             item.put(tangent, slopes * factor)
-            factor *= own
+            factor *= change
     return factor, tangent
 
 
@@ -163,7 +163,7 @@ def _extra_terms(model: ExtendedModel, item: Active, omega: np.ndarray) -> list[
 
 
 def even_constants(parameters: Unknowns, x: np.ndarray, active: list[Active]) -> PiezoConstants:
-    """The constants at x (n_x,) where effects that act alike at all frequencies leave them."""
+    """The constants at x (n_x,) after the effects `active`, which act alike at all frequencies."""
     theta = parameters.material.vector(x[: parameters.of_material])[None]
     still = [Active(item.effect, item.values, None) for item in active]
     return PiezoConstants.from_vector(_changed(theta, np.zeros((1, 10, 0), dtype=complex), np.ones(1), still)[0][0])
@@ -174,17 +174,17 @@ def d_form_constants(
 ) -> tuple[np.ndarray, np.ndarray]:
     """d-form constants (k, 10) at each frequency, and their tangents (k, 10, n_x)."""
     material = parameters.material
-    own = x[: parameters.of_material]
-    theta = np.tile(material.vector(own), (omega.size, 1))
+    of_material = x[: parameters.of_material]
+    theta = np.tile(material.vector(of_material), (omega.size, 1))
     tangents = np.zeros((omega.size, 10, x.size), dtype=complex)
-    tangents[:, :, : own.size] = material.free.directions @ material.slopes(own)
+    tangents[:, :, : of_material.size] = material.free.directions @ material.slopes(of_material)
     return _changed(theta, tangents, omega, active)
 
 
 def _changed(
     theta: np.ndarray, tangents: np.ndarray, omega: np.ndarray, active: Iterable[Active]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Constants (k, 10) and tangents (k, 10, n_x) as the effects leave them, factors side by side taken together."""
+    """Constants (k, 10) and tangents (k, 10, n_x) after all effects; factors in sequence are applied together."""
     acting = ((item, hook) for item in active if (hook := item.effect.constants) is not None)
     for _, group in groupby(acting, lambda pair: isinstance(pair[1], ConstantFactor)):
         pairs = list(group)
@@ -201,10 +201,10 @@ def _changed(
 def _multiplied(
     theta: np.ndarray, tangents: np.ndarray, factors: list[tuple[Active, int]]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same by factors, each with the number of its constant."""
-    several, which = [item for item, _ in factors], np.array([index for _, index in factors])
-    theta, tangents, slopes = multiplied(theta, tangents, which, np.array([item.values for item in several]))
-    for number, item in enumerate(several):
+    """Constants (k, 10) and tangents (k, 10, n_x) after factors, each given with the number of its constant."""
+    items, which = [item for item, _ in factors], np.array([index for _, index in factors])
+    theta, tangents, slopes = multiplied(theta, tangents, which, np.array([item.values for item in items]))
+    for number, item in enumerate(items):
         if item.columns is not None:
             tangents[:, which[number], item.columns] += slopes[:, number] * item.effect.scale
     return theta, tangents

@@ -1,21 +1,21 @@
-"""Where a sweep tells most: frequencies chosen one after another by what they add (greedy D-optimal design).
+"""The most informative frequencies of a sweep, chosen one after another by what each adds (greedy D-optimal design).
 
-About the expected values the model is linear. With C the covariance so far, S the unknowns that are asked for and J the
-two whitened rows of a frequency, its Gaussian information about S, everything else marginalised, is
+The model is linearised about the expected values. With C the covariance so far, S the unknowns of interest and J the
+two whitened rows of a frequency, the Gaussian information of that frequency about S, all else marginalised, is
 
     I = ½ ln det(1 + J C Jᵗ) − ½ ln det(1 + J C' Jᵗ),    C' = C − C[:, S] C[S, S]^-1 C[S, :],
 
 C' being the covariance if S were known (Chaloner, Verdinelli, Statist. Sci. 10 (1995) 273, for D_S-optimality). The
-frequency that tells most is taken, C follows, and so on. Nuisance unknowns, such as the gain of an instrument, get
-points only as far as they stand in the way of S.
+frequency of the largest I is taken, C is updated with its rows, and so on. Nuisance unknowns, such as the gain of an
+instrument, get points only as far as they limit what is known of S.
 
-Two explanations of the same data are told apart where one misses what the other predicts, all its unknowns fitted
-again (T-optimality: Atkinson, Fedorov, Biometrika 62 (1975) 57). With e what it misses at some frequencies before the
-refit, its misfit after it is
+Two explanations of the same data are told apart where one misses what the other predicts even after all its unknowns
+are fitted again (T-optimality: Atkinson, Fedorov, Biometrika 62 (1975) 57). With e the whitened difference of the two
+predictions at some frequencies before this refit, the misfit after it is
 
     χ² = eᵗ (1 + J C Jᵗ)^-1 e,
 
-half of it the log odds that these frequencies are expected to bring.
+and χ²/2 is the log odds that these frequencies are expected to bring.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ def information(rows: np.ndarray, covariance: np.ndarray, wanted: np.ndarray) ->
     ----------
     rows : (k, 2, n) whitened Jacobian, real and imaginary part of each frequency
     covariance : (n, n) so far
-    wanted : (m,) columns of the unknowns that are asked for
+    wanted : (m,) columns of the unknowns of interest
     """
     to_wanted = covariance[:, wanted]
-    left = covariance - to_wanted @ np.linalg.solve(covariance[np.ix_(wanted, wanted)], to_wanted.T)
-    return 0.5 * (_log_det(rows, covariance) - _log_det(rows, left))
+    given_wanted = covariance - to_wanted @ np.linalg.solve(covariance[np.ix_(wanted, wanted)], to_wanted.T)
+    return 0.5 * (_log_det(rows, covariance) - _log_det(rows, given_wanted))
 
 
 def _log_det(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -59,7 +59,7 @@ def observed(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def chosen(rows: np.ndarray, covariance: np.ndarray, wanted: np.ndarray, count: int) -> list[int]:
-    """Numbers of `count` frequencies, each once, in the order in which they tell most.
+    """Numbers of the `count` most informative frequencies, each once, the most informative first.
 
     Parameters
     ----------
@@ -76,16 +76,16 @@ def chosen(rows: np.ndarray, covariance: np.ndarray, wanted: np.ndarray, count: 
 
 
 def missed(rows: np.ndarray, covariance: np.ndarray, error: np.ndarray) -> float:
-    """χ² of whitened errors (m,) that a refit of the unknowns leaves, with rows (m, n) of slopes."""
+    """χ² of whitened errors e (m,) after a refit of unknowns of covariance C (n, n) by their slopes J (m, n)."""
     moved = rows.T @ error
-    left = np.linalg.solve(np.eye(moved.size) + covariance @ (rows.T @ rows), covariance @ moved)
-    return float(error @ error - moved @ left)
+    moves = np.linalg.solve(np.eye(moved.size) + covariance @ (rows.T @ rows), covariance @ moved)
+    return float(error @ error - moved @ moves)
 
 
 def telling_apart(explanations: Sequence[Explanation], apart: np.ndarray, count: int) -> list[int]:
     """Numbers of `count` frequencies, each once, in the order in which they tell two explanations apart.
 
-    Each is taken where χ² grows most, the mean of what either explanation misses if the other one holds.
+    Each is the one at which χ² grows most, the mean of what each explanation misses if the other holds.
 
     Parameters
     ----------
@@ -97,18 +97,18 @@ def telling_apart(explanations: Sequence[Explanation], apart: np.ndarray, count:
     free, found = np.ones(len(apart), dtype=bool), []
     for _ in range(min(count, len(apart))):
         gains = sum(_missed_each(*one) for one in zip(rows, covariances, errors, strict=True))
-        best = int(np.argmax(np.where(free, gains, -np.inf)))
-        found.append(best)
-        free[best] = False
-        for number, (own, covariance, error) in enumerate(zip(rows, covariances, errors, strict=True)):
-            gain = covariance @ own[best].T
-            move = gain @ np.linalg.solve(np.eye(2) + own[best] @ gain, error[best])
-            errors[number] = error - own @ move
-            covariances[number] = observed(covariance, own[best])
+        place = int(np.argmax(np.where(free, gains, -np.inf)))
+        found.append(place)
+        free[place] = False
+        for number, (slopes, covariance, error) in enumerate(zip(rows, covariances, errors, strict=True)):
+            gain = covariance @ slopes[place].T
+            move = gain @ np.linalg.solve(np.eye(2) + slopes[place] @ gain, error[place])
+            errors[number] = error - slopes @ move
+            covariances[number] = observed(covariance, slopes[place])
     return found
 
 
 def _missed_each(rows: np.ndarray, covariance: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """χ² (k,) of each frequency (k, 2) alone."""
+    """χ² (k,) after a refit to each frequency alone: rows (k, 2, n), covariance (n, n), errors (k, 2)."""
     spread = np.eye(2) + rows @ covariance @ rows.transpose(0, 2, 1)
     return np.einsum("ka,ka->k", error, np.linalg.solve(spread, error[..., None])[..., 0])

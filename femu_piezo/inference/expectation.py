@@ -1,14 +1,14 @@
-"""The deviations that a sweep would leave, before it is measured, and what is gained where a tolerance is smaller.
+"""Standard deviations expected of a sweep before it is measured, and what a smaller tolerance would gain.
 
-About the values that are expected the model is taken as linear (law of propagation, Guide to the Expression of
-Uncertainty in Measurement, 5.1): with J the Jacobian of the data whitened by noise, R that of the readings over their
-deviations, and Σ the priors,
+The model is linearised about the expected values (law of propagation, Guide to the Expression of Uncertainty in
+Measurement, 5.1): with J the Jacobian of the data whitened by noise, R that of the readings over their deviations, and
+Σ the prior covariance,
 
     H = Jᵗ J + Rᵗ R + Σ^-1,    covariance = H^-1 = H^-1 Jᵗ J H^-1 + H^-1 Rᵗ R H^-1 + Σ_g H^-1 Σ_g^-1 H^-1
 
 that is noise, readings, and every group g of tolerances, as in `femu_piezo.inference.budget`. A smaller tolerance is a
-smaller prior deviation: H^-1 anew, so that a piece that is known better is also held to it better. What only data can
-tell, a discrepancy, an error of the mesh, is not in it.
+smaller prior deviation, for which H^-1 is computed again: the better known quantity also weighs more in the fit. What
+only data can tell, a discrepancy or an error of the mesh, is not included.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from femu_piezo.inference.budget import SOURCES, groups
 from femu_piezo.inference.fit import precision_inverse
 from femu_piezo.inference.unknowns import Unknowns
 
-#: Share of a tolerance at which what it is about counts as exactly known.
+#: Share of a tolerance at which its quantity counts as exactly known.
 EXACT = 1e-6
 
 

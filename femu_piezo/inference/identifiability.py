@@ -13,7 +13,7 @@ import numpy as np
 
 #: Relative standard deviations of a real part that count as determined well, and at all.
 WELL, AT_ALL = 0.01, 0.05
-#: The same for a loss tangent, absolute.
+#: Absolute standard deviations of a loss tangent that count so.
 TANGENT_WELL, TANGENT_AT_ALL = 0.002, 0.01
 #: Singular values below this share of the largest count as zero.
 _ZERO = 1e-15

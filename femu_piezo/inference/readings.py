@@ -1,13 +1,13 @@
 """Readings of other instruments as data of a fit: mass, capacitance at 1 kHz, d33, sound velocity along the poling.
 
-    row = (predicted(x) − value)/std,    one beside the rows of the priors, with its exact slopes in the unknowns
+    row = (predicted(x) − value)/std,    a row of the residual for each reading, with exact slopes in the unknowns
 
-    mass            ρV of the body as stretched and as dense as it is, films and a spot of mass on it included
+    mass            ρV of the body with its stretches and its density, films and a point mass on it included
     capacitance     ε33T A/t of a body with a uniform field, at 1 kHz with laws over frequency, gaps and electrodes
     d33             Re d33, far below any relaxation
-    sound_velocity  √(c33D/ρ) of a wave along the poling that is wide against the wavelength, c33D = c33E + e33²/ε33S
+    sound_velocity  √(c33D/ρ) of a wave along the poling, far wider than its wavelength, c33D = c33E + e33²/ε33S
 
-They are of the specimen alone: what a fixture adds to a sweep is not in them.
+Readings concern the specimen alone: effects of a fixture on a sweep are not in them.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ class Reading:
 
     Attributes
     ----------
-    name : of the key in `[readings]`;  value, std : SI
-    specimen : as effects name it; "" where there is one alone
+    name : its key in `[readings]`;  value, std : SI
+    specimen : its name as in `Effect.specimen`; "" where there is only one
     density, volume, area, gap : of the body as the file says, SI;  normal : axis of the electrodes' normal
     """
 
@@ -54,8 +54,8 @@ class Reading:
 
     def row(self, parameters: Unknowns, x: np.ndarray) -> tuple[float, np.ndarray]:
         """(predicted − value)/std at the unknowns x (n_x,), and its slopes (n_x,)."""
-        own, columns = Share((self.specimen,)).of(parameters)
-        predicted, slopes = self._predicted(own, x[columns])
+        unknowns, columns = Share((self.specimen,)).of(parameters)
+        predicted, slopes = self._predicted(unknowns, x[columns])
         found = np.zeros(x.size)
         found[columns] = slopes / self.std
         return (predicted - self.value) / self.std, found
@@ -79,7 +79,7 @@ class Reading:
         return found, slopes
 
     def _added_mass(self, item: Active) -> tuple[float, np.ndarray]:
-        """Of films on both electrodes and of a spot, kg, and its slopes in the parameters of the effect."""
+        """Mass that films on both electrodes or a spot add, kg, and its slopes (n,) in parameters of the effect."""
         own, p = np.zeros(item.values.size), item.values
         match item.effect.name:
             case "electrode_mass":
@@ -122,34 +122,34 @@ class Reading:
 
 
 def _plain(active: list[Active]) -> list[Active]:
-    """Those without laws over frequency, which hold in the sweep."""
+    """Effects without laws over frequency, since these hold in the band of the sweep alone."""
     return [item for item in active if not item.effect.dispersive]
 
 
 def _scaled(active: list[Active], unknowns: int, powers: np.ndarray, density: int) -> tuple[float, np.ndarray]:
-    """Product of the factors on the dimensions to given powers (3,) and on the density, and its logarithmic slopes.
+    """Product of the factors on the dimensions to powers (3,) and on the density to `density`, 0 or 1; its log slopes.
 
-    A body that is reshaped has its electrodes on the faces along z; x and y have the same power there.
+    A reshaped body has its electrodes normal to z, so that x and y have the same power.
     """
     found, slopes = 1.0, np.zeros(unknowns)
     for item in active:
         if item.effect.stretch is not None:
-            factors, own = item.effect.stretch(item.values)
+            factors, rates = item.effect.stretch(item.values)
             found *= float(np.prod(factors**powers))
-            item.put(slopes, (powers / factors) @ own)
+            item.put(slopes, (powers / factors) @ rates)
         if powers[0] and item.effect.reshaping is not None:  # the outline, and the electrodes with it
             factor, slope = item.effect.reshaping.volume(item.values[0])
             found *= factor
             item.put(slopes, np.array([slope / factor]))
         if density and item.effect.density is not None:
-            factor, own = item.effect.density(item.values)
+            factor, rates = item.effect.density(item.values)
             found *= factor
-            item.put(slopes, own / factor)
+            item.put(slopes, rates / factor)
     return found, slopes
 
 
 def read_beside(fit: Fit) -> dict[str, dict[str, float | str]]:
-    """Every reading of a fit as in its record: value, std and what the fit says, SI, and the difference in σ."""
+    """Reading → its record: value, std, unit and fitted value, SI, and the difference of the values over std."""
     found: dict[str, dict[str, float | str]] = {}
     for reading in fit.parameters.readings:
         sigma = reading.row(fit.parameters, fit.x)[0]
@@ -165,7 +165,7 @@ def read_beside(fit: Fit) -> dict[str, dict[str, float | str]]:
 
 
 def reading_words(fit: Fit | None) -> Sequence[str]:
-    """A line for each reading: what it was, what the fit says, and by how many of its deviations it differs."""
+    """A line for each reading: its value, the fitted value, and their difference over the standard deviation."""
     rows = read_beside(fit) if fit is not None else {}
     return [
         f"reading: {name} {one['value']:.5g} ± {one['std']:.2g} {one['unit']}, fitted {one['fitted']:.5g} "

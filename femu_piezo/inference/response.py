@@ -1,8 +1,8 @@
 """Z and exact ∂Z/∂x of a specimen with effects, x = (material unknowns, effect parameters over their scales).
 
-Where no coefficient depends on ω the closed modal forms hold, an extra inertia going into the mass before the
-diagonalisation. Else the reduced system is solved at every frequency, a large one on the states at a few of them; with
-x(ω) the state driven by one volt the charge is stationary, so ∂(Q/V)/∂x_i = −xᵗ (∂A/∂x_i) x.
+Where no coefficient depends on ω the closed modal forms hold, an extra inertia being part of the diagonalised mass.
+Else the reduced system is solved at every frequency, a large one after projection on its states at a few of them. The
+charge is stationary in the state x(ω) driven by one volt, so ∂(Q/V)/∂x_i = −xᵗ (∂A/∂x_i) x.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from femu_piezo.threads import blas_limit, made_once
 _NODES = 14
 #: Frequencies solved at once.
 _BATCH = 64
-#: Number of frequencies whose states a system is projected on where it has more displacements than that.
+#: Number of frequencies on whose states a system is projected where it has more displacements than that.
 _SAMPLES = 32
-#: Modes up to this multiple of the end of the sweep in ω² are taken one by one; nodes that carry all others.
+#: Modes up to this multiple of the end of the sweep in ω² are summed one by one; number of nodes for the others.
 _NEAR, _SMOOTH = 2.0, 10
-#: Share of the largest amplitude below which the state at the resonance of a mode is left out of slopes.
+#: Share of the largest amplitude at resonance below which a mode is left out of slopes.
 _FAINT = 1e-6
-#: Share of the largest singular value of those states below which a direction is left out.
+#: Share of the largest singular value of the states at `_SAMPLES` frequencies below which a direction is left out.
 _NEGLIGIBLE = 1e-10
 
 
@@ -50,30 +50,30 @@ class Evaluation:
     omega: np.ndarray
 
     def at(self, factor: float) -> Evaluation:
-        """The same at frequencies larger by a factor."""
+        """This specimen at frequencies multiplied by a factor."""
         return replace(self, omega=self.omega * factor)
 
     def impedance(self, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
         """Z (k,), ohm."""
-        return self._reached(parameters, x, active_effects(parameters, x), 0)[0]
+        return self._evaluated(parameters, x, active_effects(parameters, x), 0)[0]
 
     def with_jacobian(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Z (k,) and ∂Z/∂x (k, n_x), ohm."""
-        return self._reached(parameters, x, active_effects(parameters, x), self.omega.size)
+        return self._evaluated(parameters, x, active_effects(parameters, x), self.omega.size)
 
-    def _reached(
+    def _evaluated(
         self, parameters: Unknowns, x: np.ndarray, active: list[Active], wanted: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Z (k,) and its tangents (wanted, n_x) at the first frequencies, with the effects of a list in its order."""
+        """Z (k,), and its tangents (wanted, n_x) at the first `wanted` frequencies, the effects acting in order."""
         last = max((n for n, item in enumerate(active) if item.effect.acquisition is not None), default=None)
         acquisition = None if last is None else active[last].effect.acquisition
         if last is None or acquisition is None:
             return self._through_circuits(active, *self._body(parameters, x, active, wanted))
 
         def inside(omega: np.ndarray, *beside: tuple[Effect, np.ndarray], slopes: int | None = None):
-            own = [*active[:last], *(Active(effect, values, None) for effect, values in beside)]
-            own = sorted(own, key=lambda item: item.effect.place)
-            return replace(self, omega=omega)._reached(parameters, x, own, omega.size if slopes is None else slopes)
+            inner = [*active[:last], *(Active(effect, values, None) for effect, values in beside)]
+            inner = sorted(inner, key=lambda item: item.effect.place)
+            return replace(self, omega=omega)._evaluated(parameters, x, inner, omega.size if slopes is None else slopes)
 
         item = active[last]
         z, tangents, own = acquisition(inside, self.omega, item.values)
@@ -95,7 +95,7 @@ class Evaluation:
         return 1 / y, -slopes / y[:wanted, None] ** 2
 
     def modal(self, parameters: Unknowns, x: np.ndarray) -> ModalModel:
-        """Closed forms of the body at x (n_x,), circuits apart; laws over frequency as in the middle of the sweep."""
+        """Closed forms of the body at x (n_x,) without circuits; laws over frequency as in the middle of the sweep."""
         active = active_effects(parameters, x)
         model = self.model.restricted([name for item in active for name in item.effect.sectors])
         middle = self.omega[[self.omega.size // 2]]
@@ -113,7 +113,7 @@ class Evaluation:
         return impedance
 
     def _through_circuits(self, active: list[Active], z: np.ndarray, tangents: np.ndarray):
-        """Z (k,) and its tangents (m, n) at the terminals, of those of the body."""
+        """Z (k,) and its tangents (m, n), at the first m frequencies, at the terminals, from those of the body."""
         wanted = len(tangents)
         for item in active:
             if item.effect.circuit is not None:
@@ -123,7 +123,7 @@ class Evaluation:
         return z, tangents
 
     def slopes_at_sites(self, parameters: Unknowns, x: np.ndarray, effect: Effect) -> np.ndarray:
-        """∂Z/∂(sizes) (k, m, s) at size zero, an effect at each of its m sites, on top of those at x; ohm per SI unit.
+        """∂Z/∂(sizes) (k, m, s) at size zero of an effect at each of its m sites, added to those at x; ohm per SI unit.
 
         Where coefficients depend on ω, those at the middle of the sweep are taken: this serves to find starts.
         """
@@ -144,7 +144,7 @@ class Evaluation:
 
 
 def placed(effect: Effect) -> tuple[np.ndarray, LocalHook]:
-    """(m, n) sites of an effect at a place, and its terms at the onset; ValueError where it has no place."""
+    """(m, n) sites of an effect at a place, and its terms near size zero; ValueError where it has no place."""
     onset = effect.local if effect.onset is None else effect.onset
     if effect.sites is None or onset is None:
         raise ValueError(f"{effect.name} has no place")
@@ -152,26 +152,26 @@ def placed(effect: Effect) -> tuple[np.ndarray, LocalHook]:
 
 
 def _frozen(active: list[Active]) -> list[Active]:
-    """The same without slopes in their parameters."""
+    """Active effects without slopes in their parameters."""
     return [replace(item, columns=None) for item in active]
 
 
 def _site_slopes(model, effect: Effect, site: np.ndarray, omega, span, e_form) -> np.ndarray:
-    """xᵗ (∂A/∂size) x (s, k) by every size with the driven states x = basis · weights, the two of `span`."""
+    """xᵗ (∂A/∂size) x (s, k) for every size at a site, with driven states x = basis · weights, `span` holding both."""
     basis, weights = span
     at = site.copy()
     at[effect.sizes] = 0.0
     terms = placed(effect)[1](model.places, omega, at)
     total = np.zeros((effect.sizes.size, omega.size), dtype=complex)
-    for own, size in zip(total, effect.sizes, strict=True):
+    for row, size in zip(total, effect.sizes, strict=True):
         for kind, matrix, slope in _gathered(terms, e_form, int(size)):
-            along = _along(matrix[None], np.ones((1, 1)), basis[: len(matrix)], weights)[:, 0]
-            own += (-(omega**2) if kind == "inertia" else 1.0) * slope * along
+            along = _quadratic_tangents(matrix[None], np.ones((1, 1)), basis[: len(matrix)], weights)[:, 0]
+            row += (-(omega**2) if kind == "inertia" else 1.0) * slope * along
     return total
 
 
 def _gathered(terms: Sequence[LocalTerm], e_form: np.ndarray, size: int) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Kind, matrix (r, r) and slope by a size (k,) or (1,) of terms; those of one slope everywhere as one matrix."""
+    """Kind, matrix (r, r), and slope (k,) or (1,) in a size, of terms; those with slopes even in ω summed by kind."""
     even: dict[str, np.ndarray] = {}
     found = []
     for term in terms:
@@ -193,10 +193,12 @@ def _closed(model: ExtendedModel, omega: np.ndarray, c: Coefficients, wanted: in
         return y, np.zeros((0, c.stiffness_tangents.shape[2]), dtype=complex)
     basis, weights = _driven_span(modal, omega)
     stiff = np.flatnonzero(np.any(c.stiffness_tangents[0] != 0, axis=1))
-    move = _along(c.terms[stiff], c.stiffness_tangents[0, stiff], basis, weights)
+    move = _quadratic_tangents(c.terms[stiff], c.stiffness_tangents[0, stiff], basis, weights)
     moving = np.flatnonzero(np.any(c.inertia_tangents[0] != 0, axis=0))
     if moving.size:
-        heavy = _along(np.array(c.masses), c.inertia_tangents[0][:, moving], basis[: model.displacements], weights)
+        heavy = _quadratic_tangents(
+            np.array(c.masses), c.inertia_tangents[0][:, moving], basis[: model.displacements], weights
+        )
         move[:, moving] -= omega[:, None] ** 2 * heavy
     return y, -1j * (omega * model.admittance_factor)[:, None] * move
 
@@ -208,10 +210,10 @@ def _driven_span(modal: ModalModel, omega: np.ndarray) -> tuple[np.ndarray, np.n
     interpolated between Chebyshev nodes, to about (3 + √8)^-nodes.
     """
     squares = omega**2
-    top, at, smooth = _smooth(np.ascontiguousarray(omega).tobytes(), omega.dtype)
-    near, own = np.abs(modal.eigenvalues) < _NEAR * top, np.abs(modal.charges)
-    # at its own resonance a mode has the amplitude g_n/Im λ_n; without loss all are kept
-    height = own / np.maximum(np.abs(modal.eigenvalues.imag), _FAINT * np.abs(modal.eigenvalues))
+    top, at, smooth = _smooth_nodes(np.ascontiguousarray(omega).tobytes(), omega.dtype)
+    near, strength = np.abs(modal.eigenvalues) < _NEAR * top, np.abs(modal.charges)
+    # at resonance a mode has the amplitude g_n/Im λ_n; without loss all are kept
+    height = strength / np.maximum(np.abs(modal.eigenvalues.imag), _FAINT * np.abs(modal.eigenvalues))
     bright = near & (height > _FAINT * height[near].max(initial=0.0))
     far = modal.states[:, 1:][:, ~near] @ (modal.charges[~near, None] / (modal.eigenvalues[~near, None] - at))
     basis = np.hstack([modal.states[:, :1], modal.states[:, 1:][:, bright], far])
@@ -226,15 +228,15 @@ def _driven_span(modal: ModalModel, omega: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 @lru_cache(maxsize=8)
-def _smooth(omegas: bytes, dtype: np.dtype) -> tuple[float, np.ndarray, np.ndarray]:
-    """End of a sweep in ω², nodes in ω² up to there, and the weights (k, nodes) that interpolate between them; kept."""
+def _smooth_nodes(omegas: bytes, dtype: np.dtype) -> tuple[float, np.ndarray, np.ndarray]:
+    """End of a sweep in ω², nodes in ω² up to it, and the weights (k, nodes) that interpolate between nodes; kept."""
     omega = np.frombuffer(omegas, dtype)
     top = float(np.max(np.abs(omega)) ** 2)
     at = top / 2 * (1 + np.cos(np.pi * (np.arange(_SMOOTH) + 0.5) / _SMOOTH))
     return top, at, BarycentricInterpolator(at, np.eye(_SMOOTH), rng=0)(omega**2)
 
 
-def _along(terms: np.ndarray, tangents: np.ndarray, basis: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def _quadratic_tangents(terms: np.ndarray, tangents: np.ndarray, basis: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """xᵗ (Σ_t tangents[t, i] A_t) x (k, n) of states x = basis · weights, for real symmetric A (n_terms, r, r)."""
     wanted, size = tangents.shape[1], basis.shape[1]
     if not len(terms):
@@ -243,27 +245,27 @@ def _along(terms: np.ndarray, tangents: np.ndarray, basis: np.ndarray, weights: 
         terms = np.tensordot(np.vstack([tangents.real.T, tangents.imag.T]), terms, axes=1)
         tangents = np.vstack([np.eye(wanted), 1j * np.eye(wanted)])
     both = np.hstack([basis.real, basis.imag])
-    among = both.T @ (terms.reshape(-1, len(both)) @ both).reshape(len(terms), len(both), 2 * size)
-    small = among[:, :size, :size] - among[:, size:, size:] + 1j * (among[:, :size, size:] + among[:, size:, :size])
+    full = both.T @ (terms.reshape(-1, len(both)) @ both).reshape(len(terms), len(both), 2 * size)
+    small = full[:, :size, :size] - full[:, size:, size:] + 1j * (full[:, :size, size:] + full[:, size:, :size])
     if wanted < len(terms):
         small, tangents = np.tensordot(tangents.T, small, axes=1), np.eye(wanted)
     first, second = np.triu_indices(size)  # wᵗ S w of symmetric S from its upper triangle
     packed = small[:, first, second].T * np.where(first == second, 1.0, 2.0)[:, None]
     found = np.empty((len(weights), len(small)), dtype=complex)
-    for rows in range(0, len(weights), _BATCH):  # what is between two products of a batch stays near the processor
-        own = weights[rows : rows + _BATCH]
-        found[rows : rows + _BATCH] = (own[:, first] * own[:, second]) @ packed
+    for rows in range(0, len(weights), _BATCH):  # batches keep intermediate arrays in the cache
+        batch = weights[rows : rows + _BATCH]
+        found[rows : rows + _BATCH] = (batch[:, first] * batch[:, second]) @ packed
     return found @ tangents
 
 
 def _modal(model: ExtendedModel, c: Coefficients) -> ModalModel:
     """Closed forms with the mass D = Σ m_j M_j: displacements u = T w, TᵗDT = 1; coefficients (1, …).
 
-    The latest are kept: what acts outside the body, or not yet, asks for the same ones again and again. A trial step
+    The latest are kept: evaluations that differ in circuits, or in effects at rest, need the same ones. A trial step
     may make D indefinite (each effect keeps to its bounds, their sum need not be a mass): T is complex then, and the
     same forms hold.
     """
-    stiffness = _acting(c.stiffness[0], c.terms)
+    stiffness = _weighted_sum(c.stiffness[0], c.terms)
     mass, further = c.inertia[0, 0].real, np.flatnonzero(c.inertia[0, 1:]) + 1
     if further.size:
         mass = sum((c.inertia[0, index].real * c.masses[index] for index in further), mass * c.masses[0])
@@ -272,15 +274,15 @@ def _modal(model: ExtendedModel, c: Coefficients) -> ModalModel:
     return replace(modal, terms=c.terms)
 
 
-def _acting(values: np.ndarray, matrices: np.ndarray) -> np.ndarray:
-    """Σ values[q] matrices[q], equal bits whatever matrices of value 0 stand among them."""
+def _weighted_sum(values: np.ndarray, matrices: np.ndarray) -> np.ndarray:
+    """Σ values[q] matrices[q]; matrices of value 0 do not change a bit of it."""
     acting = np.flatnonzero(values)
     few = acting.size < len(values)
     return np.tensordot(values[acting] if few else values, matrices[acting] if few else matrices, axes=1)
 
 
 def _diagonalised(model: ExtendedModel, stiffness: np.ndarray, mass: float | np.ndarray) -> ModalModel:
-    """Closed forms of a stiffness (r, r) and a mass (u, u), or a multiple of the identity; without the terms."""
+    """Closed forms, without terms, of a stiffness (r, r) and a mass (u, u), or a number times the identity."""
     u, factor, terms = model.displacements, model.admittance_factor, np.empty((0, *stiffness.shape))
     if np.ndim(mass) == 0:
         scale = np.ones(model.size)
@@ -347,9 +349,9 @@ class _System:
         return state, -np.einsum("ki,ki->k", matrix[:, -1, :], state)
 
     def on_states_of(self, sweep: np.ndarray, samples: np.ndarray) -> _System:
-        """The system on the displacements and inner potentials at some frequencies: there Y and its slope are exact.
+        """The system on its displacements and inner potentials at some frequencies; there Y and its slope are exact.
 
-        Between them it follows as rational functions of that degree do.
+        Between these, Y is that of a rational interpolant of that degree.
         """
         u, found = self.displacements, self.states(sweep, samples)[0]
         moved, inner = _directions(found[:, :u]), _directions(found[:, u:-1])
@@ -377,8 +379,8 @@ def _quadratic(terms: np.ndarray, states: np.ndarray) -> np.ndarray:
     parts, count = np.concatenate([states.real, states.imag]), len(states)
     images = parts @ terms  # (n_terms, 2k, r)
     real, imag = images[:, :count], images[:, count:]
-    own, crossed = np.einsum("tkr,kr->kt", real, parts[:count]), np.einsum("tkr,kr->kt", real, parts[count:])
-    return own - np.einsum("tkr,kr->kt", imag, parts[count:]) + 2j * crossed
+    squares, crossed = np.einsum("tkr,kr->kt", real, parts[:count]), np.einsum("tkr,kr->kt", real, parts[count:])
+    return squares - np.einsum("tkr,kr->kt", imag, parts[count:]) + 2j * crossed
 
 
 def _interpolated(along: np.ndarray, weights: np.ndarray, tangents: np.ndarray) -> np.ndarray:

@@ -1,14 +1,15 @@
-"""Samples of a posterior whose Gaussian about the best point is not to be trusted, by fits of data drawn anew.
+"""Samples of a posterior that is not Gaussian about its maximum, each of them a fit to perturbed data.
 
-Every sample is the solution for data and prior means that are moved by draws of what they are uncertain by,
+Every sample is the solution of a fit whose data and prior means are perturbed by draws of their errors,
 
     x_i = argmin ‖r(x) + δ_i‖²/s² + ‖f(x) + e_i‖²,
 
-r the whitened residual of the data at noise level s, f that of the priors; δ_i is noise, discrepancy and what laws and
-mesh miss, e_i normal (randomised maximum likelihood; Oliver, Reynolds and Liu, Inverse Theory for Petroleum Reservoir
-Characterization and History Matching, 2008, section 10.4). For a linear model these are samples of the posterior; here
-the unknowns lie on narrow curved ridges (a length and a compliance move together a thousand times as far as their
-product may), along which a Markov chain of so many unknowns hardly moves, and a fit does.
+r the whitened residual of the data at the noise level s, f that of priors and readings; δ_i is a draw of noise,
+discrepancy and errors of laws and mesh, e_i is standard normal (randomised maximum likelihood; Oliver, Reynolds and
+Liu, Inverse Theory for Petroleum Reservoir Characterization and History Matching, 2008, section 10.4). For a linear
+model these are samples of the posterior. Here the posterior lies on narrow curved ridges (a length and a compliance
+move together a thousand times as far as their product may), along which a Markov chain of so many unknowns hardly
+moves, whereas a fit does.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.inference.descent import Response
 from femu_piezo.inference.fit import Fit, refitted
 
-#: Samples at least, and share of fits that may fail.
+#: Fewest samples that may be asked for, and the share of the fits that may fail.
 FEWEST, _LOST = 50, 0.05
 
 
@@ -40,7 +41,7 @@ class Samples:
     values: np.ndarray
 
     def of(self, name: str) -> np.ndarray:
-        """(k,) of one unknown."""
+        """(k,) samples of one unknown."""
         return self.values[:, self.names.index(name)]
 
     def interval(self, name: str, level: float = 0.6827) -> tuple[float, float]:
@@ -62,7 +63,7 @@ def sample_posterior(
     Parameters
     ----------
     response : Z of the sweeps at given unknowns, as for the fit
-    progress : called with what is done
+    progress : called with a line on how many samples are done
 
     Raises
     ------
@@ -90,7 +91,7 @@ def sample_posterior(
 
 
 def _drawn(solution: Fit, rng: np.random.Generator) -> np.ndarray:
-    """(2k,) a draw of what moves the whitened data."""
+    """(2k,) a draw of the errors of the whitened data: noise, discrepancy, laws and mesh."""
     noise = rng.standard_normal(solution.residual.size)
     if solution.discrepancy is not None:
         noise = solution.discrepancy.coloured(noise)
@@ -102,7 +103,7 @@ def _drawn(solution: Fit, rng: np.random.Generator) -> np.ndarray:
 
 
 def _pulled(solution: Fit, rng: np.random.Generator) -> np.ndarray:
-    """(m,) a draw for the priors and readings; none for the walls of material, which are no datum."""
+    """(m,) a draw of the errors of priors and readings; 0 for the walls of the material, which are no data."""
     unknowns, readings = solution.x.size, len(solution.parameters.readings)
     pulled = np.zeros(solution.further_residual.size)
     pulled[:unknowns] = rng.standard_normal(unknowns)

@@ -1,11 +1,11 @@
-"""Poles and zeros at the terminals of a specimen with everything that is on, and their exact slopes.
+"""Poles and zeros at the terminals of a specimen with all its effects, and their exact slopes.
 
 Near a pole ω₀ of Y, where Z vanishes, log Z = log(ω − ω₀) + …, so that
 
     ∂ω₀/∂x = −(1/2πi) ∮ ∂log Z/∂x dω
 
-around it, and the negative of that around a zero. On a circle this is a mean, exact to the power of the points in its
-radius over the distance to the next root. So the one Jacobian of Z serves dimensions, density, constants and circuits.
+around it, and the negative of that around a zero. On a circle this is a mean over n points, whose error is of the order
+(radius/distance to the next root)ⁿ. So the Jacobian of Z serves dimensions, density, constants and circuits alike.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.resonances import Kind
 
-#: Newton steps at most, the relative length below which one is rounding, the relative step of the difference quotient,
+#: Most Newton steps, the relative length below which a step is rounding, the relative step of the difference quotient,
 #: and the largest relative move of a root that is believed.
 _STEPS, _SETTLED, _DIFFERENCE, _FAR = 8, 1e-14, 1e-7, 0.05
 #: Points on the circle around a root, and its radius over |ω|.
@@ -29,8 +29,8 @@ _POINTS, _RADIUS = 4, 1e-5
 def terminal_roots(impedance: Callable[[np.ndarray], np.ndarray], kind: Kind, start: np.ndarray) -> np.ndarray:
     """Complex ω (m,) of poles or zeros near starts (m,), rad/s, by Newton; the start where it leads far away.
 
-    Of a body without circuits the starts are the roots, where Z or Y is infinite: the first point lies beside them, and
-    a step that ends on a root to the last bit is the last.
+    Of a body without circuits the starts are the roots, where Y or Z is infinite: so the first points lie a little off
+    them, and at a root that is exact to the last bit, where the step is not finite, it is 0.
 
     impedance : complex ω → Z at the terminals (`Evaluation.terminals`)
     """

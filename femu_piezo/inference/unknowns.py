@@ -1,16 +1,16 @@
 """The unknowns of a fit: free constants, tolerances and effects, each with bounds and a Gaussian prior.
 
-The model holds many numbers, which differ in how well each is known beforehand: a free constant hardly, a held one, a
-dimension, the density, the instrument within a tolerance, a candidate effect within its usual size. All are unknowns
+The numbers of the model are not equally well known beforehand: a free constant hardly at all, a held constant, a
+dimension, the density and the instrument within a tolerance, a candidate effect within its usual size. All are unknowns
 with priors in one vector x (`Unknowns`).
 
-Of the material, the ten d-form constants are an affine function of the free ones,
+The ten d-form constants of the material are an affine function of the free ones,
 
     constants = fixed + directions · θ,
 
-with a unit direction for each free constant of the full anisotropic model, and for the paper's simplification
-the dependent constants moving along (s33 = s13-free copies of s11 and so on). So one class serves both, and the
-derivative of every e-form constant is the chain rule through `PiezoConstants.e_form_jacobian`.
+with a unit direction for each free constant of the full anisotropic model. In the paper's simplification the dependent
+constants move with the free ones (s33 = s11, s44 = 2 (s11 − s12)). So one class serves both models, and the derivatives
+of the e-form constants follow by the chain rule through `PiezoConstants.e_form_jacobian`.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class Estimate:
 
     Attributes
     ----------
-    budget, tan_budget : source of uncertainty → its part of the standard deviation, which add in squares to the whole;
-        empty where the standard deviation has no such parts
+    budget, tan_budget : source of uncertainty → its part of the standard deviation; the squares of all parts add up to
+        the variance; empty where the parts are not known
     interval, tan_interval : ends between which value and tangent are with a probability of 95 %, whatever the cause of
         a misfit; None where no causes were compared
     """
@@ -74,7 +74,7 @@ class FreeConstants:
     names : free constants, length n
     fixed : (10,) complex part that does not move
     directions : (10, n) real ∂constants/∂θ
-    start : (n,) complex values of the free constants in the base set
+    start : (n,) complex values of the free constants where a fit starts
     """
 
     names: tuple[str, ...]
@@ -144,7 +144,7 @@ class FreeConstants:
         return self.constants(theta).e_form_jacobian() @ self.directions
 
     def training_sets(self, theta: np.ndarray, spread: float, count: int = 7) -> list[PiezoConstants]:
-        """The constants at Re θ, then corners of the box ±spread (relative) around it that are stable materials."""
+        """Up to `count` lossless sets: at Re θ, then at random corners of the box Re θ (1 ± spread) that are stable."""
         rng = np.random.default_rng(2022)
         sets = [self.constants(theta.real).lossless()]
         for _ in range(50 * count):
@@ -156,11 +156,11 @@ class FreeConstants:
         return sets
 
     def at(self, theta: np.ndarray) -> FreeConstants:
-        """The same map, started from other free values."""
+        """This map with other start values θ (n,)."""
         return replace(self, start=np.array(theta, dtype=complex))
 
     def as_dict(self, theta: np.ndarray) -> dict[str, complex]:
-        """Free θ (n,) by name, SI."""
+        """Name → value of the free constants θ (n,), SI."""
         return {name: complex(value) for name, value in zip(self.names, theta, strict=True)}
 
 
@@ -185,7 +185,7 @@ class MaterialParameters:
 
     @classmethod
     def around(cls, free: FreeConstants, theta: np.ndarray) -> MaterialParameters:
-        """Unknowns that are 1 at complex θ (n,)."""
+        """Unknowns whose real parts a are 1 at complex θ (n,)."""
         return cls(free, np.array(theta.real, dtype=float))
 
     @property
@@ -195,7 +195,7 @@ class MaterialParameters:
 
     @property
     def units(self) -> np.ndarray:
-        """(2n,) SI value of an unknown that is 1."""
+        """(2n,) SI value of each unknown at 1: the scale for a real part, 1 for a tangent."""
         return np.stack([self.scale, np.ones(self.scale.size)], axis=1).ravel()
 
     @property
@@ -220,7 +220,7 @@ class MaterialParameters:
         return slopes
 
     def vector(self, x: np.ndarray) -> np.ndarray:
-        """(10,) complex constants in the order of their names."""
+        """(10,) complex constants in the order of `D_FORM`."""
         return self.free.fixed + self.free.directions @ self.theta(x)
 
     def constants(self, x: np.ndarray) -> PiezoConstants:
@@ -231,30 +231,32 @@ class MaterialParameters:
         return self.free.e_form_jacobian(self.theta(x)) @ self.slopes(x)
 
     def theta_covariance(self, x: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-        """Covariance over (Re θ_1, Im θ_1, …) from that over x."""
+        """Covariance (2n, 2n) over (Re θ_1, Im θ_1, …) from that over x (2n, 2n)."""
         slopes = self.slopes(x)
         real = np.empty((2 * self.scale.size, x.size))
         real[0::2], real[1::2] = slopes.real, slopes.imag
         return real @ covariance @ real.T
 
 
-#: What is believed of any ceramic before measuring: real parts within ±50 % of the file's, tangents 0.02 ± 0.05.
+#: Prior of any ceramic where the file states no deviation: real parts ±50 % of the file's, tangents 0.02 ± 0.05.
 _REAL_STD, TANGENT, _TANGENT_STD = 0.5, 0.02, 0.05
 #: Prior standard deviation, over its scale, of a parameter that is exactly known.
 _HELD = 1e-6
-#: Distance to a bound, relative to the range of an unknown, that starts keep.
+#: Least distance of a start from a bound, relative to the range of the unknown.
 _MARGIN = 1e-6
 
 
 def material_prior(
     free: FreeConstants, real_std: Mapping[str, float], tangent_std: Mapping[str, float]
 ) -> dict[str, tuple[float, float]]:
-    """Mean and standard deviation of real parts (SI) and tangents by name, centred on the values of the file.
+    """Name → mean and standard deviation of each real part (SI) and tangent.
+
+    Real parts, and tangents with a stated deviation, are centred on the values of the file; other tangents on 0.02.
 
     Parameters
     ----------
     free : the free constants around the values of the specimen file
-    real_std : relative standard deviations that the file states;  tangent_std : absolute ones of tangents
+    real_std : name → relative standard deviation that the file states;  tangent_std : absolute one of a tangent
     """
     prior = {}
     for name, value in zip(free.names, free.start, strict=True):
@@ -268,7 +270,7 @@ def material_prior(
 class Read(Protocol):
     """One number that another instrument has read (`femu_piezo.inference.readings`).
 
-    name : of the key in `[readings]`;  specimen : as effects name it;  value, std : SI
+    name : its key in `[readings]`;  specimen : name of the specimen as in `Effect.specimen`;  value, std : SI
     """
 
     @property
@@ -296,10 +298,10 @@ class Unknowns:
     material : the free constants
     prior : label of `material` → mean and standard deviation, SI
     effects : tolerances and candidates, whose parameters are unknowns
-    candidates : keys of those effects whose prior is that of a cause (`Effect.spread`); the others keep to their
-        tolerance
-    fixed : effects with known values, which the model has in any case
-    readings : of other instruments, which count in every fit
+    candidates : keys of those effects whose prior is that of a cause (`Effect.spread`); the prior of the others is
+        their tolerance
+    fixed : effects and their known values (n,), SI, which are part of the model and no unknowns
+    readings : readings of other instruments, which are data of every fit
     """
 
     material: MaterialParameters
@@ -312,8 +314,8 @@ class Unknowns:
     @made_once
     def names(self) -> tuple[str, ...]:
         """Names of all unknowns, of the material first."""
-        own = tuple(f"{effect.key}.{p.name}" for effect in self.effects for p in effect.parameters)
-        return self.material.names + own
+        of_effects = tuple(f"{effect.key}.{p.name}" for effect in self.effects for p in effect.parameters)
+        return self.material.names + of_effects
 
     @property
     def of_material(self) -> int:
@@ -335,20 +337,20 @@ class Unknowns:
     def prior_std(self) -> np.ndarray:
         """(n_x,) standard deviation of the Gaussian prior."""
         material = np.abs([self.prior[name][1] for name in self.material.names] / self.material.units)
-        own = [
+        of_effects = [
             np.maximum((e.spread if e.key in self.candidates else e.tolerance) / e.scale, _HELD) for e in self.effects
         ]
-        return np.concatenate([material, *own])
+        return np.concatenate([material, *of_effects])
 
     @made_once
     def bounds(self) -> np.ndarray:
-        """(n_x, 2)"""
-        own = [effect.bounds / effect.scale[:, None] for effect in self.effects]
-        return np.concatenate([self.material.bounds, *own])
+        """(n_x, 2) lower and upper bound of every unknown."""
+        of_effects = [effect.bounds / effect.scale[:, None] for effect in self.effects]
+        return np.concatenate([self.material.bounds, *of_effects])
 
     @property
     def margin(self) -> np.ndarray:
-        """(n_x,) distance to a bound that starts keep; what ends no further from it is on the bound."""
+        """(n_x,) least distance of a start from a bound; an unknown that ends within it counts as on the bound."""
         return _MARGIN * np.ptp(self.bounds, axis=1)
 
     def on_bound(self, x: np.ndarray) -> np.ndarray:
@@ -384,7 +386,7 @@ class Unknowns:
 
     @made_once
     def _ends(self) -> tuple[int, ...]:
-        """Where the unknowns of each effect begin in x, and where the last ones end."""
+        """Place in x of the first unknown of each effect, then the number of all unknowns."""
         return tuple(accumulate((len(effect.parameters) for effect in self.effects), initial=self.of_material))
 
     def has(self, effect: Effect) -> bool:
@@ -392,12 +394,12 @@ class Unknowns:
         return effect.key in self._numbers
 
     def with_candidate(self, effect: Effect) -> Unknowns:
-        """The same with one more cause: a tolerance that is lifted, or an effect that was not there."""
+        """These unknowns with one more cause: an effect that had the prior of its tolerance, or a new one."""
         effects = self.effects if self.has(effect) else (*self.effects, effect)
         return replace(self, effects=effects, candidates=(*self.candidates, effect.key))
 
     def alone(self, effect: Effect, x: np.ndarray) -> Unknowns:
-        """The parameters of one effect as the only unknowns; material and all other effects keep to x (n_x,)."""
+        """The parameters of one effect as the only unknowns; material and all other effects are fixed at x (n_x,)."""
         constants = FreeConstants.of(self.material.constants(x[: self.of_material]), ())
         others = [(other, v) for other, v in zip(self.effects, self.values(x), strict=True) if other.key != effect.key]
         return Unknowns(
@@ -405,12 +407,12 @@ class Unknowns:
         )
 
     def without_candidate(self, key: str) -> Unknowns:
-        """The same with one cause less; what has a tolerance goes back to it."""
+        """These unknowns with one cause less: an effect that has a tolerance stays, with that as its prior."""
         kept = tuple(effect for effect in self.effects if effect.key != key or effect.has_tolerance)
         return replace(self, effects=kept, candidates=tuple(other for other in self.candidates if other != key))
 
     def carried(self, other: Unknowns, x: np.ndarray) -> np.ndarray:
-        """(n_x,) unknowns at the values x of another list; those that it has not are at rest."""
+        """(n_x,) these unknowns at the values x of another list; effects that the other list lacks are at rest."""
         start = self.prior_mean.copy()
         start[: self.of_material] = x[: other.of_material]
         for number, effect in enumerate(self.effects):
@@ -419,9 +421,9 @@ class Unknowns:
         return start
 
     def values(self, x: np.ndarray) -> list[np.ndarray]:
-        """Parameters of each effect in SI units at x (n_x,)."""
+        """Parameters (n,) of each effect in SI units at x (n_x,)."""
         return [x[self.columns(number)] * effect.scale for number, effect in enumerate(self.effects)]
 
     def columns(self, index: int) -> slice:
-        """Where the unknowns of the effect number `index` stand in x."""
+        """Slice of x that holds the unknowns of the effect number `index`."""
         return slice(self._ends[index], self._ends[index + 1])

@@ -2,11 +2,11 @@
 
     Σ_n (∂λ_i/∂θ_n) δθ_n = λ_i' − λ_i,
 
-solved by least squares in the metric of the measured λ, whose joint covariance an extraction gives, and of the errors
-of the mesh, beside what is known before: of every unknown of a fit of curves (`femu_piezo.inference.unknowns`), so that
-dimensions, density, held constants and fixture are found with the constants within their tolerances. Poles and zeros
-are those at the terminals; a smooth error of |Z| and phase moves none. ε33T from the low end of a sweep joins them.
-Of one mode poles and zeros tell d²/ε, and d and ε apart only by how far the modes between them are from those of a bar.
+solved by least squares, weighted by the joint covariance of the measured λ, which an extraction gives, and by the
+errors of the mesh. The priors are those of a fit of curves (`femu_piezo.inference.unknowns`), so that dimensions,
+density, held constants and fixture are found with the constants, within their tolerances. Poles and zeros are those at
+the terminals; a smooth error of |Z| and phase shifts none. ε33T from the low end of a sweep is a further datum: the
+poles and zeros of one mode determine d²/ε, and separate d from ε only as far as the modes differ from those of a bar.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.resonances import Kind, Resonance, ResonanceSet
 from femu_piezo.threads import made_once
 
-#: Steps at most, largest relative change of a constant in one, change in its deviations that is settled, and how many
-#: steps below that are made: where tolerances are wide these still square what is left of the poles and zeros.
+#: Most steps; largest change of an unknown of the material in one; change, in standard deviations, below which a step
+#: counts as settled; number of settled steps that are made: with wide tolerances these still reduce the residual of
+#: poles and zeros quadratically.
 _STEPS, _LARGEST, _SETTLED, _LAST = 40, 0.2, 1e-3, 2
 #: Relative deviation that nothing measured falls below: the rounding of the model's eigenvalues.
 _ROUNDING = 1e-10
@@ -44,7 +45,7 @@ class LowEnd:
     Attributes
     ----------
     permittivity : complex, F/m;  covariance : (2, 2) over (Re, Im)
-    omega : (k,) rad/s, the points it is the mean of
+    omega : (k,) rad/s, the points over which it is averaged
     """
 
     permittivity: complex
@@ -60,9 +61,9 @@ class MeasuredModes:
     ----------
     resonances : with their joint covariance
     evaluation : the model of its specimen;  share : which unknowns concern it
-    model_error : (m,) relative errors of the model's λ, of the poles, then of the zeros: those of its mesh
+    model_error : (m,) relative errors by the mesh of the model's λ, of the poles, then of the zeros
     low_end : None where the sweep has none
-    only : those that are to be followed; where None, all that are near one of the model's at the start
+    only : resonances that the update uses; where None, all that are near one of the model at the start
     """
 
     resonances: ResonanceSet
@@ -85,7 +86,7 @@ class ManyModes:
     Attributes
     ----------
     x : (n_x,) solution
-    measured : poles and zeros of every sweep;  used : those that it followed
+    measured : poles and zeros of every sweep;  used : those that the update used
     residual, jacobian : (m,), (m, n_x) of what was measured, whitened by its noise and the errors of the mesh
     mesh : (m, n) the errors of the mesh, whitened, each column one standard deviation
     read : (n, n_x) slopes of the readings of other instruments
@@ -107,7 +108,7 @@ class ManyModes:
 
     @property
     def left(self) -> float:
-        """rms of what is left of what was measured, over its deviation."""
+        """rms of the whitened residual of what was measured."""
         return float(np.sqrt(np.mean(self.residual**2)))
 
     @made_once
@@ -129,7 +130,7 @@ class ManyModes:
     def budget(self) -> dict[str, np.ndarray]:
         """Source → (n_x,) its part of every standard deviation, as `femu_piezo.inference.budget`.
 
-        All of them are widened by what is left beyond the deviations of what was measured.
+        All of them are multiplied by `left` where that is above 1.
         """
         data, prior, read = np.split(self.gain, np.cumsum([self.residual.size, self.x.size]), axis=1)
         mesh = np.sum((data @ self.mesh) ** 2, axis=1)
@@ -153,8 +154,8 @@ def update_many(measured: Sequence[MeasuredModes], parameters: Unknowns, start: 
     ------
     ConvergenceError : the constants leave the physical range, or do not settle, or nothing was measured near a mode
     """
-    kept = [_followed(one, parameters, start) for one in measured]
-    if not any(np.any(own) for own in kept):
+    kept = [_used(sweep, parameters, start) for sweep in measured]
+    if not any(np.any(used) for used in kept):
         raise ConvergenceError(
             "no measured pole or zero lies near one of the model; start from a closer base material or check dimensions"
         )
@@ -173,14 +174,14 @@ def update_many(measured: Sequence[MeasuredModes], parameters: Unknowns, start: 
     )
 
 
-def _followed(one: MeasuredModes, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
-    """(m,) bool: which of the poles, then zeros, the update follows."""
-    if one.only is not None:
-        return np.array([any(resonance is other for other in one.only) for resonance in one.every], dtype=bool)
-    own, columns = one.share.of(parameters)
-    modal = one.evaluation.modal(own, x[columns])
+def _used(sweep: MeasuredModes, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
+    """(m,) bool: which of the poles, then zeros, the update uses."""
+    if sweep.only is not None:
+        return np.array([any(resonance is other for other in sweep.only) for resonance in sweep.every], dtype=bool)
+    unknowns, columns = sweep.share.of(parameters)
+    modal = sweep.evaluation.modal(unknowns, x[columns])
     found = []
-    for data, values in ((one.resonances.poles, modal.eigenvalues), (one.resonances.zeros, modal.zeros[0])):
+    for data, values in ((sweep.resonances.poles, modal.eigenvalues), (sweep.resonances.zeros, modal.zeros[0])):
         for resonance in data:
             distance = np.abs(np.log(np.abs(values.real) / resonance.eigenvalue.real))
             found.append(bool(distance.min() < _FAR))
@@ -190,13 +191,13 @@ def _followed(one: MeasuredModes, parameters: Unknowns, x: np.ndarray) -> np.nda
 def _linearised(
     measured: Sequence[MeasuredModes], kept: Sequence[np.ndarray], parameters: Unknowns, x: np.ndarray
 ) -> ManyModes:
-    """What is left at x (n_x,) of everything measured, and its slopes."""
+    """The model linearised at x (n_x,): residual of all that was measured and is used, and its slopes."""
     rows, slopes, mesh = [], [], []
-    for one, use in zip(measured, kept, strict=True):
-        own, columns = one.share.of(parameters)
-        parts = [_modes_left(one, use, own, x[columns])] if np.any(use) else []
-        if one.low_end is not None and "eps33T" in own.material.free.names:
-            parts.append(_low_end_left(one.low_end, one.evaluation, own, x[columns]))
+    for sweep, use in zip(measured, kept, strict=True):
+        unknowns, columns = sweep.share.of(parameters)
+        parts = [_mode_residuals(sweep, use, unknowns, x[columns])] if np.any(use) else []
+        if sweep.low_end is not None and "eps33T" in unknowns.material.free.names:
+            parts.append(_low_end_residual(sweep.low_end, sweep.evaluation, unknowns, x[columns]))
         for residual, jacobian, errors in parts:
             rows.append(residual)
             slopes.append(np.zeros((residual.size, x.size)))
@@ -205,10 +206,10 @@ def _linearised(
     return ManyModes(
         parameters=parameters,
         x=x,
-        measured=tuple(one.every for one in measured),
+        measured=tuple(sweep.every for sweep in measured),
         used=tuple(
-            tuple(resonance for resonance, wanted in zip(one.every, use, strict=True) if wanted)
-            for one, use in zip(measured, kept, strict=True)
+            tuple(resonance for resonance, wanted in zip(sweep.every, use, strict=True) if wanted)
+            for sweep, use in zip(measured, kept, strict=True)
         ),
         residual=np.concatenate(rows),
         jacobian=np.concatenate(slopes),
@@ -218,46 +219,51 @@ def _linearised(
 
 
 def _readings(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (n,) and slopes (n, n_x) of the readings of other instruments."""
+    """Residual (n,) and slopes (n, n_x) of the readings of other instruments."""
     read = [one.row(parameters, x) for one in parameters.readings]
     return np.array([row for row, _ in read]), np.reshape([slope for _, slope in read], (-1, x.size))
 
 
-def _modes_left(
-    one: MeasuredModes, use: np.ndarray, own: Unknowns, x: np.ndarray
+def _mode_residuals(
+    sweep: MeasuredModes, use: np.ndarray, unknowns: Unknowns, x: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Whitened λ − λ' of the poles and zeros that are used, its slopes in x, and the errors of the mesh."""
-    modal, impedance, count = one.evaluation.modal(own, x), one.evaluation.terminals(own, x), len(one.resonances.poles)
+    modal, impedance = sweep.evaluation.modal(unknowns, x), sweep.evaluation.terminals(unknowns, x)
+    count = len(sweep.resonances.poles)
     kinds: tuple[tuple[Kind, tuple[Resonance, ...], np.ndarray, np.ndarray, np.ndarray], ...] = (
-        ("pole", one.resonances.poles, use[:count], modal.eigenvalues, modal.charges),
-        ("zero", one.resonances.zeros, use[count:], modal.zeros[0], modal.zero_amplitudes),
+        ("pole", sweep.resonances.poles, use[:count], modal.eigenvalues, modal.charges),
+        ("zero", sweep.resonances.zeros, use[count:], modal.zeros[0], modal.zero_amplitudes),
     )
-    left, slopes = [], []
+    residuals, slopes = [], []
     for kind, data, wanted, values, amplitudes in kinds:
         chosen = [resonance for resonance, used in zip(data, wanted, strict=True) if used]
         roots = terminal_roots(impedance, kind, np.sqrt(values[match(chosen, values, amplitudes)] + 0j))
-        left.append(roots**2 - [resonance.eigenvalue for resonance in chosen])
-        slopes.append(2 * roots[:, None] * root_slopes(one.evaluation, own, x, kind, roots))
+        residuals.append(roots**2 - [resonance.eigenvalue for resonance in chosen])
+        slopes.append(2 * roots[:, None] * root_slopes(sweep.evaluation, unknowns, x, kind, roots))
     where = np.repeat(use, 2)
-    size = np.array([abs(resonance.eigenvalue) for resonance in one.every])[use]
+    size = np.array([abs(resonance.eigenvalue) for resonance in sweep.every])[use]
     mesh = np.zeros((2 * size.size, size.size))
-    mesh[2 * np.arange(size.size), np.arange(size.size)] = one.model_error[use] * size
-    if one.resonances.covariance is None:
+    mesh[2 * np.arange(size.size), np.arange(size.size)] = sweep.model_error[use] * size
+    if sweep.resonances.covariance is None:
         raise ValueError("these poles and zeros have no covariance")
-    covariance = one.resonances.covariance[np.ix_(where, where)] + mesh @ mesh.T
+    covariance = sweep.resonances.covariance[np.ix_(where, where)] + mesh @ mesh.T
     rounding = np.diag((_ROUNDING * np.repeat(size, 2)) ** 2)
-    return _whitened(covariance + rounding, np.concatenate(left), np.concatenate(slopes), mesh)
+    return _whitened(covariance + rounding, np.concatenate(residuals), np.concatenate(slopes), mesh)
 
 
-def _low_end_left(
-    low_end: LowEnd, whole: Evaluation, own: Unknowns, x: np.ndarray
+def _low_end_residual(
+    low_end: LowEnd, whole: Evaluation, unknowns: Unknowns, x: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same of ε33T from the low end, which goes with 1/Z from that of the constants, all else at rest."""
+    """Whitened residual of ε33T from the low end, its slopes in x, and no errors of the mesh.
+
+    The model has ε33T of its constants, times the mean of Z(x_0)/Z(x) over the low end: x_0 is x with all but the
+    constants at their prior means.
+    """
     evaluation = replace(whole, omega=low_end.omega)
-    rest = own.prior_mean.copy()
-    count, material = own.of_material, own.material
+    rest = unknowns.prior_mean.copy()
+    count, material = unknowns.of_material, unknowns.material
     rest[:count] = x[:count]
-    (z, slopes), (at_rest, rest_slopes) = (evaluation.with_jacobian(own, point) for point in (x, rest))
+    (z, slopes), (at_rest, rest_slopes) = (evaluation.with_jacobian(unknowns, point) for point in (x, rest))
     ratio = at_rest / z
     moved = -ratio[:, None] * slopes / z[:, None]
     moved[:, :count] += (rest_slopes / z[:, None])[:, :count]
@@ -265,17 +271,17 @@ def _low_end_left(
     theta = material.theta(x[:count])[index]
     jacobian = theta * moved.mean(axis=0)
     jacobian[:count] += ratio.mean() * material.slopes(x[:count])[index]
-    left = np.array([theta * ratio.mean() - low_end.permittivity])
+    residual = np.array([theta * ratio.mean() - low_end.permittivity])
     rounding = (_ROUNDING * abs(low_end.permittivity)) ** 2 * np.eye(2)
-    return _whitened(low_end.covariance + rounding, left, jacobian[None], np.zeros((2, 0)))
+    return _whitened(low_end.covariance + rounding, residual, jacobian[None], np.zeros((2, 0)))
 
 
 def _whitened(
-    covariance: np.ndarray, left: np.ndarray, slopes: np.ndarray, mesh: np.ndarray
+    covariance: np.ndarray, residual: np.ndarray, slopes: np.ndarray, mesh: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Complex left (m,) and slopes (m, n) as real pairs, and real mesh (2m, k), over the factor of a covariance."""
-    both = np.column_stack([left, slopes])
-    parts = np.stack([both.real, both.imag], axis=1).reshape(2 * left.size, -1)
+    """Complex residual (m,) and slopes (m, n) as pairs Re, Im, and mesh (2m, k), whitened by a covariance (2m, 2m)."""
+    columns = np.column_stack([residual, slopes])
+    parts = np.stack([columns.real, columns.imag], axis=1).reshape(2 * residual.size, -1)
     white = solve_triangular(np.linalg.cholesky(covariance), np.hstack([parts, mesh]), lower=True)
     return white[:, 0], white[:, 1 : slopes.shape[1] + 1], white[:, slopes.shape[1] + 1 :]
 

@@ -72,7 +72,7 @@ def static_permittivity(frequency_Hz: np.ndarray, impedance: np.ndarray, gap: fl
 def _stiffness_slopes(simple: Simplified, sensitivity: np.ndarray) -> np.ndarray:
     """(2, 2) ∂λ/∂(c, γ) at fixed α from e-form sensitivities (2, 10) (eqs 52-58, 61).
 
-    e31, e33 and ε33S all ∝ γ is one path that changes γ alone, since the potential scales out of K_γ.
+    Scaling e31, e33 and ε33S all with γ changes γ alone, since the potential scales out of K_γ.
     """
     e_form = simple.full().to_e_form()
     alpha = simple.alpha
@@ -189,8 +189,8 @@ def _check_step(constants: PiezoConstants, history: list[Step]) -> None:
 
 
 def _not_settled(history: list[Step], measured: np.ndarray) -> ConvergenceError:
-    left = np.max(np.abs(history[-1].eigenvalues / measured - 1))
+    away = np.max(np.abs(history[-1].eigenvalues / measured - 1))
     return ConvergenceError(
-        f"pole-zero update: {len(history) - 1} iterations left the model {left:.1e} (relative) from the measured pole "
+        f"pole-zero update: {len(history) - 1} iterations left the model {away:.1e} (relative) from the measured pole "
         "and zero; start from a closer base material or check dimensions, density and the extracted pole and zero"
     )
