@@ -1,12 +1,12 @@
-"""What no known effect describes: how much of a misfit may be of a form that no unknown has, and its evidence.
+"""The discrepancy: an error of log Z that no effect of the model describes, its size, form and evidence.
 
     log Z_data = log Z_model + Φ c + noise,   c normal of variance σ²
 
 The columns of Φ are those of a form (`femu_piezo.measurement.discrepancy_forms`): a smooth function of frequency, an
-error of every resonance, a resonance of its own, a step. Kennedy and O'Hagan (J. R. Statist. Soc. B 63 (2001) 425) put
-such a function beside a model so that its errors widen the intervals by themselves. A sweep knows it by the change of
-log Z that it makes, so σ is the rms of Re and Im of that change over a sweep; σ, the form and what a form leaves open
-are learned from the evidence.
+error of every resonance, a further resonance, a step. Kennedy and O'Hagan (J. R. Statist. Soc. B 63 (2001) 425) add
+such a function to a model so that the errors of the model widen the intervals. A sweep shows a discrepancy only by the
+change of log Z that it makes, so σ is the rms of Re and Im of that change over a sweep. σ, the form and its parameter
+(a correlation length, a ratio or a frequency) are learned from the evidence.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from femu_piezo.threads import made_once
 
 #: Standard deviations that compete (equal prior weight each).
 _SIGMAS = np.geomspace(1e-6, 3.0, 27)
-#: Square of the share of a direction of the unknowns that lies in the data, below which the direction is left out: what
-#: it takes of a column is no larger a share of what the others leave.
+#: Squared norm in the rows of the data below which a unit direction of the span of the unknowns is left out: it would
+#: remove no larger a share of what the other directions leave of a column.
 _UNREACHED = 1e-4
-#: Rounding of Σ τ g below which what unknowns take of the columns is taken off along their principal axes.
+#: Rounding error of Σ τ g below which the columns are projected off the span of the unknowns in their principal axes.
 _ROUNDING = 1e-3
 #: Corner of a bordered matrix, so large that its Cholesky factor exists.
 _LARGE = 1e200
-#: Range of χ² over its degrees of freedom in which likelihoods are interpolated, and nodes to a factor of e there.
+#: Range of χ² over its degrees of freedom in which likelihoods are interpolated, and nodes per factor of e.
 _RANGE, _NODES = (1e-9, 1e25), 200
 #: Prior probability that a sweep holds something that the model does not describe.
 PRIOR = 0.1
@@ -43,12 +43,12 @@ class Discrepancy:
 
     Attributes
     ----------
-    form : the most probable one;  place : what it leaves open, as `Alternatives.places` has it
+    form : the most probable one;  place : its parameter, as in `Alternatives.places`
     sigma : rms over a sweep of Re and Im of the change of log Z that it makes, at the noise level found with it
     level : factor on the noise found with it
-    log_evidence : gain over none, averaged over forms, what they leave open, and sizes
-    columns : (2k, m) change by every coefficient at its standard deviation, whitened and over the noise level: a fit
-        whose noise has the level s has the discrepancy s² Σ columns columnsᵗ
+    log_evidence : over that of no discrepancy, the evidence averaged over forms, their parameters, and sizes
+    columns : (2k, m) change of log Z by every coefficient at its standard deviation, whitened and over the noise level:
+        in a fit whose noise has the level s, the discrepancy has the covariance s² columns columnsᵗ
     """
 
     form: Form
@@ -72,7 +72,7 @@ class Discrepancy:
 
     @property
     def over_noise(self) -> float:
-        """rms over the noise of the change of log Z, over where it acts: each point counts by the square of its own."""
+        """rms of the change of log Z over the noise, where it acts: points weigh by the square of their change."""
         squares = np.sum(self.columns**2, axis=1).reshape(2, -1).mean(axis=0)
         return float(np.sqrt(np.sum(squares**2) / np.sum(squares)))
 
@@ -102,7 +102,7 @@ def learn_discrepancy(
     weight: np.ndarray | float = 1.0,
     without: float | None = None,
 ) -> Discrepancy:
-    """The discrepancy that the residual of a fit asks for, all unknowns of the fit marginalised (linear).
+    """The most probable discrepancy for the residual of a fit, all unknowns of the fit marginalised (linear).
 
     With P = I − Q Qᵗ, Q the span of the unknowns within their priors, the residual r = P r_0 of data and priors and
     columns Φ, G = Φᵗ P Φ = V diag(g) Vᵗ, the evidence over none at the noise level s, τ = (σ/s)², is
@@ -112,24 +112,25 @@ def learn_discrepancy(
     Parameters
     ----------
     residual : (2k + m,) r, whitened, the data first;  span : (2k, n) Q, the rows of the data
-    forms : that compete, with their prior weights, and of each what it leaves open, of equal weight
-    weight : (2k,) that a robust loss gives the readings, in squares of residual and span
-    without : log likelihood of none, where that is of another span; of the same at its most probable level where None
+    forms : forms that compete, with prior weights `WEIGHTS`, and the alternatives of each, of equal weight
+    weight : (2k,) that a robust loss gives the data; its square root is a factor in residual and span
+    without : log likelihood of no discrepancy, where its span is another; where None, that of `residual` at its most
+        probable noise level
     """
     none = float(profiled(residual @ residual, len(span), data.level_std)) if without is None else without
-    left = _Left(data, residual, span, np.sqrt(np.broadcast_to(weight, len(span))), none)
-    own = left.gains([one for form in forms for one in form])
+    fitted = _FitResidual(data, residual, span, np.sqrt(np.broadcast_to(weight, len(span))), none)
+    gains = fitted.gains([one for form in forms for one in form])
     means: dict[Form, list[float]] = {}
-    for one in own:
+    for one in gains:
         means.setdefault(one.form, []).append(one.mean)
     of_forms = {form: _log_mean(np.array(mean)) for form, mean in means.items()}
     weights = np.array([WEIGHTS[form] for form in of_forms])
-    best = max(own, key=lambda one: one.most + np.log(WEIGHTS[one.form]))
-    level = float(noise_level(best.left, len(span), data.level_std))
+    best = max(gains, key=lambda one: one.most + np.log(WEIGHTS[one.form]))
+    level = float(noise_level(best.chi_square, len(span), data.level_std))
     gain = _log_mean(np.array(list(of_forms.values())), weights)
-    which = best.which
-    columns = best.size * left.columns(which)
-    return Discrepancy(best.form, float(which.places[0]), float(best.size * level), level, gain, columns)
+    chosen = best.alternative
+    columns = best.size * fitted.columns(chosen)
+    return Discrepancy(best.form, float(chosen.places[0]), float(best.size * level), level, gain, columns)
 
 
 def _log_mean(logs: np.ndarray, weights: np.ndarray | None = None) -> float:
@@ -141,34 +142,35 @@ def _log_mean(logs: np.ndarray, weights: np.ndarray | None = None) -> float:
 
 @dataclass(frozen=True)
 class _Gains:
-    """Evidence of alternatives over none, averaged over places and sizes (log), and the best of them.
+    """Log evidence of alternatives over no discrepancy, and the best of them.
 
     Attributes
     ----------
-    most : its evidence over none;  size : its σ/s;  left : χ² beside it
-    among, number : the alternatives, and which of them it is
+    mean : log of the mean evidence of all alternatives and sizes
+    most : log evidence of the best;  size : its σ/s;  chi_square : χ² with it
+    alternatives, number : all, and the number of the best
     """
 
     mean: float
     most: float
     size: float
-    left: float
-    among: Alternatives
+    chi_square: float
+    alternatives: Alternatives
     number: int
 
     @property
     def form(self) -> Form:
-        return self.among.form
+        return self.alternatives.form
 
     @property
-    def which(self) -> Alternatives:
-        """It alone."""
-        return self.among.chosen(self.number)
+    def alternative(self) -> Alternatives:
+        """The best alternative alone."""
+        return self.alternatives.chosen(self.number)
 
 
 @dataclass(frozen=True)
-class _Left:
-    """What a fit leaves; arguments as of `learn_discrepancy`.
+class _FitResidual:
+    """The residual of a fit and the span of its unknowns; arguments as of `learn_discrepancy`.
 
     share : (2k,) square root of the weight
     none : log likelihood without a discrepancy
@@ -182,57 +184,57 @@ class _Left:
 
     @made_once
     def chi_square(self) -> float:
-        """Of data and priors."""
+        """χ² of data and priors without a discrepancy."""
         return float(self.residual @ self.residual)
 
     @made_once
     def sides(self) -> Sides:
-        """With 1 + p vectors: the residual of the data, then an orthogonal basis of what the span reaches of them."""
+        """The residual of the data, then p orthogonal directions of the span in the rows of the data, (2k, 1 + p)."""
         values, vectors = np.linalg.eigh(self.span.T @ self.span)
         reached = self.span @ vectors[:, values > _UNREACHED]
         return Sides(self.data, self.share, np.column_stack([self.residual[: len(self.span)], reached]))
 
     def columns(self, one: Alternatives) -> np.ndarray:
         """(2k, m) of a single alternative, whitened, at σ = 1."""
-        among, white = one.among(self.data), one.whitened(self.data)[:, 0]
+        rows, white = one.among(self.data), one.whitened(self.data)[:, 0]
         found = np.zeros((len(self.span), white.shape[1]))
-        found[among] = white * self.share[among, None]
+        found[rows] = white * self.share[rows, None]
         return found
 
     def gains(self, every: Sequence[Alternatives]) -> list[_Gains]:
-        """What each of some alternatives gains."""
-        beside = [self._beside(one) for one in every]
-        left, volume = (np.concatenate([part.ravel() for part in parts]) for parts in zip(*beside, strict=True))
-        ends = np.cumsum([part.size for part, _ in beside])[:-1]
-        gains = np.split(interpolated(left, len(self.span), self.data.level_std) - volume - self.none, ends)
+        """Gains of each of several sets of alternatives."""
+        of_each = [self._chi_square_and_volume(one) for one in every]
+        chi_squares, volume = (np.concatenate([part.ravel() for part in parts]) for parts in zip(*of_each, strict=True))
+        ends = np.cumsum([part.size for part, _ in of_each])[:-1]
+        gains = np.split(interpolated(chi_squares, len(self.span), self.data.level_std) - volume - self.none, ends)
         return [
             self._best(one, own.reshape(chi_square.shape), chi_square)
-            for one, own, (chi_square, _) in zip(every, gains, beside, strict=True)
+            for one, own, (chi_square, _) in zip(every, gains, of_each, strict=True)
         ]
 
-    def _beside(self, one: Alternatives) -> tuple[np.ndarray, np.ndarray]:
-        """χ² (s, n) that alternatives leave at every size, and the volume ½ Σ log(1 + τ g) of each."""
+    def _chi_square_and_volume(self, one: Alternatives) -> tuple[np.ndarray, np.ndarray]:
+        """χ² (s, n) with each alternative at every size, and the volume ½ Σ log(1 + τ g) of each."""
         squares, sides = one.products(self.sides)
         if len(squares) == 1 and np.finfo(float).eps * _SIGMAS[-1] ** 2 * np.trace(squares[0]) < _ROUNDING:
             values, turned = one.along_axes(self.sides, squares[0], sides[0])
             gained, volume = _by_principal_axes(values, turned[:, 1:], turned[:, 0])
         else:
             inside, along = sides[:, :, 1:], sides[:, :, 0]
-            own = squares - inside @ inside.transpose(0, 2, 1)
-            # of many alternatives with few columns, or of one with many
-            gained, volume = (_by_elimination if len(own) > 1 else _by_eigenvalues)(own, along)
+            reduced = squares - inside @ inside.transpose(0, 2, 1)
+            # elimination for many alternatives of few columns, eigenvalues for one of many
+            gained, volume = (_by_elimination if len(reduced) > 1 else _by_eigenvalues)(reduced, along)
         return self.chi_square - gained, volume
 
     @staticmethod
-    def _best(one: Alternatives, gains: np.ndarray, left: np.ndarray) -> _Gains:
-        """Of alternatives with gains and χ² (s, n) at every size."""
+    def _best(one: Alternatives, gains: np.ndarray, chi_square: np.ndarray) -> _Gains:
+        """Gains of alternatives whose log evidence and χ² (s, n) at every size are given."""
         size, which = np.unravel_index(np.argmax(gains), gains.shape)
         return _Gains(
             mean=_log_mean(gains),
             most=float(gains[size, which]),
             size=float(_SIGMAS[size]),
-            left=float(left[size, which]),
-            among=one,
+            chi_square=float(chi_square[size, which]),
+            alternatives=one,
             number=int(which),
         )
 
@@ -251,18 +253,18 @@ def _by_principal_axes(values: np.ndarray, inside: np.ndarray, along: np.ndarray
     rows, columns = np.tril_indices(count + 1)
     products = np.zeros((len(sizes), count + 1, count + 1))  # [U, b]ᵗω [U, b], the lower triangle
     products[:, rows, columns] = weights @ (both[:, rows] * both[:, columns])
-    own, diagonal = products[:, -1, -1].copy(), np.arange(count)
+    unreduced, diagonal = products[:, -1, -1].copy(), np.arange(count)
     products[:, :count, :count] *= -1
     products[:, diagonal, diagonal] += 1
     products[:, -1, -1] = _LARGE
-    left = np.linalg.cholesky(products)  # of W, and in its last row L^-1 c
-    gained = own + np.sum(left[:, -1, :count] ** 2, axis=1)
-    volume = 0.5 * np.sum(np.log(grown), axis=1) + np.sum(np.log(left[:, diagonal, diagonal]), axis=1)
+    factor = np.linalg.cholesky(products)  # of W, and in its last row L^-1 c
+    gained = unreduced + np.sum(factor[:, -1, :count] ** 2, axis=1)
+    volume = 0.5 * np.sum(np.log(grown), axis=1) + np.sum(np.log(factor[:, diagonal, diagonal]), axis=1)
     return gained[:, None], volume[:, None]
 
 
 def _by_eigenvalues(matrices: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(s, n) the same of G (n, m, m) and b (n, m)."""
+    """(s, n) bᵗ(1/τ + G)^-1 b and ½ log|1 + τ G| at every size, of G (n, m, m) and b (n, m)."""
     values, vectors = np.linalg.eigh(matrices)
     along = np.einsum("nab,na->nb", vectors, right) ** 2
     sizes = _SIGMAS[:, None, None] ** 2
@@ -271,23 +273,23 @@ def _by_eigenvalues(matrices: np.ndarray, right: np.ndarray) -> tuple[np.ndarray
 
 
 def _by_elimination(matrices: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same by elimination of one unknown after another, of all matrices and sizes at once: for few unknowns."""
+    """As `_by_eigenvalues`, by elimination of unknowns one by one, all matrices and sizes at once: for few unknowns."""
     sizes, count = _SIGMAS[:, None] ** 2, right.shape[1]
     rest = [[sizes * matrices[:, row, column] for column in range(row + 1)] for row in range(count)]
-    left = [np.broadcast_to(right[:, row], (len(sizes), len(right))) for row in range(count)]
+    rhs = [np.broadcast_to(right[:, row], (len(sizes), len(right))) for row in range(count)]
     gained, determinant = 0.0, 1.0
     for first in range(count):
         pivot = 1 + np.maximum(rest[first][first], 0.0)
-        gained, determinant = gained + left[first] ** 2 / pivot, determinant * pivot
+        gained, determinant = gained + rhs[first] ** 2 / pivot, determinant * pivot
         for row in range(first + 1, count):
             share = rest[row][first] / pivot
-            left[row] = left[row] - share * left[first]
+            rhs[row] = rhs[row] - share * rhs[first]
             for column in range(first + 1, row + 1):
                 rest[row][column] = rest[row][column] - share * rest[column][first]
     return sizes * gained, 0.5 * np.log(determinant)
 
 
-#: Standard deviations of its logarithm below which a noise level is not taken to be.
+#: Lowest logarithm of a noise level that is considered, in its prior standard deviations below 0.
 _FLOOR = 3.0
 
 
@@ -297,8 +299,8 @@ def noise_level(chi_square: np.ndarray | float, freedom: float, level_std: float
     chi_square : one, or (m,), each of which has its own factor
 
     Maximises −n log s − χ²/(2 s²) + log p(log s). The prior p is Gaussian near 1. Its tail above is that of Cauchy's
-    distribution, since a stated noise may be a mere guess; below it ends at −3 level_std, since what was seen between
-    neighbours, and the error of the model, is there.
+    distribution, since a stated noise may be a mere guess. Below it ends at −3 level_std, since the noise that was seen
+    between neighbours, and the error of the model, are there in any case.
     """
     given, floor = np.asarray(chi_square, dtype=float), -_FLOOR * level_std
     level = np.stack([np.zeros_like(given), 0.5 * np.log(np.maximum(given, 1e-12) / freedom)])
@@ -327,14 +329,14 @@ def profiled(chi_square: np.ndarray | float, freedom: float, level_std: float) -
 
 
 def interpolated(chi_square: np.ndarray, freedom: int, level_std: float) -> np.ndarray:
-    """(m,) the same of many χ² (m,) within `_RANGE`, by cubic polynomials in log χ² with slopes −χ²/(2 s²) at nodes."""
+    """(m,) `profiled` of χ² (m,) within `_RANGE`, by cubic polynomials in log χ² with slopes −χ²/(2 s²) at nodes."""
     low, high = _RANGE
     return _between_nodes(freedom, level_std)(np.log(np.clip(chi_square / freedom, low, high)))
 
 
 @lru_cache(maxsize=8)
 def _between_nodes(freedom: int, level_std: float) -> CubicHermiteSpline:
-    """Over the logarithm of χ² per degree of freedom; kept, as the fits of a sweep all ask for the same."""
+    """Spline of `profiled` over log(χ²/freedom); kept, as the fits of a sweep all need the same."""
     low, high = np.log(_RANGE)
     nodes = np.linspace(low, high, round((high - low) * _NODES) + 1)
     chi_square = freedom * np.exp(nodes)

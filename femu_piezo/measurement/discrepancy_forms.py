@@ -1,4 +1,4 @@
-"""Forms that a misfit of no known cause may have: errors of log Z over frequency, each a sum of normal coefficients.
+"""Forms that a misfit of no known cause may have: errors of log Z over frequency with normal coefficients.
 
 Smooth, with complex Gaussian processes a and b over log f of one correlation length ℓ:
 
@@ -9,16 +9,17 @@ variance is due to b: a has the standard deviation σ √(1 − w), b has σ √
 at a resonance, about 1 far from it). ℓ and w compete; w may be 0, 1 or, as neither is known to be the larger, ½. Each
 process is the sum of its principal components (Karhunen-Loève).
 
-Of every resonance, as where the body is not the same all along: with the resonances of the model
+Errors of every resonance, as of a body that is not uniform: with the resonances of the model
 
     C(ω) = Y/(jω) = Σ_k r_k/(λ_k − ω²) + the rest,    ΔC = Σ_k −r_k λ_k ε_k/(λ_k − ω²)² + κ √(r_k r_1) η_k/(λ_k − ω²),
 
-ε_k and η_k complex and of one deviation: modes that mix change their strengths r_k = a_k² by 2 a_k Δa_k, Δa_k alike for
-all and in proportion to that a_1 of the strongest. The ratio κ and the part of the losses in both compete.
+ε_k and η_k complex, of the same standard deviation: modes that mix change their strengths r_k = a_k² by 2 a_k Δa_k,
+with Δa_k of the same size for all, in proportion to the amplitude a_1 of the strongest. Ratios κ and shares of the
+losses in both errors compete.
 
-A resonance λ of its own, in a fixture or in a part that is loose, complex strength c: ΔC = c/(λ − ω²) where it stands
-beside the piece, Δlog f = c/(λ − ω²) where it moves with it. Places λ over the sweep and quality factors compete; what
-lies between them is the second column, c' λ/(λ − ω²)².
+A further resonance λ ("of its own"), in a fixture or a loose part, of complex strength c: ΔC = c/(λ − ω²) where it is
+in parallel with the piece, Δlog f = c/(λ − ω²) where it moves with it. Places λ over the sweep and quality factors
+compete; a second column c' λ/(λ − ω²)², the slope in λ, serves the frequencies between the places.
 
 A step, where an instrument changes its range or a contact moves: from a frequency f_0 of the sweep on log Z is off by a
 complex c, or log f is. Places f_0 compete.
@@ -45,26 +46,26 @@ LENGTHS, SHARES = (1 / 4, 1 / 12, 1 / 40), (0.0, 0.5, 1.0)
 STRENGTHS, LOSSES = (1.0, 10.0, 100.0), (0.1, 1.0)
 #: Fewest resonances in a sweep of which each may have its own errors.
 _FEWEST = 3
-#: Quality factors of a resonance of its own, and the distance of neighbours among its places, in half widths.
+#: Quality factors of a further resonance, and the distance of its neighbouring places, in half widths.
 QUALITIES, _APART = (10.0, 30.0, 100.0), 1.5
 #: Places of a step in a sweep at most, and fewest points on either side.
 _STEPS, _BESIDE = 64, 3
-#: Curves whose smooth errors are kept.
+#: Number of curves whose smooth errors are kept.
 _CURVES = 4
-#: Most points of a sweep of which forms are kept: resonances at all places for the next sweep of the same frequencies,
-#: smooth errors of a curve for the next fit.
+#: Most points of a sweep whose forms are kept: further resonances for the next sweep of the same frequencies, smooth
+#: errors of a curve for the next fit.
 _KEPT = 2000
-#: What is kept of forms that have the rows in common: products of two factors, and of each share w squares and axes.
+#: Number of values kept for forms of the same rows: products of two factors; ΦᵗΦ and its axes for each share w.
 _PRODUCTS = 3 + 2 * len(SHARES)
 #: Share of the largest variance below which a component is left out.
 _NEGLIGIBLE = 1e-4
-#: Points of a curve that its rational function goes through at most, its relative error, the share of C (median over
-#: the sweep) below which a pole is one of rounding, and by how much resonances may lie beyond the sweep (in f).
+#: Most points of a curve that its rational function interpolates, its relative error, the share of C (median over the
+#: sweep) below which a pole is due to rounding, and the factor in f by which resonances may lie beyond the sweep.
 _POINTS, _EXACT, _VISIBLE, _BEYOND = 60, 1e-7, 1e-6, 1.5
 
 Form = Literal["smooth", "of every resonance", "a resonance of its own", "a step"]
 #: Prior probability of each form over that of a candidate cause. Errors of every resonance may stand for any cause that
-#: acts on the body: one that explains as much is preferred by 100 to 1.
+#: acts on the body: a cause that explains as much is preferred by 100 to 1.
 WEIGHTS: dict[Form, float] = {"smooth": 1.0, "of every resonance": 0.01, "a resonance of its own": 1.0, "a step": 1.0}
 #: Correlation of a process at distances (…) in correlation lengths.
 Kernel = Callable[[np.ndarray], np.ndarray]
@@ -72,13 +73,13 @@ Kernel = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Sides:
-    """What the columns of forms are multiplied with.
+    """The vectors V that the columns of forms are multiplied with.
 
     Attributes
     ----------
-    share : (2k,) what a loss makes of the readings, and so of the columns
-    vectors : (2k, p) whitened, Re, then Im
-    products : with the latest rows
+    share : (2k,) factor of a robust loss on the data, and so on the columns
+    vectors : (2k, p) V, whitened, Re, then Im
+    products : of rows and vectors, kept for the rows used last
     """
 
     data: SweepData
@@ -88,7 +89,7 @@ class Sides:
 
     @made_once
     def turned(self) -> np.ndarray | None:
-        """(k, p) complex v with Φᵗ V = Re φᵗv of columns Φ whitened from errors φ; None where Re has another share."""
+        """(k, p) complex v with Φᵗ V = Re φᵗv, Φ the whitened errors φ; None where shares of Re and Im differ."""
         k = len(self.share) // 2
         if not np.array_equal(self.share[:k], self.share[k:]):
             return None
@@ -99,8 +100,7 @@ class Sides:
 class Alternatives:
     """Errors of log Z of one form that compete, n of them, each the sum of m columns with complex normal coefficients.
 
-    A column is the product of a row and a factor, m = t s, each of the t factors that act with the s rows of an
-    alternative.
+    A column is the product of one of the s rows of an alternative and one of the t factors that act: m = t s.
 
     Attributes
     ----------
@@ -126,11 +126,11 @@ class Alternatives:
     _kept: Once = field(default_factory=lambda: Once(_PRODUCTS), repr=False, compare=False)
 
     def mixed(self, amounts: Sequence[float]) -> Alternatives:
-        """The same with other amounts (t',) of the factors; what is kept of one serves the other."""
+        """These alternatives with other amounts (t',) of the factors; both share the kept products."""
         return replace(self, amounts=np.array(amounts))
 
     def of_size_one(self) -> Alternatives:
-        """The same, of one factor, brought to rms 1 of Re and Im over its sweep."""
+        """These alternatives, of a single factor, scaled to rms 1 of Re and Im over their sweep."""
         power = np.trace(self._weighted(np.abs(self.factors[0]) ** 2).real, axis1=1, axis2=2) / self.points.size
         return replace(self, scale=1 / np.sqrt(power))
 
@@ -141,23 +141,23 @@ class Alternatives:
 
     @property
     def columns(self) -> np.ndarray:
-        """(k', n, m) complex."""
+        """(k', n, m) complex columns, not whitened."""
         factors = (self.amounts[:, None] * self.factors)[self._acting]
         every = self.rows[:, None] * factors[:, None] * self.scale[:, None, None, None]
         return every.reshape(len(self.rows), -1, self.points.size).transpose(2, 0, 1)
 
     def among(self, data: SweepData) -> np.ndarray:
-        """(2k',) places of Re and Im of its points among those of all data."""
+        """(2k',) indices of Re and Im at its points in a vector (2k,) of all data."""
         return np.concatenate([self.points, self.points + data.impedance.size])
 
     def chosen(self, which: int) -> Alternatives:
-        """One of them."""
+        """The alternative number `which` alone."""
         one = slice(which, which + 1)
         own = {"rows": self.rows[one].copy(), "scale": self.scale[one], "places": self.places[one], "pairs": None}
         return replace(self, **own, _kept=Once(_PRODUCTS))
 
     def whitened(self, data: SweepData) -> np.ndarray:
-        """(2k', n, 2m) Re, then Im, over the noise, by each real coefficient."""
+        """(2k', n, 2m) whitened columns, Re, then Im, of the real parts, then the imaginary parts, of coefficients."""
         columns = self.columns
         whole = np.zeros((data.impedance.size, *columns.shape[1:]), dtype=complex)
         whole[self.points] = columns
@@ -165,10 +165,10 @@ class Alternatives:
         return stacked(np.concatenate([white, 1j * self.imaginary * white], axis=2))
 
     def products(self, sides: Sides) -> tuple[np.ndarray, np.ndarray]:
-        """ΦᵗΦ (n, 2m, 2m) and Φᵗ V (n, 2m, p) of the whitened columns Φ times the share, and of V.
+        """ΦᵗΦ (n, 2m, 2m) and Φᵗ V (n, 2m, p) of the whitened columns Φ times the share, and the vectors V.
 
-        Where Re and Im have one share, Φᵗ V is a complex product of rows, with factors between. The first is the same
-        for all fits of a sweep whose loss gives its points the same weights, and is kept for the next of them.
+        Where Re and Im have the same share, Φᵗ V follows from complex products of the rows with factors times v. ΦᵗΦ is
+        the same for all fits of a sweep whose loss gives its points the same weights, and is kept for them.
         """
         if sides.turned is None:
             among = self.among(sides.data)
@@ -180,7 +180,7 @@ class Alternatives:
         return self._squares(sides), both.reshape(len(both), -1, along.shape[-1])
 
     def _along(self, sides: Sides) -> np.ndarray:
-        """Σ row factor v (n, t', s, p) over the points, of every factor in full."""
+        """Σ row · factor · v (n, t', s, p) over the points, of every factor, without its amount."""
         n, rows, size = len(self.rows), self.rows.shape[1], len(self.factors)
         along = self.factors[:, :, None] * sides.turned[self.points]  # (t', k', p)
         along = self.rows.reshape(-1, self.points.size) @ along.transpose(1, 0, 2).reshape(self.points.size, -1)
@@ -189,7 +189,7 @@ class Alternatives:
     def along_axes(self, sides: Sides, squares: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Eigenvalues (2m,) of ΦᵗΦ (2m, 2m) of a single alternative, and its ΦᵗV (2m, p) along the eigenvectors.
 
-        Where Re and Im weigh the same, of coefficients and of readings, ΦᵗΦ is φᴴφ, complex and of half the size. The
+        Where Re and Im weigh the same, in coefficients and in data, ΦᵗΦ is φᴴφ, complex and of half the size. The
         eigenvectors are kept as the products are.
         """
         half = len(squares) // 2
@@ -215,32 +215,32 @@ class Alternatives:
         return self._kept.get(key, lambda: self._squares_of(sides))
 
     def _squares_of(self, sides: Sides) -> np.ndarray:
-        """ΦᵗΦ anew; where noise is white and Re and Im have one share, by complex products of rows."""
+        """ΦᵗΦ (n, 2m, 2m), not kept; by complex products where noise is white and Re and Im have the same share."""
         share = sides.share[self.among(sides.data)]
         if any(sides.data.noise_memory) or sides.turned is None:
             whole = self._whole(sides.data, share)
             return whole @ whole.transpose(0, 2, 1)
         n, rows, size = len(self.rows), self.rows.shape[1], self._acting.size
         found = np.empty((n, 2, size, rows, 2, size, rows))
-        for one, first in enumerate(self._acting):
-            for other, second in enumerate(self._acting[: one + 1]):
-                own = self.amounts[first] * self.amounts[second] * self._product(sides, share, first, second)
-                for a, b in ((one, other), (other, one)):
-                    found[:, 0, a, :, 0, b] = found[:, 1, a, :, 1, b] = own.real
-                    found[:, 1, a, :, 0, b], found[:, 0, a, :, 1, b] = own.imag, -own.imag
-                    own = own.conj().transpose(0, 2, 1)
+        for row, first in enumerate(self._acting):
+            for column, second in enumerate(self._acting[: row + 1]):
+                block = self.amounts[first] * self.amounts[second] * self._product(sides, share, first, second)
+                for a, b in ((row, column), (column, row)):
+                    found[:, 0, a, :, 0, b] = found[:, 1, a, :, 1, b] = block.real
+                    found[:, 1, a, :, 0, b], found[:, 0, a, :, 1, b] = block.imag, -block.imag
+                    block = block.conj().transpose(0, 2, 1)
         found[:, 1] *= self.imaginary
         found[:, :, :, :, 1] *= self.imaginary
         return found.reshape(n, 2 * size * rows, -1)
 
     def _product(self, sides: Sides, share: np.ndarray, first: int, second: int) -> np.ndarray:
-        """Σ conj(row factor) row factor (n, s, s) of two factors in full, whitened, over the points; kept."""
+        """Σ conj(row · first) row · second (n, s, s) over the points, of two whitened factors without amounts; kept."""
 
         def made() -> np.ndarray:
             weight = (sides.data.weight[self.points] * share[: self.points.size]) ** 2
-            # of a factor with itself without the rounding of an imaginary part
-            own = self.factors[first]
-            across = np.abs(own) ** 2 if first == second else own.conj() * self.factors[second]
+            # |factor|² is real, without rounding
+            factor = self.factors[first]
+            across = np.abs(factor) ** 2 if first == second else factor.conj() * self.factors[second]
             return self._weighted(across * weight) * self.scale[:, None, None] ** 2
 
         return self._kept.get(("product", int(first), int(second), *self._key(sides)), made)
@@ -273,7 +273,7 @@ def components(log_frequency: np.ndarray, length: float, kernel: Kernel = square
 
 @lru_cache(maxsize=32)
 def _components(frequencies: bytes, length: float, kernel: Kernel) -> np.ndarray:
-    """Of the same, kept: the fits of a sweep ask for them again and again."""
+    """`components`, kept: the fits of a sweep need them again and again."""
     log_frequency = np.frombuffer(frequencies)
     low, high = float(log_frequency.min()), float(log_frequency.max())
     at = np.linspace(low, high, int(np.ceil(6 / length)) + 1)
@@ -290,7 +290,7 @@ def smooth(
     shares: Sequence[float] = SHARES,
     kernel: Kernel = squared_exponential,
 ) -> Iterator[Alternatives]:
-    """Both processes for every ℓ and w; each sweep has its own.
+    """The smooth form: both processes for every ℓ and w; each sweep has its own coefficients.
 
     Parameters
     ----------
@@ -307,9 +307,9 @@ def smooth(
 
 
 def shared_smooth(data: SweepData, log_slope: np.ndarray) -> Sequence[Alternatives]:
-    """The same for the fits of a sweep, with slope (k,): those that linearisation promises have the curve of another.
+    """`smooth` of a slope (k,), with its products kept for the latest slopes: fits by linearisation share them.
 
-    Of the latest curves they are kept, with their products; of long sweeps they would be large.
+    Not kept for long sweeps, for which they would be large.
     """
     if data.impedance.size > _KEPT:
         return tuple(smooth(data, log_slope))
@@ -324,7 +324,7 @@ _of_curves = Once(latest=_CURVES)
 def of_every_resonance(data: SweepData, impedance: np.ndarray) -> Iterator[Alternatives]:
     """Errors of all resonances of the model, for every κ and part of the losses.
 
-    None where no sweep shows three resonances: errors of one or two are errors of the constants found from them.
+    Yields none where no sweep shows three resonances: errors of one or two are errors of the constants found from them.
 
     impedance : (k,) Z of the model, ohm
     """
@@ -347,7 +347,7 @@ def of_every_resonance(data: SweepData, impedance: np.ndarray) -> Iterator[Alter
 def of_one_resonance(
     data: SweepData, impedance: np.ndarray, log_slope: np.ndarray, qualities: Sequence[float] = QUALITIES
 ) -> Iterator[Alternatives]:
-    """A resonance of its own at every place of every sweep, beside the piece or moving with it, for every Q.
+    """A further resonance at every place of every sweep, in parallel with the piece or moving with it, for every Q.
 
     impedance : (k,) Z of the model, ohm;  log_slope : (k,) ∂log Z/∂log f
     """
@@ -359,34 +359,34 @@ def of_one_resonance(
             (places, rows), pairs = _resonances_at_places(frequency, quality), None
         for factor in (1j * frequency * impedance[points], log_slope[points]):
             unit = np.ones(places.size)
-            one = Alternatives("a resonance of its own", rows, factor[None], unit, 1.0, points, places, pairs=pairs)
-            yield one.of_size_one()
+            form = Alternatives("a resonance of its own", rows, factor[None], unit, 1.0, points, places, pairs=pairs)
+            yield form.of_size_one()
 
 
 def of_one_step(data: SweepData, log_slope: np.ndarray) -> Iterator[Alternatives]:
     """A step at every place of every sweep, of log Z or of log f; log_slope : (k,) ∂log Z/∂log f."""
     for sweep in data.sweeps:
         points, frequency = np.arange(data.impedance.size)[sweep], data.frequency[sweep]
-        every = -(-points.size // _STEPS)
-        behind = np.arange(max(every, _BESIDE), points.size - _BESIDE + 1, every)
-        rows = (np.arange(points.size) >= behind[:, None]).astype(float)
+        stride = -(-points.size // _STEPS)
+        first = np.arange(max(stride, _BESIDE), points.size - _BESIDE + 1, stride)
+        rows = (np.arange(points.size) >= first[:, None]).astype(float)
         for factor in (np.ones(points.size), log_slope[points]):
-            unit = np.ones(behind.size)
-            one = Alternatives("a step", rows[:, None], factor[None], unit, 1.0, points, frequency[behind])
-            yield one.of_size_one()
+            unit = np.ones(first.size)
+            form = Alternatives("a step", rows[:, None], factor[None], unit, 1.0, points, frequency[first])
+            yield form.of_size_one()
 
 
 def _resonances_at_places(frequency: np.ndarray, quality: float) -> tuple[np.ndarray, np.ndarray]:
     """Places (n,) Hz of a quality factor over a sweep (k',), and both rows (n, 2, k') of a resonance there."""
     places = _thinned(frequency, _APART / (2 * quality))
     poles = (2 * np.pi * places[:, None]) ** 2 * (1 + 1j / quality)
-    form = poles / (poles - (2 * np.pi * frequency) ** 2)
-    return places, np.stack([form, form**2 / quality], axis=1)
+    fraction = poles / (poles - (2 * np.pi * frequency) ** 2)
+    return places, np.stack([fraction, fraction**2 / quality], axis=1)
 
 
 @lru_cache(maxsize=2 * len(QUALITIES))
 def _kept_at_places(frequencies: bytes, quality: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same and the pairs of the rows, kept, as the sweeps of a lot have the same frequencies."""
+    """As `_resonances_at_places`, and the pairs of rows; kept, as the sweeps of a lot have the same frequencies."""
     places, rows = _resonances_at_places(np.frombuffer(frequencies), quality)
     squares, both = np.abs(rows) ** 2, rows[:, 0].conj() * rows[:, 1]
     pairs = np.stack([squares[:, 0], both.real, both.imag, squares[:, 1]], axis=1)
@@ -406,7 +406,7 @@ def _size(columns: np.ndarray, imaginary: float) -> float:
 
 
 def _of_sweeps(data: SweepData, blocks: Sequence[np.ndarray]) -> np.ndarray:
-    """(1, s, k) rows of one alternative of columns (k', s') of every sweep, whose coefficients are its own."""
+    """(1, s, k) rows of one alternative: the columns (k', s') of every sweep, with coefficients of its own."""
     rows = np.zeros((1, sum(block.shape[1] for block in blocks), data.impedance.size), dtype=np.result_type(*blocks))
     begin = 0
     for sweep, block in zip(data.sweeps, blocks, strict=True):
@@ -416,12 +416,12 @@ def _of_sweeps(data: SweepData, blocks: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _alone(form: Form, rows: np.ndarray, factors: np.ndarray, imaginary: float, place: float) -> Alternatives:
-    """One alternative of rows (1, s, k) over all points by every factor (t, k)."""
+    """A single alternative of rows (1, s, k) over all points, with factors (t, k)."""
     return Alternatives(form, rows, factors, np.ones(1), imaginary, np.arange(rows.shape[2]), np.array([place]))
 
 
 def _thinned(frequency: np.ndarray, apart: float) -> np.ndarray:
-    """(n,) those of the frequencies (k,), in order, that lie by a share of themselves apart at least."""
+    """(n,) the first of the frequencies (k,) in each interval of log f of the length `apart`, rising."""
     cells = np.floor(np.log(frequency / frequency.min()) / apart)
     return np.sort(frequency[np.unique(cells, return_index=True)[1]])
 

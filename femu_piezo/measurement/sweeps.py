@@ -1,4 +1,4 @@
-"""The measured sweeps that a fit may see, their noise, and how far log Z is from a model in units of it."""
+"""The measured sweeps of a fit, their noise, and the difference of log Z from a model in units of the noise."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from femu_piezo.measurement.autoregression import Autoregression
 
-#: Bands of the leave-band-out prediction.
+#: Bands of each sweep in the leave-band-out prediction.
 _BANDS = 10
 #: Standard deviation of the logarithm of a noise level that was given, and of one estimated from the roughness of the
 #: sweep (tests/measurement/test_noise.py).
@@ -23,12 +23,12 @@ class SweepData:
     ----------
     frequency : (k,) Hz
     impedance : (k,) measured Z, ohm
-    relative_noise : (k,) sqrt(E|δZ/Z|²), the error of the reduced basis among it
+    relative_noise : (k,) sqrt(E|δZ/Z|²), including the error of the reduced basis
     noise_known : whether it came with the data (else it was estimated from the sweep alone)
-    sizes : points of each sweep where there are several
+    sizes : number of points of each sweep; empty for a single sweep
     model_share : (k,) share of the variance that is error of the reduced basis; none where empty
     mesh_error : (k,) relative error of eigenvalues that the mesh may have at each frequency; none where empty
-    noise_memory : of each sweep, how its neighbouring errors follow each other; white where empty
+    noise_memory : autoregression of the noise of each sweep; white noise where empty
     """
 
     frequency: np.ndarray
@@ -51,7 +51,7 @@ class SweepData:
         return np.sqrt(2.0) / self.relative_noise
 
     def over_noise(self, errors: np.ndarray) -> np.ndarray:
-        """(k, …) complex errors of log Z, whitened: over their deviation, and less what those before them predict."""
+        """(k, …) complex errors of log Z, whitened: over their deviation, and less what earlier points predict."""
         found = errors * self.weight.reshape(-1, *[1] * (errors.ndim - 1))
         for memory, sweep in self._correlated:
             found[sweep] = memory.whitened(found[sweep])
@@ -91,11 +91,11 @@ class SweepData:
         return level_std(self.noise_known)
 
     def bands(self, count: int = _BANDS) -> list[np.ndarray]:
-        """Indices of the points of contiguous bands, so many of each sweep."""
+        """Indices of the points of contiguous bands, `count` of each sweep."""
         return [part for sweep in self.sweeps for part in np.array_split(sweep, count)]
 
     def select(self, keep: np.ndarray) -> SweepData:
-        """The points where `keep` (bool, or indices in order) says so."""
+        """The data at the points `keep` (bool, or indices in order) alone."""
         kept = np.arange(self.impedance.size)[keep]
         sizes = tuple(int(np.count_nonzero(np.isin(sweep, kept))) for sweep in self.sweeps) if self.sizes else ()
         return replace(
@@ -111,7 +111,7 @@ class SweepData:
     def mesh_misses(self, log_slope: np.ndarray) -> np.ndarray:
         """(2k, m) whitened errors of log Z, one standard deviation each, that the mesh may make in each band by itself.
 
-        An eigenvalue λ (1 + ε) for λ moves the curve along frequency: ½ ε ∂log Z/∂log f, log_slope (k,) complex.
+        A relative error ε of eigenvalues shifts the curve along frequency: ½ ε ∂log Z/∂log f, log_slope (k,) complex.
         """
         bands = self.bands() if self.mesh_error.size else []
         found = np.zeros((self.impedance.size, len(bands)), dtype=complex)
@@ -131,7 +131,7 @@ class SweepData:
 
 
 def level_std(noise_known: bool) -> float:
-    """Standard deviation of the logarithm of the noise level of a sweep, that was given with it or estimated."""
+    """Standard deviation of the logarithm of the noise level of a sweep, given with the data or estimated."""
     return _GIVEN if noise_known else _ESTIMATED
 
 
