@@ -1,12 +1,13 @@
-"""Static condensation: unknowns of one cell alone are eliminated cell by cell, the others by a sparse factorisation.
+"""Static condensation: private unknowns are eliminated cell by cell, shared unknowns by a sparse factorisation.
 
-With i the unknowns that no other cell and no further term shares, and b the others of a cell,
+With i the private unknowns of a cell, which belong to no other cell and no further term, and b its shared unknowns,
 
     A_bb ← A_bb − A_bi A_ii⁻¹ A_ib,    x_i = A_ii⁻¹ r_i − A_ii⁻¹ A_ib x_b,
 
-which is exact for the A = K − σM of one shift. In one layer of cells of order p, all nodes but those of their upright
-sides go that way. Cells are made, eliminated and dropped one after another, so neither the operator nor its pattern
-is ever held: only A_ii⁻¹ and A_ii⁻¹ A_ib of each cell, and the sparse matrix of what cells share.
+which is exact for A = K − σM at one shift σ. In a mesh of one layer of cells of order p, only the nodes on the upright
+sides of the cells are shared. Cell matrices are formed, eliminated and dropped one after another, so that memory holds
+only the LU factors of A_ii and A_ii⁻¹ A_ib of each cell, and the sparse matrix of the shared unknowns, never the whole
+operator or its pattern.
 """
 
 from __future__ import annotations
@@ -25,11 +26,11 @@ from femu_piezo.forward.linear_solver import Analysis, SymmetricSolver
 
 @dataclass(frozen=True)
 class _Cell:
-    """An eliminated cell.
+    """A cell whose private unknowns are eliminated.
 
     Attributes
     ----------
-    private : (i,) its own unknowns;  shared : (b,) numbers of the others among the shared ones, growing
+    private : (i,) private unknowns of the model;  shared : (b,) positions in the list of shared unknowns, growing
     factor : LU of A_ii and its pivots;  response : (i, b) A_ii⁻¹ A_ib
     """
 
@@ -40,13 +41,13 @@ class _Cell:
 
 
 class Condensation:
-    """Which unknowns of a model are eliminated in their cells, and the pattern of the matrix of the others.
+    """Division of a model's unknowns into private and shared ones, and the sparsity pattern of the shared ones.
 
     Parameters
     ----------
-    products : on n nodes
+    products : gradient products on n nodes
     prolongation : (4n, m) from free unknowns to all, the hot electrode last; each row has at most one entry
-    further : matrices (m, m) of further terms, whose unknowns are not eliminated in cells
+    further : matrices (m, m) of further terms, whose unknowns count as shared
     """
 
     def __init__(self, products: LayeredProducts, prolongation: sp.csr_matrix, further: Iterable[sp.spmatrix]) -> None:
@@ -61,18 +62,20 @@ class Condensation:
         self._number = np.full(self._size, -1)
         self._number[self._shared] = np.arange(self._shared.size)
         self._pattern, self._analysis = self._lower_pattern(), Analysis()
-        self._analysis.of(self._matrix(np.ones(self._pattern.nnz)))  # before there are cells: it takes memory
+        self._analysis.of(
+            self._matrix(np.ones(self._pattern.nnz))
+        )  # the analysis needs memory, so it comes before the cells
 
     def _unknowns(self, cell: int) -> np.ndarray:
-        """(4 m³,) free unknown of every function and field of a cell, −1 where it is held."""
+        """(4 m³,) free unknown of every field and shape function of a cell, −1 where it is held."""
         return self._free[:, self._products.cell_nodes(cell)].ravel()
 
     def _is_shared(self) -> np.ndarray:
-        """(m,) which unknowns several cells or further terms have; the hot electrode among them."""
+        """(m,) whether an unknown belongs to several cells, to a further term or to the hot electrode."""
         cells = np.zeros(self._size, dtype=int)
         for cell in range(self._products.cells):
-            own = np.unique(self._unknowns(cell))
-            cells[own[own >= 0]] += 1
+            unknowns = np.unique(self._unknowns(cell))
+            cells[unknowns[unknowns >= 0]] += 1
         shared = cells > 1
         shared[-1] = True
         for matrix in self._further:
@@ -80,8 +83,9 @@ class Condensation:
         return shared
 
     def _lower_pattern(self) -> sp.csc_matrix:
-        """Lower triangle of the pattern among the shared unknowns."""
-        groups = [np.unique(self._number[own[own >= 0]]) for own in map(self._unknowns, range(self._products.cells))]
+        """Lower triangle of the sparsity pattern of the shared unknowns."""
+        unknowns = map(self._unknowns, range(self._products.cells))
+        groups = [np.unique(self._number[of_cell[of_cell >= 0]]) for of_cell in unknowns]
         groups = [group[group >= 0] for group in groups]
         starts, every = np.cumsum([0, *(group.size for group in groups)]), np.concatenate(groups)
         size, ones = self._shared.size, np.ones(every.size, dtype=np.int8)
@@ -95,7 +99,10 @@ class Condensation:
         return lower
 
     def factorize(self, tensor: np.ndarray, inertia: float, further: Iterable[float]) -> CondensedSolver:
-        """Of an extended tensor (4, 3, 4, 3) less `inertia` (density times ω²), plus further terms by their factors."""
+        """Solver of the stiffness of an extended tensor (4, 3, 4, 3) − inertia · mass + Σ factor · further term.
+
+        inertia : density times ω²;  further : factor of each further term
+        """
         scaled = tensor * self._scale[:, None, None, None] * self._scale[:, None]
         data, cells = np.zeros(self._pattern.nnz), []
         for number in range(self._products.cells):
@@ -111,11 +118,11 @@ class Condensation:
         return sp.csc_matrix((data, self._pattern.indices, self._pattern.indptr), shape=self._pattern.shape)
 
     def _eliminated(self, operator: np.ndarray, unknowns: np.ndarray) -> tuple[_Cell, np.ndarray]:
-        """A cell without its own unknowns, and what it adds (b, b) to the others."""
+        """The eliminated cell, and the Schur complement (b, b) that it adds to its shared unknowns."""
         number = np.where(unknowns >= 0, self._number[unknowns], -1)
         private = np.flatnonzero((unknowns >= 0) & (number < 0))
         shared, group = np.unique(number[number >= 0], return_inverse=True)
-        # the electrode's functions are one unknown: rows and columns of one number are added
+        # all nodes of the hot electrode are one unknown: rows and columns of equal numbers are added
         collect = sp.csr_matrix(
             (np.ones(group.size), (group, np.flatnonzero(number >= 0))), shape=(shared.size, unknowns.size)
         )
@@ -126,7 +133,7 @@ class Condensation:
         return _Cell(unknowns[private], shared, factor, response), rest - coupling.T @ response
 
     def _add(self, data: np.ndarray, shared: np.ndarray, rest: np.ndarray) -> None:
-        """Add the lower triangle of a cell's matrix (b, b), whose unknowns have growing numbers."""
+        """Add the lower triangle of a Schur complement (b, b), whose unknowns have growing numbers."""
         indptr, indices = self._pattern.indptr, self._pattern.indices
         for position, column in enumerate(shared):
             start, end = indptr[column : column + 2]
@@ -143,11 +150,11 @@ class Condensation:
 
 @dataclass(frozen=True)
 class CondensedSolver:
-    """Solves with the whole operator: cells, then what they share, then cells again.
+    """Solves with the whole operator: forward through the cells, then the shared unknowns, then back into the cells.
 
     Attributes
     ----------
-    shared : (s,) the unknowns that cells share;  solver : of the matrix among them
+    shared : (s,) the shared unknowns;  solver : of their matrix (s, s)
     """
 
     cells: list[_Cell]
@@ -156,13 +163,13 @@ class CondensedSolver:
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """A⁻¹ right, (m,) or (m, k)."""
-        own = right[self.shared]
+        at_shared = right[self.shared]
         for cell in self.cells:
-            own[cell.shared] -= cell.response.T @ right[cell.private]
-        own = self.solver.solve(own)
+            at_shared[cell.shared] -= cell.response.T @ right[cell.private]
+        at_shared = self.solver.solve(at_shared)
         found = np.empty_like(right)
-        found[self.shared] = own
+        found[self.shared] = at_shared
         for cell in self.cells:
             inside = sl.lu_solve(cell.factor, right[cell.private], check_finite=False)
-            found[cell.private] = inside - cell.response @ own[cell.shared]
+            found[cell.private] = inside - cell.response @ at_shared[cell.shared]
         return found

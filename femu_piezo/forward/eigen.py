@@ -60,9 +60,9 @@ class Eigenpairs:
         return weight / weight.sum()
 
     def dominant(self, near_Hz: float | None = None) -> int:
-        """Index of the mode the terminals drive most, within a factor two of `near_Hz` where that is given.
+        """Index of the mode that the terminals drive most, within a factor two of `near_Hz` where that is given.
 
-        Raises ConvergenceError where no computed mode lies there.
+        Raises ConvergenceError where no computed mode lies in that range.
         """
         weight = self.participation.copy()
         if near_Hz is not None:
@@ -92,7 +92,7 @@ def solve_eigen(
     Parameters
     ----------
     constants : complex or real e-form constants
-    near_Hz : the shift; with 0 the lowest modes. On the full plate six rigid-body modes come first.
+    near_Hz : frequency of the shift; with 0 the lowest modes. On the full plate six rigid-body modes come first.
     extra : coefficients of the model's extra terms
 
     Raises
@@ -122,7 +122,7 @@ def solve_eigen(
 
 
 def _shift(model: ElectroelasticModel, k, m, near_Hz: float) -> float:
-    """Shift in λ. At zero frequency the full plate is singular, so the shift there goes below zero."""
+    """Shift in λ, rad²/s²; for zero frequency below zero, because the operator of the full plate is singular there."""
     if near_Hz > 0:
         return (2 * np.pi * near_Hz) ** 2
     scale = np.abs(k.diagonal()[: m.shape[0]]).max() / m.diagonal().max()

@@ -1,9 +1,9 @@
 """Electrode and symmetry conditions as one prolongation from free unknowns to all degrees of freedom.
 
 Free unknowns: displacements not held by a symmetry plane, potentials away from electrodes, and LAST the
-potential of the hot electrode, one unknown for its whole equipotential. The open-circuit operator is the whole;
-the short-circuit operator is the same without its last row and column. The potential is scaled so that elastic
-and dielectric entries have one magnitude.
+potential of the hot electrode, one unknown for its whole equipotential. The whole operator is that of the open
+circuit; without its last row and column it is that of the short circuit. The potential is scaled so that elastic
+and dielectric entries have similar magnitudes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def boundary_dofs(basis: skfem.Basis, names: tuple[str, ...]) -> np.ndarray:
-    """(k,) degrees of freedom of a scalar basis on named boundaries, each once."""
+    """(k,) degrees of freedom of a scalar basis on named boundaries, without repetition."""
     return np.unique(np.concatenate([basis.get_dofs(name).all() for name in names]))
 
 
@@ -56,13 +56,13 @@ def prolongation(basis: skfem.Basis, domain: Domain, potential_scale: float) -> 
 
 @dataclass(frozen=True)
 class Faces:
-    """The electrodes of a computed part that are real faces, by Gauss points in a frame whose third axis is normal.
+    """Gauss points on the electrodes of a computed part that are faces of the body; the third axis is normal to them.
 
     Attributes
     ----------
-    weights : (q,) of their area, m²
-    values : [f] (q, 4n) value of each field
-    slopes : [f][a] (q, 4n) its gradient along the two axes in the face
+    weights : (q,) weights of surface integrals, m²
+    values : [f] → (q, 4n) value of field f at the points
+    slopes : [f][a] → (q, 4n) gradient of field f along the two axes in the face
     """
 
     weights: np.ndarray
@@ -75,14 +75,17 @@ class Faces:
 
 
 def of_field(matrix: sp.csr_matrix, field: int) -> sp.csr_matrix:
-    """(q, 4n) what a matrix (q, n) makes of one of the fields."""
+    """(q, 4n) matrix that applies a matrix (q, n) to one field of nodal values (4n,)."""
     rows, n = matrix.shape
-    found = sp.csr_matrix(matrix)
-    return sp.csr_matrix((found.data, found.indices + field * n, found.indptr), shape=(rows, FIELDS * n))
+    scalar = sp.csr_matrix(matrix)
+    return sp.csr_matrix((scalar.data, scalar.indices + field * n, scalar.indptr), shape=(rows, FIELDS * n))
 
 
 def electrode_faces(model: ElectroelasticModel) -> Faces:
-    """Of electrodes normal to z. A plane of antisymmetric potential is a ground of the part but no face of the body."""
+    """The faces of a model whose electrodes are normal to z.
+
+    A plane of antisymmetric potential is not among them: it is a ground of the part but no face of the body.
+    """
     basis, domain = model.basis, model.domain
     faces = [name for name in (*domain.hot, *domain.ground) if name not in domain.symmetry]
     facets = np.concatenate([basis.mesh.boundaries[face] for face in faces])
@@ -107,13 +110,13 @@ def electrode_faces(model: ElectroelasticModel) -> Faces:
 def electrode_film(faces: Faces, directions: tuple[int, ...] = (0, 1, 2)) -> sp.csr_matrix:
     """∫ v·u over the electrodes, (4n, 4n), m² per unit of displacement².
 
-    directions : components of u that take part
+    directions : components of u in the product
     """
     return sum(faces.product(faces.values[f], faces.values[f]) for f in directions)
 
 
 def electrode_membrane(faces: Faces, poisson: float) -> sp.csr_matrix:
-    """Plane stress of a film on the electrodes, (4n, 4n), per N/m of E h/(1 − ν²).
+    """Membrane stiffness of a film in plane stress on the electrodes, (4n, 4n), per N/m of E h/(1 − ν²).
 
     ∫ ε_xx² + ε_yy² + 2ν ε_xx ε_yy + (1 − ν)/2 γ_xy² dS as a quadratic form
     """

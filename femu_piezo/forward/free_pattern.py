@@ -1,9 +1,9 @@
-"""Operators in free unknowns straight from gradient products, on one sparsity pattern found once.
+"""Operators in free unknowns, assembled directly from gradient products on one sparsity pattern.
 
-The prolongations of `femu_piezo.forward.electrodes` and `femu_piezo.forward.parity` only drop held unknowns, scale
-potentials and, the first, join the hot electrode into the last unknown. So an entry of a scalar matrix goes to a
-position that is known beforehand, and the operator of any tensor costs one pass over the scalar entries per pair of
-fields.
+The prolongations of `femu_piezo.forward.electrodes` and `femu_piezo.forward.parity` only drop held unknowns and scale
+potentials; that of `electrodes` also joins the nodes of the hot electrode into the last unknown. So every entry of a
+scalar matrix has a position in the operator that is computed once, and the operator of any tensor costs one pass over
+the scalar entries per pair of fields.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class FreePattern:
     ----------
     products : scalar gradient products on n nodes
     prolongation : (4n, m) from free unknowns to all; each row has at most one entry
-    electrode : whether the last column is the electrode; False where electrodes are at zero
+    electrode : whether the last free unknown is the potential of the hot electrode; False where electrodes are at zero
     """
 
     def __init__(self, products: GradientProducts, prolongation: sp.csr_matrix, electrode: bool = True) -> None:
@@ -44,7 +44,7 @@ class FreePattern:
         self.indices = self._fill_indices()
 
     def _column_offsets(self) -> tuple[list[np.ndarray], np.ndarray]:
-        """Per field, the place of every scalar entry within its row of the operator; the row lengths (n,)."""
+        """Per field, the position (nnz,) of every scalar entry within its row of the operator; the row lengths (n,)."""
         starts, width, offsets = self._products.indptr, np.zeros(self._products.size, dtype=np.int64), []
         for g in range(FIELDS):
             before = np.concatenate([[0], np.cumsum(self._free[g][self._products.indices] >= 0)])
@@ -53,7 +53,7 @@ class FreePattern:
         return offsets, width
 
     def _row_starts(self, width: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(m+1,) row pointers, and the free unknowns coupled to the electrode, which fill the last row."""
+        """(m+1,) row pointers, and the free unknowns coupled to the electrode: the columns of the last row."""
         lengths = np.zeros(self.size, dtype=np.int64)
         coupled = []
         for f in range(FIELDS):
@@ -66,7 +66,7 @@ class FreePattern:
         return np.concatenate([[0], np.cumsum(lengths)]), hot_rows
 
     def _targets(self, f: int, g: int) -> tuple[np.ndarray, np.ndarray]:
-        """Scalar entries that survive in block (f, g), and where they go in the data of the operator."""
+        """Scalar entries that belong to free unknowns in block (f, g), and their positions in the operator's data."""
         rows = self._free[f][self._rows]
         kept = np.flatnonzero((rows >= 0) & (self._free[g][self._products.indices] >= 0))
         return kept, self.indptr[rows[kept]] + self._offsets[g][kept]
@@ -84,8 +84,8 @@ class FreePattern:
     def stiffness(self, tensor: np.ndarray, inertia: float = 0.0) -> sp.csr_matrix:
         """(m, m) operator of an extended tensor H (4, 3, 4, 3), real or complex, symmetric in (f,a) ↔ (g,b).
 
-        inertia : ω²ρ, taken off times ∫ φ_i φ_j of the displacements; sparse matrices subtracted from each other would
-            lose entries that happen to be zero, and with them the analysis of the pattern
+        inertia : ω²ρ; ω²ρ ∫ φ_i φ_j is subtracted in the displacement blocks. It is subtracted here, because the
+            difference of two sparse matrices loses entries that happen to be zero and changes the analysed pattern.
         """
         data = np.zeros(self.indptr[-1], dtype=tensor.dtype)
         ends = self.indptr[1:] - 1
@@ -104,9 +104,9 @@ class FreePattern:
         return sp.csr_matrix((data, self.indices, self.indptr), shape=(self.size, self.size))
 
     def added(self, matrix: sp.csr_matrix, further: sp.csr_matrix) -> sp.csr_matrix:
-        """The sum of a matrix that `stiffness` gave, which is changed, and another (m, m).
+        """The sum of a matrix from `stiffness`, changed in place where that is possible, and a further matrix (m, m).
 
-        On the pattern where that has room for all entries of the other, else with the pattern of both.
+        The sum has this pattern where it contains all entries of `further`, else the union of both patterns.
         """
         entries = further.tocoo()
         numbers = np.arange(1, self.indices.size + 1)
@@ -118,7 +118,7 @@ class FreePattern:
         return matrix
 
     def _couple(self, data: np.ndarray, ends: np.ndarray, f: int, column: np.ndarray) -> None:
-        """Write the electrode's column and row for field f from ∫ against the electrode's potential (n,)."""
+        """Write the electrode's column and row for field f; column : (n,) entries of f against the electrode."""
         coupled = (self._free[f] >= 0) & self._touches
         data[ends[self._free[f][coupled]]] = column[coupled]
         first = self.indptr[-2] + np.sum([np.sum((self._free[h] >= 0) & self._touches) for h in range(f)], dtype=int)

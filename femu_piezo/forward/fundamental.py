@@ -32,12 +32,12 @@ class PoleZeroPair:
     sensitivities: np.ndarray
 
 
-#: constants, expected frequency of the pole in Hz → the pair
+#: (constants, expected frequency of the pole in Hz) → the pair near it
 PairSource = Callable[[PiezoConstants, float], PoleZeroPair]
 
 
 def full_source(model: ElectroelasticModel, count: int = 8) -> PairSource:
-    """Pairs by sparse eigenpairs of the full model: the electrically dominant mode near the expected frequency."""
+    """Pairs from sparse eigenpairs of the full model: the mode near the expected frequency that is driven most."""
 
     def pair(constants: PiezoConstants, near_Hz: float) -> PoleZeroPair:
         e_form = constants.to_e_form()
@@ -60,7 +60,7 @@ class HasModal(Protocol):
 
 
 def reduced_source(reduced: HasModal) -> PairSource:
-    """Pairs from a reduced model: milliseconds each."""
+    """Pairs from closed forms of a reduced model, in milliseconds each."""
 
     def pair(constants: PiezoConstants, near_Hz: float) -> PoleZeroPair:
         modal = reduced.modal(constants.to_e_form())

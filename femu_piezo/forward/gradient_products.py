@@ -48,12 +48,13 @@ def unit_tensors(rotation: np.ndarray) -> np.ndarray:
 
 
 class ScalarProducts(ABC):
-    """The products G_ab = ∫ w ∂_aφ_i ∂_bφ_j of a scalar basis, and what bulk forms follow from them.
+    """The products G_ab = ∫ w ∂_aφ_i ∂_bφ_j of a scalar basis, with a weight w, and the bulk forms made of them.
 
     Attributes
     ----------
-    size : number n of functions
-    nodes : (m,) those whose rows are not zero, in the order in which `times` has them; a slice of all
+    size : number n of shape functions
+    nodes : (m,) numbers of the functions whose rows of G_ab are not zero, in the order that `times` uses; a slice of
+        all where that is the order of the basis
     """
 
     size: int
@@ -65,11 +66,11 @@ class ScalarProducts(ABC):
 
     def applied(self, tensors: Sequence[np.ndarray], fields: np.ndarray) -> np.ndarray:
         """(n_tensors, 4, n, k): A w of extended tensors, each (4, 3, 4, 3), on fields w (4, n, k), no A formed."""
-        tensors, own = np.asarray(tensors), fields[:, self.nodes]
-        found = np.zeros((len(tensors), *own.shape))
-        given = np.any(own, axis=(1, 2))[:, None]
-        for a, g, b in zip(*np.nonzero(np.any(tensors, axis=(0, 1)) & given), strict=True):
-            image = self.times(a, b, own[g])
+        tensors, values = np.asarray(tensors), fields[:, self.nodes]
+        found = np.zeros((len(tensors), *values.shape))
+        nonzero = np.any(values, axis=(1, 2))[:, None]
+        for a, g, b in zip(*np.nonzero(np.any(tensors, axis=(0, 1)) & nonzero), strict=True):
+            image = self.times(a, b, values[g])
             for number, f in zip(*np.nonzero(tensors[:, :, a, g, b]), strict=True):
                 found[number, f] += tensors[number, f, a, g, b] * image
         if isinstance(self.nodes, slice):
@@ -79,65 +80,65 @@ class ScalarProducts(ABC):
         return whole
 
     def between(self, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
-        """(n_tensors, k, l): vᵗA w of extended tensors on all pairs of fields v and w, without forming any A.
+        """(n_tensors, k, l): vᵗA w of extended tensors on all pairs of fields v and w, no A formed.
 
         Parameters
         ----------
         left, right : (4, n, k) and (4, n, l) fields;  tensors : each (4, 3, 4, 3)
         """
         tensors, found = np.asarray(tensors), np.zeros((len(tensors), left.shape[2], right.shape[2]))
-        rows, columns = (self._of_each(side) for side in (left, right))
+        rows, columns = (self._nonzero_columns(side) for side in (left, right))
         for a, g, b in zip(*np.nonzero(np.any(tensors, axis=(0, 1))), strict=True):
             after, image = columns[g][0], None
-            for f, (before, own) in enumerate(rows):
-                shares = tensors[:, f, a, g, b]
-                if before.size and after.size and np.any(shares):
+            for f, (before, values) in enumerate(rows):
+                components = tensors[:, f, a, g, b]
+                if before.size and after.size and np.any(components):
                     image = self.times(a, b, columns[g][1]) if image is None else image
-                    product = own.T @ image
-                    for number in np.flatnonzero(shares):
-                        found[number][np.ix_(before, after)] += shares[number] * product
+                    product = values.T @ image
+                    for number in np.flatnonzero(components):
+                        found[number][np.ix_(before, after)] += components[number] * product
         return found
 
-    def _of_each(self, fields: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of each part of fields (4, n, k) the numbers of those that have some of it, and their values on `nodes`.
+    def _nonzero_columns(self, fields: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """For u_x, u_y, u_z and φ of fields (4, n, k): numbers of the nonzero columns, and their values on `nodes`.
 
-        Many are of displacements or of potentials alone.
+        Many fields have displacements alone or a potential alone.
         """
         chosen = [np.flatnonzero(np.any(part, axis=0)) for part in fields]
-        return [(own, part[self.nodes][:, own]) for own, part in zip(chosen, fields, strict=True)]
+        return [(columns, part[self.nodes][:, columns]) for columns, part in zip(chosen, fields, strict=True)]
 
     def within(self, fields: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
         """(n_tensors, k, k): `between` of fields (4, n, k) with themselves, for tensors H[f, a, g, b] = H[g, b, f, a].
 
-        Of the parts H[f, a, g, b] and H[g, b, f, a], the transposes of each other, one is computed.
+        The parts of H[f, a, g, b] and H[g, b, f, a] are transposes of each other, so only one of them is computed.
         """
-        own = fields[:, self.nodes]
-        used = np.any(own, axis=(1, 2))
-        tensors = np.asarray(tensors) * used[:, None, None, None] * used[:, None]
+        values = fields[:, self.nodes]
+        nonzero = np.any(values, axis=(1, 2))
+        tensors = np.asarray(tensors) * nonzero[:, None, None, None] * nonzero[:, None]
         wanted = np.any(tensors, axis=0).reshape(3 * FIELDS, 3 * FIELDS)
-        half = np.zeros((len(tensors), own.shape[2], own.shape[2]))
+        half = np.zeros((len(tensors), values.shape[2], values.shape[2]))
         for column in range(3 * FIELDS):
             g, b = divmod(column, 3)
             for a in range(3):
                 rows = [f for f in range(FIELDS) if 3 * f + a <= column and wanted[3 * f + a, column]]
-                image = self.times(a, b, own[g]) if rows else None
+                image = self.times(a, b, values[g]) if rows else None
                 for f in rows:
-                    product, shares = own[f].T @ image, tensors[:, f, a, g, b]
-                    for number in np.flatnonzero(shares):
-                        half[number] += (0.5 if (f, a) == (g, b) else 1.0) * shares[number] * product
+                    product, components = values[f].T @ image, tensors[:, f, a, g, b]
+                    for number in np.flatnonzero(components):
+                        half[number] += (0.5 if (f, a) == (g, b) else 1.0) * components[number] * product
         return half + half.transpose(0, 2, 1)
 
 
 @dataclass(frozen=True)
 class GradientProducts(ScalarProducts):
-    """Scalar matrices on one sparsity pattern.
+    """The gradient products and the mass as scalar sparse matrices on one sparsity pattern.
 
     Attributes
     ----------
     indices, indptr : CSR pattern of the scalar basis, n × n
     gradients : (3, 3, nnz) data of ∫ ∂_aφ_i ∂_bφ_j
     mass : (nnz,) data of ∫ φ_i φ_j
-    grid : the same as Kronecker products, where the nodes are a grid
+    grid : the same products as Kronecker products, where the nodes form a grid; else None
     """
 
     indices: np.ndarray
@@ -148,7 +149,7 @@ class GradientProducts(ScalarProducts):
 
     @property
     def nodes(self) -> np.ndarray | slice:
-        """All, in the order of the grid where there is one."""
+        """All nodes: (n,) in the order of the grid where there is one, else a slice."""
         return slice(None) if self.grid is None else self.grid.order
 
     def times(self, a: int, b: int, vectors: np.ndarray) -> np.ndarray:
@@ -219,23 +220,23 @@ def assemble_gradient_products(basis: skfem.Basis) -> GradientProducts:
 def reshaped_products(
     basis: skfem.Basis, gradient: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[GradientProducts, GradientProducts]:
-    """What a map x → x + p g(x) of the body adds to its products: the factors of p and of p².
+    """Change of the products under a map x → x + p g(x) of the body: the coefficients of p and of p².
 
-    With G = ∂g/∂x, ∇ → (1 − p Gᵗ + p² Gᵗ²) ∇ and dV → (1 + p v₁ + p² v₂ + …) dV, v₁ = tr G, v₂ = (v₁² − tr G²)/2: of
-    products of a = ∇φ_i and b = ∇φ_j these are
+    With G = ∂g/∂x, ∇ → (1 − p Gᵗ + p² Gᵗ²) ∇ and dV → (1 + p v₁ + p² v₂ + …) dV, v₁ = tr G, v₂ = (v₁² − tr G²)/2. For
+    products of a = ∇φ_i and b = ∇φ_j the coefficients are
 
         p:   v₁ a bᵗ − (Gᵗa) bᵗ − a (Gᵗb)ᵗ
         p²:  v₂ a bᵗ − v₁ [(Gᵗa) bᵗ + a (Gᵗb)ᵗ] + (Gᵗa)(Gᵗb)ᵗ + (Gᵗ²a) bᵗ + a (Gᵗ²b)ᵗ
 
     gradient : points (3, m, q) in m → G (3, 3, m, q), for the q Gauss points of m cells
     """
-    here = gradient(np.asarray(basis.global_coordinates()))
-    trace = np.einsum("aa...->...", here)
-    v1, v2 = trace[:, None], ((trace**2 - np.einsum("ab...,ba...->...", here, here)) / 2)[:, None]
+    g = gradient(np.asarray(basis.global_coordinates()))
+    trace = np.einsum("aa...->...", g)
+    v1, v2 = trace[:, None], ((trace**2 - np.einsum("ab...,ba...->...", g, g)) / 2)[:, None]
     value, plain = _shapes(basis)
-    once = np.einsum("ba...,b...->a...", here[:, :, :, None], plain)
-    twice = np.einsum("ba...,b...->a...", here[:, :, :, None], once)
-    # of each order: the growth of the volume, and left factors of right ones.
+    once = np.einsum("ba...,b...->a...", g[:, :, :, None], plain)  # Gᵗ∇φ
+    twice = np.einsum("ba...,b...->a...", g[:, :, :, None], once)  # Gᵗ²∇φ
+    # for p and p²: the growth of the volume, and pairs (factor in φ_i, factor in φ_j) whose products are summed
     orders = (
         (v1, ((v1 * plain - once, plain), (-plain, once))),
         (v2, ((v2 * plain - v1 * once + twice, plain), (once - v1 * plain, once), (plain, twice))),
@@ -252,13 +253,13 @@ def reshaped_products(
 
 
 def _shapes(basis: skfem.Basis) -> tuple[np.ndarray, np.ndarray]:
-    """Values (m, n, q) of the n shape functions at the q Gauss points of m cells, and their slopes (3, m, n, q)."""
+    """Values (m, n, q) of the n shape functions of a cell at the q Gauss points of m cells, and slopes (3, m, n, q)."""
     value = np.stack([np.broadcast_to(shape[0], basis.dx.shape) for shape in basis.basis], axis=1)
     return value, np.stack([np.stack([shape[0].grad[axis] for shape in basis.basis], axis=1) for axis in range(3)])
 
 
 def _scatter(basis: skfem.Basis) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray, np.ndarray]:
-    """How element matrices (elements, shapes, shapes) become the data of a CSR matrix, its indices and row starts."""
+    """CSR assembly: function from element matrices (elements, shapes, shapes) to data, column indices, row pointers."""
     dofs = np.asarray(basis.element_dofs, dtype=np.int64).T  # (elements, shapes)
     key = (dofs[:, :, None] * basis.N + dofs[:, None, :]).ravel()
     order = np.argsort(key, kind="stable")

@@ -1,9 +1,9 @@
 """`ElementHexP`: hexahedra of any order p, tensor products of Lagrange polynomials on Gauss-Lobatto nodes.
 
-The cells around an edge or a face may see it from different sides. So each counts the nodes there in the order that the
-global vertex numbers give: along an edge from its lower to its higher vertex, on a face from its lowest vertex, first
-towards the lower of that one's two neighbours. The nodes lie symmetrically, so another order only takes other
-members of the same family of functions, and the element is conforming for any numbering of the cells.
+Cells that share an edge or a face may orient it differently. So every cell numbers the nodes there by the global vertex
+numbers: along an edge from its lower to its higher vertex; on a face from its lowest vertex, first towards the lower of
+the two neighbours of that vertex. The nodes lie symmetrically, so another orientation only permutes the shape functions
+of the cell, and the element is conforming for any numbering of the cells.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class ElementHexP(ElementH1):
         self._coefficients = np.linalg.inv(legendre.legvander(2 * self.nodes - 1, order))
         self._reference = node_indices(np.arange(8)[:, None], order)
         self.doflocs = self.nodes[self._reference[:, 0]]
-        # the latest answers, each with what was asked for in one object: threads share an element
+        # latest results, each with its arguments in one tuple that is replaced as a whole: threads share an element
         self._latest_indices = self._latest_points = None
 
     def indices(self, mesh: skfem.Mesh) -> np.ndarray:
@@ -64,9 +64,9 @@ class ElementHexP(ElementH1):
     def gbasis(self, mapping: Mapping, X: np.ndarray, i: int, tind: np.ndarray | None = None) -> tuple[DiscreteField]:
         """Function i of the cells `tind` at reference points (3, points), or (3, cells, points) of each cell."""
         lines, inverse = self._at_points(mapping, X, tind)
-        own = self.indices(mapping.mesh)[i]
-        own = own if tind is None else own[tind]
-        value, gradient = _product(lines, own[:1] if np.all(own == own[:1]) else own)
+        node = self.indices(mapping.mesh)[i]
+        node = node if tind is None else node[tind]
+        value, gradient = _product(lines, node[:1] if np.all(node == node[:1]) else node)
         shape = inverse.shape[2:]
         gradient = np.einsum("ijkl,ikl->jkl", inverse, np.broadcast_to(gradient, (3, *shape)))
         return (DiscreteField(np.broadcast_to(value, shape), gradient),)
@@ -76,15 +76,15 @@ class ElementHexP(ElementH1):
 
         X : (3, cells, points) reference points of the cells `tind`
         """
-        (lines, slopes), own = self._lines(X), self.indices(mapping.mesh)[:, tind]
-        number, axis, cell = own.transpose(2, 0, 1), np.arange(3)[:, None, None], np.arange(len(tind))
+        (lines, slopes), nodes = self._lines(X), self.indices(mapping.mesh)[:, tind]
+        number, axis, cell = nodes.transpose(2, 0, 1), np.arange(3)[:, None, None], np.arange(len(tind))
         x, y, z = lines[number, axis, cell]
         dx, dy, dz = slopes[number, axis, cell]
         reference = np.array([dx * y * z, x * dy * z, x * y * dz])
         return x * y * z, np.einsum("ijkl,ifkl->jfkl", mapping.invDF(X, tind), reference)
 
     def _at_points(self, mapping: Mapping, X: np.ndarray, tind: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """What all functions share at the same points: polynomials along each axis, and the inverse Jacobian."""
+        """Polynomials along each axis and inverse Jacobian at points, shared by all functions; the latest are kept."""
         asked, latest = (mapping, X, tind), self._latest_points
         if latest is None or any(old is not new for old, new in zip(latest[0], asked, strict=True)):
             self._latest_points = latest = asked, (self._lines(X), mapping.invDF(X, tind))
@@ -106,13 +106,13 @@ def shapes_at(basis: skfem.CellBasis, at: np.ndarray, cells: np.ndarray) -> tupl
     if isinstance(basis.elem, ElementHexP):
         value, gradient = basis.elem.all_functions(basis.mapping, X, cells)
         return value[:, :, 0], gradient[:, :, :, 0]
-    own = [basis.elem.gbasis(basis.mapping, X, i, tind=cells)[0] for i in range(basis.Nbfun)]
-    values = [np.broadcast_to(np.asarray(one), (cells.size, 1))[:, 0] for one in own]
-    return np.array(values), np.stack([one.grad[:, :, 0] for one in own], axis=1)
+    shapes = [basis.elem.gbasis(basis.mapping, X, i, tind=cells)[0] for i in range(basis.Nbfun)]
+    values = [np.broadcast_to(np.asarray(shape), (cells.size, 1))[:, 0] for shape in shapes]
+    return np.array(values), np.stack([shape.grad[:, :, 0] for shape in shapes], axis=1)
 
 
 def lobatto_nodes(order: int) -> np.ndarray:
-    """(n,) growing, n = order + 1: the ends of [0, 1], and where that Legendre polynomial has its extrema."""
+    """(n,) growing, n = order + 1: 0, 1 and the extrema between them of the Legendre polynomial of that order."""
     roots = legendre.legroots(legendre.legder(np.eye(order + 1)[order])) if order > 1 else np.zeros(0)
     inner = np.sort(np.real(roots))  # all are real, which numpy may give as complex numbers
     nodes = np.concatenate([[-1.0], inner, [1.0]])
@@ -137,24 +137,24 @@ def node_indices(vertices: np.ndarray, order: int) -> np.ndarray:
         around = np.take(facet, (first + np.array([[0], [1], [3]])) % 4)
         turned = np.take_along_axis(vertices, around[1:], axis=0)
         around[1:] = np.take_along_axis(around[1:], np.argsort(turned, axis=0), axis=0)
-        start, one, other = corners[around]
+        start, first_end, second_end = corners[around]
         i, j = (grid.reshape(-1, 1, 1) for grid in np.meshgrid(inner, inner, indexing="ij"))
-        found.append(order * start + i * (one - start) + j * (other - start))
+        found.append(order * start + i * (first_end - start) + j * (second_end - start))
     inside = np.array(list(itertools.product(inner, repeat=3)), dtype=int).reshape(-1, 1, 3)
     found.append(np.broadcast_to(inside, (len(inside), vertices.shape[1], 3)))
     return np.concatenate(found)
 
 
 def node_places(basis: skfem.CellBasis) -> np.ndarray:
-    """(3, n) places of the nodes of a basis of `ElementHexP` on all cells of a mesh, m."""
+    """(3, n) coordinates of the nodes of a basis of `ElementHexP` on all cells of a mesh, m."""
     local = basis.elem.nodes[basis.elem.indices(basis.mesh)].transpose(2, 1, 0)
     found = np.zeros((3, basis.N))
     found[:, basis.element_dofs.T] = basis.mapping.F(local, tind=np.arange(basis.mesh.nelements))
     return found
 
 
-def _product(lines: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Value (cells, points) and gradient (3, cells, points) of products of polynomials `own` (cells or 1, 3)."""
+def _product(lines: np.ndarray, node: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Value (cells, points) and reference gradient (3, cells, points) of the function of a node (cells or 1, 3)."""
     cells = np.arange(lines.shape[3])
-    (x, y, z), (dx, dy, dz) = ([part[own[:, axis], axis, cells] for axis in range(3)] for part in lines)
+    (x, y, z), (dx, dy, dz) = ([part[node[:, axis], axis, cells] for axis in range(3)] for part in lines)
     return x * y * z, np.array([dx * y * z, x * dy * z, x * y * dz])

@@ -1,10 +1,10 @@
-"""Krylov vectors of the driven plate: the reference part of a reduced basis from one real factorisation.
+"""Krylov vectors of the driven plate: the start of a reduced basis, from one real factorisation.
 
 With K_σ = K − σM, a shift σ inside the band and x_0 = K_σ^-1 b, the driven state is
 
     x(ω) = (1 − s K_σ^-1 M)^-1 x_0,    s = ω² − σ,    bᵗx = bᵗx_0 + s x_0ᵗM x,
 
-so Lanczos vectors of K_σ^-1 M started from x_0 hold every mode that the terminals drive and no other one.
+so the Lanczos vectors of K_σ^-1 M started from x_0 span every mode that the terminals drive and no other mode.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.forward.linear_solver import Factorization
 
-#: Loss with which convergence is judged, and Lanczos steps between judgements.
+#: Loss factor at which convergence is tested, Lanczos steps between two tests, and the largest number of steps.
 LOSS, _STEPS, _MOST_STEPS = 0.005, 6, 1200
 
 
@@ -47,7 +47,7 @@ def driven_krylov(
                 f"{_MOST_STEPS} Lanczos steps left Z with a relative change of {settled:.1e}: narrow the band"
             )
         if count + _STEPS >= len(lanczos):
-            lanczos, weighted = (np.concatenate([one, np.empty_like(one)]) for one in (lanczos, weighted))
+            lanczos, weighted = (np.concatenate([rows, np.empty_like(rows)]) for rows in (lanczos, weighted))
         right = np.zeros((static.size, _STEPS))
         for step in range(_STEPS):
             right[:split, step] = weighted[count]
@@ -71,7 +71,7 @@ def driven_krylov(
 
 
 def _change(previous, current, static_potential: float, norm: float, shift: float, top: float) -> float:
-    """Largest relative change of bᵗx between two Ritz decompositions, at its resonances and in between."""
+    """Largest relative change of bᵗx between two Ritz decompositions, at resonances and 60 further frequencies."""
     ritz = shift + 1 / current[0]
     squares = np.concatenate([ritz[(ritz > 0) & (ritz < top)], np.linspace(0.01, 1.0, 60) ** 2 * top])
     s = (squares / (1 + 1j * LOSS))[:, None] - shift

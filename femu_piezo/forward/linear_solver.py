@@ -1,8 +1,8 @@
-"""Sparse symmetric indefinite factorisation behind one small function.
+"""Sparse symmetric indefinite factorisation: `factorize`, and `Analysis` for many matrices of one sparsity pattern.
 
-rslab's LDLᵗ (real symmetric or complex symmetric, A = Aᵗ) does the work; scipy's SuperLU stands in where rslab
-is missing or gives up. Every solution is checked by its residual and refined once if need be. The symbolic
-analysis of a pattern is kept by `Analysis`, for sweeps over frequency or constants.
+rslab factorises LDLᵗ (real symmetric or complex symmetric, A = Aᵗ); scipy's SuperLU replaces it where rslab is missing
+or fails. `Factorization.solve` checks every solution by its residual and refines it once if necessary. `Analysis` keeps
+the symbolic analysis of a pattern for sweeps over frequency or constants.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ try:
 except ImportError:  # no wheel for this platform
     rslab = None
 
-#: Relative residual above which a solution is refined, and above which it is refused.
+#: Relative residual above which a solution is refined, and above which it is refused with an error.
 REFINE_ABOVE, REFUSE_ABOVE = 1e-11, 1e-7
-#: Random sums of columns whose residuals are looked at in place of those of all (Freivalds 1979).
+#: Number of random sums of columns whose residuals are computed in place of those of all columns (Freivalds 1979).
 _SUMS = 3
 
 
 class Solver(Protocol):
-    """What a factor does, without a look at what it leaves."""
+    """Solves with a factorised matrix, without a check of the residual."""
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """A^-1 right, (n,) or (n, k), in the type of the factor."""
@@ -39,18 +39,18 @@ class Solver(Protocol):
 
 @dataclass(frozen=True)
 class SymmetricSolver:
-    """A factor of a sparse matrix by one of the libraries.
+    """A sparse matrix factorised by rslab or SuperLU.
 
     Attributes
     ----------
-    backend : "rslab" or "scipy"
+    factor : the object of that library;  backend : "rslab" or "scipy"
     """
 
     factor: Any
     backend: str
 
     def solve(self, right: np.ndarray) -> np.ndarray:
-        """A^-1 right, (n,) or (n, k), in the type of the factor; k may be 0, of which the libraries know nothing."""
+        """A^-1 right, (n,) or (n, k), in the type of the factor; k may be 0, which the libraries do not accept."""
         if right.size == 0:
             return right
         if self.backend == "scipy":
@@ -63,10 +63,11 @@ class Factorization:
 
     Parameters
     ----------
-    matrix : what the residuals belong to; has `@` and `dtype`
-    solver : of the same matrix
-    diagonal : (n,) of the matrix, which measures residuals as they count in energy: among cells of very different sizes
-        the forces on the smallest are rounded most and mean least
+    matrix : A, of which only `@` and `dtype` are used, for residuals
+    solver : solves with A
+    diagonal : (n,) diagonal of A. Residuals are divided by the square roots of its magnitudes, which measures them in
+        energy: in meshes with cells of very different sizes, forces on the smallest cells have the largest rounding
+        errors and the least effect.
     """
 
     def __init__(self, matrix: sp.csc_matrix | spla.LinearOperator, solver: Solver, diagonal: np.ndarray) -> None:
@@ -83,13 +84,13 @@ class Factorization:
         return solution
 
     def solve_unchecked(self, right: np.ndarray) -> np.ndarray:
-        """A^-1 right, (n,) or (n, k), as the factor gives it: for those who `check` several solutions at once."""
+        """A^-1 right, (n,) or (n, k), not checked or refined: for callers that `check` several solutions at once."""
         if np.iscomplexobj(right) and not np.issubdtype(self._matrix.dtype, np.complexfloating):
             return self.solve_unchecked(right.real) + 1j * self.solve_unchecked(right.imag)
         return self._solver.solve(np.asarray(right, dtype=self._matrix.dtype))
 
     def check(self, solution: np.ndarray, right: np.ndarray) -> None:
-        """ConvergenceError where what solutions (n,) or (n, k) leave of the right-hand sides is large."""
+        """Raise ConvergenceError where the residual of solutions (n,) or (n, k) is large."""
         error = self._error(solution, right)
         if not error < REFUSE_ABOVE:
             raise ConvergenceError(
@@ -98,7 +99,7 @@ class Factorization:
             )
 
     def _error(self, solution: np.ndarray, right: np.ndarray) -> float:
-        """Relative residual; of several columns that of a few random sums of them, whose mean square is the same."""
+        """Relative residual of a column, or of a few random sums of many columns, which have the same mean square."""
         if right.ndim == 2 and right.shape[1] > _SUMS:
             signs = np.random.default_rng(0).choice([-1.0, 1.0], (right.shape[1], _SUMS))
             solution, right = solution @ signs, right @ signs
@@ -110,8 +111,12 @@ class Factorization:
 
 @dataclass(frozen=True)
 class _Symbolic:
-    """The analysis of one pattern (CSC, sorted), and the places of its lower triangle, which rslab reads; all of them
-    where that alone is given."""
+    """The symbolic analysis of one sparsity pattern (CSC, sorted).
+
+    Attributes
+    ----------
+    lower : positions of the lower triangle in the data, which rslab reads; all where a matrix is given by it alone
+    """
 
     indptr: np.ndarray
     indices: np.ndarray
@@ -127,6 +132,7 @@ class _Symbolic:
         return cls(matrix.indptr, matrix.indices, slice(None) if below.all() else np.flatnonzero(below), symbolic)
 
     def serves(self, matrix: sp.csc_matrix) -> bool:
+        """Whether the matrix has this pattern."""
         return np.array_equal(matrix.indptr, self.indptr) and np.array_equal(matrix.indices, self.indices)
 
 
@@ -140,11 +146,11 @@ class Analysis:
 
     def __init__(self, backend: str | None = None) -> None:
         self._rslab = rslab is not None and backend != "scipy"
-        self._latest: _Symbolic | None = None  # in one piece: threads share an analysis
+        self._latest: _Symbolic | None = None  # one object, replaced as a whole: threads share an analysis
         self.analyses = 0  #: symbolic analyses made so far
 
     def of(self, matrix: sp.csc_matrix) -> _Symbolic | None:
-        """The analysis of a pattern (CSC, sorted), the latest where it serves; None without rslab."""
+        """The symbolic analysis of a pattern (CSC, sorted), the latest where it serves; None without rslab."""
         latest = self._latest
         if self._rslab and (latest is None or not latest.serves(matrix)):
             self._latest = latest = _Symbolic.of(matrix)
@@ -157,7 +163,7 @@ class Analysis:
         return Factorization(matrix, self.solver(matrix), matrix.diagonal())
 
     def solver(self, matrix: sp.csc_matrix) -> SymmetricSolver:
-        """Factorise a symmetric matrix by all of its entries or its lower triangle (CSC, sorted)."""
+        """Factorise a symmetric matrix that is given by all of its entries or by its lower triangle (CSC, sorted)."""
         if self._rslab:
             latest = self.of(matrix)
             try:

@@ -1,13 +1,13 @@
-"""The error that the elements leave, measured by a step of their order.
+"""Discretisation error of eigenvalues, estimated from a model with elements of one order less.
 
 With h fixed, errors of eigenvalues fall with the order p: fast for waves, as p^-9.6 at edges and corners (measured,
-`femu_piezo.geometry.shape.edge_error`). With ρ = ((p − 1)/p)^9.6 a step from p − 1 to p that changes λ by a
-relative d therefore leaves no more than
+`femu_piezo.geometry.shape.edge_error`). With ρ = ((p − 1)/p)^9.6, where the step from p − 1 to p changes λ by a
+relative d, the remaining relative error is therefore at most
 
     ε = d ρ/(1 − ρ).
 
 Where the field is singular at the rim of an electrode, errors fall as 2^-p in graded cells (`geometry.slab_mesh`), so
-that ε = d.
+that ρ = 1/2 and ε = d.
 """
 
 from __future__ import annotations
@@ -23,56 +23,57 @@ from femu_piezo.geometry.shape import EDGE_RATE
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.threads import in_parallel
 
-#: Ratio of errors at electrode rims from one order to the next.
+#: Ratio ρ of errors at electrode rims from one order to the next.
 _AT_RIMS = 0.5
-#: Share of the largest step of the modes below that each mode has at least: single steps may vanish by chance.
+#: The change d of a mode is taken as at least this share of the largest change of the modes below it, because the
+#: change of a single mode may vanish by chance.
 _SHARED = 0.03
-#: Coupling g²/(λ C) below which a mode is not driven, so that it says nothing of Z.
+#: Coupling g²/(λ C) below which a mode counts as not driven: it has no influence on Z.
 _DRIVEN = 1e-5
-#: How far beyond the band modes are computed, so that those at its end are found at both orders.
+#: Modes are computed up to this multiple of the band, so that modes at its end are found at both orders.
 _BEYOND = 1.05
-#: Lowest order that is compared with the one below: linear elements are too stiff to say anything.
+#: Lowest order that is compared with the order below: linear elements are too stiff for an estimate.
 LOWEST = 3
 
 
 @dataclass(frozen=True)
 class MeshError:
-    """Relative error of the driven eigenvalues.
+    """Estimated relative discretisation error of the driven eigenvalues.
 
     Attributes
     ----------
-    frequency : (n,) of the modes, growing, Hz;  error : (n,) of each of them
+    frequency : (n,) of the driven modes, growing, Hz;  error : (n,) relative error of each eigenvalue
     """
 
     frequency: np.ndarray
     error: np.ndarray
 
     def at(self, frequency: np.ndarray) -> np.ndarray:
-        """(k,) that of the mode nearest to each frequency, Hz."""
+        """(k,) relative error of the mode nearest to each frequency (k,), Hz."""
         between = (self.frequency[1:] + self.frequency[:-1]) / 2
         return self.error[np.searchsorted(between, frequency)]
 
 
 def mesh_error(model: ElectroelasticModel, constants: PiezoConstants, band_Hz: float) -> MeshError | None:
-    """The error of a model's mesh at given constants, by the same mesh with elements of one order less.
+    """Discretisation error of a model at given constants, from the same mesh with elements of one order less.
 
-    None where these are linear, or where no mode of the band is driven.
+    None where those elements would be linear, or where no mode of the band is driven.
     """
     if model.order < LOWEST:
         return None
     coarse = ElectroelasticModel(model.domain, model.density, order=model.order - 1)
 
-    def squares(one: ElectroelasticModel) -> np.ndarray:
-        return _driven_squares(driven_modal(one, constants, _BEYOND * band_Hz), _BEYOND * band_Hz)
+    def squares(of_order: ElectroelasticModel) -> np.ndarray:
+        return _driven_squares(driven_modal(of_order, constants, _BEYOND * band_Hz), _BEYOND * band_Hz)
 
     fine, rough = in_parallel(squares, (model, coarse))
     fine = fine[fine < (2 * np.pi * band_Hz) ** 2]
     if fine.size == 0 or rough.size == 0:
         return None
     nearest = np.abs(rough[:, None] / fine - 1).min(axis=0)
-    by_others = _SHARED * np.maximum.accumulate(nearest)
+    least = _SHARED * np.maximum.accumulate(nearest)
     ratio = _AT_RIMS if model.domain.rim_error else (1 - 1 / model.order) ** EDGE_RATE
-    return MeshError(np.sqrt(fine) / (2 * np.pi), ratio / (1 - ratio) * np.maximum(nearest, by_others))
+    return MeshError(np.sqrt(fine) / (2 * np.pi), ratio / (1 - ratio) * np.maximum(nearest, least))
 
 
 def _driven_squares(modal: ModalModel, band_Hz: float) -> np.ndarray:

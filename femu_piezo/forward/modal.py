@@ -1,7 +1,7 @@
-"""Closed forms of a small electro-elastic pencil: poles, zeros, Z(f) and exact derivatives of all of them.
+"""Closed forms of a small electro-elastic pencil: poles, zeros, Z(f) and their exact derivatives.
 
-With the potential eliminated and the displacement in modal coordinates (w_nᵗw_m = δ_nm) the part's charge per
-volt is a partial fraction
+With the inner potentials eliminated and the displacement in modal coordinates (w_nᵗw_m = δ_nm), the charge per volt of
+the part is a sum of partial fractions
 
     F(ω) = Q/V = C∞ + Σ_n g_n²/(λ_n − ω²),      Y = jω · admittance_factor · F.
 
@@ -94,7 +94,10 @@ class ModalModel:
         return 1.0 / (self.eigenvalues[None, :] - omega[:, None] ** 2)
 
     def _partial_fractions(self, directions: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """xᵗA_q x = clamped + Σ simple_n/(λ_n − s) + Σ double_n/(λ_n − s)², each per term or direction."""
+        """Coefficients of xᵗA_q x = clamped + Σ simple_n/(λ_n − s) + Σ double_n/(λ_n − s)², s = ω².
+
+        Shapes (q,), (n, q) and (n, q), with q the affine terms or the directions.
+        """
         inner = self._driven_products(directions)  # (terms, n+1, n+1)
         gap = self.eigenvalues[None, :] - self.eigenvalues[:, None]
         merged = np.abs(gap) <= _DEGENERATE * np.abs(self.eigenvalues)[:, None]

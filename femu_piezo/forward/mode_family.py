@@ -1,4 +1,4 @@
-"""What a mode does, in words: from its displacement field, not from its place in the spectrum."""
+"""Names of modes in words, from the displacement field of a mode and not from its place in the spectrum."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 from femu_piezo.forward.model import ElectroelasticModel
 
 _ORDINAL = {1: "first", 2: "second", 3: "third", 4: "fourth", 5: "fifth", 6: "sixth", 7: "seventh"}
-_HALF_WAVES = 12
+_HALF_WAVES = 12  #: largest number of half waves that is tried
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Integrals over the body of one mode, real at the phase of its largest motion.
+    """Integrals of one mode over the computed part, with the mode turned to the phase of its largest real part.
 
     Attributes
     ----------
     share : (3,) share of kinetic energy along x, y, z
     strain : (6,) share of squared strain components, Voigt order
-    half_waves : (3,) number of half waves of u_x along x, u_y along y, u_z along z: the strongest cosine
-    squeeze : (∫S33² dV) (t/2)² / ∫u_z² dV: above one half the thickness itself pulsates, far below it bends
-    radial : share of the in-plane kinetic energy along the radius
-    axisymmetry : share of the radial motion that is the same all round
+    half_waves : (3,) number of half waves of u_x along x, u_y along y, u_z along z: that of the strongest cosine
+    squeeze : (∫S33² dV) (t/2)² / ∫u_z² dV: above 0.5 the thickness pulsates, far below 0.5 the body bends
+    radial : share of the in-plane kinetic energy that is motion along the radius
+    axisymmetry : share of the energy of radial motion that its mean at each radius holds
     circles : nodal circles of the radial motion
     """
 
@@ -37,7 +37,7 @@ class Motion:
 
 
 def real_phase(vector: np.ndarray) -> np.ndarray:
-    """A complex mode (m,) turned so that its real part is as large as can be."""
+    """A complex mode (m,) times the phase factor that makes its real part largest."""
     square = np.sum(vector**2)
     return vector * np.exp(-0.5j * np.angle(square)) if abs(square) > 0 else vector
 
@@ -76,7 +76,7 @@ def motion_of(model: ElectroelasticModel, vector: np.ndarray) -> Motion:
 
 
 def _half_waves(position: np.ndarray, load: np.ndarray) -> int:
-    """n of the strongest cos(nπ position) in a displacement, position in 0 … 1 along the body."""
+    """The n of the strongest cos(nπ x) in a displacement; position : x from 0 to 1 along the body."""
     orders = np.arange(1, _HALF_WAVES + 1)
     return int(orders[np.argmax([abs(np.cos(n * np.pi * position) @ load) for n in orders])])
 
@@ -124,7 +124,7 @@ def family(model: ElectroelasticModel, vector: np.ndarray) -> str:
 
 
 def _is_round(model: ElectroelasticModel) -> bool:
-    """The corners of the box around the body are far from it."""
+    """Whether all vertices lie inside the ellipse inscribed in the box around the body, within 1 %."""
     box, mesh = extents(model), model.domain.mesh
     center, half = box[:2].mean(axis=1), np.ptp(box[:2], axis=1) / 2
     reach = np.hypot(*((mesh.p[:2] - center[:, None]) / half[:, None]))

@@ -47,13 +47,13 @@ class ElectroelasticModel:
 
     Attributes
     ----------
-    terms : names of the affine terms: the ten e-form constants, the tensor terms, the extra ones
+    terms : names of the affine terms: the ten e-form constants, the tensor terms, the extra terms
     tensor_terms : name → extended tensor (4, 3, 4, 3) of a further term (`with_terms`)
     order : polynomial order of the elements
-    size : number of free unknowns m, the hot electrode's potential last;  displacements : how many of them, the first,
-        are displacements
+    size : number m of free unknowns, the hot electrode's potential last
+    displacements : number of displacements among the free unknowns, which come first
     products : gradient products of the mesh, by which the operator is applied
-    analysis : the symbolic factorisation that sparse K − ω² M share, of copies with further terms too
+    analysis : symbolic analysis of the sparse matrices K − ω² M, shared with the copies made by `with_terms`
     """
 
     def __init__(
@@ -79,11 +79,11 @@ class ElectroelasticModel:
         self.extra_terms = {name: self._constrained(matrix) for name, matrix in (extra_terms or {}).items()}
 
     def with_terms(self, tensors: Mapping[str, np.ndarray], matrices: Mapping[str, sp.spmatrix]) -> ElectroelasticModel:
-        """A copy with further terms that shares everything else.
+        """A copy of the model with further terms, which shares mesh, basis, products and analysis.
 
         Parameters
         ----------
-        tensors : name → (4, 3, 4, 3), symmetric in (f,a) ↔ (g,b);  matrices : name → (4n, 4n)
+        tensors : name → extended tensor (4, 3, 4, 3), symmetric in (f,a) ↔ (g,b);  matrices : name → (4n, 4n)
         """
         other = copy.copy(self)
         other.__dict__.pop("_condensation", None)
@@ -110,7 +110,7 @@ class ElectroelasticModel:
 
     @made_once
     def assembled(self) -> GradientProducts:
-        """The gradient products as sparse matrices, assembled from the weak forms."""
+        """The gradient products as sparse matrices; assembled on first use where `products` are `LayeredProducts`."""
         return self.products if isinstance(self.products, GradientProducts) else assemble_gradient_products(self.basis)
 
     def term(self, name: str) -> sp.csr_matrix:
@@ -135,7 +135,7 @@ class ElectroelasticModel:
     def operator(self, coefficients: np.ndarray, shift: float = 0.0) -> spla.LinearOperator:
         """K − shift · M (m, m) at real coefficients (n_terms,) of the affine terms, applied without being formed."""
         tensor, extra = self._combined(coefficients)
-        beside = _total(extra)
+        extra_matrix = _total(extra)
 
         def times(vectors: np.ndarray) -> np.ndarray:
             return by_columns(image, vectors.reshape(self.size, -1))
@@ -147,12 +147,15 @@ class ElectroelasticModel:
                 for f in range(3):
                     images[f] -= shift * self.density * self.products.mass_times(fields[f])
             found = self.prolongation.T @ images.reshape(-1, vectors.shape[1])
-            return found if beside is None else found + beside @ vectors
+            return found if extra_matrix is None else found + extra_matrix @ vectors
 
         return spla.LinearOperator((self.size,) * 2, matvec=times, matmat=times, dtype=float)
 
     def diagonal(self, coefficients: np.ndarray) -> np.ndarray:
-        """(m,) of K at real coefficients (n_terms,); of the electrode's unknown the sum over its nodes."""
+        """(m,) diagonal of K at real coefficients (n_terms,) of the affine terms.
+
+        The entry of the hot electrode is the sum of the diagonal entries of its nodes, without the coupling among them.
+        """
         tensor, extra = self._combined(coefficients)
         nodal = np.zeros((FIELDS, self.basis.N))
         for f, a, b in zip(*np.nonzero(np.einsum("fafb->fab", tensor)), strict=True):
@@ -164,13 +167,15 @@ class ElectroelasticModel:
         """K − shift · M at real coefficients (n_terms,) of the affine terms, factorised."""
         tensor, extra = self._combined(coefficients)
         if self._condensation is None:
-            matrix, beside = self._pattern.stiffness(tensor, shift * self.density), _total(extra)
-            return self.analysis.factorize(matrix if beside is None else self._pattern.added(matrix, beside))
+            matrix, extra_matrix = self._pattern.stiffness(tensor, shift * self.density), _total(extra)
+            return self.analysis.factorize(
+                matrix if extra_matrix is None else self._pattern.added(matrix, extra_matrix)
+            )
         solver = self._condensation.factorize(tensor, shift * self.density, [factor for factor, _ in extra])
         return Factorization(self.operator(coefficients, shift), solver, self.diagonal(coefficients))
 
     def _combined(self, coefficients: np.ndarray) -> tuple[np.ndarray, list[tuple[float, sp.csr_matrix]]]:
-        """The extended tensor of coefficients (n_terms,), and the factors of the extra terms with their matrices."""
+        """Extended tensor (4, 3, 4, 3) at coefficients (n_terms,), and (coefficient, matrix) of every extra term."""
         count = len(self.terms) - len(self.extra_terms)
         tensor = np.tensordot(coefficients[:count], self.tensors, axes=1)
         return tensor, list(zip(coefficients[count:], self.extra_terms.values(), strict=True))
@@ -203,13 +208,13 @@ class ElectroelasticModel:
 
 
 def _total(terms: Iterable[tuple[float, sp.csr_matrix]]) -> sp.csr_matrix | None:
-    """Σ factor · matrix; None where no factor is other than zero."""
+    """Σ factor · matrix; None where all factors are zero."""
     found = [factor * matrix for factor, matrix in terms if factor]
     return sum(found) if found else None
 
 
 def scalar_basis(mesh: skfem.Mesh, order: int) -> skfem.CellBasis:
-    """Lagrange elements of an order on a mesh, integrated exactly where its cells are flat and parallel-sided."""
+    """Scalar Lagrange elements of an order on a mesh; the quadrature is exact in cells with an affine map."""
     if mesh.elem.refdom is skfem.refdom.RefHex:
         basis = skfem.Basis(mesh, ElementHexP(order), intorder=2 * order)
         basis.doflocs = node_places(basis)

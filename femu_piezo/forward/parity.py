@@ -1,10 +1,11 @@
 """Modes of a plate that its terminals do not drive: the other parity classes of a part with mirror planes.
 
-About every mirror plane of a plate the driven field has one parity. Flipping it at some of the planes gives the other
-classes of the whole plate, on the same part and mesh: at a flipped plane u_n is free and the other displacements
-vanish; the potential vanishes where it was free and is free where it vanished. In these classes both electrodes are
-at zero. Operators without the symmetry (a spot of mass, a crack) couple the classes; the sum of all classes is the
-whole plate at the cost of its part (Bossavit, Comput. Methods Appl. Mech. Eng. 56, 1986, 167).
+About every mirror plane of a plate the driven field has a definite parity. Opposite parity at some of the planes gives
+the other parity classes of the whole plate, on the same part and mesh: at a flipped plane the normal displacement u_n
+is free and the other displacements vanish; the potential vanishes if it is free in the driven class, and is free if it
+vanishes there. Both electrodes are at zero potential. Operators without the symmetry (a spot of mass, a crack) couple
+the classes; all classes together are the whole plate, at the cost of its part (Bossavit, Comput. Methods Appl. Mech.
+Eng. 56, 1986, 167).
 """
 
 from __future__ import annotations
@@ -23,19 +24,19 @@ from femu_piezo.forward.linear_solver import Factorization, factorize
 from femu_piezo.forward.model import POTENTIAL_SCALE, ElectroelasticModel
 from femu_piezo.material.constants import ElasticForm
 
-#: Modes asked for at first; doubled until the band is covered.
+#: Number of modes computed first; it is doubled until the band is covered.
 _COUNT = 30
-#: Relative error of an eigenvalue; that of a Galerkin basis made of the modes is its square.
+#: Relative error of an eigenvalue; the error of a Galerkin model on a basis of the modes is its square.
 _TOLERANCE = 1e-6
 
 
 class ParityClass:
-    """The short-circuited operator of one class in its own free unknowns.
+    """The short-circuited operator of one parity class in the free unknowns of that class.
 
     Parameters
     ----------
-    constants : e-form; their real parts count
-    flipped : axes of the mirror planes about which the parity is the opposite of the driven field's; () for the
+    constants : e-form; their real parts are used
+    flipped : axes of the mirror planes at which the parity is the opposite of the driven field's; () for the
         driven class itself, short-circuited
 
     Raises
@@ -50,20 +51,20 @@ class ParityClass:
         self.mass = (p.T @ model.assembled.mass_matrix(model.density) @ p).tocsr()
 
     def factor(self, shift: float) -> Factorization:
-        """Of K − shift · M."""
+        """Factorisation of K − shift · M of the class."""
         return factorize(self.stiffness - shift * self.mass)
 
     def modes(self, top: float) -> np.ndarray:
-        """(4n, k) fields of all modes with ω² below `top`, rigid bodies among them, uᵗMu = 1 on the part."""
+        """(4n, k) fields of all modes with ω² below `top`, rigid-body modes included, uᵗMu = 1 on the part."""
         return self.prolongation @ modes_below(self.stiffness, self.mass, top)
 
 
 def modes_below(stiffness: sp.csr_matrix, mass: sp.csr_matrix, top: float) -> np.ndarray:
-    """(m, k) all modes of a real pencil (m, m) with ω² below `top`, uᵗMu = 1, rigid bodies among them.
+    """(m, k) all modes of a real pencil (m, m) with ω² below `top`, rigid-body modes included, uᵗMu = 1.
 
     Raises
     ------
-    ConvergenceError : there are more of them than the mesh can tell
+    ConvergenceError : Arnoldi did not converge, or the modes of the band are about a quarter of the unknowns or more
     """
     shift = 0.3 * top
     factor = factorize(stiffness - shift * mass)
@@ -77,7 +78,8 @@ def modes_below(stiffness: sp.csr_matrix, mass: sp.csr_matrix, top: float) -> np
             )
         except spla.ArpackNoConvergence as error:
             raise ConvergenceError(f"modes of a class: {error}; ask for a narrower band") from error
-        # shift-invert finds the nearest first: a mode as far above the shift as the top ends the search
+        # shift-invert finds the modes nearest to the shift: once one lies above the top, all below are found,
+        # as the shift is at 0.3 top
         if values.max() > top:
             break
         if count >= stiffness.shape[0] // 4:

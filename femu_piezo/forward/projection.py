@@ -1,11 +1,11 @@
 """Projections VᵗA_qV of every affine term on a growing basis, from scalar gradient products: no sparse A_q is formed.
 
 With the four fields of the basis vectors on the nodes, every bulk term is a combination of G_ab V_g (see
-`femu_piezo.forward.gradient_products`), so nine products serve all ten constants. Images A_q v are made for a few
-vectors at a time, multiplied with the basis and dropped: what is kept are small matrices.
+`femu_piezo.forward.gradient_products`), so nine products serve all ten constants. Images A_q v are computed for a few
+vectors at a time, multiplied by the basis and dropped, so that only small matrices are kept.
 
-Rows and columns are split in displacements "u" and potentials "p" (hot electrode last among the rows, lifting of
-the voltage first among the columns), because a term couples few of the four blocks.
+Rows and columns are divided into displacements "u" and potentials "p" (hot electrode last among the rows, lifting of
+the voltage first among the columns), because most terms have only some of the four blocks.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.threads import by_columns, cores_of_process, in_parallel
 
-_BLOCKS = ("uu", "pu", "up", "pp")  #: rows then columns
-_CHUNK_BYTES = 128e6
+_BLOCKS = ("uu", "pu", "up", "pp")  #: rows, then columns
+_CHUNK_BYTES = 128e6  #: memory for the images of all chunks of columns that are computed at the same time
 
 
 class TermProjections:
@@ -51,7 +51,7 @@ class TermProjections:
         self._projected = {block: np.zeros((len(model.terms), 0, 0)) for block in ("uu", "pu", "pp")}
 
     def _images(self, kind: str, columns: np.ndarray) -> list[dict[str, np.ndarray]]:
-        """Of every term on columns of one kind, (rows of that kind, k) real: its rows "u" and "p" where not zero."""
+        """For every term, the nonzero rows "u" and "p" of A_q v for basis columns v (n_u or n_p, k) of one kind."""
         k, nodes = columns.shape[1], self._model.basis.N
         fields = np.zeros((FIELDS, nodes, k))
         fields[self._fields[kind]] = (self._prolong[kind] @ columns).reshape(-1, nodes, k)
@@ -79,11 +79,12 @@ class TermProjections:
         return self._restrict["u"] @ found.reshape(3 * nodes, k)
 
     def project(self, u: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """VᵗA_qV, (n_terms, r, r) real symmetric; columns u, then those of p after its first, then its first.
+        """VᵗA_qV, (n_terms, r, r) real symmetric; V has the columns u, then p without its first, then the first of p.
 
         Parameters
         ----------
-        u, p : the basis columns, those of the last call first; p with the lifting of the voltage first
+        u, p : (n_u, k_u) and (n_p, k_p) basis columns; those of the previous call come first, unchanged, and the first
+            column of p is the lifting of the voltage
         """
         ku, size = u.shape[1], u.shape[1] + p.shape[1]
         self._grow(u, p)
@@ -96,7 +97,7 @@ class TermProjections:
         return (result + result.transpose(0, 2, 1)) / 2
 
     def _grow(self, u: np.ndarray, p: np.ndarray) -> None:
-        """Project the terms on the columns that are new."""
+        """Extend the projections by the columns that are new."""
         columns = {"u": u, "p": p}
         for block, known in self._projected.items():
             added = [columns[kind].shape[1] - old for kind, old in zip(block, known.shape[1:], strict=True)]
@@ -104,25 +105,25 @@ class TermProjections:
         for kind in "up":
             chunks = self._chunks(self._known[kind], columns[kind].shape[1])
             products = in_parallel(partial(self._products, columns, kind), chunks)
-            for place, own in zip(chunks, products, strict=True):
-                for number, row, product in own:
+            for place, of_chunk in zip(chunks, products, strict=True):
+                for number, row, product in of_chunk:
                     self._place(number, row + kind, place, product)
             self._known[kind] = columns[kind].shape[1]
 
     def _products(self, columns: dict[str, np.ndarray], kind: str, place: slice) -> list[tuple[int, str, np.ndarray]]:
-        """Number of a term, rows "u" or "p", and the product of all of them with its images of some columns."""
+        """(number of a term, rows "u" or "p", product of all basis columns of these rows with some images)."""
         images = self._images(kind, columns[kind][:, place])
-        return [(n, row, columns[row].T @ image) for n, own in enumerate(images) for row, image in own.items()]
+        return [(n, row, columns[row].T @ image) for n, rows in enumerate(images) for row, image in rows.items()]
 
     def _chunks(self, start: int, end: int) -> list[slice]:
-        """Parts of new columns, one for each core where there are many; images of all parts at work fit in memory."""
+        """Chunks of new columns, at least one for each core, whose images together stay within `_CHUNK_BYTES`."""
         cores = cores_of_process()
         most = max(1, int(_CHUNK_BYTES / (8 * 40 * self._model.basis.N)) // cores)
         width = max(1, min(most, -(-(end - start) // cores)))
         return [slice(first, min(first + width, end)) for first in range(start, end, width)]
 
     def _place(self, number: int, block: str, place: slice, product: np.ndarray) -> None:
-        """Write a term's rowsᵗ images (all rows, new columns) into a block, or into its transpose."""
+        """Write a term's product (all basis columns, new columns) into its block and the transposed entries."""
         if block == "up":
             self._projected["pu"][number, place] = product.T
             return

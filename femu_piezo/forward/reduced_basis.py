@@ -1,6 +1,7 @@
-"""The growing basis of a reduced model: orthonormal displacements, orthonormal inner potentials, one lifting.
+"""The growing basis of a reduced model: orthonormal displacements, orthonormal inner potentials, and one lifting.
 
-Displacement and potential parts are kept apart, so that the balance between them may change with the constants.
+The lifting is a potential field with 1 V on the hot electrode. Displacements and potentials are separate basis vectors,
+so that the ratio between them can change with the constants.
 """
 
 from __future__ import annotations
@@ -18,13 +19,14 @@ class ReducedBasis:
 
     Parameters
     ----------
-    reference : (n_terms,) real coefficients of the affine terms; their dielectric part measures the potentials
-    static : (m,) response to a charge, whose potential becomes the lifting of the electrode voltage
+    reference : (n_terms,) real coefficients of the affine terms; their dielectric part is the norm of potentials
+    static : (m,) response to a charge; its potential, scaled to 1 V on the electrode, becomes the lifting
 
     Attributes
     ----------
     u : (n_u, k_u) displacements, uᵗMu = 1
-    p : (n_p, k_p) potentials, hot electrode last; first the lifting (hot electrode at 1 V), then inner potentials
+    p : (n_p, k_p) potentials, hot electrode in the last row; the first column is the lifting, then inner potentials
+    split : n_u;  mass : M (n_u, n_u) of the displacements
     """
 
     def __init__(self, model: ElectroelasticModel, reference: np.ndarray, static: np.ndarray) -> None:
@@ -36,7 +38,10 @@ class ReducedBasis:
         self.p = (static[self.split :] / (static[-1] * POTENTIAL_SCALE))[:, None]
 
     def add(self, vectors: np.ndarray, keep: float) -> int:
-        """Add what is new by more than `keep` of the largest in vectors (m, k); return the number of new columns."""
+        """Add the directions of vectors (m, k) outside the basis; return the number of new columns.
+
+        keep : directions smaller than this share of the largest vector are dropped
+        """
         new_u = new_directions(self.u, vectors[: self.split], keep, self.mass)
         inner = vectors[self.split : -1] - np.outer(self.p[:-1, 0], vectors[-1] * POTENTIAL_SCALE)
         new_p = new_directions(self.p[:-1, 1:], inner, keep, self._dielectric)
@@ -56,7 +61,7 @@ class ReducedBasis:
         return self._model.operator(coefficients) @ np.concatenate([self.u @ states[:ku], self.p @ potentials])
 
     def _dielectric_of(self, operator: spla.LinearOperator) -> spla.LinearOperator:
-        """(n, n) − the operator on inner potentials alone."""
+        """(n, n) −A on inner potentials alone: the dielectric energy, positive definite."""
         inner = slice(self.split, operator.shape[0] - 1)
 
         def times(potentials: np.ndarray) -> np.ndarray:
@@ -68,7 +73,7 @@ class ReducedBasis:
 
     @property
     def matrix(self) -> np.ndarray:
-        """V (m, r) in free unknowns."""
+        """V (m, r): the basis in free unknowns, columns ordered as the unknowns of `matrices`."""
         ku, kp = self.u.shape[1], self.p.shape[1]
         result = np.zeros((self.split + self.p.shape[0], ku + kp))
         result[: self.split, :ku] = self.u
@@ -82,7 +87,7 @@ def new_directions(
 ) -> np.ndarray:
     """Weight-orthonormal directions of `vectors` (n, k) outside span(old), larger than `keep` of the largest vector.
 
-    Two projections and a Gram eigenproblem find them; two more orthonormalisations verify the own result.
+    Two projections and a Gram eigenproblem find them; two orthonormalisations of the result remove rounding errors.
     """
     scale = np.sqrt(np.max(np.sum(vectors * (weight @ vectors), axis=0), initial=0.0))
     if scale == 0.0:

@@ -1,10 +1,11 @@
 """Reduced model: every affine term projected once on a small real basis; then Z(f; θ) costs milliseconds.
 
-The basis starts from the Krylov vectors of the driven reference plate. Then the reduced model is made at training
-constants around the reference; the residuals r of its modes there give corrections K^-1 r with the one factor that
-is already at hand, and the change of Z that they bring is the a-posteriori estimate of its error. Training constants
-at which it falls slowly get a factor and Krylov vectors of their own. At the end a
-principal component analysis of all training states leaves the fewest vectors that keep the accuracy.
+The basis starts from the Krylov vectors of the driven reference plate. In each round, the reduced model is evaluated at
+training constants around the reference. The residuals r of its states there give corrections K_σ^-1 r, with the factor
+of K_σ = K − σM at the reference, which exists already; the change of Z that the corrections bring is the a-posteriori
+estimate of the error. At training constants where this error falls slowly, the operator is factorised too and its
+driven Krylov vectors are added. At the end, a principal component analysis of all training states reduces the basis to
+the fewest vectors that keep the accuracy.
 """
 
 from __future__ import annotations
@@ -31,21 +32,21 @@ TrainingPoint = PiezoConstants | tuple[PiezoConstants, Mapping[str, float]]
 #: Share of the largest correction below which a direction is not added to the basis.
 _KEEP = 1e-3
 
-#: Where in the band the operator is factorised, as shares of the highest ω²; the next where the electrode's
-#: potential is nearly zero there (the potential somewhere inside is larger than so many times the electrode's).
+#: Shifts σ of the factorised K − σM, as shares of the highest ω² of the band. The next shift is tried where the
+#: electrode's potential nearly vanishes: the potential inside exceeds `_LARGEST_LIFTING` times that of the electrode.
 _SHIFTS, _LARGEST_LIFTING = (0.4, 0.33, 0.47), 30.0
 
-#: A training point whose error is below this share of the accuracy is not looked at again: a larger basis serves it
-#: better still.
+#: A training point whose error is below this share of the accuracy is not evaluated again: a larger basis only lowers
+#: its error.
 _SETTLED = 0.03
 
-#: A training point whose last change is more than this share of the one before gets driven vectors of its own; so many
-#: points in one round. A series of changes is taken to fall by this ratio at the slowest.
-_SLOW, _OWN_IN_A_ROUND, _SLOWEST = 0.2, 2, 0.9
+#: A training point whose last change exceeds `_SLOW` times the change before gets its own driven vectors, at most
+#: `_POINTS_PER_ROUND` points in one round. `_SLOWEST`: upper limit of the ratio of successive changes.
+_SLOW, _POINTS_PER_ROUND, _SLOWEST = 0.2, 2, 0.9
 
-#: Residuals below this share of the largest are not corrected, nor below this share of what would leave the accuracy:
-#: the error of Z is as the square of what is left.
-_LEAST_RESIDUAL, _LEFT_RESIDUAL = 1e-3, 0.1
+#: Residuals below `_LEAST_RESIDUAL` of the largest are not corrected, nor below `_UNCORRECTED_SHARE` of the share that
+#: would reach the accuracy: the error of Z grows with the square of the residuals that are not corrected.
+_LEAST_RESIDUAL, _UNCORRECTED_SHARE = 1e-3, 0.1
 
 #: Estimated error of Z above which a basis that misses its target is of no use.
 _USELESS = 1e-2
@@ -65,7 +66,7 @@ class ReducedModel:
     estimated_error : estimated relative error of Z at the training points, with 0.5 % loss
     band_Hz : highest frequency the basis was built for
     training : (n_points, n_terms) real coefficients of all affine terms at which the basis was trained
-    rounds, factors : enrichments made, and training points that were factorised, the reference among them
+    rounds, factors : number of enrichments, and of training points that were factorised, the reference included
     """
 
     terms: tuple[str, ...]
@@ -85,7 +86,7 @@ class ReducedModel:
         return self.matrices.shape[1]
 
     def coefficients(self, constants: ElasticForm, extra: Mapping[str, complex] | None = None) -> np.ndarray:
-        """(n_terms,) coefficients of the affine terms, 0 for extra terms not named; real where all are real."""
+        """(n_terms,) coefficients of the affine terms, 0 for omitted extra terms; real where all are real."""
         extra = extra or {}
         unknown = set(extra) - set(self.terms)
         if unknown:
@@ -94,7 +95,7 @@ class ReducedModel:
         return values if np.any(values.imag) else values.real
 
     def modal(self, constants: ElasticForm, extra: Mapping[str, complex] | None = None) -> ModalModel:
-        """Closed forms at given e-form constants (complex) and coefficients of the extra terms (0 where absent)."""
+        """Closed forms at given e-form constants (complex) and coefficients of the extra terms (0 where omitted)."""
         return self.modal_at(self.coefficients(constants, extra))
 
     def modal_at(self, coefficients: np.ndarray) -> ModalModel:
@@ -123,17 +124,18 @@ def reduce_model(
     Parameters
     ----------
     training : constants, each alone or with real coefficients of the model's extra terms. The basis is built
-        around the first, whose loss tangents it follows too; of the others the real parts count.
-    accuracy : aim for the estimated relative error of Z at every training point, with 0.5 % loss throughout. What was
-        reached is the `estimated_error` of the result.
+        around the first. Of the points with the same extra coefficients, it follows the loss tangents of the first
+        lossy one; of all others the real parts count.
+    accuracy : target of the estimated relative error of Z at every training point, with 0.5 % loss throughout. The
+        error reached is the `estimated_error` of the result.
 
     Raises
     ------
     ConvergenceError : the estimate stays above 1 % (and `accuracy`) after `max_rounds` enrichments
     """
     points = _distinct([_coefficients(model, point) for point in _with_neighbours(training)])
-    both = _distinct([*points, *(_coefficients(model, point) for point in _reflections(training))])
-    checks = both[len(points) :]
+    every = _distinct([*points, *(_coefficients(model, point) for point in _reflections(training))])
+    checks = every[len(points) :]
     with blas_limit(useful_threads(model.size)):
         enriched = _enriched(model, points, checks, band_Hz, accuracy, max_rounds)
         if not enriched.error < max(_USELESS, accuracy):
@@ -147,7 +149,12 @@ def reduce_model(
 def driven_modal(
     model: ElectroelasticModel, constants: PiezoConstants, band_Hz: float, accuracy: float = 1e-9
 ) -> ModalModel:
-    """Closed forms at lossless constants alone, from driven Krylov vectors that give Z up to a frequency, Hz."""
+    """Closed forms at one set of constants, taken lossless, from driven Krylov vectors.
+
+    Parameters
+    ----------
+    band_Hz : highest frequency;  accuracy : relative, of Z up to that frequency
+    """
     with blas_limit(useful_threads(model.size)):
         point, top = _coefficients(model, constants), (2 * np.pi * band_Hz) ** 2
         basis = _DrivenVectors(model, point, top, accuracy).basis
@@ -156,7 +163,7 @@ def driven_modal(
 
 @dataclass(frozen=True)
 class _Enriched:
-    """A basis that was enriched: the reduced models at all training points, the estimated error, and the effort."""
+    """An enriched basis, the reduced models at all training points and checks, the estimated error and the effort."""
 
     basis: ReducedBasis
     sets: list[TrainingSet]
@@ -173,37 +180,42 @@ def _enriched(
     accuracy: float,
     max_rounds: int,
 ) -> _Enriched:
-    """Basis enriched until the estimate at points and checks is below half of `accuracy`, or as far as it goes.
+    """Basis enriched until the estimate at points and checks is at most half of `accuracy`, or a round adds nothing.
 
-    Residuals are corrected with the factor at the reference. Where that brings too little, the constants are far from
-    the reference or two modes lie close together: there the basis gets the driven vectors of the point itself.
+    Residuals are corrected with the factor at the reference. Where these corrections reduce the error slowly, because
+    the constants are far from the reference or two modes lie close together, the point's own driven vectors are added.
+
+    Parameters
+    ----------
+    points, checks : (n_terms,) coefficients; at checks the error is estimated too, but the first round corrects no
+        residuals of theirs
     """
     top, everywhere = (2 * np.pi * band_Hz) ** 2, [*points, *checks]
     driven = _DrivenVectors(model, points[0], top, 0.1 * accuracy)
     basis = driven.basis
     sets = _train(basis, everywhere, top)
     change, error, factors, rounds = np.full(len(sets), np.inf), np.full(len(sets), np.inf), {0}, 0
-    states, left_out = max(item.states.shape[1] for item in sets), 0.0
+    states, uncorrected = max(item.states.shape[1] for item in sets), 0.0
     active, slow, watched = np.arange(len(points)), [], np.arange(len(sets))
     while error.max() > 0.5 * accuracy and rounds < max_rounds:
         residuals = np.hstack(list(in_parallel(lambda item: state_residuals(basis, item), [sets[i] for i in active])))
-        share = max(_LEAST_RESIDUAL, _LEFT_RESIDUAL * float(np.sqrt(0.5 * accuracy / error.max())))
+        share = max(_LEAST_RESIDUAL, _UNCORRECTED_SHARE * float(np.sqrt(0.5 * accuracy / error.max())))
         added = basis.add(driven.factor.solve(compressed(residuals, driven.scale, share)), _KEEP)
         added += sum(driven.add(everywhere[index]) for index in slow)
         factors.update(slow)
         rounds, watched = rounds + 1, np.flatnonzero(error > _SETTLED * accuracy)
         fresh = _train(basis, [everywhere[index] for index in watched], top)
         last = np.array([worst_change(sets[i], new) for i, new in zip(watched, fresh, strict=True)])
-        ratio = _ratios(change[watched], last, left_out)
+        ratio = _ratios(change[watched], last, uncorrected)
         change[watched], error[watched] = last, _predicted(last, ratio)
-        left_out = states * share**2 * last.max()  # what residuals that were not corrected may hold of a point
+        uncorrected = states * share**2 * last.max()  # change of Z that residuals which were not corrected may cause
         for index, new in zip(watched, fresh, strict=True):
             sets[index] = new
         if added == 0:
             break
         active = np.flatnonzero(error > 0.1 * accuracy)
         stagnant = watched[(error[watched] > 0.5 * accuracy) & (ratio > _SLOW)]
-        slow = [index for index in stagnant[np.argsort(-error[stagnant])] if index not in factors][:_OWN_IN_A_ROUND]
+        slow = [index for index in stagnant[np.argsort(-error[stagnant])] if index not in factors][:_POINTS_PER_ROUND]
     if watched.size < len(sets):
         sets = _train(basis, everywhere, top)
     return _Enriched(basis, sets, float(error.max()), rounds, len(factors))
@@ -214,33 +226,35 @@ def _train(basis: ReducedBasis, points: list[np.ndarray], top: float) -> list[Tr
     return list(in_parallel(lambda point: TrainingSet.of(matrices, basis.u.shape[1], point, top), points))
 
 
-def _ratios(before: np.ndarray, change: np.ndarray, left_out: float) -> np.ndarray:
-    """(n,) ratio q of the last change of each training point to the one before; 0 where there was none.
+def _ratios(before: np.ndarray, change: np.ndarray, uncorrected: float) -> np.ndarray:
+    """(n,) ratio q of the last change of each training point to the change before; 0 where there was none before.
 
-    A change before that is no more than what was left out of the corrections tells no ratio of its point: the slowest
-    of the others is taken.
+    Where the change before does not exceed `uncorrected`, the change that the corrections left out may cause, the ratio
+    says nothing about the point: the largest ratio of the other points is used, `_SLOWEST` where there is none.
     """
-    told = np.isfinite(before) & (before > left_out)
-    ratio = np.divide(change, before, out=np.zeros_like(change), where=told)
-    ratio[np.isfinite(before) & ~told] = ratio.max() if np.any(told) else _SLOWEST
+    known = np.isfinite(before) & (before > uncorrected)
+    ratio = np.divide(change, before, out=np.zeros_like(change), where=known)
+    ratio[np.isfinite(before) & ~known] = ratio.max() if np.any(known) else _SLOWEST
     return np.minimum(_SLOWEST, ratio)
 
 
 def _predicted(change: np.ndarray, ratio: np.ndarray) -> np.ndarray:
-    """(n,) error left at each training point, from the last change and its ratio q to the one before.
+    """(n,) remaining error at each training point, from the last change and its ratio q to the change before.
 
-    Changes usually fall faster than by a constant ratio; √q of the last was above the true error in every case
-    measured. Where they fall slowly, by q > 0.38, what a series of that ratio would still bring is more: q/(1 − q).
+    Changes usually fall faster than by a constant ratio; √q times the last change was above the true error in every
+    case measured. Where they fall slowly, q > 0.38, the sum q/(1 − q) of a geometric series of changes is larger and is
+    used. A first change (q = 0) counts as the error itself.
     """
     return np.where(ratio > 0, change * np.maximum(np.sqrt(ratio), ratio / (1 - ratio)), change)
 
 
 def _with_neighbours(training: Sequence[TrainingPoint]) -> list[TrainingPoint]:
-    """The training points, and beside the lossy ones the real point that the imaginary part leads to.
+    """The training points and, for the loss, real points Re θ + 2 Im θ.
 
-    States are analytic in the constants, so a basis that follows them along a real direction follows them along
-    the same imaginary one; the direction of the first point serves all with the same extra terms. A lossless point
-    that is alone gets elastic, then piezoelectric neighbours 3 % away.
+    States are analytic in the constants, so a basis that follows them along a real direction follows them along the
+    same imaginary direction. One such point is added for each set of extra coefficients, from its first lossy point. A
+    single lossless point gets two neighbours: the elastic constants, then the elastic and piezoelectric constants (all
+    of the d-form), lower by 3 %.
     """
     points = [point if isinstance(point, tuple) else (point, {}) for point in training]
     first, result = points[0][0].vector(), list(points)
@@ -257,7 +271,7 @@ def _with_neighbours(training: Sequence[TrainingPoint]) -> list[TrainingPoint]:
 
 
 def _reflections(training: Sequence[TrainingPoint]) -> list[TrainingPoint]:
-    """The training points mirrored at the first where that is a stable material: there the error is watched too."""
+    """Reflections 2 θ_0 − θ of the training points θ about the first, where stable: further checks of the error."""
     points = [point if isinstance(point, tuple) else (point, {}) for point in training]
     first = points[0][0].vector().real
     mirrored = [(PiezoConstants.from_vector(2 * first - item.vector().real), extra) for item, extra in points[1:]]
@@ -265,7 +279,7 @@ def _reflections(training: Sequence[TrainingPoint]) -> list[TrainingPoint]:
 
 
 def _distinct(points: list[np.ndarray]) -> list[np.ndarray]:
-    """The points in their order without those that repeat an earlier one."""
+    """The points in their order without repetitions."""
     result = []
     for point in points:
         if not any(np.allclose(point, other, rtol=1e-9, atol=0.0) for other in result):
@@ -274,19 +288,20 @@ def _distinct(points: list[np.ndarray]) -> list[np.ndarray]:
 
 
 def _coefficients(model: ElectroelasticModel, point: TrainingPoint) -> np.ndarray:
+    """(n_terms,) real coefficients of the affine terms at a training point, without its losses."""
     constants, extra = point if isinstance(point, tuple) else (point, {})
     e_form = constants.lossless().to_e_form().vector().real
     return np.concatenate([e_form, [float(extra.get(name, 0.0)) for name in model.terms[len(E_FORM) :]]])
 
 
 class _DrivenVectors:
-    """A basis of driven Krylov vectors, of the reference and of further constants.
+    """A reduced basis of driven Krylov vectors at the reference and at further constants.
 
     Attributes
     ----------
     basis : the basis so far
     factor : of K − σM at the reference, σ inside the band
-    scale : (m,) diagonal of K at the reference, which scales residuals
+    scale : (m,) |diagonal of K| at the reference, which scales residuals
     """
 
     def __init__(self, model: ElectroelasticModel, reference: np.ndarray, top: float, accuracy: float) -> None:
@@ -317,12 +332,12 @@ class _DrivenVectors:
 
 
 def _loss(matrices: np.ndarray, displacements: int, item: TrainingSet) -> float:
-    """Relative change of Z at a training point by projection on fewer vectors."""
+    """Largest relative change of Z at a training point when the terms are projected on fewer vectors (`matrices`)."""
     return worst_change(TrainingSet.of(matrices, displacements, item.coefficients, item.top), item)
 
 
 def _finished(model: ElectroelasticModel, enriched: _Enriched, band_Hz: float, accuracy: float) -> ReducedModel:
-    """Compress to the leading principal components of the training states that keep the accuracy."""
+    """The reduced model on the fewest leading principal components of the training states that keep the accuracy."""
     basis, sets = enriched.basis, enriched.sets
     ku, matrices = basis.u.shape[1], basis.matrices()
     rotation, new_ku, loss = np.eye(matrices.shape[1]), ku, 0.0

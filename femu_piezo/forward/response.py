@@ -37,7 +37,7 @@ def full_impedance(
     frequency_Hz: np.ndarray,
     extra: Mapping[str, complex] | None = None,
 ) -> np.ndarray:
-    """Z of the specimen at each frequency by direct solves on one symbolic analysis, (n,) complex ohm."""
+    """Z of the specimen at frequencies (n,), by direct solves that share one symbolic analysis; (n,) complex ohm."""
     stiffness, analysis = model.stiffness(constants, extra), model.analysis
     inverse_capacitance = np.array([_driven(model, stiffness, f, analysis)[-1] for f in frequency_Hz])
     part = inverse_capacitance * POTENTIAL_SCALE**2 / (2j * np.pi * np.asarray(frequency_Hz))

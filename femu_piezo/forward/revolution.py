@@ -1,6 +1,6 @@
-"""Bodies of revolution poled along their axis, one Fourier order at a time, on a section over r and z.
+"""Bodies of revolution poled along their axis: the forms of one Fourier order on a section over r and z.
 
-About the half plane θ = 0 the fields of order n are
+With θ counted from a plane of symmetry, the fields of order n are
 
     u_r, u_z, φ ∝ cos nθ,    u_θ ∝ sin nθ,
 
@@ -11,11 +11,12 @@ and the gradient of (u_r, u_θ, u_z, φ) along r, θ, z is
     ∂_r u_z    −n u_z/r            ∂_z u_z
     ∂_r φ      −n φ/r              ∂_z φ.
 
-The extended tensor of a crystal poled along z is the same in every such frame, so the forms are those of
-`femu_piezo.forward.gradient_products` with these twelve numbers and ∫ cos² nθ dθ r dr dz; what would join a cosine to a
-sine is zero in it. As the gradient is linear in n, the operator is K = K_0 + n K_1 + n² K_2 times ∫ cos² nθ dθ, and the
-three are assembled once for all orders. The section is half as high as the body: its parity about the mid-plane is that
-of the field that the terminals drive, or flipped. Fields have the size that they have on an eighth of the body.
+The extended tensor of a crystal poled along z is the same in the frame (r, θ, z) at every angle, so the forms are those
+of `femu_piezo.forward.gradient_products` with these twelve gradients and ∫ cos² nθ dθ r dr dz; the components of the
+tensor that would couple a cosine to a sine are zero. As the gradient is linear in n, the operator is
+K = K_0 + n K_1 + n² K_2 times ∫ cos² nθ dθ, and K_0, K_1, K_2 are assembled once for all orders. The section has half
+the height of the body; the parity of a field about the mid-plane is that of the field that the terminals drive, or the
+opposite. Integrals are those over an eighth of the body.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from femu_piezo.forward.parity import modes_below
 from femu_piezo.geometry.shape import wave_error
 from femu_piezo.threads import Once, made_once
 
-#: Orders of the elements along r and z, and the error of eigenvalues that their number is chosen for.
+#: Orders of the elements along r and z, and the relative eigenvalue error for which their number is chosen.
 _ORDERS, _ACCURACY = (8, 5), 1e-5
 
 
@@ -62,20 +63,20 @@ class Line:
 
     @made_once
     def places(self) -> np.ndarray:
-        """(n,) where the nodes are, growing, m."""
+        """(n,) coordinates of the nodes, growing, m."""
         inner = self.ends[:-1, None] + np.diff(self.ends)[:, None] * lobatto_nodes(self.order)[:-1]
         return np.append(inner.ravel(), self.ends[-1])
 
     @made_once
     def gauss(self) -> tuple[np.ndarray, np.ndarray]:
-        """Points and weights (q,), m, that integrate all products."""
+        """Gauss points and weights (q,), m: order + 2 points in each element, exact up to degree 2 order + 3."""
         points, weights = np.polynomial.legendre.leggauss(self.order + 2)
         half, middle = np.diff(self.ends)[:, None] / 2, (self.ends[1:, None] + self.ends[:-1, None]) / 2
         return (middle + half * points).ravel(), (half * weights).ravel()
 
     @made_once
     def at_gauss(self) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-        """`shapes` at the points that integrate."""
+        """`shapes` at the Gauss points: values and slopes, each (q, n)."""
         return self.shapes(self.gauss[0])
 
     def shapes(self, points: np.ndarray) -> tuple[sp.csr_matrix, sp.csr_matrix]:
@@ -83,16 +84,16 @@ class Line:
         element = np.clip(np.searchsorted(self.ends, points, side="right") - 1, 0, self.ends.size - 2)
         found = [sp.lil_matrix((points.size, self.places.size)) for _ in range(2)]
         for number in range(self.ends.size - 1):
-            here, own = np.flatnonzero(element == number), number * self.order + np.arange(self.order + 1)
-            lagrange = BarycentricInterpolator(self.places[own], np.eye(own.size), rng=0)
+            here, nodes = np.flatnonzero(element == number), number * self.order + np.arange(self.order + 1)
+            lagrange = BarycentricInterpolator(self.places[nodes], np.eye(nodes.size), rng=0)
             for matrix, part in zip(found, (lagrange(points[here]), lagrange.derivative(points[here])), strict=True):
-                matrix[np.ix_(here, own)] = part
+                matrix[np.ix_(here, nodes)] = part
         return found[0].tocsr(), found[1].tocsr()
 
 
 @dataclass(frozen=True)
 class Section:
-    """Half the height of a body of revolution: inner ≤ r ≤ outer, 0 ≤ z ≤ t/2, an electrode on its top.
+    """Section of the upper half of a body of revolution: inner ≤ r ≤ outer, 0 ≤ z ≤ t/2, an electrode at z = t/2.
 
     Attributes
     ----------
@@ -106,20 +107,20 @@ class Section:
 
     @classmethod
     def fine_for(cls, radii: tuple[float, float], thickness: float, density: float, wavenumber: float) -> Section:
-        """Of elements that follow waves of a wavenumber, 1/m, along the radius and through the height."""
+        """The section whose elements follow waves of a wavenumber, 1/m, along the radius and through the height."""
         ends = (radii, (0.0, thickness / 2))
-        radial, axial = (Line.fine_for(*own, order, wavenumber) for own, order in zip(ends, _ORDERS, strict=True))
+        radial, axial = (Line.fine_for(*pair, order, wavenumber) for pair, order in zip(ends, _ORDERS, strict=True))
         return cls(radial, axial, density)
 
     @property
     def size(self) -> int:
-        """Number n of nodes, those along z counted first."""
+        """Number n of nodes; their number along z varies fastest."""
         return self.radial.places.size * self.axial.places.size
 
     def to_nodes_of(self, other: Section) -> sp.csr_matrix:
-        """(n of the other, n) values at the nodes of another section."""
+        """(n_other, n) matrix that interpolates nodal values at the n_other nodes of another section."""
         lines = ((self.radial, other.radial), (self.axial, other.axial))
-        return sp.kron(*(own.shapes(line.places)[0] for own, line in lines), format="csr")
+        return sp.kron(*(here.shapes(there.places)[0] for here, there in lines), format="csr")
 
     def order(self, number: int) -> FourierOrder:
         """The forms of one Fourier order."""
@@ -137,55 +138,57 @@ class Section:
 
     @made_once
     def weights(self) -> np.ndarray:
-        """(q,) of the Gauss points, ∫ r dr dz: their volumes per radian, m³."""
-        (r, along), (_, across) = self.radial.gauss, self.axial.gauss
-        return np.outer(r * along, across).ravel()
+        """(q,) weights of the Gauss points in ∫ r dr dz: volumes per radian, m³."""
+        (r, weight_r), (_, weight_z) = self.radial.gauss, self.axial.gauss
+        return np.outer(r * weight_r, weight_z).ravel()
 
     @made_once
     def values(self) -> sp.csr_matrix:
-        """(q, n) of all nodes' functions at the Gauss points."""
+        """(q, n) values of all shape functions at the Gauss points."""
         return sp.kron(self.radial.at_gauss[0], self.axial.at_gauss[0], format="csr")
 
     @made_once
     def _slopes(self) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-        """(q, n) of the same along r and along z."""
+        """∂/∂r and ∂/∂z of all shape functions at the Gauss points, each (q, n)."""
         (value_r, slope_r), (value_z, slope_z) = self.radial.at_gauss, self.axial.at_gauss
         return sp.kron(slope_r, value_z, format="csr"), sp.kron(value_r, slope_z, format="csr")
 
     def gradients(self, number: int) -> list[list[sp.csr_matrix]]:
-        """[f][a] (q, 4n) of every field of a Fourier order at the Gauss points."""
-        along, up = self._slopes
-        plane = _in_plane(self.values, along, self.radii, number)
-        return [[*plane[f], of_field(up, f)] for f in range(FIELDS)]
+        """[f][a] → (q, 4n) gradient of field f of a Fourier order along r, θ, z at the Gauss points."""
+        slopes_r, slopes_z = self._slopes
+        plane = _in_plane(self.values, slopes_r, self.radii, number)
+        return [[*plane[f], of_field(slopes_z, f)] for f in range(FIELDS)]
 
     def stiffness_by_order(self, tensor: np.ndarray) -> list[sp.csr_matrix]:
-        """K_0, K_1, K_2 (4n, 4n) of an extended tensor (4, 3, 4, 3); those of the latest are kept."""
+        """K_0, K_1, K_2, each (4n, 4n), of an extended tensor (4, 3, 4, 3), per radian; kept for the latest tensor."""
         return self._kept.get(tensor.tobytes(), lambda: self._stiffness_by_order(tensor))
 
     def _stiffness_by_order(self, tensor: np.ndarray) -> list[sp.csr_matrix]:
-        still, first, weighted = self.gradients(0), self.gradients(1), sp.diags(self.weights)
-        turning = [[one - zero for one, zero in zip(*row, strict=True)] for row in zip(first, still, strict=True)]
-        by_power, found = (still, turning), [sp.csr_matrix((FIELDS * self.size,) * 2) for _ in range(3)]
+        # the gradient of order n is constant + n linear
+        constant, first, weighted = self.gradients(0), self.gradients(1), sp.diags(self.weights)
+        linear = [[at_1 - at_0 for at_1, at_0 in zip(*row, strict=True)] for row in zip(first, constant, strict=True)]
+        by_power, found = (constant, linear), [sp.csr_matrix((FIELDS * self.size,) * 2) for _ in range(3)]
         for f, a in zip(*np.nonzero(np.any(tensor, axis=(2, 3))), strict=True):
-            joined = list(zip(*np.nonzero(tensor[f, a]), strict=True))
-            for right, gradients in enumerate(by_power):
-                stress = weighted @ sum(tensor[f, a, g, b] * gradients[g][b] for g, b in joined)
-                for left, strains in enumerate(by_power):
-                    found[left + right] = found[left + right] + strains[f][a].T @ stress
-        return [one.tocsr() for one in found]
+            coupled = list(zip(*np.nonzero(tensor[f, a]), strict=True))
+            for power, gradients in enumerate(by_power):
+                stress = weighted @ sum(tensor[f, a, g, b] * gradients[g][b] for g, b in coupled)
+                for power_of_strain, strains in enumerate(by_power):
+                    total = power_of_strain + power
+                    found[total] = found[total] + strains[f][a].T @ stress
+        return [matrix.tocsr() for matrix in found]
 
 
 class FourierOrder:
-    """Forms of one Fourier order n on fields (u_r, u_θ, u_z, φ), each (n_nodes,) one after another.
+    """Forms of one Fourier order on vectors (4n,) of the nodal values of u_r, u_θ, u_z and φ, one field after another.
 
     Attributes
     ----------
-    radii, heights, weights : (q,) of the Gauss points: r and z in m, and their volumes m³
+    radii, heights, weights : (q,) of the Gauss points: r and z, m, and the weights of volume integrals, m³
     """
 
     def __init__(self, section: Section, number: int) -> None:
         self.section, self.number = section, number
-        # a quarter of ∫ cos² nθ dθ over the turn, half the height: an eighth
+        # ∫ cos² nθ dθ over a quarter turn; with half the height, an eighth of the body
         self._turn = np.pi / (4 if number else 2)
         self.radii, self.heights, self.weights = section.radii, section.heights, section.weights * self._turn
 
@@ -196,30 +199,30 @@ class FourierOrder:
 
     @made_once
     def gradients(self) -> list[list[sp.csr_matrix]]:
-        """[f][a] (q, 4n) the gradient of every field at the Gauss points."""
+        """[f][a] → (q, 4n) gradient of field f along r, θ, z at the Gauss points."""
         return self.section.gradients(self.number)
 
     def stiffness(self, tensor: np.ndarray) -> sp.csr_matrix:
-        """(4n, 4n) of an extended tensor (4, 3, 4, 3)."""
-        still, once, twice = self.section.stiffness_by_order(tensor)
-        return (self._turn * (still + self.number * once + self.number**2 * twice)).tocsr()
+        """(4n, 4n) stiffness of an extended tensor (4, 3, 4, 3)."""
+        k0, k1, k2 = self.section.stiffness_by_order(tensor)
+        return (self._turn * (k0 + self.number * k1 + self.number**2 * k2)).tocsr()
 
     @made_once
     def mass(self) -> sp.csr_matrix:
-        """(4n, 4n), kg; zero in the potential."""
+        """(4n, 4n) mass, kg; zero in the potential."""
         values = self.section.values
         block = self.section.density * (values.T @ sp.diags(self.weights) @ values)
         return sp.block_diag([*[block] * 3, sp.csr_matrix(block.shape)], format="csr")
 
     @made_once
     def electrode_faces(self) -> Faces:
-        """The top."""
+        """The electrode at the top of the section, z = t/2."""
         section = self.section
-        r, wr = section.radial.gauss
+        r, weight_r = section.radial.gauss
         top = sp.csr_matrix(([1.0], ([0], [section.axial.places.size - 1])), shape=(1, section.axial.places.size))
-        value, slope = (sp.kron(own, top, format="csr") for own in section.radial.at_gauss)
+        value, slope = (sp.kron(radial, top, format="csr") for radial in section.radial.at_gauss)
         values = [of_field(value, f) for f in range(FIELDS)]
-        return Faces(r * wr * self._turn, values, _in_plane(value, slope, r, self.number))
+        return Faces(r * weight_r * self._turn, values, _in_plane(value, slope, r, self.number))
 
     def at_points(self, fields: np.ndarray) -> np.ndarray:
         """(4, 3, q, k) gradients of fields (4n, k) at the Gauss points."""
@@ -228,16 +231,16 @@ class FourierOrder:
     def between(
         self, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray], weight: np.ndarray | float = 1.0
     ) -> np.ndarray:
-        """(n_tensors, k, l) forms of extended tensors on fields (4n, k) and (4n, l).
+        """(n_tensors, k, l) vᵗA w of extended tensors, each (4, 3, 4, 3), on fields v (4n, k) and w (4n, l).
 
-        weight : (q,) a factor at the Gauss points
+        weight : (q,) factor of the integrand at the Gauss points
         """
         return self.joined(self.at_points(left), self.at_points(right), tensors, weight)
 
     def joined(
         self, before: np.ndarray, after: np.ndarray, tensors: Sequence[np.ndarray], weight: np.ndarray | float = 1.0
     ) -> np.ndarray:
-        """The same of gradients (4, 3, q, k) and (4, 3, q, l) at the Gauss points."""
+        """(n_tensors, k, l) `between` of fields given by gradients (4, 3, q, k), (4, 3, q, l) at the Gauss points."""
         tensors, volume = np.asarray(tensors), (self.weights * weight)[:, None]
         found = np.zeros((len(tensors), before.shape[3], after.shape[3]))
         for f, a, g, b in zip(*np.nonzero(np.any(tensors, axis=0)), strict=True):
@@ -247,20 +250,20 @@ class FourierOrder:
         return found
 
     def load(self, flow: np.ndarray) -> np.ndarray:
-        """(4n, k) forces and charges of stresses and flux densities (4, 3, q, k) at the Gauss points."""
+        """(4n, k) nodal forces and charges of stresses and electric displacements (4, 3, q, k) at the Gauss points."""
         volume = self.weights[:, None]
         return sum(self.gradients[f][a].T @ (volume * flow[f, a]) for f in range(FIELDS) for a in range(flow.shape[1]))
 
     def momentum(self, fields: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """(4n, k) ∫ ρ weight v·u of u_r and u_z of fields (4n, k), kg; weight (q,) at the Gauss points.
+        """(4n, k) ∫ ρ weight v·u over u_r and u_z alone of fields (4n, k), kg; weight (q,) at the Gauss points.
 
-        The fields may be of order 0, which has no u_θ, and the weight the factor of cos nθ.
+        It serves fields of order 0, which have no u_θ, and the factor of cos nθ in a density as the weight.
         """
         volume, n = (self.section.density * self.weights * weight)[:, None], self.section.size
         found = np.zeros_like(fields)
         for f in (0, 2):
-            own = slice(f * n, (f + 1) * n)
-            found[own] = self.section.values.T @ (volume * (self.section.values @ fields[own]))
+            rows = slice(f * n, (f + 1) * n)
+            found[rows] = self.section.values.T @ (volume * (self.section.values @ fields[rows]))
         return found
 
     def within(self, fields: np.ndarray, tensors: Sequence[np.ndarray], weight: np.ndarray | float = 1.0) -> np.ndarray:
@@ -269,9 +272,10 @@ class FourierOrder:
         return (found + found.transpose(0, 2, 1)) / 2
 
     def free(self, flipped: bool) -> sp.csr_matrix:
-        """(4n, m) from the free unknowns to all fields; the electrode is at zero, potentials scaled as in the model.
+        """(4n, m) from the free unknowns to all nodal values; electrode at zero, potentials scaled as in the model.
 
-        On the axis the fields are those of a smooth body: of order 0 u_z and φ alone, of order 1 a shift u_r = −u_θ.
+        Fields are smooth on the axis: order 0 has u_z and φ, order 1 a translation u_r = −u_θ, higher orders vanish.
+
         flipped : whether the parity about the mid-plane is the opposite of the driven field's
         """
         section, number = self.section, self.number
@@ -292,14 +296,14 @@ class FourierOrder:
         return found.tocsr()
 
     def modes(self, tensor: np.ndarray, flipped: bool, top: float) -> np.ndarray:
-        """(4n, k) fields of all modes with ω² below `top`, uᵗMu = 1; rigid bodies among them."""
+        """(4n, k) fields of all modes with ω² below `top`, rigid-body modes included, uᵗMu = 1."""
         p = self.free(flipped)
         return p @ modes_below((p.T @ self.stiffness(tensor) @ p).tocsr(), (p.T @ self.mass @ p).tocsr(), top)
 
 
 def _in_plane(values: sp.csr_matrix, slopes: sp.csr_matrix, radii: np.ndarray, n: int) -> list[list[sp.csr_matrix]]:
-    """[f][a] (q, 4n) gradients of order n along r and θ at points on which the functions have values and slopes."""
+    """[f][a] → (q, 4n) gradients of order n along r and θ, from values and r slopes (q, n) of the shape functions."""
     over_r = sp.diags(1 / radii) @ values
-    r, turn, z, potential = (of_field(over_r, f) for f in range(FIELDS))
-    around = [-(n * r + turn), n * turn + r, -n * z, -n * potential]
+    u_r, u_theta, u_z, potential = (of_field(over_r, f) for f in range(FIELDS))
+    around = [-(n * u_r + u_theta), n * u_theta + u_r, -n * u_z, -n * potential]
     return [[of_field(slopes, f), around[f].tocsr()] for f in range(FIELDS)]

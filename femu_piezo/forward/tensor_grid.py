@@ -4,8 +4,8 @@ On a tensor-product grid of Lagrange nodes every product is separable,
 
     ∫ ∂_aφ_i ∂_bφ_j dV = X_ab ⊗ Y_ab ⊗ Z_ab,
 
-each factor one of ∫φφ, ∫φ'φ', ∫φ'φ, ∫φφ' along one axis. With n nodes, n_x + n_y + n_z operations a node take the place
-of the (2p + 1)³ entries a row that the assembled matrix of order p has.
+with each factor one of ∫φφ, ∫φ'φ', ∫φ'φ, ∫φφ' along one axis. A product with a vector takes n_x + n_y + n_z operations
+per node, where the assembled matrix of order p has up to (2p + 1)³ entries per row.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from scipy.interpolate import BarycentricInterpolator
 
 from femu_piezo.forward.hex_element import ElementHexP, lobatto_nodes, node_places
 
-#: Distance of two nodes along an axis, relative to the box, below which they are one.
+#: Distance along an axis, relative to the box, below which two coordinates count as equal.
 _SAME = 1e-9
 
 
@@ -32,8 +32,8 @@ class TensorGrid:
     Attributes
     ----------
     order : (n,) number of the node at each place of the grid, the last axis fastest
-    lines, places : for x, y, z: where elements meet, and where the nodes are, growing, m
-    axes : for x, y, z: (2, 2, n_i, n_i) ∫ ∂^s φ_i ∂^t φ_j by s and t
+    lines, places : for x, y, z: coordinates of element boundaries and of nodes, growing, m
+    axes : for x, y, z: (2, 2, n_i, n_i) [s, t] ∫ ∂^s φ_i ∂^t φ_j
     """
 
     order: np.ndarray
@@ -43,7 +43,7 @@ class TensorGrid:
 
     @classmethod
     def of(cls, basis: skfem.Basis) -> TensorGrid | None:
-        """The grid of a scalar basis of Lagrange hexahedra on all of a box; None for every other basis."""
+        """The grid of a scalar basis of Lagrange hexahedra on a whole box; None for every other basis."""
         if not isinstance(basis.elem, ElementHexP) or basis.nelems != basis.mesh.nelements:
             return None
         places, numbers = zip(*(_places(axis) for axis in node_places(basis)), strict=True)
@@ -60,7 +60,7 @@ class TensorGrid:
         return cls(np.argsort(flat), lines, places, axes)
 
     def weighted(self, axis: int, weight: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """(2, 2, n_i, n_i) ∫ w ∂^s φ_i ∂^t φ_j along one axis, with a weight w of the place (m), a polynomial."""
+        """(2, 2, n_i, n_i) ∫ w ∂^s φ_i ∂^t φ_j along one axis, with a polynomial w of the coordinate, m."""
         return _matrices(self.lines[axis], self.places[axis], weight)
 
     def times(self, a: int, b: int, vectors: np.ndarray) -> np.ndarray:
@@ -84,7 +84,7 @@ def kronecker_times(factors: Sequence[np.ndarray], vectors: np.ndarray) -> np.nd
 
 
 def _places(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Different places along an axis, growing, and the number of the place of each value (n,)."""
+    """Distinct coordinates along an axis, growing, and the index (n,) of each of the values (n,) among them."""
     order = np.argsort(values, kind="stable")
     new = np.append(True, np.diff(values[order]) > _SAME * np.ptp(values))
     number = np.empty(values.size, dtype=int)
@@ -93,28 +93,36 @@ def _places(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _is_straight(line: np.ndarray, places: np.ndarray) -> bool:
-    """Whether the nodes between places of `line` are where straight maps put them: others have other functions."""
-    order, left = (places.size - 1) // (line.size - 1), line[:-1, None]
-    even = left + np.diff(line)[:, None] * lobatto_nodes(order)[:-1]
-    return even.size == places.size - 1 and np.allclose(places[:-1], even.ravel(), rtol=0, atol=_SAME * np.ptp(line))
+    """Whether the nodes lie where affine maps put them between the element boundaries `line`.
+
+    With other maps the shape functions are no Lagrange polynomials of the coordinate.
+    """
+    order, start = (places.size - 1) // (line.size - 1), line[:-1, None]
+    affine = start + np.diff(line)[:, None] * lobatto_nodes(order)[:-1]
+    return affine.size == places.size - 1 and np.allclose(
+        places[:-1], affine.ravel(), rtol=0, atol=_SAME * np.ptp(line)
+    )
 
 
 def _matrices(
     line: np.ndarray, places: np.ndarray, weight: Callable[[np.ndarray], np.ndarray] = np.ones_like
 ) -> np.ndarray:
-    """(2, 2, n, n) ∫ w ∂^s φ_i ∂^t φ_j of Lagrange polynomials on the nodes of elements between places of `line`."""
+    """(2, 2, n, n) ∫ w ∂^s φ_i ∂^t φ_j of Lagrange elements with boundaries at `line` and nodes at `places`."""
     count = (places.size - 1) // (line.size - 1)
     found = np.zeros((2, 2, places.size, places.size))
     for element, (left, right) in enumerate(pairwise(line)):
-        own = slice(element * count, element * count + count + 1)
-        found[:, :, own, own] += line_products(places[own], left, right, weight)
+        nodes = slice(element * count, element * count + count + 1)
+        found[:, :, nodes, nodes] += line_products(places[nodes], left, right, weight)
     return found
 
 
 def line_products(
     nodes: np.ndarray, left: float, right: float, weight: Callable[[np.ndarray], np.ndarray] = np.ones_like
 ) -> np.ndarray:
-    """(2, 2, n, n) ∫ w ∂^s φ_i ∂^t φ_j from left to right of the Lagrange polynomials on n nodes; w up to cubic."""
+    """(2, 2, n, n) ∫ w ∂^s φ_i ∂^t φ_j from left to right of the Lagrange polynomials on n nodes.
+
+    weight : w of the coordinate; the integral is exact for polynomials w up to degree 5
+    """
     points, weights = legendre.leggauss(nodes.size + 2)
     lagrange = BarycentricInterpolator(nodes, np.eye(nodes.size), rng=0)
     at = (left + right) / 2 + (right - left) / 2 * points

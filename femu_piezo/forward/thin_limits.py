@@ -1,4 +1,4 @@
-"""Closed forms of thin bodies: the radial modes of a thin disk, and where to look for the first mode of a shape.
+"""Closed forms of thin bodies: the radial modes of a thin disk, and first frequencies of thin rings and bars.
 
 Thin disk poled through its thickness (IEEE Std 176-1987, section 4.1.3; Mason 1948): with the planar constants
 
@@ -29,8 +29,8 @@ def thin_disk_admittance(
 ) -> np.ndarray:
     """Y of a thin disk at real frequencies (n,), siemens, complex constants."""
     omega = 2 * np.pi * np.asarray(frequency_Hz, dtype=float)
-    sigma, slowness, kp2 = _planar(constants)
-    eta = omega * radius * np.sqrt(density * slowness)
+    sigma, compliance, kp2 = _planar(constants)
+    eta = omega * radius * np.sqrt(density * compliance)
     fraction = (1 + sigma) * jv(1, eta) / (eta * jv(0, eta) - (1 - sigma) * jv(1, eta))
     clamped = constants.eps33T * (1 - kp2) * np.pi * radius**2 / thickness
     return 1j * omega * clamped * (1 + kp2 / (1 - kp2) * fraction)
@@ -40,7 +40,7 @@ def thin_disk_eigenvalues(
     constants: PiezoConstants, density: float, radius: float, count: int, circuit: str = "short"
 ) -> np.ndarray:
     """The first λ (count,) complex, rad²/s², of the radial modes: "short" the poles of Y, "open" its zeros."""
-    sigma, slowness, kp2 = _planar(constants)
+    sigma, compliance, kp2 = _planar(constants)
     factor = (1 - sigma) if circuit == "short" else (1 - sigma) - (1 + sigma) * kp2 / (1 - kp2)
 
     def mismatch(eta: complex, factor: complex) -> complex:
@@ -53,11 +53,11 @@ def thin_disk_eigenvalues(
         _newton(lambda eta: mismatch(eta, factor), brentq(mismatch, grid[i], grid[i + 1], args=(factor.real,)))
         for i in starts
     ]
-    return np.array(roots) ** 2 / (radius**2 * density * slowness)
+    return np.array(roots) ** 2 / (radius**2 * density * compliance)
 
 
 def _newton(function, start: float) -> complex:
-    """A complex root near a real one; derivatives of the entire function by a central difference of 1e-6."""
+    """The complex root of an entire function near a real start, by Newton's method with central differences of 1e-6."""
     eta = complex(start)
     for _ in range(30):
         slope = (function(eta + 1e-6) - function(eta - 1e-6)) / 2e-6
@@ -69,16 +69,16 @@ def _newton(function, start: float) -> complex:
 
 
 def thin_disk_frequency(constants: PiezoConstants, density: float, radius: float) -> float:
-    """First radial pole, Hz, without loss."""
+    """Frequency of the first radial pole without loss, Hz."""
     eigenvalue = thin_disk_eigenvalues(constants.lossless(), density, radius, 1)[0]
     return float(np.sqrt(eigenvalue.real) / (2 * np.pi))
 
 
 def thin_ring_frequency(constants: PiezoConstants, density: float, mean_radius: float) -> float:
-    """Breathing mode of a narrow ring, Hz: hoop stress only, ω = 1/(r sqrt(ρ s11))."""
+    """Frequency of the breathing mode of a narrow ring, Hz: hoop stress only, ω = 1/(r sqrt(ρ s11))."""
     return float(1 / (2 * np.pi * mean_radius * np.sqrt(density * constants.s11.real)))
 
 
 def thin_bar_frequency(compliance: complex, density: float, length: float) -> float:
-    """First extension of a thin bar, Hz: 1 / (2 L sqrt(ρ s))."""
+    """Frequency of the first extensional mode of a thin bar, Hz: 1 / (2 L sqrt(ρ s))."""
     return float(1 / (2 * length * np.sqrt(density * complex(compliance).real)))

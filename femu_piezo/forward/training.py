@@ -1,6 +1,6 @@
-"""Training of a reduced basis: real modes at training constants, their residuals, and the change of Z they cause.
+"""Training of a reduced basis: real states at training constants, their residuals, and the change of Z they cause.
 
-Everything is lossless here, hence real and symmetric; a uniform loss factor enters in closed form,
+All operators are lossless here, hence real and symmetric; a uniform loss factor η enters in closed form,
 F(ω) = (1+jη) [C∞ + Σ g²/(λ − ω²/(1+jη))].
 """
 
@@ -14,7 +14,7 @@ from femu_piezo.forward.krylov import LOSS
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.forward.reduced_basis import ReducedBasis
 
-#: Modes up to this multiple of the top ω² are trained; at most so many corrections in one round.
+#: Modes up to `_BEYOND` times the top ω² are trained; at most `_MOST_CORRECTIONS` directions are corrected in a round.
 _BEYOND, _MOST_CORRECTIONS = 1.5, 120
 
 
@@ -26,11 +26,12 @@ class TrainingSet:
     ----------
     coefficients : (n_terms,) real coefficients of the affine terms
     modal : its poles and zeros, real
-    states : (r, k) reduced states: open-circuit modes up to beyond the band, then what all higher modes add to the
-        driven state at the bottom, in the middle and at the top of the band. Their energy is one, less for modes
-        that the terminals hardly drive: there it is the share of the resonance in Z.
-    inertia : (k_u, k) what the mass acts on in the equation of each state: (A − λM)z = 0 for a mode, and for the
-        remainder t(s) of the driven state x = t − Σ h_n z_n/(λ_n − s):  A t − M (s t + Σ h_n z_n) = load
+    states : (r, k) reduced states: open-circuit modes z_n with λ_n < 1.5 top, then the remainder t(s) of the driven
+        state without these modes at s = 0, top/2 and top. Their energy is one, except for modes that the terminals
+        hardly drive: there it is the share of the resonance in Z.
+    inertia : (k_u, k) displacements on which the mass acts in the equation of each state: λz for a mode, as
+        (A − λM)z = 0, and s t + Σ h_n z_n for the remainder, as x = t − Σ h_n z_n/(λ_n − s) is the driven state:
+        A t − M (s t + Σ h_n z_n) = load
     top : ω² at the top of the band
     """
 
@@ -42,7 +43,7 @@ class TrainingSet:
 
     @classmethod
     def of(cls, matrices: np.ndarray, displacements: int, coefficients: np.ndarray, top: float) -> TrainingSet:
-        """Diagonalise projected terms (n_terms, r, r) at real coefficients."""
+        """Diagonalise projected terms (n_terms, r, r) at real coefficients (n_terms,)."""
         stiffness = np.tensordot(coefficients, matrices, axes=1)
         modal = diagonalise(stiffness, matrices, displacements, 1.0)
         values, modes, amplitudes = modal.zeros[0], modal.zero_states(), modal.zero_amplitudes
@@ -64,10 +65,11 @@ class TrainingSet:
     def principal_components(
         sets: list[TrainingSet], matrices: np.ndarray, displacements: int, tolerance: float
     ) -> tuple[np.ndarray, int]:
-        """Rotation (r, r') to the components of all states above `tolerance` of the largest, and their u count.
+        """Matrix (r, r') from the principal components of the states of all sets, and their number of displacements.
 
-        Displacements are measured in elastic energy of the first set, inner potentials in dielectric energy (in
-        which the basis is orthonormal).
+        Components whose singular value exceeds `tolerance` times the largest one of the displacements are kept.
+        Displacements are measured in elastic energy of the first set, inner potentials in dielectric energy, in which
+        the basis is orthonormal.
         """
         ku, size = displacements, matrices.shape[1]
         states = np.hstack([item.states for item in sets])
@@ -86,7 +88,7 @@ class TrainingSet:
 
 
 def state_residuals(basis: ReducedBasis, item: TrainingSet) -> np.ndarray:
-    """Residuals (m, k) of the states of one training set, the electrode's charge taken out."""
+    """Residuals (m, k) of the states of a training set, made orthogonal to the lifting by a charge on the electrode."""
     residual = basis.images(item.coefficients, item.states)
     residual[: basis.split] -= basis.mass @ (basis.u @ item.inertia)
     lifting = basis.p[:, 0]
@@ -95,9 +97,10 @@ def state_residuals(basis: ReducedBasis, item: TrainingSet) -> np.ndarray:
 
 
 def compressed(residuals: np.ndarray, scale: np.ndarray, share: float) -> np.ndarray:
-    """The leading directions of residuals (m, k), measured by the diagonal of the operator, with their size.
+    """(m, j) leading principal directions of residuals (m, k), not normalised.
 
-    share : of the largest, below which the others are left
+    scale : (m,) diagonal of the operator; the length of a residual is that of residual / √scale
+    share : directions shorter than this share of the longest are dropped
     """
     scaled = residuals / np.sqrt(scale)[:, None]
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
@@ -106,7 +109,10 @@ def compressed(residuals: np.ndarray, scale: np.ndarray, share: float) -> np.nda
 
 
 def worst_change(old: TrainingSet, new: TrainingSet) -> float:
-    """Largest relative change of Z in the band between two reduced models, at poles, zeros and in between."""
+    """Largest relative change of Z between two reduced models, with the loss factor `LOSS`.
+
+    Z is compared at poles and zeros of the new one in the band, and at 40 equally spaced frequencies.
+    """
     squares = np.concatenate([new.modal.eigenvalues, new.modal.zeros[0]])
     inside = squares[(squares > 1e-4 * new.top) & (squares < new.top)]
     grid = np.concatenate([inside, np.linspace(0.02, 1.0, 40) ** 2 * new.top]) / (1 + 1j * LOSS)
