@@ -72,7 +72,7 @@ def read_hexahedra(path: Path) -> skfem.MeshHex:
 
 
 def grid_lines(mesh: skfem.MeshHex) -> list[np.ndarray]:
-    """Places of the grid lines of a box along x, y, z, each growing, m."""
+    """Coordinates of the grid lines of a box along x, y and z, growing, m."""
     found = []
     for axis in mesh.p:
         places = np.sort(axis)
@@ -81,12 +81,12 @@ def grid_lines(mesh: skfem.MeshHex) -> list[np.ndarray]:
 
 
 def divided(line: np.ndarray, parts: int) -> np.ndarray:
-    """(m,) ends of elements (n,) along an axis, and of so many equal parts of each."""
+    """(m,) grid lines (n,) of an axis after division of each interval into equal parts: m = (n − 1) parts + 1."""
     return np.interp(np.arange((line.size - 1) * parts + 1) / parts, np.arange(line.size), line)
 
 
 def elements_of(mesh: skfem.MeshHex) -> np.ndarray:
-    """(nx, ny, nz) number of the element in every cell of a box."""
+    """(nx, ny, nz) number of the element in each cell of the grid of a box."""
     lines, centres = grid_lines(mesh), mesh.p[:, mesh.t].mean(axis=1)
     cells = tuple(np.searchsorted(line, centre) - 1 for line, centre in zip(lines, centres, strict=True))
     found = np.empty([line.size - 1 for line in lines], dtype=int)

@@ -4,8 +4,8 @@
     trapezoid(20e-3, 6e-3, 3e-3, 1e-3, electrodes=Electrodes(span=(0.0, 10e-3)))
     plate(20e-3, 6e-3, 1e-3, corner_radius=1e-3, holes=(Circle(2e-3, (5e-3, 0.0)),))
 
-All are `Slab`s about the origin, faces normal to z; keyword arguments: holes, electrodes, chamfer, direction,
-elements (see `Slab`). A plain rectangular plate without any of these is better served by `shapes.Plate`.
+All are `Slab`s about the origin, with faces normal to z; keyword arguments: holes, electrodes, chamfer, direction,
+elements (see `Slab`). For a rectangular plate without any of these, `shapes.Plate` is the better choice.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""`CurvedHexahedra`: plane cells with curved sides, extruded; as exact as polynomials of high order can be.
+"""`CurvedHexahedra`: extruded plane cells with curved sides, whose maps are polynomials of high order.
 
-scikit-fem keeps the vertices and their topology. How a cell fills the space between them is a plane map times a height,
-both in Chebyshev polynomials, so elements of any order find a geometry that is more exact than they are.
+scikit-fem keeps the vertices and their topology. The map of a cell is a plane map of x, y and a map of z, both in
+Chebyshev polynomials of so high an order that the error of the geometry is below that of the elements.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from skfem.mapping import MappingIsoparametric
 
 @dataclass(repr=False)
 class CurvedHexahedra(skfem.MeshHex1):
-    """A hexahedral mesh with a smooth map of each cell, x, y of the first two reference coordinates, z of the third.
+    """A hexahedral mesh with a smooth map of each cell: x, y of the first two reference coordinates, z of the third.
 
     Attributes
     ----------
-    plane : (2, cells, i, j) Chebyshev coefficients of x, y in 2X_0 − 1 and 2X_1 − 1, m; at the corners the vertices
+    plane : (2, cells, i, j) Chebyshev coefficients of x, y in 2X_0 − 1 and 2X_1 − 1, m; the corners are the vertices
     height : (cells, k) Chebyshev coefficients of z in 2X_2 − 1, m
     """
 
@@ -38,7 +38,7 @@ class CurvedMapping(MappingIsoparametric):
 
     def __init__(self, mesh: CurvedHexahedra) -> None:
         super().__init__(mesh, mesh.elem(), mesh.bndelem)
-        #: Coefficients of x, y and of z, and of their slopes along each reference axis that they change with.
+        #: Coefficients of x, y and of z (None), and of their derivatives along the reference axes on which they depend.
         self._planes = {None: mesh.plane} | {j: 2 * chebyshev.chebder(mesh.plane, axis=j + 2) for j in range(2)}
         self._heights = {None: mesh.height, 2: 2 * chebyshev.chebder(mesh.height, axis=1)}
         corners = self.F(mesh.elem.refdom.p.astype(float))
@@ -46,7 +46,7 @@ class CurvedMapping(MappingIsoparametric):
             raise ValueError("the vertices of a curved mesh were moved without its maps")
 
     def F(self, X: np.ndarray, tind: np.ndarray | None = None) -> np.ndarray:
-        """(3, cells, points) places of reference points (3, points), or (3, cells, points) of each cell, m."""
+        """(3, cells, points) coordinates of reference points (3, points), or (3, cells, points) of each cell, m."""
         return self._maps(X, tind, None)
 
     def DF(self, X: np.ndarray, tind: np.ndarray | None = None, J=None) -> np.ndarray:
@@ -54,14 +54,14 @@ class CurvedMapping(MappingIsoparametric):
         return np.array(J) if J is not None else np.stack([self._maps(X, tind, j) for j in range(3)], axis=1)
 
     def J(self, i: int, j: int, X: np.ndarray, tind: np.ndarray | None = None) -> np.ndarray:
-        """(cells, points) ∂x_i/∂X_j; the last points asked for are kept."""
+        """(cells, points) ∂x_i/∂X_j; the Jacobians of the latest points are kept."""
         asked, latest = (X, tind), getattr(self, "_latest", None)
         if latest is None or any(old is not new for old, new in zip(latest[0], asked, strict=True)):
             self._latest = latest = asked, self.DF(X, tind)
         return latest[1][i, j]
 
     def G(self, X: np.ndarray, find: np.ndarray | None = None) -> np.ndarray:
-        """(3, facets, points) places of points (2, points) of the reference facet; the last ones asked for are kept."""
+        """(3, facets, points) coordinates, m, of points (2, points) of the reference facet; the latest are kept."""
         cells, at, _ = self._on_facets(X, find)
         places = self.F(at, cells)
         self._placed = places, cells, at
@@ -74,9 +74,9 @@ class CurvedMapping(MappingIsoparametric):
         return np.linalg.norm(np.cross(tangents[0], tangents[1], axis=0), axis=0)
 
     def invF(self, x: np.ndarray, tind: np.ndarray | None = None) -> np.ndarray:
-        """(3, cells, points) reference points of places in given cells, by Newton's method where they are not known.
+        """(3, cells, points) reference points of coordinates in given cells.
 
-        A basis on facets asks for those of the places that it has just been given.
+        They are known for the latest result of `G`, which a basis on facets passes back; else Newton's method is used.
         """
         places, cells, at = getattr(self, "_placed", (None, None, None))
         if x is places and tind is not None and np.array_equal(tind, cells):
@@ -84,7 +84,7 @@ class CurvedMapping(MappingIsoparametric):
         return super().invF(x, tind, newton_tol=1e-9)
 
     def _on_facets(self, X: np.ndarray, find: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The cell of each facet, the reference points there (3, facets, points), and their slopes (2, 3, …)."""
+        """The cell (facets,) of each facet, its reference points (3, facets, points), and their slopes (2, 3, …)."""
         mesh = self.mesh
         find = np.arange(mesh.facets.shape[1]) if find is None else np.asarray(find)
         cells = mesh.f2t[0, find]
@@ -96,7 +96,7 @@ class CurvedMapping(MappingIsoparametric):
         return cells, at, np.array(along)
 
     def _maps(self, X: np.ndarray, tind: np.ndarray | None, derivative: int | None) -> np.ndarray:
-        """x, y = Σ c_ab T_a(X_0) T_b(X_1) and z = Σ c_k T_k(X_2) of each cell, or their slopes along one axis."""
+        """(3, cells, points) x, y = Σ c_ab T_a(X_0) T_b(X_1) and z = Σ c_k T_k(X_2), or their slopes along one axis."""
         plane, height = self._planes.get(derivative), self._heights.get(derivative)
         cells = slice(None) if tind is None else tind
         at = 2 * np.asarray(X, dtype=float) - 1

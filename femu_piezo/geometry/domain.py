@@ -14,7 +14,7 @@ from femu_piezo.geometry.curved_mesh import CurvedHexahedra
 
 @dataclass(frozen=True)
 class Domain:
-    """The part of a specimen that is computed, and how the whole follows from it.
+    """The part of a specimen that is computed, and the factors from the part to the whole specimen.
 
     Attributes
     ----------
@@ -26,10 +26,10 @@ class Domain:
     voltage_factor : terminal voltage of the specimen / potential of `hot` in the part
     poling : (3,) direction of poling in specimen axes
     order : polynomial order of the elements that the mesh is made for
-    radii : inner (0 for a disk) and outer radius where this is an eighth of a disk or ring with covered faces that is
-        poled along its axis z, m; None for others
-    rim_error : relative error of eigenvalues from the singular field where electrodes end inside faces, as expected; 0
-        where none does
+    radii : inner (0 for a disk) and outer radius, m, where the part is an eighth of a disk or ring with fully covered
+        faces, poled along its axis z; None for others
+    rim_error : expected relative error of eigenvalues from the singular field where electrodes end inside faces; 0
+        where no electrode does
     """
 
     mesh: skfem.Mesh
@@ -54,7 +54,7 @@ class Domain:
             raise InputError("a domain needs at least one boundary for each of the hot and ground electrodes")
 
     def has_mesh_of(self, other: Domain) -> bool:
-        """Whether the elements are those of another domain of the same body."""
+        """Whether mesh and element order equal those of another domain."""
         if self.order != other.order or type(self.mesh) is not type(other.mesh):
             return False
         return np.array_equal(self.mesh.doflocs, other.mesh.doflocs) and np.array_equal(self.mesh.t, other.mesh.t)

@@ -21,9 +21,9 @@ GMSH_PACKAGES = "libglu1-mesa libgl1 libgomp1 libxrender1 libxcursor1 libxft2 li
 
 
 def _ignore_broken_pipes() -> None:
-    """Undo what gmsh does to SIGPIPE: by default it ends the process, Python ignores it and raises BrokenPipeError.
+    """Ignore SIGPIPE again, as Python does to raise BrokenPipeError; gmsh resets it, so that it would end the process.
 
-    The C call works in every thread, as the workers of a cluster need it.
+    The C call works in every thread, which the workers of a cluster need.
     """
     if hasattr(signal, "SIGPIPE") and signal.getsignal(signal.SIGPIPE) == signal.SIG_IGN:
         setsig = ctypes.pythonapi.PyOS_setsig
@@ -31,7 +31,7 @@ def _ignore_broken_pipes() -> None:
         setsig(signal.SIGPIPE, int(signal.SIG_IGN))
 
 
-#: gmsh has one session for a process: threads that mesh at the same time take turns.
+#: gmsh has one session per process: threads that mesh at the same time take turns.
 _turn = RLock()
 
 

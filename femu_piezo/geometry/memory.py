@@ -14,8 +14,8 @@ _one_at_a_time = threading.Lock()
 def memory_limit(size: int) -> Iterator[None]:
     """Let the process grow by at most `size` bytes of address space in the block: beyond it MemoryError is raised.
 
-    For readers that trust the counts in a file: what they allocate is refused before it is touched. A limit that
-    the process has already is never raised. Linux only; without effect elsewhere.
+    It protects against readers that trust the counts in a file: their allocations fail before memory is touched. A
+    limit that the process has already is never raised. Linux only; without effect elsewhere.
     """
     try:
         import resource

@@ -27,7 +27,7 @@ from femu_piezo.geometry.upper_face import UpperFace, facets_at
 from femu_piezo.threads import made_once
 
 _LARGEST_FILE = 500_000_000
-#: Bytes that reading a mesh may take: for any file, and for each byte of it (a sound one takes some four).
+#: Memory that reading a mesh may take: bytes for any file, and bytes per byte of the file (intact files take about 4).
 _LEAST_MEMORY, _MEMORY_PER_BYTE = 256_000_000, 16
 _SUPPORTED = ("hexahedron27", "tetra10", "hexahedron", "tetra")
 _SURFACE_ONLY = {"triangle", "quad", "triangle6", "quad8", "quad9"}
@@ -37,7 +37,7 @@ _PLAUSIBLE = (2e-5, 1.0)
 
 @dataclass(frozen=True)
 class MeshFile:
-    """The body in a mesh file.
+    """A body that is given by a mesh file.
 
     Attributes
     ----------
@@ -87,17 +87,17 @@ class MeshFile:
 
     @property
     def volume(self) -> float:
-        """Of the whole body, m³."""
+        """Volume of the whole body, m³."""
         return self.domain_for().volume
 
     @property
     def electrode_area(self) -> float:
-        """Of the hot electrode of the whole body, m²."""
+        """Area of the hot electrode of the whole body, m²."""
         return boundary_area(self.mesh, "hot") * 2 ** len(self.mirrors)
 
     @property
     def electrode_gap(self) -> float:
-        """Distance between the centres of the electrodes along the poling, m; their distance where that vanishes."""
+        """Distance between the centres of the electrodes along the poling, m; in space where that is zero."""
         centers = [skfem.FacetBasis(self.mesh, self.mesh.elem(), facets=name) for name in ("hot", "ground")]
         means = [
             np.sum(np.asarray(basis.global_coordinates()) * basis.dx, axis=(1, 2)) / np.sum(basis.dx)
@@ -109,7 +109,7 @@ class MeshFile:
 
     @property
     def upper_face(self) -> UpperFace | None:
-        """The part of the mesh whose z is largest, where something may stick or stand; None where it is no face."""
+        """The face at the largest z, where a mass may stick or a support stand; None where no facet lies there."""
         mesh = self.mesh
         corners = mesh.p[:2, mesh.facets[:, facets_at(mesh, mesh.p[2].max())]]  # (2, corners, n)
         if corners.shape[2] == 0:
@@ -123,12 +123,12 @@ class MeshFile:
             return distance < reach[facet]
 
         x, y = corners
-        box = [float(value) for one in (x, y) for value in (one.min(), one.max())]
+        box = [float(value) for axis in (x, y) for value in (axis.min(), axis.max())]
         return UpperFace.within(box, self.mirrors, self.volume, covers)
 
     @property
     def element_order(self) -> int:
-        """Quadratic elements on the mesh of the user."""
+        """2: elements on the user's mesh are quadratic."""
         return 2
 
     def domain_for(
@@ -139,7 +139,7 @@ class MeshFile:
         symmetric: bool = True,
         order: int | None = None,
     ) -> Domain:
-        """The mesh as it is: its elements are the user's, whatever the accuracy asked for."""
+        """The user's mesh as it is: accuracy, frequency and speed have no influence; order : 2 where None."""
         direction = np.abs(np.array(self.poling_direction))
         for axis in self.mirrors:
             if direction[axis] > 1e-12:
@@ -159,7 +159,8 @@ class MeshFile:
 
 
 def _read(path: Path) -> skfem.Mesh:
-    size = len(read_bytes(path, _LARGEST_FILE))  # tells a missing, unreadable or huge file in one sentence
+    """The mesh of a file in its own unit, with named boundaries; InputError where it cannot be read."""
+    size = len(read_bytes(path, _LARGEST_FILE))  # InputError for a missing, unreadable or huge file
     most = _LEAST_MEMORY + _MEMORY_PER_BYTE * size
     try:
         silence = contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO())
@@ -203,7 +204,7 @@ def _read(path: Path) -> skfem.Mesh:
 
 
 def _named_facets(raw: meshio.Mesh, mesh: skfem.Mesh, path: Path) -> dict[str, np.ndarray]:
-    """Name → facets of the mesh at the places of the surface cells that carry it."""
+    """Name of a surface → numbers of the facets of the mesh at the centres of its cells."""
     corners = {"triangle": 3, "triangle6": 3, "quad": 4, "quad8": 4, "quad9": 4}
     tree = cKDTree(mesh.p[:, mesh.facets].mean(axis=1).T)
     near = 1e-6 * float(np.ptp(mesh.p, axis=1).max())
@@ -227,7 +228,7 @@ def _named_facets(raw: meshio.Mesh, mesh: skfem.Mesh, path: Path) -> dict[str, n
 
 
 def _surface_sets(raw: meshio.Mesh) -> dict[str, list]:
-    """Name → indices per block of cells; from named sets (.msh 4.1), else from physical tags (.msh 2.2)."""
+    """Name of a surface → its cells in each block; from named sets (.msh 4.1), else from physical tags (.msh 2.2)."""
     sets = {name: list(parts) for name, parts in raw.cell_sets.items() if not name.startswith("gmsh:")}
     if sets or "gmsh:physical" not in raw.cell_data:
         return sets

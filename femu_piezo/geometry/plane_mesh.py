@@ -1,9 +1,9 @@
-"""Plane meshes of quadrangles whose sides are straight or arcs, graded towards the rims of electrodes, and extruded.
+"""Plane meshes of quadrangles with straight sides or arcs, graded towards electrode rims, and their extrusion.
 
-Where an electrode ends inside a face, D is singular with the inverse square root of the distance r to its rim. Elements
-in r converge slowly there whatever their order. In a cell that touches the rim, the distance is an exponential of the
-reference coordinate, r ~ exp(a s) − 1: the mesh is graded by its maps, with no cell more than the smooth field needs.
-A side has the same map in both of its cells, so the mesh stays conforming.
+Where an electrode ends inside a face, D is singular with the inverse square root of the distance r to its rim.
+Polynomials in r converge slowly there, whatever their order. In a cell that touches the rim, r is therefore an
+exponential of the reference coordinate, r ~ exp(a s) − 1: the maps of the cells grade the mesh, without more cells than
+the smooth field needs. A side has the same map in both of its cells, so the mesh is conforming.
 """
 
 from __future__ import annotations
@@ -18,18 +18,19 @@ from numpy.polynomial import chebyshev
 
 from femu_piezo.geometry.curved_mesh import CurvedHexahedra
 
-#: Order of the Chebyshev polynomials of a side: a graded quarter turn is followed to 1e-12 of its radius.
+#: Order of the Chebyshev polynomials of a side: they approximate a graded quarter turn to 1e-12 of its radius.
 GEOMETRY_ORDER = 16
-#: Grading of a side towards an electrode rim: its slope there over that at the other end is exp(−GRADING).
+#: Grading of a side towards an electrode rim: slope of its map at the rim over that at the other end is exp(−GRADING).
 GRADING = 2.0
-#: Edges of cells of a grid towards an electrode rim, each over the next.
+#: Ratio of the distances of successive grid lines from an electrode rim, the nearer line over the farther.
 RATIO = 0.15
-#: Corners of a side in a quadrangle, which counts its corners (0, 0), (1, 0), (1, 1), (0, 1).
+#: Corners at the ends of each side of a quadrangle, whose corners are (0, 0), (1, 0), (1, 1), (0, 1) in this order.
 SIDES = ((0, 1), (1, 2), (3, 2), (0, 3))
 
-#: Which of the points x, y (n,), m, lie on the rim of an electrode.
+#: Function of points x, y (n,), m: whether each lies on the rim of an electrode.
 OnRim = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
+#: Chebyshev points on [0, 1], and the matrix from values there to Chebyshev coefficients in 2s − 1.
 _GRID = (1 - np.cos(np.pi * np.arange(GEOMETRY_ORDER + 1) / GEOMETRY_ORDER)) / 2
 _FIT = np.linalg.inv(chebyshev.chebvander(2 * _GRID - 1, GEOMETRY_ORDER))
 
@@ -40,9 +41,9 @@ class PlaneMesh:
 
     Attributes
     ----------
-    p : (2, n) vertices, m;  quads : (4, cells) vertices, counterclockwise
-    middles : (2, 4, cells) point halfway along each side, in the order of `SIDES`: a side is the arc through its ends
-        and this point
+    p : (2, n) vertices, m;  quads : (4, cells) numbers of the vertices, counterclockwise
+    middles : (2, 4, cells) midpoint of each side, m, in the order of `SIDES`: a side is the arc through its ends and
+        this point
     """
 
     p: np.ndarray
@@ -55,18 +56,18 @@ def _nowhere(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def graded(toward_start: np.ndarray, toward_end: np.ndarray) -> np.ndarray:
-    """(…, k) places s of `_GRID` mapped onto [0, 1], finer at the one end that is flagged (…), even where both are."""
+    """(…, k) `_GRID` mapped onto [0, 1], finer towards a flagged end (…); unchanged where both or none are flagged."""
     start = np.expm1(GRADING * _GRID) / np.expm1(GRADING)
     a, b = toward_start[..., None], toward_end[..., None]
     return np.where(a & ~b, start, np.where(b & ~a, 1 - start[::-1], _GRID))
 
 
 def arc(start: np.ndarray, middle: np.ndarray, end: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """(2, m, k) points at shares (m, k) of the arcs through three points (2, m) each."""
+    """(2, m, k) points at the shares `at` (m, k) of the lengths of m arcs, each through three points (2, m)."""
     chord, rise = end - start, middle - (start + end) / 2
     length = np.hypot(*chord)
     height = (chord[0] * rise[1] - chord[1] * rise[0]) / length
-    half = 2 * np.arctan2(2 * height, length)  # half the angle of the arc, with the sign of its side
+    half = 2 * np.arctan2(2 * height, length)  # half the angle of the arc, signed by the side on which it lies
     straight = np.abs(half) < 1e-9
     safe = np.where(straight, 1.0, half)
     turn = (2 * at - 1) * safe[:, None]
@@ -89,7 +90,7 @@ def side_maps(mesh: PlaneMesh, on_rim: OnRim) -> np.ndarray:
 
 
 def blended(sides: np.ndarray) -> np.ndarray:
-    """(2, cells, i, j) Chebyshev coefficients of cells between their sides, by transfinite interpolation."""
+    """(2, cells, i, j) Chebyshev coefficients of the maps of cells, by transfinite interpolation of their sides."""
     bottom, right, top, left = sides.transpose(1, 0, 2, 3)
     low, high = np.array([0.5, -0.5]), np.array([0.5, 0.5])  # 1 − X and X in Chebyshev polynomials of 2X − 1
     size = sides.shape[-1]
@@ -104,7 +105,7 @@ def blended(sides: np.ndarray) -> np.ndarray:
 
 
 def least_jacobian(mesh: PlaneMesh) -> float:
-    """The least determinant of the map of a cell over its mean there; below 0 where one is folded."""
+    """The least Jacobian determinant in a cell over its mean in that cell; negative where a cell is folded."""
     maps = blended(side_maps(mesh, _nowhere))
     at = chebyshev.chebvander(np.linspace(-1, 1, 9), GEOMETRY_ORDER)
     slopes = [chebyshev.chebder(maps, axis=axis) for axis in (2, 3)]
@@ -119,12 +120,12 @@ def extruded(
     on_rim: OnRim = _nowhere,
     rims: tuple[bool, bool] = (False, False),
 ) -> CurvedHexahedra:
-    """The plane mesh in layers between growing heights (m).
+    """Hexahedra over a plane mesh, in layers between growing heights (m).
 
     Parameters
     ----------
-    on_rim : of x, y (n,), m: which points lie on the rim of an electrode
-    rims : whether there are such rims on the lower and the upper face, towards which the outer layers are graded
+    on_rim : which points x, y (n,), m, lie on the rim of an electrode
+    rims : whether the lower and the upper face have such rims, towards which the outer layers are graded
     """
     plane = blended(side_maps(mesh, on_rim))
     layers, cells, n = heights.size - 1, mesh.quads.shape[1], mesh.p.shape[1]
@@ -141,7 +142,7 @@ def extruded(
 
 
 def labelled(mesh: skfem.Mesh, tests: Mapping[str, Callable[[np.ndarray], np.ndarray]]) -> skfem.Mesh:
-    """Boundaries by name: the facets of the surface whose centres (3, n), m, pass a test."""
+    """The mesh with named boundaries: the facets of the surface whose centres (3, n), m, pass the test of the name."""
     surface = mesh.boundary_facets()
     centre = np.mean(mesh.bndelem.refdom.p, axis=1, keepdims=True)
     centres = mesh.mapping().G(centre, find=surface)[..., 0]
@@ -149,7 +150,7 @@ def labelled(mesh: skfem.Mesh, tests: Mapping[str, Callable[[np.ndarray], np.nda
 
 
 def grid_plane(points: np.ndarray) -> PlaneMesh:
-    """Straight quadrangles of a grid of points (2, nx, ny)."""
+    """Quadrangles with straight sides on a grid of points (2, nx, ny), m."""
     quads, p = _grid_quads(*points.shape[1:]), points.reshape(2, -1)
     return PlaneMesh(p, quads, np.stack([(p[:, quads[a]] + p[:, quads[b]]) / 2 for a, b in SIDES], axis=1))
 
@@ -162,25 +163,26 @@ def polar_plane(radii: np.ndarray, angles: np.ndarray) -> PlaneMesh:
     r_mid, turn_mid = (radii[1:] + radii[:-1]) / 2, (angles[1:] + angles[:-1]) / 2
     sides = ((r_mid, angles[:-1]), (radii[1:], turn_mid), (r_mid, angles[1:]), (radii[:-1], turn_mid))
     middles = [np.meshgrid(a, b, indexing="ij") for a, b in sides]
-    place = [np.array([a * np.cos(b), a * np.sin(b)]) for a, b in [(r, turn), *middles]]
-    return PlaneMesh(place[0].reshape(2, -1), quads, np.stack([one.reshape(2, -1) for one in place[1:]], axis=1))
+    p, *at_sides = [np.array([a * np.cos(b), a * np.sin(b)]).reshape(2, -1) for a, b in [(r, turn), *middles]]
+    return PlaneMesh(p, quads, np.stack(at_sides, axis=1))
 
 
 def _grid_quads(nx: int, ny: int, closed: bool = False) -> np.ndarray:
-    """(4, cells) vertices of a grid of nx × ny points, the last column being the first where it is closed."""
+    """(4, cells) vertices of the cells of nx × ny points; the last column of points is the first where it is closed."""
     number = np.arange(nx * (ny - closed)).reshape(nx, ny - closed)
     number = np.hstack([number, number[:, :1]]) if closed else number
     return np.array([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]]).reshape(4, -1)
 
 
 def graded_lines(stops: np.ndarray, rims: np.ndarray, edge: float, near: float, layers: int) -> np.ndarray:
-    """Growing places of grid lines: at all stops, at most `edge` apart, geometrically closer towards rims, m.
+    """(k,) growing coordinates of grid lines, m: at all stops, at most `edge` apart, geometrically closer towards rims.
 
     Parameters
     ----------
-    stops : growing places of lines, the first and the last being the ends
-    rims : (stops,) which of them are rims of electrodes
-    near : how far the geometric lines reach at most;  layers : how many cells are within that on each side of a rim
+    stops : (n,) growing coordinates that must be lines, the first and the last being the ends
+    rims : (n,) which stops are rims of electrodes
+    near : reach of the geometric lines from a rim; where little more than that is there, up to 1.5 times as much
+    layers : number of cells within the reach on each side of a rim
     """
     lines = [stops[:1]]
     for (a, b), (rim_a, rim_b) in zip(pairwise(stops), pairwise(rims), strict=True):
@@ -195,26 +197,26 @@ def graded_lines(stops: np.ndarray, rims: np.ndarray, edge: float, near: float, 
 
 
 def pillowed(mesh: PlaneMesh) -> PlaneMesh:
-    """A layer of cells along those sides of a region that are arcs or go on from arcs.
+    """The mesh with a layer of cells added along boundary sides that are arcs or continue arcs (a "pillow").
 
-    A quadrangle with two sides on one arc has no angle between them: its map is singular there. A layer keeps the cells
-    of a mesh generator off arcs (it is called a pillow). Its height is 0.35 of the shortest side of the cells there.
+    Two sides of a quadrangle on one arc enclose an angle of 180°, so that its map is singular at their corner. The
+    layer separates the cells of a mesh generator from arcs. Its height is 0.35 of the shortest side of the cells there.
     """
-    ends, middles = _boundary(mesh)  # (2, m) counterclockwise, (2, m)
-    wanted = _wanted(mesh.p, ends, middles)
-    if not wanted.any():
+    ends, middles = _boundary(mesh)
+    padded = _sides_to_pad(mesh.p, ends, middles)
+    if not padded.any():
         return mesh
-    step = _steps(mesh, ends, wanted)
+    step = _steps(mesh, ends, padded)
     moved = np.array(sorted(step))
     copy = np.arange(mesh.p.shape[1])
     copy[moved] = mesh.p.shape[1] + np.arange(moved.size)
     p = np.hstack([mesh.p, np.array([mesh.p[:, v] + step[v] for v in moved]).T])
     quads, places = copy[mesh.quads], mesh.middles.copy()
-    start, end = ends[:, wanted]
+    start, end = ends[:, padded]
     added = np.array([start, end, copy[end], copy[start]])
     sides = np.stack([(p[:, added[a]] + p[:, added[b]]) / 2 for a, b in SIDES], axis=1)
-    sides[:, 2] += (middles[:, wanted] - sides[:, 0]) / 2  # half as bent: between the arc and what lies inside
-    sides[:, 0] = middles[:, wanted]
+    sides[:, 2] += (middles[:, padded] - sides[:, 0]) / 2  # inner side: half the rise of the arc
+    sides[:, 0] = middles[:, padded]
     bent = {frozenset(pair): sides[:, 2, i] for i, pair in enumerate(added[2:].T.tolist())}
     for i, (a, b) in enumerate(SIDES):
         shifted = np.any(quads[[a, b]] != mesh.quads[[a, b]], axis=0)
@@ -225,7 +227,7 @@ def pillowed(mesh: PlaneMesh) -> PlaneMesh:
 
 
 def _boundary(mesh: PlaneMesh) -> tuple[np.ndarray, np.ndarray]:
-    """Sides of only one cell: their ends, the inside on the left, and their middles."""
+    """Sides of one cell only: their ends (2, m), the region to the left of each, and their midpoints (2, m)."""
     loop = ((0, 1), (1, 2), (2, 3), (3, 0))
     ends = np.concatenate([mesh.quads[list(pair)] for pair in loop], axis=1)
     middles = np.concatenate([mesh.middles[:, i] for i in range(4)], axis=1)
@@ -234,26 +236,26 @@ def _boundary(mesh: PlaneMesh) -> tuple[np.ndarray, np.ndarray]:
     return ends[:, once], middles[:, once]
 
 
-def _wanted(p: np.ndarray, ends: np.ndarray, middles: np.ndarray) -> np.ndarray:
-    """Which sides get a layer: arcs, and lines that go on from them nearly straight."""
+def _sides_to_pad(p: np.ndarray, ends: np.ndarray, middles: np.ndarray) -> np.ndarray:
+    """(m,) which boundary sides get a layer: arcs, and sides that continue them nearly straight."""
     chord = p[:, ends[1]] - p[:, ends[0]]
     rise = np.linalg.norm(middles - (p[:, ends[0]] + p[:, ends[1]]) / 2, axis=0)
-    wanted = rise > 1e-6 * np.linalg.norm(chord, axis=0)
+    padded = rise > 1e-6 * np.linalg.norm(chord, axis=0)
     unit = chord / np.linalg.norm(chord, axis=0)
     after = {v: i for i, v in enumerate(ends[0])}
     following = np.array([after[v] for v in ends[1]])
     smooth = np.sum(unit * unit[:, following], axis=0) > 0.7
     while True:
-        more = wanted.copy()
-        more[following[wanted & smooth]] = True
-        more |= wanted[following] & smooth
-        if np.array_equal(more, wanted):
-            return wanted
-        wanted = more
+        more = padded.copy()
+        more[following[padded & smooth]] = True
+        more |= padded[following] & smooth
+        if np.array_equal(more, padded):
+            return padded
+        padded = more
 
 
-def _steps(mesh: PlaneMesh, ends: np.ndarray, wanted: np.ndarray) -> dict[int, np.ndarray]:
-    """By vertex of the sides that get a layer: the way (2,) to its copy, m."""
+def _steps(mesh: PlaneMesh, ends: np.ndarray, padded: np.ndarray) -> dict[int, np.ndarray]:
+    """Vertex of the sides that get a layer → vector (2,) to its copy on the inner side of the layer, m."""
     p, room = mesh.p, np.full(mesh.p.shape[1], np.inf)
     for a, b in SIDES:
         length = np.linalg.norm(p[:, mesh.quads[a]] - p[:, mesh.quads[b]], axis=0)
@@ -264,10 +266,10 @@ def _steps(mesh: PlaneMesh, ends: np.ndarray, wanted: np.ndarray) -> dict[int, n
     normal = np.array([-unit[1], unit[0]])
     before, after = ({v: i for i, v in enumerate(ends[k])} for k in (1, 0))
     found = {}
-    for v in np.unique(ends[:, wanted]):
+    for v in np.unique(ends[:, padded]):
         i, j, size = before[v], after[v], room[v]
-        if wanted[i] and wanted[j]:
+        if padded[i] and padded[j]:
             found[v] = size * (normal[:, i] + normal[:, j]) / (1 + normal[:, i] @ normal[:, j])
         else:
-            found[v] = -size * unit[:, i] if wanted[j] else size * unit[:, j]
+            found[v] = -size * unit[:, i] if padded[j] else size * unit[:, j]
     return found

@@ -1,4 +1,4 @@
-"""Checks of meshes and electrodes before anything is computed; each failure is one exact sentence."""
+"""Checks of meshes and electrodes before a computation; every failure is an InputError with one exact sentence."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _DEGENERATE = 1e-6
 
 
 def check_elements(mesh: skfem.Mesh, what: str = "the mesh") -> None:
-    """Every element keeps one orientation and has volume, and the mesh hangs together; InputError otherwise."""
+    """InputError where an element is inverted or has no volume, or where the mesh is not connected."""
     mapping = mesh.mapping()
     points, _ = skfem.quadrature.get_quadrature(mesh.elem.refdom, 6)
     try:
@@ -55,7 +55,7 @@ def boundary_area(mesh: skfem.Mesh, name: str) -> float:
 
 
 def check_electrodes(mesh: skfem.Mesh, hot: str, ground: str, what: str = "the mesh") -> None:
-    """The electrodes are named, lie on the surface, have area and do not touch; InputError otherwise."""
+    """InputError where an electrode has no name, lies inside the body or has no area, or where the two touch."""
     known = mesh.boundaries or {}
     for name in (hot, ground):
         if name not in known:

@@ -14,7 +14,7 @@ class Region(Protocol):
     """A plane region that contains its centre of reference, coordinates in m.
 
     `extents`: (x_min, x_max, y_min, y_max); `mirrors`: axes (0: x, 1: y) normal to a mirror line through the origin;
-    `depth(x, y)`: distance to the edge, positive inside; `inset(distance)`: the region without its rim;
+    `depth(x, y)`: distance to the edge, positive inside; `inset(distance)`: the region less a rim of that width;
     `area`: m²; `scaled(factor)`: every length times `factor`; `add(occ)`: tag of the surface in the gmsh OpenCASCADE
     model `occ`.
     """
@@ -59,7 +59,7 @@ class Rectangle:
 
     @property
     def area(self) -> float:
-        """Area without the rounded corners, m²."""
+        """Area within the rounded outline, m²."""
         return self.length * self.width - (4 - np.pi) * self.corner_radius**2
 
     @property
@@ -122,7 +122,7 @@ class Trapezoid:
 
     @property
     def _slope(self) -> float:
-        """Half-width lost per length."""
+        """Decrease of half the width per length along x."""
         return (self.width - self.width_end) / (2 * self.length)
 
     def depth(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -132,9 +132,10 @@ class Trapezoid:
         return np.minimum(self.length / 2 - np.abs(x), to_side)
 
     def inset(self, distance: float) -> Trapezoid:
-        lost = distance * np.hypot(1.0, self._slope)
+        inward = distance * np.hypot(1.0, self._slope)
         ends = [
-            width / 2 - lost - sign * self._slope * distance for width, sign in ((self.width, 1), (self.width_end, -1))
+            width / 2 - inward - sign * self._slope * distance
+            for width, sign in ((self.width, 1), (self.width_end, -1))
         ]
         return Trapezoid(self.length - 2 * distance, 2 * ends[0], 2 * ends[1])
 
@@ -191,12 +192,12 @@ class Circle:
 
 @dataclass(frozen=True)
 class Footprint:
-    """What an electrode covers of a face: `outline` without `holes`, between two values of x.
+    """The region of a face that an electrode covers: `outline` without `holes`, between two values of x.
 
     Attributes
     ----------
-    holes : openings in it, at a distance inside the outline
-    x_range : (low, high) or None for all
+    holes : circular openings in it
+    x_range : (low, high), m; None for the whole outline
     """
 
     outline: Region
@@ -204,7 +205,7 @@ class Footprint:
     x_range: tuple[float, float] | None = None
 
     def covers(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Which points (n,) lie inside."""
+        """(n,) which points x, y (n,), m, lie inside."""
         inside = self.outline.depth(x, y) > 0
         for hole in self.holes:
             inside &= hole.depth(x, y) < 0
@@ -214,7 +215,7 @@ class Footprint:
 
     @property
     def mirrors(self) -> frozenset[int]:
-        """Axes whose mirror line through the origin leaves the footprint as it is."""
+        """Axes (0: x, 1: y) normal to a mirror line of the footprint through the origin."""
         axes = self.outline.mirrors
         for hole in self.holes:
             axes &= hole.mirrors
@@ -223,7 +224,7 @@ class Footprint:
         return axes
 
     def add(self, occ) -> list[tuple[int, int]]:
-        """(dim, tag) of its surfaces."""
+        """(dim, tag) of the surfaces of the footprint in the OpenCASCADE model `occ`."""
         surfaces = [(2, self.outline.add(occ))]
         if self.holes:
             surfaces, _ = occ.cut(surfaces, [(2, hole.add(occ)) for hole in self.holes])

@@ -1,9 +1,10 @@
-"""How a body changes where one of its dimensions is not as drawn and the others are: smooth maps x → x + p g(x).
+"""Change of a body where a single dimension differs from the drawing: smooth maps x → x + p g(x).
 
     inner diameter   of a ring (1 + p) times as large:       g = a (R − r)/(R − a) r̂
     end width        of a trapezoid (1 + p) times as large:  g = y s b/w(x) ŷ,   w(x) = (1 − s) w₀ + s b
 
-with a and R the radii, s = x/L + ½ and b the width at the end x = +L/2. All lie at the origin, as shapes are drawn.
+with a and R the radii, s = x/L + ½, w₀ and b the widths at the ends x = −L/2 and x = +L/2. Bodies are centred at the
+origin, as shapes are drawn.
 """
 
 from __future__ import annotations
@@ -18,18 +19,18 @@ from femu_piezo.geometry.slab import Slab
 
 
 class Reshaping(Protocol):
-    """A map of the body, of size p; equal ones are the same."""
+    """A map x → x + p g(x) of the body, of size p; maps with equal attributes compare equal."""
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         """∂g_a/∂x_b (3, 3, …) at points x (3, …), m."""
 
     def volume(self, p: float) -> tuple[float, float]:
-        """Volume over that at p = 0, and its slope."""
+        """Volume over that at p = 0, and the derivative of this ratio by p."""
 
 
 @dataclass(frozen=True)
 class InnerDiameter:
-    """Of a ring of inner and outer radius, m."""
+    """Map of a ring with inner and outer radius, m, whose inner radius is (1 + p) times as large."""
 
     inner: float
     outer: float
@@ -44,21 +45,21 @@ class InnerDiameter:
         return along * out[:, None] * out + across * around[:, None] * around
 
     def volume(self, p: float) -> tuple[float, float]:
-        """(R² − a²(1 + p)²)/(R² − a²), and its slope."""
+        """(R² − a²(1 + p)²)/(R² − a²), and its derivative by p."""
         whole, hole = self.outer**2 - self.inner**2, self.inner**2
         return (self.outer**2 - hole * (1 + p) ** 2) / whole, -2 * hole * (1 + p) / whole
 
 
 @dataclass(frozen=True)
 class EndWidth:
-    """Of a trapezoid of a length and a width at x = −length/2 and at x = +length/2, m."""
+    """Map of a trapezoid, `width` at x = −length/2, m, whose `width_end` at x = +length/2 is (1 + p) times as large."""
 
     length: float
     width: float
     width_end: float
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
-        """∂g_a/∂x_b (3, 3, …): of g_y along y and, as w(x) changes, along x."""
+        """∂g_a/∂x_b (3, 3, …): only ∂g_y/∂y and, as w depends on x, ∂g_y/∂x are not zero."""
         share = x[0] / self.length + 0.5
         here = self.width + (self.width_end - self.width) * share
         found = np.zeros((3, 3, *x[0].shape))
@@ -67,13 +68,13 @@ class EndWidth:
         return found
 
     def volume(self, p: float) -> tuple[float, float]:
-        """(w₀ + b (1 + p))/(w₀ + b), and its slope."""
-        both = self.width + self.width_end
-        return 1 + p * self.width_end / both, self.width_end / both
+        """(w₀ + b (1 + p))/(w₀ + b), and its derivative by p."""
+        total = self.width + self.width_end
+        return 1 + p * self.width_end / total, self.width_end / total
 
 
 def reshapings(plate: object) -> dict[str, Reshaping]:
-    """Name of a dimension → how the body changes with it, of the shape of a specimen."""
+    """Name of a dimension → map of the body when it changes, for the shape of a specimen; {} where there is none."""
     if not isinstance(plate, Slab):
         return {}
     outline = plate.outline

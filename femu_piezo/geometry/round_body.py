@@ -1,8 +1,8 @@
 """Disks and rings as a few curved cells of high order in polar coordinates, without a mesh generator.
 
-A driven field of a body poled along its axis is axisymmetric: u_x = u_r(r, z) cos θ. One cell of order four or more
-follows a quarter turn of that, so the cells are spent along the radius. A disk is a ring with a pinhole, which changes
-its eigenvalues by 1e-9 and keeps every cell a hexahedron.
+The driven field of a body poled along its axis is axisymmetric: u_x = u_r(r, z) cos θ. One cell of order four or more
+resolves a quarter turn of such a field, so most cells are needed along the radius. A disk is meshed as a ring with a
+pinhole, which changes its eigenvalues by 1e-9 and keeps every cell a hexahedron.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ from femu_piezo.geometry.shape import check_unknowns, edge_error, solution_cost,
 
 #: Radius of the pinhole of a disk, relative to that of the disk.
 PINHOLE = 1e-5
-#: Orders that are tried.
+#: Element orders to choose from.
 _ORDERS = range(4, 9)
-#: Wavenumber of the shortest radial wave over that of shear waves: in a thin body, where only extension propagates, and
-#: in a thick one; and shear wavenumber times half the thickness at which it is thin and thick.
+#: `_RADIAL`: wavenumber of the shortest radial wave over that of shear waves, in a thin body, where only extension
+#: propagates, and in a thick body. `_THIN`, `_THICK`: shear wavenumber times half the thickness below which a body
+#: counts as thin and above which it counts as thick.
 _RADIAL, _THIN, _THICK = (0.7, 1.0), 1.2, 2.5
 #: Error along the angle of an axisymmetric field, over `wave_error` of the angle of a cell.
 _ANGLE = 6.0
-#: Error from the 1/r in the field of a ring, over the geometric decay that the distance of a cell to r = 0 gives.
+#: Error from the 1/r in the field of a ring, over the geometric decay of `_curvature_error`.
 _CURVATURE = 30.0
-#: Error from the edges of the rim over `edge_error`, by the inertia across half the thickness.
+#: Error from the edges of the rim, over `edge_error` at the inertia k t/2 across half the thickness.
 _EDGES = 0.15
-#: Height of a cell over the width of the ring at most: fields at the edges of a tall ring decay over its width.
+#: Largest height of a cell over the width of the ring: fields at the edges of a tall ring decay over its width.
 _TALLEST = 0.5
 
 
@@ -50,12 +51,12 @@ class Divisions:
     layers: int
 
     def unknowns(self, quarters: int = 1) -> int:
-        """Displacements and potentials of a part of so many quarter turns."""
+        """Number of displacements and potentials of a part of `quarters` quarter turns."""
         p = self.order
         return 4 * (p * self.radial + 1) * (p * self.around * quarters + 1) * (p * self.layers + 1)
 
     def cost(self) -> float:
-        """Seconds, roughly."""
+        """Estimated time of a solution, s, for a quarter turn."""
         return solution_cost(self.order, self.radial * self.around * self.layers, self.unknowns())
 
 
@@ -74,11 +75,11 @@ def divisions_for(
 
     Parameters
     ----------
-    radii : inner (0 for a disk) and outer one, m
+    radii : inner (0 for a disk) and outer radius, m
     height : the thickness, m, or half of it where the part is cut at mid-height
     wavenumber : of the slowest shear wave at the highest frequency, 1/m
-    axisymmetric : whether the driven field is
-    order : of the elements where it is given
+    axisymmetric : whether the driven field is axisymmetric
+    order : of the elements; chosen from `_ORDERS` where None
     """
     (inner, outer), width = radii, radii[1] - radii[0]
     inertia = wavenumber * thickness / 2
@@ -99,16 +100,20 @@ def divisions_for(
     found = []
     for p in _ORDERS if order is None else (order,):
         around = next(n for n in count(1) if weight * wave_error(p, turn / n) < 0.3 * accuracy)
-        left = accuracy - weight * wave_error(p, turn / around)
-        enough = next(n for n in count(lowest) if along_height(p, height / n) < 0.9 * left)
+        remaining = accuracy - weight * wave_error(p, turn / around)
+        enough = next(n for n in count(lowest) if along_height(p, height / n) < 0.9 * remaining)
         for layers in (enough, enough + 1):
-            rest = left - along_height(p, height / layers)
+            rest = remaining - along_height(p, height / layers)
             found.append(Divisions(p, next(n for n in count(1) if along_radius(p, width / n) < rest), around, layers))
     return min(found, key=Divisions.cost)
 
 
 def _curvature_error(order: int, inner: float, edge: float) -> float:
-    """Error of the innermost cell of a ring, of an edge along the radius, m."""
+    """Error of the innermost cell of a ring from the 1/r in its field; edge : of the cell along the radius, m.
+
+    `_CURVATURE` · ρ^(−2p), ρ = d + √(d² − 1), with d the distance from the middle of the cell to r = 0 over half its
+    edge; 0 for a disk.
+    """
     if inner == 0:
         return 0.0
     distance = (2 * inner + edge) / edge
@@ -124,10 +129,10 @@ def round_domain(
 ) -> Domain:
     """The computed part of a disk (inner radius 0) or ring with fully covered faces, cut at its mirror planes, m.
 
-    mirrors : axes whose mid-plane the part is cut at
+    mirrors : axes at whose mid-planes the part is cut
     """
     mirrors = tuple(sorted(mirrors))
-    check_unknowns(divisions.unknowns(quarters_of(mirrors)), 16.0 * _cells(divisions, mirrors))
+    check_unknowns(divisions.unknowns(quarters_of(mirrors)), 16.0 * _element_entries(divisions, mirrors))
     (inner, outer), half = radii, thickness / 2
     low = 0.0 if 2 in mirrors else -half
     across = np.linspace(inner or PINHOLE * outer, outer, divisions.radial + 1)
@@ -151,18 +156,18 @@ def round_domain(
     )
 
 
-def _cells(divisions: Divisions, mirrors: tuple[int, ...]) -> float:
-    """Entries of the element matrices of one field."""
+def _element_entries(divisions: Divisions, mirrors: tuple[int, ...]) -> float:
+    """Number of entries of all element matrices of one field."""
     count = quarters_of(mirrors) * divisions.radial * divisions.around * divisions.layers
     return count * (divisions.order + 1.0) ** 6
 
 
 def quarters_of(mirrors: tuple[int, ...]) -> int:
-    """Quarter turns that a part cut at some mirror planes has."""
+    """Number of quarter turns of a part that is cut at some mirror planes."""
     return 4 // 2 ** len({0, 1} & set(mirrors))
 
 
 def angles_of(mirrors: tuple[int, ...], around: int) -> np.ndarray:
-    """Growing angles between the cells of a part, `around` of them a quarter turn."""
+    """(n,) growing angles of the cell boundaries of a part, rad, with `around` cells in a quarter turn."""
     start, quarters = (0.0 if 1 in mirrors or 0 not in mirrors else -np.pi / 2), quarters_of(mirrors)
     return start + np.pi / 2 * np.linspace(0, quarters, quarters * around + 1)

@@ -13,7 +13,7 @@ from femu_piezo.geometry.domain import Domain
 
 #: Unknowns of the largest model that is attempted, and entries of its operator.
 MOST_UNKNOWNS, MOST_ENTRIES = 250_000, 100_000_000
-#: Power of the order with which the errors of eigenvalues that edges and corners leave fall.
+#: Errors of eigenvalues from edges and corners fall with the order p as p^-EDGE_RATE.
 EDGE_RATE = 9.6
 
 
@@ -22,10 +22,10 @@ class Shape(Protocol):
 
     Attributes
     ----------
-    poling : "thickness" or "length": axis of the field between the electrodes, and of poling where that is not
-        given as a direction of its own
+    poling : "thickness" or "length": axis of the field between the electrodes, and of the poling where no direction
+        is given for it
     poling_direction : (3,) unit vector of the poling in specimen axes
-    element_order : usual order of its elements: the error of an eigenvalue grows with the power 2p of frequency
+    element_order : usual order p of its elements: the error of an eigenvalue grows with the power 2p of frequency
     volume : m³;  electrode_area : of the hot electrode, m²;  electrode_gap : distance between the electrodes, m
     """
 
@@ -55,20 +55,20 @@ class Shape(Protocol):
         symmetric: bool = True,
         order: int | None = None,
     ) -> Domain:
-        """The computed part, its elements fine enough for a relative eigenvalue error `accuracy`.
+        """The computed part, with elements fine enough for a relative eigenvalue error `accuracy`.
 
         Parameters
         ----------
         frequency_Hz : highest frequency of interest
         shear_speed : slowest shear wave, m/s
-        symmetric : cut at the mirror planes of the driven field; False for the whole body
-        order : polynomial order of the elements; the shape's own choice where None
+        symmetric : whether the part is cut at the mirror planes of the driven field; False for the whole body
+        order : polynomial order of the elements; chosen by the shape where None
         """
         ...
 
 
 def unit_direction(direction: Iterable[float]) -> tuple[float, float, float]:
-    """A direction scaled to length one; InputError where it has none."""
+    """A direction scaled to length one; InputError where its length is zero or not finite."""
     vector = np.array(tuple(direction), dtype=float)
     length = np.linalg.norm(vector) if vector.shape == (3,) else 0.0
     if not (np.isfinite(length) and length > 0):
@@ -77,8 +77,11 @@ def unit_direction(direction: Iterable[float]) -> tuple[float, float, float]:
 
 
 def check_size(volumes: float, kind: str) -> None:
-    """InputError where quadratic elements, filling so many cubes of their edge, would be too many for a few GB."""
-    # one hexahedron of 32 unknowns, or about eight tetrahedra of 6 unknowns each
+    """InputError where a model of quadratic elements would be too large for a few GB of memory.
+
+    volumes : volume of the part over the cube of an element's edge;  kind : "hexahedron" or "tetrahedron"
+    """
+    # each cube is one hexahedron of 32 unknowns, or about eight tetrahedra of 6 unknowns each
     check_unknowns(volumes * (32 if kind == "hexahedron" else 48))
 
 
@@ -97,17 +100,19 @@ def check_unknowns(unknowns: float, entries: float = 0.0) -> None:
 
 
 def wave_error(order: int, phase: np.ndarray | float) -> np.ndarray | float:
-    """Relative eigenvalue error that elements of order p leave in a wave that turns by `phase` = k h along one.
+    """Relative eigenvalue error of a wave in elements of order p; phase : k h, the phase of the wave over one element.
 
-    [p!/(2p)!]² (k h)^(2p) / (2p + 1), twice that of the wavenumber (Ainsworth, SIAM J. Numer. Anal. 42, 2004, 553).
+    [p!/(2p)!]² (k h)^(2p) / (2p + 1), twice the relative error of the wavenumber (Ainsworth, SIAM J. Numer. Anal. 42,
+    2004, 553).
     """
     return (factorial(order) / factorial(2 * order)) ** 2 * phase ** (2 * order) / (2 * order + 1)
 
 
 def edge_error(order: int, phase: float, inertia: float) -> float:
-    """Relative eigenvalue error, over a factor of the body, that elements of order p leave at edges and corners.
+    """Relative eigenvalue error from edges and corners in elements of order p, up to a factor that depends on the body.
 
-    min(1, g/2)^4 (k h)^4.7 / p^9.6: no polynomial follows the fields there; they grow with the inertia across the body.
+    min(1, g/2)^4 (k h)^4.7 / p^9.6: the fields at edges and corners are not smooth, and grow with the inertia across
+    the body.
 
     Parameters
     ----------
@@ -117,21 +122,21 @@ def edge_error(order: int, phase: float, inertia: float) -> float:
 
 
 def solution_cost(order: int, cells: int, unknowns: int) -> float:
-    """Seconds, roughly: a factorisation, within elements and for each of them, and a reduction by the unknowns."""
+    """Estimated seconds of a solution: for each element a factorisation ~ (p + 1)^8 and a constant, and per unknown."""
     return 5e-8 * cells * ((order + 1.0) ** 8 + 5e4) + 3e-4 * unknowns
 
 
 def driven_mirrors(geometric: Iterable[int], poling: tuple[float, float, float], field_axis: int) -> tuple[int, ...]:
     """Axes about whose mid-plane the driven displacement is symmetric, out of those that mirror body and electrodes.
 
-    A mirror keeps a poling that lies in its plane and turns round one along its normal (e → −e). So a mirror that
-    keeps each electrode needs the poling in its plane, and the mirror that exchanges them, normal to the field,
-    needs it along its normal: then φ is antisymmetric.
+    A reflection keeps a poling that lies in the mirror plane and reverses a poling along its normal (e → −e). So a
+    mirror plane that maps each electrode onto itself needs the poling in the plane. The mirror plane that exchanges
+    the electrodes, normal to the field, needs the poling along its normal: then φ is antisymmetric.
 
     Parameters
     ----------
-    geometric : axes (0, 1, 2) whose mid-plane mirrors the body; electrodes go over into themselves, or into each
-        other for `field_axis`
+    geometric : axes (0, 1, 2) whose mid-plane mirrors the body; the reflection maps electrodes onto themselves, or
+        onto each other for `field_axis`
     """
     component = np.abs(np.array(poling))
     along = [axis for axis in range(3) if component[axis] > 1 - 1e-12]

@@ -1,4 +1,4 @@
-"""Rectangular plates and bars: dimensions, symmetry, and a mesh fine enough for an accuracy."""
+"""Rectangular plates and bars: dimensions, symmetry, and meshes fine enough for a required accuracy."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ from femu_piezo.geometry.shape import (
 )
 from femu_piezo.geometry.upper_face import UpperFace
 
-#: Orders of the elements to choose from.
+#: Element orders to choose from.
 ORDERS = range(2, 9)
 
-#: Fewest elements along the length of a plate: long ones follow waves, but not a crack, which yields within a slice.
+#: Least number of elements along the length of a plate: long elements follow waves, but not a crack, which yields
+#: within a thin slice.
 LEAST_ALONG = 16
-#: All three mirror planes: one eighth of the plate. () is the full plate; (1, 2) leaves the length unsymmetric.
+#: All three mirror planes: one eighth of the plate. () is the full plate; (1, 2) has no mirror plane across the length.
 EIGHTH = (0, 1, 2)
 
 
@@ -35,7 +36,7 @@ class Plate:
 
     poling "thickness" (k31): electrodes on the two large faces, poled along z.
     poling "length" (k33): electrodes on the two ends, poled along x.
-    direction : poling direction where it is not that of the field between the electrodes, e.g. (1, 0, 0) for a
+    direction : poling direction where it differs from that of the field between the electrodes, e.g. (1, 0, 0) for a
         thickness-shear plate poled along its length
     """
 
@@ -53,12 +54,12 @@ class Plate:
 
     @property
     def element_order(self) -> int:
-        """About what `elements` chooses."""
+        """5, about the order that `elements` chooses."""
         return 5
 
     @property
     def volume(self) -> float:
-        """m³"""
+        """Volume of the plate, m³."""
         return float(np.prod(self.dimensions))
 
     @property
@@ -68,7 +69,10 @@ class Plate:
 
     @property
     def upper_face(self) -> UpperFace | None:
-        """Where something may stick or stand; None with three mirror planes, where there is more to know."""
+        """The face where a mass may stick or a support stand; None with three mirror planes.
+
+        Effects then use the dimensions of the plate.
+        """
         if self.mirrors == EIGHTH:
             return None
         (x, y), volume = self.dimensions[:2] / 2, self.volume
@@ -95,7 +99,7 @@ class Plate:
         return float(self.dimensions[self.poling_axis])
 
     def part(self, symmetric_axes: tuple[int, ...]) -> np.ndarray:
-        """(3,) extents of the part that is left by cutting at the mid-planes of some axes, m."""
+        """(3,) extents of the part after cuts at the mid-planes of some axes, m."""
         return self.dimensions / np.where(np.isin(np.arange(3), symmetric_axes), 2.0, 1.0)
 
     def elements(
@@ -106,16 +110,16 @@ class Plate:
         symmetric_axes: tuple[int, ...] = EIGHTH,
         order: int | None = None,
     ) -> tuple[int, tuple[int, int, int]]:
-        """Order and number along x, y, z of the cheapest hexahedra that keep eigenvalues within `accuracy`.
+        """Order, and numbers along x, y, z, of the cheapest hexahedra that keep eigenvalues within `accuracy`.
 
-        Along the length no fewer than `LEAST_ALONG` of a whole plate.
+        The length of a whole plate has at least `LEAST_ALONG` elements.
 
         Parameters
         ----------
-        accuracy : relative error of λ at `frequency_Hz`; lower modes are more accurate by far
+        accuracy : relative error of λ at `frequency_Hz`; lower modes are far more accurate
         frequency_Hz : highest frequency of interest
         shear_speed : slowest shear wave, m/s
-        order : of the elements where it is given, else the one of `ORDERS` that costs least
+        order : of the elements; where None, the order of `ORDERS` that costs least
         """
         size = 2 * np.pi * frequency_Hz / shear_speed * self.part(symmetric_axes)
         choices = [(p, fewest_divisions(p, size, accuracy)) for p in (ORDERS if order is None else (order,))]
@@ -175,8 +179,8 @@ class Plate:
 def eigenvalue_error(order: int, divisions: tuple[int, int, int], size: np.ndarray) -> float:
     """Bound of the relative error of λ of a box whose faces are free or electrodes.
 
-    What waves of wavenumber k in elements of edges h leave (`wave_error`), and what edges and corners leave
-    (`edge_error`), by the inertia across the two shorter sides:
+    The sum of the error of waves of wavenumber k in elements of edges h (`wave_error`) and of the error from edges and
+    corners (`edge_error`), with the inertia g across the two shorter sides:
 
         Σ_a wave_error(p, k h_a) + 1.2 min(1, g/2)^4 (k h)^4.7 / p^9.6
 
@@ -195,7 +199,10 @@ def eigenvalue_error(order: int, divisions: tuple[int, int, int], size: np.ndarr
 
 
 def fewest_divisions(order: int, size: np.ndarray, accuracy: float) -> tuple[int, int, int]:
-    """The fewest elements, as near to cubes as the longest edge allows, within an accuracy."""
+    """Numbers along x, y, z of the fewest elements within an accuracy, as close to cubes as possible.
+
+    size : (3,) extents times the wavenumber, as in `eigenvalue_error`
+    """
     count = 1
     while True:
         divisions = tuple(np.ceil(size / size.max() * count - 1e-9).astype(int).tolist())
@@ -205,7 +212,7 @@ def fewest_divisions(order: int, size: np.ndarray, accuracy: float) -> tuple[int
 
 
 def _unknowns(order: int, divisions: tuple[int, int, int]) -> tuple[int, int]:
-    """Number of unknowns, and of entries of the operator, about."""
+    """Approximate numbers of unknowns and of entries of the operator."""
     return int(4 * np.prod(order * np.array(divisions) + 1)), int(16 * np.prod(divisions) * (order + 1) ** 6)
 
 

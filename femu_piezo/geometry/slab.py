@@ -1,9 +1,9 @@
 """`Slab`: a plane outline of constant thickness with holes, chamfers and any electrodes on its two faces.
 
-Disks, rings, trapezoids, plates with rounded corners or holes are outlines; `femu_piezo.geometry.catalogue` makes
-them in one line each. `femu_piezo.geometry.slab_mesh` meshes them by a few curved hexahedra of high order. Bodies that
-are neither grids nor concentric are quadratic hexahedra of gmsh where electrodes end inside their faces; slabs with
-chamfers, and those that ask for it, are quadratic tetrahedra.
+Disks, rings, trapezoids and plates with rounded corners or holes are slabs; `femu_piezo.geometry.catalogue` has a
+function for each. `femu_piezo.geometry.slab_mesh` meshes them by a few curved hexahedra of high order. Where electrodes
+end inside the faces of a body that is neither a grid nor concentric, gmsh meshes it by quadratic hexahedra; slabs with
+chamfers, and slabs with elements = "tetrahedron", are meshed by quadratic tetrahedra.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from femu_piezo.geometry.slab_cad import (
 from femu_piezo.geometry.slab_mesh import NoQuadrangles, is_grid, is_round, mesh_for, mesh_of_edge
 from femu_piezo.geometry.upper_face import UpperFace
 
-#: Eigenvalue error of quadratic elements of edge h at shear wavenumber k: at most this times (k h)^4
-#: (tests/geometry/test_slab.py holds it as an upper bound).
+#: Relative eigenvalue error of quadratic elements of edge h at shear wavenumber k: at most this times (k h)^4
+#: (tests/geometry/test_slab.py checks this upper bound).
 _ERROR_CONSTANT = 1e-3
 #: Drawing units per metre.
 _DRAWING_UNIT = 1e3
-#: Quadratic elements of a full circle at least.
+#: Least number of quadratic elements on a full circle.
 _PER_CIRCLE = 12
-#: Tetrahedra at electrode rims, relative to the others. The singularity there leaves a relative error of λ of a few
-#: 1e-4 with them, up to 1e-3 with quadratic hexahedra, whatever the accuracy asked for.
+#: Edge of tetrahedra at electrode rims over that of the others. The relative error of λ from the singularity there is a
+#: few 1e-4 with these tetrahedra and up to 1e-3 with quadratic hexahedra, whatever the accuracy asked for.
 _AT_RIMS = 0.25
 
 Elements = Literal["hexahedron", "tetrahedron"]
@@ -51,14 +51,14 @@ Elements = Literal["hexahedron", "tetrahedron"]
 
 @dataclass(frozen=True)
 class Electrodes:
-    """How the two faces are covered; without arguments both fully, up to the edge.
+    """Electrodes on the two faces; without arguments both faces are fully covered, up to the edge.
 
     Attributes
     ----------
-    margin : bare rim of both faces along every edge, m
-    span : (start, length) of the hot electrode along x from the end x_min, m; all where None
-    wrap : (length, gap): the ground goes round the end x_min and covers `length` of the hot face there, then a bare
-        gap, then the hot electrode, m
+    margin : width of the bare rim along every edge of both faces, m
+    span : (start, length) of the hot electrode along x from the end x_min, m; the whole length where None
+    wrap : (length, gap), m: the ground electrode wraps around the end x_min and covers `length` of the hot face there;
+        a bare gap and the hot electrode follow
     """
 
     margin: float = 0.0
@@ -93,7 +93,7 @@ class Slab:
     Attributes
     ----------
     holes : circular through-holes
-    chamfer : width of the 45° bevel along the outer edges of both faces; bare of electrode
+    chamfer : width of the 45° bevel along the outer edges of both faces, m; it has no electrode
     direction : poling direction; +z (through the thickness, along the field) where None
     elements : "hexahedron", "tetrahedron", or None for hexahedra where the shape has them (no chamfer)
     """
@@ -136,7 +136,7 @@ class Slab:
 
     @property
     def poling(self) -> str:
-        """The field goes through the thickness."""
+        """ "thickness": the field between the electrodes is along z."""
         return "thickness"
 
     @property
@@ -193,7 +193,7 @@ class Slab:
 
     @property
     def volume(self) -> float:
-        """Volume of the body, m³; the chamfer by its depth integral ∫ (A − A(inset z)) dz."""
+        """Volume of the body, m³; a chamfer takes ∫ (A − A(inset z)) dz over its depth off each face."""
         area = self.outline.area - sum(hole.area for hole in self.holes)
         if not self.chamfer:
             return area * self.thickness
@@ -204,7 +204,7 @@ class Slab:
 
     @property
     def electrode_area(self) -> float:
-        """Area of the hot electrode, m²; exact, or by a fine grid where it is cut in x."""
+        """Area of the hot electrode, m²; exact, or from 1200 × 1200 points where it covers only a range of x."""
         hot = self.hot
         if hot.x_range is None:
             return hot.outline.area - sum(hole.area for hole in hot.holes)
@@ -234,24 +234,24 @@ class Slab:
 
     @property
     def is_plain(self) -> bool:
-        """Whether electrodes cover the faces to straight edges, and no other elements are asked for."""
+        """Whether electrodes cover both faces fully, without a chamfer, and tetrahedra are not asked for."""
         return self.electrodes == Electrodes() and not self.chamfer and self.elements != "tetrahedron"
 
     @property
     def radii(self) -> tuple[float, float] | None:
-        """Inner (0 for a disk) and outer radius of a plain disk or ring with full electrodes, m; None for others."""
+        """Inner (0 for a disk) and outer radius, m, of a plain disk or concentric ring; None for other slabs."""
         if not (self.is_plain and is_round(self)):
             return None
         return (self.holes[0].diameter / 2 if self.holes else 0.0), self.outline.diameter / 2
 
     @property
     def revolved(self) -> tuple[float, float] | None:
-        """The radii where fields are axisymmetric: poled along the axis; None for others."""
+        """`radii` where the driven field is axisymmetric, as the poling is along +z; None for other slabs."""
         return self.radii if self.mirrors == (0, 1, 2) and self.poling_direction == (0.0, 0.0, 1.0) else None
 
     @property
     def upper_face(self) -> UpperFace | None:
-        """Where something may stick or stand; None where the fields are those of a body of revolution."""
+        """The face where a mass may stick or a support stand; None for a body of revolution (`revolved`)."""
         if self.revolved is not None:
             return None
         outline = self.outline.inset(self.chamfer) if self.chamfer else self.outline
@@ -259,7 +259,7 @@ class Slab:
 
     @property
     def element_order(self) -> int:
-        """About what is chosen for curved hexahedra; other elements are quadratic."""
+        """5, about the order that is chosen for curved hexahedra; 2 for other elements."""
         return 5 if self.is_curved else 2
 
     @property
@@ -269,39 +269,39 @@ class Slab:
 
     @property
     def is_curved(self) -> bool:
-        """Whether it is meshed by hexahedra of high order, with cells that are graded towards electrode rims."""
+        """Whether the slab is meshed by curved hexahedra of high order, graded towards electrode rims."""
         regular = is_grid(self) or is_round(self)
         return self.element_shape == "hexahedron" and (regular or not partial_footprints(self))
 
     @property
     def rims_x(self) -> tuple[float, ...]:
-        """Places x of electrode rims that cross the plate, and of the ends of electrodes with a margin."""
+        """Coordinates x, m, inside the plate at which an electrode ends: limits of its range of x, ends at a margin."""
         x_min, x_max = self.outline.extents[:2]
         margin = self.electrodes.margin
         found = [x_min + margin, x_max - margin] if margin else []
-        for one in (self.hot, self.ground_top):
-            found += list(one.x_range) if one is not None and one.x_range is not None else []
+        for footprint in (self.hot, self.ground_top):
+            found += list(footprint.x_range) if footprint is not None and footprint.x_range is not None else []
         return tuple(x for x in found if x_min < x < x_max)
 
     def on_rim(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Which points (n,) lie where an electrode ends inside a face, m; the ends of such a rim among them."""
+        """(n,) which points x, y (n,), m, lie on a rim, where an electrode ends inside a face, or at its ends."""
         near = 1e-6 * self.thickness
         found, (x_min, x_max) = np.zeros(x.shape, dtype=bool), self.outline.extents[:2]
-        for one in partial_footprints(self):
-            depth, edge = one.outline.depth(x, y), np.zeros(x.shape, dtype=bool)
-            depth = np.min([depth, *(-hole.depth(x, y) for hole in one.holes)], axis=0)
+        for footprint in partial_footprints(self):
+            depth, edge = footprint.outline.depth(x, y), np.zeros(x.shape, dtype=bool)
+            depth = np.min([depth, *(-hole.depth(x, y) for hole in footprint.holes)], axis=0)
             if self.electrodes.margin:
                 edge |= np.abs(depth) < near
             inside = depth > -near
-            for place in one.x_range or ():
+            for place in footprint.x_range or ():
                 edge |= (np.abs(x - place) < near) & (x_min + near < place < x_max - near)
-            if one.x_range is not None:
-                inside &= (x > one.x_range[0] - near) & (x < one.x_range[1] + near)
+            if footprint.x_range is not None:
+                inside &= (x > footprint.x_range[0] - near) & (x < footprint.x_range[1] + near)
             found |= edge & inside
         return found
 
     def edge_length(self, accuracy: float, frequency_Hz: float, shear_speed: float) -> float:
-        """Edge of quadratic elements that keep eigenvalues within `accuracy` of converged at `frequency_Hz`, m."""
+        """Edge of quadratic elements, m, with a relative eigenvalue error of at most `accuracy` at `frequency_Hz`."""
         return (accuracy / _ERROR_CONSTANT) ** 0.25 * shear_speed / (2 * np.pi * frequency_Hz)
 
     def domain_for(
@@ -314,7 +314,7 @@ class Slab:
     ) -> Domain:
         """The computed part with elements fine enough; see `femu_piezo.geometry.shape.Shape`.
 
-        Curved hexahedra are few and of high order; other elements are quadratic.
+        Elements are a few curved hexahedra of high order (`is_curved`), else quadratic.
         """
         mirrors, wavenumber = self.mirrors if symmetric else (), 2 * np.pi * frequency_Hz / shear_speed
         if self.radii is not None:
@@ -332,8 +332,9 @@ class Slab:
         return self._domain(self._quadratic(edge, mirrors), order or 2, mirrors)
 
     def domain(self, edge: float, symmetric: bool = True, order: int = 2) -> Domain:
-        """The computed part with elements of a given edge (m) at most, cut at its mirror planes where `symmetric`.
+        """The computed part with elements of a largest edge (m), cut at its mirror planes where `symmetric`.
 
+        edge : in round bodies that along radius and height; arcs may be twice as long
         order : of the elements; at most 2 where they are not curved hexahedra
         """
         mirrors = self.mirrors if symmetric else ()
@@ -343,7 +344,7 @@ class Slab:
         return self._domain(self._quadratic(edge, mirrors), order, mirrors)
 
     def _domain(self, mesh: skfem.Mesh, order: int, mirrors: tuple[int, ...]) -> Domain:
-        """The part with its boundaries named."""
+        """The domain of a mesh of the part, after its boundaries are named and checked."""
         mesh = labelled(mesh, self._places(mirrors))
         check_elements(mesh, "the mesh of the slab")
         ground = "mirror_z" if 2 in mirrors else "ground"
@@ -372,13 +373,13 @@ class Slab:
         )
 
     def _quadratic(self, edge: float, mirrors: tuple[int, ...]) -> skfem.Mesh:
-        """Quadratic elements of gmsh of an edge at most, m."""
+        """Mesh of gmsh with quadratic elements of a largest edge, m."""
         drawn = self.scaled(_DRAWING_UNIT)  # the tolerances of OpenCASCADE are made for drawings in mm
         make = drawn._hexahedra if self.element_shape == "hexahedron" else drawn._tetrahedra
         return make(edge * _DRAWING_UNIT, mirrors).scaled(1 / _DRAWING_UNIT)
 
     def _tetrahedra(self, edge: float, mirrors: tuple[int, ...]) -> skfem.Mesh:
-        """Tetrahedra, four times finer at electrode rims."""
+        """Quadratic tetrahedra, four times finer at electrode rims."""
         edge = min(edge, self.thickness if 2 in mirrors else 2 * self.thickness)
         draw = draw_chamfered if self.chamfer else draw_extruded
 
@@ -389,7 +390,7 @@ class Slab:
         return _from_gmsh(build, edge, "tetra10", {})
 
     def _hexahedra(self, edge: float, mirrors: tuple[int, ...]) -> skfem.Mesh:
-        """Layers of hexahedra, two of them at least where there are electrode rims on one face only."""
+        """Layers of quadratic hexahedra; at least two where a part that is not cut at mid-height has electrode rims."""
         height, rims = self.thickness / (2 if 2 in mirrors else 1), bool(partial_footprints(self))
         edge = min(edge, 2 * height) if rims else edge  # flat hexahedra follow smooth fields well
         layers = max(2 if rims and 2 not in mirrors else 1, int(np.ceil(height / edge - 1e-9)))
@@ -402,7 +403,7 @@ class Slab:
         return _from_gmsh(build, edge, "hexahedron27", options)
 
     def _places(self, mirrors: tuple[int, ...]) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
-        """Tests of the centres of facets (3, n), m, by name: hot, ground, mirror_x, mirror_y, mirror_z."""
+        """Name (hot, ground, mirror_x, mirror_y, mirror_z) → test of the centres of facets (3, n), m."""
         near = 1e-6 * min(self.thickness, self.outline.extents[1])
         half = self.thickness / 2
         tests = {f"mirror_{'xyz'[axis]}": (lambda x, axis=axis: np.abs(x[axis]) < near) for axis in mirrors}
@@ -420,7 +421,7 @@ class Slab:
         return on | self._on_wrapped_end(x)
 
     def _on_wrapped_end(self, x: np.ndarray) -> np.ndarray:
-        """Facets of the side that the wrap-around covers: the end x_min, of a disk the rim beyond the strip."""
+        """Facets of the side that the wrap-around covers: the end x_min; of a disk, where x is in the covered strip."""
         x_min, x_max = self.outline.extents[:2]
         side = np.abs(x[2]) < self.thickness / 2 * (1 - 1e-6)
         if isinstance(self.outline, Circle):
@@ -432,7 +433,7 @@ class Slab:
 
 
 def _from_gmsh(build: Callable[[object], None], edge: float, kind: str, more: dict[str, float]) -> skfem.Mesh:
-    """A drawing in quadratic elements of one kind; `edge` and the mesh in units of the drawing."""
+    """A drawing meshed by quadratic elements of one kind; `edge` and the mesh are in units of the drawing."""
     options = {
         "Mesh.MeshSizeMax": edge,
         "Mesh.MeshSizeFromCurvature": _PER_CIRCLE,

@@ -1,4 +1,4 @@
-"""Drawing a slab with gmsh's OpenCASCADE kernel: partition of the faces by electrode edges, extrusion, chamfers."""
+"""Drawings of a slab by gmsh's OpenCASCADE kernel: partition of the faces by electrode edges, extrusion, chamfers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def draw_plane(gmsh, slab: Slab, mirrors: tuple[int, ...]) -> list[tuple[int, in
 
 
 def draw_extruded(gmsh, slab: Slab, mirrors: tuple[int, ...], layers: int | None) -> None:
-    """The computed part as a prism over its plane, in so many layers of hexahedra; None for tetrahedra."""
+    """The computed part as a prism over its plane; layers : number of layers of hexahedra, None for tetrahedra."""
     pieces = draw_plane(gmsh, slab, mirrors)
     low, height = (0.0, slab.thickness / 2) if 2 in mirrors else (-slab.thickness / 2, slab.thickness)
     gmsh.model.occ.translate(pieces, 0, 0, low)
@@ -40,7 +40,10 @@ def draw_extruded(gmsh, slab: Slab, mirrors: tuple[int, ...], layers: int | None
 
 
 def draw_chamfered(gmsh, slab: Slab, mirrors: tuple[int, ...], layers: int | None = None) -> None:
-    """The computed part with 45° bevels along the outer edges of its faces; electrode edges imprinted."""
+    """The computed part with 45° bevels along the outer edges of its faces, cut along electrode edges.
+
+    layers : not used; the parameter is that of `draw_extruded`
+    """
     occ = gmsh.model.occ
     outline = [(2, slab.outline.add(occ))]
     occ.translate(outline, 0, 0, -slab.thickness / 2)
@@ -68,14 +71,14 @@ def draw_chamfered(gmsh, slab: Slab, mirrors: tuple[int, ...], layers: int | Non
 
 
 def partial_footprints(slab: Slab) -> list[Footprint]:
-    """The electrodes whose edges lie inside a face, each once."""
+    """The electrodes whose edges lie inside a face, without repetition."""
     rim = slab.electrodes.margin > slab.chamfer or (slab.electrodes.margin > 0 and slab.holes)
-    every = (slab.hot, slab.ground, slab.ground_top)
-    return list(dict.fromkeys(one for one in every if one is not None and (rim or one.x_range is not None)))
+    every = [footprint for footprint in (slab.hot, slab.ground, slab.ground_top) if footprint is not None]
+    return list(dict.fromkeys(footprint for footprint in every if rim or footprint.x_range is not None))
 
 
 def _quadrant(occ, surfaces: list[tuple[int, int]], slab: Slab, mirrors: tuple[int, ...]) -> list[tuple[int, int]]:
-    """The part of plane surfaces at x ≥ 0 and y ≥ 0 for the mirrored axes."""
+    """The part of plane surfaces at x ≥ 0 where axis 0 is mirrored, and at y ≥ 0 where axis 1 is."""
     if not set(mirrors) & {0, 1}:
         return surfaces
     size = 4 * max(np.abs(slab.outline.extents))
@@ -100,9 +103,9 @@ def _bevel(gmsh, volume: int, slab: Slab) -> list[tuple[int, int]]:
 
 
 def grade_to_rims(gmsh, slab: Slab, mirrors: tuple[int, ...], edge: float, edge_at_rims: float, z: float) -> None:
-    """Elements of `edge`, finer by a graded field around electrode rims that lie inside a face at heights ±z (m).
+    """Set element sizes: `edge`, falling to `edge_at_rims` at electrode rims that lie inside a face at heights ±z (m).
 
-    There D has an inverse square-root singularity, which limits the accuracy of elements of any order.
+    D has an inverse square-root singularity at rims, which limits the accuracy of elements of any order.
     """
     curves = _rim_curves(gmsh, slab, mirrors, z)
     if not curves:
@@ -123,7 +126,7 @@ def grade_to_rims(gmsh, slab: Slab, mirrors: tuple[int, ...], edge: float, edge_
 
 
 def _rim_curves(gmsh, slab: Slab, mirrors: tuple[int, ...], z: float) -> list[int]:
-    """Curves at heights ±z that are electrode rims, away from mirror planes."""
+    """Tags of the curves at heights ±z that are electrode rims and do not lie in a mirror plane."""
     near = 1e-3 * slab.thickness
     found = []
     for _, tag in gmsh.model.getEntities(1):
@@ -141,9 +144,9 @@ def _rim_curves(gmsh, slab: Slab, mirrors: tuple[int, ...], z: float) -> list[in
 
 
 def divide_curves(gmsh, edge: float, per_circle: int) -> None:
-    """Segments of every curve: at most `edge` long (m), at least `per_circle` in a full turn.
+    """Divide every curve into segments of at most `edge` (m), at least `per_circle` in a full turn.
 
-    The recombination into quadrangles needs even numbers.
+    Their number is even, which the recombination into quadrangles needs.
     """
     for _, tag in gmsh.model.getEntities(1):
         length = gmsh.model.occ.getMass(1, tag)

@@ -1,19 +1,20 @@
-"""Curved hexahedra of high order for slabs: which grid, how fine, and what error of λ is to be expected.
+"""Curved hexahedra of high order for slabs: choice of the grid and its fineness, and the expected error of λ.
 
-Rectangles and trapezoids are grids, disks and rings are polar; both have a line at every electrode rim and, on both
-sides of it and below the faces, cells that shrink geometrically towards it. What has round corners or holes, and no
-rims, is a plane mesh of gmsh in layers.
+Rectangles and trapezoids have grids, disks and rings have polar cells. Both have a line at every electrode rim; on both
+sides of it and below the faces the cells shrink geometrically towards it. Other bodies (round corners, holes), if they
+have no rims, have a plane mesh of gmsh in layers.
 
-The error of λ is that of waves and edges (`shapes.eigenvalue_error`, `round_body.divisions_for`), and what the
-singularity at a rim leaves with n graded cells on each side, at order p. Measured over plates and disks with partial
-electrodes (tests/verification/test_slab_meshes.py holds some to it) that is at most
+The relative error of λ has a part from waves and edges (`shapes.eigenvalue_error`, `round_body.divisions_for`), and a
+part from the singularity at a rim. With n graded cells on each side of the rim, at order p, the latter was at most
 
-    0.007 · 2⁻ᵖ · 0.15ⁿ⁻¹ + 0.07 · 8⁻ᵖ,
+    0.007 · 2⁻ᵖ · 0.15ⁿ⁻¹ + 0.07 · 8⁻ᵖ
 
-the singularity in the innermost cell, and the smooth field in its graded map. 1e-5 of λ takes order 5 or 6 and two or
-three graded cells, in grids as in polar cells, where the body is small enough for so many. Plates with rims on one face
-bend, and the shear there decays from their free edges within a third of the thickness: cells of twice the thickness
-leave 6 · 12⁻ᵖ of that. At the holes of a drawn body, whose cells span an eighth of a circle, 5 · 20⁻ᵖ is left.
+in measurements over plates and disks with partial electrodes (tests/verification/test_slab_meshes.py checks some): the
+first term is the singularity in the innermost cell, the second the smooth field in its graded map. An error of 1e-5
+takes order 5 or 6 and two or three graded cells, in grids as in polar cells, where the body is small enough for so many
+cells. Plates with rims on one face bend, and the shear of bending decays from their free edges within a third of the
+thickness: in cells of twice the thickness, the error there is 6 · 12⁻ᵖ. At the holes of a body meshed by gmsh, with
+cells that span an eighth of a circle, it is 5 · 20⁻ᵖ.
 """
 
 from __future__ import annotations
@@ -48,26 +49,28 @@ from femu_piezo.geometry.slab_cad import divide_curves, draw_plane, partial_foot
 if TYPE_CHECKING:
     from femu_piezo.geometry.slab import Slab
 
-#: Wavenumber of bending waves of a thin plate over √(k/t): 12^(1/4) √(c_shear/c_plate), of a plate wave 1.6 times as
-#: fast as the shear wave of wavenumber k. They are driven where the part has no mirror plane at mid-height.
+#: Wavenumber of bending waves of a thin plate over √(k/t), k being the shear wavenumber: 12^(1/4) √(c_shear/c_plate),
+#: with a plate wave 1.6 times as fast as the shear wave. Bending is driven where the part has no mirror plane at
+#: mid-height.
 _BENDING = 1.47
-#: Orders that are tried where cells are not those of a plain body.
+#: Element orders to choose from.
 _ORDERS = range(3, 8)
-#: Error at a rim, see above: of the singularity and of the smooth field, each c and b in c b⁻ᵖ. Graded cells on a side
-#: of a rim at most, and share of the accuracy that waves and edges may leave beside it.
+#: (c, b) in the error c b⁻ᵖ of λ at a rim from the singularity (`_SINGULAR`) and from the smooth field (`_GRADED`), see
+#: above; largest number of graded cells on one side of a rim; share of the accuracy that is for waves and edges where
+#: there are rims or holes.
 _SINGULAR, _GRADED, _MOST_LAYERS, _SMOOTH = (7e-3, 2.0), (0.07, 8.0), 4, 0.5
-#: Error at the free edges of grids that bend, c b⁻ᵖ.
+#: (c, b) in the error c b⁻ᵖ of λ at the free edges of grids that bend.
 _FREE_EDGES = (6.0, 12.0)
-#: Error at a hole in cells of gmsh, c b⁻ᵖ, measured as those at rims.
+#: (c, b) in the error c b⁻ᵖ of λ at a hole in cells of gmsh, measured in the same way as at rims.
 _HOLES = (5.0, 20.0)
 #: Reach of the graded cells on both sides of a rim and below the faces, over the thickness.
 _REACH = 0.5
-#: Entries of cells, over those that an assembled operator has for the same memory: most are eliminated in their cell.
-_HELD = 0.6
-#: Accuracy beyond which it is not relaxed for the cells at rims to fit.
+#: Memory of an entry of a cell matrix over that of an assembled operator: most unknowns are eliminated in their cell.
+_ENTRY_MEMORY = 0.6
+#: Where the cells at rims do not fit into the memory, the accuracy is relaxed as long as it is not above this.
 _LEAST_ACCURACY = 1e-3
-#: What gmsh is tried with: shares of the edge, cells of a full circle; least share of a plane cell's Jacobian in its
-#: mean that is good enough to look no further. Drawing units per metre.
+#: Settings of gmsh that are tried: shares of the edge, cells of a full circle. The search ends at a mesh whose least
+#: Jacobian over the mean in a cell exceeds `_GOOD`. Drawing units per metre.
 _SHRUNK, _PER_CIRCLE, _GOOD, _DRAWING_UNIT = (1.0, 0.7, 0.5, 0.35), (8, 12, 16), 0.05, 1e3
 
 
@@ -78,8 +81,9 @@ class Fineness:
     Attributes
     ----------
     order : of the elements
-    edge : of the cells at most: along x, y, z, m; of a round body along the radius, the arc of one cell, and along z
-    rim_layers : graded cells within the reach of a rim
+    edge : largest edge of the cells along x, y and z, m; in a round body along the radius, m, the angle of one cell,
+        rad, and along z, m
+    rim_layers : number of graded cells within the reach of a rim
     """
 
     order: int
@@ -88,7 +92,7 @@ class Fineness:
 
 
 class NoQuadrangles(InputError):
-    """gmsh divides a plane into no quadrangles of a good shape."""
+    """gmsh cannot divide a plane region into quadrangles of a good shape."""
 
 
 def is_grid(slab: Slab) -> bool:
@@ -101,8 +105,8 @@ def is_grid(slab: Slab) -> bool:
 
 def is_round(slab: Slab) -> bool:
     """Whether body and electrodes are rings or disks about the origin."""
-    circles = (slab.outline, *slab.holes)
-    concentric = all(isinstance(one, Circle) and one.center == (0.0, 0.0) for one in circles)
+    regions = (slab.outline, *slab.holes)
+    concentric = all(isinstance(region, Circle) and region.center == (0.0, 0.0) for region in regions)
     return concentric and len(slab.holes) <= 1 and slab.electrodes.span is None and slab.electrodes.wrap is None
 
 
@@ -111,12 +115,13 @@ def mesh_for(
 ) -> tuple[CurvedHexahedra, int, float]:
     """The cheapest cells that keep λ within `accuracy`, the order of their elements, and the error of λ at rims.
 
-    Where the cells at electrode rims would not fit into the memory, the accuracy is relaxed until they do.
+    Where the cells at electrode rims would not fit into the memory, `accuracy` is doubled until they do or until it
+    exceeds 1e-3.
 
     Parameters
     ----------
     wavenumber : of the slowest shear wave at the highest frequency, 1/m
-    order : of the elements where it is given
+    order : of the elements; chosen from `_ORDERS` where None
 
     Raises
     ------
@@ -124,7 +129,9 @@ def mesh_for(
     """
     rims = bool(partial_footprints(slab))
     while True:
-        best = min(_candidates(slab, accuracy, wavenumber, mirrors, order), key=lambda one: one.rank(accuracy))
+        best = min(
+            _candidates(slab, accuracy, wavenumber, mirrors, order), key=lambda candidate: candidate.rank(accuracy)
+        )
         if not rims or best.fits or accuracy > _LEAST_ACCURACY:
             break
         accuracy *= 2
@@ -134,11 +141,12 @@ def mesh_for(
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A mesh in the plane and its fineness.
+    """A plane mesh and its fineness, to choose from.
 
     Attributes
     ----------
-    error : of λ at rims and holes;  unknowns, entries : of the model and of its operator;  seconds : its cost, roughly
+    error : relative, of λ at rims and holes;  unknowns, entries : of the model and of its operator
+    seconds : estimated time of a solution
     """
 
     fine: Fineness
@@ -154,25 +162,28 @@ class _Candidate:
         return fits(self.unknowns, self.entries)
 
     def rank(self, accuracy: float) -> tuple[bool, float, float]:
-        """What grows from the best: those that are too large last, then by error beyond its share, then by cost."""
+        """Sorting key, the best mesh first: meshes that fit, then by error where it exceeds its share, then by cost."""
         return not self.fits, max(self.error, accuracy * (1 - _SMOOTH)), self.seconds
 
 
 def _candidates(
     slab: Slab, accuracy: float, wavenumber: float, mirrors: tuple[int, ...], order: int | None
 ) -> Iterator[_Candidate]:
-    """Meshes of every order and number of graded cells."""
+    """Meshes of every order with the numbers of graded cells that `_choices` gives."""
     for p in _ORDERS if order is None else (order,):
         for fine, error in _choices(slab, p, accuracy, wavenumber, mirrors):
             plane = _plane(slab, fine, mirrors)
             layers, squares = _heights(slab, fine, mirrors).size - 1, plane.quads.shape[1]
             unknowns = int(4 * (p * layers + 1) * (squares * p**2 + 2 * p * np.sqrt(squares)))
-            entries, cost = _HELD * 16.0 * squares * layers * (p + 1) ** 6, solution_cost(p, squares * layers, unknowns)
+            entries, cost = (
+                _ENTRY_MEMORY * 16.0 * squares * layers * (p + 1) ** 6,
+                solution_cost(p, squares * layers, unknowns),
+            )
             yield _Candidate(fine, plane, error, unknowns, entries, cost)
 
 
 def mesh_of_edge(slab: Slab, edge: float, mirrors: tuple[int, ...]) -> CurvedHexahedra:
-    """Cells of an edge at most, m, an arc of 90° at most, graded once at electrode rims."""
+    """Cells with one graded cell at electrode rims; edge : the largest, m (along arcs twice as much, at most 90°)."""
     if is_round(slab):
         turn = np.pi / 2 / np.ceil(np.pi / 2 * slab.outline.diameter / 2 / edge / 2)
         return slab_mesh(slab, Fineness(4, (edge, turn, edge)), mirrors)
@@ -182,8 +193,10 @@ def mesh_of_edge(slab: Slab, edge: float, mirrors: tuple[int, ...]) -> CurvedHex
 def _choices(
     slab: Slab, p: int, accuracy: float, wavenumber: float, mirrors: tuple[int, ...]
 ) -> Iterator[tuple[Fineness, float]]:
-    """The coarsest cells of an order that follow waves within an accuracy, and the error that they leave at rims and
-    holes, with more and more graded cells until that is within its share."""
+    """The coarsest cells of order p that resolve waves within an accuracy, and their error of λ at rims and holes.
+
+    The number of graded cells at rims grows until the error is within its share of the accuracy.
+    """
     rims, holes = bool(partial_footprints(slab)), bool(slab.holes) and not is_round(slab)
     share = accuracy * (1 - _SMOOTH) if rims or holes else 0.0
     edge = _edges(slab, p, accuracy - share, wavenumber, mirrors)
@@ -199,14 +212,14 @@ def _choices(
 def _edges(
     slab: Slab, p: int, accuracy: float, wavenumber: float, mirrors: tuple[int, ...]
 ) -> tuple[float, float, float]:
-    """Edges of the cells as in `Fineness`, for the error of waves and of the edges of the body."""
+    """`Fineness.edge` of cells of order p whose error of λ from waves and edges of the body is within an accuracy."""
     if is_round(slab):
         radii, height = _radii(slab), slab.thickness / (2 if 2 in mirrors else 1)
         along = abs(slab.poling_direction[2]) == 1.0
         found = divisions_for(radii, slab.thickness, height, wavenumber, accuracy, along, p)
         return (radii[1] - radii[0]) / found.radial, np.pi / 2 / found.around, height / found.layers
     x_min, x_max, y_min, y_max = slab.outline.extents
-    if not is_grid(slab):  # cells of gmsh are no cubes; they left up to 1.2 of the error of those
+    if not is_grid(slab):  # cells of gmsh are no cubes; their error was up to 1.2 times that of cubes
         accuracy /= 2
     box = Plate(x_max - x_min, y_max - y_min, slab.thickness, "thickness", slab.direction)
     size = box.part(tuple(axis for axis in mirrors if axis in box.mirrors))
@@ -216,7 +229,7 @@ def _edges(
 
 
 def slab_mesh(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> CurvedHexahedra:
-    """The computed part as a grid, in polar cells, or by gmsh, without names of boundaries."""
+    """The computed part as a grid, in polar cells or in cells of gmsh; its boundaries have no names."""
     return _in_layers(slab, _plane(slab, fine, mirrors), fine, mirrors)
 
 
@@ -233,20 +246,20 @@ def _in_layers(slab: Slab, plane: PlaneMesh, fine: Fineness, mirrors: tuple[int,
 
 
 def _rims(slab: Slab, mirrors: tuple[int, ...]) -> tuple[bool, bool]:
-    """Whether there are rims on the lower and on the upper face of the part."""
+    """Whether the lower and the upper face of the part have electrode rims."""
     partial = bool(partial_footprints(slab))
     return partial and slab.electrodes.margin > 0 and 2 not in mirrors, partial
 
 
 def _heights(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> np.ndarray:
-    """Growing z of the layers, m."""
+    """(n,) growing z of the boundaries of the layers, m."""
     stops = np.array([0.0 if 2 in mirrors else -slab.thickness / 2, slab.thickness / 2])
     reach = _REACH * slab.thickness
     return graded_lines(stops, np.array(_rims(slab, mirrors)), fine.edge[2], reach, fine.rim_layers)
 
 
 def _grid(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> np.ndarray:
-    """(2, nx, ny) points of the grid: lines of constant x, and lines between the slanted sides."""
+    """(2, nx, ny) points of the grid, m: lines of constant x, and lines between the slanted sides."""
     reach, layers = _REACH * slab.thickness, fine.rim_layers
     outer, inner = slab.outline, slab.hot.outline
     half = outer.length / 2
@@ -260,19 +273,19 @@ def _grid(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> np.ndarray:
         sides, tilts = [-w for w in sides[::-1]] + sides, [-w for w in tilts[::-1]] + tilts
     else:
         sides, tilts = [0.0, *sides], [0.0, *tilts]
-    at = half if tilt > 0 else -half  # where it is widest, the lines are placed
+    at = half if tilt > 0 else -half  # the lines are spaced at the widest end
     stops = np.array(sides) + np.array(tilts) * at
     flags = np.array([0.0 < abs(w) < wide for w in sides])
     y = graded_lines(stops, flags, fine.edge[1], reach, layers)
     cell = np.clip(np.searchsorted(stops, y, side="right") - 1, 0, stops.size - 2)
     share = (y - stops[cell]) / (stops[cell + 1] - stops[cell])
-    both = np.array([np.array(sides), np.array(tilts)])
-    place, slope = both[:, cell] * (1 - share) + both[:, cell + 1] * share
+    lines = np.array([np.array(sides), np.array(tilts)])
+    place, slope = lines[:, cell] * (1 - share) + lines[:, cell + 1] * share
     return np.array([np.broadcast_to(x[:, None], (x.size, y.size)), place + slope * x[:, None]])
 
 
 def _lines(half: float, rims: list[float], mirrored: bool, edge: float, reach: float, layers: int) -> np.ndarray:
-    """Lines from −half or the mirror plane at 0 to half, with those of the rims."""
+    """(n,) lines of constant x from −half, or from the mirror plane at 0, to half, with a line at every rim, m."""
     low = 0.0 if mirrored else -half
     stops = np.array([low, *sorted(x for x in set(rims) if x > low), half])
     flags = np.zeros(stops.size, dtype=bool)
@@ -281,18 +294,19 @@ def _lines(half: float, rims: list[float], mirrored: bool, edge: float, reach: f
 
 
 def _half_widths(outline: Rectangle | Trapezoid) -> tuple[float, float]:
-    """Half the width in the middle, and its slope along x."""
+    """Half the width at x = 0, m, and its slope along x."""
     if isinstance(outline, Rectangle):
         return outline.width / 2, 0.0
     return (outline.width + outline.width_end) / 4, (outline.width_end - outline.width) / (2 * outline.length)
 
 
 def _radii(slab: Slab) -> tuple[float, float]:
+    """Inner (0 for a disk) and outer radius, m."""
     return (slab.holes[0].diameter / 2 if slab.holes else 0.0), slab.outline.diameter / 2
 
 
 def _polar_lines(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Radii and angles of polar cells."""
+    """Radii, m, and angles, rad, of the boundaries of polar cells."""
     (inner, outer), margin = _radii(slab), slab.electrodes.margin
     rims = [r for r in (inner + margin if inner else 0.0, outer - margin) if margin and r > 0]
     stops = np.array([inner or PINHOLE * outer, *rims, outer])
@@ -302,16 +316,16 @@ def _polar_lines(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> tuple[
 
 
 def _drawn_plane(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> PlaneMesh:
-    """Quadrangles of gmsh with a layer of our own along curves, the best of several tries."""
+    """Quadrangles of gmsh with a layer along curves (`pillowed`): the try with the largest least Jacobian."""
     best, quality = None, 0.0
     for shrunk, per_circle, subdivided in itertools.product(_SHRUNK, _PER_CIRCLE, (False, True)):
         raw = _drawing(slab, min(fine.edge[:2]) * shrunk, mirrors, per_circle, subdivided)
-        if {one.type for one in raw.cells} & {"triangle", "triangle6"}:
+        if {block.type for block in raw.cells} & {"triangle", "triangle6"}:
             continue
         mesh = pillowed(_plane_mesh(raw))
-        found = least_jacobian(mesh)
-        if found > quality:
-            best, quality = mesh, found
+        jacobian = least_jacobian(mesh)
+        if jacobian > quality:
+            best, quality = mesh, jacobian
         if quality > _GOOD:
             break
     if best is None:
@@ -320,7 +334,7 @@ def _drawn_plane(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> PlaneM
 
 
 def _drawing(slab: Slab, edge: float, mirrors: tuple[int, ...], per_circle: int, subdivided: bool) -> meshio.Mesh:
-    """Quadrangles about `edge` long (m), in mm, straight from gmsh or each of its cells subdivided."""
+    """Quadrangles with edges of about `edge`, m, drawn in mm; directly from gmsh, or by subdivision of its cells."""
     options = {
         "Mesh.MeshSizeMax": edge * _DRAWING_UNIT * (2 if subdivided else 1),
         "Mesh.ElementOrder": 2,
@@ -339,7 +353,7 @@ def _drawing(slab: Slab, edge: float, mirrors: tuple[int, ...], per_circle: int,
 
 
 def _plane_mesh(raw: meshio.Mesh) -> PlaneMesh:
-    """Quadrangles of second order from mm to m, counterclockwise; their sides are lines and arcs."""
+    """The quadrangles of second order of a drawing in mm, counterclockwise, in m; their sides are lines and arcs."""
     cells, points = raw.cells_dict["quad9"].T, raw.points[:, :2].T / _DRAWING_UNIT
     corners, vertex = np.unique(cells[:4], return_inverse=True)
     quads, middles = vertex.reshape(4, -1), points[:, cells[4:8]]
@@ -350,6 +364,6 @@ def _plane_mesh(raw: meshio.Mesh) -> PlaneMesh:
 
 
 def _signed_area(corners: np.ndarray) -> np.ndarray:
-    """(cells,) of quadrangles (2, 4, cells) by their diagonals."""
+    """(cells,) signed area of quadrangles (2, 4, cells), from their diagonals."""
     a, b = corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
     return (a[0] * b[1] - a[1] * b[0]) / 2

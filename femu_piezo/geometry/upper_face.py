@@ -1,4 +1,4 @@
-"""`UpperFace`: the face of a body with the largest z, where something may stick or stand."""
+"""`UpperFace`: the face of a body with the largest z, where an added mass may stick or a support may stand."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import skfem
 
-#: Places on a quarter of a face that has two mirror lines; a half has twice as many, a whole four times.
+#: Number of candidate places on a quarter of a face with two mirror lines; half a face has twice as many, a whole face
+#: four times as many.
 _ON_A_QUARTER = 45
-#: Distance of the outermost places from the edge of the box around a face, as a share of the steps between them.
+#: Distance of the outermost places from the edge of the box around a face, as a share of the spacing of the places.
 _FROM_EDGE = 0.3
-#: Distance over the height of a mesh within which points are at one height.
+#: Differences of height below this share of the height of a mesh count as zero.
 _NEAR = 1e-9
 
 
@@ -23,14 +24,14 @@ def facets_at(mesh: skfem.Mesh, z: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class UpperFace:
-    """What effects at a place must know of a body that is neither a plate with three mirror planes nor round.
+    """The upper face of a body that is neither a plate with three mirror planes nor round, for effects at a place.
 
     Attributes
     ----------
-    extents : ((x_min, x_max), (y_min, y_max)) of the part that mirror lines cut, m
-    mirrors : axes of all mirror planes of the driven field, 2 among them where one lies between the electrodes
+    extents : ((x_min, x_max), (y_min, y_max)) of the part of the face that its mirror lines cut out, m
+    mirrors : axes of all mirror planes of the driven field, including 2 where one lies between the electrodes
     volume : of the whole body, m³
-    places : (m, 2) spread over that part of the face, m
+    places : (m, 2) candidate places, spread over that part of the face, m
     """
 
     extents: tuple[tuple[float, float], tuple[float, float]]
@@ -52,7 +53,13 @@ class UpperFace:
         volume: float,
         covers: Callable[[np.ndarray, np.ndarray], np.ndarray],
     ) -> UpperFace:
-        """Of a face in the box (x_min, x_max, y_min, y_max) about the origin, m; covers : which x, y (n,) lie on it."""
+        """The upper face of a body from its outline.
+
+        Parameters
+        ----------
+        extents : box (x_min, x_max, y_min, y_max) around the face, about the origin, m
+        covers : function of x, y (n,), m: which points lie on the face
+        """
         x_min, x_max, y_min, y_max = extents
         parts = tuple(
             (0.0 if axis in mirrors else float(low), float(high))
@@ -66,5 +73,5 @@ class UpperFace:
         for (low, high), count in zip(parts, (along, across), strict=True):
             lines.append(low + (high - low) * (np.arange(count) + _FROM_EDGE) / (count - 1 + 2 * _FROM_EDGE))
         x, y = (grid.ravel() for grid in np.meshgrid(*lines, indexing="ij"))
-        on = covers(x, y)
-        return cls(parts, mirrors, volume, np.column_stack([x[on], y[on]]))
+        inside = covers(x, y)
+        return cls(parts, mirrors, volume, np.column_stack([x[inside], y[inside]]))
