@@ -26,8 +26,8 @@ from femu_piezo.units import EPS0 as EPS0
 D_FORM = ("s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "eps33T")
 E_FORM = ("c11", "c12", "c13", "c33", "c44", "e31", "e33", "e15", "eps11S", "eps33S")
 
-_ELASTIC = ((0, 0), (0, 1), (0, 2), (2, 2), (3, 3))  #: where 11, 12, 13, 33, 44 stand in a 6 × 6 matrix
-_COUPLING = ((2, 0), (2, 2), (0, 4))  #: where 31, 33, 15 stand in a 3 × 6 matrix
+_ELASTIC = ((0, 0), (0, 1), (0, 2), (2, 2), (3, 3))  #: positions of 11, 12, 13, 33, 44 in a 6 × 6 matrix
+_COUPLING = ((2, 0), (2, 2), (0, 4))  #: positions of 31, 33, 15 in a 3 × 6 matrix
 
 
 def _elastic_matrix(v11, v12, v13, v33, v44, v66) -> np.ndarray:
@@ -49,7 +49,7 @@ def _piezoelectric_matrix(v31, v33, v15) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Constants:
-    """What both forms share: values as a mapping and as a vector in the order of the fields."""
+    """Base of both forms: the ten constants as a mapping and as a vector in the order of the fields."""
 
     @classmethod
     @cache
@@ -124,7 +124,7 @@ class ElasticForm(_Constants):
 
 @dataclass(frozen=True)
 class MaterialFault:
-    """One reason why constants are those of no passive, stable material.
+    """A reason why constants belong to no passive, stable material.
 
     Attributes
     ----------
@@ -229,12 +229,12 @@ class PiezoConstants(_Constants):
         }
 
     def physical_faults(self, tolerance: float = 1e-9, *, passive: bool = True) -> list[MaterialFault]:
-        """What cannot be a passive, stable material; empty where all is well.
+        """The reasons why this is no passive, stable material; empty where it is one.
 
         Stable: the real part of the d-form matrix [[s, dᵗ], [d, ε^T]] is positive semidefinite (ε11T = 0 of the
         paper's simplification is allowed). Passive (Holland 1967): its negative imaginary part is positive
         semidefinite, e.g. Im s11 ≤ 0 and Im s11 · Im ε33T ≥ (Im d31)². `tolerance` is relative to the scaled
-        matrix, whose diagonal is one; `passive` is False where losses do not matter.
+        matrix (`energy_block`); with `passive` False, losses are not checked.
         """
         faults = [
             MaterialFault("sign", f"{name} = {getattr(self, name).real:.6g} must be positive")
@@ -258,7 +258,7 @@ class PiezoConstants(_Constants):
         return faults
 
     def check(self, where: str = "material", *, passive: bool = True) -> PiezoConstants:
-        """Return self, or raise InputError naming the constants that are unphysical; `passive` as above."""
+        """Return self, or raise InputError naming the unphysical constants; passive : as in `physical_faults`."""
         faults = self.physical_faults(passive=passive)
         if faults:
             raise InputError(f"{where}: {'; '.join(map(str, faults))}")
@@ -270,27 +270,30 @@ class PiezoConstants(_Constants):
         return len(_BLOCKS)
 
     def energy_block(self, index: int) -> np.ndarray:
-        """Re of one block of the d-form matrix, scaled to a diagonal of ones; must not be indefinite."""
+        """(n, n) real part of a block of the d-form matrix, scaled by its diagonal; must be positive semidefinite.
+
+        The row of ε11T is scaled by ε33T.
+        """
         return self._scaled[index].real
 
     def loss_block(self, index: int) -> np.ndarray:
-        """−Im of one block of the d-form matrix, scaled as its real part; must not be negative."""
+        """(n, n) −Im of a block of the d-form matrix, scaled as its real part; must be positive semidefinite."""
         return -self._scaled[index].imag
 
     def block_slopes(self, index: int, directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(m, n, n) derivatives of `energy_block` and `loss_block` along complex changes (m, 10) of the constants.
 
-        The scale is included.
+        The change of the scaling constants is included.
         """
-        own = self._values.real[_BLOCK_SCALES[index]]
-        share, size = directions[:, _BLOCK_SCALES[index]].real / own / 2, np.abs(own)
-        moved = np.tensordot(directions, _UNIT_BLOCKS[index], axes=1) / np.sqrt(np.outer(size, size))
-        slopes = moved - self._scaled[index] * (share[:, :, None] + share[:, None, :])
+        scales = self._values.real[_BLOCK_SCALES[index]]
+        share, size = directions[:, _BLOCK_SCALES[index]].real / scales / 2, np.abs(scales)
+        unscaled = np.tensordot(directions, _UNIT_BLOCKS[index], axes=1) / np.sqrt(np.outer(size, size))
+        slopes = unscaled - self._scaled[index] * (share[:, :, None] + share[:, None, :])
         return slopes.real, -slopes.imag
 
     @made_once
     def _scaled(self) -> tuple[np.ndarray, ...]:
-        """Each block of the d-form matrix, scaled by the sizes of this material's own s11, s33, s44 and ε33T."""
+        """Each block of the d-form matrix, scaled by |Re| of the material's s11, s33, s44 and ε33T."""
         sizes = [np.abs(self._values.real[scales]) for scales in _BLOCK_SCALES]
         return tuple(
             (self._values @ unit.reshape(len(unit), -1)).reshape(unit.shape[1:]) / np.sqrt(size[:, None] * size)
@@ -298,7 +301,7 @@ class PiezoConstants(_Constants):
         )
 
 
-#: Independent blocks of the d-form matrix, the constants that each couples, and those that scale its rows.
+#: Independent blocks of the d-form matrix: rows, the constants in the block, and the constants that scale its rows.
 _BLOCKS = (
     ((0, 1, 2, 8), ("s11", "s12", "s13", "s33", "d31", "d33", "eps33T"), ("s11", "s11", "s33", "eps33T")),
     ((4, 6), ("s44", "d15", "eps11T"), ("s44", "eps33T")),
@@ -309,7 +312,7 @@ _BLOCK_SCALES = tuple([D_FORM.index(name) for name in scales] for _, _, scales i
 _UNITS = [PiezoConstants.from_vector(unit) for unit in np.eye(len(D_FORM))]
 #: s (10, 6, 6), d (10, 3, 6) and ε^T (10, 3, 3) per unit of every constant.
 _UNIT_MATRICES = tuple(
-    np.array([matrix(one) for one in _UNITS])
+    np.array([matrix(constants) for constants in _UNITS])
     for matrix in (PiezoConstants.compliance, PiezoConstants.piezoelectric, PiezoConstants.permittivity)
 )
 

@@ -1,4 +1,4 @@
-"""Constants for other programs and back: order of the Voigt components, poling axis, sign of loss, c- against s-form.
+"""Constants for other programs and back: Voigt order, poling axis, sign of loss, stiffness against compliance form.
 
 Orders of the six components of stress and strain (engineering shear in all):
 
@@ -31,25 +31,25 @@ from femu_piezo.material.voigt import (
 
 Order = Literal["ieee", "comsol", "ansys", "abaqus"]
 
-#: Where each component of an order stands in the IEEE order 11, 22, 33, 23, 13, 12.
+#: For each order, the position of its components in the IEEE order 11, 22, 33, 23, 13, 12.
 ORDERS: Mapping[str, tuple[int, ...]] = {
     "ieee": (0, 1, 2, 3, 4, 5),
     "comsol": (0, 1, 2, 3, 4, 5),
     "ansys": (0, 1, 2, 5, 3, 4),
     "abaqus": (0, 1, 2, 5, 4, 3),
 }
-#: Relative difference from 6mm symmetry that is taken for rounding.
+#: Largest relative difference from 6mm symmetry that counts as rounding.
 _ROUNDING = 1e-3
 
 
 @dataclass(frozen=True)
 class StressCharge:
-    """Stress-charge (e-) form in full matrices, any order and poling axis.
+    """Stress-charge form (e-form) in full matrices, for any order of components and any poling axis.
 
     Attributes
     ----------
     stiffness : (6, 6) complex c^E, Pa
-    piezoelectric : (3, 6) complex e, C/m², rows electric
+    piezoelectric : (3, 6) complex e, C/m², one row for each electric component
     permittivity : (3, 3) complex ε^S, F/m
     order : of the six components
     """
@@ -68,8 +68,8 @@ class StressCharge:
     def loss_factors(self) -> dict[str, np.ndarray]:
         """Loss factors, positive for loss, of "stiffness" (6, 6), "piezoelectric" (3, 6), "permittivity" (3, 3).
 
-        Element by element, to be used with the real parts: c = Re c (1 + jη), e = Re e (1 − jη), ε = Re ε (1 − jη);
-        0 for elements that are zero.
+        They are factors of the real parts, element by element: c = Re c (1 + jη), e = Re e (1 − jη), ε = Re ε (1 − jη);
+        0 where the real part is zero.
         """
         return {
             "stiffness": -_tangent(self.stiffness),
@@ -88,12 +88,13 @@ class StressCharge:
 
 
 def _tangent(matrix: np.ndarray) -> np.ndarray:
+    """−Im/Re of every element, 0 where the real part is zero."""
     values = np.asarray(matrix, dtype=complex)
     return np.where(values.real != 0, -values.imag / np.where(values.real != 0, values.real, 1.0), 0.0)
 
 
 def reorder(matrix: np.ndarray, source: Order, target: Order) -> np.ndarray:
-    """A matrix with its axes of length six brought from one order of components to another.
+    """A matrix with all axes of length six rearranged from one order of components to another.
 
     Parameters
     ----------
@@ -101,7 +102,7 @@ def reorder(matrix: np.ndarray, source: Order, target: Order) -> np.ndarray:
 
     Raises
     ------
-    InputError : an order is not known, or no axis has length six
+    InputError : an order is unknown, or no axis has length six
     """
     for order in (source, target):
         if order not in ORDERS:
@@ -119,7 +120,7 @@ def reorder(matrix: np.ndarray, source: Order, target: Order) -> np.ndarray:
 def stress_charge(
     constants: PiezoConstants, order: Order = "ieee", poling: tuple[float, float, float] = (0.0, 0.0, 1.0)
 ) -> StressCharge:
-    """Full e-form matrices of a ceramic poled along a direction, in an order of components.
+    """Full e-form matrices of a ceramic poled along a direction, in a given order of components.
 
     Parameters
     ----------
@@ -150,12 +151,12 @@ def from_stress_charge(material: StressCharge, poling: tuple[float, float, float
     form = ElasticForm(
         c[0, 0], c[0, 1], c[0, 2], c[2, 2], c[3, 3], e[2, 0], e[2, 2], e[0, 4], eps[0, 0], eps[2, 2]
     )  # fmt: skip
-    for words, found, right in (
+    for words, found, expected in (
         ("stiffness", c, form.stiffness()),
         ("piezoelectric", e, form.piezoelectric()),
         ("permittivity", eps, form.permittivity()),
     ):
-        if np.max(np.abs(found - right)) > _ROUNDING * np.max(np.abs(right)):
+        if np.max(np.abs(found - expected)) > _ROUNDING * np.max(np.abs(expected)):
             raise InputError(
                 f"the {words} matrix is not that of a 6mm material poled along {tuple(poling)} in {material.order} "
                 "order; check the order of components and the poling axis"

@@ -1,4 +1,4 @@
-"""A small cited library of lossless piezoceramic constants: starting values, not truths."""
+"""A small library of published, lossless piezoceramic constants: starting values for an update, not exact ones."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from femu_piezo.material.constants import EPS0, ElasticForm, PiezoConstants
 
 @dataclass(frozen=True)
 class LibraryMaterial:
-    """A named material: constants, density (kg/m³) and where they were published."""
+    """A named material: constants, density (kg/m³) and their source."""
 
     name: str
     constants: PiezoConstants
@@ -117,7 +117,7 @@ def library_names() -> tuple[str, ...]:
 
 
 def library_material(name: str) -> LibraryMaterial:
-    """The material of that name; InputError with the nearest names where there is none."""
+    """The material of a name; InputError with the nearest name and all known ones where there is none."""
     try:
         return _LIBRARY[name.lower()]
     except KeyError:

@@ -168,5 +168,5 @@ Simplified = SimplifiedK31 | SimplifiedK33
 
 
 def simplify(constants: PiezoConstants, poling: Poling) -> Simplified:
-    """The simplification that belongs to the poling direction: k31 for thickness, k33 for length."""
+    """The simplified material for a poling: `SimplifiedK31` for thickness, `SimplifiedK33` for length."""
     return SimplifiedK31.of(constants) if poling == "thickness" else SimplifiedK33.of(constants)

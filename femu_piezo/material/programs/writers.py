@@ -1,7 +1,8 @@
-"""What every program gets: full stress-charge matrices, density and a name; and notes on order, sign and loss.
+"""Material files of other programs: full stress-charge matrices, density, name, and notes on order, sign and loss.
 
-Every writer takes a `StressCharge` in IEEE order and gives text; every reader takes that text and gives the matrices
-back. Losses are those of value (1 − j tan) under exp(+jωt): Im c > 0, Im e and Im ε of the sign of −Re.
+Every writer turns a `StressCharge` into text; every reader turns that text into a `StressCharge` again. Losses follow
+s, d, ε = value (1 − j tan) under exp(+jωt): a lossy stiffness has Im c > 0, a lossy e or ε has Im of opposite sign to
+Re.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ class Program:
 
     Attributes
     ----------
-    title : its name;  suffix : of its file
-    complex : whether it takes complex constants, so that the losses come along element by element
-    write : (matrices, density kg/m³, name, sentences on where the constants come from) → text
+    title : its name;  suffix : of its files
+    complex : whether it takes complex constants, so that every element has its own loss
+    write : (matrices, density in kg/m³, name, sentences on the origin of the constants) → text
     read : text → (matrices, density), real where not `complex`
     """
 
@@ -54,7 +55,7 @@ def _notes(order: str, more: Sequence[str]) -> list[str]:
 
 
 def _mean_loss(matrix: np.ndarray, sign: float) -> float:
-    """One loss factor for a matrix (n, n): of its trace."""
+    """Loss factor of a matrix (n, n): sign · Im/Re of its trace."""
     trace = np.trace(matrix)
     return float(sign * trace.imag / trace.real)
 
@@ -75,7 +76,7 @@ def _numbers(lines: Sequence[str]) -> list[float]:
 
 def _comsol(material: StressCharge, density: float, name: str, origin: Sequence[str] = ()) -> str:
     m = material.reordered("comsol")
-    told = _notes(
+    notes = _notes(
         "xx, yy, zz, yz, xz, xy, that of COMSOL's piezoelectric material (IEEE)",
         [
             "Load under Parameters (Load from File); enter cE11 ... in the elasticity matrix cE, e11 ... in the",
@@ -84,7 +85,7 @@ def _comsol(material: StressCharge, density: float, name: str, origin: Sequence[
             *origin,
         ],
     )
-    rows = [f"% {line}" for line in (f"Material: {name}", *told)]
+    rows = [f"% {line}" for line in (f"Material: {name}", *notes)]
 
     def line(key: str, value: complex, unit: str, words: str) -> str:
         return f"{key} {value.real!r}{unit}{value.imag:+.17g}{unit}*i {words}"
@@ -100,7 +101,7 @@ def _comsol(material: StressCharge, density: float, name: str, origin: Sequence[
 
 
 def _density(pattern: str, text: str) -> float:
-    """The number in the group of a pattern; ValueError where the text has none."""
+    """The number that a pattern captures, kg/m³; ValueError where the text has no match."""
     found = re.search(pattern, text, re.MULTILINE)
     if found is None:
         raise ValueError("the text has no density")
@@ -128,7 +129,7 @@ def _read_comsol(text: str) -> tuple[StressCharge, float]:
 
 def _ansys(material: StressCharge, density: float, name: str, origin: Sequence[str] = ()) -> str:
     m = material.reordered("ansys")
-    told = _notes(
+    notes = _notes(
         "x, y, z, xy, yz, xz, that of ANSYS",
         [
             "Real parts; the program takes one loss factor for the stiffness (TB,SDAMP) and one tangent for the",
@@ -137,7 +138,7 @@ def _ansys(material: StressCharge, density: float, name: str, origin: Sequence[s
             *origin,
         ],
     )
-    rows = [f"! {line}" for line in (f"Material: {name}", *told)]
+    rows = [f"! {line}" for line in (f"Material: {name}", *notes)]
     rows += [f"MP,DENS,1,{density!r}", "TB,ANEL,1,1,21,0"]
     rows += _table([float(m.stiffness[i, j].real) for i, j in _TRIANGLE])
     rows += ["TB,PIEZ,1,,18,0", *_table([float(v) for v in m.piezoelectric.real.T.ravel()])]
@@ -171,14 +172,14 @@ def _read_ansys(text: str) -> tuple[StressCharge, float]:
 
 def _abaqus(material: StressCharge, density: float, name: str, origin: Sequence[str] = ()) -> str:
     m = material.reordered("abaqus")
-    told = _notes(
+    notes = _notes(
         "11, 22, 33, 12, 13, 23, that of Abaqus",
         [
             "Real parts; the program takes one structural loss factor (*DAMPING), that of the trace of the stiffness.",
             *origin,
         ],
     )
-    rows = [f"** {line}" for line in told]
+    rows = [f"** {line}" for line in notes]
     rows += [f"*MATERIAL, NAME={re.sub(r'[^A-Za-z0-9_]', '_', name)}", "*DENSITY", repr(density)]
     rows += ["*ELASTIC, TYPE=ANISOTROPIC", *_eights([float(m.stiffness[i, j].real) for i, j in _COLUMNS])]
     rows += ["*PIEZOELECTRIC, TYPE=S", *_eights([float(v) for v in m.piezoelectric.real.ravel()])]
@@ -215,8 +216,8 @@ def _opencfs(material: StressCharge, density: float, name: str, origin: Sequence
     m = material.reordered("ieee")
     root = ET.Element("material", name=name)
     put = "Put this element into the materials file of the simulation."
-    told = _notes("xx, yy, zz, yz, xz, xy (IEEE)", [put, *origin])
-    root.append(ET.Comment(" ".join(told)))
+    notes = _notes("xx, yy, zz, yz, xz, xy (IEEE)", [put, *origin])
+    root.append(ET.Comment(" ".join(notes)))
     mechanical, electric, piezo = (ET.SubElement(root, key) for key in ("mechanical", "electric", "piezo"))
     ET.SubElement(ET.SubElement(ET.SubElement(mechanical, "density"), "linear"), "real").text = repr(density)
     for parent, key, matrix in (
@@ -252,7 +253,7 @@ def _read_opencfs(text: str) -> tuple[StressCharge, float]:
 
 def _sfepy(material: StressCharge, density: float, name: str, origin: Sequence[str] = ()) -> str:
     m = material.reordered("abaqus")
-    told = _notes(
+    notes = _notes(
         "11, 22, 33, 12, 13, 23, that of SfePy's symmetric storage",
         [
             "Use stiffness_real as D of dw_lin_elastic, coupling_real as g of dw_piezo_coupling, permittivity_real as",
@@ -260,7 +261,7 @@ def _sfepy(material: StressCharge, density: float, name: str, origin: Sequence[s
             *origin,
         ],
     )
-    rows = [f"# {line}" for line in (f"Material: {name}", *told)]
+    rows = [f"# {line}" for line in (f"Material: {name}", *notes)]
     rows.append(f"density = {density!r}")
     for key, matrix in (
         ("stiffness", m.stiffness),
