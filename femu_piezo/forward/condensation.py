@@ -5,9 +5,9 @@ With i the private unknowns of a cell, which belong to no other cell and no furt
     A_bb ← A_bb − A_bi A_ii⁻¹ A_ib,    x_i = A_ii⁻¹ r_i − A_ii⁻¹ A_ib x_b,
 
 which is exact for A = K − σM at one shift σ. In a mesh of one layer of cells of order p, only the nodes on the upright
-sides of the cells are shared. Cell matrices are formed, eliminated and dropped one after another, so that memory holds
-only the LU factors of A_ii and A_ii⁻¹ A_ib of each cell, and the sparse matrix of the shared unknowns, never the whole
-operator or its pattern.
+sides of the cells and the hot electrode are shared. Cell matrices are formed, eliminated and dropped one after another.
+So memory holds only the LU factors of A_ii and A_ii⁻¹ A_ib of each cell, and the sparse matrix of the shared unknowns,
+never the whole operator or its pattern.
 """
 
 from __future__ import annotations
@@ -62,9 +62,8 @@ class Condensation:
         self._number = np.full(self._size, -1)
         self._number[self._shared] = np.arange(self._shared.size)
         self._pattern, self._analysis = self._lower_pattern(), Analysis()
-        self._analysis.of(
-            self._matrix(np.ones(self._pattern.nnz))
-        )  # the analysis needs memory, so it comes before the cells
+        # the symbolic analysis takes memory, so it is made before there are cells
+        self._analysis.of(self._matrix(np.ones(self._pattern.nnz)))
 
     def _unknowns(self, cell: int) -> np.ndarray:
         """(4 m³,) free unknown of every field and shape function of a cell, −1 where it is held."""

@@ -6,9 +6,9 @@ Find u, φ such that for all v, ψ
     ∫ ∇ψᵗ e S(u) − ∫ ∇ψᵗ ε^S ∇φ = −Q·ψ on the electrodes.
 
 Every constant enters linearly, so a form evaluated for ONE unit constant is the submatrix A_q of the affine
-operator A(θ) = Σ c_q A_q and at the same time its exact derivative. These forms are the readable statement;
-`femu_piezo.forward.gradient_products` assembles the same matrices from products of gradients, and a test holds the
-two equal.
+operator A(θ) = Σ c_q A_q and at the same time its exact derivative. These forms state the problem in its usual
+notation; `femu_piezo.forward.gradient_products` assembles the same matrices from products of gradients, and a
+test checks that both are equal.
 """
 
 from __future__ import annotations

@@ -187,8 +187,8 @@ def _enriched(
 
     Parameters
     ----------
-    points, checks : (n_terms,) coefficients; at checks the error is estimated too, but the first round corrects no
-        residuals of theirs
+    points, checks : (n_terms,) coefficients, where the error is estimated; the first round corrects residuals of
+        `points` alone
     """
     top, everywhere = (2 * np.pi * band_Hz) ** 2, [*points, *checks]
     driven = _DrivenVectors(model, points[0], top, 0.1 * accuracy)
@@ -249,12 +249,12 @@ def _predicted(change: np.ndarray, ratio: np.ndarray) -> np.ndarray:
 
 
 def _with_neighbours(training: Sequence[TrainingPoint]) -> list[TrainingPoint]:
-    """The training points and, for the loss, real points Re θ + 2 Im θ.
+    """The training points θ and, for the losses, further real points Re θ + 2 Im θ.
 
     States are analytic in the constants, so a basis that follows them along a real direction follows them along the
-    same imaginary direction. One such point is added for each set of extra coefficients, from its first lossy point. A
-    single lossless point gets two neighbours: the elastic constants, then the elastic and piezoelectric constants (all
-    of the d-form), lower by 3 %.
+    same imaginary direction. One further point is added for each set of extra coefficients, from its first lossy point.
+    A single lossless point gets two neighbours: one with elastic constants, one with elastic and piezoelectric
+    constants (of the d-form) that are lower by 3 %.
     """
     points = [point if isinstance(point, tuple) else (point, {}) for point in training]
     first, result = points[0][0].vector(), list(points)
