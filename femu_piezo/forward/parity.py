@@ -64,7 +64,7 @@ def modes_below(stiffness: sp.csr_matrix, mass: sp.csr_matrix, top: float) -> np
 
     Raises
     ------
-    ConvergenceError : Arnoldi did not converge, or the modes of the band are about a quarter of the unknowns or more
+    ConvergenceError : ARPACK did not converge, or the modes of the band are about a quarter of the unknowns or more
     """
     shift = 0.3 * top
     factor = factorize(stiffness - shift * mass)
