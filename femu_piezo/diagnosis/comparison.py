@@ -1,4 +1,4 @@
-"""What a comparison of sets of causes finds: every candidate tried, the causes named, and what could stand for them."""
+"""What a comparison of sets of causes finds: every candidate tried, the causes named, and their alternatives."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class Trial:
 
     Attributes
     ----------
-    fit : with it; None where it did not settle
-    log_odds : of the set with it over the set that it is compared with
+    fit : with the candidate; None where it did not settle
+    log_odds : log posterior odds of the set with the candidate over the set that it is compared with
     """
 
     effect: Effect
@@ -29,26 +29,27 @@ class Trial:
 
     @property
     def values(self) -> np.ndarray:
-        """(n,) its parameters, SI."""
+        """(n,) fitted parameters of the candidate, SI."""
         return self.fit.parameters.values(self.fit.x)[self.fit.parameters.index(self.effect.key)]
 
     @property
     def std(self) -> np.ndarray:
-        """(n,) their standard deviations."""
+        """(n,) standard deviations of the parameters, SI."""
         return self.fit.std_of_effects[self.fit.parameters.index(self.effect.key)]
 
 
 @dataclass(frozen=True)
 class Found:
-    """One named cause and what else could stand in its place.
+    """One named cause and the candidates that could take its place.
 
     Attributes
     ----------
     effect : the cause
     probability : summed posterior of the sets that hold it
-    fits : the final set with each candidate in its place, the others kept, best first; odds over the final set
-    rest : the closest fit with no causes but the others of the final set, forms of what none describes apart
-    without : log odds of the final set over that set
+    fits : the final set with each candidate (the cause included) in place of the cause, best first; odds over the final
+        set
+    rest : the fit of least χ² with no causes but the others of the final set, and no form of an unknown error
+    without : log odds of the final set over the set without the cause
     """
 
     effect: Effect
@@ -64,14 +65,15 @@ class Comparison:
 
     Attributes
     ----------
-    base : without causes, its discrepancy in the likelihood where one is probable
-    singles : each candidate alone, in the order of the library; odds over none
-    starts : where the fits of single candidates began, the most promising of each
-    final : the most probable set less the causes that are neither significant nor demanded; the base where none is left
-    described : the same without the forms of what no cause describes
-    found : its causes, first the one without which most is left
-    forms : those of what no cause describes in it
-    discrepant : whether a discrepancy beside the final set is more probable than none
+    base : fit without causes, with a discrepancy in the likelihood where one is probable
+    singles : each candidate alone, in the order of the library; odds over no cause
+    starts : for each single candidate, the most promising start of its fits
+    final : fit of the most probable set, without causes that are neither significant nor demanded by the data; the base
+        where no cause remains
+    described : fit of the final set without forms of unknown errors (`Effect.of_unknown`)
+    found : the causes of the final set, first the one with the highest log odds of the set over that without it
+    forms : the forms of unknown errors in the final set
+    discrepant : whether the final set is more probable with a discrepancy than without
     averaged : the free constants over all sets
     probabilities : title of every candidate → summed posterior of the sets that hold it
     """
@@ -90,12 +92,12 @@ class Comparison:
 
     @property
     def alike(self) -> dict[str, tuple[Effect, ...]]:
-        """Key of a cause → candidates that the data do not tell from it."""
+        """Key of a named cause or form → candidates that the data do not tell from it."""
         return {
-            one.effect.key: tuple(
+            named.effect.key: tuple(
                 trial.effect
-                for trial in one.fits
-                if trial.log_odds > -self.rules.alike and trial.effect.title != one.effect.title
+                for trial in named.fits
+                if trial.log_odds > -self.rules.alike and trial.effect.title != named.effect.title
             )
-            for one in (*self.found, *self.forms)
+            for named in (*self.found, *self.forms)
         }

@@ -11,24 +11,24 @@ from femu_piezo.diagnosis.starts import Start
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.fit import Fit
 
-#: |cos| of two tangents, free of what the constants can do, that counts as parallel.
+#: |cos| from which two tangents count as parallel, the span of the unknowns of the base fit projected out of both.
 PARALLEL = 0.99
-#: σ that an effect of usual size (its scale) must leave after the constants have been refitted, to be seen at all.
+#: Misfit in σ that an effect of usual size (its scale) must leave after a refit of those unknowns to be seen at all.
 VISIBLE = 5.0
-#: Share of a tangent outside the span of the constants below which the two are one.
+#: Share of a tangent outside that span below which the constants imitate the effect.
 _SHARE = 0.02
 
 
 @dataclass(frozen=True)
 class Tangent:
-    """How an effect moves the sweep at the base fit.
+    """The change of the whitened sweep by an effect, linearised at the base fit.
 
     Attributes
     ----------
-    outside : (2k, 1) part that no constant can imitate, whitened, for one scale of its size (the first parameter)
-    visible : σ that one scale of the effect leaves after a refit of the constants
+    outside : (2k, 1) part outside the span of the unknowns, whitened, for one scale of the size (the first parameter)
+    visible : |outside|, the misfit in σ that one scale of the effect leaves after a refit
     share : |outside| / |tangent|
-    nearest : the free constant (or loss tangent) that imitates it best
+    nearest : the free constant (or loss tangent) that imitates the effect best
     """
 
     effect: Effect
@@ -39,37 +39,38 @@ class Tangent:
 
     @property
     def hidden(self) -> bool:
-        """Whether the sweep cannot tell it from the free constants."""
+        """Whether the sweep cannot tell the effect from the free constants."""
         return self.share < _SHARE or self.visible < VISIBLE
 
 
 def tangents(base: Fit, alone: Sequence[Start]) -> list[Tangent]:
-    """Tangent of each effect on top of the base fit, in the direction that starts a fit with it."""
+    """Tangent of each effect at the base fit, in the direction in which its start leads (`Start.direction`)."""
     span, found = base.span, []
     for start in alone:
-        own = start.direction(base)
-        outside = own - span @ (span.T @ own)
-        size, left = np.linalg.norm(own), np.linalg.norm(outside)
+        tangent = start.direction(base)
+        outside = tangent - span @ (span.T @ tangent)
+        size, visible = np.linalg.norm(tangent), np.linalg.norm(outside)
         count = base.parameters.of_material
         scaled = base.jacobian[:, :count] * base.parameters.prior_std[:count]
-        moves = np.linalg.lstsq(scaled, own, rcond=None)[0]
+        moves = np.linalg.lstsq(scaled, tangent, rcond=None)[0]
         strength = np.linalg.norm(scaled, axis=0)[:, None] * np.abs(moves)
         nearest = base.parameters.names[int(np.argmax(strength.sum(axis=1)))]
-        found.append(Tangent(start.cause, outside, float(left), float(left / size), nearest))
+        found.append(Tangent(start.cause, outside, float(visible), float(visible / size), nearest))
     return found
 
 
 def parallel(first: Tangent, second: Tangent, size: float) -> bool:
-    """Whether a second effect moves the sweep as the first does at its size.
+    """Whether a second effect changes the sweep as the first one does at its fitted size.
 
-    Parallel once the constants are refitted, and what is not parallel below `VISIBLE` σ.
+    The parts of both tangents outside the span are parallel, and the component of the first that is orthogonal to the
+    second is below `VISIBLE` σ at that size.
 
     Parameters
     ----------
-    size : of the first effect over its scale
+    size : size of the first effect over its scale
     """
     if first.hidden or second.hidden:
         return False
-    one, other = (t.outside / np.linalg.norm(t.outside) for t in (first, second))
-    cosine = min(1.0, float(np.abs(np.sum(one * other))))
+    first_unit, second_unit = (t.outside / np.linalg.norm(t.outside) for t in (first, second))
+    cosine = min(1.0, float(np.abs(np.sum(first_unit * second_unit))))
     return cosine > PARALLEL and np.sqrt(1 - cosine**2) * first.visible * abs(size) < VISIBLE

@@ -1,7 +1,8 @@
-"""A set of causes with each of some candidates added, fits only where they may matter.
+"""A set of causes enlarged by each of several candidates; fits are made only where they may matter.
 
-Candidates are screened by linearisation at the most promising places, fitted roughly in the order of what that
-promises, as long as one may yet be the best, and those near the best are fitted closely.
+Candidates are screened by linearisation at their most promising starts, which promises log odds for each. They are
+fitted roughly in the order of these log odds as long as one may still become the best; those near the best are then
+fitted closely.
 """
 
 from __future__ import annotations
@@ -19,34 +20,35 @@ from femu_piezo.inference.descent import COARSE
 from femu_piezo.inference.fit import Fit
 from femu_piezo.threads import in_parallel
 
-#: Candidates that are fitted roughly before those that promise less are judged by them.
+#: Candidates are fitted in batches of this size; the results of a batch tell whether later candidates are worth a fit.
 _AT_ONCE = 2
-#: Share of the log odds that linearisation promises by which it may be wrong: the law of a large cause is not linear,
-#: and a place is only as near as the next site.
+#: Relative error of the log odds that linearisation promises: the law of a large cause is not linear, and its place may
+#: lie between two sites.
 _NONLINEAR = 0.1
-#: A rough fit this near to what linearisation promised (in χ², over χ² per residual) has found the minimum there is.
+#: A rough fit has found the minimum if its χ² is above what linearisation promised by less than this times χ² per
+#: residual.
 _AS_PROMISED = 1.0
 #: χ² per residual above which a rough fit may have settled at a wrong place.
-_LEFT = 2.0
+_MISPLACED = 2.0
 
 
 @dataclass
 class _Prospect:
-    """A candidate beside the set.
+    """A candidate that may enlarge the set.
 
     Attributes
     ----------
-    starts : where its fits may begin, the most promising first
-    promised : log odds of the set with it over the set, by linearisation
-    known : a close fit with it that was made before
-    rough, odds : its rough fit, and the log odds of that; None and −inf where none settled
-    tried : whether it was fitted
-    close : the fit to go by once all is done; of what was not fitted, what linearisation promises
+    starts : where fits with it may begin, the most promising first
+    promised_odds : log odds of the set with it over the set without it, by linearisation
+    known : fit of the enlarged set that the search has already, from another set; None where there is none
+    rough, odds : rough fit with it, and log odds by that fit; None and −inf where there is none or it did not settle
+    tried : whether a rough fit was made
+    close : final fit of a candidate that was tried; None where it did not settle
     """
 
     effect: Effect
     starts: list[Start]
-    promised: float
+    promised_odds: float
     known: Fit | None
     rough: Fit | None = None
     odds: float = -np.inf
@@ -55,18 +57,18 @@ class _Prospect:
 
 
 class Enlargement:
-    """One set of causes, enlarged.
+    """One set of causes, enlarged by each candidate.
 
     Parameters
     ----------
     current : the fit of the set
-    candidates : that it does not hold
-    known : key of a candidate → the fit with it, where it was made before
-    tell, words : called with the words and the key of every candidate that was screened
+    candidates : effects that the set does not hold
+    known : key of a candidate → fit of the set with it, where the search has one already
+    tell, words : `tell` is called with `words` and the key of every candidate that was screened
 
     Attributes
     ----------
-    starts : of every candidate, as it was screened, the most promising first
+    starts : list of starts of every candidate by the screening, the most promising first
     """
 
     def __init__(
@@ -79,37 +81,40 @@ class Enlargement:
         words: str,
     ) -> None:
         self._weighing, self._rules, self._current = weighing, weighing.rules, current
-        self._first = not current.parameters.candidates
+        self._from_no_cause = not current.parameters.candidates
         self._forms = weighing.forms_beside(current)
         self._level = current.learned.level if self._forms else None
-        self._before = weighing.log_evidence(current, self._forms, self._level)
+        self._log_evidence = weighing.log_evidence(current, self._forms, self._level)
         self._prospects = self._screened(candidates, known, tell, words)
-        self.starts = [one.starts for one in self._prospects]
+        self.starts = [prospect.starts for prospect in self._prospects]
         self._fit_roughly()
-        if self._first:
+        if self._from_no_cause:
             self._fit_from_steps()
-        if self._first and self._unexplained():
+        if self._from_no_cause and self._unexplained():
             self._fit_the_rest()
         if self._forms:
             self._fit_loudest()
-        if self._first and self._strained():
+        if self._from_no_cause and self._strained():
             self._fit_unstrained()
         self._fit_closely()
 
     @property
     def fits(self) -> tuple[tuple[Effect, Fit | None], ...]:
-        """Every candidate with its fit: of what was not fitted what linearisation promises, None where none settled."""
-        return tuple((one.effect, one.close if one.tried else one.starts[0].linear) for one in self._prospects)
+        """Every candidate with its final fit (None where it did not settle), or the linearised one if not tried."""
+        return tuple(
+            (prospect.effect, prospect.close if prospect.tried else prospect.starts[0].linear)
+            for prospect in self._prospects
+        )
 
     @property
     def _of_causes(self) -> Iterator[_Prospect]:
-        """Those of causes alone: a form of what none of them describes keeps no cause from a fit."""
-        return (one for one in self._prospects if not one.effect.of_unknown)
+        """The candidates that are causes: forms of unknown errors are to keep no cause from a fit."""
+        return (prospect for prospect in self._prospects if not prospect.effect.of_unknown)
 
-    def _odds(self, one: Fit, effect: Effect) -> float:
-        """Log odds of the set with a candidate over the set."""
-        found = self._weighing.log_evidence(one, self._forms, self._level)
-        return found - self._before + self._weighing.log_prior[effect.key]
+    def _odds(self, enlarged: Fit, effect: Effect) -> float:
+        """Log odds of the set with a candidate over the set without it."""
+        log_evidence = self._weighing.log_evidence(enlarged, self._forms, self._level)
+        return log_evidence - self._log_evidence + self._weighing.log_prior[effect.key]
 
     def _screened(
         self,
@@ -118,7 +123,7 @@ class Enlargement:
         tell: Callable[[str], None],
         words: str,
     ) -> list[_Prospect]:
-        # those at a place take longest: a core that ends with one of them leaves the other without work
+        # candidates at a place take longest and go first: started last, one of them would leave the other cores idle
         order = sorted(candidates, key=lambda effect: effect.local is None)
         found: dict[str, list[Start]] = {}
         for effect, own in zip(
@@ -135,172 +140,193 @@ class Enlargement:
             for effect, own, promise in zip(candidates, every, promised, strict=True)
         ]
 
-    def _settle(self, chosen: Sequence[_Prospect], fits: Sequence[Fit | None]) -> None:
-        """Rough fits of some candidates."""
-        for one, found in zip(chosen, fits, strict=True):
-            one.tried, one.rough = True, found
+    def _record(self, chosen: Sequence[_Prospect], fits: Sequence[Fit | None]) -> None:
+        """Record the rough fits of some candidates, None where they did not settle."""
+        for prospect, found in zip(chosen, fits, strict=True):
+            prospect.tried, prospect.rough = True, found
             if found is not None:
-                one.odds = self._odds(found, one.effect)
+                prospect.odds = self._odds(found, prospect.effect)
 
     def _fit_roughly(self) -> None:
-        """Causes by what they promise, then forms of what none of them describes."""
-        in_order = sorted(self._prospects, key=lambda one: one.promised)[::-1]
-        by_promise = [one for one in in_order if one.promised > self._rules.promise]
-        by_promise.sort(key=lambda one: one.effect.of_unknown)
-        before = [one for one in by_promise if one.known is not None]
-        self._settle(before, [one.known for one in before])
-        untried = [one for one in by_promise if not one.tried]
-        # the best one alone: most often no other is worth a fit after it
+        """Fit causes in the order of the log odds they promise, then forms of unknown errors."""
+        in_order = sorted(self._prospects, key=lambda prospect: prospect.promised_odds)[::-1]
+        by_promise = [prospect for prospect in in_order if prospect.promised_odds > self._rules.promise]
+        by_promise.sort(key=lambda prospect: prospect.effect.of_unknown)
+        before = [prospect for prospect in by_promise if prospect.known is not None]
+        self._record(before, [prospect.known for prospect in before])
+        untried = [prospect for prospect in by_promise if not prospect.tried]
+        # the most promising one is fitted alone: after it, most often no other is worth a fit
         for batch in [untried[:1], *(untried[n : n + _AT_ONCE] for n in range(1, len(untried), _AT_ONCE))]:
-            worth = [one for one in batch if self._hopeful(one) or self._may_hold_more(one)]
-            self._settle(worth, list(in_parallel(self._roughly, worth)))
+            worth = [prospect for prospect in batch if self._hopeful(prospect) or self._may_hold_more(prospect)]
+            self._record(worth, list(in_parallel(self._roughly, worth)))
 
     def _fit_from_steps(self) -> None:
-        """Constants that make up for a cause move far with it: what it promises shows from where they went.
+        """Screen candidates without a rough fit again from where their linearised step ends, and fit the hopeful ones.
 
-        It is asked of causes that by linearisation explain most of the misfit, and of all where no fit explains it.
+        Constants that compensate a cause move far with it: only from there linearisation shows what the cause promises.
+        Candidates at a place are left out; the others must explain most of the misfit by linearisation, unless no fit
+        explains it.
         """
         unexplained = self._unexplained()
-        left = [
-            one
-            for one in self._prospects
-            if one.promised > self._rules.promise
-            and one.rough is None
-            and one.effect.sites is None
-            and (unexplained or self._explains_most(one))
+        without_fit = [
+            prospect
+            for prospect in self._prospects
+            if prospect.promised_odds > self._rules.promise
+            and prospect.rough is None
+            and prospect.effect.sites is None
+            and (unexplained or self._explains_most(prospect))
         ]
         response, current = self._weighing.response, self._current
-        further = in_parallel(lambda one: stepped_start(response, current, one.starts[0]), left)
-        for one, start in zip(left, further, strict=True):
-            one.starts = sorted([*one.starts, start], key=promise_of)
-            one.promised = max(one.promised, self._odds(start.linear, one.effect))
-        worth = [one for one in left if self._hopeful(one)]
-        self._settle(worth, list(in_parallel(self._roughly, worth)))
+        further = in_parallel(lambda prospect: stepped_start(response, current, prospect.starts[0]), without_fit)
+        for prospect, start in zip(without_fit, further, strict=True):
+            prospect.starts = sorted([*prospect.starts, start], key=promise_of)
+            prospect.promised_odds = max(prospect.promised_odds, self._odds(start.linear, prospect.effect))
+        worth = [prospect for prospect in without_fit if self._hopeful(prospect)]
+        self._record(worth, list(in_parallel(self._roughly, worth)))
 
     def _fit_the_rest(self) -> None:
-        """Causes that linearisation promises nothing of: a misfit counts as unexplained once every one was fitted."""
-        rest = [one for one in self._of_causes if not one.tried]
-        self._settle(rest, list(in_parallel(self._roughly, rest)))
+        """Fit the causes not tried so far: a misfit counts as unexplained only once every cause was fitted."""
+        rest = [prospect for prospect in self._of_causes if not prospect.tried]
+        self._record(rest, list(in_parallel(self._roughly, rest)))
 
     def _fit_loudest(self) -> None:
-        """The cause at no place that explains most beside noise alone.
+        """Fit the cause without sites that has the largest evidence by linearisation, discrepancies left out.
 
-        A discrepancy that follows every resonance leaves no cause much to explain, and linearisation beside a wrong set
-        less still: a fit shows what it holds.
+        A discrepancy that follows every resonance leaves little for a cause to explain, and by linearisation at a wrong
+        set still less: only a fit shows what the cause explains.
         """
-        even = [one for one in self._of_causes if one.effect.sites is None]
-        loudest = max(even, key=lambda one: one.starts[0].linear.log_evidence, default=None)
+        without_sites = [prospect for prospect in self._of_causes if prospect.effect.sites is None]
+        loudest = max(without_sites, key=lambda prospect: prospect.starts[0].linear.log_evidence, default=None)
         if loudest is not None and not loudest.tried:
-            self._settle([loudest], [self._roughly(loudest)])
+            self._record([loudest], [self._roughly(loudest)])
 
     def _fit_unstrained(self) -> None:
-        """The best cause may have stopped on its way; where it is strained in itself, another may not be."""
+        """Fit the leading cause again from the prior means of the tolerances; if it stays strained, all other causes.
+
+        The fit of the leading cause may have stopped on its way; if it is strained at its end as well, that of another
+        cause may not be.
+        """
         leading = self._leading()
-        others = [one for one in self._of_causes if one is not leading]
+        others = [prospect for prospect in self._of_causes if prospect is not leading]
         for batch in ([leading] if leading else [], others):
             found = list(in_parallel(self._from_means, batch))
             better = [
-                (one, fit)
-                for one, fit in zip(batch, found, strict=True)
-                if fit is not None and (one.rough is None or fit.log_evidence > one.rough.log_evidence)
+                (prospect, fit)
+                for prospect, fit in zip(batch, found, strict=True)
+                if fit is not None and (prospect.rough is None or fit.log_evidence > prospect.rough.log_evidence)
             ]
-            self._settle([one for one, _ in better], [fit for _, fit in better])
+            self._record([prospect for prospect, _ in better], [fit for _, fit in better])
             if not self._strained():
                 break
 
     def _fit_closely(self) -> None:
-        """Every rough fit that may be the best brought to its end, the most hopeful first."""
-        best = max((one.odds for one in self._of_causes), default=-np.inf)
-        by_hope = sorted((one for one in self._prospects if one.tried), key=self._hope, reverse=True)
+        """Bring every rough fit that may be the best to its end, the most hopeful first."""
+        best = max((prospect.odds for prospect in self._of_causes), default=-np.inf)
+        by_hope = sorted((prospect for prospect in self._prospects if prospect.tried), key=self._hope, reverse=True)
         for batch in (by_hope[n : n + _AT_ONCE] for n in range(0, len(by_hope), _AT_ONCE)):
-            ends = in_parallel(lambda one, best=best: self._closely(one, best), batch)
-            for one, found in zip(batch, list(ends), strict=True):
-                one.close = found
-                if found is not None and not one.effect.of_unknown:
-                    best = max(best, self._odds(found, one.effect))
+            ends = in_parallel(lambda prospect, best=best: self._closely(prospect, best), batch)
+            for prospect, found in zip(batch, list(ends), strict=True):
+                prospect.close = found
+                if found is not None and not prospect.effect.of_unknown:
+                    best = max(best, self._odds(found, prospect.effect))
 
-    def _roughly(self, one: _Prospect) -> Fit | None:
-        likely = one.starts if self._first and one.effect.sites is not None else one.starts[:1]
-        begins = [one.starts[0].x, *(start.stepped() for start in likely)]
-        begins += [start.x for start in of_either_sign(one.starts)] if self._first else []
-        return self._weighing.fitted(one.starts[0].linear.parameters, begins, COARSE)
+    def _roughly(self, prospect: _Prospect) -> Fit | None:
+        likely = prospect.starts if self._from_no_cause and prospect.effect.sites is not None else prospect.starts[:1]
+        begins = [prospect.starts[0].x, *(start.stepped() for start in likely)]
+        begins += [start.x for start in of_either_sign(prospect.starts)] if self._from_no_cause else []
+        return self._weighing.fitted(prospect.starts[0].linear.parameters, begins, COARSE)
 
-    def _from_means(self, one: _Prospect) -> Fit | None:
-        places = unstrained(self._weighing.response, self._current, one.effect)
+    def _from_means(self, prospect: _Prospect) -> Fit | None:
+        places = unstrained(self._weighing.response, self._current, prospect.effect)
         return self._weighing.fitted(places[0].linear.parameters, [place.x for place in places], COARSE)
 
-    def _hopeful(self, one: _Prospect) -> bool:
-        """Whether a fit may yet be the best, by what linearisation promises; within more where the misfit is large.
+    def _hopeful(self, prospect: _Prospect) -> bool:
+        """Whether a fit may still become the best, by what linearisation promises; a large misfit widens the margin.
 
-        Beside a discrepancy, which takes what is left, no misfit is large.
+        No misfit counts as large where the set has a discrepancy, which takes up what causes leave.
         """
         rough = [] if self._forms else [other.rough for other in self._of_causes if other.rough is not None]
         large = min((fit.chi_square / fit.residual.size for fit in rough), default=1.0)
         best = max((other.odds for other in self._of_causes), default=-np.inf)
         least = best - self._rules.contender * max(1.0, large)
-        return one.promised + _NONLINEAR * max(one.promised, 0.0) > least
+        return prospect.promised_odds + _NONLINEAR * max(prospect.promised_odds, 0.0) > least
 
-    def _may_hold_more(self, one: _Prospect) -> bool:
+    def _may_hold_more(self, prospect: _Prospect) -> bool:
         """Whether a fit may find much more than linearisation promises of a candidate that explains most of the misfit.
 
-        What linearisation leaves may be curvature where constants make up for small sizes, where no fit explains the
-        misfit, or where the best one outdid its promise.
+        The misfit that linearisation leaves may be due to curvature where constants compensate small sizes
+        (`Effect.start_sizes`), where no fit explains the misfit, or where the best fit gained more than promised.
         """
-        return self._explains_most(one) and bool(one.effect.start_sizes or self._unexplained() or self._outdone())
+        return self._explains_most(prospect) and bool(
+            prospect.effect.start_sizes or self._unexplained() or self._outdone()
+        )
 
-    def _explains_most(self, one: _Prospect) -> bool:
-        """Whether linearisation promises that a candidate explains most of the misfit, whatever others do."""
-        left, misfit, size = one.starts[0].promised, self._current.chi_square, self._current.residual.size
-        return left - size < (misfit - size) / 2
+    def _explains_most(self, prospect: _Prospect) -> bool:
+        """Whether by linearisation a candidate explains more than half of the misfit of the set beyond noise."""
+        promised, misfit, size = prospect.starts[0].promised, self._current.chi_square, self._current.residual.size
+        return promised - size < (misfit - size) / 2
 
     def _outdone(self) -> bool:
-        """Whether the best fit, beside no discrepancy, found more of its cause than linearisation had promised."""
+        """Whether the best fit gained clearly more than linearisation promised; False if the set has a discrepancy."""
         best = None if self._forms else self._leading()
-        return best is not None and best.odds - best.promised > self._rules.contender + _NONLINEAR * abs(best.promised)
+        return best is not None and best.odds - best.promised_odds > self._rules.contender + _NONLINEAR * abs(
+            best.promised_odds
+        )
 
     def _unexplained(self) -> bool:
-        """Whether there is a misfit that no fit with a cause explains, nor a discrepancy."""
+        """Whether χ² of the set and of every fit with a cause is beyond noise; False if the set has a discrepancy."""
         if self._forms:
             return False
         data = self._current.data
         by_noise = self._current.residual.size * np.exp(2 * self._rules.significant * data.level_std)
-        fits = [fit for one in self._of_causes for fit in (one.rough, one.close) if fit is not None]
+        fits = [fit for prospect in self._of_causes for fit in (prospect.rough, prospect.close) if fit is not None]
         return all(fit.chi_square > by_noise for fit in (self._current, *fits))
 
     def _leading(self) -> _Prospect | None:
         """The cause with the best fit so far."""
-        fitted = [(one, one.rough.log_evidence) for one in self._of_causes if one.rough is not None]
+        fitted = [(prospect, prospect.rough.log_evidence) for prospect in self._of_causes if prospect.rough is not None]
         return max(fitted, key=lambda pair: pair[1], default=(None, 0.0))[0]
 
     def _strained(self) -> bool:
-        """Whether tolerances make up for something in the best fit with a cause, too."""
+        """Whether even in the best fit with a cause the effects lie improbably far from their priors (`strain_of`)."""
         best = self._leading()
         return best is not None and best.rough is not None and strain_of(best.rough) < self._rules.doubt
 
-    def _hope(self, one: _Prospect) -> float:
-        """Log odds of a rough fit brought to its end: what its next step or linearisation promises."""
-        return one.promised if one.rough is None else max(one.odds + one.rough.promise / 2, one.promised)
+    def _hope(self, prospect: _Prospect) -> float:
+        """Log odds that a close fit may reach: the larger of what the next step and linearisation promise."""
+        return (
+            prospect.promised_odds
+            if prospect.rough is None
+            else max(prospect.odds + prospect.rough.promise / 2, prospect.promised_odds)
+        )
 
-    def _closely(self, one: _Prospect, best: float) -> Fit | None:
-        """A close fit where it may come near the best log odds, from further starts where more was promised."""
-        rough, places = one.rough, one.starts
+    def _closely(self, prospect: _Prospect, best: float) -> Fit | None:
+        """A close fit where it may come near the best log odds, else the rough fit.
+
+        The close fit also begins at starts whose linearisation promises a lower χ² than the rough fit has reached.
+        """
+        rough, places = prospect.rough, prospect.starts
         unfinished = rough is not None and rough.promise > COARSE  # it ran out of evaluations
-        goes_on = self._first and unfinished and self._unexplained()
-        # it ended at a wrong place, below what was promised of it
-        astray = rough is not None and one.odds < one.promised - self._rules.alike and self._may_hold_more(one)
-        # what settled and promises no more is known well enough where it is not among the best
+        goes_on = self._from_no_cause and unfinished and self._unexplained()
+        # its odds stayed below what was promised, so it ended at a wrong place
+        astray = (
+            rough is not None
+            and prospect.odds < prospect.promised_odds - self._rules.alike
+            and self._may_hold_more(prospect)
+        )
+        # a settled fit is exact enough unless it is among the best
         near = self._rules.contender if rough is None or unfinished else self._rules.alike
-        if self._hope(one) < best - near and not goes_on and not astray:
+        if self._hope(prospect) < best - near and not goes_on and not astray:
             return rough
         reached, unit = np.inf, _AS_PROMISED
         if rough is not None:
             reached, unit = rough.chi_square, _AS_PROMISED * max(1.0, rough.chi_square / rough.residual.size)
         further = [places[0].alone()] if reached > places[0].promised + unit else []
         further += [start.x for start in places[1:] if start.promised < reached - unit]
-        if rough is not None and rough.chi_square > _LEFT * rough.residual.size:
-            elsewhere = relocated(self._weighing.response, rough, one.effect)
+        if rough is not None and rough.chi_square > _MISPLACED * rough.residual.size:
+            elsewhere = relocated(self._weighing.response, rough, prospect.effect)
             further += [start.x for start in elsewhere if start.promised < reached - unit]
-        if one.known is not None and not further:
+        if prospect.known is not None and not further:
             return rough
         begins = further if rough is None else [rough.x, *further]
         return self._weighing.fitted(places[0].linear.parameters, begins)

@@ -25,7 +25,7 @@ class Hypothesis:
 
     Attributes
     ----------
-    log_prior : of the set
+    log_prior : log prior probability of the set, up to a constant
     chance : prior probability of a discrepancy
     """
 
@@ -35,17 +35,17 @@ class Hypothesis:
 
     @property
     def keys(self) -> frozenset[str]:
-        """Of the causes."""
+        """Keys of the causes, forms of unknown errors included."""
         return frozenset(self.fit.parameters.candidates)
 
     @property
     def forms(self) -> list[Effect]:
-        """Those of what no cause describes among the causes."""
+        """The causes that are forms of unknown errors (`Effect.of_unknown`)."""
         return [cause for cause in self.fit.parameters.causes if cause.of_unknown]
 
     @property
     def causes(self) -> frozenset[str]:
-        """Keys of the causes that are no form of what none of them describes."""
+        """Keys of the causes, forms of unknown errors left out."""
         return self.keys - {form.key for form in self.forms}
 
     @made_once
@@ -55,7 +55,7 @@ class Hypothesis:
 
     @made_once
     def log_with_discrepancy(self) -> float:
-        """log posterior (up to the same constant) with one; what a set describes in another form has none beside."""
+        """log posterior (same constant) with a discrepancy; −inf where the set has a form of an unknown error."""
         if self.forms:
             return -np.inf
         return self.fit.log_evidence + self.fit.learned.log_evidence + self.log_prior + float(np.log(self.chance))
@@ -72,7 +72,7 @@ class Hypothesis:
 
     @property
     def rank(self) -> tuple[bool, float]:
-        """What is fitted goes before what is only extrapolated, and then what is more probable."""
+        """Key to rank sets by: fitted ones are above those that are only extrapolated, then more probable ones."""
         return not self.fit.extrapolated, self.log_posterior
 
 
@@ -81,12 +81,12 @@ class Weighing:
 
     Parameters
     ----------
-    response, data, loss : as of a fit
-    library : the candidates, which share what the rules expect alike; of a cause with several laws these share it
+    response, data, loss : as of `femu_piezo.inference.fit.fit`
+    library : the candidates; all causes have the same prior probability, which the laws of a cause share equally
 
     Attributes
     ----------
-    chance : prior probability of a discrepancy
+    log_prior : key of a candidate → log prior probability;  chance : prior probability of a discrepancy
     """
 
     def __init__(
@@ -99,32 +99,36 @@ class Weighing:
         self.chance = each * sum(WEIGHTS.values())
 
     def fitted(self, parameters: Unknowns, places: Sequence[np.ndarray], gain: float = RANKED) -> Fit | None:
-        """A fit from several places (n_x,); None where it does not settle."""
+        """The fit from several starts (n_x,); None where it does not settle."""
         try:
             return fit(self.response, self._data, parameters, places, gain=gain, loss=self._loss)
         except (ConvergenceError, np.linalg.LinAlgError):
             return None
 
     def hypothesis(self, of: Fit) -> Hypothesis:
-        """The set of causes of a fit."""
+        """The set of causes of a fit, with its prior."""
         return Hypothesis(of, sum(self.log_prior[key] for key in of.parameters.candidates), self.chance)
 
     def forms_beside(self, current: Fit) -> list[list[Alternatives]]:
-        """Those of a discrepancy beside some causes where that is more probable than none.
+        """Forms of the discrepancy of a set of causes, where that is more probable than none; else an empty list.
 
-        A further cause is worth a fit where it explains more than that; beside none the first cause of several may not.
+        A further cause is worth a fit only where it explains more than the discrepancy. A set without causes gets none:
+        the first of several causes may explain less.
         """
         return current.forms if current.parameters.candidates and self.hypothesis(current).discrepant else []
 
     def log_evidence(self, one: Fit, forms: list[list[Alternatives]], level: float | None) -> float:
-        """log p(data), without a discrepancy or with one of some forms, at about a level of the noise."""
+        """log p(data) of a fit; where `forms` are given, summed over a discrepancy of these forms and none.
+
+        level : factor on the noise from which that of the discrepancy is sought
+        """
         if not forms:
             return one.log_evidence
         with_it = one.log_evidence + one.learned_of(forms, level).log_evidence + float(np.log(self.chance))
         return float(np.logaddexp(one.log_evidence + np.log1p(-self.chance), with_it))
 
     def leaves_something(self, current: Fit) -> bool:
-        """Whether a fit leaves what a cause at a place might explain, of the sweep or of its priors."""
-        left = remaining_of(current)
-        doubt = min(left.p_white, 1.0 if left.p_size is None else left.p_size, strain_of(current))
+        """Whether residuals or deviations from priors leave something that a cause at a place might explain."""
+        remaining = remaining_of(current)
+        doubt = min(remaining.p_white, 1.0 if remaining.p_size is None else remaining.p_size, strain_of(current))
         return doubt < self.rules.doubt or current.learned.log_evidence > 0

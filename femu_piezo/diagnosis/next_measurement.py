@@ -1,12 +1,11 @@
 """How far a planned measurement would tell two causes apart, in σ, by the model at the fits there are.
 
-Two fits A and B explain the present data alike. In the planned data A predicts d_A. What B then misses, all its
-unknowns (constants and effect) fitted again from where they stand, is their separation:
+Two fits A and B explain the present data alike. A predicts d_A for the planned data. The misfit of B to d_A, after all
+unknowns of B (constants and effect) have been refitted from where they stand, is the separation of the two:
 
     min_x ‖ d_A − d_B(x) ‖,   whitened by the noise of the planned data.
 
-An effect that a constant imitates is told from it as soon as its size is known against that constant: size/σ(size),
-all other unknowns free.
+The separation of an effect from a constant that imitates it is size/σ(size), all other unknowns free.
 """
 
 from __future__ import annotations
@@ -23,12 +22,12 @@ from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.threads import Once
 
-#: Most evaluations of a refit, relative gain of a step in χ² below which it has settled, and distance from bounds at
-#: which it starts, over the range.
+#: Most evaluations of a refit, relative decrease of χ² in a step below which it has settled, and least distance of its
+#: start from a bound, relative to the range.
 _EVALUATIONS, _SETTLED, _INSIDE = 40, 1e-3, 1e-9
-#: Separation beyond which the figure has no meaning, and pairs told in one recommendation.
+#: σ above which a separation is not stated as a figure, and most pairs named in one recommendation.
 _FAR, _TOLD = 100, 3
-#: Evaluations that are kept.
+#: Number of latest evaluations that are kept.
 _KEPT = 4
 
 
@@ -39,13 +38,13 @@ class Plan:
     Attributes
     ----------
     words : what to do
-    evaluation : of all sweeps
-    relative_noise : (k,) sqrt(E|δZ/Z|²) of theirs
-    owner : name that effects get which belong to the one specimen there is now
-    readings : direct readings: (effect name, its specimen) → (n,) slope of the reading in the effect's parameters over
-        the reading's σ; readings of several effects add up to one number
+    evaluation : Z of all sweeps
+    relative_noise : (k,) sqrt(E|δZ/Z|²) of all sweeps
+    owner : name of the present specimen, for effects that belong to a specimen but name none
+    readings : one direct reading: (effect name, its specimen) → (n,) slope of the reading in the effect's parameters
+        over the reading's σ; the contributions of several effects add up; empty for none
     new_sweeps : whether there are sweeps beyond the present ones
-    tolerances : further unknowns within their tolerances: what is known of a further specimen
+    tolerances : further unknowns, held by their tolerances: the uncertain sizes of a further specimen
     """
 
     words: str
@@ -58,14 +57,14 @@ class Plan:
     _triangles: Once = field(default_factory=lambda: Once(_KEPT), init=False, repr=False, compare=False)
 
     def widened(self, point: Point) -> Point:
-        """The point with the unknowns of the plan, each where it is expected."""
+        """The point with `tolerances` as further unknowns, each at rest."""
         parameters = replace(point.parameters, effects=(*point.parameters.effects, *self.tolerances))
         expected = [effect.rest / effect.scale for effect in self.tolerances]
         among = None if point.among is None else self.widened(point.among)
         return Point(parameters, np.concatenate([point.x, *expected]), among)
 
     def owned(self, parameters: Unknowns) -> Unknowns:
-        """The unknowns with every effect that is not common as that of its specimen."""
+        """The unknowns, every effect that specimens do not share assigned to `owner` unless it names its specimen."""
 
         def own(effect):
             return owned_by(effect, self.owner)
@@ -79,7 +78,7 @@ class Plan:
         )
 
     def predicted(self, parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Whitened log Z of all sweeps as Re, Im, then the reading: (2k + 1,), and the Jacobian (2k + 1, n_x)."""
+        """Whitened log Z of all sweeps (Re, then Im) and the reading, (2k + 1,), and their Jacobian (2k + 1, n_x)."""
         owned = self.owned(parameters)
         z, slopes = self.evaluation.with_jacobian(owned, x)
         weight = np.sqrt(2.0) / self.relative_noise
@@ -94,7 +93,7 @@ class Plan:
         return np.concatenate([logs.real, logs.imag, [reading]]), np.concatenate([rows.real, rows.imag, row])
 
     def triangle(self, point: Point) -> np.ndarray:
-        """(n, n_x) R of the Jacobian, whose columns have the lengths and angles of those of all data; kept."""
+        """(n, n_x) R of the QR of the Jacobian: its columns have the same norms and inner products; cached."""
         key = point.parameters.names, point.x.tobytes()
         return self._triangles.get(
             key, lambda: np.asarray(np.linalg.qr(self.predicted(point.parameters, point.x)[1], mode="r"))
@@ -103,12 +102,13 @@ class Plan:
 
 @dataclass(frozen=True)
 class Point:
-    """Unknowns of a fit and where they stand.
+    """The unknowns of a fit and their values.
 
     Attributes
     ----------
-    x : (n_x,)
-    among : a point of the same curve with further unknowns, whose slopes hold those of this one; None for itself
+    x : (n_x,) values, as of `Unknowns`
+    among : a point of the same Z with further unknowns, whose Jacobian has the columns of this point's; several points
+        share its evaluation; None where the Jacobian is that of the point itself
     """
 
     parameters: Unknowns
@@ -118,7 +118,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Remembered:
-    """An evaluation that keeps what it was asked for last: plans of the same sweeps ask for the same."""
+    """An evaluation that caches its latest results, since plans of the same sweeps evaluate the same points."""
 
     evaluation: Evaluation | Ensemble
     _kept: Once = field(default_factory=lambda: Once(_KEPT), init=False, repr=False, compare=False)
@@ -131,14 +131,14 @@ class Remembered:
 
 @dataclass(frozen=True)
 class Separation:
-    """What a planned measurement would bring.
+    """How far a planned measurement would tell a cause from another explanation.
 
     Attributes
     ----------
     measurement : in words
-    cause, other : titles of the two, the other an effect or a constant
-    size : in words, the size of `cause` that the figure holds for where it is not named in the data; else ""
-    now, expected : σ with the present data and with those of the plan
+    cause, other : title of the cause, and title of another effect or name of a constant
+    size : in words, the size of `cause` that the separation holds for, where the verdict does not name it; else ""
+    now, expected : separation in σ with the present data and with those of the plan
     """
 
     measurement: str
@@ -150,7 +150,7 @@ class Separation:
 
 
 def summary(planned: Sequence[Separation]) -> str:
-    """What one measurement would bring for several pairs, the closest pairs first, as a recommendation."""
+    """A recommendation in words: one measurement and the separation it would bring for several pairs, least first."""
     ordered = sorted(planned, key=lambda one: one.expected)
     pairs = [
         f"{one.cause}{' of ' + one.size if one.size else ''} from {one.other} {_figure(one.expected)}"
@@ -167,30 +167,31 @@ def _figure(sigma: float) -> str:
 
 
 def between(plan: Plan, first: Point, second: Point) -> float:
-    """σ by which the second cause misses what the first predicts, all its unknowns refitted."""
+    """Separation in σ: misfit of the second point to what the first predicts, all unknowns of the second refitted."""
     first, second = plan.widened(first), plan.widened(second)
-    wanted, _ = plan.predicted(first.parameters, first.x)
+    target, _ = plan.predicted(first.parameters, first.x)
     rows = _prior_rows(second)
     turn = 2 * np.pi * np.sqrt(2.0) / plan.relative_noise
     phases = slice(turn.size, 2 * turn.size)
 
-    def pulled(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        reached, jacobian = plan.predicted(second.parameters, x)
-        difference = reached - wanted
+    def misfit(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residual of data and priors, and its Jacobian."""
+        predicted, jacobian = plan.predicted(second.parameters, x)
+        difference = predicted - target
         difference[phases] -= turn * np.round(difference[phases] / turn)  # phases differ by less than half a turn
         return np.concatenate([difference, rows @ (x - second.x)]), np.concatenate([jacobian, rows])
 
     low, high = second.parameters.bounds.T
-    found = least_squares(
-        lambda x: pulled(x)[0],
+    solution = least_squares(
+        lambda x: misfit(x)[0],
         np.clip(second.x, low + _INSIDE * (high - low), high - _INSIDE * (high - low)),
-        lambda x: pulled(x)[1],
+        lambda x: misfit(x)[1],
         (low, high),
         x_scale="jac",
         ftol=_SETTLED,
         max_nfev=_EVALUATIONS,
     )
-    return float(np.sqrt(2 * found.cost))
+    return float(np.sqrt(2 * solution.cost))
 
 
 def strength(plan: Plan, point: Point, effect: int, size: float) -> float:
@@ -198,32 +199,32 @@ def strength(plan: Plan, point: Point, effect: int, size: float) -> float:
     point = plan.widened(point)
     whole = point.among or point
     jacobian = plan.triangle(whole)[:, [whole.parameters.names.index(name) for name in point.parameters.names]]
-    own = point.parameters.columns(effect)
-    others = np.delete(np.arange(point.x.size), own.start)
+    column = point.parameters.columns(effect).start
+    others = np.delete(np.arange(point.x.size), column)
     rows = _prior_rows(point)
     return (
         abs(size)
         / point.parameters.effects[effect].scale[0]
-        * _left(jacobian[:, own.start], jacobian[:, others], rows[:, others])
+        * _outside(jacobian[:, column], jacobian[:, others], rows[:, others])
     )
 
 
-def _left(target: np.ndarray, jacobian: np.ndarray, prior: np.ndarray) -> float:
-    """min_δ ‖(target, 0) − (jacobian, prior) δ‖."""
+def _outside(target: np.ndarray, jacobian: np.ndarray, prior: np.ndarray) -> float:
+    """min_δ ‖(target, 0) − (jacobian, prior) δ‖: the part of a column that the other unknowns do not explain."""
     whole = np.concatenate([jacobian, prior])
     padded = np.concatenate([target, np.zeros(len(prior))])
     return float(np.linalg.norm(padded - whole @ _solved(whole, padded)))
 
 
 def _solved(matrix: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """The least-squares solution, columns scaled to one."""
+    """The least-squares solution, by columns scaled to norm 1."""
     norm = np.linalg.norm(matrix, axis=0)
     norm[norm == 0] = 1.0
     return np.linalg.lstsq(matrix / norm, target, rcond=1e-12)[0] / norm
 
 
 def _prior_rows(point: Point) -> np.ndarray:
-    """(m, n_x) slopes of the priors of everything but the sizes of causes, their first parameters."""
+    """(m, n_x) Jacobian of all priors except those of the sizes (first parameters) of causes, which are free."""
     parameters = point.parameters
     sizes = [parameters.columns(parameters.index(key)).start for key in parameters.candidates]
     return np.delete(np.diag(1 / parameters.prior_std), sizes, axis=0)

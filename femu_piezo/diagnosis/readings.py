@@ -1,4 +1,4 @@
-"""Direct readings of what an effect is about: what to do, and how the reading follows the effect's parameters."""
+"""Direct readings of what an effect changes: what to do, and slopes of the reading in the effect's parameters."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Reading = tuple[str, dict[tuple[str, str], np.ndarray]]
 def readings(effects: Sequence[Effect], contexts: dict[str, EffectContext]) -> list[Reading]:
     """Every direct reading that tells about one of the effects.
 
-    contexts : specimen as the effects name it → what is known of it
+    contexts : name of a specimen, as in `Effect.specimen` → what is known of it
     """
     found: list[Reading] = []
     for effect in effects:
@@ -38,8 +38,8 @@ def readings(effects: Sequence[Effect], contexts: dict[str, EffectContext]) -> l
             words = f"measure the {dimension}{_whose(effect)} with a micrometer, to 0.1 %"
             found.append((words, {key: np.array([1 / _MICROMETER])}))
     for name, context in contexts.items():
-        own = [effect for effect in effects if effect.specimen == name]
-        slopes = {(effect.name, name): slope for effect in own if (slope := _mass(effect, context)) is not None}
+        of_specimen = [effect for effect in effects if effect.specimen == name]
+        slopes = {(effect.name, name): slope for effect in of_specimen if (slope := _mass(effect, context)) is not None}
         if slopes:
             found.append((f"weigh the specimen{f' {name}' if name else ''}, to 0.1 %", slopes))
     unique = dict.fromkeys(words for words, _ in found)
@@ -51,10 +51,13 @@ def _whose(effect: Effect) -> str:
 
 
 def _mass(effect: Effect, context: EffectContext) -> np.ndarray | None:
-    """(n,) relative change of the specimen's mass per SI unit of each parameter, over its σ."""
+    """(n,) relative change of the specimen's mass per SI unit of each parameter, over the σ of a weighing.
+
+    None where the effect does not change the mass.
+    """
     slopes = np.zeros(len(effect.parameters))
     if effect.stretch is not None:
-        slopes[:] = effect.stretch(effect.rest)[1].sum(axis=0)  # volume grows with every dimension that does
+        slopes[:] = effect.stretch(effect.rest)[1].sum(axis=0)  # the volume grows with each dimension
     elif effect.reshaping is not None:
         slopes[0] = effect.reshaping.volume(0.0)[1]
     elif effect.name == "electrode_mass":

@@ -15,9 +15,9 @@ class Rivals:
     Attributes
     ----------
     first, second : titles of the causes, the more probable one first; "no cause" for none
-    fits : with the one and with the other, all else alike
+    fits : fit with the first cause and fit with the second, all other causes alike
     log_odds : of the first over the second
-    enough : log odds that tell them apart
+    enough : log odds from which the two count as told apart
     named : whether the first is a cause that the comparison names
     """
 
@@ -30,7 +30,7 @@ class Rivals:
 
     @property
     def told(self) -> bool:
-        """Whether a named cause is told from the other."""
+        """Whether the first cause is named and told from the second."""
         return self.named and self.log_odds > self.enough
 
     def to_json(self) -> dict:
@@ -39,27 +39,30 @@ class Rivals:
 
 
 def rivals(comparison: Comparison) -> Rivals | None:
-    """The pair that is hardest to tell apart; None where nothing is named and nothing near it.
+    """The pair that is hardest to tell apart; None where there is no such pair.
 
-    A named cause and the best one in its place. Where none is named but something is left that none describes, the
-    best two; else the best one against none, unless that is decided.
+    Where causes are named: one of them and the best candidate in its place. Where none is named but a discrepancy is
+    probable: the two best candidates alone. Else the best candidate alone and "no cause", unless the odds for no cause
+    are decisive.
     """
     enough = comparison.rules.alike
-    instead = [
-        (found.effect.title, one)
+    alternatives = [
+        (found.effect.title, trial)
         for found in comparison.found
-        for one in found.fits
-        if one.fit is not None and one.effect.title != found.effect.title
+        for trial in found.fits
+        if trial.fit is not None and trial.effect.title != found.effect.title
     ]
-    if instead:
-        title, other = max(instead, key=lambda pair: pair[1].log_odds)
+    if alternatives:
+        title, other = max(alternatives, key=lambda pair: pair[1].log_odds)
         return Rivals(title, other.effect.title, (comparison.final, other.fit), -other.log_odds, enough, True)
-    alone = sorted((one for one in comparison.singles if one.fit is not None), key=lambda one: -one.log_odds)
-    if comparison.found or not alone:
+    singles = sorted(
+        (trial for trial in comparison.singles if trial.fit is not None), key=lambda trial: -trial.log_odds
+    )
+    if comparison.found or not singles:
         return None
-    best, title = alone[0], alone[0].effect.title
+    best, title = singles[0], singles[0].effect.title
     if comparison.discrepant:
-        second = next((one for one in alone if one.effect.title != title), None)
+        second = next((trial for trial in singles if trial.effect.title != title), None)
         if second is None:
             return None
         odds = best.log_odds - second.log_odds

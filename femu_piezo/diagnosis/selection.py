@@ -1,17 +1,17 @@
 """Which causes the data demand: sets of causes compared by their evidence, the discrepancy competing with all of them.
 
-A hypothesis is a set of causes S, with or without a discrepancy δ. With N candidates of equal prior probability p and
-forms of what none of them describes that weigh as much as F candidates, p = q/(N + F) and δ has π = F p; the posterior
-is proportional to
+A hypothesis is a set of causes S, with or without a discrepancy δ. With q causes expected, N candidates of equal prior
+probability p, and forms of unknown errors that weigh as much as F candidates, p = q/(N + F) and δ has π = F p; the
+posterior is proportional to
 
     p(data | S, δ) p^|S| π^δ (1 − π)^(1−δ),
 
 p(data | S, δ) by Laplace's method with everything else marginalised (`femu_piezo.inference.fit`). The probability of a
-cause is the summed posterior of the sets that hold it. Sets are found by enlarging the best ones until that gains
-nothing, once more where the best has a discrepancy, and by exchanging each cause of the best one, until the verdict on
-it would be "unknown"; candidates are screened by linearisation and fitted roughly before they are fitted closely. An
-uneven body, the form of a discrepancy that is a change of the body, is tried beside every set and has no other
-discrepancy beside it; no set is enlarged from one with it, and no cause left out because of it.
+cause is the summed posterior of the sets that hold it. The search enlarges the best sets by one cause after another
+until that gains nothing (twice in succession where the best set has a discrepancy), then exchanges each cause of the
+best set; it ends where the verdict would be "unknown". Candidates are screened by linearisation and fitted roughly
+before they are fitted closely. An uneven body is an unknown error that changes the body (`Effect.of_unknown`): it is
+added to every set and excludes any other discrepancy; sets with it are not enlarged, and it keeps no cause out.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import blas_limit, in_parallel
 
-#: Pairs of causes that are fitted, of all that linearisation ranks.
+#: Number of pairs of causes that are fitted, the best by linearisation.
 _PAIRS = 4
 
 Tell = Callable[[str], None]
@@ -84,31 +84,32 @@ def compare_from(
 
 
 class _Search:
-    """The sets of causes fitted so far."""
+    """The search for the most probable set of causes, with the sets fitted so far."""
 
     def __init__(self, base: Fit, response, library: tuple[Effect, ...], rules: Rules, loss: str, tell: Tell) -> None:
         self._library, self._rules, self._tell = library, rules, tell
         self._weighing = Weighing(response, base.data, library, rules, loss)
         self._base = self._weighing.hypothesis(base)
         self._known: dict[frozenset[str], Hypothesis] = {frozenset(): self._base}
-        self._starts: list[list[Start]] = []  # of single candidates
-        self._taken_out: set[tuple[frozenset[str], str]] = set()  # sets, and the cause that was left out of each
+        self._starts: list[list[Start]] = []  # of each single candidate
+        self._taken_out: set[tuple[frozenset[str], str]] = set()  # set, and cause taken out of it
+        # set → every further candidate with the fit of the set enlarged by it
         self._expanded: dict[frozenset[str], tuple[tuple[Effect, Fit | None], ...]] = {}
 
     def _keep(self, fits: Iterable[Fit | None]) -> None:
-        new = [self._weighing.hypothesis(one) for one in fits if one is not None]
-        list(in_parallel(lambda one: one.log_posterior, new))  # each keeps its own
-        for one in new:
-            old = self._known.get(one.keys)
-            if old is None or one.rank > old.rank:
-                self._known[one.keys] = one
+        new = [self._weighing.hypothesis(fit_) for fit_ in fits if fit_ is not None]
+        list(in_parallel(lambda hypothesis: hypothesis.log_posterior, new))  # each caches what this computes
+        for hypothesis in new:
+            old = self._known.get(hypothesis.keys)
+            if old is None or hypothesis.rank > old.rank:
+                self._known[hypothesis.keys] = hypothesis
 
     def run(self) -> None:
         """Enlarge the best sets by one cause after another, then exchange each cause of the best."""
         beam, fruitless = [self._base], 0
         for size in range(1, self._rules.most_causes + 1):
             if size > 2 and self._unknown():
-                break  # what two causes leave is of the kind that no cause describes
+                break  # no cause describes what two causes leave
             before = self._described().log_posterior
             for current in beam:
                 self._keep(f for _, f in self._expand(current.fit))
@@ -116,38 +117,34 @@ class _Search:
                 self._keep(self._pairs(frozenset().union(*(one.keys for one in self._beam(1)))))
             best, tried, beam = self._described(), bool(beam), self._beam(size)
             fruitless = fruitless + 1 if tried and best.log_posterior <= before else 0
-            # a discrepancy stands for all of several causes: one of them may gain nothing where two do
+            # a discrepancy may stand for several causes together: one of them gains nothing then, two may
             if fruitless == (2 if best.discrepant else 1):
                 break
-        # both: an exchange may bring a set near that does with less
+        # | runs both: an exchange may bring up a set in which a cause is superfluous
         while (self._exchange() | self._thinned()) and not self._unknown():
             pass
 
     def _beam(self, size: int) -> list[Hypothesis]:
-        """The best sets of so many causes, those that were fitted and may yet become the best of all.
-
-        A form of what no cause describes is tried beside every set, and none is enlarged from one.
-        """
+        """The best sets of `size` causes to enlarge: fitted, near the best, and without forms of unknown errors."""
         known = (h for h in self._known.values() if len(h.keys) == size and not h.fit.extrapolated and not h.forms)
         found = sorted(known, key=lambda one: -one.log_posterior)
         least = self._described().log_posterior - self._rules.contender
         return [one for one in found[: self._rules.beam] if one.log_posterior > least]
 
     def _best(self) -> Hypothesis:
-        """The best set; causes that leave nothing over go before a form of what none describes that is told from them
-        no better."""
+        """The best set; one with a form of an unknown error only if clearly better than causes that leave nothing."""
         best, described = max(self._known.values(), key=lambda one: one.rank), self._described()
         alike = best.log_posterior < described.log_posterior + self._rules.alike
         return described if alike and described.keys and not described.discrepant else best
 
     def _described(self) -> Hypothesis:
-        """The best set without a form of what no cause describes."""
+        """The best set without a form of an unknown error."""
         return max((one for one in self._known.values() if not one.forms), key=lambda one: one.rank)
 
     def _unknown(self) -> bool:
-        """Whether the best set has no cause, or leaves much, beside a discrepancy: the verdict is "unknown" then.
+        """Whether the verdict would be "unknown": a discrepancy, and no cause or causes that leave much unexplained.
 
-        But where the discrepancy may be noise that is correlated, which the search does not ask.
+        The verdict makes an exception for a discrepancy that may be correlated noise, which is not tested here.
         """
         best = self._best()
         if not best.discrepant and not best.forms:
@@ -158,9 +155,10 @@ class _Search:
         return unexplained_share(self._base.fit, described, self._rules.significant) > self._rules.unexplained
 
     def _thinned(self) -> bool:
-        """Fit sets that may yet be the best without a cause that is nothing in them; whether a better set was found.
+        """Fit the sets near the best without their least significant cause; whether a better set was found.
 
-        A set is enlarged where it stands: one that a further cause brought to its place may do without that cause.
+        A set is enlarged from where its own fit ended. A further cause may only have helped that fit to its minimum:
+        then the set can do without it.
         """
         best = self._described()
         least = best.log_posterior - self._rules.contender
@@ -181,7 +179,7 @@ class _Search:
         return self._described().keys != best.keys
 
     def _without(self, current: Fit, key: str) -> Fit:
-        """The set less one cause, from where it is with it: a fit from elsewhere may have ended at a wrong place."""
+        """The set without one cause, fitted from where it stands with it; an earlier fit may have ended elsewhere."""
         whole = frozenset(current.parameters.candidates)
         keys = whole - {key}
         if keys and (whole, key) not in self._taken_out:
@@ -189,18 +187,18 @@ class _Search:
             parameters, before = current.parameters.without_candidate(key), self._known.get(keys)
             self._keep([self._weighing.fitted(parameters, [parameters.carried(current.parameters, current.x)])])
             if before is not None and self._known[keys].log_posterior > before.log_posterior + self._rules.alike:
-                self._expanded.pop(keys, None)
+                self._expanded.pop(keys, None)  # made from a worse fit
         return self._known[keys].fit if keys in self._known else self._base.fit
 
     def _expand(self, current: Fit) -> tuple[tuple[Effect, Fit | None], ...]:
-        """Every candidate that is not in the current set, added to it."""
+        """Every candidate that is not in the current set, with the fit of the set enlarged by it; kept by set."""
         keys = frozenset(current.parameters.candidates)
         if keys not in self._expanded:
             titles = {effect.title for effect in current.parameters.causes}
-            placed = self._weighing.leaves_something(current)
-            others = [e for e in self._library if e.title not in titles and (placed or e.local is None)]
+            with_placed = self._weighing.leaves_something(current)  # candidates at a place take longest
+            others = [e for e in self._library if e.title not in titles and (with_placed or e.local is None)]
             words = f"beside {' and '.join(sorted(keys))}" if keys else "candidate"
-            known = {e.key: self._known[one].fit for e in others if (one := keys | {e.key}) in self._known}
+            known = {e.key: self._known[union].fit for e in others if (union := keys | {e.key}) in self._known}
             enlarged = Enlargement(self._weighing, current, others, known, self._tell, words)
             self._expanded[keys] = enlarged.fits
             if not keys:
@@ -208,19 +206,19 @@ class _Search:
         return self._expanded[keys]
 
     def _pairs(self, enlarged: frozenset[str]) -> list[Fit | None]:
-        """The pairs that linearisation finds best, fitted: each cause may explain little by itself.
+        """Fits of the best pairs of causes by linearisation: each cause of a pair may explain little by itself.
 
-        Of causes alone: forms of what none describes are tried beside every set.
+        Causes at a place and forms of unknown errors are left out; the latter are added to every set anyway.
 
-        enlarged : causes that are enlarged by every other one anyhow
+        enlarged : keys of causes that are enlarged by every other one anyway
         """
         current = self._base.fit
-        every = (start for own in self._starts for start in own)
-        alone = [one for one in every if one.cause.sites is None and not one.cause.of_unknown]
+        every = (start for starts in self._starts for start in starts)
+        singles = [start for start in every if start.cause.sites is None and not start.cause.of_unknown]
         promised: dict[frozenset[str], tuple[float, int, int]] = {}
-        promises = promises_together(current, alone)
-        for first, second in combinations(range(len(alone)), 2):
-            causes = alone[first].cause, alone[second].cause
+        promises = promises_together(current, singles)
+        for first, second in combinations(range(len(singles)), 2):
+            causes = singles[first].cause, singles[second].cause
             keys = frozenset(cause.key for cause in causes)
             if causes[0].title != causes[1].title and not keys & enlarged:
                 promise = promises[first, second] + sum(self._weighing.log_prior[cause.key] for cause in causes)
@@ -228,9 +226,11 @@ class _Search:
         best, described = sorted(promised.items(), key=lambda item: -item[1][0])[:_PAIRS], self._described()
         large = max(1.0, described.fit.chi_square / described.fit.residual.size)
         near = described.log_posterior - self._rules.contender * large
-        least = max(near, current.log_evidence + self._rules.promise)  # as of single causes, beside noise alone
+        least = max(
+            near, current.log_evidence + self._rules.promise
+        )  # the bound of single causes, without a discrepancy
         worth = [
-            start_together(current, alone[first], alone[second])
+            start_together(current, singles[first], singles[second])
             for keys, (promise, first, second) in best
             if promise > least and keys not in self._known
         ]
@@ -238,21 +238,21 @@ class _Search:
         return list(in_parallel(lambda s: self._weighing.fitted(s.linear.parameters, [s.x, s.alone()]), worth))
 
     def comparison(self) -> Comparison:
-        """The most probable set less what it could do without, with probabilities over all sets."""
-        one = self._finished(self._best())
-        final = self._settled(one)
+        """The most probable set without the causes it could do without, and probabilities over all sets."""
+        best = self._finished(self._best())
+        final = self._settled(best)
         while weakest := self._insignificant(final):
-            rest = self._finished(self._weighing.hypothesis(self._without(one.fit, weakest)))
-            if rest.log_posterior < one.log_posterior - self._rules.contender:
-                break  # the data demand the cause, however uncertain its size: of a damped support, beside its place
-            one, final = rest, self._settled(rest)
-        for effect in final.parameters.causes:  # before the sum of all posteriors, which these sets are among
-            self._without(one.fit, effect.key)
+            rest = self._finished(self._weighing.hypothesis(self._without(best.fit, weakest)))
+            if rest.log_posterior < best.log_posterior - self._rules.contender:
+                break  # the data demand the cause, although its size is uncertain (a damped support, next to its place)
+            best, final = rest, self._settled(rest)
+        for effect in final.parameters.causes:  # before the sum of all posteriors, in which these sets count
+            self._without(best.fit, effect.key)
         total = logsumexp([other.log_posterior for other in self._known.values()])
-        base = final if not one.keys else self._settled(self._base)
-        found = tuple(self._found(one, effect, total) for effect in final.parameters.causes)
-        described = one.fit
-        for effect in one.forms:
+        base = final if not best.keys else self._settled(self._base)
+        found = tuple(self._found(best, effect, total) for effect in final.parameters.causes)
+        described = best.fit
+        for effect in best.forms:
             described = self._without(described, effect.key)
         none = self._base.log_posterior
         return Comparison(
@@ -266,58 +266,58 @@ class _Search:
             described=described,
             found=tuple(sorted((f for f in found if not f.effect.of_unknown), key=lambda item: -item.without)),
             forms=tuple(f for f in found if f.effect.of_unknown),
-            discrepant=one.discrepant,
+            discrepant=best.discrepant,
             averaged=averaged(list(self._known.values())),
             rules=self._rules,
             probabilities={effect.title: self._probability(effect.title, total) for effect in self._library},
         )
 
-    def _finished(self, one: Hypothesis) -> Hypothesis:
-        """The same with a close fit, which those that were only ranked are not."""
-        found = self._weighing.fitted(one.fit.parameters, [one.fit.x], CLOSE) if one.keys else None
+    def _finished(self, hypothesis: Hypothesis) -> Hypothesis:
+        """The hypothesis with a close fit; fits of the search are only exact enough to rank sets."""
+        found = self._weighing.fitted(hypothesis.fit.parameters, [hypothesis.fit.x], CLOSE) if hypothesis.keys else None
         if found is not None:
-            self._known[one.keys] = self._weighing.hypothesis(found)
-        return self._known[one.keys]
+            self._known[hypothesis.keys] = self._weighing.hypothesis(found)
+        return self._known[hypothesis.keys]
 
-    def _settled(self, one: Hypothesis) -> Fit:
-        """The fit, its discrepancy in the intervals where one is probable."""
-        return with_discrepancy(one.fit, one.fit.learned) if one.discrepant else one.fit
+    def _settled(self, hypothesis: Hypothesis) -> Fit:
+        """The fit of a hypothesis; its intervals count a discrepancy where one is probable."""
+        return with_discrepancy(hypothesis.fit, hypothesis.fit.learned) if hypothesis.discrepant else hypothesis.fit
 
     def _insignificant(self, final: Fit) -> str | None:
-        """Key of the cause that is the fewest of its deviations away from nothing, where those are too few."""
+        """Key of the least significant cause; None where that is significant enough, or there is no cause."""
         away = {effect.key: self._significance(final, effect) for effect in final.parameters.causes}
         key = min(away, key=away.__getitem__, default=None)
         return None if key is None or away[key] > self._rules.significant else key
 
     def _significance(self, final: Fit, effect: Effect) -> float:
-        """Deviations, and tolerances, that the most certain parameter of a cause is away from nothing."""
+        """Distance of a cause from rest in standard deviations or tolerances, by its most significant parameter."""
         number = final.parameters.index(effect.key)
         away = np.abs(final.parameters.values(final.x)[number] - effect.rest)
         std = np.maximum(final.std_of_effects[number], effect.tolerance)
         sizes = [index for index, parameter in enumerate(effect.parameters) if not parameter.optional]
         return float(np.max(away[sizes] / std[sizes]))
 
-    def _found(self, one: Hypothesis, effect: Effect, total: float) -> Found:
-        rest = one.keys - {effect.key}
-        others = {h.keys - rest: h for h in self._known.values() if rest < h.keys and len(h.keys) == len(one.keys)}
+    def _found(self, final: Hypothesis, effect: Effect, total: float) -> Found:
+        rest = final.keys - {effect.key}
+        others = {h.keys - rest: h for h in self._known.values() if rest < h.keys and len(h.keys) == len(final.keys)}
         by_key = {e.key: e for e in self._library}
         fits = [
-            Trial(by_key[next(iter(keys))], h.fit, h.log_posterior - one.log_posterior)
+            Trial(by_key[next(iter(keys))], h.fit, h.log_posterior - final.log_posterior)
             for keys, h in others.items()
             if len(keys) == 1
         ]
-        without, described = self._known.get(rest), one.causes - {effect.key}
+        without, described = self._known.get(rest), final.causes - {effect.key}
         fitted = [h.fit for keys, h in self._known.items() if keys <= described and not h.fit.extrapolated]
         return Found(
             effect=effect,
             probability=self._probability(effect.title, total),
             fits=tuple(sorted(fits, key=lambda trial: -trial.log_odds)),
             rest=min(fitted, key=lambda fit_: fit_.chi_square),
-            without=np.inf if without is None else one.log_posterior - without.log_posterior,
+            without=np.inf if without is None else final.log_posterior - without.log_posterior,
         )
 
     def _probability(self, title: str, total: float) -> float:
-        """Summed posterior of the known sets that hold a cause, over that of all (log)."""
+        """Summed posterior of the known sets that hold a cause, over that of all sets, whose log is `total`."""
         titles = (({cause.title for cause in h.fit.parameters.causes}, h) for h in self._known.values())
-        holding = [h.log_posterior for own, h in titles if title in own]
+        holding = [h.log_posterior for held, h in titles if title in held]
         return float(np.exp(logsumexp(holding) - total)) if holding else 0.0

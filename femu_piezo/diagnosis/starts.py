@@ -16,13 +16,13 @@ from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.inference.walls import wall_and_readings
 from femu_piezo.measurement.discrepancy import noise_level, profiled
 
-#: Size, over its scale, at which a parameter starts "at rest": there every slope exists.
+#: Size, over its scale, from which a parameter starts "at rest": not zero, so that every slope exists.
 _REST = 1e-3
-#: Sizes, over their scale, that count as at rest.
+#: Sizes up to this, over their scale, count as at rest.
 _AT_REST = 1.001 * _REST
-#: Turns of two causes and the noise level that they leave.
+#: Iterations between the steps of two causes and the noise level.
 _TURNS = 4
-#: Most promising sites of an effect at a place that fits start from.
+#: Number of most promising sites of an effect at a place from which fits start.
 _SITES = 3
 
 
@@ -32,9 +32,9 @@ class Start:
 
     Attributes
     ----------
-    x : (n_x,) the unknowns of the fit before, and those of the new causes
-    linear : the fit that linearisation there promises, places of effects held
-    residual : (2k,) whitened, of the data at x
+    x : (n_x,) the unknowns of the current fit, and those of the new causes
+    linear : the fit that linearisation promises from x; a place is held where it starts from size zero (`_at_site`)
+    residual : (2k,) whitened residual of the data where the model is linearised: x, or size zero at a site
     """
 
     x: np.ndarray
@@ -43,7 +43,7 @@ class Start:
 
     @property
     def promised(self) -> float:
-        """χ² by linearisation."""
+        """χ² that linearisation promises."""
         return self.linear.chi_square
 
     @property
@@ -52,12 +52,12 @@ class Start:
         return self.linear.parameters.causes[-1]
 
     def own(self, effect: Effect) -> slice:
-        """Columns of a cause."""
+        """Where the parameters of a cause stand in x."""
         parameters = self.linear.parameters
         return parameters.columns(parameters.index(effect.key))
 
     def direction(self, current: Fit) -> np.ndarray:
-        """(2k, 1) change of the whitened sweep for one scale of the size: slope at rest, or secant from there."""
+        """(2k, 1) change of the whitened sweep per scale of the size: slope, or secant from rest to the start."""
         own, effect = self.own(self.cause), self.cause
         moved = self.x[own.start] - effect.rest[0] / effect.scale[0]
         if effect.sites is not None or current.parameters.has(effect) or abs(moved) <= _AT_REST:
@@ -65,11 +65,11 @@ class Start:
         return (self.residual - current.residual)[:, None] / moved
 
     def stepped(self) -> np.ndarray:
-        """(n_x,) where linearisation leads, within the bounds."""
+        """(n_x,) end of the linearised step, within the bounds."""
         return np.clip(self.linear.x, *self.linear.parameters.bounds.T)
 
     def alone(self) -> np.ndarray:
-        """(n_x,) the start with the step of its last cause alone, within the inner half of its range."""
+        """(n_x,) x with the linearised step of the last cause alone, within half its bounds."""
         x, own = self.x.copy(), self.own(self.cause)
         low, high = self.linear.parameters.bounds[own].T / 2
         x[own] = np.clip(self.linear.x[own], low, high)
@@ -79,9 +79,9 @@ class Start:
 def starts(response, current: Fit, effect: Effect) -> list[Start]:
     """Starts of a fit with one more cause, the most promising first.
 
-    At its most promising sites where it sits at a place, judged by its onset and, where that is hidden, by the sizes
-    that it lists; where the fit has it within its tolerance, from there; else at rest and at the values that its
-    parameters list.
+    An effect at a place starts at its most promising sites, judged by linearisation at size zero and at its
+    `start_sizes`. An effect that the fit holds within its tolerance starts from the fitted value. Any other starts at
+    rest and at the values that its parameters list.
     """
     parameters = current.parameters.with_candidate(effect)
     x = parameters.carried(current.parameters, current.x)
@@ -108,7 +108,7 @@ def starts(response, current: Fit, effect: Effect) -> list[Start]:
 
 
 def _at_rest(response, current: Fit, effect: Effect, parameters: Unknowns, x: np.ndarray) -> Start:
-    """The start at x (n_x,), where the effect moves nothing yet: all other slopes are those of the current fit."""
+    """The start at x (n_x,) with the effect at rest, so that all other slopes are those of the current fit."""
     own = parameters.columns(parameters.index(effect.key))
     residual, slopes = current.data.whitened(*response.with_jacobian(parameters.alone(effect, x), x[own]))
     share = np.broadcast_to(np.sqrt(current.weight), residual.shape)
@@ -117,9 +117,9 @@ def _at_rest(response, current: Fit, effect: Effect, parameters: Unknowns, x: np
 
 
 def unstrained(response, current: Fit, effect: Effect) -> list[Start]:
-    """Starts with all tolerances at their means, the most promising first: at every site, or at the listed values.
+    """The most promising starts with all tolerances at their prior means: at sites, or at rest and the listed values.
 
-    Tolerances of a fit without its cause may have gone far to make up for it, and from there no descent leads back.
+    In a fit that lacks the true cause, tolerances may have moved far to compensate it; no descent leads back.
     """
     parameters = current.parameters.with_candidate(effect)
     carried, x, found = parameters.carried(current.parameters, current.x), parameters.prior_mean.copy(), []
@@ -137,10 +137,10 @@ def unstrained(response, current: Fit, effect: Effect) -> list[Start]:
 
 
 def of_either_sign(found: Sequence[Start]) -> list[Start]:
-    """Of the starts of an effect those nearest to rest on either side, where its size may be of either sign.
+    """The starts of an effect nearest to rest with a negative and with a positive size; empty unless both exist.
 
-    Constants may make up for what small sizes of one sign do better than they can near the right one of the other: no
-    descent leads there from rest, and linearisation promises nothing.
+    Empty for an effect at a place as well. Constants may compensate small sizes of the wrong sign better than sizes
+    near the true one: then no descent leads there from rest, and linearisation promises nothing.
     """
     effect = found[0].cause
     away = np.array([start.x[start.own(effect).start] - effect.rest[0] / effect.scale[0] for start in found])
@@ -151,21 +151,21 @@ def of_either_sign(found: Sequence[Start]) -> list[Start]:
 
 
 def promise_of(start: Start) -> float:
-    """χ² by linearisation, to sort starts by."""
+    """χ² that linearisation promises, to sort starts by."""
     return start.promised
 
 
 def stepped_start(response, current: Fit, start: Start) -> Start:
-    """The start where linearisation at another one leads, within the bounds."""
+    """The start at the end of the linearised step of another one, within the bounds."""
     x = start.stepped()
     return Start(x, *linear_fit(response, current, start.linear.parameters, x))
 
 
 def relocated(response, reached: Fit, effect: Effect) -> list[Start]:
-    """Starts of a fit with its cause at every other site, sizes and constants as found; the most promising first.
+    """Starts with the cause moved to each site, all else as the fit found it; the `_SITES` most promising, best first.
 
-    The first starts stand where the fit without the cause left the constants. Of one whose small sizes these hide they
-    may be too far off to tell one place from another.
+    The first starts have the constants of the fit without the cause. Where constants hide small sizes of the cause
+    (`Effect.start_sizes`; empty for other effects), these may be too far off to tell one site from another.
     """
     if effect.sites is None or not effect.start_sizes:
         return []
@@ -179,9 +179,9 @@ def relocated(response, reached: Fit, effect: Effect) -> list[Start]:
 
 
 def _listed(effect: Effect) -> list[np.ndarray]:
-    """Parameters to start from beside rest: each listed value of each parameter, the others at rest.
+    """Parameters (n,), SI, to start from besides rest: each listed value of each parameter, the others at rest.
 
-    Those of a parameter that may be left out with each of the sizes as well: without a size it changes nothing.
+    A listed value of an optional parameter is also combined with each listed size: without a size it changes nothing.
     """
     found: list[np.ndarray] = []
     for optional in (False, True):
@@ -196,14 +196,14 @@ def _listed(effect: Effect) -> list[np.ndarray]:
 
 
 def promises_together(current: Fit, alone: Sequence[Start]) -> np.ndarray:
-    """(m, m) log evidence of a fit with the causes of two of m starts, by linearisation.
+    """(m, m) log evidence of a fit with the causes of two of m starts, by linearisation; above the diagonal, else −inf.
 
-    With what the unknowns of the fit before can do projected out, causes of columns C per prior deviation leave
+    The span of the unknowns of the current fit is projected out. Two causes with columns C per prior deviation leave
 
         χ² = rᵗr/s² + 2 gᵗp + pᵗM p,    M = I + CᵗC/s²,  g = Cᵗr/s²,
 
-    of a residual r and the steps p within bounds (`_least_within`), and evidence is less by ½ log det M; s is the most
-    probable noise level. The starts are taken to change the residual independently.
+    of a residual r by the steps p within bounds (`_least_within`), and lower the evidence by ½ log det M; s is the most
+    probable noise level. The changes of the residual from the current fit to each of the two starts are added.
     """
     rows, basis = current.residual.size, current.span
     columns, offsets = [], []
@@ -242,15 +242,15 @@ def promises_together(current: Fit, alone: Sequence[Start]) -> np.ndarray:
 
 
 def _limits(start: Start) -> np.ndarray:
-    """(2, n) lowest and highest steps of the parameters of its cause, in deviations of their priors."""
+    """(2, n) lowest and highest steps of the parameters of the cause of a start, in prior standard deviations."""
     parameters, own = start.linear.parameters, start.own(start.cause)
     return (parameters.bounds[own].T - start.x[own]) / parameters.prior_std[own]
 
 
 def _least_within(matrix: np.ndarray, slope: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """(k, n) steps p of small 2 gᵗp + pᵗM p within bounds, for M (k, n, n) and g (k, n).
+    """(k, n) steps p that minimise 2 gᵗp + pᵗM p within bounds, in nearly all cases, for M (k, n, n) and g (k, n).
 
-    The one that leaves its bounds farthest is held there, again until none does: the least in nearly all cases.
+    The step that is farthest outside its bounds is held at its bound and the rest solved again, until all are inside.
     """
     held, right = np.zeros(slope.shape, dtype=bool), -slope
     while True:
@@ -264,8 +264,9 @@ def _least_within(matrix: np.ndarray, slope: np.ndarray, low: np.ndarray, high: 
 
 
 def _prior_gains(alone: Sequence[Start], places: np.ndarray, steps: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    """(m,) what the priors of the causes of m pairs of starts, numbers (m, 2), gain over normal ones.
+    """(m,) gain in log evidence by the priors of the causes of m pairs of starts over normal ones (`log_prior_gain`).
 
+    places : (m, 2) numbers of the starts of each pair
     steps, covariance : (m, n), (m, n, n) of the parameters of the first causes, then of the second, in deviations of
         the priors
     """
@@ -283,7 +284,7 @@ def _prior_gains(alone: Sequence[Start], places: np.ndarray, steps: np.ndarray, 
 
 
 def start_together(current: Fit, first: Start, second: Start) -> Start:
-    """A start with two more causes, of one start of each: they are taken to change the residual independently."""
+    """A start with two more causes from one start of each; the changes of the residual by the two are added."""
     parameters = first.linear.parameters.with_candidate(second.cause)
     x = parameters.carried(first.linear.parameters, first.x)
     columns = {}
@@ -298,7 +299,10 @@ def start_together(current: Fit, first: Start, second: Start) -> Start:
 def _widened(
     current: Fit, parameters: Unknowns, x: np.ndarray, columns: Mapping[str, np.ndarray], residual: np.ndarray
 ) -> Fit:
-    """A fit with more unknowns, linearised: key → (2k, n) Jacobian of the effects that it had not."""
+    """The current fit with more unknowns, linearised at x (n_x,), where the residual is (2k,).
+
+    columns : key → (2k, n) Jacobian of the effects whose columns are not those of the current fit
+    """
     old, new = current.parameters, parameters
     jacobian = np.zeros((residual.size, new.count))
     jacobian[:, : new.of_material] = current.jacobian[:, : old.of_material]
@@ -321,7 +325,7 @@ def _widened(
 
 
 def _at_sites(response, current: Fit, effect: Effect, parameters: Unknowns, x: np.ndarray) -> list[Start]:
-    """Starts at the most promising sites, judged by how small sizes at each move Z outside what all else can do."""
+    """Starts at the most promising sites, judged by how much χ² small sizes there gain beyond all other unknowns."""
     slopes = response.slopes_at_sites(current.parameters, current.x, effect)
     z = current.data.modelled(current.residual)
     slopes = current.data.over_noise(slopes / z[:, None, None]) * effect.scale[effect.sizes]
@@ -344,7 +348,7 @@ def _at_sites(response, current: Fit, effect: Effect, parameters: Unknowns, x: n
 
 
 def _at_site(current: Fit, effect: Effect, parameters: Unknowns, x, slopes, sizes, site) -> Start:
-    """The start at a site with sizes (s,) in their scales, and the promise of their slopes (2k, s) there."""
+    """The start at a site with sizes (s,) in their scales, linearised at size zero with slopes (2k, s), place held."""
     own = parameters.columns(parameters.index(effect.key))
     at, here = x.copy(), own.start + effect.sizes
     at[own] = site / effect.scale

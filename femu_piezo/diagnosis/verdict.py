@@ -25,12 +25,12 @@ class Size:
 
 @dataclass(frozen=True)
 class Cause:
-    """A named cause; its name where it is printed.
+    """A named cause; prints as its title.
 
     Attributes
     ----------
     values, std : of its parameters, SI; the deviation includes what the law's approximations miss
-    probability : summed posterior of the sets of causes that hold it, times the chance that it is no imitation
+    probability : summed posterior of the sets of causes that hold it, times its chance of being real (`no_imitation`)
     indistinguishable_from : names of effects or constants (as "s11", or "NAME (constant)" for a held one)
     """
 
@@ -56,10 +56,10 @@ class Verdict:
 
     Attributes
     ----------
-    before, after : what the base and the final fit leave over
+    before, after : tests of the residuals of the base and of the final fit
     unexplained : share of the base's misfit beyond noise that the named causes leave, as an amplitude (rms)
     hidden : effects that this sweep cannot show: (effect, the constant that imitates it)
-    forms : that what no cause describes takes in the final fit
+    forms : forms of unknown errors in the final fit
     measurements : what to measure next, once that has been planned
     """
 
@@ -74,7 +74,7 @@ class Verdict:
 
     @property
     def extension(self) -> tuple[Cause, ...]:
-        """What the final model has beyond the base: causes, then forms of what none describes."""
+        """What the final model has beyond the base: causes, then forms of unknown errors."""
         return (*self.causes, *self.forms)
 
     def __str__(self) -> str:
@@ -96,17 +96,17 @@ def judge(comparison: Comparison) -> Verdict:
     before, after = remaining_of(comparison.base), remaining_of(comparison.final)
     final, rules = comparison.final, comparison.rules
     discrepant = comparison.discrepant and _beyond_noise(final, rules.significant)
-    # what is left may be too rough for a smooth discrepancy, and still no noise
+    # the residuals may be too rough for a smooth discrepancy, and still be no noise
     discrepant |= after.alike and final.marginal.level > rules.loudest
     discrepant |= bool(comparison.forms)
 
-    def left_of(before: Fit) -> float:
-        """Share of the misfit of a fit that the named causes leave; none where that may be noise."""
+    def share_left(before: Fit) -> float:
+        """Share of the misfit of a fit that the named causes leave unexplained; 0 where that may be noise."""
         return unexplained_share(before, comparison.described, rules.significant) if discrepant else 0.0
 
-    unexplained = left_of(comparison.base)
+    unexplained = share_left(comparison.base)
     causes = tuple(
-        _cause(found, comparison, moves, no_imitation(left_of(found.rest), rules.expected_causes))
+        _cause(found, comparison, moves, no_imitation(share_left(found.rest), rules.expected_causes))
         for found in comparison.found
     )
     unknown = discrepant and (not causes or unexplained > rules.unexplained)
@@ -117,35 +117,35 @@ def judge(comparison: Comparison) -> Verdict:
 
 
 def no_imitation(left: float, expected: float) -> float:
-    """Chance that a cause is there which leaves a share of a misfit, as an amplitude, to what no cause describes.
+    """Chance that a cause is real which leaves the share `left` of the misfit, as an amplitude, unexplained.
 
-    What no cause describes may look like one of them, and is then all there is; or it is there beside one of the
-    `expected` causes. The odds of the second are expected (1 − left)/left: the less a cause leaves, the less likely is
-    the likeness.
+    Either an error that no cause describes is all there is and resembles the cause; or it comes on top of one of the
+    `expected` causes (prior mean number). The odds of the second are expected (1 − left)/left: the less a cause leaves,
+    the less likely is the resemblance.
     """
     there = expected * (1 - left)
     return there / (there + left)
 
 
 def _beyond_noise(final: Fit, significant: float) -> bool:
-    """Whether a discrepancy changes log Z where it acts by more than the noise of a point.
+    """Whether the discrepancy changes log Z, where it acts, by more than the noise of a point.
 
-    A smaller one is noise that is correlated; it widens the intervals all the same.
+    A smaller one counts as correlated noise; it widens the intervals all the same.
     """
-    left = final.discrepancy or final.learned
-    return left.over_noise * left.level > max(noise_level_of(final, significant), 1.0)
+    discrepancy = final.discrepancy or final.learned
+    return discrepancy.over_noise * discrepancy.level > max(noise_level_of(final, significant), 1.0)
 
 
 def _cause(found: Found, comparison: Comparison, moves: list[Tangent], genuine: float) -> Cause:
     effect, final = found.effect, comparison.final
     place = final.parameters.index(effect.key)
     values = final.parameters.values(final.x)[place]
-    own = next(t for t in moves if t.effect.key == effect.key)
+    tangent = next(t for t in moves if t.effect.key == effect.key)
     size = float(np.max(np.abs(values / effect.scale)))
     alike = [other.title for other in comparison.alike[effect.key]]
-    alike += [t.effect.title for t in moves if t.effect.title != effect.title and parallel(own, t, size)]
-    if own.hidden:
-        alike.append(own.nearest)
+    alike += [t.effect.title for t in moves if t.effect.title != effect.title and parallel(tangent, t, size)]
+    if tangent.hidden:
+        alike.append(tangent.nearest)
     return Cause(
         effect=effect,
         values=values,

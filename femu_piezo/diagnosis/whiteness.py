@@ -1,4 +1,4 @@
-"""Is anything left? Size and whiteness of whitened residuals, its share and place in frequency, strain of priors."""
+"""What a fit leaves unexplained: size and whiteness of residuals, share and bands of the misfit, strain of priors."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from scipy.special import chdtrc
 
 from femu_piezo.inference.fit import Fit, with_discrepancy
 
-#: Lags of the whiteness test; share of false alarms that each test accepts.
+#: Lags of the whiteness test; rate of false alarms of each test.
 _LAGS, _LEVEL = 6, 2e-3
-#: χ² per degree of freedom below which structure is below the noise.
+#: χ² per degree of freedom below which structure is well below the noise and does not count.
 _BELOW = 0.4
-#: Parts of the sweep that are judged one by one.
+#: Number of parts of each sweep whose misfit is judged one by one.
 _PARTS = 24
 
 
 @dataclass(frozen=True)
 class Remaining:
-    """What a fit leaves over.
+    """Tests of the residuals of a fit.
 
     Attributes
     ----------
     size : χ² / degrees of freedom
     p_size : probability of a χ² as large for a right model and noise; None where the noise was estimated
-    p_white : the same for the correlation of neighbours
+    p_white : probability of correlations of neighbouring residuals as large, for white noise
     worst_Hz : bands (low, high) whose share of the misfit stands out, worst first
-    worst_sweep : number of the sweep that each of them lies in
+    worst_sweep : number of the sweep of each of these bands
     """
 
     size: float
@@ -37,13 +37,13 @@ class Remaining:
     worst_sweep: tuple[int, ...] = ()
 
     def of(self, sweep: int) -> Remaining:
-        """The same with the bands of one sweep alone."""
+        """The same tests, with the worst bands of one sweep alone."""
         own = tuple(band for band, number in zip(self.worst_Hz, self.worst_sweep, strict=True) if number == sweep)
         return replace(self, worst_Hz=own, worst_sweep=(sweep,) * len(own))
 
     @property
     def alike(self) -> bool:
-        """Whether neighbours are alike beyond chance."""
+        """Whether neighbouring residuals are correlated beyond chance."""
         return self.p_white < _LEVEL
 
     @property
@@ -64,8 +64,9 @@ def remaining(
     noise_known: bool,
     sweeps: list[np.ndarray] | None = None,
 ) -> Remaining:
-    """Judge whitened residuals (2k,), Re then Im, of a fit with so many unknowns at frequencies (k,).
+    """Judge whitened residuals (2k,), Re then Im, of a fit at frequencies (k,).
 
+    unknowns : number of unknowns that the data determine
     sweeps : indices of the points of each sweep, where there are several
     """
     freedom = residual.size - unknowns
@@ -82,19 +83,20 @@ def remaining(
 
 
 def remaining_of(fit: Fit) -> Remaining:
-    """Judge what a fit leaves over, in the sweeps that it is of."""
+    """Judge the whitened residuals of a fit."""
     return remaining(fit.residual, fit.determined, fit.data.frequency, fit.data.noise_known, fit.data.sweeps)
 
 
 def strain_of(fit: Fit) -> float:
-    """Probability that tolerances are found as far from their means, for right ones.
+    """Probability that parameters of effects lie as far from their prior means as in the fit, for a right model.
 
-    z, over their deviations, is then normal of covariance M = I − posterior over prior covariance, so zᵗz has the mean
-    tr M and the variance 2 tr M²: as a χ² of (tr M)²/tr M² degrees of freedom times tr M²/tr M (Satterthwaite).
+    Their distances z, over prior deviations, are then normal of covariance M = I − posterior over prior covariance, so
+    zᵗz has the mean tr M and the variance 2 tr M²: as a χ² of (tr M)²/tr M² degrees of freedom times tr M²/tr M
+    (Satterthwaite).
     """
-    own = slice(fit.parameters.of_material, fit.x.size)
-    away, std = fit.further_residual[own], fit.parameters.prior_std[own]
-    known = np.eye(away.size) - fit.precision_inverse[own, own] / np.outer(std, std)
+    of_effects = slice(fit.parameters.of_material, fit.x.size)
+    away, std = fit.further_residual[of_effects], fit.parameters.prior_std[of_effects]
+    known = np.eye(away.size) - fit.precision_inverse[of_effects, of_effects] / np.outer(std, std)
     mean, square = np.trace(known), np.sum(known**2)
     if square == 0:
         return 1.0
@@ -102,29 +104,29 @@ def strain_of(fit: Fit) -> float:
 
 
 def noise_level_of(final: Fit, significant: float) -> float:
-    """Factor on the noise that is left beside the discrepancy, as far as the noise is uncertain.
+    """Factor on the noise that the fit finds besides a discrepancy, limited to the uncertainty of the noise level.
 
-    An estimate from the roughness of the sweep is too low where neighbours err alike.
+    A noise estimated from the roughness of the sweep is too low where errors of neighbouring points are correlated.
 
-    significant : deviations of its logarithm by which a noise level may be off
+    significant : standard deviations by which the logarithm of the noise level may be off
     """
     return min(final.noise_scale, float(np.exp(significant * final.data.level_std)))
 
 
 def unexplained_share(before: Fit, final: Fit, significant: float) -> float:
-    """√[(χ²_final − n s²)/(χ²_before − n s²)] within 0…1; 0 where nothing was in excess before.
+    """√[(χ²_final − n s²)/(χ²_before − n s²)] within 0…1; 0 where χ²_before is not above n s².
 
-    A right model leaves n s² of it, n the residuals of the data and s the level of the noise. The larger one of two
-    shares: with χ² of data and priors, since a tolerance that has to be off by many of its deviations is as unexplained
-    as data that are; and with χ² of bands as predicted by fits that do not see them (`Fit.left_out_misfit`), since
-    causes that only imitate the curve they were fitted to go wrong there.
+    A right model leaves χ² = n s², n the number of residuals of the data and s the noise level; no χ² counts a
+    discrepancy. The result is the larger of two shares. One has χ² of data and priors, since a tolerance that has to be
+    off by many of its deviations is as unexplained as data that are. The other has χ² of bands as predicted by fits
+    that do not see them (`Fit.left_out_misfit`), since causes that only imitate the fitted curve go wrong there.
     """
     count = final.residual.size
     by_noise = count * noise_level_of(final, significant) ** 2
     final, before = (with_discrepancy(fit, None) for fit in (final, before))
     fitted = final.chi_square, before.chi_square
     predicted = count * final.left_out_misfit**2, count * before.left_out_misfit**2
-    shares = [(left - by_noise) / (whole - by_noise) for left, whole in (fitted, predicted) if whole > by_noise]
+    shares = [(after - by_noise) / (whole - by_noise) for after, whole in (fitted, predicted) if whole > by_noise]
     return float(np.sqrt(np.clip(max(shares, default=0.0), 0.0, 1.0)))
 
 
