@@ -237,8 +237,8 @@ class Enlargement:
         return self._weighing.fitted(prospect.starts[0].linear.parameters, begins, COARSE)
 
     def _from_means(self, prospect: _Prospect) -> Fit | None:
-        places = unstrained(self._weighing.response, self._current, prospect.effect)
-        return self._weighing.fitted(places[0].linear.parameters, [place.x for place in places], COARSE)
+        at_means = unstrained(self._weighing.response, self._current, prospect.effect)
+        return self._weighing.fitted(at_means[0].linear.parameters, [start.x for start in at_means], COARSE)
 
     def _hopeful(self, prospect: _Prospect) -> bool:
         """Whether a fit may still become the best, by what linearisation promises; a large misfit widens the margin.
@@ -269,9 +269,9 @@ class Enlargement:
     def _outdone(self) -> bool:
         """Whether the best fit gained clearly more than linearisation promised; False if the set has a discrepancy."""
         best = None if self._forms else self._leading()
-        return best is not None and best.odds - best.promised_odds > self._rules.contender + _NONLINEAR * abs(
-            best.promised_odds
-        )
+        if best is None:
+            return False
+        return best.odds - best.promised_odds > self._rules.contender + _NONLINEAR * abs(best.promised_odds)
 
     def _unexplained(self) -> bool:
         """Whether χ² of the set and of every fit with a cause is beyond noise; False if the set has a discrepancy."""
@@ -294,18 +294,16 @@ class Enlargement:
 
     def _hope(self, prospect: _Prospect) -> float:
         """Log odds that a close fit may reach: the larger of what the next step and linearisation promise."""
-        return (
-            prospect.promised_odds
-            if prospect.rough is None
-            else max(prospect.odds + prospect.rough.promise / 2, prospect.promised_odds)
-        )
+        if prospect.rough is None:
+            return prospect.promised_odds
+        return max(prospect.odds + prospect.rough.promise / 2, prospect.promised_odds)
 
     def _closely(self, prospect: _Prospect, best: float) -> Fit | None:
         """A close fit where it may come near the best log odds, else the rough fit.
 
         The close fit also begins at starts whose linearisation promises a lower χ² than the rough fit has reached.
         """
-        rough, places = prospect.rough, prospect.starts
+        rough, screened = prospect.rough, prospect.starts
         unfinished = rough is not None and rough.promise > COARSE  # it ran out of evaluations
         goes_on = self._from_no_cause and unfinished and self._unexplained()
         # its odds stayed below what was promised, so it ended at a wrong place
@@ -314,19 +312,19 @@ class Enlargement:
             and prospect.odds < prospect.promised_odds - self._rules.alike
             and self._may_hold_more(prospect)
         )
-        # a settled fit is exact enough unless it is among the best
-        near = self._rules.contender if rough is None or unfinished else self._rules.alike
-        if self._hope(prospect) < best - near and not goes_on and not astray:
+        # a settled fit is exact enough unless it is that near the best
+        below_best = self._rules.contender if rough is None or unfinished else self._rules.alike
+        if self._hope(prospect) < best - below_best and not goes_on and not astray:
             return rough
-        reached, unit = np.inf, _AS_PROMISED
+        reached, margin = np.inf, _AS_PROMISED
         if rough is not None:
-            reached, unit = rough.chi_square, _AS_PROMISED * max(1.0, rough.chi_square / rough.residual.size)
-        further = [places[0].alone()] if reached > places[0].promised + unit else []
-        further += [start.x for start in places[1:] if start.promised < reached - unit]
+            reached, margin = rough.chi_square, _AS_PROMISED * max(1.0, rough.chi_square / rough.residual.size)
+        further = [screened[0].alone()] if reached > screened[0].promised + margin else []
+        further += [start.x for start in screened[1:] if start.promised < reached - margin]
         if rough is not None and rough.chi_square > _MISPLACED * rough.residual.size:
             elsewhere = relocated(self._weighing.response, rough, prospect.effect)
-            further += [start.x for start in elsewhere if start.promised < reached - unit]
+            further += [start.x for start in elsewhere if start.promised < reached - margin]
         if prospect.known is not None and not further:
             return rough
         begins = further if rough is None else [rough.x, *further]
-        return self._weighing.fitted(places[0].linear.parameters, begins)
+        return self._weighing.fitted(screened[0].linear.parameters, begins)

@@ -226,9 +226,7 @@ class _Search:
         best, described = sorted(promised.items(), key=lambda item: -item[1][0])[:_PAIRS], self._described()
         large = max(1.0, described.fit.chi_square / described.fit.residual.size)
         near = described.log_posterior - self._rules.contender * large
-        least = max(
-            near, current.log_evidence + self._rules.promise
-        )  # the bound of single causes, without a discrepancy
+        least = max(near, current.log_evidence + self._rules.promise)  # as for single causes, without a discrepancy
         worth = [
             start_together(current, singles[first], singles[second])
             for keys, (promise, first, second) in best
@@ -244,7 +242,7 @@ class _Search:
         while weakest := self._insignificant(final):
             rest = self._finished(self._weighing.hypothesis(self._without(best.fit, weakest)))
             if rest.log_posterior < best.log_posterior - self._rules.contender:
-                break  # the data demand the cause, although its size is uncertain (a damped support, next to its place)
+                break  # the data demand the cause, although its size is uncertain: a damped support's, like its place
             best, final = rest, self._settled(rest)
         for effect in final.parameters.causes:  # before the sum of all posteriors, in which these sets count
             self._without(best.fit, effect.key)
@@ -261,7 +259,7 @@ class _Search:
                 Trial(effect, fit_, -np.inf if fit_ is None else self._weighing.hypothesis(fit_).log_posterior - none)
                 for effect, fit_ in self._expand(self._base.fit)
             ),
-            starts=tuple(own[0] for own in self._starts),
+            starts=tuple(of_candidate[0] for of_candidate in self._starts),
             final=final,
             described=described,
             found=tuple(sorted((f for f in found if not f.effect.of_unknown), key=lambda item: -item.without)),
