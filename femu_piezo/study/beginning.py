@@ -1,4 +1,4 @@
-"""Where the fit begins: constants near the solution, found on a coarse mesh that knows no effects and no tolerances."""
+"""Where the fit begins: constants near the solution, found on a coarse mesh without effects and tolerances."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.pole_zero_update import no_history, pole_zero_update
 from femu_piezo.study.results import rms
 
-#: Errors of meshes and bases, and relative noise of the fits: their constants are only where to begin.
+#: Errors of meshes and bases, and relative noise of the fits; coarse, since their constants are only a start.
 _ACCURACY, _BASIS_ACCURACY, _NOISE = 5e-3, 1e-3, 1e-2
-#: rms |Δ log Z| above which constants are poor: over the noise, and where there is next to none.
+#: Constants are poor if rms |Δ log Z| is above this multiple of the noise and above this value.
 _POOR, _LEAST_POOR = 10.0, 5e-3
 
 
 @dataclass(frozen=True)
 class Beginning:
-    """Constants to begin with, and the pole-zero iterations that led there, for every sweep those of its specimen.
+    """Start constants, and for every sweep the pole-zero iterations of its specimen that led to them.
 
-    One step where there were none.
+    A history is one step where there were no iterations.
     """
 
     constants: PiezoConstants
@@ -40,12 +40,12 @@ class Beginning:
 
 
 def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
-    """The constants of the pole-zero update, fitted to the curves where they are poor; or those of the file, likewise.
+    """Start constants: those of the pole-zero update, or of the file; each fitted to the curves where they are poor.
 
-    The file's are tried where the others stay poor, and the closer ones are taken.
+    The file's are tried where the others stay poor; of both, those with the smaller misfit are taken.
 
-    The pole-zero update starts from thin-body formulas, which fail where the modes of two dimensions meet, and may take
-    another mode for the fundamental, of a body that is far too soft; the file's constants may be far away.
+    The pole-zero update starts from thin-body formulas, which fail where the modes of two dimensions meet, and may
+    mistake another mode for the fundamental, so that the body is far too soft; the file's constants may be far away.
 
     Raises ConvergenceError where neither settles, and InputError where the specimen has effects, which the pole-zero
     update does not know, and the file's constants are no stable material.
@@ -57,8 +57,8 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     attempts = [] if has_effects(measured) else [lambda: _from_pole_zero(measured, full, bases)]
     faults = problem.fitted.physical_faults(passive=False)
     if not faults:
-        unled = (no_history(problem),) * len(measured)
-        attempts.append(lambda: (*_fitted(measured, full, bases, problem.fitted), unled))
+        without_steps = (no_history(problem),) * len(measured)
+        attempts.append(lambda: (*_fitted(measured, full, bases, problem.fitted), without_steps))
     elif not attempts:
         where, told = problem.specimen.path or problem.specimen.name, "; ".join(map(str, faults))
         raise InputError(f"{where}: material: {told}; with [effects] the fit starts from these constants")
@@ -79,7 +79,7 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
 
 
 def _is_poor(misfit: float, measured: Sequence[Measured]) -> bool:
-    """Whether rms |Δ log Z| between curves and sweeps is large."""
+    """Whether rms |Δ log Z| between curves and sweeps is large against the noise."""
     noise = float(np.median(np.concatenate([one.relative_noise for one in measured])))
     return misfit > max(_POOR * noise, _LEAST_POOR)
 
@@ -94,7 +94,7 @@ def _one_of_each(measured: Sequence[Measured]) -> dict[str, Measured]:
 
 
 def _from_pole_zero(measured: list[Measured], full, bases: Bases):
-    """rms |Δ log Z|, constants and histories of the pole-zero update, fitted to the curves where that is poor."""
+    """rms |Δ log Z|, constants and histories of the pole-zero update; constants fitted to the curves if poor."""
     state = pole_zero_update(measured, full, bases, start_constants(measured), _BASIS_ACCURACY)
     return (*_fitted(measured, full, bases, state.constants), state.histories)
 

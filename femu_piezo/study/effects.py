@@ -22,7 +22,8 @@ from femu_piezo.study.problem import Problem
 from femu_piezo.study.shapes import shape_of
 from femu_piezo.study.tolerances import tolerances
 
-#: Dimensions by name as axes: all of a disk or a ring goes with its diameter, of a trapezoid with its width.
+#: Name of a dimension → axes that it scales: the diameter of a disk or ring scales its whole plane, the width of a
+#: trapezoid both its ends.
 _ROUND = {"diameter": (0, 1), "thickness": (2,)}
 _LONG = {"length": (0,), "width": (1,), "thickness": (2,)}
 _AXES = {
@@ -34,7 +35,7 @@ _AXES = {
 }
 
 
-#: Shares of a sweep that tell how fast it went where.
+#: Number of equally spaced times at which the frequency of a sweep is tabulated.
 _PACE = 4097
 
 
@@ -52,8 +53,8 @@ def effect_context(
     ----------
     impedance : typical |Z|, ohm, which bounds the parameters of circuits
     band_Hz : lowest and highest frequency of the sweep
-    frequency : (k,) its points, Hz, each of which took as long; evenly spaced over the band where None
-    taken : how the sweep was; alone and upwards where None
+    frequency : (k,) its points, Hz, all of which took equally long; evenly spaced over the band where None
+    taken : how the sweep was taken; as the only one, upwards, where None
     """
     points = np.array(band_Hz) if frequency is None else frequency
     pace = np.interp(np.linspace(0, 1, _PACE), np.linspace(0, 1, points.size), points)
@@ -85,11 +86,11 @@ def known_effects(
 ) -> tuple[tuple[Effect, np.ndarray], ...]:
     """The effects of the specimen file with their values; InputError with file and key where one cannot serve.
 
-    effects : that its names may be of beside the library;  fitted : also where a fit left what has a tolerance
+    effects : what the file may name in addition to the library;  fitted : whether to include the effects in [fitted]
     """
     where, specimen = str(problem.specimen.path or problem.specimen.name), problem.specimen
-    left = {name: table for name, table in (specimen.fitted or {}).items() if name != "material"}
-    tables = {"effects": specimen.effects or {}, "fitted": left if fitted else {}}
+    of_fit = {name: table for name, table in (specimen.fitted or {}).items() if name != "material"}
+    tables = {"effects": specimen.effects or {}, "fitted": of_fit if fitted else {}}
     offered = with_library(effects)
     return tuple(item for kind, table in tables.items() for item in from_table(table, context, where, offered, kind))
 
@@ -102,9 +103,9 @@ def has_effects(measured: Sequence[Measured]) -> bool:
 def effects_as_simulated(
     problem: Problem, band_Hz: tuple[float, float], effects: Iterable[Maker] | None = None
 ) -> tuple[tuple[Effect, np.ndarray], ...]:
-    """Everything that a simulation of the specimen over a band has beside its constants: [effects] and [fitted].
+    """Effects of a simulation of the specimen over a band, with their values: those in [effects] and [fitted].
 
-    Of several sweeps the simulation is taken as the first.
+    Where the specimen has several sweeps, the conditions are those of the first.
     """
     if not problem.specimen.effects and not set(problem.specimen.fitted or {}) - {"material"}:
         return ()
@@ -121,7 +122,7 @@ def simulated_with_effects(
     frequency: np.ndarray,
     known: Sequence[tuple[Effect, np.ndarray]],
 ) -> np.ndarray:
-    """Z (k,) of a specimen with effects, ohm, its constants where a fit left them.
+    """Z (k,) of a specimen with effects, ohm, by the constants `Problem.fitted`.
 
     known : effects with their values (`effects_as_simulated`);  model : full, or reduced so that it serves them
     """
@@ -134,9 +135,9 @@ def simulated_with_effects(
 
 
 def body_as_simulated(problem: Problem, known: Sequence[tuple[Effect, np.ndarray]]) -> tuple[Problem, tuple[str, ...]]:
-    """The body that effects and a fit leave: its constants at the fundamental, dimensions and density.
+    """The body with the constants (at the fundamental), dimensions and density that a fit and effects give it.
 
-    Also the names of the effects that no body shows: circuits, and terms on the mesh.
+    Also the names of the effects that change none of these, such as circuits and terms on the mesh.
     """
     constants, stretch, density = problem.fitted.vector()[None], np.ones(3), problem.density
     reshaped: dict[str, float] = {}

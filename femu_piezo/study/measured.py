@@ -38,10 +38,10 @@ class Measured:
 
     Attributes
     ----------
-    problem : the specimen as computed; named by the sweep too where it has several
+    problem : the specimen as computed, with this sweep alone; its name includes that of the sweep where it has several
     spectrum : the whole sweep;  fitted : without the held-out band
     pair : pole and zero of the fundamental, of another sweep of the specimen where this one does not hold them
-    piece : the specimen with all its sweeps;  taken : how this one was
+    piece : the specimen with all its sweeps;  taken : how this sweep was taken
     permittivity : complex ε33T from the low end of the sweep, None where it has none
     """
 
@@ -100,7 +100,7 @@ class Measured:
         return self.fitted.noise is not None
 
     def start_values(self, free: tuple[str, ...]) -> dict[str, complex]:
-        """Those of the free constants that the sweep gives by thin-body formulas."""
+        """Start values of those free constants that the sweep determines by thin-body formulas."""
         values = {}
         if "eps33T" in free:
             values["eps33T"] = self._start_permittivity()
@@ -151,7 +151,7 @@ def measure(specimen: Specimen, spectrum: Sweep | None = None) -> Measured:
 
 @dataclass(frozen=True)
 class _Analysed:
-    """A sweep without regard to others."""
+    """One sweep with its poles and zeros, before other sweeps of the specimen are considered."""
 
     problem: Problem
     spectrum: ImpedanceSpectrum
@@ -188,9 +188,9 @@ def _analysed(specimen: Specimen, spectrum: Sweep | None) -> _Analysed:
 
 
 def _of_one_piece(piece: Specimen, sweeps: Sequence[_Analysed]) -> list[Measured]:
-    """The sweeps of a specimen, each with how it was taken, and with the fundamental of all where it has not its own.
+    """The sweeps of a specimen, each with how it was taken and with a fundamental.
 
-    The fundamental is that of the sweep where it is lowest.
+    That is the fundamental of the sweep itself if it is the same mode as the lowest one of all sweeps, else the lowest.
     """
     own = [fundamental(one.extraction.pairs) for one in sweeps]
     pairs = [pair for pair in own if pair is not None] or [fundamental_pair(sweeps[0].extraction, sweeps[0].spectrum)]
@@ -205,7 +205,7 @@ def _of_one_piece(piece: Specimen, sweeps: Sequence[_Analysed]) -> list[Measured
 
 
 def taken_of(piece: Specimen) -> list[Taken]:
-    """How each sweep of a specimen was taken; one upwards where its file does not say."""
+    """How each sweep of a specimen was taken; a single one, upwards, where its file has no [[sweep]] tables."""
     sweeps = piece.sweep
     if sweeps is None:
         return [Taken()]

@@ -25,11 +25,11 @@ from femu_piezo.inference.unknowns import FreeConstants
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.study.problem import Problem
 
-#: Relative range of the free constants that one reduced basis covers, how far they may leave it, and how many bases
-#: are made at most.
+#: Relative range of the free constants that one reduced basis is trained for, how far from its centre a result may end,
+#: and how many bases are made at most.
 SPREAD, _LEAVE, _BASES = 0.25, 0.3, 6
-#: A start within this of the constants of another basis, or of the specimen file, uses the basis around those: of a
-#: rough basis, and of one with effects, which is made anew where a fit ends farther away.
+#: Relative distance from the constants of another basis, or of the specimen file, within which a start uses the basis
+#: around these: for rough bases, and for those with effects, which are made again where a fit ends farther away.
 _NEAR, CLOSE = 0.2, 0.08
 #: Rungs of the ladders of frequencies (relative to the expected first pole) of an update and of a diagnosis, whose
 #: meshes are costly; of accuracies (relative to 1); and of the grid of free constants.
@@ -53,7 +53,7 @@ class Swept(Protocol):
 class Bases:
     """Models and reduced bases made for the specimens at hand, around their own start values.
 
-    Of them rough bases alone are kept, for further starts in their range.
+    Only rough bases are kept, for further starts in their range.
     """
 
     def __init__(self) -> None:
@@ -67,7 +67,7 @@ class Bases:
         return self._model(problem, self._rung(problem, exact, _FINE_RUNG), accuracy)
 
     def anchor(self, problem: Problem, free: FreeConstants) -> FreeConstants:
-        """The free constants that the rough bases are trained around: those of a start before that is near."""
+        """The free constants that rough bases are trained around: those of an earlier start near by, else `free`."""
         for one in self._anchors:
             near = np.max(np.abs(free.start.real / one.start.real - 1)) <= _NEAR
             if near and one.names == free.names and np.allclose(one.fixed, free.fixed, rtol=1e-9, atol=0):
@@ -98,12 +98,12 @@ class Bases:
         accuracy: float,
         step: Callable[[FreeConstants, Sequence[ExtendedModel]], tuple[Made, PiezoConstants]],
     ) -> Made:
-        """What a step finds on rough bases, which are made anew about the constants it finds until these serve it.
+        """The result of a step on rough bases, made again around the constants found until these are in their range.
 
         Parameters
         ----------
         full : the model of each sweep
-        step : free constants to begin at and the basis of each sweep → what was found, and the constants there
+        step : free constants to begin at and the basis of each sweep → the result, and the constants found
 
         Raises
         ------
@@ -140,11 +140,11 @@ class Bases:
         )
 
     def _rung(self, problem: Problem, frequency_Hz: float, step: float) -> float:
-        """The frequency that stands for one, not below it, Hz."""
+        """The frequency, Hz, that is used in place of a given one; not lower."""
         return frequency_Hz
 
     def _rung_below(self, accuracy: float) -> float:
-        """The accuracy that stands for one, not above it."""
+        """The accuracy that is used in place of a given one; not larger."""
         return accuracy
 
     def _model(self, problem: Problem, frequency_Hz: float, accuracy: float) -> ElectroelasticModel:
@@ -153,7 +153,7 @@ class Bases:
     def _basis(
         self, kind: str, model: ElectroelasticModel, key: tuple[Hashable, ...], make: Callable[[], Made]
     ) -> Made:
-        """A basis of a model, told from its others by kind and key."""
+        """The basis of a model with that kind and key, made where it is not kept."""
         if kind != "rough":
             return make()
         key = (model, *key)
@@ -163,7 +163,7 @@ class Bases:
 
 
 class SharedBases(Bases):
-    """The same, shared by all specimens of equal geometry, density, fixed constants and accuracy in this process.
+    """Models and bases shared by all specimens of equal geometry, density, fixed constants and accuracy in a process.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ class SharedBases(Bases):
         return model
 
     def _of_one_mesh(self, body: Hashable, made: ElectroelasticModel) -> ElectroelasticModel:
-        """The model of a body that is kept already where its mesh is the same, as neighbouring rungs may have it."""
+        """The kept model of the body if it has the same mesh, as for neighbouring rungs; else the model `made`."""
         with self._guard:
             kept = [model for (of_body, *_), model in self._shelves["model"].items() if of_body == body]
         return next((model for model in kept if model.domain.has_mesh_of(made.domain)), made)
@@ -235,14 +235,14 @@ class SharedBases(Bases):
 
 
 def _rounded(problem: Problem, free: FreeConstants, near: float) -> PiezoConstants | None:
-    """The file's constants where the free ones are near them, else with free ones on the grid; None if unstable.
+    """The file's constants if the free ones are near them, else those with the free ones on the grid; None if unstable.
 
-    near : relative; the tangents are those of the file
+    near : largest relative distance; the tangents are those of the file in either case
     """
-    own = np.array([getattr(problem.constants, name) for name in free.names])
-    size, start = np.where(own.real == 0, np.inf, own.real), free.start.real
-    on_grid = np.sign(start) * _GRID ** np.round(np.log(np.abs(start)) / np.log(_GRID)) * (1 + 1j * own.imag / size)
-    for values in (own, on_grid) if np.all(np.abs(start / size - 1) <= near) else (on_grid,):
+    of_file = np.array([getattr(problem.constants, name) for name in free.names])
+    size, start = np.where(of_file.real == 0, np.inf, of_file.real), free.start.real
+    on_grid = np.sign(start) * _GRID ** np.round(np.log(np.abs(start)) / np.log(_GRID)) * (1 + 1j * of_file.imag / size)
+    for values in (of_file, on_grid) if np.all(np.abs(start / size - 1) <= near) else (on_grid,):
         constants = problem.constants.with_values(**dict(zip(free.names, values, strict=True)))
         around = problem.free(problem.simplified(constants.lossless()))
         if not around.constants(around.start).physical_faults():

@@ -1,4 +1,4 @@
-"""Meshes, bases and the one fit of a study; the bases are made anew where the fit leaves their range.
+"""Meshes, reduced bases and the fit of a study; bases are made again where the fit leaves their range.
 
 Several sweeps of one specimen have one mesh and one basis.
 """
@@ -34,22 +34,22 @@ from femu_piezo.threads import made_once
 #: and the ranges they are kept in.
 _MESH_SHARE, _MESH_RANGE = 1 / 60, (LEAST_ERROR / 5, 1e-4)
 _BASIS_SHARE, _BASIS_RANGE = 1 / 30, (5e-6, 5e-5)
-#: Relative range of the free and of the held constants that the basis is trained for; it serves what is `CLOSE`.
+#: Relative range of the free and of the held constants that a basis is trained for; it serves results within `CLOSE`.
 _FREE_SPREAD, _HELD_SPREAD = 0.05, 0.1
-#: What the range of the free constants grows by where temperatures differ, relative, 1/K.
+#: Growth of the range of the free constants with half the range of temperatures, relative, 1/K.
 _PER_KELVIN = 3e-3
-#: Bases made at most: a fit that still leaves the second one follows a misfit, and its constants are not the piece's.
+#: Most bases made: a fit that leaves the second one as well follows a misfit, and its constants are not the specimen's.
 _REDUCTIONS = 2
 
 Made = TypeVar("Made")
 
 
 class Estimated(Protocol):
-    """What was found of unknowns."""
+    """An estimate of unknowns."""
 
     @property
     def x(self) -> np.ndarray:
-        """(n_x,)"""
+        """(n_x,) estimated unknowns."""
 
 
 Found = TypeVar("Found", bound=Estimated)
@@ -60,12 +60,12 @@ class Posterior:
 
     Parameters
     ----------
-    several : the specimens; the first one's [material] and [update] rule
-    candidates : effects that the models must serve beside the tolerances
+    several : the sweeps of all specimens; [material] and [update] are those of the first
+    candidates : effects that the models must serve in addition to the tolerances
 
     Attributes
     ----------
-    models : the reduced model of each specimen
+    models : the reduced model of each sweep; sweeps of one specimen share a model
     tolerances : effects that every fit has
     bases : where models and bases come from
     """
@@ -82,13 +82,13 @@ class Posterior:
 
     @made_once
     def full(self) -> tuple[ElectroelasticModel, ...]:
-        """The full model of each sweep, one for all of a specimen."""
+        """The full model of each sweep; sweeps of one specimen share a model."""
         self._clock.step("mesh and assemble")
         return self._of_pieces(self._meshed)
 
     @property
     def unknowns(self) -> int:
-        """Unknowns of all full models."""
+        """Number of unknowns of all full models."""
         return sum(model.size for model in set(self.full))
 
     @property
@@ -99,7 +99,7 @@ class Posterior:
     def base(self, start: PiezoConstants, *, settled: bool = True) -> Fit:
         """The fit of constants and tolerances alone, from start constants.
 
-        settled : whether it has to end at a minimum; else a fit that goes on and on is taken where it stands
+        settled : whether the fit has to end at a minimum; else a coarse fit replaces one that does not settle
 
         Raises ConvergenceError where it has to settle and does not.
         """
@@ -115,9 +115,9 @@ class Posterior:
         return self.following(start, estimate)
 
     def following(self, start: PiezoConstants, estimate: Callable[[Unknowns, np.ndarray], Found]) -> Found:
-        """What an estimate finds from start constants, on models that are made anew where it leaves their range.
+        """The estimate from start constants, on models that are made again where it leaves their range.
 
-        estimate : unknowns and where to begin (n_x,) → what it finds, with its `x` (n_x,)
+        estimate : unknowns and where to begin (n_x,) → the estimate, with its `x` (n_x,)
         """
         constants, x = start, None
         for _ in range(_REDUCTIONS):
@@ -135,7 +135,7 @@ class Posterior:
         return found
 
     def _prepare(self, constants: PiezoConstants) -> None:
-        """Reduced models around given constants."""
+        """Make the reduced models around given constants."""
         full = self.full
         self._clock.step("reduce")
         self._around = self.bases.around(self.problem, constants)
@@ -148,17 +148,17 @@ class Posterior:
         return bool(np.all(np.abs(found - around) <= CLOSE * np.abs(around)))
 
     def _of_pieces(self, make: Callable[[int, Sequence[Subject]], Made]) -> tuple[Made, ...]:
-        """What is made once for all sweeps of a specimen, for every sweep.
+        """For every sweep, what is made once for all sweeps of its specimen.
 
-        make : of the number of the sweep that reaches highest, and of all of the specimen
+        make : number of the sweep of a specimen that reaches highest, and all its sweeps → what is made
         """
         pieces: dict[str, list[int]] = {}
         for number, one in enumerate(self.several):
             pieces.setdefault(one.name, []).append(number)
         made = {}
-        for name, own in pieces.items():
-            highest = max(own, key=lambda number: self.several[number].measured.band_Hz)
-            made[name] = make(highest, [self.several[number] for number in own])
+        for name, numbers in pieces.items():
+            highest = max(numbers, key=lambda number: self.several[number].measured.band_Hz)
+            made[name] = make(highest, [self.several[number] for number in numbers])
         return tuple(made[one.name] for one in self.several)
 
     def _meshed(self, number: int, several: Sequence[Subject]) -> ElectroelasticModel:
@@ -172,7 +172,7 @@ class Posterior:
         training: Sequence[PiezoConstants],
     ) -> ExtendedModel:
         offered = (*self.tolerances, *self._candidates)
-        effects = list({effect.key: effect for own in several for effect in served(own, offered)}.values())
+        effects = list({effect.key: effect for one in several for effect in served(one, offered)}.values())
         accuracy = _share_of_noise(several, _BASIS_SHARE, _BASIS_RANGE)
         return self.bases.extended(full, training, effects, self.several[number].measured, accuracy)
 
@@ -197,7 +197,7 @@ class Posterior:
             noise_known=all(one.noise_known for one in several),
             sizes=tuple(len(one.measured.fitted) for one in several),
             model_share=np.concatenate(
-                [(model.estimated_error / own) ** 2 for own, model in zip(noise, self.models, strict=True)]
+                [(model.estimated_error / sigma) ** 2 for sigma, model in zip(noise, self.models, strict=True)]
             ),
             mesh_error=np.concatenate(
                 [
@@ -209,12 +209,12 @@ class Posterior:
         )
 
     def curve(self, index: int, fit_: Fit) -> np.ndarray:
-        """Z (k,) of one specimen over its whole sweep, ohm."""
+        """Z (k,), ohm, of sweep number `index` over all its points, by a fit."""
         evaluation, own, columns = self.whole_sweep(index, fit_)
         return evaluation.impedance(own, fit_.x[columns])
 
     def log_slopes(self, index: int, fit_: Fit) -> np.ndarray:
-        """(k, n_x) slopes of log Z of one specimen over its whole sweep in all unknowns of a fit."""
+        """(k, n_x) slopes of log Z of sweep number `index` over all its points, in all unknowns of a fit."""
         evaluation, own, columns = self.whole_sweep(index, fit_)
         z, tangents = evaluation.with_jacobian(own, fit_.x[columns])
         slopes = np.zeros((z.size, fit_.x.size), dtype=complex)
@@ -222,7 +222,7 @@ class Posterior:
         return slopes
 
     def whole_sweep(self, index: int, fit_: Fit | ManyModes) -> tuple[Evaluation, Unknowns, np.ndarray]:
-        """Z of one specimen over its whole sweep, the unknowns it has, and where they stand in x (n_x,)."""
+        """Z of sweep number `index` over all its points, the unknowns it has, and where they stand in x (n_x,)."""
         one = self.several[index]
         evaluation = Evaluation(self.models[index], one.measured.spectrum.omega)
         return evaluation, *one.share.of(fit_.parameters)
@@ -237,7 +237,7 @@ def mesh_accuracy(several: Sequence[Subject]) -> float:
 def mesh_error_at(one: Subject, model: ExtendedModel, frequency: np.ndarray) -> np.ndarray:
     """(k,) relative error of eigenvalues that the mesh may have at frequencies (k,), Hz.
 
-    As measured; where it was not, what was asked for at the end of the sweep, falling as ω⁴.
+    That of `ExtendedModel.mesh_error` where the model has it; else what was asked for at the end of the sweep, as ω⁴.
     """
     if model.mesh_error is not None:
         return model.mesh_error.at(frequency)
@@ -251,9 +251,9 @@ def _share_of_noise(several: Sequence[Subject], share: float, limits: tuple[floa
 
 
 def _training(constants: PiezoConstants, free: FreeConstants, spread: float) -> list[PiezoConstants]:
-    """The start with its losses, corners of the free constants, and every held constant moved.
+    """The start with its losses, corners of the range of the free constants, and each held constant moved one way.
 
-    One way each: the reduction watches the point mirrored at the start by itself.
+    The reduction also watches the error at every point mirrored at the start.
     """
     lossless = constants.lossless()
     sets = [constants, *free.training_sets(free.start, spread, 4)[1:]]

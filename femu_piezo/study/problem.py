@@ -69,8 +69,8 @@ class Problem:
     def equivalent_frequency(self, highest_Hz: float, accuracy: float) -> float:
         """Frequency up to which `accuracy` is asked of the mesh, for a sweep that ends at `highest_Hz`.
 
-        The end itself where elements of high order follow the body. Others cost more: `accuracy` up to 1.5 times the
-        expected first pole, and 1e-3 at the end.
+        The end itself where elements of high order follow the body. Other meshes cost more: they keep `accuracy` up to
+        1.5 times the expected first pole, and 1e-3 at the end.
         """
         if self.plate.element_order > 2 and self.plate.direction is None:
             return highest_Hz
@@ -78,9 +78,9 @@ class Problem:
         return max(first, highest_Hz / self.reach(accuracy, _ERROR_AT_END))
 
     def reach(self, accuracy: float, allowed: float) -> float:
-        """How many times the frequency where λ is within `accuracy` it stays within `allowed`, at least once.
+        """Frequency up to which λ is within `allowed`, over that up to which it is within `accuracy`; at least 1.
 
-        The error grows with the power 2p of frequency.
+        The error grows with the power 2p of frequency, p the order of the elements.
         """
         return max(1.0, allowed / accuracy) ** (0.5 / self.plate.element_order)
 

@@ -65,7 +65,7 @@ def start_values(problem: Problem, pair: Pair, eps33T: float) -> dict[str, compl
 
 
 def start_permittivity(problem: Problem, pair: Pair, frequency_Hz: float, admittance: complex) -> complex:
-    """ε33T from one point of the sweep by the same formulas; that of the file where they give nothing sensible."""
+    """ε33T from one point of the sweep by thin-body formulas; that of the file where these give no positive value."""
     shape = problem.plate
     if not poled_along_field(shape):
         return problem.constants.eps33T

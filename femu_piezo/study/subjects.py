@@ -21,7 +21,7 @@ from femu_piezo.threads import made_once
 
 #: Relative error of Z that meshes and bases leave at least: sweeps are not taken to be more exact than the model.
 LEAST_ERROR = 1e-5
-#: Deviations of a noise level within which what an extraction leaves is taken for noise.
+#: Standard deviations of the noise level within which the residual of an extraction counts as noise.
 _ALIKE = 3.0
 
 
@@ -32,13 +32,13 @@ class Subject:
     Attributes
     ----------
     name : of the specimen where there are several, "" for the only one; several sweeps of it are under one name
-    fixture : what held it where the sweeps have several fixtures, else ""
+    fixture : name of the fixture that held it, where the sweeps have several fixtures, else ""
     problem : the specimen as computed
     measured : its sweep; None before there is one (`femu_piezo.study.expectation`)
     noise : (k,) relative noise of the whole sweep, no less than the error of the model
-    noise_memory : how its neighbouring errors follow each other
-    fixed : the effects of its file with their values;  freed : those whose values are where a fit starts
-    effects : what it may have beside those; the library where None
+    noise_memory : autoregression of the errors of neighbouring points
+    fixed : effects of its file with their values;  freed : effects of its file that are unknowns, with start values
+    effects : further effects that it may have; the library where None
     """
 
     name: str
@@ -53,7 +53,7 @@ class Subject:
     noise_memory: Autoregression = WHITE
 
     def owned(self, effect: Effect) -> Effect:
-        """The effect as that of its owner: of all where it is of the material, of the fixture, or of the specimen."""
+        """The effect, assigned to its owner: all specimens for a law of the material, the fixture, or the specimen."""
         if effect.specimen or effect.constants is not None:
             return effect
         return belonging_to(effect, self.fixture if is_common(effect) else self.name)
@@ -61,8 +61,8 @@ class Subject:
     @made_once
     def share(self) -> Share:
         """Which unknowns of a fit concern this sweep."""
-        own = (*self.library, *(effect for effect, _ in (*self.fixed, *self.freed)))
-        forms = {self.owned(effect).key: self.owned(effect) for effect in own if effect.of_conditions}
+        every = (*self.library, *(effect for effect, _ in (*self.fixed, *self.freed)))
+        forms = {self.owned(effect).key: self.owned(effect) for effect in every if effect.of_conditions}
         return Share((self.name, self.fixture), forms)
 
     @made_once
@@ -77,7 +77,7 @@ class Subject:
 
     @property
     def noise_notes(self) -> tuple[str, ...]:
-        """That neighbouring points err alike, where they do."""
+        """A note where errors of neighbouring points are correlated."""
         if not self.noise_memory:
             return ()
         return (
@@ -97,14 +97,14 @@ class Subject:
         held = (effect for effect in known if effect.has_tolerance and effect.key not in given)
         taken = {(effect.name, effect.variant) for effect, _ in (*self.fixed, *self.freed)}
         every = (*offered, *(effect.within_tolerance for effect in held))
-        own = tuple(effect for effect in every if (effect.name, effect.variant) not in taken)
-        return (*own, *(effect for effect, _ in self.freed))
+        unsized = tuple(effect for effect in every if (effect.name, effect.variant) not in taken)
+        return (*unsized, *(effect for effect, _ in self.freed))
 
 
 def subjects(measured: Sequence[Measured], effects: Iterable[Maker] | None = None) -> tuple[Subject, ...]:
     """What is known of each sweep; InputError where two specimens have one name, or a fixture that of a specimen.
 
-    effects : what they may have beside the effects of their files; the library where None
+    effects : what they may have in addition to the effects of their files; the library where None
     """
     effects = None if effects is None else tuple(effects)
     pieces = [one.piece for one in measured if one.taken.number == 0]
@@ -161,7 +161,7 @@ def subject(
 
 
 def shared_library(several: Sequence[Subject]) -> tuple[Effect, ...]:
-    """What is common to all (laws of the material, fixture), then what each specimen may have of its own.
+    """Unknown effects common to all specimens (laws of the material, fixture), then those of single specimens.
 
     A free constant of the first is free for all, and so are the laws over frequency anchored at its fundamental.
     """
@@ -179,6 +179,7 @@ def shared_library(several: Sequence[Subject]) -> tuple[Effect, ...]:
 
 
 def _open(effect: Effect, one: Subject) -> bool:
+    """Whether the file of a specimen does not fix an effect."""
     return all((effect.name, effect.variant) != (known.name, known.variant) for known, _ in one.fixed)
 
 
@@ -191,22 +192,22 @@ def _relative_noise(measured: Measured) -> np.ndarray:
 
 
 def _noise_memory(measured: Measured, noise: np.ndarray) -> tuple[Autoregression, float]:
-    """How neighbouring errors of a sweep follow each other, and by how much more noise than its roughness shows.
+    """Autoregression of neighbouring errors of a sweep, and the factor by which its noise exceeds `noise`.
 
-    Both by what the extraction leaves, which needs no finite elements; only where that may be noise: where it is as
-    large as the file says, or, without its neighbours' share, as the roughness of the sweep.
+    Both follow from the residual of the extraction, which needs no finite elements, if that may be noise: if it is as
+    large as the file says, or, without what neighbours predict, as the roughness of the sweep. Else white noise and 1.
 
     noise : (k,) relative, of the fitted part
     """
     found = measured.extraction
     if found.model is None:
         return WHITE, 1.0
-    left = (np.log(found.impedance / measured.fitted.impedance) / noise)[found.used]
-    freedom = left.size - found.model.size
-    memory = autoregression(left)
+    residual = (np.log(found.impedance / measured.fitted.impedance) / noise)[found.used]
+    freedom = residual.size - found.model.size
+    memory = autoregression(residual)
     if not memory or freedom <= 0:
         return WHITE, 1.0
-    size = float(np.sqrt(np.sum(np.abs(left) ** 2) / freedom))
+    size = float(np.sqrt(np.sum(np.abs(residual) ** 2) / freedom))
     alone = size if measured.noise_known else size * memory.predictor(len(memory.correlations))[1]
     if abs(np.log(alone)) > _ALIKE * np.hypot(level_std(measured.noise_known), 1 / np.sqrt(freedom)):
         return WHITE, 1.0

@@ -12,9 +12,9 @@ from femu_piezo.specimen.file import Measurement, Residue, Update
 from femu_piezo.specimen.geometry import LENGTHS, Geometry
 from femu_piezo.study.problem import Problem
 
-#: Of a mass, relative.
+#: Relative standard deviation of a mass.
 _MASS = 0.001
-#: Resonances from sweep to sweep, relative: some tenths of a kelvin.
+#: Relative standard deviation of resonances from sweep to sweep, as by some tenths of a kelvin.
 _REPEATABILITY = 5e-5
 
 

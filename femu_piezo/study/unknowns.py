@@ -1,4 +1,4 @@
-"""What a fit of several sweeps has to find, whether these are measured or planned."""
+"""The unknowns of a fit of several sweeps, whether these are measured or planned."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from femu_piezo.study.subjects import Subject, shared_library
 
 
 def unknowns_of(several: Sequence[Subject], constants: PiezoConstants | None = None) -> Unknowns:
-    """Constants, tolerances and readings, the priors centred on the first specimen's file.
+    """Unknowns of a fit: constants, tolerances and readings, the priors centred on the first specimen's file.
 
-    constants : in whose units the free constants are counted; those of the file where None
+    constants : real parts of the free constants that are 1 in x; those of the file where None
     """
     problem = several[0].problem
     free, of_file = problem.free(constants or problem.constants), problem.free(problem.constants)
@@ -33,7 +33,7 @@ def unknowns_of(several: Sequence[Subject], constants: PiezoConstants | None = N
 
 
 def as_filed(several: Sequence[Subject], unknowns: Unknowns) -> np.ndarray:
-    """(n_x,) unknowns where the constants are those of `unknowns`, effects as the files say, the rest at rest."""
+    """(n_x,) start: constants at their start in `unknowns`, freed effects as the files say, all others at rest."""
     x = unknowns.prior_mean.copy()
     x[: unknowns.of_material] = unknowns.material.x_of(unknowns.material.free.start)
     for one in several:
