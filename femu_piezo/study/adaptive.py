@@ -4,7 +4,7 @@
 2. locate: divide the intervals over which the curve changes most, until poles and zeros can be extracted;
 3. refine: update, and take the frequencies that tell most of the constants asked for, or that tell the two best causes
    of what the model gets wrong apart (`femu_piezo.inference.design`, everything else marginalised); up to half of the
-   points of a round go where the points depart from the model alone (`femu_piezo.study.linearised`).
+   points of a round go where points depart from the model unlike their neighbours (`femu_piezo.study.linearised`).
 
 Points come from a function of frequencies: an instrument (`femu_piezo.instruments`) or a model.
 """
@@ -39,9 +39,9 @@ from femu_piezo.threads import with_blas_limit
 
 #: Points of a round, while resonances are located and afterwards.
 _LOCATING, _REFINING = 8, 16
-#: Largest share of a round that looks at departures.
+#: Largest share of the points of a round that go next to points that depart from the model.
 _CLOSER = 0.5
-#: Share by which a round must shrink one of the deviations asked for, all else being as expected.
+#: Relative decrease that a round is to promise for one of the deviations asked for; with less the measurement ends.
 _WORTH = 0.01
 
 #: Frequencies (n,), Hz, rising → the sweep at these, or at a few more
@@ -80,7 +80,7 @@ class State:
     deviations : label → standard deviation as in `Wish.deviations`, of all free constants and tangents
     curve : (m,) Hz and (m,) ohm of the updated model; None where there is none
     departures : frequencies about which the points depart from the model alone, Hz
-    least_coupling : k_eff that a further mode would have to have to be sure to show
+    least_coupling : least k_eff of a further mode that is sure to show in the points
     rivals : the causes that are hardest to tell apart, where that was asked for and there are any
     """
 
@@ -96,13 +96,13 @@ class State:
 
 @dataclass(frozen=True)
 class Adapted:
-    """A measurement that has come to its end.
+    """A finished measurement.
 
     Attributes
     ----------
     states : after every round
     ended : "deviations", "separated", "points", "time", "tolerances" (more points would not bring the deviations asked
-        for) or "alike" (nor tell the causes apart)
+        for) or "alike" (more points would not tell the causes apart)
     """
 
     states: tuple[State, ...]
@@ -115,7 +115,7 @@ class Adapted:
 
     @property
     def sentence(self) -> str:
-        """What ended it, and what would have been seen."""
+        """What ended the measurement, and the least coupling of a further mode that would have shown."""
         last, count = self.states[-1], len(self.spectrum)
         two = last.rivals
         first, second = (two.first, two.second) if two else ("", "")
@@ -165,12 +165,12 @@ def adapt(
 
     Parameters
     ----------
-    begun : points that there are already, of a measurement that was broken off
+    begun : points of a measurement that was broken off, to continue it
     shown : called after every round
 
     Raises
     ------
-    InputError : a wish that cannot be, or points that do not hold a resonance with its zero when the budget is spent
+    InputError : an impossible wish, or points that do not hold a resonance with its zero when the budget is spent
     """
     band = band_of(specimen, wish)
     _check(specimen, wish, band)
@@ -211,7 +211,7 @@ def band_of(specimen: Specimen, wish: Wish) -> tuple[float, float]:
 
 
 def joined(one: ImpedanceSpectrum | None, other: ImpedanceSpectrum) -> ImpedanceSpectrum:
-    """The points of two sweeps in order; the mean of those at one frequency."""
+    """The points of two sweeps in order of frequency; impedances at the same frequency are averaged."""
     if one is None:
         return other
     return merged(
@@ -220,11 +220,11 @@ def joined(one: ImpedanceSpectrum | None, other: ImpedanceSpectrum) -> Impedance
 
 
 def merged(frequency: np.ndarray, impedance: np.ndarray, source: str) -> ImpedanceSpectrum:
-    """Points (n,), Hz and ohm, in any order as a sweep; the mean of those at one frequency."""
-    own, place, times = np.unique(frequency, return_inverse=True, return_counts=True)
-    total = np.zeros(own.size, dtype=complex)
+    """Points (n,), Hz and ohm, in any order as a sweep; impedances at the same frequency are averaged."""
+    distinct, place, times = np.unique(frequency, return_inverse=True, return_counts=True)
+    total = np.zeros(distinct.size, dtype=complex)
     np.add.at(total, place, impedance)
-    return ImpedanceSpectrum(own, total / times, source=source)
+    return ImpedanceSpectrum(distinct, total / times, source=source)
 
 
 def watching(band_Hz: tuple[float, float], points: int) -> np.ndarray:
@@ -248,7 +248,7 @@ def _check(specimen: Specimen, wish: Wish, band: tuple[float, float]) -> None:
 
 
 class _Planner:
-    """Where the next points go, after what those so far say."""
+    """Chooses the next frequencies by what the points so far say."""
 
     def __init__(self, specimen: Specimen, wish: Wish, band: tuple[float, float], bases: Bases, progress: Progress):
         self._specimen, self._wish, self._band, self._bases, self._progress = specimen, wish, band, bases, progress
@@ -256,11 +256,11 @@ class _Planner:
         self._readings = 0
         self._gap = float(np.diff(watching(band, wish.points)[:2])[0])
         self._next: Callable[[int], np.ndarray] = self._changing
-        self._looked = False  # where causes differ, in the round before
+        self._looked = False  # whether a round was measured where the causes differ
         self.ended: str | None = None
 
     def rounds(self, begun: ImpedanceSpectrum | None) -> Iterator[np.ndarray]:
-        """Frequencies of one round after another; the one before has been looked at when the next is asked for."""
+        """Frequencies of one round after another; `look` has to see the points of each before the next is asked for."""
         first = watching(self._band, self._wish.points)
         if begun is not None:
             near = np.min(np.abs(first[:, None] - begun.frequency), axis=1)
@@ -273,14 +273,14 @@ class _Planner:
 
     def next(self) -> np.ndarray:
         """Frequencies (n,), Hz, after the points that were looked at last; none at the end."""
-        left = self._wish.points - max(self._readings, len(self._spectrum))
-        return self._next(left) if left > 0 and self.ended is None else np.zeros(0)
+        remaining = self._wish.points - max(self._readings, len(self._spectrum))
+        return self._next(remaining) if remaining > 0 and self.ended is None else np.zeros(0)
 
     def look(self, spectrum: ImpedanceSpectrum) -> State:
-        """What the points say."""
+        """What the points say; also decides how the next frequencies are chosen, or that the measurement ends."""
         self._spectrum = spectrum
         try:
-            posterior, found, two = self._found(spectrum)
+            posterior, found, two = self._fitted(spectrum)
         except (InputError, ConvergenceError) as error:
             self._next = self._changing
             watched = len(spectrum) <= watching(self._band, self._wish.points).size
@@ -289,9 +289,9 @@ class _Planner:
         deviations = about.relative(np.sqrt(np.diag(about.covariance)))
         missing = [name for name, goal in self._wish.deviations.items() if deviations[name] > goal]
         if two is not None and not (two.told and self._looked):
-            self._next = lambda left: self._separating(about, two, left)
+            self._next = lambda remaining: self._separating(about, two, remaining)
         else:
-            self._next = lambda left: self._telling(about, left)
+            self._next = lambda remaining: self._telling(about, remaining)
             if self._wish.deviations and not missing:
                 self.ended = "deviations"
             elif two is not None and not self._wish.deviations:
@@ -306,8 +306,8 @@ class _Planner:
             rivals=two,
         )
 
-    def _found(self, spectrum: ImpedanceSpectrum) -> tuple[Posterior, Fit, Rivals | None]:
-        """Models and update of the points; where causes are to be told apart with these, and the two to tell apart."""
+    def _fitted(self, spectrum: ImpedanceSpectrum) -> tuple[Posterior, Fit, Rivals | None]:
+        """Posterior and fit of the points; where causes are to be told apart, the fit that has them, and rivals."""
         measured = measure_each([self._specimen], [spectrum])
         several, clock = subjects(measured), Clock(self._progress)
         if self._wish.separate:
@@ -316,15 +316,15 @@ class _Planner:
         posterior = Posterior(several, clock, self._bases)
         return posterior, settled(posterior.base(begin(measured, self._bases).constants)), None
 
-    def _changing(self, left: int) -> np.ndarray:
-        """Within the intervals over which log(jωZ) changes most."""
+    def _changing(self, remaining: int) -> np.ndarray:
+        """Frequencies (n,), Hz, within the intervals over which log(jωZ) changes most."""
         frequency = self._spectrum.frequency
         change = np.abs(_steps(np.log(self._spectrum.impedance * frequency)))
-        return between(frequency, change, min(_LOCATING, left))
+        return between(frequency, change, min(_LOCATING, remaining))
 
-    def _telling(self, about: Linearised, left: int) -> np.ndarray:
-        """Where the points depart from the model alone, and where the constants asked for gain most."""
-        count = min(_REFINING, left)
+    def _telling(self, about: Linearised, remaining: int) -> np.ndarray:
+        """Frequencies next to points that depart from the model, and where the constants asked for gain most."""
+        count = min(_REFINING, remaining)
         closer = about.closer(int(_CLOSER * count))
         goals = self._wish.deviations
         deviations = about.relative(np.sqrt(np.diag(about.covariance)))
@@ -336,17 +336,17 @@ class _Planner:
             return np.zeros(0)
         return np.unique(np.concatenate([closer, found]))
 
-    def _separating(self, about: Linearised, two: Rivals, left: int) -> np.ndarray:
-        """Where the points depart from the model alone, and where one cause misses what the other predicts.
+    def _separating(self, about: Linearised, two: Rivals, remaining: int) -> np.ndarray:
+        """Frequencies next to points that depart from the model, and where one cause misses what the other predicts.
 
-        Also once where they are told apart already: by points that did not look there.
+        Such points are taken once even where the causes are told apart already, by points that were chosen otherwise.
         """
-        count = min(_REFINING, left)
+        count = min(_REFINING, remaining)
         closer = about.closer(int(_CLOSER * count))
-        found, all_told = about.telling_apart(self._band, two.fits, count - closer.size)
-        if two.log_odds + all_told < two.enough and not closer.size:
+        found, expected_odds = about.telling_apart(self._band, two.fits, count - closer.size)
+        if two.log_odds + expected_odds < two.enough and not closer.size:
             if self._wish.deviations:
-                return self._telling(about, left)
+                return self._telling(about, remaining)
             self.ended = "alike"
             return np.zeros(0)
         self._looked = True

@@ -1,7 +1,7 @@
 """What an update of planned sweeps would state, and which tolerance to improve first.
 
-For the free constants of the file, with everything that an update counts: noise, readings, dimensions, density, held
-constants, instrument. Every tolerance is then halved, and then taken away, and the deviations are computed anew.
+Standard deviations of the free constants of the file count everything that an update counts: noise, readings,
+dimensions, density, held constants, instrument. They are computed again with each tolerance halved, and removed.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ class Improvement:
     Attributes
     ----------
     tolerance : its key in the specimen file ("std_length", "residue.resistance", "readings.std_d33"), or "noise"
-    specimen : whose it is, of several; "" where all share it
+    specimen : name of the specimen that has it, where there are several; "" where all share it
     today : standard deviation in `unit` of SI
-    before, halved, exact : "s11", "tan_s11", … → standard deviation (SI) with the tolerance of today, half of it, none;
-        a sweep without noise is none, so that `exact` is empty for it
+    before, halved, exact : "s11", "tan_s11", … → standard deviation (SI) with the tolerance as today, halved, and zero;
+        `exact` is empty for noise, without which there is no sweep
     """
 
     tolerance: str
@@ -52,7 +52,7 @@ class Improvement:
         return 1 - self.halved[label] / self.before[label]
 
     def best(self, *, tangents: bool = False) -> tuple[str, float]:
-        """The constant, or the tangent, that gains most if it is halved, and the share by which its deviation falls."""
+        """The constant, or tangent, that gains most if the tolerance is halved, and the decrease of its deviation."""
         label = max((one for one in self.before if one.startswith("tan_") == tangents), key=self.shrinks)
         return label, self.shrinks(label)
 
@@ -78,8 +78,8 @@ class Expectation:
     Attributes
     ----------
     parameters : free constant → value of the file with expected deviations and their budgets
-    improvements : every tolerance, the one first whose halving shrinks the deviation of a constant most; tangents,
-        which phase and noise tell, follow their own order (`Improvement.best`)
+    improvements : every tolerance, first the one whose halving shrinks the deviation of a constant most; the order for
+        tangents, which depend on phase and noise, is another (`Improvement.best`)
     """
 
     parameters: dict[str, Estimate]
@@ -130,7 +130,7 @@ def expect(subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise
     before = {label: float(std[column] * size) for label, (column, size) in labels.items()}
 
     def after(*, sweep: float = 1.0, read: np.ndarray | float = 1.0, prior: np.ndarray | float = 1.0) -> dict:
-        """Deviations with noise, those of the readings (m,), and those of the priors (n_x,) times a share."""
+        """Deviations with the noise, the σ of the readings (m,) and of the priors (n_x,) multiplied by factors."""
         rows = np.concatenate([sweeps / sweep, (readings.T / read).T])
         smaller = expected_std(rows, unknowns.prior_std * prior)
         return {label: float(smaller[column] * size) for label, (column, size) in labels.items()}
@@ -159,7 +159,7 @@ def _times(count: int, places: list[int], share: float) -> np.ndarray:
 def whitened_jacobian(
     unknowns: Unknowns, x: np.ndarray, subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(2k, n_x) of all sweeps, (m, n_x) of all readings, whitened."""
+    """Whitened Jacobians of all sweeps, (2k, n_x), and of all readings, (m, n_x)."""
     response = together([(one.share, evaluation) for one, evaluation in zip(subjects, evaluations, strict=True)])
     z, slopes = response.with_jacobian(unknowns, x)
     data = SweepData(response.omega / (2 * np.pi), z, np.full(z.size, np.hypot(noise, LEAST_ERROR)), noise_known=True)
@@ -168,13 +168,13 @@ def whitened_jacobian(
 
 
 def labels_of(material: MaterialParameters) -> dict[str, tuple[int, float]]:
-    """ "s11", "tan_s11", … → where it stands in x, and its SI value per unit there."""
+    """ "s11", "tan_s11", … → its column in x, and the SI value of one unit there."""
     named = zip(material.names, np.abs(material.units), strict=True)
     return {name: (column, float(size)) for column, (name, size) in enumerate(named)}
 
 
 def _columns(unknowns: Unknowns, subjects: Sequence[Subject]) -> dict[tuple[str, str], list[int]]:
-    """(name in `EffectContext.tolerances`, specimen) → the unknowns that keep to this tolerance."""
+    """(name in `EffectContext.tolerances`, specimen) → numbers of the unknowns with this tolerance."""
     found: dict[tuple[str, str], list[int]] = {}
     known = {name for one in subjects for name, std in one.context.tolerances.items() if std > 0}
     for number, effect in enumerate(unknowns.effects):
@@ -186,7 +186,7 @@ def _columns(unknowns: Unknowns, subjects: Sequence[Subject]) -> dict[tuple[str,
 
 
 def _tolerance_of(effect: Effect, parameter: str) -> str:
-    """The name in `EffectContext.tolerances` of what a parameter keeps to."""
+    """The name in `EffectContext.tolerances` of the tolerance of a parameter."""
     if effect.name == "instrument":
         return "accuracy" if parameter.startswith("magnitude") else "phase_accuracy"
     return effect.name.removeprefix("wrong_") if parameter == "relative_error" and not effect.variant else parameter

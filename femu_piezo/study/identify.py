@@ -1,8 +1,8 @@
 """`identify`: which constants a sweep can determine, how well, and what would determine them better.
 
-Three questions before anything is measured: which of all ten constants a sweep tells, noise alone being wrong with it
-(`known`), and which further measurement would tell the rest (`recommendations`); what an update of the free constants
-would state with the tolerances of the file, and which tolerance to improve first (`expected`).
+Three questions before anything is measured: which of the ten constants a sweep determines if noise is its only error
+(`known`); which further measurement would determine the others (`recommendations`); what an update of the free
+constants would state with the tolerances of the file, and which tolerance to improve first (`expected`).
 """
 
 from __future__ import annotations
@@ -64,9 +64,9 @@ class IdentifyResult:
     Attributes
     ----------
     noise : relative standard deviation of every point
-    known : all ten constants by noise alone, each open to ±50 %
+    known : how well all ten constants are determined, with noise alone and a prior of ±50 % for each
     expected : the free constants as an update would state them, and what every tolerance adds
-    study : updates of drawn specimens, for every noise and number of points; the second is the sweep itself
+    study : updates of drawn specimens, for each noise and number of points; the second is for the sweep as planned
     plan : where to measure, if asked for
     """
 
@@ -137,11 +137,10 @@ def identify(
 ) -> IdentifyResult:
     """Predict the joint standard deviations of all ten constants from sweeps of one or more specimens of a material.
 
-    And those of the free constants with the tolerances of the files.
+    Also those of the free constants with the tolerances of the files, as an update would state them.
 
-    The constants are those of the first specimen's file; constants that are zero there cannot be free. Beside the
-    sweeps stands only the weak prior of
-    `femu_piezo.inference.unknowns.material_prior` (real parts ±50 %, tangents 0.05).
+    The constants are those of the first specimen's file; constants that are zero there cannot be free. The prior of the
+    ten constants is the weak one of `femu_piezo.inference.unknowns.material_prior` (real parts ±50 %, tangents 0.05).
 
     Parameters
     ----------
@@ -196,12 +195,12 @@ def identify(
 
 
 def planned_frequencies(specimen: Specimen, points: int) -> np.ndarray:
-    """Where to measure a specimen (n,), Hz, before anything is known of it but its file (`femu_piezo.study.plan`)."""
+    """Frequencies (n,), Hz, at which to measure a specimen known by its file alone (`femu_piezo.study.plan`)."""
     return identify(specimen, recommend=False, plan=points).plan.frequency
 
 
 def _lossy(problem: Problem) -> Problem:
-    """With the usual tangent where the file has none of a free constant: without losses all would be known too well.
+    """The problem with the usual loss tangent of free constants that have none; without losses all seem known too well.
 
     InputError where the constants are those of no stable, passive material.
     """
@@ -214,7 +213,7 @@ def _lossy(problem: Problem) -> Problem:
 
 
 def _stated_noise(specimens: Sequence[Specimen]) -> float:
-    """The noise that the files state, where it is one."""
+    """The noise that the files state, where it is one value; else the default."""
     stated = {one.measurement.noise for one in specimens if one.measurement is not None} - {None}
     return stated.pop() if len(stated) == 1 else _NOISE
 
@@ -225,7 +224,7 @@ def _free(problem: Problem) -> FreeConstants:
 
 
 def _unknowns(first: Problem) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
-    """Names and values of the unknowns, and the Jacobian of the weak prior that keeps the open ones in range."""
+    """Names and values (n_x,) of the unknowns, and the whitened Jacobian (n_x, n_x) of their weak prior."""
     unknowns, x = _material(first)
     return unknowns.names, x, np.diag(1 / unknowns.prior_std)
 
@@ -254,7 +253,7 @@ def _jacobian(evaluation: Evaluation, name: str, first: Problem, noise: float) -
 
 
 def _candidates(problems: list[Problem]) -> list[tuple[str, Problem, np.ndarray]]:
-    """Further measurements worth a thought: a wider band, the other poling direction, a square plate."""
+    """Further measurements to compare (words, body, Hz): a wider band, the other poling direction, a square plate."""
     found = []
     for problem in problems:
         top = 2 * sweep_frequencies(problem)[-1]

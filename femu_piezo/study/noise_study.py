@@ -1,8 +1,8 @@
 """What updates of planned sweeps would return: bias, deviation and coverage against the noise and the number of points.
 
 Specimens are drawn whose dimensions, density, held constants and instrument are off by their tolerances, swept with
-noise, and updated with the values of the file. It tells whether the deviations that an update would state hold, for a
-sweep of few points and much noise as well; by the model of the plan itself, so that it says nothing of the model.
+noise, and updated with the values of the file. The study tells whether the deviations that an update states hold, also
+for few points and much noise. The sweeps come from the model of the update, so it says nothing of errors of the model.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.study.subjects import Subject
 from femu_piezo.study.unknowns import as_filed, unknowns_of
 
-#: Multiples of the noise, and of the number of points, that are tried beside the plan itself.
+#: Multiples of the noise of the plan, at its number of points; multiples of the number of points, at its noise.
 _NOISES, _POINTS = (0.1, 1.0, 10.0), (0.25, 4.0)
-#: Points of a sweep at least, and specimens that are drawn until one is passive and within bounds.
+#: Fewest points of a sweep, and most draws until a specimen is passive and within bounds.
 _FEWEST, _ATTEMPTS = 21, 100
 
 
@@ -55,7 +55,7 @@ class Setting:
 
     @property
     def deviation(self) -> np.ndarray:
-        """(n,) of the estimates about the truth, SI."""
+        """(n,) rms distance of the estimates from the truth, SI."""
         return np.sqrt(np.mean(self.error**2, axis=0))
 
     def inside(self, sigma: float) -> np.ndarray:
@@ -129,7 +129,7 @@ def noise_study(
 
 
 def _resampled(evaluation: Evaluation, share: float) -> Evaluation:
-    """With that share of its points, over the same band and spaced alike."""
+    """The evaluation with a share of its points, over the same band and spaced alike."""
     if share == 1.0:
         return evaluation
     count = max(_FEWEST, round(share * evaluation.omega.size))

@@ -1,4 +1,4 @@
-"""A plan of a sweep: frequencies that tell most of the free constants, among some that watch the whole band."""
+"""A plan of a sweep: points that watch the whole band, and points that tell most of the free constants."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from femu_piezo.study.unknowns import as_filed, unknowns_of
 
 #: Share of the points that are spread over the band, so that a resonance nobody expects is seen too.
 SPREAD = 0.5
-#: Frequencies to choose from: over the band, and about each pole and zero, in half widths.
+#: Frequencies to choose from: number over the band, and distances from each pole and zero in half widths.
 _CANDIDATES, _ABOUT = 4001, np.linspace(-4.0, 4.0, 41)
+#: Fewest points of a plan.
 FEWEST = 16
 
 
@@ -29,8 +30,8 @@ class Plan:
     Attributes
     ----------
     frequency : (n,) Hz, rising
-    expected : recipe → "s11", "tan_s11", … → standard deviation (SI) that an update would state: this plan, as many and
-        four times as many points equally spaced, and as many of which half crowd about poles and zeros
+    expected : recipe → "s11", "tan_s11", … → standard deviation (SI) that an update would state; recipes are this plan,
+        as many and four times as many points equally spaced, and as many, half of them about poles and zeros
     """
 
     frequency: np.ndarray
@@ -64,7 +65,7 @@ def plan_sweep(subject: Subject, evaluation: Evaluation, noise: float, points: i
     resonances = resonances_of(evaluation, unknowns, x)
 
     def rows(frequency: np.ndarray) -> np.ndarray:
-        """(k, 2, n) in units of the priors."""
+        """(k, 2, n_x) whitened Jacobian per prior standard deviation, Re and Im of each frequency."""
         at = replace(evaluation, omega=2 * np.pi * frequency)
         sweep, _ = whitened_jacobian(unknowns, x, [subject], [at], noise)
         return (sweep * unknowns.prior_std).reshape(2, frequency.size, -1).transpose(1, 0, 2)

@@ -27,13 +27,13 @@ from femu_piezo.study.shapes import shape_of
 from femu_piezo.study.subjects import Subject
 from femu_piezo.threads import in_parallel
 
-#: Bands beyond the present end of the sweep, and how much lower a noise, that are planned for.
+#: Planned ends of the band over the present one, and present noise over the planned one.
 _WIDER, _QUIETER = (1.5,), 3.0
 #: Error of mesh and basis that a plan may have, and points per sweep.
 _ACCURACY, _POINTS = 3e-3, 250
-#: σ from which a plan is recommended, and how much more than the present data it must tell.
+#: Least separation, σ, of a plan that is recommended, and its least ratio to that by the present data.
 _TELLS, _MORE = 3.0, 1.5
-#: Alternatives of one cause that are planned for, and plans told of each pair.
+#: Most alternatives of a cause that are planned for, and most plans stated for each pair.
 _ALTERNATIVES, _BEST = 3, 3
 #: Name of a second specimen in a plan.
 _SECOND = "the second"
@@ -81,8 +81,8 @@ def separations(
 def recommended(verdict: Verdict, planned: Sequence[Separation]) -> tuple[str, ...]:
     """Measurements in words, each with what it would tell apart and by how many σ, best first.
 
-    Those for the causes come first; the best tells most pairs apart, and the closest of them farthest. Then the
-    advice of the library for causes that are alone, and for pairs that no plan tells apart.
+    Plans for the named causes come first; the best one tells most pairs apart, of equals the one with the larger least
+    separation. The advice of the library follows, for causes and hidden effects that no plan tells apart.
     """
     causes = {cause.effect.title for cause in verdict.causes}
     words = _ranked([one for one in planned if one.cause in causes])
@@ -122,7 +122,7 @@ class _Pair:
         return between(plan, self._first, self._second)
 
     def concerns(self, plan: Plan) -> bool:
-        """Whether a plan has a reading that is about one of the two, or sweeps by a model that knows both."""
+        """Whether a plan has a reading that depends on one of the two, or sweeps by a model that includes both."""
         names = {effect.name for effect in self.effects}
         if plan.readings:
             return any(name in names for name, _ in plan.readings)
@@ -132,7 +132,7 @@ class _Pair:
 
 
 def _named(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
-    """Each cause with what it is not told from."""
+    """Pairs of each named cause with what it is not told from."""
     final, pairs = comparison.final, []
     point = Point(final.parameters, final.x)
     for cause, found in zip(verdict.causes, comparison.found, strict=True):
@@ -148,7 +148,7 @@ def _named(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
 
 
 def _hidden(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
-    """Each effect that the sweep cannot show, of usual size, with the constant that imitates it."""
+    """Pairs of each effect that the sweep cannot show, of usual size, with the constant that imitates it."""
     base, known = comparison.base, {cause.effect.title for cause in verdict.causes}
     hidden: dict[str, tuple[Effect, str]] = {}
     for effect, constant in verdict.hidden:
@@ -156,14 +156,14 @@ def _hidden(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
             hidden.setdefault(effect.title, (effect, constant))
     every = base.parameters
     for effect, _ in hidden.values():
-        if effect.acquisition is None:  # else the body is looked at several times, with all that is asked for
+        if effect.acquisition is None:  # an acquisition evaluates Z several times, with all unknowns
             every = every.with_candidate(effect)
-    among, pairs = Point(every, every.carried(base.parameters, base.x)), []
+    with_all, pairs = Point(every, every.carried(base.parameters, base.x)), []
     for effect, constant in hidden.values():
         parameter, parameters = effect.parameters[0], base.parameters.with_candidate(effect)
         size = min(parameter.spread, parameter.high - parameter.rest)
         x = parameters.carried(base.parameters, base.x)
-        point = Point(parameters, x, among if effect.acquisition is None else None)
+        point = Point(parameters, x, with_all if effect.acquisition is None else None)
         pairs.append(_Pair(effect, point, constant, None, size, f"{size:.2g}{parameter.after_number}"))
     return pairs
 
@@ -224,14 +224,14 @@ def _again(now: Plan, one: Subject, model: ExtendedModel) -> list[Plan]:
 
 
 def _share(one: Subject, owner: str) -> Share:
-    """What concerns a sweep of a plan, whose specimen is named `owner` where it has no name."""
+    """The unknowns that concern a sweep of a plan; its specimen is named `owner` where it has no name."""
     forms = [owned_by(form, owner) for form in one.share.forms.values()]
     return Share((one.name or owner, one.fixture), {form.key: form for form in forms})
 
 
 @dataclass(frozen=True)
 class _Second:
-    """A second specimen: its model, the dimension that is half as large, and effects for its uncertain sizes."""
+    """A second specimen: its model, the name of the halved dimension, and effects for its uncertain sizes."""
 
     model: ExtendedModel
     halved: str
@@ -241,7 +241,7 @@ class _Second:
 def _second_specimen(
     bases: Bases, several: Sequence[Subject], effects: Sequence[Effect], constants: PiezoConstants
 ) -> _Second | None:
-    """The same material half as long; None where there is no such body, or are several already."""
+    """A specimen of the same material, half as long; None where it cannot be computed or there are several already."""
     one, geometry = several[0], several[0].problem.specimen.geometry
     dimension = next((name for name in ("length", "diameter") if getattr(geometry, name, None)), None)
     if dimension is None or len(several) > 1:
@@ -258,7 +258,7 @@ def _second_specimen(
 
 
 def _beside_the_first(now: Plan, one: Subject, model: ExtendedModel, second: _Second) -> Plan:
-    """The second specimen swept over the same part of its resonances; of as uncertain a size."""
+    """The plan that adds a sweep of the second specimen over the same modes, at twice the frequencies."""
     frequency = _thinned(one.measured.fitted.frequency)
     parts = (
         (_share(one, now.owner), Evaluation(model, 2 * np.pi * frequency)),
@@ -271,7 +271,7 @@ def _beside_the_first(now: Plan, one: Subject, model: ExtendedModel, second: _Se
 
 
 def _measured_alike(effect: Effect, halved: str, second: Problem) -> Effect:
-    """What is known of a size of the second specimen, by the same tools: half a length is twice as uncertain."""
+    """The tolerance of a size of the second specimen by the same tools: relatively twice as large if it is halved."""
     name = effect.name.removeprefix("wrong_")
     share = 2.0 if name == halved else 1.0
     known = tuple(replace(one, tolerance=share * one.tolerance) for one in effect.parameters)
@@ -279,7 +279,7 @@ def _measured_alike(effect: Effect, halved: str, second: Problem) -> Effect:
 
 
 def _halved(problem: Problem, dimension: str) -> Specimen:
-    """The specimen with half the length or diameter; one that was weighed is lighter by its volume."""
+    """The specimen with half the length or diameter; its mass, where stated, goes with its volume."""
     specimen, geometry = problem.specimen, problem.specimen.geometry
     half = geometry.model_copy(update={dimension: getattr(geometry, dimension) / 2})
     if geometry.mass is not None:
@@ -290,7 +290,7 @@ def _halved(problem: Problem, dimension: str) -> Specimen:
 
 @dataclass(frozen=True)
 class _ToSweep:
-    """A body and how far it is to be swept."""
+    """A body, and the frequency up to which it is to be swept."""
 
     problem: Problem
     band_Hz: float
@@ -299,13 +299,13 @@ class _ToSweep:
 def _coarse(
     bases: Bases, body: _ToSweep, one: Subject, effects: Sequence[Effect], constants: PiezoConstants
 ) -> ExtendedModel:
-    """A model of a body good enough for planning; one about other constants, as a lot shares, serves what is near."""
-    own = [effect for effect in effects if one.share.has(effect)] + [effect for effect, _ in one.fixed]
+    """A reduced model, exact enough for planning; around shared constants, it is trained for nearby ones as well."""
+    of_model = [effect for effect in effects if one.share.has(effect)] + [effect for effect, _ in one.fixed]
     around = bases.around(body.problem, constants)
     training, free = [around], body.problem.free(around)
     if around is not constants:
         training += free.training_sets(free.start, CLOSE, 4)[1:]
-    return bases.extended(bases.model(body, _ACCURACY), training, own, body, _ACCURACY)
+    return bases.extended(bases.model(body, _ACCURACY), training, of_model, body, _ACCURACY)
 
 
 def _thinned(frequency: np.ndarray) -> np.ndarray:
@@ -314,6 +314,6 @@ def _thinned(frequency: np.ndarray) -> np.ndarray:
 
 
 def _noise(one: Subject, size: int) -> np.ndarray:
-    """(size,) the noise of a plan, that of the present sweep with points as dense."""
+    """(size,) noise of a thinned sweep that tells as much as the present one with all its points."""
     dense = np.sqrt(-(-one.measured.fitted.frequency.size // _POINTS))
     return np.full(size, float(np.median(one.noise)) / dense)
