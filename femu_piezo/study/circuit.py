@@ -14,7 +14,7 @@ from femu_piezo.specimen.file import Simulation, Specimen
 from femu_piezo.study.rational_curve import RationalCurve
 from femu_piezo.study.simulate import simulate
 
-#: Relative distance below which a pole of the fitted function is a reported one.
+#: Relative distance below which a pole of the fitted function and a reported pole are the same.
 _SAME = 1e-9
 
 

@@ -17,10 +17,10 @@ from femu_piezo.study.subjects import Subject, shared_library
 def compare_causes(
     several: Sequence[Subject], clock: Clock, bases: Bases, rules: Rules
 ) -> tuple[Posterior, Comparison]:
-    """Models and comparison.
+    """The models of the sweeps, and the comparison of sets of causes.
 
-    Without its cause a sweep may be so far from the model that no fit of the constants alone ends; what a cause
-    explains is asked all the same.
+    Without its cause a sweep may be so far from the model that no fit of the constants alone settles; the comparison
+    then starts from a coarse fit.
     """
     library = tuple(effect for effect in shared_library(several) if effect.is_candidate)
     clock.step("start")

@@ -39,22 +39,22 @@ from femu_piezo.threads import in_parallel, made_once, with_blas_limit
 
 #: Most resonances of a linear body that is fitted for comparison.
 _FEW = 4
-#: Share of the model's misfit, and multiple of the noise, from which a linear body misses the points as well.
+#: A linear body misses the points as well from this share of the model's misfit and this multiple of the noise on.
 _NEARLY, _CLEARLY = 0.6, 3.0
 
 
 @dataclass(frozen=True)
 class DiagnosedSweep:
-    """One specimen with its sweep and what the models make of it.
+    """One sweep of a specimen, with its base and final model.
 
     Attributes
     ----------
-    name : of the specimen in the causes, "" for the only one
+    name : name of the specimen in the causes, "" for the only one
     spectrum : the whole sweep;  fitted : boolean mask of the points that fits saw
     relative_noise : (k,) of the whole sweep
-    curves : Z of base and final model over the whole sweep
-    reference_Hz : where laws over frequency are anchored
-    mesh : what the mesh of its model is, and its error, in words
+    curves : Z of base and final model over the whole sweep, each (k,), ohm
+    reference_Hz : frequency at which laws over frequency are anchored
+    mesh : the mesh of the model and its error, in words
     measured : the sweep with its poles and zeros
     constants : of the final model under the conditions of this sweep
     """
@@ -85,7 +85,7 @@ class DiagnosedSweep:
 
     @made_once
     def linear_body(self) -> LinearBody | None:
-        """The best linear body with the measured resonances against the base model; None for none, or many."""
+        """Misfit of the best linear body with the measured resonances; None where there are none, or more than four."""
         poles = [one.measured.frequency_Hz for one in self.pole_zero[0].poles]
         if not 0 < len(poles) <= _FEW:
             return None
@@ -97,14 +97,14 @@ class DiagnosedSweep:
 
 @dataclass(frozen=True)
 class LinearBody:
-    """What any body that is linear would leave of a sweep.
+    """Misfit that the best linear body leaves of a sweep, against that of the base model.
 
     Attributes
     ----------
-    resonances : how many it has
-    least : its rms misfit over the noise;  model : that of the base model
-    control : the same as `least` for the curve of the base model, which is a linear body: how far resonances beyond
-        the sweep are from looking like one
+    resonances : number of resonances of the body
+    least : rms misfit of the body over the noise;  model : that of the base model
+    control : `least` for the curve of the base model in place of the sweep; as that model is linear, this misfit comes
+        from its resonances beyond the sweep
     """
 
     resonances: int
@@ -114,22 +114,22 @@ class LinearBody:
 
     @property
     def to_blame(self) -> bool:
-        """Whether it misses the points nearly as much as the model: what is wrong is not the simulation."""
+        """Whether it misses the points nearly as much as the model, so that the simulation is not what is wrong."""
         return np.sqrt(max(self.least**2 - self.control**2, 0.0)) > max(_NEARLY * self.model, _CLEARLY)
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Everything `diagnose` found; what it says about a sweep is about the one `shown`.
+    """Everything `diagnose` found; properties of a single sweep are those of the sweep `shown`.
 
     Attributes
     ----------
-    sweeps : of every specimen
+    sweeps : all sweeps of all specimens
     gain : rms |Δ log Z| of the held-out band (or of bands predicted without them) before and after, and of the noise;
         "over_expected": the misfit after over what noise makes of such a prediction by a right model
     seconds : step → time
     separations : what further measurements would bring, by the model
-    shown : number of the specimen that `specimen`, `spectrum`, `curves` and so on are about
+    shown : number of the sweep that `specimen`, `spectrum`, `curves` and so on belong to
     """
 
     comparison: Comparison
@@ -144,23 +144,23 @@ class Diagnosis:
     shown: int = 0
 
     def of(self, index: int) -> Diagnosis:
-        """The same with specimen number `index` shown, and the bands of its sweep alone."""
+        """The diagnosis with sweep number `index` shown, and the worst bands of that sweep alone."""
         verdict = replace(self.verdict, before=self.verdict.before.of(index), after=self.verdict.after.of(index))
         return replace(self, verdict=verdict, shown=index)
 
     @property
     def specimen(self) -> Specimen:
-        """The specimen shown, of several sweeps as that of the one shown."""
+        """The specimen of the sweep shown, as that of this sweep alone."""
         return self.sweeps[self.shown].specimen
 
     @property
     def piece(self) -> Specimen:
-        """The specimen shown with all its sweeps."""
+        """The specimen of the sweep shown, with all its sweeps."""
         return self.sweeps[self.shown].measured.piece
 
     @property
     def spectrum(self) -> ImpedanceSpectrum:
-        """Its whole sweep."""
+        """The whole sweep shown."""
         return self.sweeps[self.shown].spectrum
 
     @property
@@ -170,7 +170,7 @@ class Diagnosis:
 
     @property
     def relative_noise(self) -> np.ndarray:
-        """(k,) of the whole sweep."""
+        """(k,) relative noise of the whole sweep shown."""
         return self.sweeps[self.shown].relative_noise
 
     @property
@@ -180,17 +180,17 @@ class Diagnosis:
 
     @property
     def reference_Hz(self) -> float:
-        """Fundamental, where laws over frequency are anchored."""
+        """Fundamental, Hz, at which laws over frequency are anchored."""
         return self.sweeps[self.shown].reference_Hz
 
     @property
     def linear_body(self) -> LinearBody | None:
-        """What any linear body would leave of its sweep, where nothing explains it; else None."""
+        """Misfit of the best linear body to the sweep shown, where the verdict is "unknown"; else None."""
         return self.sweeps[self.shown].linear_body if self.verdict.word == "unknown" else None
 
     @property
     def pole_zero(self) -> tuple[PoleZeroResiduals, PoleZeroResiduals]:
-        """Its poles and zeros against those of base and final model."""
+        """Poles and zeros of the sweep shown against those of base and final model."""
         return self.sweeps[self.shown].pole_zero
 
     @made_once
@@ -200,7 +200,7 @@ class Diagnosis:
 
     @made_once
     def after(self) -> dict[str, Estimate]:
-        """Free constants with what is named in the model, and their intervals whatever the cause."""
+        """Free constants of the final model with standard deviations and budgets, and intervals whatever the cause."""
         found, intervals = constants_of(self.comparison.final), self.comparison.averaged.interval(LEVEL)
         pairs = intervals.reshape(-1, 2, 2).tolist()
         return {
@@ -221,7 +221,7 @@ def diagnose(
 ) -> Diagnosis:
     """Compare sets of candidate effects with the sweep of a specimen, or with those of several of one material.
 
-    The first specimen's [material] rules; constants and fixture are common, other effects belong to one specimen.
+    [material] is that of the first specimen; constants and fixture are common, other effects belong to one specimen.
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def _constants_under(posterior: Posterior, index: int, final: Fit) -> PiezoConst
 def _planned(
     several: Sequence[Subject], posterior: Posterior, comparison: Comparison, verdict: Verdict
 ) -> tuple[tuple[Separation, ...], tuple[str, ...]]:
-    """Further measurements, and a note where constants that went far astray leave none that can be simulated."""
+    """Separations by further measurements; none, and a note, where the constants are too far off to simulate."""
     try:
         return separations(several, posterior, comparison, verdict), ()
     except ConvergenceError as error:
@@ -342,9 +342,9 @@ def _gain(posterior: Posterior, comparison: Comparison, sweeps: Sequence[Diagnos
 def extended_specimen(diagnosis: Diagnosis) -> Specimen:
     """The specimen file of the specimen shown with the named effects; simulations give the fitted curve.
 
-    Where the fit left the constants and what has a tolerance stands in [fitted], and the parameters of the named
-    effects are free: a further fit starts there, keeps to the values and priors that it had before, and finds all of it
-    anew, so that no data count twice.
+    [fitted] holds the fitted constants and the fitted values of effects with a tolerance; the parameters of the named
+    effects are free. A further fit starts from these values, but its priors are centred on those of the file as before,
+    so that no data count twice.
     """
     final, specimen = diagnosis.comparison.final, diagnosis.specimen
     owner, fixtures = diagnosis.sweeps[diagnosis.shown].name, set()
@@ -360,13 +360,13 @@ def extended_specimen(diagnosis: Diagnosis) -> Specimen:
         "effects": {key: dict(table) for key, table in (specimen.effects or {}).items()},
         "fitted": {"material": values},
     }
-    for effect, own in zip(final.parameters.effects, final.parameters.values(final.x), strict=True):
+    for effect, fitted in zip(final.parameters.effects, final.parameters.values(final.x), strict=True):
         if effect.specimen not in {"", owner, *fixtures}:
             continue
         named = effect.freed or effect.key in final.parameters.candidates
         title = f"{effect.name} ({effect.specimen})" if effect.specimen in fixtures else effect.name
         table = tables["effects" if named else "fitted"].setdefault(title, {})
-        found = {parameter.name: float(value) for parameter, value in zip(effect.parameters, own, strict=True)}
+        found = {parameter.name: float(value) for parameter, value in zip(effect.parameters, fitted, strict=True)}
         table.update(found)
         if named:
             table[FREE] = tuple(dict.fromkeys((*table.get(FREE, ()), *found)))

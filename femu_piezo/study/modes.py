@@ -66,7 +66,7 @@ def _record(resonance: Resonance, words: str) -> dict:
 
 @dataclass(frozen=True)
 class ModesResult:
-    """The modes of a specimen in a band (Hz), the model their vectors belong to.
+    """The modes of a specimen in a band (Hz), and the model that their vectors belong to.
 
     left_out : names of those of its [effects] that are not in the constants, dimensions and density of the body
     """
@@ -106,8 +106,8 @@ def modes(
     Parameters
     ----------
     band : (low, high) Hz; from zero to 3.5 times the expected fundamental where None
-    count : only so many, the lowest ones
-    effects : that its [effects] may name beside those of the library
+    count : number of modes, the lowest ones; all where None
+    effects : what [effects] may name in addition to the library
 
     Raises
     ------
@@ -143,6 +143,7 @@ def _model(problem: Problem, high: float) -> ElectroelasticModel:
     return problem.model(problem.equivalent_frequency(high, accuracy), accuracy)
 
 
+#: Resonance, its vector (m,), |a²/λ|
 _Found = tuple[Resonance, np.ndarray, float]
 
 

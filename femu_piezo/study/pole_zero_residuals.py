@@ -46,7 +46,9 @@ class Difference:
     @property
     def frequency(self) -> tuple[float, float | None] | None:
         """Δf in % and in σ of the measurement."""
-        return None if self.model is None else _both(self.model, self.measured, "frequency_Hz", self.measured.std_Hz)
+        return (
+            None if self.model is None else _difference(self.model, self.measured, "frequency_Hz", self.measured.std_Hz)
+        )
 
     @property
     def quality(self) -> tuple[float, float | None] | None:
@@ -55,7 +57,7 @@ class Difference:
         return (
             None
             if self.model is None
-            else _both(self.model, self.measured, "quality_factor", None if std is None else std / loss**2)
+            else _difference(self.model, self.measured, "quality_factor", None if std is None else std / loss**2)
         )
 
     @property
@@ -64,7 +66,7 @@ class Difference:
         if self.couplings is None:
             return None
         measured, model = self.couplings
-        return _both(model, measured, "value", measured.std)
+        return _difference(model, measured, "value", measured.std)
 
     @property
     def worst_sigma(self) -> float | None:
@@ -81,9 +83,9 @@ class Difference:
         record: dict = {"frequency_Hz": self.model.frequency_Hz, "loss": self.model.loss}
         if self.couplings is not None:
             record["k_eff"] = self.couplings[1].value
-        for name, both in (("frequency", self.frequency), ("Q", self.quality), ("k_eff", self.coupling)):
-            if both is not None:
-                record[f"{name}_percent"], record[f"{name}_sigma"] = both
+        for name, change in (("frequency", self.frequency), ("Q", self.quality), ("k_eff", self.coupling)):
+            if change is not None:
+                record[f"{name}_percent"], record[f"{name}_sigma"] = change
         return record
 
 
@@ -188,6 +190,7 @@ def _clear(resonance: Resonance) -> bool:
     return std is not None and resonance.frequency_Hz * abs(resonance.loss) / 2 > _CLEAR * std
 
 
-def _both(model, measured, name: str, std: float | None) -> tuple[float, float | None]:
+def _difference(model, measured, name: str, std: float | None) -> tuple[float, float | None]:
+    """Simulated less measured attribute `name`: in % of the measured one, and over its σ."""
     new, old = getattr(model, name), getattr(measured, name)
     return 100 * (new / old - 1), (new - old) / std if std else None

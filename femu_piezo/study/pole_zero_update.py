@@ -25,7 +25,7 @@ from femu_piezo.study.problem import Problem
 from femu_piezo.study.starts import pair_names
 from femu_piezo.study.subjects import Subject
 
-#: Prior standard deviation of constants that poles and zeros alone determine, relative, and of their tangents.
+#: Prior standard deviation, relative, of constants that the fundamental alone determines, and that of their tangents.
 _OPEN = 10.0
 
 
@@ -40,7 +40,7 @@ class PoleZeroState:
 def from_poles_and_zeros(posterior: Posterior, start: PiezoConstants, *, fundamental: bool) -> ManyModes:
     """The most probable constants by poles and zeros, from start constants; all tolerances marginalised.
 
-    fundamental : by the fundamental alone, which determines the free constants without any prior of theirs
+    fundamental : use the fundamental alone, which determines the free constants without a prior
 
     InputError where a sweep has no deviations of its poles and zeros; ConvergenceError where it does not settle.
     """
@@ -60,7 +60,7 @@ def from_poles_and_zeros(posterior: Posterior, start: PiezoConstants, *, fundame
 
 
 def no_history(problem: Problem) -> tuple[Step, ...]:
-    """The one step of a specimen that no iteration on its fundamental led to."""
+    """The history of a specimen without iterations on its fundamental: one step, at the constants of the file."""
     return (Step(problem.constants, np.full(2, np.nan + 0j)),)
 
 
@@ -89,7 +89,7 @@ def pole_zero_update(
     accuracy: float,
 ) -> PoleZeroState:
     """Iterate from start constants on bases within `accuracy` of Z; ConvergenceError where it does not settle."""
-    histories = []  # of every basis; the first led to the constants
+    histories = []  # by every basis; those by the first one led to the constants
 
     def step(free: FreeConstants, models: Sequence[ExtendedModel]) -> tuple[PoleZeroState, PiezoConstants]:
         state = _iterated(measured, models, free)

@@ -47,7 +47,7 @@ def mesh_words(model: ElectroelasticModel, reduced: ExtendedModel) -> str:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the update says about one specimen.
+    """What the update says about one sweep of a specimen.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Outcome:
     base_curve, updated_curve : (n,) complex ohm at the sweep's frequencies
     history : pole-zero iterations on its fundamental
     to_sensitivity : computes `sensitivity`, which only pictures and reports ask for
-    unknowns : of the full model;  mesh : what it is, in words
+    unknowns : number of those of the full model;  mesh : description of its mesh and of the reduced model
     constants : the ten constants under the conditions of this sweep
     """
 
@@ -85,7 +85,7 @@ class Outcome:
         return rms_log_error(self.updated_curve, self.measured.spectrum.impedance)
 
     def records(self, kind: str) -> list[dict]:
-        """The contract's list of poles or zeros."""
+        """The list of poles or zeros in update.json, kind "pole" or "zero"."""
         return [
             {"measured": data.to_json(), "model": {"frequency_Hz": model.frequency_Hz, "loss": model.loss}}
             for data, model in self.matched
@@ -107,7 +107,7 @@ class UpdateResult:
     provenance : constant → share of each sweep and of the prior in what is known of it, None without a curve fit
     seconds : step → time
     temperature : the constants over temperature, None where the sweeps are of one
-    samples : of the posterior where they were asked for
+    samples : samples of the posterior, where they were asked for
     """
 
     name: str

@@ -35,7 +35,7 @@ class SimulationResult:
 
     Attributes
     ----------
-    effects : names of the [effects] that sweep, poles and zeros have
+    effects : names of the [effects] that sweep, poles and zeros include
     """
 
     specimen: Specimen
@@ -83,7 +83,7 @@ def visible_resonances(modal: ModalModel, band_Hz: float) -> tuple[tuple[Resonan
 def curve_resonances(
     frequency: np.ndarray, impedance: np.ndarray, band_Hz: float
 ) -> tuple[tuple[Resonance, ...], tuple[Resonance, ...]]:
-    """Poles and zeros up to a frequency as a noise-free curve (k,) Hz, ohm shows them, whatever lies behind it.
+    """Poles and zeros up to a frequency of a noise-free curve, (k,) Hz and (k,) ohm, whatever model it comes from.
 
     Y/(jω) and jωZ are continued off the real axis by rational functions of ω (AAA: Nakatsukasa, Sète, Trefethen,
     SIAM J. Sci. Comput. 40 (2018) A1494); their poles ω have λ = ω². Those of the bare body come back to 1e-11.
@@ -115,7 +115,7 @@ def simulate(
     Parameters
     ----------
     full_order : solve the full model at every frequency instead of the reduced one
-    effects : that its [effects] may name beside those of the library
+    effects : what [effects] may name in addition to the library
 
     Sweep, poles and zeros are those of the specimen with the effects of its [effects] table, and where a fit left it
     ([fitted]).
@@ -148,8 +148,8 @@ def _with_effects(problem: Problem, model: ElectroelasticModel, frequency: np.nd
     even = np.linspace(low, _BEYOND * high, int(np.clip(2 * frequency.size, *_POINTS)))
     every = np.unique(np.concatenate([frequency, even]))
     impedance = simulated_with_effects(problem, model, every, known)
-    own, spread = np.isin(every, frequency), np.isin(every, even)
-    return impedance[own], curve_resonances(every[spread], impedance[spread], high)
+    of_sweep, of_curve = np.isin(every, frequency), np.isin(every, even)
+    return impedance[of_sweep], curve_resonances(every[of_curve], impedance[of_curve], high)
 
 
 def _with_noise(specimen: Specimen, frequency: np.ndarray, impedance: np.ndarray) -> ImpedanceSpectrum:

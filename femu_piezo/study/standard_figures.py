@@ -25,7 +25,7 @@ from femu_piezo.study.measured import Measured, Sweep, measure
 from femu_piezo.study.rational_curve import RationalCurve
 from femu_piezo.study.simulate import simulate
 
-#: A pair within this factor of the expected frequency may be the thickness mode, if coupled at least so.
+#: Factor of the expected frequency within which a pair may be the thickness or shear mode, and its least k_eff.
 _NEAR, _COUPLED = 1.2, 0.15
 #: Ratio of two dimensions from which a plate counts as wide.
 _WIDE = 4.0
@@ -117,8 +117,8 @@ def _modes_told(measured: Measured, constants: PiezoConstants) -> list[tuple[Pie
     main = min(pieces, key=distance)
     told = [(main[0], measured.pair)]
     if main[0].kind == "shear plate":  # its modes begin with those of flexure, of which the formulas say nothing
-        own = strongest(main[1])
-        told = [(_OTHER, measured.pair) if own is None else (main[0], own)]
+        shear = strongest(main[1])
+        told = [(_OTHER, measured.pair) if shear is None else (main[0], shear)]
     for piece, expected in pieces:
         if piece is not main[0] and piece.kind == "thickness plate" and (found := strongest(expected)) is not None:
             told.append((piece, found))

@@ -69,8 +69,8 @@ def update(
     progress : called with the name of each step
     bases : where models and reduced bases come from; made for these specimens alone where None
     spectra : the sweeps of the specimens, in memory or in other files than theirs; those of their files where None
-    effects : that the [effects] of the files may name beside those of the library
-    samples : of the posterior that are drawn; 0 for none
+    effects : what the [effects] of the files may name in addition to the library
+    samples : number of samples drawn from the posterior; 0 for none
 
     Raises
     ------
@@ -211,7 +211,7 @@ def _is_the_papers(measured: Sequence[Measured], origin: str) -> bool:
 
 
 def _low_end_note(measured: Sequence[Measured]) -> tuple[str, ...]:
-    """A word where ε33T is that of the low end of k33 sweeps alone, whose capacitance is not much above a fixture's."""
+    """A note where ε33T is read off k33 sweeps alone, whose capacitance is not much above that of a fixture."""
     read = [one for one in measured if one.permittivity is not None and "eps33T" in one.problem.specimen.material.free]
     if not read or any(one.problem.plate.poling == "thickness" for one in read):
         return ()
@@ -262,7 +262,7 @@ def _baseline_curve(evaluation, own: Unknowns, free) -> np.ndarray:
 
 
 def _known(found: Fit) -> Identifiability:
-    """What the data tell of each constant beside the weak prior, not that of the file; tolerances marginalised."""
+    """How well data determine each constant, with the weak prior in place of the file's; tolerances marginalised."""
     parameters = found.parameters
     count, free = parameters.of_material, parameters.material.free
     weak = replace(parameters, prior=material_prior(free, {}, {})).prior_std
@@ -276,13 +276,13 @@ def _known(found: Fit) -> Identifiability:
         own = own - span @ (span.T @ own)
     told = identifiability(own, parameters.material.names, found.x[:count])
     size = np.where([name.startswith("tan_") for name in told.names], 1.0, np.abs(found.x[:count]))
-    return replace(told, std=np.maximum(told.std, found.std[:count] / size))  # a discrepancy leaves less
+    return replace(told, std=np.maximum(told.std, found.std[:count] / size))  # a discrepancy widens them
 
 
 def _provenance(found: Fit, measured: Sequence[Measured]) -> dict[str, dict[str, float]]:
-    """Where the knowledge of each constant comes from: shares of |∂residual/∂x|² of every sweep and of the prior.
+    """Constant → sweep or "prior" → its share of |∂residual/∂x|², real part and tangent together.
 
-    The information each sweep would give on the constant if all others were known, real part and tangent together.
+    That is the information each would give on the constant if all others were known.
     """
     k, result = found.residual.size // 2, {}
     for index, name in enumerate(found.parameters.material.free.names):
