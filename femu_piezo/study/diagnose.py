@@ -282,8 +282,8 @@ def diagnose(
 
 def _constants_under(posterior: Posterior, index: int, final: Fit) -> PiezoConstants:
     """The constants of a fit under the conditions of one sweep."""
-    _, own, columns = posterior.whole_sweep(index, final)
-    return constants_under(own, final.x[columns])
+    _, unknowns, columns = posterior.whole_sweep(index, final)
+    return constants_under(unknowns, final.x[columns])
 
 
 def _planned(

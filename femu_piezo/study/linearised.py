@@ -40,13 +40,13 @@ class Linearised:
     def __init__(self, posterior: Posterior, found: Fit, reach: float) -> None:
         self._posterior, self._found, self._reach = posterior, found, reach
         self._labels = labels_of(found.parameters.material)
-        self._evaluation, self._own, _ = posterior.whole_sweep(0, found)
+        self._evaluation, self._unknowns, _ = posterior.whole_sweep(0, found)
         self._frequency = posterior.several[0].measured.fitted.frequency
         self._impedance = posterior.several[0].measured.fitted.impedance
         self._scale = found.parameters.prior_std
         self.covariance = found.covariance / np.outer(self._scale, self._scale)
         self._noise = found.data.relative_noise * min(1.0, found.level)  # a level above 1 is misfit, not noise
-        self._resonances = resonances_of(self._evaluation, self._own, found.x)
+        self._resonances = resonances_of(self._evaluation, self._unknowns, found.x)
 
     def relative(self, std: np.ndarray) -> dict[str, float]:
         """Label → deviation, relative of constants, absolute of tangents; from (n_x,) in prior standard deviations."""
@@ -66,7 +66,7 @@ class Linearised:
         return frequency, self._at(frequency)[0]
 
     def _at(self, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return replace(self._evaluation, omega=2 * np.pi * frequency).with_jacobian(self._own, self._found.x)
+        return replace(self._evaluation, omega=2 * np.pi * frequency).with_jacobian(self._unknowns, self._found.x)
 
     def telling(self, band: tuple[float, float], asked: list[str], count: int) -> tuple[np.ndarray, np.ndarray]:
         """`count` frequencies, Hz, that tell most of `asked`, and the deviations (n_x,) with them, over the priors'."""
@@ -110,8 +110,8 @@ class Linearised:
 
     def _rows(self, found: Fit, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whitened slopes (k, 2, n_x) of a fit in units of its priors, and its Z (k,), ohm."""
-        evaluation, own, _ = self._posterior.whole_sweep(0, found)
-        z, slopes = replace(evaluation, omega=2 * np.pi * frequency).with_jacobian(own, found.x)
+        evaluation, unknowns, _ = self._posterior.whole_sweep(0, found)
+        z, slopes = replace(evaluation, omega=2 * np.pi * frequency).with_jacobian(unknowns, found.x)
         white = slopes / z[:, None] * found.parameters.prior_std * self._weight
         return np.stack([white.real, white.imag], axis=1), z
 

@@ -210,13 +210,13 @@ class Posterior:
 
     def curve(self, index: int, fit_: Fit) -> np.ndarray:
         """Z (k,), ohm, of sweep number `index` over all its points, by a fit."""
-        evaluation, own, columns = self.whole_sweep(index, fit_)
-        return evaluation.impedance(own, fit_.x[columns])
+        evaluation, unknowns, columns = self.whole_sweep(index, fit_)
+        return evaluation.impedance(unknowns, fit_.x[columns])
 
     def log_slopes(self, index: int, fit_: Fit) -> np.ndarray:
         """(k, n_x) slopes of log Z of sweep number `index` over all its points, in all unknowns of a fit."""
-        evaluation, own, columns = self.whole_sweep(index, fit_)
-        z, tangents = evaluation.with_jacobian(own, fit_.x[columns])
+        evaluation, unknowns, columns = self.whole_sweep(index, fit_)
+        z, tangents = evaluation.with_jacobian(unknowns, fit_.x[columns])
         slopes = np.zeros((z.size, fit_.x.size), dtype=complex)
         slopes[:, columns] = tangents / z[:, None]
         return slopes

@@ -239,18 +239,18 @@ def _outcome(
 ) -> Outcome:
     """Curves and matched resonances of one specimen at the solution."""
     one = posterior.several[index].measured
-    evaluation, own, columns = posterior.whole_sweep(index, found)
+    evaluation, unknowns, columns = posterior.whole_sweep(index, found)
     x, model = found.x[columns], posterior.full[index]
     return Outcome(
         measured=one,
-        matched=matched_resonances(one, evaluation, own, x),
-        base_curve=_baseline_curve(evaluation, own, posterior.problem.free(base)),
-        updated_curve=evaluation.impedance(own, x),
+        matched=matched_resonances(one, evaluation, unknowns, x),
+        base_curve=_baseline_curve(evaluation, unknowns, posterior.problem.free(base)),
+        updated_curve=evaluation.impedance(unknowns, x),
         history=history,
-        to_sensitivity=partial(sensitivity_with_effects, one.problem.specimen.name, evaluation, own, x),
+        to_sensitivity=partial(sensitivity_with_effects, one.problem.specimen.name, evaluation, unknowns, x),
         unknowns=model.size,
         mesh=mesh_words(model, posterior.models[index]),
-        constants=constants_under(own, x),
+        constants=constants_under(unknowns, x),
     )
 
 
@@ -270,11 +270,11 @@ def _known(found: Fit) -> Identifiability:
     further[:count, :count] = np.diag(1 / weak[:count])
     rows = np.concatenate([found.jacobian / found.level, further])
     others = rows[:, count:] * parameters.prior_std[count:]
-    own = rows[:, :count]
+    of_constants = rows[:, :count]
     if others.shape[1]:
         span = np.linalg.qr(others)[0]
-        own = own - span @ (span.T @ own)
-    told = identifiability(own, parameters.material.names, found.x[:count])
+        of_constants = of_constants - span @ (span.T @ of_constants)
+    told = identifiability(of_constants, parameters.material.names, found.x[:count])
     size = np.where([name.startswith("tan_") for name in told.names], 1.0, np.abs(found.x[:count]))
     return replace(told, std=np.maximum(told.std, found.std[:count] / size))  # a discrepancy widens them
 
