@@ -1,4 +1,4 @@
-"""`Effect`: something a real specimen has and the base model leaves out, as data.
+"""`Effect`: what a real specimen has and the base model leaves out, as data.
 
 An effect changes the affine model A = Σ c_q A_q − ω² M at one or more of these places, each with exact slopes:
 
@@ -7,12 +7,12 @@ An effect changes the affine model A = Σ c_q A_q − ω² M at one or more of t
     density     the density                                             ρ → m(p) ρ
     reshaping   the body, by a smooth map                               x → x + p g(x)
     terms       further stiffness or inertia terms on the mesh          + c(ω, p) A_extra, − ω² m(p) M_extra
-    local       terms at a place that is itself a parameter             + c(ω, p) A(p), on the reduced plate
+    local       terms on the reduced body whose matrices depend on p    + c(ω, p) A(p)
     circuit     a two-port around the terminals                         Z → Z'(ω, p)
     acquisition how the sweep was taken                                 Z(·) → Z'(ω, p)
 
-Effects compose in an order of their own (`Effect.place`), whatever list they stand in. Each file of
-`femu_piezo.effects.library` holds one cause; it needs no change anywhere else.
+Effects act in the order of `Effect.place`, whatever their order in a list. Each file of `femu_piezo.effects.library`
+holds one cause; no other file has to change for it.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from femu_piezo.geometry.reshaping import Reshaping
     from femu_piezo.geometry.upper_face import UpperFace
 
-#: (θ (k, 10), tangents (k, 10, n_x) = ∂θ/∂x, ω (k,), p (n,)) → (θ', its tangents, ∂θ'/∂p (k, 10, n)). The map may be
-#: real-linear only (it may treat Re and Im apart); x and p are real.
+#: (θ (k, 10), tangents (k, 10, n_x) = ∂θ/∂x, ω (k,), p (n,)) → (θ', its tangents, ∂θ'/∂p (k, 10, n)). The derivative
+#: of the map need only be linear over the reals (it may treat Re and Im differently); x and p are real.
 ConstantsHook = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 #: p (n,) → factors s (3,) on the dimensions along x, y, z, and ∂s/∂p (3, n)
 StretchHook = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -48,33 +48,34 @@ CircuitHook = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, n
 
 
 class Reached(Protocol):
-    """What an acquisition acts on: Z as it is inside of it, at any frequencies."""
+    """What an acquisition acts on: Z of the body with all effects that act before it, at any frequencies."""
 
     def __call__(
         self, omega: np.ndarray, *beside: tuple[Effect, np.ndarray], slopes: int | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Z (k,) and ∂Z/∂x (slopes, n_x) at frequencies (k,) rad/s, with further effects at given values beside.
+        """Z (k,), ohm, and ∂Z/∂x (slopes, n_x) at frequencies (k,) rad/s.
 
-        What costs most is asking again for another body, so many frequencies go into one call.
+        Every call with another body costs most, so many frequencies go into one call.
 
-        slopes : how many of the frequencies, the first ones, these are wanted at; all where None
+        beside : further effects that act as well, with the values of their parameters
+        slopes : number of frequencies, counted from the first, at which ∂Z/∂x is wanted; all where None
         """
 
 
-#: (Z inside, ω (k,), p (n,)) → Z' (k,), ∂Z'/∂x (k, n_x), ∂Z'/∂p (k, n)
+#: (Z before the acquisition, ω (k,), p (n,)) → Z' (k,), ∂Z'/∂x (k, n_x), ∂Z'/∂p (k, n)
 AcquisitionHook = Callable[[Reached, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
 class LocalTerm:
-    """One term of the reduced plate at given parameters: value · matrix, and its slopes in the parameters.
+    """One term of the reduced body at given parameters: value · matrix, and its slopes in the parameters.
 
     Attributes
     ----------
     kind : "stiffness" adds value · matrix to the operator, "inertia" −ω² value · matrix (value must not depend on ω)
     matrix : (r, r) real for stiffness, (u, u) on the displacement unknowns for inertia
     value : (k,) over frequency;  slopes : (k, n) ∂value/∂p
-    constant : number of the e-form constant that multiplies it, where one does
+    constant : index of the e-form constant that multiplies the term too; None where none does
     """
 
     kind: Literal["stiffness", "inertia"]
@@ -84,7 +85,7 @@ class LocalTerm:
     constant: int | None = None
 
 
-#: (places of the reduced plate, ω (k,), p (n,)) → its terms
+#: (operators of the reduced body, ω (k,), p (n,)) → the terms that the effect adds
 LocalHook = Callable[["Places", np.ndarray, np.ndarray], list[LocalTerm]]
 
 
@@ -95,19 +96,21 @@ class EffectParameter:
     Attributes
     ----------
     unit : in words of SI, "1" for a pure number
-    low, high : bounds of a fit; 0 (or `rest`) lies between: there the effect vanishes
+    low, high : bounds of a fit, with `rest` between them
     scale : a usual size, the unit of the fit
-    spread : how far from `rest` such effects usually are where there is one: the standard deviation of the prior of a
-        candidate; of a size the largest one of its prior, which is a mixture (`femu_piezo.inference.priors`)
-    tolerance : how far from `rest` it may be without being an effect (a calliper's deviation, the residue of a
-        fixture): the standard deviation of the prior that every fit has; 0 where it is exactly at rest
-    starts : further values to start a fit from, beside the one that linearisation at `rest` gives
+    spread : usual distance from `rest` where the effect is present: the standard deviation of the prior of a candidate.
+        For a parameter in `Effect.sizes` the prior is a mixture (`femu_piezo.inference.priors`), and this its widest
+    tolerance : usual distance from `rest` where the effect is no cause (a calliper's deviation, the residue of a
+        fixture): the standard deviation of the prior in every fit; 0 where the parameter is exactly at rest
+    starts : further values to start a fit from, besides the one that linearisation at `rest` gives
     rest : the value at which the effect vanishes
-    optional : whether a specimen file may leave it out; it is at `rest` then
-    law_error : standard deviation, relative to the value, by which the law's own approximations miss the parameter; of
-        the first one, the size, also the share of the effect's change of log Z that they miss in each band by itself
-    law_detuning : of the first one, where the law ends with the square of the size: relative standard deviation of the
-        frequencies of modes of other classes than the driven one, in each band by itself, over that square
+    optional : whether a specimen file may leave the parameter out, which puts it at `rest`
+    law_error : standard deviation, relative to the value, of the error that the approximations of the law make in the
+        parameter. For the first parameter, the size, also the share of the effect's change of log Z that the law
+        misses, independently in each band
+    law_detuning : for the first parameter, where the law stops at its square: relative standard deviation of the
+        frequencies of modes of other classes than the driven one, over that square (in SI units), independently in each
+        band
     """
 
     name: str
@@ -131,15 +134,15 @@ class EffectParameter:
 
 @dataclass(frozen=True)
 class ExtraTerm:
-    """A further term of the affine model; builds A, (4n, 4n) sparse over all degrees of freedom, fields in turn.
+    """A further term c A of the affine model; A (4n, 4n) is sparse over all degrees of freedom, field by field.
 
     Attributes
     ----------
     kind : "stiffness" adds c A to the operator, "inertia" adds −ω² c A (c must not depend on ω then)
-    matrix : A on a mesh; the Fourier orders of a body of revolution, which have none, go without it
+    matrix : builds A on a mesh; in the Fourier orders of a body of revolution, which have no mesh, A is zero then
     coefficient : c(ω, p) with slopes
     training : values of c that the reduced basis must serve
-    on_electrodes : A of something that lies on the electrodes, instead of `matrix`
+    on_electrodes : builds A of what lies on the electrodes, from their faces, instead of `matrix`
     """
 
     name: str
@@ -150,7 +153,7 @@ class ExtraTerm:
     on_electrodes: Callable[[Faces], sp.spmatrix] | None = None
 
     def of(self, model: ElectroelasticModel) -> sp.spmatrix:
-        """(4n, 4n) on the mesh of a model."""
+        """A (4n, 4n) on the mesh of a model."""
         return self.matrix(model) if self.on_electrodes is None else self.on_electrodes(electrode_faces(model))
 
 
@@ -162,26 +165,26 @@ class Effect:
     ----------
     name : as in results and in the [effects] table of a specimen file
     sentence : what it is, in physical words
-    variant : the constant that is meant, where one name has several candidates
-    law : another formula of the same cause, where it has several
-    specimen : name of the specimen that has the effect, of several diagnosed together; "" where all share it
+    variant : the constant that the candidate is about, where several candidates have one name
+    law : name of the formula, where the cause has several; "" for its plain one
+    specimen : name of the specimen or fixture that has the effect, of several diagnosed together; "" where all share it
     confusable_with : names of effects and constants it may be hard to tell from
     advice : further measurements that separate it from those
-    reshaping : map of the body whose size is the first parameter, of a dimension that no stretch along an axis changes
+    reshaping : map of the body, its size the first parameter, for a dimension that no stretch along an axis changes
     dispersive : whether `constants` or a coefficient depends on ω
     sectors : groups of unknowns beyond the driven ones that the terms couple
         (`femu_piezo.effects.local.sectors`)
-    sites : (m, n) parameters to start a fit from: the size, then where it sits. How Z moves with a small size tells
-        how promising each is and what size it asks for
-    start_sizes : where the constants make up for what a small size does, so that it shows in second order first: sizes
-        to start from, over that in `sites`; linearisation at one holds to a few times of it
-    onset : terms whose slopes in the size hold at size zero, where those of `local` do not
+    sites : (m, n) values of the parameters to start a fit from, sizes first, then the place. The slope of Z in a small
+        size tells how promising a site is and which size to start from
+    start_sizes : factors on the size in `sites` to start from too, for an effect whose small sizes the constants make
+        up for, so that it shows in second order only; a linearisation at a size holds up to a few times that size
+    onset : terms to take at size zero, where the slopes of those of `local` in the size do not hold
     outward : place of the circuit or acquisition on the way from the body to the instrument, the lowest first
-    freed : whether every fit has it with the prior of a cause, as the specimen file asks
-    of_unknown : whether it is a form that what no cause describes may have: it competes as causes do, and where it is
-        needed the verdict is unknown
-    of_conditions : whether its law holds the conditions of a sweep (`EffectContext.taken`), so that each of several
-        sweeps of a specimen has its own form of it, with the same parameters
+    freed : whether its parameters are unknowns of every fit with the prior of a cause, as the specimen file asks
+    of_unknown : whether it stands for what no cause of the library describes: it competes with the causes, and where it
+        is needed the verdict is unknown
+    of_conditions : whether its law depends on the conditions of a sweep (`EffectContext.taken`), so that each of
+        several sweeps of a specimen has a hook of its own, with the same parameters
     """
 
     name: str
@@ -215,40 +218,40 @@ class Effect:
 
     @property
     def within_tolerance(self) -> Effect:
-        """The same as no candidate: no larger than its tolerance."""
-        return replace(self, parameters=tuple(replace(one, spread=0.0) for one in self.parameters))
+        """This effect with no spread: never a candidate, its parameters within their tolerances."""
+        return replace(self, parameters=tuple(replace(parameter, spread=0.0) for parameter in self.parameters))
 
     @property
     def within_spread(self) -> Effect:
-        """The same as an unknown of every fit, with the prior of a cause."""
+        """This effect as an unknown of every fit, with the prior of a cause as its tolerance."""
         wide = zip(self.parameters, self.spread, strict=True)
         return replace(
             self,
-            parameters=tuple(replace(one, spread=0.0, tolerance=float(spread)) for one, spread in wide),
+            parameters=tuple(replace(parameter, spread=0.0, tolerance=float(spread)) for parameter, spread in wide),
             freed=True,
         )
 
     @property
     def resizes(self) -> bool:
-        """Whether it is about a dimension of the body."""
+        """Whether it changes a dimension of the body."""
         return self.stretch is not None or self.reshaping is not None
 
     @made_once
     def sizes(self) -> np.ndarray:
-        """Numbers of the parameters of an effect at a place that say how large it is: those that vanish with it."""
+        """Indices of the parameters that say how large it is: not optional, and the same at all `sites`."""
         optional = np.array([parameter.optional for parameter in self.parameters])
         placed = optional if self.sites is None else optional | (np.ptp(self.sites, axis=0) > 0)
         return np.flatnonzero(~placed)
 
     @property
     def on_constants(self) -> bool:
-        """Whether it changes the constants alike at all frequencies."""
+        """Whether it changes the constants, and equally at all frequencies."""
         return self.constants is not None and not self.dispersive
 
     @made_once
     def place(self) -> tuple[float, bool]:
-        """Where it stands among the effects of a body: laws over frequency act on the constants as they are, circuits
-        follow outward, the instrument is last."""
+        """Sort key of the order in which effects act: changes of constants, laws over frequency on the result, then
+        circuits and acquisitions from the body outward, the instrument last."""
         return self.outward, self.dispersive
 
     @made_once
@@ -281,17 +284,17 @@ class Effect:
 
     @property
     def tolerance(self) -> np.ndarray:
-        """(n,) prior standard deviation of each parameter where it is not."""
+        """(n,) prior standard deviation of each parameter where the effect is not tried as a cause."""
         return np.array([parameter.tolerance for parameter in self.parameters])
 
     @property
     def has_tolerance(self) -> bool:
-        """Whether every fit has it, within its tolerance."""
+        """Whether a parameter has a tolerance, so that every fit includes the effect."""
         return bool(np.any(self.tolerance > 0))
 
     @property
     def is_candidate(self) -> bool:
-        """Whether it may be larger than its tolerance, and so be a cause."""
+        """Whether a parameter may exceed its tolerance, so that the effect may be a cause."""
         return bool(np.any(self.spread > self.tolerance))
 
     @property
@@ -302,15 +305,15 @@ class Effect:
 
 @dataclass(frozen=True)
 class Taken:
-    """How a sweep was taken, among all of its specimen.
+    """How one of the sweeps of a specimen was taken.
 
     Attributes
     ----------
-    number, count : which of how many it is
+    number, count : index of the sweep, and how many the specimen has
     rising : whether its frequency rose in time
-    drive : its amplitude over the largest of all
-    fixture : what held the specimen, by name; "" where that is not said
-    warmer_K : temperature of the specimen above the mean of all;  span_K : half the range of all, 0 where unknown
+    drive : its voltage over the largest of all sweeps
+    fixture : name of what held the specimen; "" where that is not said
+    warmer_K : temperature above the mean of all sweeps;  span_K : half the range of all temperatures, 0 where unknown
     """
 
     number: int = 0
@@ -331,8 +334,8 @@ class EffectContext:
     fundamental_Hz : pole of the fundamental, where laws over frequency are anchored
     free : names of the free constants; all others are held
     constants : the ten constants of the base model
-    axes : the dimensions that the specimen has, by name, as the axes (0, 1, 2) along which they lie
-    reshapings : further ones, by name, as maps of the body
+    axes : dimensions by name → the axes (0, 1, 2) along which they lie
+    reshapings : dimensions that lie along no axis, by name → the map of the body that changes them
     density : kg/m³
     thickness : extent along the electrodes' normal, m
     impedance : typical |Z| of the sweep, ohm
@@ -341,10 +344,11 @@ class EffectContext:
         relative "accuracy" and "phase_accuracy" (rad) of the instrument. What has none is known exactly.
     weighed : whether the density follows from a mass, so that a larger body is a lighter material
     band_Hz : lowest and highest frequency of the sweep
-    pace_Hz : frequencies of the sweep after even shares of its time, rising; `band_Hz` at an even pace where empty
+    pace_Hz : frequencies that the sweep reached after equal shares of its time, rising; empty where it went evenly
+        through `band_Hz`
     dimensions : length, width, thickness of a plate with three mirror planes, m; None for other bodies
     radii : inner and outer radius of a disk or ring with covered faces, poled along its axis, m; None for others
-    upper : the face of any other body where something may stick or stand; None for those
+    upper : the upper face of any other body, where a mass may stick or a support stand; None where there is none
     poling : "thickness" (k31) or "length" (k33)
     taken : how the sweep was taken
     """
@@ -374,7 +378,7 @@ class EffectContext:
 
     @property
     def mass(self) -> float | None:
-        """Of the body, kg; None where its dimensions are not known."""
+        """Mass of the body, kg; None without `dimensions`, `radii` and `upper`."""
         if self.radii is not None:
             return float(np.pi * (self.radii[1] ** 2 - self.radii[0] ** 2) * self.thickness * self.density)
         if self.upper is not None:

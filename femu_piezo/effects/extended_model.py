@@ -26,9 +26,10 @@ from femu_piezo.forward.reduction import ReducedModel, reduce_model
 from femu_piezo.material.constants import E_FORM, ElasticForm, PiezoConstants
 from femu_piezo.threads import Once, blas_limit, made_once
 
-#: Selections of sectors whose terms are kept, a large one 100 MB; the terms of their classes, a tenth of that, all are.
+#: Number of selections of sectors whose terms are kept, 100 MB for a large one; the terms by class, a tenth of that,
+#: are all kept.
 _MODELS = 4
-#: Closed forms that a model keeps.
+#: Number of closed forms that a model keeps, the latest.
 _FORMS = 2
 #: Relative stretch of each dimension that the basis is trained for.
 _STRETCH = 0.02
@@ -37,19 +38,19 @@ _STRETCH = 0.02
 class ExtendedModel:
     """Projected terms of some sectors; r unknowns: displacements, inner potentials, hot potential in volts.
 
-    Further sectors, and the terms on them, are made when an effect asks for them.
+    `restricted` gives the model on other sectors; their fields and terms are made when they are first asked for.
 
     Parameters
     ----------
-    source : what all selections of sectors share
+    source : fields and terms that all selections of sectors share
     sectors : the unknowns
 
     Attributes
     ----------
     owner : (n_s,) index of the e-form constant of each stratum
     exponents : (n_s, 3) exponents 1 − k of the factors on the three dimensions
-    places : what effects at a place need
-    closed_forms : the latest, by what tells their stiffness and mass
+    places : operators that effects at a place need
+    closed_forms : the latest, by a hash of their stiffness and mass
     """
 
     def __init__(self, source: _Source, sectors: Sectors) -> None:
@@ -85,17 +86,17 @@ class ExtendedModel:
 
     @property
     def estimated_error(self) -> float:
-        """Of Z by the driven class, relative."""
+        """Relative error of Z by the reduction of the driven class, as estimated."""
         return self._source.reduced.estimated_error
 
     @property
     def mesh_error(self) -> MeshError | None:
-        """Of the driven eigenvalues, measured by elements of one order less; None where these cannot tell."""
+        """Error of the driven eigenvalues by the mesh, from elements one order lower; None where these cannot tell."""
         return self._source.mesh_error
 
     @made_once
     def strata(self) -> np.ndarray:
-        """(n_s, r, r) parts of equal exponents of the unit-constant matrices; those of one constant sum to its bulk."""
+        """(n_s, r, r) parts of equal exponents of the unit-constant matrices; their sum over one constant is `bulk`."""
         return self._by_class(self._source.strata)
 
     @made_once
@@ -104,12 +105,12 @@ class ExtendedModel:
         return self._by_class(self._source.bulk)
 
     def extra(self, name: str) -> np.ndarray:
-        """(r, r) of an extra term of an effect."""
-        return self._extra.get(name, lambda: self._by_class(lambda own: self._source.extra(name, own)))
+        """(r, r) matrix of an extra term of an effect."""
+        return self._extra.get(name, lambda: self._by_class(lambda names: self._source.extra(name, names)))
 
     @property
     def mass(self) -> np.ndarray:
-        """(u, u) diagonal mass of the displacement unknowns: 1, and 0 where a spot has no field."""
+        """(u, u) diagonal mass of the displacement unknowns: 1, and 0 for those of a spot, which have no field."""
         found = np.ones(self.displacements)
         found[self._sectors.spot] = 0.0
         return np.diag(found)
@@ -122,25 +123,28 @@ class ExtendedModel:
             return diagonalise(stiffness, driven.bulk, driven.displacements, driven.admittance_factor)
 
     def restricted(self, wanted: Iterable[str]) -> ExtendedModel:
-        """The model with the driven sector and those that are wanted alone; the latest are kept."""
+        """The model on the driven sector, the wanted ones and those that these need; the latest are kept."""
         return self._source.model(wanted)
 
     def _by_class(self, block: Callable[[tuple[str, ...]], np.ndarray]) -> np.ndarray:
-        """(…, r, r) of a symmetric operator, which couples no two classes; block: sectors of one → (…, k, k)."""
+        """(…, r, r) operator of the symmetry of the body, which couples no two classes, from its blocks.
+
+        block : names of the sectors of one class → (…, k, k)
+        """
         found = None
         for names in self._sectors.classes.values():
-            part, own = block(names), self._sectors.numbers(names)
+            values, at = block(names), self._sectors.numbers(names)
             if found is None:
-                found = np.zeros((*part.shape[:-2], self.size, self.size))
-            found[(..., *np.ix_(own, own))] = part
+                found = np.zeros((*values.shape[:-2], self.size, self.size))
+            found[(..., *np.ix_(at, at))] = values
         return found
 
 
 class _Source:
-    """Fields of all sectors, and the terms on each class, made when they are first asked for."""
+    """Fields of all sectors, and the terms on each class, each made when it is first asked for."""
 
     def __init__(self, fields: Fields, needs: Needs, matrices: Mapping[str, sp.spmatrix]) -> None:
-        """matrices : of every further term of `needs`, by its name, on the mesh"""
+        """matrices : (4n, 4n) on the mesh of every further term of `needs`, by its name"""
         self._fields, self._matrices = fields, matrices
         self._terms = {term.name: term for term in needs.terms}
         self.reduced, self.shared, self._models = fields.reduced, Once(), Once(_MODELS)
@@ -149,26 +153,26 @@ class _Source:
 
     @property
     def mesh_error(self) -> MeshError | None:
-        """Measured when it is first asked for."""
+        """Error of the driven eigenvalues by the mesh, measured when it is first asked for."""
         fields, band = self._fields, self.reduced.band_Hz
         return self.shared.get("mesh error", lambda: mesh_error(fields.model, fields.reference, band))
 
     def model(self, wanted: Iterable[str]) -> ExtendedModel:
-        """With the driven sector and those that are wanted."""
+        """The model on the driven sector, the wanted ones and those that these need."""
         names = self._fields.chosen(wanted)
         return self._models.get(names, lambda: ExtendedModel(self, self._fields.select(names)))
 
     def strata(self, names: tuple[str, ...]) -> np.ndarray:
-        """(n_s, k, k) on the sectors of one class."""
+        """(n_s, k, k) strata on the sectors of one class."""
         return self.shared.get(("strata", names), lambda: self._fields.projected(names, self._parts))
 
     def bulk(self, names: tuple[str, ...]) -> np.ndarray:
-        """(10, k, k) on the sectors of one class."""
+        """(10, k, k) unit-constant matrices on the sectors of one class."""
         strata = self.strata(names)
         return np.array([strata[self.owner == q].sum(axis=0) for q in range(len(E_FORM))])
 
     def extra(self, name: str, names: tuple[str, ...]) -> np.ndarray:
-        """(k, k) of an extra term on the sectors of one class."""
+        """(k, k) matrix of an extra term on the sectors of one class."""
         return self.shared.get(
             ("extra", name, names), lambda: self._fields.extra(names, self._terms[name], self._matrices[name])
         )
@@ -181,8 +185,8 @@ class Needs:
     Attributes
     ----------
     trained : name, kind and training values of every term
-    terms : the terms themselves, told apart by their names
-    sectors : names
+    terms : the terms themselves, one of each name
+    sectors : names of the sectors that the effects couple
     stretching : whether an effect changes dimensions
     """
 
@@ -193,7 +197,7 @@ class Needs:
 
     @classmethod
     def of(cls, effects: Sequence[Effect]) -> Needs:
-        """Of all effects of a list."""
+        """What all effects of a list need together."""
         terms = tuple({term.name: term for effect in effects for term in effect.terms}.values())
         return cls(
             trained=tuple((term.name, term.kind, term.training) for term in terms),
@@ -211,12 +215,12 @@ def extend_model(
     *,
     accuracy: float = 1e-5,
 ) -> ExtendedModel:
-    """Reduce a model so that it serves all effects of a list within their training ranges: its driven sector.
+    """Reduce a model so that it serves all effects of a list within their training ranges; on its driven sector.
 
     Parameters
     ----------
-    training : constants the basis is trained at, the reference first
-    accuracy : of Z, as `reduce_model`
+    training : constants at which the basis is trained, the reference first
+    accuracy : aimed-for relative error of Z, as in `reduce_model`
     """
     needs = Needs.of(effects)
     matrices = {term.name: term.of(model) for term in needs.terms}
@@ -238,7 +242,7 @@ def _driven(
     band_Hz: float,
     accuracy: float,
 ) -> ReducedModel:
-    """The driven class, trained at the constants, with every term and stretched along every axis."""
+    """The driven class, trained at the constants, with every further term, and with a stretch along every axis."""
     lossless = training[0].lossless()
     parts = _stretches(model, lossless.to_e_form().vector().real) if needs.stretching else {}
     trained = model.with_terms(parts, matrices)
@@ -246,16 +250,16 @@ def _driven(
     points: list = [*training]
     for term in needs.terms:
         for value in term.training:
-            # a mass leads along the same states as a spring, which makes no mode of negative stiffness
+            # a spring leads to the same states as a mass; with its sign positive no mode has a negative eigenvalue
             points.append((lossless, {term.name: 0.3 * top * value if term.kind == "inertia" else value}))
     points += [(lossless, {name: 1.0}) for name in parts]
     return reduce_model(trained, points, band_Hz, accuracy=accuracy)
 
 
 def _stretches(model: ElectroelasticModel, coefficients: np.ndarray) -> dict[str, np.ndarray]:
-    """What a stretch s adds to Σ c_q H_q (4, 3, 4, 3): along each axis, of bodies of revolution along x and y together.
+    """By name what a stretch s adds to Σ c_q H_q (4, 3, 4, 3): along each axis, or x and y together of a round body.
 
-    A part with k derivatives along m stretched axes has s^(m − k) − 1 of it added.
+    To a part with k derivatives along the m stretched axes it adds s^(m − k) − 1 times that part.
     """
     tensor, s = np.tensordot(coefficients, model.unit_tensors, axes=1), 1 + _STRETCH
     added = {}
@@ -267,7 +271,7 @@ def _stretches(model: ElectroelasticModel, coefficients: np.ndarray) -> dict[str
 
 
 def _strata(units: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Parts of equal constant and exponents: tensors (n_s, 4, 3, 4, 3), constants (n_s,), exponents (n_s, 3)."""
+    """Parts of one constant and equal exponents: tensors (n_s, 4, 3, 4, 3), constants (n_s,), exponents (n_s, 3)."""
     parts: dict[tuple[int, tuple[int, ...]], np.ndarray] = {}
     for q, tensor in enumerate(units):
         for f, a, g, b in zip(*np.nonzero(tensor), strict=True):
@@ -277,5 +281,5 @@ def _strata(units: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _whole(units: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """One stratum of each constant, for bodies that no effect stretches."""
+    """As `_strata` with one stratum of each constant, for bodies that no effect stretches."""
     return units, np.arange(len(units)), np.zeros((len(units), 3))

@@ -1,6 +1,6 @@
-"""Bodies whose compliances all change alike, by the body as it is at other frequencies.
+"""Impedance of a body whose compliances all change by one factor, from the unchanged body at other frequencies.
 
-A body of compliances s w², of d and ε unchanged, is that of s, d/w and ε at frequencies higher by w:
+A body with compliances s w², d and ε behaves as one with s, d/w and ε at frequencies higher by the factor w:
 
     Z(ω; s w², d, ε) = w Z(ωw; s, d/w, ε).
 """
@@ -20,14 +20,14 @@ _STEP, _SIDE = 1e-5, 4e-3
 def _scaled(theta, tangents, omega, p):
     """d (1 + p)."""
     theta, tangents = theta.copy(), tangents.copy()
-    own = np.zeros((*theta.shape, 1), dtype=complex)
-    own[:, _PIEZOELECTRIC, 0] = theta[:, _PIEZOELECTRIC]
+    by_p = np.zeros((*theta.shape, 1), dtype=complex)
+    by_p[:, _PIEZOELECTRIC, 0] = theta[:, _PIEZOELECTRIC]
     theta[:, _PIEZOELECTRIC] *= 1 + p[0]
     tangents[:, _PIEZOELECTRIC] *= 1 + p[0]
-    return theta, tangents, own
+    return theta, tangents, by_p
 
 
-#: d times 1 + share, set beside a body (`femu_piezo.effects.effect.Reached`).
+#: d times 1 + share, for a body that is asked for with a further effect (`femu_piezo.effects.effect.Reached`).
 COUPLING = Effect(
     "coupling", "", (EffectParameter("share", "1", -0.1, 0.1, 1.0, 0.0),), constants=_scaled, dispersive=False
 )
@@ -36,14 +36,14 @@ COUPLING = Effect(
 def softened(inside: Reached, omega: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Z (k,) at frequencies (k,) rad/s, and dZ/dw at w = 1 of compliances s w²: Z + ω ∂Z/∂ω − d ∂Z/∂d.
 
-    Each with its slopes (k, n_x).
+    Each comes with its slopes (k, n_x).
     """
     near = inside(np.concatenate([omega, omega * (1 + _STEP), omega * (1 - _STEP)]))
     sides = [inside(omega, (COUPLING, np.array([sign * _SIDE]))) for sign in (1, -1)]
     here, along = [], []
     for part in (0, 1):
-        own, ahead, behind = np.split(near[part], 3)
+        value, ahead, behind = np.split(near[part], 3)
         more, less = (side[part] for side in sides)
-        here.append(own)
-        along.append(own + (ahead - behind) / (2 * _STEP) - (more - less) / (2 * _SIDE))
+        here.append(value)
+        along.append(value + (ahead - behind) / (2 * _STEP) - (more - less) / (2 * _SIDE))
     return (here[0], here[1]), (along[0], along[1])

@@ -21,7 +21,7 @@ from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 from femu_piezo.errors import InputError
 from femu_piezo.units import parse_quantity, shown
 
-#: What a list of effects holds: an effect as it is, or what makes those that a specimen may have (one, several, none).
+#: Entry of a list of effects: an effect, or a function that makes those that a specimen may have (one, several, none).
 Maker = Effect | Callable[[EffectContext], Effect | Iterable[Effect] | None]
 
 #: `candidates` of every module of this package, in the order of their names.
@@ -31,7 +31,7 @@ makers: tuple[Maker, ...] = tuple(
 
 
 class _Library(ModuleType):
-    """This package, which is the list of its makers."""
+    """This package, which can be used as the list of its makers."""
 
     def __iter__(self) -> Iterator[Maker]:
         return iter(makers)
@@ -47,12 +47,12 @@ sys.modules[__name__].__class__ = _Library
 
 
 def library(context: EffectContext) -> tuple[Effect, ...]:
-    """Every effect of the library that makes sense for a specimen."""
+    """Every effect of the library that a specimen may have."""
     return effects_of(context, makers)
 
 
 def effects_of(context: EffectContext, offered: Iterable[Maker]) -> tuple[Effect, ...]:
-    """The effects of a list that make sense for a specimen.
+    """The effects of a list that a specimen may have.
 
     Raises InputError where an entry is neither an `Effect` nor a function of an `EffectContext`.
     """
@@ -68,7 +68,7 @@ def effects_of(context: EffectContext, offered: Iterable[Maker]) -> tuple[Effect
 
 
 def with_library(offered: Iterable[Maker] | None) -> tuple[Maker, ...]:
-    """A list of effects, then those of the library that it lacks; the library where it is None."""
+    """A list of effects, then those of the library that it lacks; the library alone where the list is None."""
     return makers if offered is None else tuple(dict.fromkeys((*offered, *makers)))
 
 
@@ -76,9 +76,9 @@ def with_library(offered: Iterable[Maker] | None) -> tuple[Maker, ...]:
 _LONGEST = 60
 #: Frequencies of any sweep, Hz.
 _ANY_BAND = (1.0, 1e9)
-#: The name of a table of what one of several fixtures adds: NAME (FIXTURE).
+#: Title of a table about an effect of one of several fixtures: NAME (FIXTURE).
 _OF_FIXTURE = re.compile(r"(?P<name>[^ ]+) \((?P<fixture>.+)\)")
-#: Keys of an [effects.NAME] table: where a law over frequency is anchored, and the parameters that fits find anew.
+#: Keys of an [effects.NAME] table: where a law over frequency is anchored, and the parameters that every fit estimates.
 REFERENCE, FREE = "reference_frequency", "free"
 
 
@@ -91,8 +91,8 @@ def from_table(
 ) -> tuple[tuple[Effect, np.ndarray], ...]:
     """The effects of an [effects] table with their values: effect name → parameter name → SI number or "1 ohm".
 
-    Those with a parameter that `free` names are unknowns of every fit (`Effect.within_spread`). What fixtures add other
-    than that of the sweep is left out.
+    Those with a parameter that `free` names are unknowns of every fit (`Effect.within_spread`). Tables of fixtures that
+    the sweep did not use are skipped.
 
     offered : the effects that are known by name;  kind : name of the table in messages
 
@@ -104,11 +104,11 @@ def from_table(
         name, fixture = (split["name"], split["fixture"]) if split else (title, "")
         if fixture not in ("", context.taken.fixture):
             continue
-        left = dict(values)
-        free = left.pop(FREE, ())
-        anchor = left.pop(REFERENCE, context.fundamental_Hz)
+        unread = dict(values)
+        free = unread.pop(FREE, ())
+        anchor = unread.pop(REFERENCE, context.fundamental_Hz)
         at = replace(context, fundamental_Hz=parse_quantity(anchor, "Hz", f"{where}: {kind}.{name}.{REFERENCE}"))
-        # a constant that is free now may have had an error before, and another sweep another band
+        # the file may state an error of a constant that is free now, or an effect of a sweep over another band
         known = effects_of(replace(at, free=(), band_Hz=_ANY_BAND), offered)
         variants = [effect for effect in known if effect.name == name]
         if not variants:
@@ -120,15 +120,15 @@ def from_table(
                 f"{_as_written([key for key in values if key not in (FREE, REFERENCE)])}"
             )
         for effect in variants:
-            if {parameter.name for parameter in effect.parameters if not parameter.optional} <= set(left):
+            if {parameter.name for parameter in effect.parameters if not parameter.optional} <= set(unread):
                 key = f"{where}: {kind}.{name}"
-                given = [_value(p, left.pop(p.name, p.rest), f"{key}.{p.name}") for p in effect.parameters]
+                given = [_value(p, unread.pop(p.name, p.rest), f"{key}.{p.name}") for p in effect.parameters]
                 asked = any(parameter.name in free for parameter in effect.parameters)
                 effect = replace(effect, specimen=fixture)
                 found.append((effect.within_spread if asked else effect, np.array(given)))
-        if left or not values:
+        if unread or not values:
             words = "; or ".join(", ".join(f"{p.name} ({p.unit})" for p in effect.parameters) for effect in variants)
-            raise InputError(f"{where}: {kind}.{name} has {sorted(left) or 'nothing'}; give {words}")
+            raise InputError(f"{where}: {kind}.{name} has {sorted(unread) or 'nothing'}; give {words}")
     return tuple(found)
 
 
