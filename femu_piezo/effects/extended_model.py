@@ -215,7 +215,7 @@ def extend_model(
     *,
     accuracy: float = 1e-5,
 ) -> ExtendedModel:
-    """Reduce a model so that it serves all effects of a list within their training ranges; on its driven sector.
+    """The model on its driven sector, reduced to serve all effects of a list within their training ranges.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
-"""What differs between the sweeps of one specimen: its temperature, as stated and as nobody noticed.
+"""What differs between the sweeps of one specimen: its stated temperature, and small changes that nobody noticed.
 
     θ → θ (1 + a ΔT)(1 − j b ΔT)    for every constant, free or held, ΔT from the mean temperature of the sweeps,
 
-so that b is what the loss tangent grows with temperature. The thermal expansion of the body, some 1e-6/K, is in a. What
-the stated temperatures do not tell (a few tenths of a kelvin, a new grip) shifts the resonances of each further sweep
-against those of the first by a small share p,
+so that b is the growth of the loss tangent per kelvin. a includes the thermal expansion of the body, some 1e-6/K.
+Changes that are not stated (a few tenths of a kelvin, a new grip) shift the resonances of each further sweep against
+those of the first by a small share p,
 
     s_ij → s_ij/(1 + p)².
 """
@@ -16,44 +16,44 @@ import numpy as np
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 from femu_piezo.material.constants import D_FORM
 
-#: What temperature coefficients of ceramics are, standard deviations, 1/K: of compliances, of the other constants, and
+#: Prior standard deviations of temperature coefficients of ceramics, 1/K: of compliances, of the other constants, and
 #: of all tangents.
 _ELASTIC, _ELECTRIC, _TANGENT = 1e-3, 5e-3, 1e-3
 _COMPLIANCES = [index for index, name in enumerate(D_FORM) if name.startswith("s")]
 
 
 def _constants(context: EffectContext) -> tuple[str, ...]:
-    """The names of those that are not zero."""
+    """Names of the constants that are not zero."""
     return tuple(name for name in D_FORM if getattr(context.constants, name) != 0)
 
 
 def _coefficients(context: EffectContext):
-    where, kelvin = [D_FORM.index(name) for name in _constants(context)], context.taken.warmer_K
+    indices, kelvin = [D_FORM.index(name) for name in _constants(context)], context.taken.warmer_K
 
     def constants(theta, tangents, omega, p):
         theta, tangents = theta.copy(), tangents.copy()
-        own = np.zeros((*theta.shape, p.size), dtype=complex)
-        for number, index in enumerate(where):
+        by_p = np.zeros((*theta.shape, p.size), dtype=complex)
+        for number, index in enumerate(indices):
             real, loss = 1 + p[2 * number] * kelvin, 1 - 1j * p[2 * number + 1] * kelvin
-            own[:, index, 2 * number] = theta[:, index] * kelvin * loss
-            own[:, index, 2 * number + 1] = -1j * theta[:, index] * kelvin * real
+            by_p[:, index, 2 * number] = theta[:, index] * kelvin * loss
+            by_p[:, index, 2 * number + 1] = -1j * theta[:, index] * kelvin * real
             theta[:, index] *= real * loss
             tangents[:, index] *= real * loss
-        return theta, tangents, own
+        return theta, tangents, by_p
 
     return constants
 
 
 def _shift(number: int):
     def constants(theta, tangents, omega, p):
-        own = np.zeros((*theta.shape, p.size), dtype=complex)
+        by_p = np.zeros((*theta.shape, p.size), dtype=complex)
         if number == 0:
-            return theta, tangents, own
+            return theta, tangents, by_p
         theta, tangents, w = theta.copy(), tangents.copy(), 1 + p[number - 1]
         theta[:, _COMPLIANCES] /= w**2
         tangents[:, _COMPLIANCES] /= w**2
-        own[:, _COMPLIANCES, number - 1] = -2 * theta[:, _COMPLIANCES] / w
-        return theta, tangents, own
+        by_p[:, _COMPLIANCES, number - 1] = -2 * theta[:, _COMPLIANCES] / w
+        return theta, tangents, by_p
 
     return constants
 
@@ -67,9 +67,9 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 name="temperature_coefficients",
                 sentence="the constants change with temperature",
                 parameters=tuple(
-                    one
+                    parameter
                     for name in _constants(context)
-                    for one in (
+                    for parameter in (
                         _coefficient(name, 1e-3, _ELASTIC if name.startswith("s") else _ELECTRIC),
                         _coefficient(f"tan_{name}", 1e-4, _TANGENT),
                     )

@@ -1,4 +1,4 @@
-"""What leads, contacts and the fixture add around the terminals; either sign, since a compensation can take too much.
+"""What leads, contacts and the fixture add at the terminals; either sign, since a compensation may take off too much.
 
     series_resistance   Z' = Z + R              stray_capacitance   Y' = Y + jωC
     series_inductance   Z' = Z + jωL/(1 + jωτ)  leakage             Y' = Y + G
@@ -6,11 +6,11 @@
 
 E = 1/C is the inverse of the capacitance of a gap between a face and its electrode, C = ε0 A/g where the gap g is even;
 below its corner frequency c = G/(2πC) a gap of conductance G leaks more than it stores.
-Metal beside the leads carries eddy currents: of their inductance L it makes a resistance ω²τL below the frequency 1/τ.
+Metal near the leads carries eddy currents, which add a resistance ω²τL to the inductance L of the leads below ω = 1/τ.
 A cable of length ℓ is lossless, with the wave speed v of solid polyethylene (velocity factor 0.66, as RG-58 has): ℓ is
-the length of such a cable. What is short against the wave is ℓ/(v Z0) of stray capacitance and Z0 ℓ/v of inductance.
+the length of such a cable. One short against the wavelength is a stray capacitance ℓ/(v Z0) and an inductance Z0 ℓ/v.
 
-What a fixture leaves after its compensation (`residue` of the specimen file) is the tolerance of those that it has. The
+What remains of R, L and C after the compensation of a fixture (`residue` of the specimen file) is their tolerance. The
 gap is nearest to the body, then the leakage; then come the leads, the fixture, and the cable.
 """
 
@@ -27,8 +27,8 @@ def _in_series(slope: Callable[[np.ndarray], np.ndarray]) -> CircuitHook:
     """Z' = Z + p · slope(ω)."""
 
     def circuit(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
-        own = slope(omega)
-        return z + own * p[0], np.ones_like(z), own[:, None]
+        by_p = slope(omega)
+        return z + by_p * p[0], np.ones_like(z), by_p[:, None]
 
     return circuit
 
@@ -37,9 +37,9 @@ def _in_parallel(slope: Callable[[np.ndarray], np.ndarray]) -> CircuitHook:
     """Y' = Y + p · slope(ω)."""
 
     def circuit(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
-        own = slope(omega)
-        ratio = 1 / (1 + own * p[0] * z)  # Z'/Z, and ∂Z'/∂Z = ratio²
-        return z * ratio, ratio**2, (-own * (z * ratio) ** 2)[:, None]
+        by_p = slope(omega)  # ∂Y'/∂p
+        ratio = 1 / (1 + by_p * p[0] * z)  # Z'/Z, and ∂Z'/∂Z = ratio²
+        return z * ratio, ratio**2, (-by_p * (z * ratio) ** 2)[:, None]
 
     return circuit
 
@@ -55,8 +55,8 @@ def _derivative(omega: np.ndarray) -> np.ndarray:
 def _lead(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
     """Z' = Z + jωL/(1 + jωτ), p = (L, τ)."""
     share = 1 / (1 + 1j * omega * p[1])
-    own = 1j * omega * share
-    return z + own * p[0], np.ones_like(z), np.stack([own, -p[0] * own**2], axis=1)
+    by_inductance = 1j * omega * share
+    return z + by_inductance * p[0], np.ones_like(z), np.stack([by_inductance, -p[0] * by_inductance**2], axis=1)
 
 
 def _gap(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
@@ -74,13 +74,13 @@ _WAVE_SPEED, _WAVE_IMPEDANCE = 0.66 * 299792458.0, 50.0
 
 def _cable(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
     """A lossless line of length p[0] and wave impedance p[1]: Z' = (Z cos β + jZ0 sin β)/(cos β + jZ/Z0 sin β)."""
-    length, own = p
+    length, z0 = p
     cos, sin = np.cos(omega * length / _WAVE_SPEED), np.sin(omega * length / _WAVE_SPEED)
-    below = cos + 1j * z / own * sin
-    found = (z * cos + 1j * own * sin) / below
-    along = 1j * (own - found**2 / own) * omega / _WAVE_SPEED  # dZ'/dℓ: a Riccati equation along the line
-    wave = (1j * sin + found * 1j * z * sin / own**2) / below
-    return found, 1 / below**2, np.stack([along, wave], axis=1)
+    denominator = cos + 1j * z / z0 * sin
+    found = (z * cos + 1j * z0 * sin) / denominator
+    by_length = 1j * (z0 - found**2 / z0) * omega / _WAVE_SPEED  # dZ'/dℓ: a Riccati equation along the line
+    by_impedance = (1j * sin + found * 1j * z * sin / z0**2) / denominator
+    return found, 1 / denominator**2, np.stack([by_length, by_impedance], axis=1)
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:

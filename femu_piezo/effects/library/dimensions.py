@@ -1,6 +1,6 @@
 """Dimensions and density other than the specimen file says: the body is (1 + p) times as long, or as dense.
 
-Where the piece was weighed (`mass`), its density follows from its dimensions and the mass alone has a deviation.
+Where the piece was weighed (`mass`), its density follows from its dimensions, and only the mass has its own deviation.
 The deviation of calliper and balance (`std_length`, `std_density`) is the tolerance of p; beyond it the entry is wrong.
 """
 
@@ -34,7 +34,7 @@ def _stretch(along: np.ndarray):
 
 
 def _lighter(axes: int):
-    """Density at a given mass of a body that is (1 + p) times as large along so many axes."""
+    """Factor on the density, at a given mass, of a body that is (1 + p) times as large along so many axes."""
 
     def density(p: np.ndarray) -> tuple[float, np.ndarray]:
         return (1 + p[0]) ** -axes, np.array([-axes * (1 + p[0]) ** (-axes - 1)])
@@ -43,7 +43,7 @@ def _lighter(axes: int):
 
 
 def _thinner(reshaping: Reshaping):
-    """Density at a given mass of a body that is reshaped."""
+    """Factor on the density, at a given mass, of a body that is reshaped."""
 
     def density(p: np.ndarray) -> tuple[float, np.ndarray]:
         volume, slope = reshaping.volume(p[0])
@@ -53,10 +53,10 @@ def _thinner(reshaping: Reshaping):
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """One for each dimension that the specimen has by name, and the density.
+    """One effect for each named dimension of the specimen, and one for the density.
 
-    A ring grows as a whole with its diameter, a trapezoid with its width; the inner diameter and the width of the other
-    end are off from there.
+    A ring grows as a whole with its diameter, a trapezoid with its width; errors of the inner diameter and of the other
+    width come on top of that.
     """
 
     def dimension(name: str, **hooks) -> Effect:
@@ -84,8 +84,8 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         for name, axes in context.axes.items()
     )
     reshaped = (
-        dimension(name, reshaping=one, density=_thinner(one) if weighed else None)
-        for name, one in context.reshapings.items()
+        dimension(name, reshaping=reshaping, density=_thinner(reshaping) if weighed else None)
+        for name, reshaping in context.reshapings.items()
     )
     density = Effect(
         name="wrong_density",

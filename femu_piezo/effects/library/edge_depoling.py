@@ -20,7 +20,7 @@ def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For thickness-poled plates with three mirror planes, whose four sides lose alike; disks and rings."""
+    """For thickness-poled plates with three mirror planes, whose four sides have one reach; disks and rings."""
     if not context.is_regular or context.poling != "thickness":
         return ()
     size = min(context.dimensions[:2]) if context.radii is None else context.radii[1] - context.radii[0]

@@ -16,10 +16,10 @@ def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For thickness-poled plates with three mirror planes, whose strips are m (1 ± a) wide; disks and rings, with
-    electrodes that are off the middle by a m.
+    """For thickness-poled plates with three mirror planes, whose strips are m (1 ± a) wide; disks and rings, whose
+    electrodes are off the centre by a times m.
 
-    Which end has the wider strip, or which side, cannot be told.
+    The sweep cannot tell which end or side has the wider strip.
     """
     if not context.is_regular or context.poling != "thickness":
         return ()

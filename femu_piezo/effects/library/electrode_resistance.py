@@ -1,19 +1,19 @@
 """Electrodes of a sheet resistance R_sq (ohm per square) that are contacted on a line across the plate.
 
-The current I(x) that an electrode carries past x grows from its ends to the contact at x_c. To first order in R_sq what
-it loses adds to the impedance
+The current I(x) that an electrode carries past x grows from its ends to the contact at x_c. To first order in R_sq its
+losses add to the impedance
 
     Z' = Z + 2 R_sq (L/W) m(ω),    m = ∫ (I(x)/I(x_c))² dx/L, both electrodes alike.
 
-m is 1/3 for a contact at an end and 1/12 for one in the middle where the charge is even. Near a resonance it is not:
-with ξ = 2x/L and X = ωL/2 √(ρ s11) a k31 bar has the charge D/⟨D⟩ = a + b X cos(Xξ) along its length, with
+Where the charge is uniform along the plate, m is 1/3 for a contact at an end and 1/12 for one in the middle. Near a
+resonance it is not uniform: with ξ = 2x/L and X = ωL/2 √(ρ s11) a k31 bar has the charge D/⟨D⟩ = a + b X cos(Xξ), with
 
     a = (1 − k²)/y,    b = [k² cos X + (y − 1 + k²) X sin X]/(X y),    y = Y/(jω ε33T LW/t),    k² = d31²/(s11 ε33T),
 
-the second being the one of a bar in a form that stays finite between its modes. Therefore a sheet resistance damps the
-antiresonance, where currents run within the electrodes while the leads carry hardly any; a resistance of the leads does
-not. y is that of the body as it is; k² and X are those of the specimen file, and width modes have another charge: that
-is the error of the law.
+b in a form that stays finite between the modes of the bar. Therefore a sheet resistance damps the antiresonance, where
+currents run within the electrodes while the leads carry hardly any; a resistance of the leads does not. y is that of
+the body in the fit; k² and X are those of the specimen file, and width modes have another charge: this makes the error
+of the law.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ _LAW_ERROR = 0.1
 def losses(
     omega: np.ndarray, y: np.ndarray, contact: float, wave: complex, coupling: complex
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """m(ω), its slope in y and its slope in the place ξ of the contact.
+    """m(ω) (k,), its slope in y and its slope in the place ξ of the contact.
 
-    wave : X/ω;  coupling : k²
+    omega, y : (k,);  contact : ξ of the contact;  wave : X/ω;  coupling : k²
     """
     x = wave * omega
     sin, cos = np.sin(x), np.cos(x)
@@ -57,14 +57,14 @@ def _hook(context: EffectContext, dimensions: tuple[float, float, float]) -> Cir
         size, place = p[0] * 2 * length / width, 2 * p[1] / length
         y = 1 / (1j * omega * capacitance * z)
         found, by_y, by_place = losses(omega, y, place, wave, coupling)
-        own = np.stack([2 * length / width * found, size * by_place * 2 / length], axis=1)
-        return z + size * found, 1 - size * by_y * y / z, own
+        by_p = np.stack([2 * length / width * found, size * by_place * 2 / length], axis=1)
+        return z + size * found, 1 - size * by_y * y / z, by_p
 
     return circuit
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For thickness-poled plates with three mirror planes, contacted in the middle unless a file says where."""
+    """For thickness-poled plates with three mirror planes, contacted in the middle unless a file says otherwise."""
     if context.dimensions is None or context.poling != "thickness":
         return ()
     length, width, _ = context.dimensions

@@ -1,8 +1,8 @@
 """Heavy electrodes: a film of mass on both faces, and one that is heavier on one face than on the other.
 
 electrode_mass           −ω² μ ∫ v·u dS over both faces, μ in kg/m² on each face
-unequal_electrode_mass   −ω² (d/2) (∫_upper − ∫_lower) v·u dS beside the mean film; it couples the driven modes to
-                         those that are odd about the plane between the electrodes, bending among them
+unequal_electrode_mass   −ω² (d/2) (∫_upper − ∫_lower) v·u dS on top of the mean film; it couples the driven modes
+                         to those that are odd about the plane between the electrodes, bending among them
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ def _mass(omega: np.ndarray, p: np.ndarray):
 
 
 def _difference(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-    one = np.ones(omega.shape, dtype=complex)
-    return [LocalTerm("inertia", places.of_displacements(places.films[...]), p[0] / 2 * one, one[:, None] / 2)]
+    ones = np.ones(omega.shape, dtype=complex)
+    return [LocalTerm("inertia", places.of_displacements(places.films[...]), p[0] / 2 * ones, ones[:, None] / 2)]
 
 
 def _both(context: EffectContext) -> tuple[Effect, ...]:
-    """Bounded by a fifth of the specimen's own mass per area and face."""
-    own = context.density * context.thickness / 2
+    """The mean film, on each face at most a fifth of half the body's mass per area."""
+    mass = context.density * context.thickness / 2
     return (
         Effect(
             name="electrode_mass",
             sentence="the electrodes are heavy: a film of mass on both faces",
-            parameters=(EffectParameter("mass_per_area", "kg/m^2", 0.0, 0.2 * own, 0.005 * own, 0.05 * own),),
+            parameters=(EffectParameter("mass_per_area", "kg/m^2", 0.0, 0.2 * mass, 0.005 * mass, 0.05 * mass),),
             confusable_with=("wrong_length", "s11"),
             advice=("weigh the specimen and compare with density × volume", "measure the thickness of the electrodes"),
-            terms=(ExtraTerm("film", "inertia", None, _mass, (0.02 * own,), on_electrodes=electrode_film),),
+            terms=(ExtraTerm("film", "inertia", None, _mass, (0.02 * mass,), on_electrodes=electrode_film),),
         ),
     )
 
 
 def _unequal(context: EffectContext) -> tuple[Effect, ...]:
-    """For bodies with a plane of symmetry between their electrodes; which one is the heavier cannot be told."""
+    """For bodies with a plane of symmetry between their electrodes; the sweep cannot tell which one is heavier."""
     if context.mass is None or context.poling != "thickness" or (context.upper and 2 not in context.upper.mirrors):
         return ()
-    own = context.density * context.thickness / 2
+    mass = context.density * context.thickness / 2
     return (
         Effect(
             name="unequal_electrode_mass",
@@ -53,10 +53,10 @@ def _unequal(context: EffectContext) -> tuple[Effect, ...]:
                     "difference",
                     "kg/m^2",
                     0.0,
-                    0.2 * own,
-                    0.01 * own,
-                    0.03 * own,
-                    starts=(0.003 * own, 0.01 * own, 0.04 * own),
+                    0.2 * mass,
+                    0.01 * mass,
+                    0.03 * mass,
+                    starts=(0.003 * mass, 0.01 * mass, 0.04 * mass),
                     law_error=0.03,
                 ),
             ),

@@ -1,11 +1,11 @@
-"""Both faces are in air or in a liquid, which they shear and which they press upon.
+"""Both faces are in air or in a liquid, which they shear and press.
 
     tangential   + jω (1 + j) κ √(ω/2) ∫ v_t·u_t dS,    κ = √(ρη): a shear wave that dies out within √(2η/(ρω))
     normal       + (jω R − ω² μ) ∫ v_n u_n dS
 
-R in kg/(m² s) is what radiates as a pressure wave, ρc (air 413, water 1.5e6) where the face moves as one and less where
-its wave is slower than that of the fluid, which then goes along as a mass μ (kg/m²) of each face. √(ρη) is 0.0047 in
-air, 1.0 in water, 5 to 30 in oils (Martin, Granstaff, Frye, Anal. Chem. 63 (1991) 2272, for the load of shear waves).
+R in kg/(m² s) stands for radiated pressure waves: ρc (air 413, water 1.5e6) where the whole face moves in phase, less
+where waves along the face are slower than those in the fluid, which then adds a mass μ (kg/m²) to each face. √(ρη) is
+0.0047 in air, 1.0 in water, 5 to 30 in oils (Martin, Granstaff, Frye, Anal. Chem. 63 (1991) 2272, for shear waves).
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ import numpy as np
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, ExtraTerm
 from femu_piezo.forward.electrodes import electrode_film
 
-_TANGENTIAL, _NORMAL = (partial(electrode_film, directions=own) for own in ((0, 1), (2,)))
+_TANGENTIAL, _NORMAL = (partial(electrode_film, directions=axes) for axes in ((0, 1), (2,)))
 
 
 def _shear(omega: np.ndarray, p: np.ndarray):
-    own = 1j * omega * (1 + 1j) * np.sqrt(omega / 2)
-    return p[0] * own, own[:, None] * np.array([1.0, 0.0, 0.0])
+    by_p = 1j * omega * (1 + 1j) * np.sqrt(omega / 2)
+    return p[0] * by_p, by_p[:, None] * np.array([1.0, 0.0, 0.0])
 
 
 def _pressure(omega: np.ndarray, p: np.ndarray):
@@ -34,7 +34,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     """For bodies with their electrodes on faces normal to z."""
     if context.poling != "thickness":
         return ()
-    heavy = context.density * context.thickness / 2
+    mass = context.density * context.thickness / 2
     return (
         Effect(
             name="fluid_load",
@@ -42,7 +42,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             parameters=(
                 EffectParameter("shear_load", "kg/(m^2 s^0.5)", 0.0, 1e3, 1.0, 10.0, law_error=0.05),
                 EffectParameter("radiation", "kg/(m^2 s)", 0.0, 5e6, 1e4, 1e5, optional=True),
-                EffectParameter("added_mass", "kg/m^2", 0.0, 0.2 * heavy, 5e-3 * heavy, 0.02 * heavy, optional=True),
+                EffectParameter("added_mass", "kg/m^2", 0.0, 0.2 * mass, 5e-3 * mass, 0.02 * mass, optional=True),
             ),
             confusable_with=("electrode_mass", "frequency_dependent_elastic_loss", "tan_s11"),
             advice=(

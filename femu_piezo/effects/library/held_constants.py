@@ -1,6 +1,6 @@
 """A constant that the update holds fixed is not what the file says: θ → θ (1 + p)(1 − j t), one for each held constant.
 
-How well such a constant is known (`std_s12`, `std_tan_s12`) is the tolerance of p and of t. A candidate widens p alone.
+The deviations of such a constant (`std_s12`, `std_tan_s12`) are the tolerances of p and t. A candidate widens p alone.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from femu_piezo.material.constants import D_FORM
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """One for each constant that is neither free nor zero."""
+    """One effect for each constant that is neither free nor zero."""
     held = [name for name in D_FORM if name not in context.free and getattr(context.constants, name) != 0]
     return tuple(
         Effect(

@@ -17,7 +17,7 @@ _HEIGHT, _REACH = (2 / np.pi) ** 0.25, 1.5
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """Present where an accuracy is known; never a cause, since beyond its accuracy an instrument may err in any way."""
+    """Only where an accuracy is known; never a cause, since an instrument outside its accuracy may err in any way."""
     magnitude, phase = (context.tolerances.get(name, 0.0) for name in ("accuracy", "phase_accuracy"))
     if magnitude == 0 and phase == 0:
         return ()

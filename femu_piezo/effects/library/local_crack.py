@@ -1,26 +1,26 @@
-"""Less stiffness at a place, as a crack leaves it: a thin slice across a plate, a spot of any other body.
+"""A loss of stiffness at a place, as by a crack: in a thin slice across a plate, in a spot of any other body.
 
 A slice of width w whose c^E is (1 − k) times that of the rest yields along the plate like a = w k/(1 − k) more length
-of sound material: that is its size. Against lateral strain, which is that of its neighbours, w k = a w/(w + a) of the
-plate is missing. The two differ where a is not small against w. e and ε^S stay.
+of sound material: a is its size. Against lateral strain, which it shares with its neighbours, the plate lacks the
+length w k = a w/(w + a). The two differ where a is not small against w. e and ε^S stay.
 
-The slices of elements around its position share it like the points of a cubic interpolation, so what varies along the
-plate as a cubic feels it at its place. A slice of elements, h long, that takes the share q of it is a laminate with
-layers normal to x (Backus 1962, J. Geophys. Res. 67, 4427, here of layers that differ by a factor): with
-S = h/(h + q a) and P = 1 − q w k/h,
+The soft slice is shared out among the slices of elements around its position with the weights of a cubic interpolation,
+so that fields that vary as a cubic along the plate meet it at its place. A slice of elements, h long, with the share q
+is a laminate with layers normal to x (Backus 1962, J. Geophys. Res. 67, 4427, here of layers that differ by a factor):
+with S = h/(h + q a) and P = 1 − q w k/h,
 
     c^E → S c^E + (P − S) c^L,    c^L the part of c^E at T_xx = T_xy = T_xz = 0.
 
-A spot, all through the thickness, yields in the plane of the faces. Its size is the volume V of sound material that
-would yield as much more under the static strain S there as the body does because of it, by the energy ½ V Sᵗc̄S, c̄ the
-part of c^E at T_xz = T_yz = T_zz = 0. With B the mean strains over the spot of the unknowns, at heights that stand for
-shares w of the thickness, and G = B K^-1 Bᵗ how the body itself yields to stresses there,
+A spot goes through the whole thickness and yields in the plane of the faces. Its size is a volume V of sound material:
+under a static load that strains the sound body by S there, the spot adds ½ V Sᵗc̄S to the energy, c̄ the part of c^E at
+T_xz = T_yz = T_zz = 0. With B the mean strains of the unknowns over the spot, at heights that stand for shares w of the
+thickness, and G = B K^-1 Bᵗ the flexibility of the sound body to stresses there,
 
     A → A − V Bᵗ (1/w c̄^-1 + V G)^-1 B.
 
 A round hole through the thickness, of area A and in the middle of a thin sheet, has about 3 A t; a spot whose c^E is
-(1 − k) times that of the rest about A t k/(1 − 0.66 k). Modes are slow over a spot, so its own extent is left open; by
-this the spot may seem to lie nearer the middle than it does.
+(1 − k) times that of the rest about A t k/(1 − 0.66 k). Modes vary slowly over a spot, so its extent is no parameter;
+therefore a spot may seem to lie nearer the middle than it does.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ from femu_piezo.effects.local.spot import spot_strains
 _SITES = np.linspace(0.02, 0.95, 24)
 #: Number of c11 in the e-form.
 _C11 = ELASTIC[0]
-#: Relative error of frequencies over the square of the share of the body that a spot is worth: it moves them by half
-#: that share, the law misses a tenth of this, and a spot of a hundredth is taken as usual.
+#: Relative error of frequencies over v², v the volume of a spot over that of the body: a spot moves frequencies by v/2,
+#: the law misses a tenth of this, and v = 0.01 is taken as usual.
 _DETUNING = 5.0
-#: Share of its coordinates by which a spot seems nearer the middle than it is: strains fall over its extent, and what
-#: overhangs a rim does not count.
+#: Share of its coordinates by which a spot seems nearer the middle than it is: strains fall over its extent, and the
+#: part of the disk beyond a rim does not count.
 _EXTENT = 0.02
-#: Slices that share a crack.
+#: Number of slices that share a crack.
 _SHARED = 4
 
 
@@ -66,8 +66,8 @@ def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
     lateral_slopes = np.array([width**2, added**2]) / (width + added) ** 2  # by the added length, by the width
 
     def term(matrix: np.ndarray, value: float, slopes: list[float], constant: int) -> LocalTerm:
-        one = np.ones(omega.size, dtype=complex)
-        return LocalTerm("stiffness", matrix, value * one, one[:, None] * np.array(slopes), constant)
+        ones = np.ones(omega.size, dtype=complex)
+        return LocalTerm("stiffness", matrix, value * ones, ones[:, None] * np.array(slopes), constant)
 
     for number, share, slope in _shares(places, position):
         yielding = share * added
@@ -85,7 +85,7 @@ def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
 
 
 def _spot(radius: float) -> LocalHook:
-    """radius : of the disk over which strains are means, m"""
+    """radius : of the disk over which strains are averaged, m"""
 
     def terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
         volume, *place = p
@@ -98,10 +98,10 @@ def _spot(radius: float) -> LocalHook:
         softened = np.linalg.inv(compliance + volume * flexibility)
 
         def term(matrix: np.ndarray, value: float, **slopes: float) -> LocalTerm:
-            full, one = np.zeros((places.size, places.size)), np.ones(omega.size, dtype=complex)
+            full, ones = np.zeros((places.size, places.size)), np.ones(omega.size, dtype=complex)
             full[:u, :u] = matrix / (places.copies * places.sectors.all_fields.constants.c11.real)
             row = np.array([slopes.get(name, 0.0) for name in ("volume", "x", "y")[: p.size]])
-            return LocalTerm("stiffness", full, value * one, one[:, None] * row, _C11)
+            return LocalTerm("stiffness", full, value * ones, ones[:, None] * row, _C11)
 
         yielding = softened @ strains
         found = [
@@ -150,7 +150,7 @@ def _of_a_spot(context: EffectContext, common: Effect) -> Effect:
                 law_error=0.1,
                 law_detuning=_DETUNING / volume**2,
             ),
-            *(replace(one, law_error=_EXTENT) for one in place.parameters),
+            *(replace(parameter, law_error=_EXTENT) for parameter in place.parameters),
         ),
         local=_spot(PATCH * place.size),
         start_sizes=() if context.radii is None else (0.25, 1.0),

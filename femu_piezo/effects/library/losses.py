@@ -2,18 +2,18 @@
 
 Elastic losses that follow a power of frequency: tan φ(ω) = tan φ (ω/ω0)^n for all five compliances.
 
-Two laws, told apart by the data:
-- plain: the real parts stay. Not causal. Its exponent may change with frequency, n + m ln(ω/ω0), as that of a broad
-  peak of the loss does.
-- causal: with the part of the Kramers-Kronig partner that the change of the loss asks for. A loss
+Two laws, which the data tell apart:
+- plain: the real parts do not change, which is not causal. The exponent may change with frequency, n + m ln(ω/ω0), as
+  at a broad peak of the loss.
+- causal: the real parts change as well, as the change of the loss demands by the Kramers-Kronig relations. A loss
   s'' = s' tan φ (ω/ω0)^n belongs to the causal compliance ∝ (jω)^n, whose real part adds
   −s' tan φ cot(nπ/2) [(ω/ω0)^n − 1]; of this the share of a constant loss, −s' tan φ (2/π) ln(ω/ω0), is left out as
-  it is in the base model, so that n = 0 is the base model.
+  in the base model, so that n = 0 is the base model.
 
 ε33T falls by a share per decade, which may change with frequency: ε33T(ω) = ε33T [1 − p L (1 + b L)], L = log10(ω/ω0).
 
 The Kramers-Kronig partner of a constant fall is a constant loss tangent p π/(2 ln 10) to first order in p (Jonscher's
-constant loss). It is not added here, since the tangent of ε33T holds it: the model is causal where that tangent is
+constant loss). It is not added here, since the tangent of ε33T includes it: the model is causal where that tangent is
 not smaller.
 """
 
@@ -28,13 +28,16 @@ _EPS33T = D_FORM.index("eps33T")
 _ELASTIC = slice(0, 5)
 #: Share of their change that the laws miss: they are empirical, and this is assumed, not measured.
 _LAW_ERROR = 0.1
-#: Largest exponent, which a causal law has below 2, and the largest change of it, which its prior holds.
+#: Largest exponent (that of a causal law is below 2), and largest change of it, which its prior keeps smaller still.
 _STEEPEST, _CHANGE = 1.5, 4.0
 _SENTENCE = "the elastic loss tangent follows a power of frequency about the fundamental"
 
 
 def partner(n: float, logs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """d(n, L) = cot(nπ/2)(e^{nL} − 1) − (2/π) L and ∂d/∂n, by their series about n = 0 where n is small."""
+    """d(n, L) = cot(nπ/2)(e^{nL} − 1) − (2/π) L and ∂d/∂n, each (k,), by their series about n = 0 where n is small.
+
+    logs : (k,) L = ln(ω/ω0)
+    """
     if abs(n) < 1e-3:
         second, third = logs**2 / np.pi, logs**3 / (3 * np.pi) - np.pi * logs / 6
         return n * second + n**2 * third, second + 2 * n * third
@@ -51,17 +54,17 @@ def _hook(anchor: float, causal: bool):
         power = np.exp(rates @ p)
         shift, shift_slope = partner(p[0], logs) if causal else (np.zeros_like(logs), np.zeros_like(logs))
 
-        def law(values, power, shift, keep):  # Im s = −s' tan φ: its power, and the real part it brings
+        def law(values, power, shift, keep):  # with Im s = −s' tan φ: keep Re s + shift Im s + j power Im s
             add = (slice(None),) + (None,) * (values.ndim - 1)
             return keep * values.real + shift[add] * values.imag + 1j * power[add] * values.imag
 
-        own = np.zeros((*theta.shape, p.size), dtype=complex)
+        by_p = np.zeros((*theta.shape, p.size), dtype=complex)
         for number, rate in enumerate(rates.T):
-            own[:, _ELASTIC, number] = law(theta[:, _ELASTIC], power * rate, shift_slope, 0.0)
+            by_p[:, _ELASTIC, number] = law(theta[:, _ELASTIC], power * rate, shift_slope, 0.0)
         theta, tangents = theta.copy(), tangents.copy()
         theta[:, _ELASTIC] = law(theta[:, _ELASTIC], power, shift, 1.0)
         tangents[:, _ELASTIC] = law(tangents[:, _ELASTIC], power, shift, 1.0)
-        return theta, tangents, own
+        return theta, tangents, by_p
 
     return constants
 
@@ -94,20 +97,20 @@ def _elastic(context: EffectContext) -> tuple[Effect, ...]:
 
 
 def _dielectric(context: EffectContext) -> tuple[Effect, ...]:
-    """Anchored at the fundamental, where ε33T keeps its value."""
+    """The fall of ε33T, which keeps its value at the fundamental."""
     anchor = 2 * np.pi * context.fundamental_Hz
 
     def constants(theta, tangents, omega, p):
         decades = np.log10(omega / anchor)
         bent = decades * (1 + p[1] * decades)
         factor = 1 - p[0] * bent
-        own = np.zeros((*theta.shape, 2), dtype=complex)
-        own[:, _EPS33T, 0] = -bent * theta[:, _EPS33T]
-        own[:, _EPS33T, 1] = -p[0] * decades**2 * theta[:, _EPS33T]
+        by_p = np.zeros((*theta.shape, 2), dtype=complex)
+        by_p[:, _EPS33T, 0] = -bent * theta[:, _EPS33T]
+        by_p[:, _EPS33T, 1] = -p[0] * decades**2 * theta[:, _EPS33T]
         theta, tangents = theta.copy(), tangents.copy()
         theta[:, _EPS33T] *= factor
         tangents[:, _EPS33T] *= factor[:, None]
-        return theta, tangents, own
+        return theta, tangents, by_p
 
     return (
         Effect(

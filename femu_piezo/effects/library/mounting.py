@@ -1,14 +1,17 @@
 """The support is not free: springs and dashpots to ground.
 
-On a plate they stand on a narrow strip across the middle of both faces, |x| < w/2, on a disk or ring on a circle of
-radius r of both faces, evenly and alike in all directions, or on three patches of one face, 120° apart, on any other
-body on one patch of its upper face: the total stiffness k and the total damping d. What is even over a narrow strip is,
-up to the fourth power of w, what sits at |x| = w/√12:
+The support has the total stiffness k and the total damping d, and stands
+- on a plate on a narrow strip across the middle of both faces, |x| < w/2;
+- on a disk or ring on a circle of radius r of both faces, uniform and equal in all directions, or on three patches of
+  one face, 120° apart;
+- on any other body on one patch of its upper face.
+
+A uniform strip acts like a line at |x| = w/√12, up to the fourth power of w:
 
     A → A + s mean NᵗN,  s = k + jωd,    over the line across the face at w/√12, or over the circle
 
-A patch of radius a yields under the even pressure of its spring by the local compliance C(a) of the face, which the
-modes do not have (`femu_piezo.effects.local.face_compliance`); ⟨N⟩ is the mean over it, i along x, y, z:
+Under the uniform pressure of its spring a patch of radius a yields by the local compliance C(a) of the face, which the
+modes lack (`femu_piezo.effects.local.face_compliance`); ⟨N⟩ is the mean over the patch, i stands for x, y, z:
 
     A → A + Σ_patches Σ_i s/n / (1 + C_i s/n) ⟨N_i⟩ᵗ⟨N_i⟩,    n the number of patches
 """
@@ -27,7 +30,7 @@ from femu_piezo.effects.local.patch import Patch
 from femu_piezo.effects.local.placement import Placement, patch_radius
 from femu_piezo.effects.local.round_fields import AT_A_PLACE, FILM
 
-#: Radii to look at first, as shares of the way from the inner to the outer one.
+#: Radii at which fits start, as shares of the way from the inner to the outer radius.
 _RADII = np.array([0.02, 0.25, 0.5, 0.75, 0.9, 0.99])
 
 
@@ -36,18 +39,21 @@ _TRIPOD = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])
 
 
 def _hook(bearing: Callable[[Places, float], tuple[np.ndarray, np.ndarray]], share: float = 1.0) -> LocalHook:
-    """bearing : mean of NᵗN where it stands, and its slope; share : place of that over the last parameter."""
+    """Terms of a support on a line or circle.
+
+    bearing : place → mean of NᵗN there (u, u), and its slope;  share : the place over the last parameter
+    """
 
     def terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-        line, slope = bearing(places, share * p[2])
-        u, size = line.shape[0], places.size
+        mean, slope = bearing(places, share * p[2])
+        u, size = mean.shape[0], places.size
         value = p[0] + 1j * omega * p[1]
-        zero, one = np.zeros(omega.shape, dtype=complex), np.ones(omega.shape, dtype=complex)
+        zeros, ones = np.zeros(omega.shape, dtype=complex), np.ones(omega.shape, dtype=complex)
         full = [np.zeros((size, size)) for _ in range(2)]
-        full[0][:u, :u], full[1][:u, :u] = line, slope
+        full[0][:u, :u], full[1][:u, :u] = mean, slope
         return [
-            LocalTerm("stiffness", full[0], value, np.stack([one, 1j * omega, zero], axis=1)),
-            LocalTerm("stiffness", full[1], zero, np.stack([zero, zero, share * value], axis=1)),
+            LocalTerm("stiffness", full[0], value, np.stack([ones, 1j * omega, zeros], axis=1)),
+            LocalTerm("stiffness", full[1], zeros, np.stack([zeros, zeros, share * value], axis=1)),
         ]
 
     return terms
@@ -58,7 +64,7 @@ def _line(places: Places, place: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _patches(context: EffectContext, radii: tuple[float, float], directions: np.ndarray) -> LocalHook:
-    """On patches whose places (x, y) are linear in parameters.
+    """Terms of a support on patches whose places (x, y) are linear in the parameters of the place.
 
     radii : of the smallest and the largest patch;  directions : (patches, parameters, 2) slopes of the places
     """
@@ -68,35 +74,35 @@ def _patches(context: EffectContext, radii: tuple[float, float], directions: np.
         patches = [Patch(places.face, *(place @ ways), radius) for ways in directions]
         u, size, count, found = patches[0].mean.shape[1], places.size, len(patches), []
         springs, softer = FaceCompliance.of(context, places.cut, radii).stiffness(radius)
-        zero, one = np.zeros(omega.shape, dtype=complex), np.ones(omega.shape, dtype=complex)
-        own = (stiffness + 1j * omega * damping) / count
+        zeros, ones = np.zeros(omega.shape, dtype=complex), np.ones(omega.shape, dtype=complex)
+        per_patch = (stiffness + 1j * omega * damping) / count  # s/n
 
         def term(matrix: np.ndarray, value: np.ndarray, slopes: dict[int, np.ndarray]) -> LocalTerm:
             full = np.zeros((size, size))
             full[:u, :u] = matrix / places.face.copies
-            columns = [slopes.get(number, zero) for number in range(p.size)]
+            columns = [slopes.get(number, zeros) for number in range(p.size)]
             return LocalTerm("stiffness", full, value, np.stack(columns, axis=1))
 
         for axes in ([0, 1], [2]):
             spring, slope = springs[axes[0]], softer[axes[0]]  # x and y are alike
-            value, left = own / (1 + own / spring), 1 / (1 + own / spring)
-            by_own = left**2 / count
-            matrix, moved = 0.0, [0.0] * (place.size + 1)  # by what moves the patches, and by their radius
+            value, ratio = per_patch / (1 + per_patch / spring), 1 / (1 + per_patch / spring)
+            by_s = ratio**2 / count
+            matrix, halves = 0.0, [0.0] * (place.size + 1)  # slopes by the place and by the radius, half of each
             for patch, ways in zip(patches, directions, strict=True):
                 n = patch.mean[axes]
                 matrix = matrix + n.T @ n
                 changes = [*np.tensordot(ways, patch.mean_slopes[:2], axes=1), patch.mean_slopes[2]]
-                moved = [own + change[axes].T @ n for own, change in zip(moved, changes, strict=True)]
-            by_size = {0: by_own, 1: 1j * omega * by_own, p.size - 1: (value / spring) ** 2 * slope}
+                halves = [half + change[axes].T @ n for half, change in zip(halves, changes, strict=True)]
+            by_size = {0: by_s, 1: 1j * omega * by_s, p.size - 1: (value / spring) ** 2 * slope}
             found.append(term(matrix, value, by_size))
-            found += [term(half + half.T, zero, {2 + i: value * one}) for i, half in enumerate(moved)]
+            found += [term(half + half.T, zeros, {2 + i: value * ones}) for i, half in enumerate(halves)]
         return found
 
     return terms
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For every body with an upper face; sizes against the body's inertia at its fundamental."""
+    """For every body with an upper face; sizes as shares of the body's inertia at its fundamental."""
     if context.mass is None:
         return ()
     omega = 2 * np.pi * context.fundamental_Hz
@@ -125,7 +131,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         return (replace(common, sentence=sentence, parameters=(*parameters, width), local=hook),)
     inner, outer = context.radii
     across = outer - inner
-    sites = np.array([(0.1 * stiffness, 0.0, inner + one * across) for one in _RADII])
+    sites = np.array([(0.1 * stiffness, 0.0, inner + share * across) for share in _RADII])
 
     def at(name: str) -> tuple[EffectParameter, ...]:
         place = EffectParameter(name, "m", inner, outer, across / 20, 10 * across, rest=(inner + outer) / 2)
@@ -145,7 +151,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
 
 
 def _on_a_patch(context: EffectContext, common: Effect, stiffness: float) -> Effect:
-    """On one patch of the upper face; stiffness : with which it is looked for, N/m."""
+    """A support on one patch of the upper face; stiffness : at which fits start, N/m."""
     contact, place = patch_radius("contact", context.upper.size), Placement.on(context)
     return replace(
         common,

@@ -1,5 +1,4 @@
-"""The outline of a disk or ring is oval: its diameters are D e^o and D e^−o, nearly D (1 ± o), of a ring the inner ones
-likewise.
+"""The outline of a disk or ring is oval: its diameters are D e^o and D e^−o, nearly D (1 ± o), as are the inner ones.
 
 An oval couples the driven modes to those of Fourier order 2, which a round body cannot show: weak resonances of
 strength o² appear, the first ones below the radial fundamental. The driven modes are shifted with the square of o.
@@ -11,13 +10,13 @@ from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 from femu_piezo.effects.local.round_deformations import COUPLED, OVAL
 from femu_piezo.effects.local.round_fields import ORDERS
 
-#: Relative frequency by which modes of order 2 are off, over the square of the size; against an independent solver 1 to
-#: 2.
+#: Relative error of the frequencies of modes of order 2, over the square of the size; 1 to 2 against an independent
+#: solver.
 _DETUNED = 1.5
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For disks and rings; the sign cannot be told, so it is taken as positive."""
+    """For disks and rings; the sweep cannot tell the sign, which is taken as positive."""
     if context.radii is None:
         return ()
     starts = (0.003, 0.01, 0.03)  # strength goes with the square

@@ -1,13 +1,13 @@
 """A spot of mass on one face, away from the centre: solder, a drop of glue, a chip of electrode paste.
 
-The body covers a patch of radius a. Its mean displacement is v, that of the face under it ⟨N u⟩; between them lies the
-local compliance C of the face, which the modes of the plate do not have. What of the motion varies over the patch, its
-tilt first of all, the face imposes:
+The mass covers a patch of radius a. Its mean displacement is v, that of the face under it ⟨N u⟩; between the two lies
+the local compliance C of the face, which the modes of the body lack. The part of the motion that varies over the patch,
+above all its tilt, is that of the face:
 
     + ½ (v − ⟨N u⟩)ᵗ C^-1 (v − ⟨N u⟩),   − ½ ω² m [vᵗv + ⟨|N u|²⟩ − |⟨N u⟩|²]
 
-C is that of a plate of infinite extent under even pressure, less what its modes below the highest of the body's own
-add to it (`femu_piezo.effects.local.face_compliance`).
+C is that of a plate of infinite extent under uniform pressure, without its modes below the frequency up to which the
+body has modes (`femu_piezo.effects.local.face_compliance`).
 """
 
 from __future__ import annotations
@@ -21,13 +21,16 @@ from femu_piezo.effects.local.patch import Patch
 from femu_piezo.effects.local.placement import Placement, in_plane, patch_radius
 from femu_piezo.effects.local.sectors import SPOT
 
-#: Smallest mass, as a share of the plate's: at none at all the body has no equation of motion.
+#: Smallest mass, as a share of the body's: the unknowns of a mass of zero have no equation of motion.
 _NONE = 1e-7
 
 
 def _hook(context: EffectContext, radii: tuple[float, float]):
-    """Radii of the smallest and the largest patch; the mass of the specimen is the unit of the body's inertia."""
-    own = context.mass
+    """Terms of a mass whose unknowns are √M v, M the mass of the specimen.
+
+    radii : of the smallest and the largest patch, m
+    """
+    whole = context.mass
 
     def terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
         mass, *place, radius = p
@@ -36,14 +39,14 @@ def _hook(context: EffectContext, radii: tuple[float, float]):
         names = ("mass", *("x", "y")[: len(place)], "radius")
 
         def term(kind, matrix: np.ndarray, value: float, **slopes: float) -> LocalTerm:
-            one = np.ones(omega.size, dtype=complex)
+            ones = np.ones(omega.size, dtype=complex)
             row = np.array([slopes.get(name, 0.0) for name in names])
-            return LocalTerm(kind, matrix / copies, value * one, one[:, None] * row)
+            return LocalTerm(kind, matrix / copies, value * ones, ones[:, None] * row)
 
-        # relative displacement of face and body: rows (3, r)
+        # displacement v − ⟨N u⟩ of the mass against the face: rows (3, r)
         gap, moved = np.zeros((3, size)), np.zeros((3, 3, size))
         gap[:, :u] = -patch.mean
-        gap[np.arange(3), places.spot] = 1 / np.sqrt(own)
+        gap[np.arange(3), places.spot] = 1 / np.sqrt(whole)
         moved[:, :, :u] = -patch.mean_slopes
         compliance = FaceCompliance.of(context, places.cut, radii)
         springs, softer = (part[:, None] for part in compliance.stiffness(radius))
@@ -51,11 +54,11 @@ def _hook(context: EffectContext, radii: tuple[float, float]):
             term("stiffness", gap.T @ (springs * gap), 1.0),
             term("stiffness", gap.T @ (softer * gap), 0.0, radius=1.0),
         ]
-        body = patch.spread.copy()
-        body[places.spot, places.spot] += 1 / own
-        found.append(term("inertia", body, mass, mass=1.0))
-        for name, way, spread in zip(("x", "y", "radius"), moved, patch.spread_slopes, strict=True):
-            change = way.T @ (springs * gap)
+        inertia = patch.spread.copy()
+        inertia[places.spot, places.spot] += 1 / whole
+        found.append(term("inertia", inertia, mass, mass=1.0))
+        for name, along, spread in zip(("x", "y", "radius"), moved, patch.spread_slopes, strict=True):
+            change = along.T @ (springs * gap)
             found.append(term("stiffness", change + change.T, 0.0, **{name: 1.0}))
             found.append(term("inertia", spread, 0.0, **{name: mass}))
         return found
@@ -75,7 +78,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     """For every body with an upper face."""
     if context.mass is None:
         return ()
-    own, place = context.mass, Placement.on(context)
+    whole, place = context.mass, Placement.on(context)
     radius = patch_radius("radius", place.size)
     return (
         Effect(
@@ -83,7 +86,14 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             sentence="a small mass sticks to one face, away from its centre",
             parameters=(
                 EffectParameter(
-                    "mass", "kg", _NONE * own, 0.3 * own, 0.001 * own, 0.02 * own, rest=_NONE * own, law_error=0.04
+                    "mass",
+                    "kg",
+                    _NONE * whole,
+                    0.3 * whole,
+                    0.001 * whole,
+                    0.02 * whole,
+                    rest=_NONE * whole,
+                    law_error=0.04,
                 ),
                 *place.parameters,
                 radius,
@@ -92,9 +102,9 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             advice=("look at both faces and clean them", "weigh the specimen before and after cleaning"),
             local=_hook(context, (radius.low, radius.high)),
             onset=_onset,
-            # it moves radial modes as s11 and s12 do; bending shows it
+            # it shifts radial modes as s11 and s12 do, and shows by the bending modes that it drives
             start_sizes=() if context.radii is None else (0.25, 1.0),
             sectors=(SPOT, *place.sectors),
-            sites=place.sites_with(0.002 * own, radius.rest),
+            sites=place.sites_with(0.002 * whole, radius.rest),
         ),
     )

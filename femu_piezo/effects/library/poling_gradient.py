@@ -1,11 +1,11 @@
-"""The piezoelectric constants vary over the body, e → e [1 + …], so that their mean stays.
+"""The piezoelectric constants vary over the body about an unchanged mean, e → e [1 + …].
 
     plate          g ξ + h (ξ² − 1/3), ξ = 2x/L
     disk or ring   g (ρ² − ⟨ρ²⟩), ρ = r/R, the mean over the face
 
 Along a plate the gradient g couples the driven modes to those that are odd about the middle, which a uniform plate
-cannot show. A real change of poling is curved as well: h, kept small by its prior, has no effect on the mean. Along a
-radius g drives the radial modes otherwise, in first order and with its sign.
+cannot show. A real change of poling is curved as well: h, kept small by its prior, does not change the mean. Along a
+radius g changes how strongly the radial modes are driven, in first order and with its sign.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from femu_piezo.effects.local.operators import PIEZOELECTRIC, Places
 
 
 def _along(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-    one = np.ones(omega.shape, dtype=complex)
+    ones = np.ones(omega.shape, dtype=complex)
     return [
-        LocalTerm("stiffness", matrix, value * one, unit * one[:, None], constant)
+        LocalTerm("stiffness", matrix, value * ones, unit * ones[:, None], constant)
         for value, unit, profile in zip(p, np.eye(2), places.ramp[...], strict=True)
         for constant, matrix in zip(PIEZOELECTRIC, profile, strict=True)
     ]
 
 
 def _radial(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-    one = np.ones(omega.shape, dtype=complex)
+    ones = np.ones(omega.shape, dtype=complex)
     profile = zip(PIEZOELECTRIC, places.radial_ramp[...], strict=True)
-    return [LocalTerm("stiffness", matrix, p[0] * one, one[:, None], constant) for constant, matrix in profile]
+    return [LocalTerm("stiffness", matrix, p[0] * ones, ones[:, None], constant) for constant, matrix in profile]
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For plates with three mirror planes, whose sign of g cannot be told and is taken as positive; disks and rings."""
+    """For disks, rings, and plates with three mirror planes: of these no sweep tells the sign of g, taken as positive."""
     if not context.is_regular:
         return ()
     if context.radii is None:

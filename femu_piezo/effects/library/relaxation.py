@@ -2,9 +2,9 @@
 
     ε33T(ω) = ε33T [1 + Δ (c(ω) − Re c(ω0))],    c(ω) = 1/(1 + (jω/ωr)^(1−α)),
 
-Δ the strength as a share of ε33T, ωr/2π the relaxation frequency, α the width: 0 is that of Debye, with one relaxation
-time. At the fundamental ω0 the real part keeps its value. With time as e^(+jωt) a loss is Im ε < 0, which Im c is. The
-tangent of ε33T is that of all other losses, which may not be negative: the relaxation's own is −Δ Im c.
+Δ the strength as a share of ε33T, ωr/2π the relaxation frequency, α the width: α = 0 is the law of Debye, with one
+relaxation time. At the fundamental ω0 the real part keeps its value. With time as e^(+jωt) a loss is Im ε < 0, and
+Im c < 0. The tangent of ε33T is that of all other losses, which may not be negative; the relaxation adds −Δ Im c.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ def _hook(anchor: float):
         law, slopes = _cole(np.log(omega / (2 * np.pi * frequency)), width)
         at, at_slopes = _cole(np.log(np.array([anchor / frequency])), width)
         change, moved = law - at.real, (slopes - at_slopes.real) / np.array([frequency, 1.0])
-        own = np.zeros((*theta.shape, 3), dtype=complex)
-        own[:, _EPS33T] = theta[:, _EPS33T, None] * np.column_stack([change, strength * moved])
+        by_p = np.zeros((*theta.shape, 3), dtype=complex)
+        by_p[:, _EPS33T] = theta[:, _EPS33T, None] * np.column_stack([change, strength * moved])
         theta, tangents = theta.copy(), tangents.copy()
         theta[:, _EPS33T] *= 1 + strength * change
         tangents[:, _EPS33T] *= (1 + strength * change)[:, None]
-        return theta, tangents, own
+        return theta, tangents, by_p
 
     return constants
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For every body; relaxations far outside the band are a constant permittivity or a constant loss."""
-    own = context.fundamental_Hz
+    """For every body; a relaxation far outside the band acts as a constant permittivity or a constant loss."""
+    fundamental = context.fundamental_Hz
     return (
         Effect(
             name="relaxation",
@@ -56,12 +56,12 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 EffectParameter(
                     "relaxation_frequency",
                     "Hz",
-                    1e-3 * own,
-                    1e3 * own,
-                    0.2 * own,
-                    2 * own,
-                    starts=(0.1 * own, 0.3 * own, 3 * own),
-                    rest=own,
+                    1e-3 * fundamental,
+                    1e3 * fundamental,
+                    0.2 * fundamental,
+                    2 * fundamental,
+                    starts=(0.1 * fundamental, 0.3 * fundamental, 3 * fundamental),
+                    rest=fundamental,
                 ),
                 EffectParameter("width", "1", 0.0, 0.9, 0.1, 0.2, rest=0.3, optional=True),
             ),
@@ -70,7 +70,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 "measure over two more decades towards low frequency, where no resonance disturbs",
                 "measure once more at another temperature: a relaxation moves along frequency, an electrode does not",
             ),
-            constants=_hook(own),
+            constants=_hook(fundamental),
             dispersive=True,
         ),
     )

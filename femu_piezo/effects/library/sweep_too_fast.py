@@ -1,12 +1,12 @@
-"""The sweep went faster than resonances settle: the current still rings from the frequencies before.
+"""The sweep was faster than resonances settle: the current still rings from the frequencies before.
 
 Under one volt of phase φ, dφ/dt = ω, dω/dt = r, a body of admittance Y = ∫ h(τ) e^(−jωτ) dτ has the current
 
     e^(−jφ) ∫ h(τ) e^(jφ(t−τ)) dτ = ∫ h(τ) e^(−jωτ + jrτ²/2) dτ = Y − (jr/2) d²Y/dω² + O(r²),
 
-since d²Y/dω² = −∫ τ² h e^(−jωτ) dτ. The next term, −(r²/8) d⁴Y/dω⁴, is 3 r/γ² of it in the middle of a resonance of
-half width γ (rad/s): the law holds for r well below γ². It is for a linear sweep of one rate at a constant voltage, and
-for steps with their mean rate where a step is short against γ.
+since d²Y/dω² = −∫ τ² h e^(−jωτ) dτ. The next term, −(r²/8) d⁴Y/dω⁴, is 3 r/γ² of the first in the middle of a resonance
+of half width γ (rad/s): the law holds for r well below γ². It is for a linear sweep of one rate at a constant voltage;
+for a sweep in steps that are short against γ it holds with their mean rate.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ def _hook(sign: float) -> AcquisitionHook:
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For every body; a usual rate is a share of that at which the fundamental cannot follow."""
+    """For every body; usual rates are shares of the rate γ² (in Hz/s) at which the fundamental cannot follow."""
     driven = context.constants.s11 if context.poling == "thickness" else context.constants.s33
     loss = -driven.imag / driven.real or _USUAL_LOSS
-    own = (np.pi * context.fundamental_Hz * loss) ** 2 / (2 * np.pi)
+    limit = (np.pi * context.fundamental_Hz * loss) ** 2 / (2 * np.pi)
     return (
         Effect(
             name="sweep_too_fast",
             sentence="the sweep was too fast for the resonances: they still ring from the frequencies before",
             parameters=(
-                EffectParameter("rate", "Hz/s", -0.2 * own, 0.2 * own, 5e-3 * own, 0.03 * own, law_error=0.05),
+                EffectParameter("rate", "Hz/s", -0.2 * limit, 0.2 * limit, 5e-3 * limit, 0.03 * limit, law_error=0.05),
             ),
             confusable_with=("temperature_drift", "tan_s11", "frequency_dependent_elastic_loss"),
             advice=(

@@ -3,9 +3,9 @@
     tapered_width   a plate is W (1 + t ξ) wide, ξ = 2x/L
     wedge           it is t (1 + w ξ) thick; a disk or ring t (1 + w x/R)
 
-Along a plate a taper couples the driven modes to those that are odd about the middle, across a round body a wedge does
-to those of Fourier order 1, which no regular body can show: weak resonances of strength t² or w² appear, of a disk the
-first ones below the radial fundamental. The driven modes are shifted with the square of the size.
+Along a plate both couple the driven modes to those that are odd about the middle; across a round body a wedge couples
+them to those of Fourier order 1. No regular body can show these modes: weak resonances of strength t² or w² appear, the
+first ones of a disk below its radial fundamental. The driven modes are shifted with the square of the size.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter
 from femu_piezo.effects.local.round_deformations import COUPLED, WEDGE
 from femu_piezo.effects.local.round_fields import ORDERS
 
-#: Relative frequency by which modes of order 1 are off, over the square of the size; against an independent solver 0.05
-#: to 0.1.
+#: Relative error of the frequencies of modes of order 1, over the square of the size; 0.05 to 0.1 against an
+#: independent solver.
 _DETUNED = 0.1
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For plates with three mirror planes, disks and rings; signs cannot be told, so they are taken as positive."""
+    """For plates with three mirror planes, disks and rings; no sweep tells the signs, which are taken as positive."""
     if context.radii is not None:
         starts = (0.02, 0.06, 0.2)  # strength goes with the square
         size = EffectParameter("wedge", "1", 0.0, 0.3, 0.02, 0.06, starts, law_error=0.03, law_detuning=_DETUNED)

@@ -1,15 +1,15 @@
-"""The specimen warms up or cools down while it is swept: its compliances change evenly in the time of the sweep.
+"""The specimen warms up or cools down while it is swept: its compliances change linearly in the time of the sweep.
 
-    s_ij → s_ij/w²,    w = 1 + p [t(ω) − t(ω0)],    t the share of the sweep's time at which it came by ω,
+    s_ij → s_ij/w²,    w = 1 + p [t(ω) − t(ω0)],    t the time at which the sweep reached ω, over its whole time,
 
 so that p is the share by which resonances rise from the beginning of the sweep to its end. At the fundamental ω0 the
-constants keep their values in the first sweep of a specimen; in each further one they have a level of their own, which
-adds to w. A body of compliances s/w² is that of s, d w and ε at frequencies lower by w:
+constants keep their values in the first sweep of a specimen; in each further sweep they have another level, a parameter
+that adds to w. A body with compliances s/w² behaves as one with s, d w and ε at frequencies lower by the factor w:
 
     Z'(ω) = Z(ω/w; s, d w, ε)/w,    Z a parabola in d through three values.
 
-Every point is taken to have had the same time, and a sweep to have gone up where nothing is said. p < 0 is a body that
-grew softer. How d and ε themselves change is not known and left out.
+All points are assumed to take the same time, and a sweep to go up where nothing is said. p < 0 is a body that grew
+softer. The change of d and ε with temperature is not known and left out.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from femu_piezo.effects.effect import AcquisitionHook, Effect, EffectContext, Ef
 from femu_piezo.effects.softening import COUPLING
 from femu_piezo.threads import in_parallel
 
-#: Share of the drift that the law misses: the coefficients of d and ε, and a pace of warming that was not even.
+#: Share of the drift that the law misses: the temperature coefficients of d and ε, and warming at no constant rate.
 _LAW_ERROR = 0.1
 #: Relative steps of d and of frequency.
 _SIDE, _STEP = 4e-3, 1e-6
@@ -39,7 +39,7 @@ def _hook(context: EffectContext) -> AcquisitionHook:
             weights[:, number] = 1.0
         w = 1 + weights @ p
 
-        # at w, and a step of it ahead and behind
+        # at w, and at w a step larger and smaller, for the slope of Z' in w
         each, k = np.concatenate([w, w + _STEP, w - _STEP]), omega.size
         u, z, tangents = (each - 1) / _SIDE, 0.0, 0.0
 
@@ -47,8 +47,8 @@ def _hook(context: EffectContext) -> AcquisitionHook:
             return inside(np.tile(omega, 3) / each, (COUPLING, np.array([side])), slopes=k)
 
         parabola = u * (u - 1) / 2, 1 - u**2, u * (u + 1) / 2
-        for (own, slopes), share in zip(in_parallel(at_coupling, [-_SIDE, 0.0, _SIDE]), parabola, strict=True):
-            z, tangents = z + share * own / each, tangents + (share / each)[:k, None] * slopes
+        for (value, slopes), share in zip(in_parallel(at_coupling, [-_SIDE, 0.0, _SIDE]), parabola, strict=True):
+            z, tangents = z + share * value / each, tangents + (share / each)[:k, None] * slopes
         here, ahead, behind = z.reshape(3, k)
         return here, tangents, weights * ((ahead - behind) / (2 * _STEP))[:, None]
 

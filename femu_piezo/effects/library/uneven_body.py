@@ -4,8 +4,8 @@ With ξ = 2x/L, each of ρ, c^E and e is multiplied by
 
     1 + a ξ + b (ξ² − 1/3).
 
-Films, soft stretches and unevenly pressed or poled ceramics that no cause of the library describes act like this on the
-slow modes of a body. So it is no cause but a form of what none describes, and says what varies.
+Films, soft stretches and unevenly pressed or poled ceramics that no cause of the library describes act like this on
+modes that vary slowly along the body. So this is no cause: it stands for what none describes, and tells what varies.
 """
 
 from __future__ import annotations
@@ -17,21 +17,25 @@ from femu_piezo.effects.local.operators import ELASTIC, PIEZOELECTRIC, Places
 
 
 def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-    one, units = np.ones(omega.shape, dtype=complex), np.eye(6)
+    ones, unit_vectors = np.ones(omega.shape, dtype=complex), np.eye(6)
     stiffness, inertia = places.uneven
     found = []
     for number in range(2):
         heavy = places.of_displacements(inertia[number])
-        found.append(LocalTerm("inertia", heavy, p[number] * one, units[number] * one[:, None]))
+        found.append(LocalTerm("inertia", heavy, p[number] * ones, unit_vectors[number] * ones[:, None]))
         for first, constants, matrices in ((2, ELASTIC, stiffness), (4, PIEZOELECTRIC, places.ramp)):
-            own = first + number
+            parameter = first + number
             for constant, matrix in zip(constants, matrices[number], strict=True):
-                found.append(LocalTerm("stiffness", matrix, p[own] * one, units[own] * one[:, None], constant))
+                found.append(
+                    LocalTerm(
+                        "stiffness", matrix, p[parameter] * ones, unit_vectors[parameter] * ones[:, None], constant
+                    )
+                )
     return found
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For plates with three mirror planes; of which end is meant cannot be told."""
+    """For plates with three mirror planes; the sweep cannot tell the two ends apart."""
     if context.dimensions is None or not context.is_regular:
         return ()
 
