@@ -32,7 +32,7 @@ def _radial(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For disks, rings, and plates with three mirror planes: of these no sweep tells the sign of g, taken as positive."""
+    """For disks, rings, and plates with three mirror planes, where g is taken as positive: no sweep tells its sign."""
     if not context.is_regular:
         return ()
     if context.radii is None:

@@ -1,4 +1,4 @@
-"""`Blocks`: matrices over the unknowns of a reduced plate that concern few of them, kept small."""
+"""`Blocks`: matrices over the unknowns of a reduced body that involve few of them, stored without the zeros."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Blocks:
-    """Symmetric matrices (…, r, r) that are zero but for some of the r unknowns.
+    """Symmetric matrices (…, r, r) that are zero outside the rows and columns of k of the r unknowns.
 
     Attributes
     ----------
-    inner : (…, k, k);  at : (k,) number of each row among the unknowns;  size : r
+    inner : (…, k, k);  at : (k,) index of each row among the unknowns;  size : r
     """
 
     inner: np.ndarray = field(repr=False)
@@ -21,15 +21,15 @@ class Blocks:
     size: int
 
     def __getitem__(self, number) -> np.ndarray:
-        """(…, r, r) in full."""
+        """(…, r, r) the chosen matrices in full."""
         return self._full(self.inner[number])
 
     def combined(self, weights: np.ndarray) -> np.ndarray:
-        """(…, r, r) Σ weights (n,) times the matrices along their first axis."""
+        """(…, r, r) sum of the matrices along their first axis with weights (n,)."""
         return self._full(np.tensordot(weights, self.inner, axes=1))
 
     def among(self, numbers: np.ndarray, size: int) -> Blocks:
-        """The same over `size` unknowns, of which those so far are the given ones (indices)."""
+        """These matrices over `size` unknowns, in which the present unknowns have the given indices."""
         return Blocks(self.inner, numbers[self.at], size)
 
     def _full(self, block: np.ndarray) -> np.ndarray:

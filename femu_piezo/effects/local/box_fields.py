@@ -1,10 +1,13 @@
 """`BoxFields`: fields of every sector of a plate with three mirror planes.
 
-Beside what any body has (`femu_piezo.effects.local.mesh_fields`), "slices" and "x slices" hold the local response of
-the driven and of the x class to a yielding slice across the plate, "ramp" and "x ramp" theirs to driven fields whose
-piezoelectric coupling varies along x, "x taper" and "x wedge" that of the x class to driven fields whose width or
-thickness varies along x. The local responses of a class are orthonormal to its modes and to those before them in the
-order ramp, taper, wedge, film, slices.
+Besides the sectors of any body (`femu_piezo.effects.local.mesh_fields`) there are local responses of the driven class
+and of class "x":
+- "slices", "x slices": to a yielding slice across the plate;
+- "ramp", "x ramp": to driven fields while the piezoelectric coupling varies along x;
+- "x taper", "x wedge": to driven fields while the width or the thickness varies along x.
+
+The local responses of a class are orthonormal to its modes and to the responses before them in the order ramp, taper,
+wedge, film, slices.
 """
 
 from __future__ import annotations
@@ -27,20 +30,20 @@ from femu_piezo.geometry.boxes import grid_lines, tensor_box
 from femu_piezo.material.constants import ElasticForm, PiezoConstants
 
 SLICES, RAMP = "slices", "ramp"
-#: Local response to sides that are not parallel → the axis along which the extent varies.
+#: Local response to sides that are not parallel → the axis of the extent that varies along x.
 TAPERED = {"taper": 1, "wedge": 2}
-#: Part of a mode at other constants below which a correction is dropped: its eigenvalue errs by the square.
+#: Size below which the change of a mode with the constants is left out: its eigenvalue errs by the square.
 _FOLLOWED = 1e-3
 
 
 class BoxFields(MeshFields):
-    """Of the part of a plate that its mirror planes cut.
+    """Fields of the sectors of a plate, on the part that its mirror planes cut.
 
     Parameters
     ----------
     model : of the part;  reduced : its driven class
-    training : constants; modes and responses belong to the first of them, lossless, and modes of a class that a ramp or
-        a taper drives in first order follow the others too
+    training : constants. Modes and responses are made at the first, without loss; where a ramp or a taper drives a
+        class in first order, its modes are completed for the others
     wanted : the sectors that effects may ask for
 
     Attributes
@@ -59,7 +62,7 @@ class BoxFields(MeshFields):
     ) -> None:
         super().__init__(model, reduced, training[0], wanted)
         self.weighted = WeightedProducts(model)
-        self._others_trained = [one.lossless().to_e_form() for one in training[1:]]
+        self._others_trained = [constants.lossless().to_e_form() for constants in training[1:]]
 
     def face(self, names: tuple[str, ...]) -> BoxFace:
         """Displacements on the face z = +t/2 of the part."""
@@ -79,9 +82,9 @@ class BoxFields(MeshFields):
         return np.concatenate([known, self._outside(respond(loads), known, least=_FOLLOWED)], axis=2)
 
     def _moved_mode_loads(self, modes: np.ndarray) -> np.ndarray:
-        """(4n, k) what modes (4, n, j) of a class leave unbalanced at other constants, those in the band.
+        """(4n, k) residuals of a class at the other training constants, of the modes in the band that (4, n, j) span.
 
-        K^-1 times it is the first correction of a mode: with it the eigenvalues err in fourth order of the change.
+        K^-1 times a residual is the first correction of a mode: with it eigenvalues err in fourth order of the change.
         """
         model, flat, found = self.model, modes.reshape(-1, modes.shape[2]), []
         units = model.products.applied(model.unit_tensors, modes).reshape(len(model.unit_tensors), *flat.shape)
@@ -95,7 +98,7 @@ class BoxFields(MeshFields):
         return np.hstack(found)
 
     def _loads(self, kind: str, flipped: Flipped) -> np.ndarray:
-        """Those of films, and of what else a plate may have."""
+        """(4n, k) loads on a class for one of `kinds` of local responses."""
         if kind == RAMP:
             return _ramp_loads(self.weighted, self.constants, self._states, 0 in flipped)
         if kind in TAPERED:
@@ -137,7 +140,7 @@ def _slice_loads(weighted: WeightedProducts, constants: ElasticForm) -> np.ndarr
 
 
 def _ramp_loads(weighted: WeightedProducts, constants: ElasticForm, states: np.ndarray, odd: bool) -> np.ndarray:
-    """(4n, k) forces and charges of the piezoelectric coupling with an odd or even weight on states (4, n, k)."""
+    """(4n, k) forces and charges of states (4, n, k) by a piezoelectric coupling with an odd or even weight along x."""
     coupling = np.tensordot(constants.vector().real, weighted.model.unit_tensors, axes=1)
     coupling[:3, :, :3], coupling[3, :, 3] = 0.0, 0.0
     products = weighted.odd if odd else weighted.even
@@ -146,7 +149,7 @@ def _ramp_loads(weighted: WeightedProducts, constants: ElasticForm, states: np.n
 
 
 def _taper_loads(weighted: WeightedProducts, side: int, constants: ElasticForm, states: np.ndarray) -> np.ndarray:
-    """(4n, k) forces, charges and inertia of an extent that varies, on states (4, n, k)."""
+    """(4n, k) forces, charges and inertia of states (4, n, k) while the extent along axis `side` varies along x."""
     first, whole = weighted.tapered(side)[0], np.tensordot(constants.vector().real, weighted.model.unit_tensors, axes=1)
     flat = states.reshape(-1, states.shape[2])
     stiff, heavy = first.applied([whole], states).reshape(flat.shape), np.zeros_like(states)

@@ -13,25 +13,29 @@ from femu_piezo.forward.hex_element import shapes_at
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.upper_face import facets_at
 
-#: Points along each side of a facet that tell where it lies.
+#: Points along each side of a facet or element from which its extent is taken.
 _SAMPLES = 5
 #: Elements in which a point is looked for, the nearest first.
 _CANDIDATES = 6
 #: Distance over the height of the mesh within which points are the same.
 _NEAR = 1e-9
-#: How far beside an element its polynomials are used, over its size.
-_BESIDE = 0.25
+#: Distance outside an element, over its size, up to which its polynomials are extrapolated.
+_OUTSIDE = 0.25
 #: Steps of Newton's method to the place in an element.
 _STEPS = 12
 
 
 class LevelOfMesh:
-    """The elements of a mesh at a height: in which one a point lies, and the shape functions there.
+    """The elements of a mesh at one height: in which of them a point lies, and the shape functions there.
 
     Parameters
     ----------
     model : the mesh with its basis of n functions, and its mirror planes
     height : 0 for the smallest z of the mesh, 1 for the largest, where it has a face
+
+    Attributes
+    ----------
+    planes : axes of all mirror planes, growing;  mirrors : those of x and y among them
     """
 
     def __init__(self, model: ElectroelasticModel, height: float = 1.0) -> None:
@@ -55,20 +59,20 @@ class LevelOfMesh:
         self.mirrors = tuple(axis for axis in self.planes if axis < 2)
 
     def _samples(self, dimension: int) -> np.ndarray:
-        """(dimension, samples) of a reference facet or element, to tell its extent."""
+        """(dimension, samples) points of a reference facet or element."""
         sides = np.meshgrid(*dimension * [np.linspace(0, 1, _SAMPLES)], indexing="ij")
         found = np.stack(sides).reshape(dimension, -1)
         return found if self._is_hexahedral else found[:, found.sum(axis=0) < 1 + _NEAR]
 
     def of(self, fields: np.ndarray) -> np.ndarray:
-        """(nodes, 3, k) displacements at the nodes that count here, of fields (4, n, k)."""
+        """(nodes, 3, k) displacements in fields (4, n, k) at the nodes that matter at this height."""
         return np.ascontiguousarray(fields[:3, self._nodes].transpose(1, 0, 2))
 
     def probe(self, points: np.ndarray) -> list[sp.csr_matrix]:
         """Values and slopes along x and y, each (m, nodes), at points (m, 2) in m.
 
-        Somewhat beside the face the polynomials of the nearest element go on; farther away, values are those at the
-        nearest point of that.
+        Slightly outside the face the polynomials of the nearest element are extrapolated; farther out the values are
+        those at the nearest point at which they still are.
         """
         cells, at = self._located(points)
         value, gradient = shapes_at(self._basis, at, cells)  # (functions, m), (3, functions, m)
@@ -76,45 +80,48 @@ class LevelOfMesh:
         columns = self._number[self._basis.element_dofs[:, cells]]
         on, rows = columns >= 0, np.broadcast_to(np.arange(len(points)), columns.shape)
         shape = (len(points), self._nodes.size)
-        return [sp.csr_matrix((one[on], (rows[on], columns[on])), shape=shape) for one in (value, *slopes[:2])]
+        return [sp.csr_matrix((part[on], (rows[on], columns[on])), shape=shape) for part in (value, *slopes[:2])]
 
     def _located(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The element (m,) of each point and its place there (3, m)."""
+        """Number of the element (m,) nearest to each point, and the reference point (3, m) in it."""
         gap = np.maximum(self._low.T - points[:, None], points[:, None] - self._high.T)
         nearest = np.argsort(np.linalg.norm(np.maximum(gap, 0.0), axis=2), axis=1)[:, :_CANDIDATES]
         cells, found, least = np.zeros(len(points), dtype=int), np.zeros((3, len(points))), np.full(len(points), np.inf)
         places = np.column_stack([points, np.full(len(points), self._z)]).T
         for candidates in nearest.T:
-            left = np.flatnonzero(least > _NEAR)
-            if left.size == 0:
+            outside = np.flatnonzero(least > _NEAR)  # points that lie in none of the elements tried so far
+            if outside.size == 0:
                 break
-            own = self._cells[candidates[left]]
-            at = self._within(places[:, left], own)
-            away = np.linalg.norm(places[:, left] - self._basis.mapping.F(at[:, :, None], own)[:, :, 0], axis=0)
-            beside = np.linalg.norm(np.maximum(self._beyond(at), 0.0), axis=0) + away / self._thickness
-            better = beside < least[left]
-            chosen = left[better]
-            cells[chosen], found[:, chosen], least[chosen] = own[better], at[:, better], beside[better]
+            tried = self._cells[candidates[outside]]
+            at = self._within(places[:, outside], tried)
+            away = np.linalg.norm(places[:, outside] - self._basis.mapping.F(at[:, :, None], tried)[:, :, 0], axis=0)
+            distance = np.linalg.norm(np.maximum(self._beyond(at), 0.0), axis=0) + away / self._thickness
+            better = distance < least[outside]
+            chosen = outside[better]
+            cells[chosen], found[:, chosen], least[chosen] = tried[better], at[:, better], distance[better]
         return cells, found
 
     def _beyond(self, at: np.ndarray) -> np.ndarray:
-        """How far reference points (3, m) are beyond each plane that bounds an element: (6 or 4, m), < 0 inside."""
+        """(6 or 4, m) distance of reference points (3, m) beyond each plane that bounds an element, < 0 inside."""
         upper = at - 1 if self._is_hexahedral else at.sum(axis=0, keepdims=True) - 1
         return np.concatenate([-at, upper])
 
     def _within(self, places: np.ndarray, cells: np.ndarray) -> np.ndarray:
-        """Reference points (3, m) of the somewhat enlarged elements nearest to places (3, m), by Newton's method."""
+        """Reference points (3, m), in elements enlarged by `_OUTSIDE`, nearest to places (3, m), by Newton's method."""
         mapping, at = self._basis.mapping, np.full((3, cells.size, 1), 1 / 3)
         for _ in range(_STEPS):
             step = np.einsum("ijkl,jkl->ikl", mapping.invDF(at, cells), places[:, :, None] - mapping.F(at, cells))
-            at = np.clip(at + step, -_BESIDE, 1.0 + _BESIDE)
+            at = np.clip(at + step, -_OUTSIDE, 1.0 + _OUTSIDE)
             if not self._is_hexahedral:
-                at = at - np.maximum(at.sum(axis=0) - 1.0 - _BESIDE, 0.0) / 3
+                at = at - np.maximum(at.sum(axis=0) - 1.0 - _OUTSIDE, 0.0) / 3
         return at[:, :, 0]
 
     def _followed(self, at: np.ndarray, cells: np.ndarray) -> np.ndarray:
-        """(3, 3, m) what of a change of a place its point (3, m) follows: nothing across a plane that holds it."""
-        held = self._beyond(at) > _BESIDE - _NEAR
+        """(3, 3, m) derivative by a place of the point in the element that stands for it, at reference points (3, m).
+
+        It is zero across a bounding plane of the enlarged element on which that point is held.
+        """
+        held = self._beyond(at) > _OUTSIDE - _NEAR
         outward = np.concatenate([-np.eye(3), np.eye(3) if self._is_hexahedral else np.ones((1, 3)) / np.sqrt(3)])
         kept = np.eye(3)[:, :, None] - np.einsum("pi,pj,pm->ijm", outward, outward, held.astype(float))
         mapping, X = self._basis.mapping, at[:, :, None]
@@ -123,13 +130,13 @@ class LevelOfMesh:
 
 @dataclass(frozen=True)
 class MeshFace(Face):
-    """Displacements on the face of a part, or at another height, and by parity on what its mirror planes show.
+    """Displacements at a height of a part, such as its face, and by parity at the mirror images of the part.
 
     Attributes
     ----------
-    level : the elements there
+    level : the elements at that height
     coefficients : (nodes, 3, u) of every displacement unknown
-    flipped : (3, u) about which axes the parity of each unknown differs from that of the driven class
+    flipped : (3, u) whether the parity of each unknown about the plane normal to an axis is not the driven one
     """
 
     level: LevelOfMesh
@@ -140,16 +147,16 @@ class MeshFace(Face):
 
     @property
     def bends(self) -> np.ndarray | None:
-        """(u,) whether an unknown moves in the plane as an odd function of z; None without a mirror plane between."""
+        """(u,) whether in-plane displacements are odd in z; None where no mirror plane is normal to z."""
         return self.flipped[2] if 2 in self.level.planes else None
 
     def at_all(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """N (m, 3, u) and its slopes ∂N/∂x, ∂N/∂y (m, 2, 3, u) at points (m, 2), m."""
-        own, sign = points.copy(), np.ones((len(points), 2))
+        folded, sign = points.copy(), np.ones((len(points), 2))  # folded : the points moved onto the part
         for axis in self.level.mirrors:
-            sign[:, axis], own[:, axis] = np.where(points[:, axis] < 0, -1.0, 1.0), np.abs(points[:, axis])
+            sign[:, axis], folded[:, axis] = np.where(points[:, axis] < 0, -1.0, 1.0), np.abs(points[:, axis])
         flat = self.coefficients.reshape(self.coefficients.shape[0], -1)
-        value, *slopes = ((one @ flat).reshape(len(points), 3, -1) for one in self.level.probe(own))
+        value, *slopes = ((part @ flat).reshape(len(points), 3, -1) for part in self.level.probe(folded))
         parity = np.ones_like(value)
         for axis in self.level.mirrors:
             # in the driven class the displacement along the axis is odd, the others are even

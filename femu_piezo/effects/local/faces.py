@@ -1,6 +1,6 @@
 """Displacements of a reduced body on one of its faces, at any point: polynomials along x and y, or along r.
 
-Those on any other mesh: `femu_piezo.effects.local.face_on_mesh`.
+For bodies on any other mesh see `femu_piezo.effects.local.face_on_mesh`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from femu_piezo.forward.model import ElectroelasticModel
 _SAMPLES = (18, 14)
 #: Gauss points across half the width.
 _ACROSS = 10
-#: Distance from the axis, over the radius, within which directions are those at that distance.
+#: Smallest distance from the axis, over the outer radius; points nearer to it are moved out to that.
 _AXIS = 1e-6
 
 
@@ -28,8 +28,8 @@ class Face(ABC):
     Attributes
     ----------
     group : (u,) number of the class of every displacement unknown
-    copies : parts of the whole, on one of which uᵗMu = 1
-    bends : (u,) whether an unknown moves in the plane as an odd function of z, even otherwise; None where neither
+    copies : number of parts of the whole body, on one of which uᵗMu = 1
+    bends : (u,) whether the in-plane displacement of an unknown is odd in z, else even; None where this is not known
     """
 
     group: np.ndarray
@@ -38,7 +38,7 @@ class Face(ABC):
 
     @property
     def same_class(self) -> np.ndarray:
-        """(u, u) which unknowns a symmetric operator may couple."""
+        """(u, u) which pairs of unknowns an operator with the symmetry of the body may couple."""
         return self.group[:, None] == self.group
 
     @abstractmethod
@@ -52,7 +52,7 @@ class Face(ABC):
 
 
 class RuledFace(Face):
-    """One whose lines across it, or circles on it, can be named by one number."""
+    """A face with lines across it, or circles on it, each of which one number names."""
 
     @abstractmethod
     def line(self, place: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -62,7 +62,7 @@ class RuledFace(Face):
         """
 
     def mean_at(self, points: np.ndarray, directions: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Mean over points (m, 2) of one face of NᵗN (u, u), the share of one part, and its slope.
+        """Mean of NᵗN (u, u) over points (m, 2) of one face, divided by the number of parts, and its slope.
 
         directions : (m, 2) in which the points move;  weights : (m,) their shares of the mean
         """
@@ -75,7 +75,7 @@ class RuledFace(Face):
         return total / self.copies, slope / self.copies
 
     def mean_on_line(self, place: float) -> tuple[np.ndarray, np.ndarray]:
-        """The same over a line on both faces, which joins unknowns of one class alone."""
+        """Mean of NᵗN as `mean_at`, over a line on both faces, which couples unknowns of one class only; its slope."""
         total, slope = self.mean_at(*self.line(place))
         return total * self.same_class, slope * self.same_class
 
@@ -125,20 +125,20 @@ def _line(value: float, half: float, count: int) -> tuple[np.ndarray, np.ndarray
 
 
 def on_face(model: ElectroelasticModel, fields: np.ndarray) -> np.ndarray:
-    """(nx, ny, 3, k) coefficients of `Face` of displacements in fields (4, n, k)."""
+    """(nx, ny, 3, k) coefficients of a `BoxFace`, of the displacements in fields (4, n, k)."""
     ends = model.domain.mesh.p.max(axis=1)
     nodes = [legendre.leggauss(count)[0] for count in _SAMPLES]
     x, y = ((node + 1) / 2 * length for node, length in zip(nodes, ends, strict=False))
     grid = np.array([*(axis.ravel() for axis in np.meshgrid(x, y, indexing="ij")), np.full(x.size * y.size, ends[2])])
     probe = interpolation(model, grid)
     values = np.stack([probe @ fields[axis] for axis in range(3)]).reshape(3, x.size, y.size, -1)
-    left, right = (np.linalg.inv(legendre.legvander(node, node.size - 1)) for node in nodes)
-    return np.einsum("ia,jb,cabu->ijcu", left, right, values, optimize=True)
+    to_x, to_y = (np.linalg.inv(legendre.legvander(node, node.size - 1)) for node in nodes)
+    return np.einsum("ia,jb,cabu->ijcu", to_x, to_y, values, optimize=True)
 
 
 @dataclass(frozen=True)
 class RoundFace(RuledFace):
-    """Of a disk or ring: u_r, u_z ∝ cos nθ and u_θ ∝ sin nθ, polynomials of r.
+    """Displacements on the face of a disk or ring: u_r, u_z ∝ cos nθ and u_θ ∝ sin nθ, polynomials of r.
 
     Attributes
     ----------
@@ -166,7 +166,7 @@ class RoundFace(RuledFace):
         (inner, outer), n = self.radii, self.order
         r, turn = max(float(np.hypot(x, y)), _AXIS * outer), float(np.arctan2(y, x))
         value, slope = _line(r - inner, outer - inner, self.coefficients.shape[0])
-        value, slope = (np.tensordot(own, self.coefficients, axes=1) for own in (value, slope))
+        value, slope = (np.tensordot(line, self.coefficients, axes=1) for line in (value, slope))
         cosine, sine = np.cos(n * turn), np.sin(n * turn)
         shares = np.array([cosine, sine, cosine])
         frame = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1.0]])

@@ -1,9 +1,11 @@
 """`MeshFields`: fields of every sector of a body on its own mesh, or on the part that its mirror planes cut.
 
-Beside "driven" and "spot", a sector with letters holds the modes of the parity class that is flipped about those axes,
-"x" to "xyz" (`femu_piezo.forward.parity`), as far as the body has such mirror planes; "undriven" those modes of the
-driven class that the driven unknowns lack, which on a body without mirror planes are all that the terminals hardly
-drive; "film" and "z film" the local response of a class to films on the electrodes.
+The sectors, besides "driven" and "spot", are
+- "x" to "xyz": the modes of the parity class that is flipped about these axes (`femu_piezo.forward.parity`), as far as
+  the body has mirror planes normal to them;
+- "undriven": modes of the driven class that the driven unknowns lack; on a body without mirror planes these are all
+  modes that the terminals hardly drive;
+- "film", "z film": the local response of the driven class and of class "z" to films on the electrodes.
 """
 
 from __future__ import annotations
@@ -29,21 +31,21 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.threads import Once, in_parallel, made_once
 
 UNDRIVEN, FILM = "undriven", "film"
-#: Local responses smaller than this share of the largest, outside what is known, are dropped.
+#: Share of the largest local response, outside the known fields, below which a direction is dropped.
 _KEEP = 1e-3
-#: Part of a mode beside the driven unknowns below which these have it already.
-_UNDRIVEN = 1e-2
-#: Frequency of the local responses, as a share of the band's ω².
+#: Size of the part of a mode outside the driven unknowns below which these represent the mode.
+_OUTSIDE_DRIVEN = 1e-2
+#: ω² of the local responses, as a share of the band's.
 _SHIFT = 0.3
 
-#: Axes about whose mirror plane the parity of a class is flipped.
+#: Axes normal to the mirror planes about which the parity of a class is flipped.
 Flipped = tuple[int, ...]
 #: How a class responds to loads (4n, k): (4n, k).
 Response = Callable[[np.ndarray], np.ndarray]
 
 
 def flipped_axes(sector: str) -> Flipped:
-    """Axes about whose mirror plane the parity is flipped: "xz" → (0, 2), "x slices" → (0,), "driven" → ()."""
+    """Axes normal to the mirror planes of flipped parity: "xz" → (0, 2), "x slices" → (0,), "driven" → ()."""
     letters = sector.split()[0]
     return tuple("xyz".index(letter) for letter in letters) if set(letters) <= set("xyz") else ()
 
@@ -54,18 +56,18 @@ def letters(flipped: Flipped) -> str:
 
 
 def at_a_place(mirrors: Iterable[int]) -> tuple[str, ...]:
-    """Sectors that something at any place of a body with such mirror planes asks for."""
+    """Names of the sectors that an effect at any place of a body asks for; mirrors : axes of its mirror planes."""
     axes = [axis for axis in range(3) if axis in set(mirrors)]
     return tuple(letters(flipped) for count in range(1, 4) for flipped in combinations(axes, count))
 
 
 class MeshFields(Fields):
-    """Of a body, or of the part that its mirror planes cut.
+    """Fields of the sectors of a body, on the part that its mirror planes cut where it has some.
 
     Parameters
     ----------
     model : of the part;  reduced : its driven class
-    constants : modes and responses belong to them, lossless
+    constants : those at which modes and responses are made, without loss
     wanted : the sectors that effects may ask for
 
     Attributes
@@ -89,15 +91,15 @@ class MeshFields(Fields):
             for flipped in classes
         }
         modes = {flipped: letters(flipped) or UNDRIVEN for flipped in classes}
-        further = [[modes[one]] * (bool(one) or UNDRIVEN in wanted) + local for one, local in self._local.items()]
-        self.names = (DRIVEN, SPOT, *(name for own in further for name in own))
+        further = [[modes[key]] * (bool(key) or UNDRIVEN in wanted) + local for key, local in self._local.items()]
+        self.names = (DRIVEN, SPOT, *(name for names in further for name in names))
 
     def prepare(self, names: Iterable[str]) -> None:
-        """All sectors of a class at once, and classes on several threads."""
+        """Make the fields of some sectors, all those of a class at once, and the classes on several threads."""
         tuple(in_parallel(self._class, {flipped_axes(name) for name in names}))
 
     def beside(self, name: str) -> tuple[str, ...]:
-        """Of a local response the modes of its class and the local responses that are made before it."""
+        """For a local response the modes of its class and the local responses made before it; else no sectors."""
         flipped = flipped_axes(name)
         local = self._local.get(flipped, [])
         if name not in local:
@@ -109,11 +111,11 @@ class MeshFields(Fields):
         return self.of(name).shape[2]
 
     def class_of(self, name: str) -> Flipped:
-        """The axes about whose mirror planes the parity is flipped."""
+        """`flipped_axes` of the sector."""
         return flipped_axes(name)
 
     def fields(self, names: Iterable[str]) -> np.ndarray:
-        """(4, n, k) of the unknowns of some sectors in their order, potentials with the driven one."""
+        """(4, n, k) of the unknowns of some sectors, in the order of `names`; last the potentials of the driven one."""
         names = tuple(names)
         parts = [self.of(name) for name in self.names if name in names]
         return np.concatenate([*parts, self._potentials] if DRIVEN in names else parts, axis=2)
@@ -129,7 +131,7 @@ class MeshFields(Fields):
         return flat.T @ (matrix @ flat)
 
     def film(self, left: tuple[str, ...], right: tuple[str, ...]) -> np.ndarray:
-        """(k, l) ∫ v·u over the electrode of the part between the unknowns of sectors."""
+        """(k, l) ∫ v·u over the electrode of the part between the unknowns of two sets of sectors."""
         before, after = (self.fields(names) for names in (left, right))
         return before.reshape(-1, before.shape[2]).T @ (self.electrode @ after.reshape(-1, after.shape[2]))
 
@@ -138,23 +140,23 @@ class MeshFields(Fields):
         return self._level(names, 1.0)
 
     def levels(self, names: tuple[str, ...]) -> list[tuple[float, Face]]:
-        """Displacements at heights of the part, and the shares of the thickness that they stand for."""
+        """Displacements at some heights of the part, with the shares of the thickness that they stand for."""
         mirrored = 2 in self.model.domain.symmetry.values()
         shares = {1.0: FACES, 0.0: MIDDLE} if mirrored else {1.0: FACES / 2, 0.5: MIDDLE, 0.0: FACES / 2}
         return [(share, self._level(names, height)) for height, share in shares.items()]
 
     def _level(self, names: tuple[str, ...], height: float) -> MeshFace:
-        """At a height of the part, 0 the lowest and 1 the highest."""
+        """Displacements at a height of the part, 0 the lowest and 1 the highest."""
         level = self._once.get(("level", height), lambda: LevelOfMesh(self.model, height))
         parts = [self._once.get(("level", height, name), lambda name=name: level.of(self.of(name))) for name in names]
         group, flipped = self._groups(names, [part.shape[2] for part in parts])
         return MeshFace(level, np.concatenate(parts, axis=2), flipped, group, self.model.domain.copies)
 
     def _groups(self, names: tuple[str, ...], counts: list[int]) -> tuple[np.ndarray, np.ndarray]:
-        """(u,) number of the class of every displacement unknown, and (3, u) whether it is flipped about each axis."""
+        """(u,) number of the class of every displacement unknown, and (3, u) about which axes that class is flipped."""
         classes = [flipped_axes(name) for name in names]
-        group = np.repeat([classes.index(one) for one in classes], counts)
-        return group, np.repeat([[axis in one for one in classes] for axis in range(3)], counts, axis=1)
+        group = np.repeat([classes.index(flipped) for flipped in classes], counts)
+        return group, np.repeat([[axis in flipped for flipped in classes] for axis in range(3)], counts, axis=1)
 
     def of(self, name: str) -> np.ndarray:
         """(4, n, k) displacement (m) and potential (V) of a sector's unknowns; of "driven" the displacements alone."""
@@ -175,7 +177,7 @@ class MeshFields(Fields):
 
     @made_once
     def _states(self) -> np.ndarray:
-        """(4, n, k) driven states that local responses are made for."""
+        """(4, n, k) driven states whose loads the local responses answer."""
         return self._driven @ driven_states(self.reduced, self.constants, self._top)
 
     @made_once
@@ -185,7 +187,7 @@ class MeshFields(Fields):
 
     @made_once
     def mass(self) -> spla.LinearOperator:
-        """(3n, 3n) mass of all displacements, symmetry planes not held, kg."""
+        """(3n, 3n) mass of all displacements, kg, those held on symmetry planes included."""
         model = self.model
 
         def times(displacements: np.ndarray) -> np.ndarray:
@@ -195,17 +197,17 @@ class MeshFields(Fields):
         return spla.LinearOperator((3 * model.basis.N,) * 2, matvec=times, matmat=times, dtype=float)
 
     def _class(self, flipped: Flipped) -> dict[str, np.ndarray]:
-        """Sector → its fields (4, n, k), of a parity class: modes, and local responses."""
+        """Name → fields (4, n, k) of every sector of a parity class: its modes and local responses."""
         return self._once.get(flipped, lambda: self._new_class(flipped))
 
     def _new_class(self, flipped: Flipped) -> dict[str, np.ndarray]:
-        """All sectors of a class at once: its factor, which is large, is not kept."""
+        """As `_class`, made: all sectors at once, as the factor of the class is too large to keep."""
         local, found, known = self._local[flipped], {}, self.of(DRIVEN)
         respond = self._responding(flipped) if local else None
         if flipped:
             known = found[letters(flipped)] = self._modes(flipped, respond)
         elif UNDRIVEN in self.names:
-            found[UNDRIVEN] = self._outside(self._modes(flipped, respond), known, _UNDRIVEN)
+            found[UNDRIVEN] = self._outside(self._modes(flipped, respond), known, _OUTSIDE_DRIVEN)
             known = np.concatenate([known, found[UNDRIVEN]], axis=2)
         for name in local:
             found[name] = self._outside(respond(self._loads(name.split()[-1], flipped)), known)
@@ -213,25 +215,25 @@ class MeshFields(Fields):
         return found
 
     def _modes(self, flipped: Flipped, respond: Response | None) -> np.ndarray:
-        """(4, n, k) short-circuited modes of a class, in the band and somewhat beyond."""
+        """(4, n, k) short-circuited modes of a class, up to `MODES_BEYOND` times the band's ω²."""
         found = ParityClass(self.model, self.constants, flipped).modes(MODES_BEYOND * self._top)
         return found.reshape(FIELDS, self.model.basis.N, -1)
 
     def _responding(self, flipped: Flipped) -> Response:
-        own = ParityClass(self.model, self.constants, flipped)
-        factor = own.factor(_SHIFT * self._top)
-        return lambda loads: own.prolongation @ factor.solve(own.prolongation.T @ loads)
+        parity = ParityClass(self.model, self.constants, flipped)
+        factor = parity.factor(_SHIFT * self._top)
+        return lambda loads: parity.prolongation @ factor.solve(parity.prolongation.T @ loads)
 
     def _loads(self, kind: str, flipped: Flipped) -> np.ndarray:
-        """(4n, k) loads on a class, of one kind of local responses: inertia of a film under driven states."""
+        """(4n, k) loads on a class, for one kind of local responses: the inertia of a film that driven states move."""
         loads = self.electrode @ self._states.reshape(-1, self._states.shape[2])
         norm = np.linalg.norm(loads, axis=0)
         return loads[:, norm > 0] / norm[norm > 0]
 
     def _outside(self, responses: np.ndarray, known: np.ndarray, least: float | None = None) -> np.ndarray:
-        """Combinations (4, n, k) of responses (…, j), their displacements orthonormal and new beside `known` (4, n, i).
+        """(4, n, k) combinations of responses (…, j), displacements orthonormal and orthogonal to `known` (4, n, i).
 
-        least : size below which a direction is dropped; a share of the largest response where None
+        least : size below which a direction is dropped; the share `_KEEP` of the largest where None
         """
         n = self.mass.shape[0]
         known, responses = known.reshape(-1, known.shape[2]), responses.reshape(-1, responses.shape[-1])

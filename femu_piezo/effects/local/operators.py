@@ -1,7 +1,7 @@
-"""What effects at a place need of the reduced plate: fields at points of its faces, slices, and slopes along it.
+"""Operators of a reduced body that effects at a place need: fields on its faces, slices, weights, deformations.
 
-All are stacked over the sectors. A weight w(x) over the whole plate couples two parity classes by the part of w that
-has the product of their parities; on the part, with its share 1/copies of the whole energy,
+All are over the unknowns of some sectors. A weight w(x) over the whole body couples two parity classes by the part of w
+whose parity is the product of theirs; on the computed part, which has 1/copies of the whole energy,
 
     A_ij = ∫_part w_χ a(v_i, v_j),    w_χ(x) = mean over the reflections R of χ(R) w(R x).
 """
@@ -36,11 +36,11 @@ from femu_piezo.threads import Once, made_once
 
 Made = TypeVar("Made")
 
-#: Constants (numbers in the e-form) of the elastic and of the piezoelectric terms.
+#: Indices in the e-form of the elastic and of the piezoelectric constants.
 ELASTIC, PIEZOELECTRIC = range(5), range(5, 8)
-#: Reaches at which operators near edges are made.
+#: Number of reaches at which operators near edges are made.
 _REACHES = 6
-#: ω² over that of the cut below which an unknown moves without strain.
+#: Eigenvalue of the elastic stiffness, over the ω² of the cut, below which an eigenvector moves without strain.
 _RIGID = 1e-7
 
 
@@ -52,7 +52,7 @@ class Slices:
     ----------
     centres : (n,) m from the middle of the plate;  width : m
     matrices : [n, 5] (r, r) per unit of c11 c12 c13 c33 c44
-    lateral : [n] (r, r) of what of c^E is left where a slice is free of stress along x, per unit of c11 and with the
+    lateral : [n] (r, r) by the part of c^E that remains without stress on planes across x, per unit of c11 with the
         ratios of the reference constants
     """
 
@@ -62,7 +62,7 @@ class Slices:
     lateral: Blocks
 
     def among(self, numbers: np.ndarray, size: int) -> Slices:
-        """The same over `size` unknowns, of which those so far are the given ones (indices)."""
+        """These operators over `size` unknowns, in which the present unknowns have the given indices."""
         return replace(self, matrices=self.matrices.among(numbers, size), lateral=self.lateral.among(numbers, size))
 
 
@@ -72,8 +72,8 @@ class Deformation:
 
     Attributes
     ----------
-    first, second : [10] (r, r) per unit of every e-form constant, of ε and of ε²
-    inertia, inertia_second : [...] (r, r) of ε and of ε²; None where the latter is zero
+    first, second : [10] (r, r) stiffness per unit of every e-form constant, in ε and in ε²
+    inertia, inertia_second : [...] (r, r) mass in ε and in ε²; None where the latter is zero
     """
 
     first: Blocks
@@ -82,38 +82,39 @@ class Deformation:
     inertia_second: Blocks | None = None
 
     def among(self, numbers: np.ndarray, size: int) -> Deformation:
-        """The same over `size` unknowns, of which those so far are the given ones (indices)."""
+        """These operators over `size` unknowns, in which the present unknowns have the given indices."""
         parts = (self.first, self.second, self.inertia, self.inertia_second)
         return Deformation(*(part if part is None else part.among(numbers, size) for part in parts))
 
     def terms(self, places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-        """Those of an effect whose only parameter is ε (`femu_piezo.effects.effect.LocalHook`)."""
-        one, size, found = np.ones(omega.shape, dtype=complex), p[0], []
+        """Terms of an effect whose only parameter is ε (`femu_piezo.effects.effect.LocalHook`)."""
+        ones, size, found = np.ones(omega.shape, dtype=complex), p[0], []
         powers = ((size, 1.0), (size**2, 2 * size))
         for heavy, (value, slope) in zip((self.inertia, self.inertia_second), powers, strict=True):
             if heavy is not None:
                 matrix = places.of_displacements(heavy[...])
-                found.append(LocalTerm("inertia", matrix, value * one, slope * one[:, None]))
+                found.append(LocalTerm("inertia", matrix, value * ones, slope * ones[:, None]))
         for matrices, (value, slope) in zip((self.first, self.second), powers, strict=True):
             for constant, matrix in enumerate(matrices[...]):
-                found.append(LocalTerm("stiffness", matrix, value * one, slope * one[:, None], constant))
+                found.append(LocalTerm("stiffness", matrix, value * ones, slope * ones[:, None], constant))
         return found
 
 
 def stiffness_terms(
     constants: Iterable[int], value: np.ndarray, slopes: Sequence[np.ndarray], omega: np.ndarray
 ) -> list[LocalTerm]:
-    """Terms of some e-form constants (numbers) that are no product of a value and a matrix.
+    """Terms for matrices that depend on the parameters of an effect otherwise than by a factor.
 
     Parameters
     ----------
-    value : (n, r, r) per unit of each constant;  slopes : of every parameter of the effect, likewise
+    constants : n indices in the e-form
+    value : (n, r, r) matrix per unit of each constant;  slopes : (n, r, r) of it in every parameter of the effect
     """
-    one, found = np.ones(omega.shape, dtype=complex), []
+    ones, found = np.ones(omega.shape, dtype=complex), []
     for number, constant in enumerate(constants):
-        found.append(LocalTerm("stiffness", value[number], one, np.zeros((omega.size, len(slopes))), constant))
+        found.append(LocalTerm("stiffness", value[number], ones, np.zeros((omega.size, len(slopes))), constant))
         for unit, slope in zip(np.eye(len(slopes)), slopes, strict=True):
-            found.append(LocalTerm("stiffness", slope[number], 0 * one, unit * one[:, None], constant))
+            found.append(LocalTerm("stiffness", slope[number], 0 * ones, unit * ones[:, None], constant))
     return found
 
 
@@ -131,19 +132,19 @@ class Edges:
     matrices: Blocks
 
     def at(self, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """Matrices (3, r, r) at a reach, ρ times a polynomial of ρ, and their slopes by it."""
+        """Matrices (3, r, r) at a reach ρ, interpolated as ρ times a polynomial of ρ, and their slopes in ρ."""
         lagrange = BarycentricInterpolator(self.reaches, np.eye(self.reaches.size))
         value, slope = lagrange(reach), lagrange.derivative(reach)
         return self.matrices.combined(reach * value), self.matrices.combined(value + reach * slope)
 
     def among(self, numbers: np.ndarray, size: int) -> Edges:
-        """The same over `size` unknowns, of which those so far are the given ones (indices)."""
+        """These operators over `size` unknowns, in which the present unknowns have the given indices."""
         return Edges(self.reaches, self.matrices.among(numbers, size))
 
 
 @dataclass(frozen=True)
 class Uneven:
-    """Stiffness and inertia that vary along the body, as `Places.uneven` has them."""
+    """Stiffness [2, 5] and inertia [2] that vary along the body (`Places.uneven`)."""
 
     stiffness: Blocks
     inertia: Blocks
@@ -154,17 +155,17 @@ class Uneven:
         return self.stiffness, self.inertia
 
     def among(self, numbers: np.ndarray, size: int) -> Uneven:
-        """The same over `size` unknowns, of which those so far are the given ones (indices)."""
+        """These operators over `size` unknowns, in which the present unknowns have the given indices."""
         return Uneven(*(part.among(numbers, size) for part in self.both))
 
 
 class Places:
-    """Operators on some of the sectors of a reduced plate, each made once when it is first asked for.
+    """Operators on some of the sectors of a reduced body, each made once when it is first asked for.
 
     Parameters
     ----------
     sectors : the unknowns
-    shared : operators on the sectors that each of them concerns, for all selections of sectors that hold those
+    shared : operators that other selections of sectors made, each on those sectors only that it acts on
     """
 
     def __init__(self, sectors: Sectors, shared: Once) -> None:
@@ -187,12 +188,12 @@ class Places:
 
     @made_once
     def levels(self) -> list[tuple[float, Face]]:
-        """Displacements at heights, and the shares of the thickness that these stand for."""
+        """Displacements at some heights, with the shares of the thickness that these stand for."""
         return self.sectors.all_fields.levels(self.sectors.names)
 
     @property
     def copies(self) -> int:
-        """Parts of the whole body, on one of which uᵗMu = 1."""
+        """Number of parts of the whole body, on one of which uᵗMu = 1."""
         return self.sectors.all_fields.model.domain.copies
 
     @property
@@ -202,18 +203,18 @@ class Places:
 
     @property
     def spot(self) -> np.ndarray:
-        """(3,) unknowns that are the displacement of an attached body; empty where the sector is not there."""
+        """(3,) indices of the unknowns that are the displacement of an attached body; empty without that sector."""
         return self.sectors.spot
 
     @made_once
     def elastic_flexibility(self) -> np.ndarray:
-        """(u, j) R, such that R Rᵗ is the static flexibility of the whole body by c^E, without its rigid motion."""
+        """(u, j) R such that R Rᵗ is the static flexibility of the whole body by c^E alone, without rigid motions."""
         tensor = self._whole.copy()
         tensor[3], tensor[:, :, 3] = 0.0, 0.0
         stiffness = np.zeros((self.size, self.size))
         for names in self.sectors.classes.values():
-            own = self.sectors.numbers(names)
-            stiffness[np.ix_(own, own)] = self.sectors.all_fields.projected(names, [tensor])[0]
+            at = self.sectors.numbers(names)
+            stiffness[np.ix_(at, at)] = self.sectors.all_fields.projected(names, [tensor])[0]
         values, vectors = np.linalg.eigh(self.copies * self.of_displacements(stiffness))
         strained = values > _RIGID * self.copies * self.cut**2
         return vectors[:, strained] / np.sqrt(values[strained])
@@ -231,60 +232,60 @@ class Places:
 
     @made_once
     def slices(self) -> Slices:
-        """Slices across the plate, on the driven class and that whose parity differs about x."""
+        """Slices across the plate, on the driven class and that of flipped parity about x."""
         return self._made(_slices, lambda flipped, name: flipped in ((), (0,)))
 
     @made_once
     def ramp(self) -> Blocks:
-        """[2, 3] (r, r) per unit of e31 e33 e15, weighted by 2x/L and by (2x/L)² − 1/3 over the whole plate."""
+        """[2, 3] (r, r) per unit of e31 e33 e15 with the weights 2x/L and (2x/L)² − 1/3 over the whole plate."""
         return self._made(_ramp, lambda flipped, name: not name.endswith(SLICES))
 
     @made_once
     def uneven(self) -> tuple[Blocks, Blocks]:
-        """[2, 5] (r, r) per unit of c11 c12 c13 c33 c44, and [2] of inertia, weighted by 2x/L and by (2x/L)² − 1/3.
+        """[2, 5] (r, r) per unit of c11 c12 c13 c33 c44, and [2] inertia, with the weights 2x/L and (2x/L)² − 1/3.
 
-        On the driven class and that whose parity differs about x.
+        On the driven class and that of flipped parity about x.
         """
         return self._made(_uneven, lambda flipped, name: flipped in ((), (0,)) and not name.endswith(SLICES)).both
 
     @made_once
     def radial_ramp(self) -> Blocks:
-        """[3] (r, r) per unit of e31 e33 e15 of a disk or ring, weighted by (r/R)² less its mean over the face."""
+        """[3] (r, r) per unit of e31 e33 e15 of a disk or ring, with the weight (r/R)² less its mean over the face."""
         return self._made(_radial_ramp, lambda flipped, name: name == DRIVEN)
 
     @made_once
     def bare_ends(self) -> BareEnds | BareRims:
         """Bare strips at both ends of a thickness-poled plate, or along the rims of a disk or ring.
 
-        On the driven class and, where they are there, the modes that are odd about the middle of a plate, or those of
-        order 1.
+        On the driven class and, where they are selected, the modes that are odd about the middle of a plate, or the
+        fields of order 1.
         """
         return self._made(_bare_ends, lambda flipped, name: name in (DRIVEN, "x", ORDERS[1], RIMS))
 
     @made_once
     def edges(self) -> Edges:
-        """Along the sides of a plate, or the rims of a disk or ring."""
+        """Piezoelectric operators near the sides of a plate, or the rims of a disk or ring."""
         return self._made(_edges, lambda flipped, name: name == DRIVEN)
 
     @made_once
     def taper(self) -> Deformation:
-        """A width W (1 + ε ξ) of a plate, ξ = 2x/L."""
+        """Deformation of a plate to the width W (1 + ε ξ), ξ = 2x/L."""
         return self._tapered("taper")
 
     @made_once
     def wedge(self) -> Deformation:
-        """A thickness t (1 + ε ξ) of a plate, or t (1 + ε x/R) of a disk or ring."""
+        """Deformation to the thickness t (1 + ε ξ) of a plate, or t (1 + ε x/R) of a disk or ring."""
         if isinstance(self.sectors.all_fields, RoundFields):
             return self._round_deformation(WEDGE)
         return self._tapered("wedge")
 
     @made_once
     def oval(self) -> Deformation:
-        """Diameters D e^ε and D e^−ε of a disk or ring."""
+        """Deformation of a disk or ring to the diameters D e^ε and D e^−ε."""
         return self._round_deformation(OVAL)
 
     def reshaped(self, reshaping: Reshaping) -> Deformation:
-        """A map of the body that keeps its symmetry, so that the driven class alone is concerned."""
+        """Deformation by a map that keeps the symmetry of the body, and so acts on the driven class alone."""
         make = self._shared.get(("reshaped", reshaping), lambda: partial(_reshaped, reshaping))
         return self._made(make, lambda flipped, name: name == DRIVEN)
 
@@ -299,32 +300,35 @@ class Places:
     def films(self) -> Blocks:
         """[...] (r, r) ∫ v·u over one electrode, m² per unit of displacement².
 
-        Between the driven class and that whose parity differs about the plane between the electrodes.
+        Between the driven class and that of flipped parity about the plane between the electrodes.
         """
         return self._made(_films, lambda flipped, name: flipped in ((), (2,)) and not name.endswith(SLICES))
 
     def _made(self, make: Callable[[Sectors], Made], concerns: Callable[[Hashable, str], bool]) -> Made:
-        """An operator made on the sectors it concerns, spots apart, over all unknowns."""
+        """An operator over all unknowns, made on the sectors that it acts on, without a spot.
+
+        concerns : class and name of a sector → whether the operator acts on it
+        """
         class_of = self.sectors.all_fields.class_of
-        own = tuple(name for name in self.sectors.names if name != SPOT and concerns(class_of(name), name))
-        few = Sectors(own, self.sectors.all_fields)
-        found = self._shared.get((make, own), lambda: make(few))
-        return found if own == self.sectors.names else found.among(self.sectors.numbers(own), self.size)
+        names = tuple(name for name in self.sectors.names if name != SPOT and concerns(class_of(name), name))
+        few = Sectors(names, self.sectors.all_fields)
+        found = self._shared.get((make, names), lambda: make(few))
+        return found if names == self.sectors.names else found.among(self.sectors.numbers(names), self.size)
 
 
 def _slices(sectors: Sectors) -> Slices:
-    """On all unknowns of the sectors."""
+    """Operators of the slices on all unknowns of the sectors."""
     weighted, constants = sectors.all_fields.weighted, sectors.all_fields.constants
-    own, units = np.arange(sectors.size), weighted.model.unit_tensors
-    fields = np.empty((FIELDS, weighted.model.basis.N, own.size))
+    at, units = np.arange(sectors.size), weighted.model.unit_tensors
+    fields = np.empty((FIELDS, weighted.model.basis.N, at.size))
     for names in sectors.classes.values():
         fields[:, :, sectors.numbers(names)] = sectors.all_fields.fields(names)
     whole = np.tensordot(constants.vector().real, units, axes=1)
     tensors = [*units[ELASTIC.start : ELASTIC.stop], unstressed(whole, 0)]
-    # the slice at x > 0 alone is half an even and half an odd weight
+    # a weight on the slice at x > 0 alone is half an even and half an odd one
     inner = np.array([0.5 * products.within(fields, tensors) for products in weighted.slices])
     ends = weighted.slice_ends
-    matrices, lateral = Blocks(inner[:, :-1], own, own.size), Blocks(inner[:, -1] / constants.c11.real, own, own.size)
+    matrices, lateral = Blocks(inner[:, :-1], at, at.size), Blocks(inner[:, -1] / constants.c11.real, at, at.size)
     return Slices((ends[1:] + ends[:-1]) / 2, float(ends[-1] / len(inner)), matrices, lateral)
 
 
@@ -335,7 +339,7 @@ def _bare_ends(sectors: Sectors) -> BareEnds | BareRims:
 def _ramp(sectors: Sectors) -> Blocks:
     """The odd weight couples classes whose parities differ about x alone, the even one each class with itself.
 
-    What varies slowly hardly moves slices, so these are left out of ramps, films and tapers.
+    Loads that vary slowly hardly drive the local responses of slices: ramps, films and tapers go without these.
     """
     weighted, size = sectors.all_fields.weighted, sectors.size
     found, concerned = np.zeros((2, len(PIEZOELECTRIC), size, size)), []
@@ -343,18 +347,18 @@ def _ramp(sectors: Sectors) -> Blocks:
     for flipped, names in sectors.classes.items():
         partner = sectors.classes.get(tuple(sorted(set(flipped) ^ {0})))
         if partner is not None:
-            own, fields = sectors.numbers(names), sectors.all_fields.fields(names)
-            concerned.append(own)
-            _put(found[1], weighted.even.within(fields, units), own)
+            at, fields = sectors.numbers(names), sectors.all_fields.fields(names)
+            concerned.append(at)
+            _put(found[1], weighted.even.within(fields, units), at)
             if 0 not in flipped:
                 across = weighted.odd.between(fields, sectors.all_fields.fields(partner), units)
-                _put(found[0], across, own, sectors.numbers(partner))
+                _put(found[0], across, at, sectors.numbers(partner))
     few = np.sort(np.concatenate([np.zeros(0, dtype=int), *concerned]))
     return Blocks(np.ascontiguousarray(found[(..., *np.ix_(few, few))]), few, size)
 
 
 def _uneven(sectors: Sectors) -> Uneven:
-    """The odd weight couples the driven class to that whose parity differs about x, the even one each with itself."""
+    """The odd weight couples the driven class to that of flipped parity about x, the even one each with itself."""
     weighted, size, at = sectors.all_fields.weighted, sectors.size, np.arange(sectors.size)
     (rows, columns), (left, right) = _coupled(sectors, (0,))
     units = weighted.model.unit_tensors[ELASTIC.start : ELASTIC.stop]
@@ -370,7 +374,7 @@ def _uneven(sectors: Sectors) -> Uneven:
 
 
 def _radial_ramp(sectors: Sectors) -> Blocks:
-    """On the driven fields alone: what varies along the radius leaves a body of revolution."""
+    """On the driven fields alone: a weight that varies along the radius keeps the symmetry of revolution."""
     fields: RoundFields = sectors.all_fields
     inner, outer = fields.model.domain.radii
     order, units = fields.order(0), fields.model.unit_tensors[PIEZOELECTRIC.start : PIEZOELECTRIC.stop]
@@ -380,7 +384,7 @@ def _radial_ramp(sectors: Sectors) -> Blocks:
 
 
 def _edges(sectors: Sectors) -> Edges:
-    """On the driven fields alone, whose symmetry edges that are alike keep."""
+    """On the driven fields alone: equal edges keep their symmetry."""
     fields = sectors.all_fields
     units = fields.model.unit_tensors[PIEZOELECTRIC.start : PIEZOELECTRIC.stop]
     nodes = (1 - np.cos(np.pi * (np.arange(_REACHES) + 0.5) / _REACHES)) / 2
@@ -389,13 +393,13 @@ def _edges(sectors: Sectors) -> Edges:
         found = _near_rims(fields, units, reaches)
     else:
         reaches = DEEPEST * 2 * min(fields.model.domain.mesh.p.max(axis=1)[:2]) * nodes
-        own = fields.fields([DRIVEN])
-        found = np.array([fields.weighted.edges(reach).within(own, units) for reach in reaches])
+        driven = fields.fields([DRIVEN])
+        found = np.array([fields.weighted.edges(reach).within(driven, units) for reach in reaches])
     return Edges(reaches, Blocks(found / reaches[:, None, None, None], np.arange(sectors.size), sectors.size))
 
 
 def _near_rims(fields: RoundFields, units: np.ndarray, reaches: np.ndarray) -> np.ndarray:
-    """(n, 3, r, r) of the unit tensors with weights 1 − Π (1 − e^(−d/ρ)), d the distances to the rims."""
+    """(n, 3, r, r) forms of unit tensors with the weight 1 − Π (1 − e^(−d/ρ)), d the distances to the rims."""
     whole, (inner, outer) = fields.section, fields.model.domain.radii
     rims = np.array([inner, outer] if inner > 0 else [outer])
     found = []
@@ -403,33 +407,33 @@ def _near_rims(fields: RoundFields, units: np.ndarray, reaches: np.ndarray) -> n
         ends = np.unique(np.append(whole.radial.ends, cut_near(rims, reach, inner, outer)))
         fine = Section(Line(ends, whole.radial.order), whole.axial, whole.density)
         order = fine.order(0)
-        left = np.prod(-np.expm1(-np.abs(order.radii[:, None] - rims) / reach), axis=1)
-        found.append(order.within(in_region(whole.to_nodes_of(fine), fields.on_section), units, 1 - left))
+        kept = np.prod(-np.expm1(-np.abs(order.radii[:, None] - rims) / reach), axis=1)
+        found.append(order.within(in_region(whole.to_nodes_of(fine), fields.on_section), units, 1 - kept))
     return np.array(found)
 
 
 def _put(found: np.ndarray, block: np.ndarray, rows: np.ndarray, columns: np.ndarray | None = None) -> None:
-    """Write blocks (…, k, l) to rows and columns of symmetric (…, r, r); a block of rows with themselves without."""
+    """Write a block (…, k, l) and its transpose into symmetric matrices (…, r, r); columns : as the rows where None."""
     found[(..., *np.ix_(rows, rows if columns is None else columns))] = block
     if columns is not None:
         found[(..., *np.ix_(columns, rows))] = np.swapaxes(block, -1, -2)
 
 
 def _coupled(sectors: Sectors, flipped: Flipped) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Numbers (k,) and fields (4, n, k) of the driven class and of another."""
-    both = [sectors.classes[one] for one in ((), flipped)]
-    return [sectors.numbers(names) for names in both], [sectors.all_fields.fields(names) for names in both]
+    """Indices (k,) of the unknowns and fields (4, n, k), each of the driven class and of the class that is flipped."""
+    classes = [sectors.classes[key] for key in ((), flipped)]
+    return [sectors.numbers(names) for names in classes], [sectors.all_fields.fields(names) for names in classes]
 
 
 def _films(sectors: Sectors) -> Blocks:
-    both = [sectors.classes[one] for one in ((), (2,))]
+    classes = [sectors.classes[key] for key in ((), (2,))]
     found = np.zeros((sectors.size, sectors.size))
-    _put(found, sectors.all_fields.film(*both), *(sectors.numbers(names) for names in both))
+    _put(found, sectors.all_fields.film(*classes), *(sectors.numbers(names) for names in classes))
     return Blocks(found, np.arange(sectors.size), sectors.size)
 
 
 def _tapered(side: int, sectors: Sectors) -> Deformation:
-    """The first order couples the driven class to that whose parity differs about x, the second each with itself."""
+    """The first order couples the driven class to that of flipped parity about x, the second each with itself."""
     model, (first, second) = sectors.all_fields.weighted.model, sectors.all_fields.weighted.tapered(side)
     (rows, columns), (left, right) = _coupled(sectors, (0,))
     size, units = sectors.size, model.unit_tensors
@@ -444,7 +448,7 @@ def _tapered(side: int, sectors: Sectors) -> Deformation:
 
 
 def _deformed(kind: str, sectors: Sectors) -> Deformation:
-    """The first order couples the driven fields to those of another order, the second them with themselves."""
+    """The first order couples the driven fields to those of Fourier order m, the second couples them to themselves."""
     fields: RoundFields = sectors.all_fields
     deformation, units, size = fields.deformation(kind), fields.model.unit_tensors, sectors.size
     rows, columns = sectors.numbers([DRIVEN]), sectors.numbers(name for name in sectors.names if name != DRIVEN)
@@ -464,12 +468,12 @@ def _reshaped(reshaping: Reshaping, sectors: Sectors) -> Deformation:
     stiff, heavy = [], []
     for products in reshaped_products(model.basis, reshaping.gradient):
         stiff.append(Blocks(products.within(fields, model.unit_tensors), at, sectors.size))
-        mass = sum(one.T @ products.mass_times(one) for one in moved) * model.density
+        mass = sum(along.T @ products.mass_times(along) for along in moved) * model.density
         heavy.append(Blocks(mass, at[: moved.shape[2]], sectors.size))
     return Deformation(*stiff, *heavy)
 
 
-#: Kind of a deformation of a round body, and of a plate → how it is made, one function each: what is made is kept by
-#: that.
+#: Kind of a deformation of a round body, and of a plate → the function that makes it. Each function exists once, as
+#: what it makes is kept under the function as key.
 _DEFORMED = {kind: partial(_deformed, kind) for kind in COUPLED}
 _TAPERED = {kind: partial(_tapered, side) for kind, side in TAPERED.items()}

@@ -1,12 +1,15 @@
 """`RoundFields`: the sectors of a disk or ring that is poled along its axis.
 
-The driven fields are of Fourier order 0 (`femu_piezo.forward.revolution`). "z" holds the modes of that order whose
-parity about the mid-plane is flipped, bending first of all, and their local response to a film that moves with driven
-fields, "film" that of driven fields to films that move with bending. "order 1" and "order 2" have the modes of these
-orders with the driven parity, "wedge" and "oval" their local response to a body that is deformed
-(`femu_piezo.effects.local.round_deformations`), "rims" what differs of driven fields near rims on one side and the
-other; "around" has the modes of all other orders and parities, even about
-the half plane θ = 0: what sits at a place is taken to sit there.
+The driven fields are of Fourier order 0 (`femu_piezo.forward.revolution`). The further sectors are
+- "z": modes of order 0 whose parity about the mid-plane is flipped, bending above all, and the local response of that
+  class to a film that moves with driven fields;
+- "film": the local response of the driven class to films that move with bending modes;
+- "order 1", "order 2": modes of these orders with the driven parity;
+- "wedge", "oval": the local response of these orders to driven fields in a deformed body
+  (`femu_piezo.effects.local.round_deformations`);
+- "rims": fields of order 1 by which driven fields near a rim may differ from one side to the other;
+- "around": the modes of all other orders and parities, even about the half plane θ = 0, where an effect at a place is
+  put.
 """
 
 from __future__ import annotations
@@ -32,19 +35,20 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.threads import Once, in_parallel, made_once
 
 BENDING, FILM, AROUND, RIMS = "z", "film", "around", "rims"
-#: Sector of the modes of an order with the driven parity, of the orders that deformations couple.
+#: Order that deformations couple → sector of its modes with the driven parity.
 ORDERS = {number: f"order {number}" for number in COUPLED.values()}
-#: Sector of what joins the modes of an order → the order.
+#: Sector of further fields that complete the modes of an order → the order.
 JOINING = {**COUPLED, RIMS: 1}
-#: Sectors that something at any place asks for.
+#: Sectors that an effect at any place asks for.
 AT_A_PLACE = (BENDING, *ORDERS.values(), AROUND)
-#: Frequency of the responses, as a share of the band's ω².
+#: ω² of the local responses, as a share of the band's.
 _SHIFT = 0.3
-#: Share of the kinetic energy of a response below which a direction beside the driven fields is left out.
+#: Kinetic energy outside the known fields, over that of a whole response, below which a direction is left out.
 _NEW = 1e-6
-#: Share of the largest kinetic energy of driven unknowns below which their part of order 0 is rounding.
+#: Share of the largest kinetic energy of known fields below which that of a field is rounding: driven unknowns may have
+#: no part of order 0.
 _ROUNDING = 1e-12
-#: Radial polynomials at most.
+#: Most radial polynomials.
 _SAMPLES = 28
 
 
@@ -58,12 +62,12 @@ class _Modes:
 
 
 class RoundFields(Fields):
-    """Of an eighth of a disk or ring.
+    """Fields of the sectors of a disk or ring, of the size that they have on an eighth of it.
 
     Parameters
     ----------
     model : of the eighth;  reduced : its driven class
-    constants : further sectors belong to them, lossless
+    constants : those at which further sectors are made, without loss
     wanted : the sectors that effects may ask for
 
     Attributes
@@ -84,7 +88,7 @@ class RoundFields(Fields):
 
     @made_once
     def section(self) -> Section:
-        """Fine enough for bending waves, which are the shortest in thin bodies, and shear waves."""
+        """A section fine enough for shear waves and for bending waves, which are the shortest in thin bodies."""
         thickness = 2 * float(self.model.domain.mesh.p[2].max())
         shear, along = (float(np.sqrt(self._tensor[0, axis, 0, axis] / self.model.density)) for axis in (2, 0))
         omega = np.sqrt(MODES_BEYOND * self._top)
@@ -92,12 +96,12 @@ class RoundFields(Fields):
         return Section.fine_for(self.model.domain.radii, thickness, self.model.density, max(omega / shear, bending))
 
     def prepare(self, names: Iterable[str]) -> None:
-        """The orders are made on several threads."""
+        """Make the fields of some sectors; the parities of an order on several threads."""
         for name in names:
             self._modes(name)
 
     def beside(self, name: str) -> tuple[str, ...]:
-        """Of what joins the modes of an order these; of driven fields near rims also a response to the same order."""
+        """For a sector that completes an order the modes of that order, for "rims" also responses of the same order."""
         if name not in JOINING:
             return ()
         order = JOINING[name]
@@ -108,7 +112,7 @@ class RoundFields(Fields):
         return sum(one.fields.shape[1] for one in self._modes(name))
 
     def class_of(self, name: str) -> Hashable:
-        """Axes of flipped parity of order 0; "around" is one class: the body is zero between its orders."""
+        """Flipped axes for order 0, else a name; "around" is one class, with zero blocks between its orders."""
         return {DRIVEN: (), FILM: (), BENDING: (2,)}.get(name, ORDERS.get(JOINING.get(name, 0), name))
 
     def projected(self, names: tuple[str, ...], tensors: Sequence[np.ndarray]) -> np.ndarray:
@@ -124,7 +128,7 @@ class RoundFields(Fields):
         return self._with_film(found, crossed, own)
 
     def extra(self, names: tuple[str, ...], term: ExtraTerm, matrix: sp.spmatrix) -> np.ndarray:
-        """(k, k) a further term; one that is known on a mesh alone acts on driven fields alone."""
+        """(k, k) a further term on the sectors of one class; without `on_electrodes` it acts on driven fields only."""
 
         def between(order: FourierOrder, left: np.ndarray, right: np.ndarray) -> np.ndarray:
             if term.on_electrodes is None:
@@ -141,7 +145,7 @@ class RoundFields(Fields):
         return self._with_film(found[None], crossed[None], own[None])[0]
 
     def _with_film(self, driven: np.ndarray, crossed: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """(n, k, k) of driven displacements, film responses, potentials; of blocks of driven unknowns and responses."""
+        """(n, k, k) in the order driven displacements, film responses, potentials, from blocks of driven and film."""
         u, more = self.reduced.displacements, own.shape[1]
         order = np.r_[np.arange(u), driven.shape[1] + np.arange(more), np.arange(u, driven.shape[1])]
         whole = np.block([[driven, crossed], [crossed.transpose(0, 2, 1), own]])
@@ -152,11 +156,11 @@ class RoundFields(Fields):
         return self._level(names, -1)
 
     def levels(self, names: tuple[str, ...]) -> list[tuple[float, RoundFace]]:
-        """Displacements at heights of the part, and the shares of the thickness that they stand for."""
+        """Displacements on face and middle plane, with the shares of the thickness that they stand for."""
         return [(share, self._level(names, at)) for share, at in ((FACES, -1), (MIDDLE, 0))]
 
     def _level(self, names: tuple[str, ...], at: int) -> RoundFace:
-        """On the nodes of that number along z of the half z > 0."""
+        """Displacements on the nodes of number `at` along z, in the half z > 0."""
         parts, orders, flipped = [], [], []
         for name in names:
             for one in self._displacements(name):
@@ -169,7 +173,7 @@ class RoundFields(Fields):
         return RoundFace(radii, np.concatenate(parts, axis=2), order, 2 * order + bends, copies, bends)
 
     def film(self, left: tuple[str, ...], right: tuple[str, ...]) -> np.ndarray:
-        """(k, l) ∫ v·u over one electrode between the unknowns of sectors of order 0."""
+        """(k, l) ∫ v·u over one electrode between the unknowns of two sets of sectors of order 0."""
         film = electrode_film(self.order(0).electrode_faces)
         before, after = ([one.fields for name in names for one in self._displacements(name)] for names in (left, right))
         found = np.hstack(before).T @ (film @ np.hstack(after))
@@ -190,16 +194,16 @@ class RoundFields(Fields):
         return self.model.prolongation @ self.reduced.basis
 
     def of_order(self, number: int, names: tuple[str, ...]) -> np.ndarray:
-        """(4n, k) modes and responses of one order with the driven parity, of those of some sectors that have it."""
-        own = [name for name in names if name == ORDERS[number] or JOINING.get(name) == number]
-        return np.hstack([one.fields for name in own for one in self._modes(name)])
+        """(4n, k) modes and responses with the driven parity of those of some sectors that are of one order."""
+        of_order = [name for name in names if name == ORDERS[number] or JOINING.get(name) == number]
+        return np.hstack([one.fields for name in of_order for one in self._modes(name)])
 
     def deformation(self, kind: str) -> RoundDeformation:
-        """Of the body by one of those that are known."""
+        """Forms of the deformed body; kind : a key of `COUPLED`."""
         return self._once.get(("deformation", kind), lambda: RoundDeformation.of(kind, self.order))
 
     def _film_response(self, flipped: bool, moved: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """(4n, k) response of a class of order 0 to films that move with fields (4n, j) of the other."""
+        """(4n, k) response of one class of order 0 to films that move with fields (4n, j) of the other class."""
         order = self.order(0)
         return self._response(order, flipped, electrode_film(order.electrode_faces) @ moved, known)
 
@@ -212,20 +216,16 @@ class RoundFields(Fields):
         )
 
     def _response(self, order: FourierOrder, flipped: bool, loads: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """(4n, k) response of a class to loads (4n, j).
-
-        Its displacements are orthonormal and new beside `known` (4n, i), its potential is what they leave between the
-        electrodes.
-        """
+        """(4n, k) response of a class to loads (4n, j), made new against `known` (4n, i) by `_new_beside`."""
         free, stiffness = order.free(flipped), order.stiffness(self._tensor)
         operator = free.T @ (stiffness - _SHIFT * self._top * order.mass) @ free
         found = free @ factorize(operator.tocsr()).solve(free.T @ loads)
         return self._new_beside(order, flipped, found, known)
 
     def _driven_across(self) -> np.ndarray:
-        """(4n, k) driven displacements times (r/R)² cos θ, what is new of them on order 1.
+        """(4n, k) driven displacements times (r/R)² cos θ, the part that order 1 does not have yet.
 
-        With them the body may do near a rim on one side what the driven fields do there, and on the other side not.
+        With them the body may move near a rim like driven fields on one side, and not on the other.
         """
         order, n = self.order(JOINING[RIMS]), self.section.size
         r, axial = self.section.radial.places, self.section.axial.places.size
@@ -237,7 +237,10 @@ class RoundFields(Fields):
         return self._new_beside(order, False, fields, beside)
 
     def _new_beside(self, order: FourierOrder, flipped: bool, found: np.ndarray, known: np.ndarray) -> np.ndarray:
-        """(4n, k) fields of a class, orthonormal and new beside `known`, of displacements (4n, j)."""
+        """(4n, k) fields of a class: the displacements in `found` (4n, j), orthonormal and orthogonal to `known`.
+
+        Their potential is that which they cause between short-circuited electrodes.
+        """
         free, stiffness = order.free(flipped), order.stiffness(self._tensor)
         size = np.sqrt(np.einsum("ik,ik->k", found, order.mass @ found))
         found = found[:, size > 0] / size[size > 0]
@@ -254,7 +257,7 @@ class RoundFields(Fields):
 
     @made_once
     def on_section(self) -> np.ndarray:
-        """(4n, r) part of order 0 of the driven unknowns on the section: what of the mesh is not round averages out."""
+        """(4n, r) the part of order 0 of the driven unknowns on the section: their mean over θ."""
         mesh, turn, here = self._polar_nodes
         cosine, sine = np.cos(turn.places), np.sin(turn.places)
         points, weights = turn.gauss
@@ -271,12 +274,12 @@ class RoundFields(Fields):
         outer, order = self.model.domain.radii[1], self.model.order
 
         def polar(x: np.ndarray) -> list[np.ndarray]:
-            return [np.round(own, 9) for own in (np.hypot(x[0], x[1]) / outer, np.arctan2(x[1], x[0]), x[2] / outer)]
+            return [np.round(axis, 9) for axis in (np.hypot(x[0], x[1]) / outer, np.arctan2(x[1], x[0]), x[2] / outer)]
 
         places = polar(self.model.basis.doflocs)
         number = np.lexsort((places[1], places[2], places[0])).reshape(*(np.unique(places[i]).size for i in (0, 2, 1)))
-        ends = [np.unique(own) for own in polar(self.model.domain.mesh.p)]
-        radial, turn, axial = (Line(own * unit, order) for own, unit in zip(ends, (outer, 1.0, outer), strict=True))
+        ends = [np.unique(axis) for axis in polar(self.model.domain.mesh.p)]
+        radial, turn, axial = (Line(axis * unit, order) for axis, unit in zip(ends, (outer, 1.0, outer), strict=True))
         return Section(radial, axial, self.model.density), turn, number
 
     def _on_nodes(self, fields: np.ndarray, at: int) -> np.ndarray:
@@ -286,7 +289,7 @@ class RoundFields(Fields):
 
     @made_once
     def _to_legendre(self) -> np.ndarray:
-        """(j, n) Legendre coefficients along r of what has given values on the n nodes of a radius."""
+        """(j, n) from values on the n nodes of a radius to Legendre coefficients along r."""
         radial, (inner, outer) = self.section.radial, self.model.domain.radii
         nodes = legendre.leggauss(min(_SAMPLES, radial.places.size))[0]
         values = radial.shapes(inner + (nodes + 1) / 2 * (outer - inner))[0]
@@ -306,8 +309,8 @@ class RoundFields(Fields):
             return [_Modes(JOINING[RIMS], False, self._driven_across())]
         if name in COUPLED:
             return [_Modes(COUPLED[name], False, self._deformed_response(name))]
-        for number, own in ORDERS.items():
-            if name == own:
+        for number, sector in ORDERS.items():
+            if name == sector:
                 return [self._of_order(number, False)]
         (driven,) = self._displacements(DRIVEN)
         if name == FILM:
@@ -317,9 +320,9 @@ class RoundFields(Fields):
         return [_Modes(0, True, np.hstack([bending, self._film_response(True, driven.fields, bending)]))]
 
     def _around(self) -> list[_Modes]:
-        """Of the orders from 1 until one has no modes of either parity; that of shifts and tilts always has.
+        """Modes of the orders from 1 on, without those that have a sector of their own.
 
-        But for those that have a sector of their own.
+        The first order without modes of either parity ends them; order 1 always has some, the rigid shifts and tilts.
         """
         found, number = [], 1
         while some := [one for one in self._both_parities(number) if one.fields.shape[1]]:
@@ -339,14 +342,14 @@ class RoundFields(Fields):
     def _by_order(
         self, names: tuple[str, ...], forms: int, block: Callable[[_Modes, FourierOrder], np.ndarray]
     ) -> np.ndarray:
-        """(forms, k, k) of blocks (forms, j, j) by order and parity, of the sectors of one class."""
+        """(forms, k, k) on the sectors of one class, from the blocks (forms, j, j) of each order and parity."""
         parts = [one for name in names for one in self._modes(name)]
         if len(names) > 1:  # modes and responses of one order
             parts = [_Modes(parts[0].order, parts[0].flipped, np.hstack([one.fields for one in parts]))]
         size, start = sum(one.fields.shape[1] for one in parts), 0
         found = np.zeros((forms, size, size))
         for one in parts:
-            own = slice(start, start + one.fields.shape[1])
-            found[:, own, own] = block(one, self.order(one.order))
-            start = own.stop
+            at = slice(start, start + one.fields.shape[1])
+            found[:, at, at] = block(one, self.order(one.order))
+            start = at.stop
         return found

@@ -2,9 +2,9 @@
 
 The driven class alone serves every effect that keeps the symmetry of the body; a further sector holds modes of other
 classes, or the local response of a class to what an effect does. No operator of the body itself couples two classes.
-Vectors of further sectors tie a potential to each displacement: they belong to the reference constants, and enter at
+A vector of a further sector is a displacement together with its potential at the reference constants; it changes Z in
 second order only. "spot" has three unknowns without field or inertia, the displacement of a body that is attached at a
-place. `Fields` says what a kind of body has; plates: `box_fields`, disks and rings: `round_fields`.
+place. `Fields` says which sectors a kind of body has; plates: `box_fields`, disks and rings: `round_fields`.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from femu_piezo.material.constants import ElasticForm, PiezoConstants
 from femu_piezo.threads import made_once
 
 DRIVEN, SPOT = "driven", "spot"
-#: Modes of the classes that the terminals do not drive are kept up to this multiple of the band's ω².
+#: Modes of classes that the terminals do not drive are kept up to this multiple of the band's ω².
 MODES_BEYOND = 2.5
-#: Shares of the thickness that both faces and the middle plane stand for: Simpson's rule.
+#: Shares of the thickness that both faces together and the middle plane stand for, by Simpson's rule.
 FACES, MIDDLE = 1 / 3, 2 / 3
 
 
@@ -35,9 +35,9 @@ class Fields(ABC):
 
     Attributes
     ----------
-    names : all of them in the order of their unknowns, "driven" first
-    model : whose driven class is reduced;  reduced : that
-    reference : lossless constants that further sectors belong to
+    names : of all sectors in the order of their unknowns, "driven" first
+    model : the full model of the part;  reduced : its driven class, reduced
+    reference : lossless constants at which the further sectors are made
     """
 
     names: tuple[str, ...]
@@ -47,11 +47,11 @@ class Fields(ABC):
 
     @property
     def potentials(self) -> int:
-        """Number of inner potentials, and the hot one."""
+        """Number of potential unknowns: the inner ones and the hot one."""
         return self.reduced.size - self.reduced.displacements
 
     def chosen(self, wanted: Iterable[str]) -> tuple[str, ...]:
-        """The driven sector, those that are wanted, and those `beside` which these hold only what is new, in order."""
+        """Names of the driven sector, the wanted ones and those that these need (`beside`), in the order of `names`."""
         wanted = {DRIVEN, *wanted}
         wanted |= {other for name in wanted for other in self.beside(name)}
         return tuple(name for name in self.names if name in wanted)
@@ -63,7 +63,7 @@ class Fields(ABC):
 
     @abstractmethod
     def beside(self, name: str) -> tuple[str, ...]:
-        """Sectors of the same class to which a sector is orthonormal: without them it is a part of the response."""
+        """Sectors of the same class to which a sector is orthogonal: without them it lacks a part of its response."""
 
     @abstractmethod
     def prepare(self, names: Iterable[str]) -> None:
@@ -81,9 +81,9 @@ class Fields(ABC):
 
     @abstractmethod
     def class_of(self, name: str) -> Hashable:
-        """The class of a sector, equal for those that operators of the body may couple.
+        """The class of a sector, equal for sectors that operators of the body may couple.
 
-        The driven one is (), that whose parity about the plane between the electrodes differs (2,).
+        The driven class is (), the one whose parity about the plane between the electrodes is flipped (2,).
         """
 
     @abstractmethod
@@ -92,11 +92,11 @@ class Fields(ABC):
 
     @abstractmethod
     def extra(self, names: tuple[str, ...], term: ExtraTerm, matrix: sp.spmatrix) -> np.ndarray:
-        """(k, k) a further term, of which the matrix on the mesh is given, on the sectors of one class."""
+        """(k, k) a further term, given with its matrix (4n, 4n) on the mesh, on the sectors of one class."""
 
     @abstractmethod
     def film(self, left: tuple[str, ...], right: tuple[str, ...]) -> np.ndarray:
-        """(k, l) ∫ v·u over one electrode between the unknowns of sectors, m² per unit of displacement²."""
+        """(k, l) ∫ v·u over one electrode between the unknowns of two sets of sectors, m² per unit of displacement²."""
 
     @abstractmethod
     def face(self, names: tuple[str, ...]) -> Face:
@@ -104,9 +104,9 @@ class Fields(ABC):
 
     @abstractmethod
     def levels(self, names: tuple[str, ...]) -> list[tuple[float, Face]]:
-        """The same on faces and the middle plane, with the shares of the thickness that they stand for.
+        """Displacements as `face` on faces and the middle plane, with the shares of the thickness they stand for.
 
-        Of a body with a mirror plane between its faces those of the half z > 0.
+        For a body with a mirror plane between its faces, on one face and the middle plane.
         """
 
 
@@ -117,6 +117,7 @@ class Sectors:
     Attributes
     ----------
     names : of the sectors, "driven" first
+    all_fields : fields of all sectors of the body
     """
 
     names: tuple[str, ...]
@@ -141,7 +142,7 @@ class Sectors:
 
     @property
     def spot(self) -> np.ndarray:
-        """The unknowns (indices) of a spot; none where there is none."""
+        """Indices of the unknowns of a spot; none where there is no spot."""
         return np.flatnonzero(np.array(self.names)[self.member] == SPOT)
 
     @made_once
@@ -150,23 +151,26 @@ class Sectors:
         found: dict[Hashable, tuple[str, ...]] = {}
         for name in self.names:
             if name != SPOT:
-                own = self.all_fields.class_of(name)
-                found[own] = (*found.get(own, ()), name)
+                key = self.all_fields.class_of(name)
+                found[key] = (*found.get(key, ()), name)
         return found
 
     def numbers(self, names: Iterable[str]) -> np.ndarray:
-        """The unknowns (indices) of some of the sectors; the potentials come with the driven one."""
+        """Indices of the unknowns of some of the sectors; those of the potentials come with the driven one."""
         return np.flatnonzero(np.isin(self.member, [self.names.index(name) for name in names]))
 
     def of_other_classes(self, names: Iterable[str]) -> np.ndarray:
-        """The unknowns (indices) of those of some of the sectors whose class is not the driven one; a spot has none."""
-        alike = (SPOT, *self.classes[()])
-        return self.numbers(name for name in names if name not in alike)
+        """Indices of the unknowns of those of some sectors that are of another class than the driven one; no spot's."""
+        same_class = (SPOT, *self.classes[()])
+        return self.numbers(name for name in names if name not in same_class)
 
 
 def driven_states(reduced: ReducedModel, constants: ElasticForm, top: float) -> np.ndarray:
-    """(r, k) plate under a volt, clamped and free to yield slowly; then the driven modes in the band."""
+    """(r, k) states of the driven body under a volt, clamped and static; then its modes up to `MODES_BEYOND` · top.
+
+    top : ω² of the band
+    """
     modal = reduced.modal(ElasticForm.from_vector(constants.vector().real))
     clamped, modes = modal.states[:, :1], modal.states[:, 1:]
-    yielding = clamped - modes @ (modal.charges / modal.eigenvalues)[:, None]
-    return np.hstack([clamped, yielding, modes[:, modal.eigenvalues < MODES_BEYOND * top]])
+    static = clamped - modes @ (modal.charges / modal.eigenvalues)[:, None]
+    return np.hstack([clamped, static, modes[:, modal.eigenvalues < MODES_BEYOND * top]])
