@@ -1,28 +1,29 @@
 """Bare strips at the edges of electrodes: what freeing the potential there does to a reduced body.
 
 A base field x leaves the charge R x on a strip where its potential was held. Let ψ be the static answers of the region
-at the edge to the few patterns of such charges, their displacements and their potentials apart, the displacements less
-the base fields that have their momentum, so that no inertia joins them to those. Apart, ψᵗKψ of the operator K is
-positive in the one and negative in the other, and never singular. Together, the one could cancel the other once the
-base fields are taken off: it did on strips a few thicknesses wide. The amplitudes a = −(ψᵗKψ)^-1 ψᵗK x make
+at the edge to the few patterns of such charges. The displacement and the potential of an answer are two separate ψ, and
+from each displacement the base fields of its momentum are subtracted, so that inertia does not couple it to them. Then
+ψᵗKψ, K the operator, is positive for displacements and negative for potentials, and never singular. In one ψ the two
+parts could cancel after the subtraction, as they did on strips a few thicknesses wide. The amplitudes
+a = −(ψᵗKψ)^-1 ψᵗK x make
 
     S(m) = xᵗKψ a + (…)ᵗ + aᵗψᵗKψ a    per base field
 
 stationary, so its parts per unit constant are exact derivatives of S; and since S is homogeneous of degree one in the
 constants, it is the sum of constant times derivative. The mesh of the region is graded to the end of the electrode, m
-from the edge, where the field is singular; the inertia of ψ itself is left out. S starts as m² and is interpolated
-between a few strips, over √m: T and D below by the same shares, as parts of them cancel in what the terminals see. The
-strips lie at both ends of a plate, or along the rims of a disk or ring (`femu_piezo.effects.local.rim_strips`).
+from the edge, where the field is singular; the inertia of ψ itself is left out. S starts as m² and is interpolated in
+√m between a few widths. T and D below have the same interpolation weights, as parts of them cancel at the terminals.
+The strips lie at both ends of a plate, or along the rims of a disk or ring (`femu_piezo.effects.local.rim_strips`).
 
-Strips of unequal widths at the ends of a plate, m₊ and m₋, couple the driven fields to those that are odd about the
-middle. With P = ±1 for even and odd fields, T(m) twice the S of a ψ at one end alone, and D(m) what S is more for
-strips at both ends, whose ψ meet in the momenta that are taken out, it is
+Strips of unequal widths m₊ and m₋ at the ends of a plate couple the driven fields to those that are odd about the
+middle. Let P = ±1 for even and odd fields, T(m) be twice the S of a strip at one end alone, and D(m) the rest of the S
+of equal strips at both ends, whose ψ interact by the base fields that are subtracted. Then
 
     S(m₊, m₋) = ½ [T(m₊) + P T(m₋) P] + D(√(m₊ m₋)).
 
-Against the independent solver equal strips are off by up to 2 % of what they change from 0.25 mm on, on plates of 1 and
-1.5 mm, and by up to 5 % where they are as much as twelve thicknesses wide. Unequal ones are off by up to 8 % there; on
-thin plates, the wider one many thicknesses wide, by a tenth and more, up to more than all of it.
+Against the independent solver the effect of equal strips is off by up to 2 % from 0.25 mm on, on plates of 1 and
+1.5 mm, and by up to 5 % where they are as much as twelve thicknesses wide. That of unequal ones is off by up to 8 %
+there; on thin plates, the wider strip many thicknesses wide, by a tenth and more, up to more than the whole effect.
 """
 
 from __future__ import annotations
@@ -49,33 +50,33 @@ from femu_piezo.geometry.boxes import divided, grid_lines
 from femu_piezo.material.constants import ElasticForm
 from femu_piezo.threads import Once, in_parallel
 
-#: Widest strips, on the mean of both ends, as a share of the length of a plate or of the way across a ring; shares of
-#: that where S is computed, those above 1 once the wider one of two is wider than that.
+#: Widest strip, as a mean of both ends, over the length of a plate or the distance between the radii; widths, over the
+#: widest, at which S is computed, those above 1 only once the wider of two strips asks for them.
 WIDEST = 0.1
 NODES = np.array([0.03, 0.08, 0.22, 0.5, 0.75, 1.0, 1.5, 2.0])
-#: Reach of the end region beyond the strip, in thicknesses; elements over half the thickness. Across the plate each of
-#: its own elements is divided so that those of the region follow the base fields: where they do not, constant times
-#: derivative, summed, is off by 2 % at the reference, and by half of S away from it on some meshes.
+#: Reach of the end region beyond the strip, in thicknesses; elements over half the thickness. Across the width each
+#: element of the plate is divided so that the elements of the region represent the base fields: where they do not, the
+#: sum of constant times derivative is off by 2 % of S at the reference, and by half of S away from it on some meshes.
 REACH, _DEEP = 2.5, 4
-#: Growth of element lengths away from the electrode's edge, and the smallest, in half thicknesses.
+#: Growth of element lengths away from the electrode's edge, and the smallest length, in half thicknesses.
 _GROWTH, _SMALLEST = 1.7, 0.01
 #: Order of the elements of the region.
 ORDER = 2
-#: Share of the largest pattern of charge on a strip below which one is left out (S is off by about its square over that
-#: of a field's own charge, 1e-3 at most), and of momenta that are rounding.
+#: Singular value, over the largest, below which a pattern of charge on a strip is left out (S is off by about its
+#: square over that of a field's own charge, 1e-3 at most), and below which momenta are rounding.
 _FAINT, _ROUNDING = 1e-4, 1e-9
 
 
 @dataclass(frozen=True)
 class BareEnds:
-    """S at strips of several widths.
+    """S of strips at the ends of a plate, interpolated between several widths.
 
     Attributes
     ----------
     widths : (n,) m
     apart : [n, 10] (r, r) ∂T/∂c of every e-form constant at the reference;  mirrored : P ∂T/∂c P
     meeting : [m, 10] (r, r) ∂D/∂c at the first m widths
-    further : the same with further widths, where a strip may be wider than the last one
+    further : makes these strips with more widths, for one wider than the last width; None where there are no odd fields
     """
 
     widths: np.ndarray
@@ -91,27 +92,27 @@ class BareEnds:
         ratio = np.sqrt(max(1 - asymmetry**2, _ROUNDING))
         right, by_right = self._at(self.apart, width * (1 + asymmetry))
         left, by_left = self._at(self.mirrored, width * (1 - asymmetry))
-        both, by_both = self._at(self.meeting, width * ratio)
-        by_width = 0.5 * ((1 + asymmetry) * by_right + (1 - asymmetry) * by_left) + ratio * by_both
-        by_asymmetry = width * (0.5 * (by_right - by_left) - asymmetry / ratio * by_both)
-        return 0.5 * (right + left) + both, by_width, by_asymmetry
+        meeting, by_meeting = self._at(self.meeting, width * ratio)
+        by_width = 0.5 * ((1 + asymmetry) * by_right + (1 - asymmetry) * by_left) + ratio * by_meeting
+        by_asymmetry = width * (0.5 * (by_right - by_left) - asymmetry / ratio * by_meeting)
+        return 0.5 * (right + left) + meeting, by_width, by_asymmetry
 
     def _at(self, blocks: Blocks, width: float) -> tuple[np.ndarray, np.ndarray]:
-        """Matrices (10, r, r) at a width and their slopes by it."""
-        value, slope = (blocks.combined(one) for one in between_widths(self.widths[: len(blocks.inner)], width))
+        """Matrices (10, r, r) at a width and their slopes in it."""
+        value, slope = (blocks.combined(weights) for weights in between_widths(self.widths[: len(blocks.inner)], width))
         return value, slope
 
     def among(self, numbers: np.ndarray, size: int) -> BareEnds:
-        """The same over `size` unknowns, of which those so far are the given ones (indices)."""
+        """These strips over `size` unknowns, in which the present unknowns have the given indices."""
         every = (blocks.among(numbers, size) for blocks in (self.apart, self.mirrored, self.meeting))
         further = None if self.further is None else lambda: self.further().among(numbers, size)
         return BareEnds(self.widths, *every, further)
 
 
 def between_widths(widths: np.ndarray, width: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-    """(…, n) shares of what is known at widths (n,), (m/m_k)² times Lagrange polynomials of √m, and their slopes by m.
+    """(…, n) weights of values at widths (n,), (m/m_k)² times Lagrange polynomials of √m, and their slopes in m.
 
-    width : one, or (…,) of them
+    width : m, () or (…,)
     """
     width = np.asarray(width, dtype=float)[..., None]
     root, lagrange = np.sqrt(width), BarycentricInterpolator(np.sqrt(widths), np.eye(widths.size), rng=0)
@@ -120,29 +121,29 @@ def between_widths(widths: np.ndarray, width: np.ndarray | float) -> tuple[np.nd
 
 
 class Forms(Protocol):
-    """Forms on fields (4n, k) of a region."""
+    """Forms on fields (4n, k) of a region; `mass` (4n, 4n), kg."""
 
     mass: sp.spmatrix
 
     def between(self, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
-        """(n, k, l) of extended tensors."""
+        """(n_tensors, k, l) forms of extended tensors between fields (4n, k) and (4n, l)."""
 
     def within(self, fields: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
-        """(n, k, k), likewise."""
+        """(n_tensors, k, k) forms of extended tensors on fields (4n, k)."""
 
 
 class _BoxForms:
-    """On a box."""
+    """`Forms` on a box, with what its answers need."""
 
     def __init__(self, products: GradientProducts, density: float) -> None:
         self._products, self.mass = products, products.mass_matrix(density)
 
     def charges(self, tensor: np.ndarray, nodes: np.ndarray, fields: np.ndarray) -> np.ndarray:
-        """(s, k) what fields (4n, k) leave on nodes (s,) by an extended tensor."""
+        """(s, k) charges that fields (4n, k) leave on nodes (s,) by an extended tensor."""
         found = np.zeros((nodes.size, fields.shape[1]))
-        for coefficients, own in zip(tensor[3].transpose(1, 0, 2), np.split(fields, FIELDS), strict=True):
+        for coefficients, part in zip(tensor[3].transpose(1, 0, 2), np.split(fields, FIELDS), strict=True):
             if np.any(coefficients):
-                found += self._products.scalar(self._products.combine(coefficients))[nodes] @ own
+                found += self._products.scalar(self._products.combine(coefficients))[nodes] @ part
         return found
 
     def restricted(self, tensor: np.ndarray, prolongation: sp.csr_matrix) -> sp.csr_matrix:
@@ -150,7 +151,7 @@ class _BoxForms:
         return FreePattern(self._products, prolongation, electrode=False).stiffness(tensor)
 
     def between(self, left: np.ndarray, right: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
-        fields = [one.reshape(FIELDS, self._products.size, -1) for one in (left, right)]
+        fields = [side.reshape(FIELDS, self._products.size, -1) for side in (left, right)]
         return self._products.between(*fields, tensors)
 
     def within(self, fields: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
@@ -159,15 +160,15 @@ class _BoxForms:
 
 @dataclass(frozen=True)
 class Base:
-    """Base fields of the body: its displacement unknowns and the hot potential, inner potentials following them.
+    """Base fields of the body: its displacement unknowns and the hot potential, with the inner potentials condensed.
 
-    What the inner potentials do for a strip, ψ does. No form of the body couples fields of different parity.
+    The answer of the inner potentials to a strip is left to ψ. No form of the body couples fields of different parity.
 
     Attributes
     ----------
-    kept : (k,) number of each among all unknowns
+    kept : (k,) index of each base field among all unknowns
     odd : (k,) whether each is odd about the middle
-    fields : (4n, k)
+    fields : (4n, k) on the mesh of the body
     momenta : (k − 1, k − 1) ∫ ρ u·v of the displacements
     bulk : (10, k, k) forms of the unit constants
     constants : (10,) e-form, real;  units : their extended tensors
@@ -183,12 +184,12 @@ class Base:
 
     @property
     def tensor(self) -> np.ndarray:
-        """Extended tensor of all constants."""
+        """(4, 3, 4, 3) extended tensor of the constants."""
         return np.tensordot(self.constants, self.units, axes=1)
 
     @classmethod
     def of(cls, sectors: Sectors, fields: np.ndarray, forms: Forms, constants: ElasticForm, units) -> Base:
-        """Of all unknowns' fields (4n, r): displacements, inner potentials, hot potential."""
+        """From the fields (4n, r) of all unknowns: displacements, inner potentials, hot potential."""
         values, size = constants.vector().real, fields.shape[1]
         odd = sectors.member > 0
         of_units = forms.within(fields, units) * (odd[:, None] == odd)
@@ -196,9 +197,9 @@ class Base:
         inner, kept = np.arange(sectors.displacements, size - 1), np.append(np.arange(sectors.displacements), size - 1)
         combined = np.eye(size)[:, kept]
         combined[inner] = -np.linalg.solve(matrix[np.ix_(inner, inner)], matrix[np.ix_(inner, kept)])
-        own, odd = fields @ combined, odd[kept]
-        momenta = own[:, :-1].T @ (forms.mass @ own[:, :-1]) * (odd[:-1, None] == odd[:-1])
-        return cls(kept, odd, own, momenta, combined.T @ of_units @ combined, values, units)
+        condensed, odd = fields @ combined, odd[kept]
+        momenta = condensed[:, :-1].T @ (forms.mass @ condensed[:, :-1]) * (odd[:-1, None] == odd[:-1])
+        return cls(kept, odd, condensed, momenta, combined.T @ of_units @ combined, values, units)
 
 
 def measure_bare_ends(sectors: Sectors) -> BareEnds:
@@ -215,7 +216,7 @@ def measure_bare_ends(sectors: Sectors) -> BareEnds:
 
 
 def _measured(sectors: Sectors, base: Base, widest: float, freed: Callable[[float], np.ndarray]) -> BareEnds:
-    """freed : width → ∂T/∂c and ∂D/∂c (2, 10, k, k)"""
+    """`BareEnds` at the `NODES` up to the widest strip, and later at the others; freed : width → (2, 10, k, k)."""
     usual, kept = np.count_nonzero(NODES <= 1), Once()
 
     def matrices(nodes: np.ndarray) -> np.ndarray:
@@ -224,7 +225,7 @@ def _measured(sectors: Sectors, base: Base, widest: float, freed: Callable[[floa
     def strips(apart: np.ndarray, meeting: np.ndarray) -> BareEnds:
         sign = np.where(base.odd, -1.0, 1.0)
         every = apart, apart * sign[:, None] * sign, meeting
-        return BareEnds(widest * NODES[: len(apart)], *(Blocks(one, base.kept, sectors.size) for one in every))
+        return BareEnds(widest * NODES[: len(apart)], *(Blocks(part, base.kept, sectors.size) for part in every))
 
     apart, meeting = matrices(NODES[:usual])
 
@@ -259,37 +260,37 @@ def _bare_end(model: ElectroelasticModel, base: Base, width: float) -> np.ndarra
 
 
 def _freed(forms: _BoxForms, held: np.ndarray, strip: np.ndarray, probe: sp.csr_matrix, base: Base) -> np.ndarray:
-    """∂T/∂c and ∂D/∂c (2, 10, k, k) of a region with one strip.
+    """∂T/∂c and ∂D/∂c (2, 10, k, k) of a region with one strip; without odd base fields all of S is in T.
 
     Parameters
     ----------
-    held : (4, n) what is zero in the region while the electrode is whole;  strip : nodes that are freed
+    held : (4, n) values that are zero while the electrode covers the strip;  strip : nodes whose potential is freed
     probe : (n, nodes of the body) values of a field in the region
     """
     interpolated = in_region(probe, base.fields)
     charges = forms.charges(base.tensor, strip, interpolated)
     found = answers(partial(forms.restricted, base.tensor), held, strip, charges)
     answered = Answers.of(forms, interpolated, found, base.units)
-    both = answered.condensed(base, ~base.odd, 1.0)
+    equal = answered.condensed(base, ~base.odd, 1.0)  # S of equal strips at both ends
     if not np.any(base.odd):
-        return np.array([both, np.zeros_like(both)])
-    both += answered.condensed(base, base.odd, 1.0)
+        return np.array([equal, np.zeros_like(equal)])
+    equal += answered.condensed(base, base.odd, 1.0)
     apart = 2 * answered.condensed(base, np.ones_like(base.odd), 0.5)
-    return np.array([apart, (both - apart) * (base.odd[:, None] == base.odd)])
+    return np.array([apart, (equal - apart) * (base.odd[:, None] == base.odd)])
 
 
 def in_region(probe: sp.csr_matrix, fields: np.ndarray) -> np.ndarray:
-    """(4n, k) values in a region of fields (4n', k) of the body; probe (n, n') those of one."""
+    """(4n, k) values in a region of fields (4n', k) of the body; probe : (n, n') values of one component."""
     return np.concatenate([probe @ part for part in np.split(fields, FIELDS)])
 
 
 def answers(
     restricted: Callable[[sp.csr_matrix], sp.csr_matrix], held: np.ndarray, strip: np.ndarray, charges: np.ndarray
 ) -> np.ndarray:
-    """(4n, r) ψ: what a region answers to patterns of charges (s, k) on nodes of a strip, displacements first.
+    """(4n, r) ψ: static answers of a region to the patterns of charges (s, k) on a strip; displacements come first.
 
-    restricted : prolongation P (4n, m) from what is free → PᵗKP of the operator K (4n, 4n)
-    held : (4, n) what is zero while the electrode is whole
+    restricted : prolongation P (4n, m) from the free unknowns → PᵗKP of the operator K (4n, 4n)
+    held : (4, n) values that are zero while the electrode covers the strip;  strip : (s,) its nodes
     """
     n, free, patterns = held.shape[1], ~held, _patterns(charges)
     free[3, strip] = True
@@ -301,17 +302,17 @@ def answers(
     found = prolongation @ factorize(restricted(prolongation)).solve(prolongation.T @ loads)
     moved = np.arange(len(found))[:, None] < 3 * n
     apart = np.hstack([np.where(moved, found, 0.0), np.where(moved, 0.0, found)])
-    return apart[:, np.any(apart, axis=0)]  # without coupling nothing moves
+    return apart[:, np.any(apart, axis=0)]  # without piezoelectric coupling displacements are zero
 
 
 @dataclass(frozen=True)
 class Answers:
-    """The static answers of a region, without the rest of the body.
+    """Forms of the static answers of a region, over this region alone.
 
     Attributes
     ----------
-    own : (10, r, r) forms of the unit constants;  between : (10, k, r) with the base fields
-    momentum : (k − 1, r) ∫ ρ u·v with the base fields that are displacements
+    own : (10, r, r) forms of the unit constants on the answers;  between : (10, k, r) between base fields and answers
+    momentum : (k − 1, r) ∫ ρ u·v between the base fields that are displacements and the answers
     """
 
     own: np.ndarray
@@ -320,13 +321,13 @@ class Answers:
 
     @classmethod
     def of(cls, forms: Forms, interpolated: np.ndarray, found: np.ndarray, units: np.ndarray) -> Answers:
-        """Of base fields (4n, k) and answers (4n, r) on the region."""
+        """From base fields (4n, k) and answers (4n, r) on the region."""
         count = interpolated.shape[1]
         joined = forms.between(np.hstack([interpolated, found]), found, units)
         return cls(joined[:, count:], joined[:, :count], interpolated[:, :-1].T @ (forms.mass @ found))
 
     def condensed(self, base: Base, chosen: np.ndarray, ends: float) -> np.ndarray:
-        """∂S/∂c (10, k, k) per part of the body, among some of the base fields (bool (k,)) and zero for the others.
+        """∂S/∂c (10, k, k) per part of the body on the chosen base fields (bool (k,)), zero on the others.
 
         ends : 1 where the answers are at both ends, with the parity of the base fields; ½ where they are at one
         """
@@ -335,7 +336,7 @@ class Answers:
         return found
 
     def apart(self, base: Base, chosen: np.ndarray, ends: float) -> tuple[np.ndarray, np.ndarray]:
-        """`own` and `between` with some of the base fields (bool (k,)), of ψ less those that have its momentum."""
+        """`own` and `between` for the chosen base fields (bool (k,)), of ψ less those of these with its momentum."""
         moving, bulk = np.flatnonzero(chosen[:-1]), base.bulk[(..., *np.ix_(chosen, chosen))]
         share = np.zeros((bulk.shape[1], self.own.shape[1]))
         momenta = base.momenta[np.ix_(moving, moving)]
@@ -346,7 +347,7 @@ class Answers:
 
 
 def stationary(own: np.ndarray, crossed: np.ndarray, constants: np.ndarray) -> np.ndarray:
-    """∂S/∂c (10, k, k) of forms (10, r, r) of answers and (10, k, r) with base fields, constants (10,)."""
+    """∂S/∂c (10, k, k) at stationary amplitudes, by the forms (10, r, r) on answers and (10, k, r) with base fields."""
     whole, joined = (np.tensordot(constants, part, axes=1) for part in (own, crossed))
     amplitudes = -np.linalg.solve(whole, joined.T)
     half = crossed @ amplitudes
@@ -354,18 +355,18 @@ def stationary(own: np.ndarray, crossed: np.ndarray, constants: np.ndarray) -> n
 
 
 def _patterns(charges: np.ndarray) -> np.ndarray:
-    """(n, r) the few patterns that smooth fields leave on a strip, of charges (n, k)."""
-    left, singular, _ = np.linalg.svd(charges, full_matrices=False)
-    return left[:, singular > _FAINT * singular[0]]
+    """(s, r) the few orthonormal patterns of the charges (s, k) that smooth fields leave on a strip."""
+    patterns, singular, _ = np.linalg.svd(charges, full_matrices=False)
+    return patterns[:, singular > _FAINT * singular[0]]
 
 
 def deep(height: float) -> np.ndarray:
-    """Lines along z, finest at the face."""
+    """(n,) ends of elements along z, m, finest at the face; height : half the thickness."""
     return height * (1 - np.linspace(1.0, 0.0, _DEEP + 1) ** 2)
 
 
 def graded(start: float, edge: float, end: float, height: float) -> np.ndarray:
-    """Lines along x, finest at the electrode's edge, at most half a height apart."""
+    """(n,) ends of elements along x, m, finest at the electrode's edge, at most 0.7 heights apart."""
     steps = [_SMALLEST * height]
     while sum(steps) < max(edge - start, end - edge):
         steps.append(min(steps[-1] * _GROWTH, 0.7 * height))

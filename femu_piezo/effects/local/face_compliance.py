@@ -1,16 +1,16 @@
-"""How a face yields under a small patch beyond what the modes of a reduced body do.
+"""Local compliance of a face under a small patch, beyond that of the modes of a reduced body.
 
-On a plate of infinite extent a force over a face is a sum of waves e^(jk·x), each of which moves the modes through the
-thickness at that k. The modes of a body below a frequency Ω hold those with ω < Ω; all others yield as if static,
+On a plate of infinite extent a force over a face is a sum of waves e^(jk·x), each of which drives the modes through the
+thickness at that k. The modes of a body below a frequency Ω include those with ω < Ω; all others yield as if static,
 
     C(k) = Σ_(ω > Ω) |u(t/2)|²/ω²,
 
-and even pressure over a disk of radius a moves its mean by (Hankel transform of the disk twice)
+and a unit force spread uniformly over a disk of radius a moves the disk on average by (Hankel transform, twice)
 
     C(a) = 1/(2π) ∫ C(k) [2 J₁(ka)/(ka)]² k dk.
 
-With all modes and a ≪ t this is a half-space, 16 (1 − ν²)/(3π² E a) along the normal of an isotropic one (Johnson,
-Contact Mechanics, 1985, section 3.3).
+With all modes and a ≪ t this is the compliance of a half-space, 16 (1 − ν²)/(3π² E a) along the normal of an isotropic
+one (Johnson, Contact Mechanics, 1985, section 3.3).
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ from femu_piezo.threads import blas_limit
 
 #: Elements through the thickness, graded towards the faces by halves, and their order.
 _ELEMENTS, _ORDER = 6, 4
-#: Wavenumbers: from this share of 1/t to so many times 1/a, above which the disk's own transform has decayed.
+#: Wavenumbers: the lowest over 1/t, the highest over 1/a, where the transform of the disk has decayed, their number.
 _LOWEST, _HIGHEST, _COUNT = 1e-2, 30.0, 120
-#: Radii between which C is interpolated.
+#: Number of radii between which C is interpolated.
 _RADII = 16
 
 
@@ -44,7 +44,7 @@ class FaceCompliance:
 
     Attributes
     ----------
-    constants : (10,) of the e-form; the real parts count
+    constants : (10,) of the e-form, of which the real parts are used
     poling : "thickness" (both faces are short-circuited electrodes) or "length" (along x, the faces are bare)
     density : kg/m³;  thickness : m
     cut : Ω, rad/s
@@ -60,7 +60,7 @@ class FaceCompliance:
 
     @classmethod
     def of(cls, context: EffectContext, cut: float, radii: tuple[float, float]) -> FaceCompliance:
-        """Of the faces of a specimen, less the modes below Ω = `cut`."""
+        """Of the faces of a specimen, without the modes below Ω = `cut`."""
         height = context.thickness if context.dimensions is None else context.dimensions[2]
         constants = tuple(context.constants.to_e_form().vector().tolist())
         return cls(constants, context.poling, context.density, height, cut, radii)
@@ -70,7 +70,7 @@ class FaceCompliance:
         return _log_compliance(self)
 
     def stiffness(self, radius: float) -> tuple[np.ndarray, np.ndarray]:
-        """1/C (3,) along x, y, z, N/m, and its slopes by the radius."""
+        """1/C (3,) along x, y, z, N/m, and its slopes in the radius."""
         log = np.log(radius)
         found = np.exp(-self._log(log))
         return found, -found * self._log(log, 1) / radius
@@ -78,7 +78,7 @@ class FaceCompliance:
 
 @lru_cache(maxsize=64)
 def _log_compliance(of: FaceCompliance) -> CubicSpline:
-    """log a → log C (3,)."""
+    """Spline log a → log C (3,)."""
     k = np.geomspace(_LOWEST / of.thickness, _HIGHEST / of.radii[0], _COUNT)
     with blas_limit():
         yielding = yielding_beyond(of, k)
@@ -94,17 +94,18 @@ def yielding_beyond(of: FaceCompliance, k: np.ndarray) -> np.ndarray:
     rotation = axes_with_poling(np.array((0.0, 0.0, 1.0) if across else (1.0, 0.0, 0.0)))
     tensor = extended_tensor(ElasticForm.from_vector(np.array(of.constants)), rotation).real
     along = _Waves(of, tensor, 0)
-    first = np.array([along.yielding(one) for one in k])
-    if across:  # x and y are alike
+    first = np.array([along.yielding(wavenumber) for wavenumber in k])
+    if across:  # waves along y are those along x with the axes exchanged
         return (first + first[:, [1, 0, 2]]) / 2
     other = _Waves(of, tensor, 1)
-    return (first + np.array([other.yielding(one) for one in k])) / 2
+    return (first + np.array([other.yielding(wavenumber) for wavenumber in k])) / 2
 
 
 class _Waves:
     """Waves along x (0) or y (1): forms on Lagrange elements through the thickness, by powers of k.
 
-    u along the wave is a quarter of a period from the rest, and φ is with it where the poling is: so all is real.
+    u along the wave is a quarter of a period out of phase with the rest, and so is φ where the wave runs along the
+    poling: with these phases taken out all forms are real.
     """
 
     def __init__(self, of: FaceCompliance, tensor: np.ndarray, axis: int) -> None:
@@ -129,7 +130,7 @@ class _Waves:
         self._powers = powers.real.reshape(3, FIELDS * n, -1)
 
     def yielding(self, k: float) -> np.ndarray:
-        """C(k) (3,)."""
+        """C(k) (3,) along x, y, z, m³/N."""
         whole = np.tensordot(k ** np.arange(3.0), self._powers, axes=1)
         u, inner = slice(0, 3 * self._size), self._inner
         coupling = whole[inner, u]

@@ -7,18 +7,18 @@ import numpy as np
 from femu_piezo.effects.local.faces import Face
 from femu_piezo.threads import made_once
 
-#: Radius of a patch that nothing is known of, as a share of the body's length; the smallest and largest over that.
+#: Usual radius of a patch, over the length of the body; the smallest and the largest radius, over the usual one.
 PATCH, SMALLEST, LARGEST = 1 / 25, 1 / 5, 6.0
 #: Gauss points over a patch, and their weights.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
 class Patch:
-    """Means over a square of the area of a disk of some radius, by Gauss points; all by x, y, radius too.
+    """Means over a patch, a square of the area of a disk of the radius, by Gauss points; slopes in x, y and the radius.
 
     Attributes
     ----------
-    mean : (3, u) mean of N, with slopes (3, 3, u)
+    mean : (3, u) mean of N;  mean_slopes : (3, 3, u) of it in x, y, radius
     """
 
     def __init__(self, face: Face, x: float, y: float, radius: float) -> None:
@@ -32,13 +32,13 @@ class Patch:
 
     @made_once
     def spread(self) -> np.ndarray:
-        """(u, u) mean of NᵗN less that of the mean."""
+        """(u, u) mean of NᵗN less the product of the means ⟨N⟩ᵗ⟨N⟩."""
         around = self._values - self.mean
         return np.einsum("g,gcu,gcv->uv", self._weights, around, around, optimize=True)
 
     @made_once
     def spread_slopes(self) -> np.ndarray:
-        """(3, u, u)"""
+        """(3, u, u) slopes of `spread` in x, y, radius."""
         around, away = self._values - self.mean, self._moved - self.mean_slopes
         half = np.einsum("g,gdcu,gcv->duv", self._weights, away, around, optimize=True)
         return half + half.transpose(0, 2, 1)

@@ -1,6 +1,6 @@
-"""Where on its faces a body may have something: the parameters of a place, where to look first, the unknowns it moves.
+"""Places on the faces of a body where an effect may be: their parameters, starting places, and the sectors needed.
 
-By symmetry the place lies on the part that mirror lines cut, on a disk or ring at a distance from the axis.
+By symmetry a place is taken on the part that mirror lines cut, on a disk or ring at a distance from the axis.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from femu_piezo.effects.local.mesh_fields import UNDRIVEN, at_a_place
 from femu_piezo.effects.local.patch import LARGEST, PATCH, SMALLEST
 from femu_piezo.effects.local.round_fields import AT_A_PLACE
 
-#: Where to look first, as shares of half the length and half the width, and of the way along the radius.
+#: Starting places, as shares of half the length, of half the width, and of the way from the inner to the outer radius.
 _ALONG, _ACROSS, _OUTWARD = np.linspace(0.06, 0.98, 9), np.linspace(0.08, 0.95, 5), np.linspace(0.02, 0.98, 25)
 
 
@@ -26,8 +26,8 @@ class Placement:
     Attributes
     ----------
     parameters : x and y, or the distance r from the axis
-    sites : (m, 2 or 1) where to look first, m
-    sectors : groups of unknowns that something there may couple
+    sites : (m, 2 or 1) places to start a fit from, m
+    sectors : groups of unknowns that an effect at a place may couple
     size : the longest dimension of the faces, m
     """
 
@@ -38,7 +38,7 @@ class Placement:
 
     @classmethod
     def on(cls, context: EffectContext) -> Placement:
-        """On a body with an upper face."""
+        """The place on a disk, a ring, another body with an upper face, or a plate with three mirror planes."""
         if context.radii is not None:
             (inner, outer), sectors = context.radii, AT_A_PLACE
             ranges, size = {"r": (inner, outer)}, 2 * outer
@@ -57,17 +57,17 @@ class Placement:
         return cls(tuple(parameters), sites, sectors, size)
 
     def sites_with(self, *others: float) -> np.ndarray:
-        """(m, …) a size, the places and whatever follows them: `Effect.sites`."""
+        """(m, …) `Effect.sites`: the first of other values, the size, then a place, then the rest of the values."""
         before, after = (np.tile(part, (len(self.sites), 1)) for part in (others[:1], others[1:]))
         return np.column_stack([before, self.sites, after])
 
 
 def patch_radius(name: str, size: float) -> EffectParameter:
-    """The radius of a patch that sticks to or stands under a body of a size, m."""
+    """The radius of a patch that sticks to or supports a body; size : the longest dimension of its faces, m."""
     usual = PATCH * size
     return EffectParameter(name, "m", SMALLEST * usual, LARGEST * usual, usual / 2, usual, rest=usual, optional=True)
 
 
 def in_plane(place: Sequence[float]) -> tuple[float, float]:
-    """x, y of a place on a plate, or of a distance from the axis, which is taken along x."""
+    """x, y of a place (x, y), or of a distance (r,) from the axis, taken along x."""
     return (place[0], place[1]) if len(place) == 2 else (place[0], 0.0)

@@ -1,4 +1,4 @@
-"""What a small deformation of a disk or ring adds to its forms: its thickness varies across it, or its outline is oval.
+"""What a small deformation adds to the forms of a disk or ring: a thickness that varies across it, or an oval outline.
 
 A deformation of size ε that turns gradients and volumes into
 
@@ -10,7 +10,7 @@ couples order 0 to order m in first order, and order 0 to itself in second order
     F₂(l, r) = (T₁l)ᵗH(T₁r) + (T₂l)ᵗHr + lᵗH(T₂r) − v [(T₁l)ᵗHr + lᵗH(T₁r)]    (mean over θ)
 
 of gradients l, r and the tensor H of the crystal. Fields of order 0 are even about every half plane through the axis,
-and H joins nothing even to anything odd: so Tc meets cosines and Ts sines alone, and both act at once.
+and H couples no even field to an odd one: so Tc meets cosines only and Ts sines only, and Tc + Ts stands for both.
 
     wedge: thickness t (1 + ε x/R), the map z → z (1 + ε x/R), with q = z/R:
     m = 1,  T₁ = (x/R) ẑẑᵗ + q x̂ẑᵗ,  T₂ = (x/R) T₁,  v = x/R
@@ -18,8 +18,8 @@ and H joins nothing even to anything odd: so Tc meets cosines and Ts sines alone
     oval: diameters D e^ε and D e^−ε, the map x → e^ε x, y → e^−ε y:
     m = 2,  T₁ = x̂x̂ᵗ − ŷŷᵗ,  T₂ = (x̂x̂ᵗ + ŷŷᵗ)/2,  v = 0
 
-x̂ = r̂ cos θ − θ̂ sin θ in the frame of the axis. What the deformation does within order m and between m and further
-orders is left out: it moves modes that the terminals only drive through ε by a share ε².
+x̂ = r̂ cos θ − θ̂ sin θ in the frame of the axis. Couplings within order m and between m and further orders are left
+out: they shift modes that the terminals drive only through ε, by a share of ε².
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from femu_piezo.forward.revolution import FourierOrder
 #: Sector of the local response to a deformation → the order m that it couples.
 WEDGE, OVAL = "wedge", "oval"
 COUPLED = {WEDGE: 1, OVAL: 2}
-#: (r/R, z/R), each (q,) → T₁, mean of T₂ and of v T₁ over θ (3, 3, q), and v (q,), along r, θ, z.
+#: (r/R, z/R), each (q,) → Tc + Ts and the mean of T₂ over θ, each (3, 3, q) along r, θ, z, and v/cos mθ (q,).
 _Map = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
@@ -74,7 +74,7 @@ class RoundDeformation:
 
     @classmethod
     def of(cls, kind: str, orders: Callable[[int], FourierOrder]) -> RoundDeformation:
-        """Of a kind, on the orders of a body."""
+        """The deformation of a kind in `COUPLED`; orders : number → the Fourier order of a body."""
         even, other = orders(0), orders(COUPLED[kind])
         outer = even.section.radial.ends[-1]
         return cls(even, other, *_MAPS[kind](even.radii / outer, even.heights / outer))
@@ -96,11 +96,11 @@ class RoundDeformation:
         return across + across.transpose(0, 2, 1) + join(once, once, tensors) / 2
 
     def inertia(self, driven: np.ndarray, others: np.ndarray) -> np.ndarray:
-        """(k, l) what the mass between fields (4n, k) of order 0 and (4n, l) of order m has in first order, kg."""
+        """(k, l) mass of first order in ε between fields (4n, k) of order 0 and (4n, l) of order m, kg."""
         return self.other.momentum(driven, self.volume).T @ others
 
     def loads(self, states: np.ndarray, tensor: np.ndarray) -> np.ndarray:
-        """(4n, 2k) forces and charges on order m, of the tensor and of inertia, of states (4n, k) of order 0."""
+        """(4n, 2k) loads of first order on order m by states (4n, k) of order 0: of the tensor, then of inertia."""
         left = self.even.at_points(states)
 
         def flow(gradients: np.ndarray) -> np.ndarray:

@@ -4,7 +4,8 @@ Over a disk of radius a, with n the outward normal of its edge, at any height
 
     S_xx = ⟨2 n_x u_x⟩/a,   S_yy = ⟨2 n_y u_y⟩/a,   2 S_xy = ⟨2 (n_x u_y + n_y u_x)⟩/a      (means along the edge).
 
-Faces and middle plane stand for shares of the thickness. What is even and what is odd in z has no energy in common.
+Faces and middle plane stand for shares of the thickness. Fields that are even in z have no energy in common with those
+that are odd, so that each parity has strains of its own.
 """
 
 from __future__ import annotations
@@ -25,9 +26,10 @@ _NORMAL = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])
 def spot_strains(
     levels: Sequence[tuple[float, Face]], x: float, y: float, radius: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean S_xx, S_yy, 2 S_xy of the unknowns at heights: (l, 3, u), by x, y (2, l, 3, u), and their shares (l,).
+    """Mean S_xx, S_yy, 2 S_xy of the unknowns at l heights (l, 3, u), slopes in x and y (2, l, 3, u), shares (l,).
 
-    levels : with their shares of the thickness (`femu_piezo.effects.local.sectors.Fields.levels`)
+    levels : heights with their shares of the thickness (`femu_piezo.effects.local.sectors.Fields.levels`); one whose
+        unknowns are even or odd in z counts as two heights
     """
     weights = np.zeros((3, _POINTS, 2))
     weights[0, :, 0], weights[1, :, 1] = _NORMAL.T
@@ -47,6 +49,6 @@ def spot_strains(
 
 
 def in_plane_stiffness(whole: np.ndarray) -> np.ndarray:
-    """(3, 3) c̄ of S_xx, S_yy, 2 S_xy: c^E at T_xz = T_yz = T_zz = 0, of a coupled tensor, no field."""
+    """(3, 3) c̄ for S_xx, S_yy, 2 S_xy: c^E at T_xz = T_yz = T_zz = 0, no field, of an extended tensor."""
     pairs, free = ((0, 0), (1, 1), (0, 1)), unstressed(whole, 2)
     return np.array([[free[i, a, j, b] for j, b in pairs] for i, a in pairs])

@@ -1,7 +1,7 @@
-"""Forms on a part of a plate with weights along its length and width, as Kronecker products of one-dimensional ones.
+"""Forms on a part of a plate with weights along its length and width, as Kronecker products of one-dimensional forms.
 
-A weight that is a product of polynomials of x and of y only changes the factors along these axes, so no weighted
-operator is assembled or kept.
+A weight that is a product of functions of x and of y changes the factors along these axes only, so no weighted operator
+is assembled or kept.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from femu_piezo.forward.tensor_grid import kronecker_times, line_products
 from femu_piezo.geometry.boxes import divided
 from femu_piezo.threads import made_once
 
-#: Slices across the part along its length, at least.
+#: Least number of slices across the part along its length.
 _SLICES = 16
-#: Deepest reach of what happens at edges, as a share of the shortest side of a face or of the way between rims.
+#: Largest reach of effects at edges, over the shortest side of a face or the distance between rims.
 DEEPEST = 0.1
-#: Distances from an edge, over the reach, between which e^−(distance / reach) is a polynomial of the order of elements.
+#: Distances from an edge, over the reach, between which e^−(distance / reach) is nearly a polynomial of element order.
 _CUTS = np.array([0.0, 1.0, 2.0, 4.0, 7.0, 11.0, 16.0])
 #: Coefficient and the factors along x, y, z of one Kronecker product.
 Kronecker = tuple[float, tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -30,12 +30,12 @@ Kronecker = tuple[float, tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True)
 class SeparableProducts(ScalarProducts):
-    """Gradient products that are sums of Kronecker products on some planes of nodes across x.
+    """Gradient products G_ab that are sums of Kronecker products on some planes of nodes across x.
 
     Attributes
     ----------
-    size : number n of nodes of the whole part;  nodes : (m,) those concerned, the last axis fastest
-    terms : (a, b) → the products that G_ab is the sum of; none where it is zero
+    size : number n of nodes of the whole part;  nodes : (m,) those on the planes, the last axis fastest
+    terms : (a, b) → Kronecker products whose sum is G_ab; none where it is zero
     """
 
     size: int
@@ -51,13 +51,13 @@ class SeparableProducts(ScalarProducts):
 
 
 def cut_near(edges: np.ndarray, reach: float, left: float, right: float) -> np.ndarray:
-    """(n,) places from left to right between which e^(−d/ρ) is smooth, d the distance to the nearest of some edges."""
+    """(n,) places from left to right that cut e^(−d/ρ), d the distance to the nearest edge, ρ the reach, at `_CUTS`."""
     cuts = (edges[:, None] + reach * np.concatenate([-_CUTS, _CUTS])).ravel()
     return np.concatenate([[left], np.unique(cuts[(cuts > left) & (cuts < right)]), [right]])
 
 
 class WeightedProducts:
-    """Of a box of hexahedra, one part of a plate that is cut at x = 0.
+    """Weighted gradient products and masses of a box of hexahedra, one part of a plate that is cut at x = 0.
 
     Parameters
     ----------
@@ -73,15 +73,15 @@ class WeightedProducts:
 
     @made_once
     def slices(self) -> list[SeparableProducts]:
-        """Of every slice across the part alone, by growing x; a long element holds several."""
+        """Products over each slice across the part, by growing x; a long element has several slices."""
         grid, found = self._grid, []
         planes = grid.order.reshape(grid.places[0].size, -1)
         order = (grid.places[0].size - 1) // (grid.lines[0].size - 1)
         for left, right in pairwise(self.slice_ends):
             element = int(np.searchsorted(grid.lines[0], (left + right) / 2)) - 1
-            own = slice(element * order, element * order + order + 1)
-            along = line_products(grid.places[0][own], left, right)
-            found.append(SeparableProducts(self.model.basis.N, planes[own].ravel(), self._along_x(along)))
+            nodes = slice(element * order, element * order + order + 1)
+            along = line_products(grid.places[0][nodes], left, right)
+            found.append(SeparableProducts(self.model.basis.N, planes[nodes].ravel(), self._along_x(along)))
         return found
 
     @property
@@ -92,12 +92,12 @@ class WeightedProducts:
 
     @made_once
     def odd(self) -> SeparableProducts:
-        """With the weight 2x/L."""
+        """Products with the weight 2x/L."""
         return self._all(self._along_x(self.odd_line))
 
     @made_once
     def even(self) -> SeparableProducts:
-        """With the weight (2x/L)² − 1/3, whose mean is zero."""
+        """Products with the weight (2x/L)² − 1/3, whose mean is zero."""
         return self._all(self._along_x(self.even_line))
 
     @made_once
@@ -111,7 +111,7 @@ class WeightedProducts:
         return self._grid.weighted(0, lambda x: (x / self._half) ** 2 - 1 / 3)
 
     def tapered(self, side: int) -> tuple[SeparableProducts, SeparableProducts]:
-        """Parts of first and second order in t where the extent along an axis, 1 or 2, is that of the box (1 + t ξ).
+        """Parts of first and second order in t, of an extent along axis `side`, 1 or 2, of (1 + t ξ) times the box's.
 
         With ξ = 2x/L the map y → y (1 + t ξ), of the width, turns ∂_x into ∂_x − t η/(1 + tξ) ∂_y with η = 2y/L, ∂_y
         into ∂_y/(1 + tξ), and dV into (1 + tξ) dV; that of the thickness does the same with z.
@@ -143,7 +143,7 @@ class WeightedProducts:
         return self._all(first), self._all(second)
 
     def edges(self, reach: float) -> SeparableProducts:
-        """With the weight 1 − (1 − e^(−d_x/ρ)) (1 − e^(−d_y/ρ)), d the distances to the nearest sides."""
+        """Products with the weight 1 − (1 − e^(−d_x/ρ)) (1 − e^(−d_y/ρ)), d the distances to the nearest sides."""
         x, y = (self._near_end(axis, reach) for axis in (0, 1))
         parts = ((1.0, {0: x}), (1.0, {1: y}), (-1.0, {0: x, 1: y}))
         return self._all({(a, b): [self._term(a, b, *part) for part in parts] for a in range(3) for b in range(3)})
@@ -153,21 +153,21 @@ class WeightedProducts:
         line, places = self._grid.lines[axis], self._grid.places[axis]
         order, found = (places.size - 1) // (line.size - 1), np.zeros((2, 2, places.size, places.size))
         for element, (left, right) in enumerate(pairwise(line)):
-            own = slice(element * order, element * order + order + 1)
+            at = slice(element * order, element * order + order + 1)
             for low, high in pairwise(cut_near(line[-1:], reach, left, right)):
-                found[:, :, own, own] += line_products(places[own], low, high, lambda x: np.exp((x - line[-1]) / reach))
+                found[:, :, at, at] += line_products(places[at], low, high, lambda x: np.exp((x - line[-1]) / reach))
         return found
 
     def mass(self, line: np.ndarray, displacements: np.ndarray) -> np.ndarray:
-        """∫ ρ w v·u on displacements (3, n, k): (3, n, k), kg.
+        """The mass matrix ∫ ρ w v·u times displacements (3, n, k): (3, n, k), kg.
 
-        line : (2, 2, n, n) one-dimensional products along x with the weight w; ξ is the part of first order in t of
-            the mass of either taper
+        line : (2, 2, n, n) one-dimensional products along x with the weight w; with w = ξ the mass is the part of first
+            order in t of either taper
         """
         grid, found = self._grid, np.empty_like(displacements)
         factors = (line[0, 0], *(axis[0, 0] for axis in grid.axes[1:]))
-        for own, image in zip(displacements, found, strict=True):
-            image[grid.order] = self.model.density * kronecker_times(factors, own[grid.order])
+        for part, image in zip(displacements, found, strict=True):
+            image[grid.order] = self.model.density * kronecker_times(factors, part[grid.order])
         return found
 
     @property
@@ -176,16 +176,16 @@ class WeightedProducts:
         return float(self._grid.lines[0][-1])
 
     def _power(self, axis: int, power: int) -> np.ndarray:
-        """One-dimensional products with the weight (2x/L)^power, (2y/L)^power or (2z/L)^power."""
+        """(2, 2, n, n) one-dimensional products along an axis with the weight (2x/L)^power, likewise of y or z."""
         return self._grid.weighted(axis, lambda place: (place / self._half) ** power)
 
     def _term(self, a: int, b: int, coefficient: float, weighted: Mapping[int, np.ndarray]) -> Kronecker:
-        """coefficient · ∫ w ∂_aφ_i ∂_bφ_j with the one-dimensional products of weights along some axes."""
+        """coefficient · ∫ w ∂_aφ_i ∂_bφ_j; weighted : one-dimensional products with a weight along some axes."""
         lines = [weighted.get(i, plain) for i, plain in enumerate(self._grid.axes)]
         return coefficient, tuple(line[int(a == i), int(b == i)] for i, line in enumerate(lines))
 
     def _along_x(self, weighted: np.ndarray) -> dict[tuple[int, int], list[Kronecker]]:
-        """Every product with the one-dimensional products of a weight along x."""
+        """Terms of every G_ab with a weight along x, given its one-dimensional products."""
         return {(a, b): [self._term(a, b, 1.0, {0: weighted})] for a in range(3) for b in range(3)}
 
     def _all(self, terms: Mapping[tuple[int, int], Sequence[Kronecker]]) -> SeparableProducts:
