@@ -55,7 +55,7 @@ class Reached(Protocol):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Z (k,), ohm, and ∂Z/∂x (slopes, n_x) at frequencies (k,) rad/s.
 
-        Every call with another body costs most, so many frequencies go into one call.
+        Each call for another body is costly, so many frequencies go into one call.
 
         beside : further effects that act as well, with the values of their parameters
         slopes : number of frequencies, counted from the first, at which ∂Z/∂x is wanted; all where None

@@ -66,7 +66,7 @@ def _gap(omega: np.ndarray, z: np.ndarray, p: np.ndarray):
 
 
 #: Usual capacitance of a specimen over that of a gap: 0.34 where 1 mm of ceramic with ε33T = 3400 ε0 has a tenth of a
-#: micrometre of air beside it.
+#: micrometre of air in series.
 _GAP = 0.5
 #: Wave speed in a cable, m/s, and its usual wave impedance, ohm.
 _WAVE_SPEED, _WAVE_IMPEDANCE = 0.66 * 299792458.0, 50.0

@@ -5,9 +5,9 @@ At each frequency the body is taken as linear with the compliances at its amplit
     s → s [1 + β A (1 − jq)],    A = |Y'|²/max |Y|²,
 
 under the constant voltage of the instrument. The strain of a resonance is proportional to its velocity and so to the
-current, that is to the final Y', which the softening itself limits. It is measured by max |Y|, the largest admittance
-over the sweep of the body without softening: there β is the growth of the compliance and βq that of its loss.
-With compliances s w² (`femu_piezo.effects.softening`),
+current, that is to the final Y', which the softening itself limits. The unit is max |Y|, the largest admittance of the
+body without softening over the sweep: at that current β is the relative growth of the compliance and βq that of its
+loss. With compliances s w² (`femu_piezo.effects.softening`),
 
     Z' = Z + β A (1 − jq)/2 · ∂Z/∂w
 

@@ -3,7 +3,7 @@
 The current I(x) that an electrode carries past x grows from its ends to the contact at x_c. To first order in R_sq its
 losses add to the impedance
 
-    Z' = Z + 2 R_sq (L/W) m(ω),    m = ∫ (I(x)/I(x_c))² dx/L, both electrodes alike.
+    Z' = Z + 2 R_sq (L/W) m(ω),    m = ∫ (I(x)/I(x_c))² dx/L, for two equal electrodes.
 
 Where the charge is uniform along the plate, m is 1/3 for a contact at an end and 1/12 for one in the middle. Near a
 resonance it is not uniform: with ξ = 2x/L and X = ωL/2 √(ρ s11) a k31 bar has the charge D/⟨D⟩ = a + b X cos(Xξ), with

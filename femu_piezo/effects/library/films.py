@@ -24,7 +24,7 @@ def _difference(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalT
     return [LocalTerm("inertia", places.of_displacements(places.films[...]), p[0] / 2 * ones, ones[:, None] / 2)]
 
 
-def _both(context: EffectContext) -> tuple[Effect, ...]:
+def _mean_film(context: EffectContext) -> tuple[Effect, ...]:
     """The mean film, on each face at most a fifth of half the body's mass per area."""
     mass = context.density * context.thickness / 2
     return (
@@ -70,4 +70,4 @@ def _unequal(context: EffectContext) -> tuple[Effect, ...]:
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
     """The mean film, and the difference of the two where the body has the symmetry that tells it."""
-    return (*_both(context), *_unequal(context))
+    return (*_mean_film(context), *_unequal(context))

@@ -33,7 +33,7 @@ from femu_piezo.effects.local.round_fields import AT_A_PLACE, FILM
 #: Radii at which fits start, as shares of the way from the inner to the outer radius.
 _RADII = np.array([0.02, 0.25, 0.5, 0.75, 0.9, 0.99])
 
-
+#: Directions of the three patches under a disk or ring.
 _TURNS = 2 * np.pi * np.arange(3) / 3
 _TRIPOD = np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])
 
@@ -84,7 +84,7 @@ def _patches(context: EffectContext, radii: tuple[float, float], directions: np.
             return LocalTerm("stiffness", full, value, np.stack(columns, axis=1))
 
         for axes in ([0, 1], [2]):
-            spring, slope = springs[axes[0]], softer[axes[0]]  # x and y are alike
+            spring, slope = springs[axes[0]], softer[axes[0]]  # C is the same along x and y
             value, ratio = per_patch / (1 + per_patch / spring), 1 / (1 + per_patch / spring)
             by_s = ratio**2 / count
             matrix, halves = 0.0, [0.0] * (place.size + 1)  # slopes by the place and by the radius, half of each

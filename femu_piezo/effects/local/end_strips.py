@@ -347,7 +347,10 @@ class Answers:
 
 
 def stationary(own: np.ndarray, crossed: np.ndarray, constants: np.ndarray) -> np.ndarray:
-    """∂S/∂c (10, k, k) at stationary amplitudes, by the forms (10, r, r) on answers and (10, k, r) with base fields."""
+    """∂S/∂c (10, k, k) at the stationary amplitudes.
+
+    own, crossed : forms (10, r, r) on the answers and (10, k, r) with the base fields;  constants : (10,)
+    """
     whole, joined = (np.tensordot(constants, part, axes=1) for part in (own, crossed))
     amplitudes = -np.linalg.solve(whole, joined.T)
     half = crossed @ amplitudes

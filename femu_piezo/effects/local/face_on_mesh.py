@@ -117,9 +117,9 @@ class LevelOfMesh:
         return at[:, :, 0]
 
     def _followed(self, at: np.ndarray, cells: np.ndarray) -> np.ndarray:
-        """(3, 3, m) derivative by a place of the point in the element that stands for it, at reference points (3, m).
+        """(3, 3, m) derivative of the point that is used by the place asked for, at reference points (3, m).
 
-        It is zero across a bounding plane of the enlarged element on which that point is held.
+        It is zero across a bounding plane of the enlarged element on which the point is held.
         """
         held = self._beyond(at) > _OUTSIDE - _NEAR
         outward = np.concatenate([-np.eye(3), np.eye(3) if self._is_hexahedral else np.ones((1, 3)) / np.sqrt(3)])

@@ -366,10 +366,10 @@ def _uneven(sectors: Sectors) -> Uneven:
     _put(stiff[0], weighted.odd.between(left, right, units), rows, columns)
     odd = weighted.mass(weighted.odd_line, right[:3]).reshape(-1, columns.size)
     _put(heavy[0], left[:3].reshape(-1, rows.size).T @ odd, rows, columns)
-    for own, fields in ((rows, left), (columns, right)):
-        _put(stiff[1], weighted.even.within(fields, units), own)
-        even = weighted.mass(weighted.even_line, fields[:3]).reshape(-1, own.size)
-        _put(heavy[1], fields[:3].reshape(-1, own.size).T @ even, own)
+    for numbers, fields in ((rows, left), (columns, right)):
+        _put(stiff[1], weighted.even.within(fields, units), numbers)
+        even = weighted.mass(weighted.even_line, fields[:3]).reshape(-1, numbers.size)
+        _put(heavy[1], fields[:3].reshape(-1, numbers.size).T @ even, numbers)
     return Uneven(Blocks(stiff, at, size), Blocks(heavy, at, size))
 
 

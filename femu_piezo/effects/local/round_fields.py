@@ -233,8 +233,8 @@ class RoundFields(Fields):
         fields = self.on_section[:, : self.reduced.displacements] * outward
         fields[3 * n :] = 0.0
         known = [name for name in self.names if name in self.beside(RIMS)]
-        beside = np.hstack([one.fields for name in known for one in self._modes(name)])
-        return self._new_beside(order, False, fields, beside)
+        known_fields = np.hstack([one.fields for name in known for one in self._modes(name)])
+        return self._new_beside(order, False, fields, known_fields)
 
     def _new_beside(self, order: FourierOrder, flipped: bool, found: np.ndarray, known: np.ndarray) -> np.ndarray:
         """(4n, k) fields of a class: the displacements in `found` (4n, j), orthonormal and orthogonal to `known`.
