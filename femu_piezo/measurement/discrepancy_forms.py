@@ -27,7 +27,6 @@ complex c, or log f is. Places f_0 compete.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -35,8 +34,8 @@ from itertools import product
 from typing import Literal
 
 import numpy as np
-from scipy.interpolate import AAA
 
+from femu_piezo.measurement.rational_curve import RationalCurve
 from femu_piezo.measurement.sweeps import SweepData, stacked
 from femu_piezo.threads import Once, made_once
 
@@ -59,9 +58,9 @@ _KEPT = 2000
 _PRODUCTS = 3 + 2 * len(SHARES)
 #: Share of the largest variance below which a component is left out.
 _NEGLIGIBLE = 1e-4
-#: Most points of a curve that its rational function interpolates, its relative error, the share of C (median over the
-#: sweep) below which a pole is due to rounding, and the factor in f by which resonances may lie beyond the sweep.
-_POINTS, _EXACT, _VISIBLE, _BEYOND = 60, 1e-7, 1e-6, 1.5
+#: Most terms of the rational function of a curve, its relative error, the share of C (median over the sweep) below
+#: which a pole is due to rounding, and the factor in f by which resonances may lie beyond the sweep.
+_TERMS, _EXACT, _VISIBLE, _BEYOND = 60, 1e-7, 1e-6, 1.5
 
 Form = Literal["smooth", "of every resonance", "a resonance of its own", "a step"]
 #: Prior probability of each form over that of a candidate cause. Errors of every resonance may stand for any cause that
@@ -427,15 +426,10 @@ def _thinned(frequency: np.ndarray, apart: float) -> np.ndarray:
 
 
 def _resonances(frequency: np.ndarray, impedance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """λ (m,) and r (m,) of a curve near its sweep (AAA; see `femu_piezo.study.simulate.curve_resonances`); C (k,)."""
+    """λ_k (m,) and r_k (m,) of a model's curve in and near its sweep, and C (k,) at its points."""
     square = (2 * np.pi * frequency) ** 2
     charge = 1 / (2j * np.pi * frequency * impedance)
-    unit = square.max()
-    with warnings.catch_warnings():  # a drift makes a curve that no rational function follows to the end
-        warnings.simplefilter("ignore", RuntimeWarning)
-        # cleaning up imports scipy.stats; poles that hardly show are left out below
-        rational = AAA(square / unit, charge, rtol=_EXACT, max_terms=min(_POINTS, frequency.size // 2), clean_up=False)
-    poles, strengths = rational.poles() * unit, -rational.residues() * unit
+    poles, strengths = RationalCurve(frequency, impedance, _EXACT, _TERMS).poles
     near = (poles.real > square.min() / _BEYOND**2) & (poles.real < square.max() * _BEYOND**2)
     near &= np.abs(poles.imag) < 0.5 * np.abs(poles.real)
     near &= np.abs(strengths) > _VISIBLE * np.median(np.abs(charge)) * np.abs(poles)

@@ -9,9 +9,9 @@ from femu_piezo.circuits.circuit import Circuit, fit_circuit
 from femu_piezo.errors import InputError
 from femu_piezo.extraction import Extraction, extract
 from femu_piezo.extraction.order import resonant
+from femu_piezo.measurement.rational_curve import RationalCurve
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Simulation, Specimen
-from femu_piezo.study.rational_curve import RationalCurve
 from femu_piezo.study.simulate import simulate
 
 #: Relative distance below which a pole of the fitted function and a reported pole are the same.
@@ -39,14 +39,15 @@ def circuit_of_specimen(specimen: Specimen) -> Circuit:
     """The circuit of a specimen as its file describes it, a branch for each driven mode; errors as of `simulate`."""
     wish = (specimen.simulation or Simulation()).model_copy(update={"noise": 0.0})
     sweep = simulate(specimen.model_copy(update={"simulation": wish})).spectrum
-    rational = RationalCurve(sweep.frequency, sweep.impedance)
-    inside = [one for one in rational.poles if sweep.frequency[0] <= one.frequency_Hz <= sweep.frequency[-1]]
+    low, high = float(sweep.frequency[0]), float(sweep.frequency[-1])
+    poles = RationalCurve(sweep.frequency, sweep.impedance).resonances("pole", high)
+    inside = [one for one in poles if low <= one.frequency_Hz <= high]
     if not inside:
         raise InputError(
-            f"{specimen.path or specimen.name}: no driven mode lies between {sweep.frequency[0]:.6g} and "
-            f"{sweep.frequency[-1]:.6g} Hz; give [simulation] a band that holds one"
+            f"{specimen.path or specimen.name}: no driven mode lies between {low:.6g} and "
+            f"{high:.6g} Hz; give [simulation] a band that holds one"
         )
-    branches = [Branch(one.pole_s, rational.residue_of_admittance(one), {}) for one in inside]
+    branches = [Branch(one.pole_s, one.residue, {}) for one in inside]
     return fit_circuit(specimen.name, branches, sweep.frequency, sweep.impedance)
 
 

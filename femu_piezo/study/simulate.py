@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import AAA
 
 from femu_piezo.effects.library import Maker
 from femu_piezo.errors import InputError
@@ -14,19 +13,17 @@ from femu_piezo.forward.modal import ModalModel
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.reduction import reduce_model
 from femu_piezo.forward.response import full_impedance
+from femu_piezo.measurement.rational_curve import RationalCurve, visible
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.resonances import Kind, Resonance
+from femu_piezo.resonances import Resonance
 from femu_piezo.specimen.file import Simulation, Specimen
 from femu_piezo.study.effects import effects_as_simulated, simulated_with_effects
 from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.shapes import electrode_notes
-from femu_piezo.threads import blas_limit, with_blas_limit
+from femu_piezo.threads import with_blas_limit
 
-#: Share of the strongest mode's |a²/λ| below which a mode is not listed: the terminals do not see it.
-_VISIBLE = 1e-4
-#: Of a specimen with effects: points of the noise-free curve, how far beyond the sweep it goes, most terms of its
-#: rational approximation.
-_POINTS, _BEYOND, _TERMS = (801, 4001), 1.1, 300
+#: Of a specimen with effects: points of the noise-free curve, and how far beyond the sweep it goes.
+_POINTS, _BEYOND = (801, 4001), 1.1
 
 
 @dataclass(frozen=True)
@@ -73,37 +70,11 @@ def sweep_frequencies(problem: Problem) -> np.ndarray:
 
 def visible_resonances(modal: ModalModel, band_Hz: float) -> tuple[tuple[Resonance, ...], tuple[Resonance, ...]]:
     """Poles and zeros of a modal model up to a frequency, modes the terminals cannot see left out."""
-
+    whole = modal.admittance_factor
     return (
-        _listed("pole", modal.eigenvalues, modal.charges**2, band_Hz),
-        _listed("zero", modal.zeros[0], modal.zero_amplitudes**2, band_Hz),
+        visible("pole", modal.eigenvalues, whole * modal.charges**2, band_Hz),
+        visible("zero", modal.zeros[0], -(modal.zero_amplitudes**2) / whole, band_Hz),
     )
-
-
-def curve_resonances(
-    frequency: np.ndarray, impedance: np.ndarray, band_Hz: float
-) -> tuple[tuple[Resonance, ...], tuple[Resonance, ...]]:
-    """Poles and zeros up to a frequency of a noise-free curve, (k,) Hz and (k,) ohm, whatever model it comes from.
-
-    Y/(jω) and jωZ are continued off the real axis by rational functions of ω (AAA: Nakatsukasa, Sète, Trefethen,
-    SIAM J. Sci. Comput. 40 (2018) A1494); their poles ω have λ = ω². Those of the bare body come back to 1e-11.
-    """
-    omega, found = 2 * np.pi * frequency, []
-    for kind, values in (("pole", 1 / (1j * omega * impedance)), ("zero", 1j * omega * impedance)):
-        with blas_limit():
-            rational = AAA(omega / omega[-1], values, max_terms=_TERMS)
-            poles, residues = rational.poles() * omega[-1], rational.residues() * omega[-1]
-        right = poles.real > omega[0] / 2  # each has its mirror image at −ω*, and a leakage its pole at 0
-        found.append(_listed(kind, poles[right] ** 2, 2 * (poles * residues)[right], band_Hz))
-    return found[0], found[1]
-
-
-def _listed(kind: Kind, values: np.ndarray, strengths: np.ndarray, band_Hz: float) -> tuple[Resonance, ...]:
-    """Resonances of λ (k,) in the band, in order, whose strength/λ the terminals see; strengths as of a²/(λ − ω²)."""
-    weight = np.abs(strengths / values)
-    inside = (np.sqrt(np.abs(values.real)) <= 2 * np.pi * band_Hz) & (values.real > 0)
-    strong = inside & (weight > _VISIBLE * weight[inside].max(initial=0.0))
-    return tuple(Resonance(kind, complex(value)) for value in sorted(values[strong], key=lambda value: value.real))
 
 
 @with_blas_limit
@@ -149,7 +120,8 @@ def _with_effects(problem: Problem, model: ElectroelasticModel, frequency: np.nd
     every = np.unique(np.concatenate([frequency, even]))
     impedance = simulated_with_effects(problem, model, every, known)
     of_sweep, of_curve = np.isin(every, frequency), np.isin(every, even)
-    return impedance[of_sweep], curve_resonances(every[of_curve], impedance[of_curve], high)
+    curve = RationalCurve(every[of_curve], impedance[of_curve])
+    return impedance[of_sweep], (curve.resonances("pole", high), curve.resonances("zero", high))
 
 
 def _with_noise(specimen: Specimen, frequency: np.ndarray, impedance: np.ndarray) -> ImpedanceSpectrum:

@@ -17,16 +17,18 @@ from femu_piezo.geometry.shape import Shape
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Slab
 from femu_piezo.material.constants import PiezoConstants
+from femu_piezo.measurement.rational_curve import RationalCurve
 from femu_piezo.resonances import Resonance
 from femu_piezo.specimen.file import Simulation, Specimen
 from femu_piezo.standards.figures import CurveFigures, StandardFigures, is_second_radial, read_curve, standard_figures
 from femu_piezo.standards.piece import Piece, material_figures
 from femu_piezo.study.measured import Measured, Sweep, measure
-from femu_piezo.study.rational_curve import RationalCurve
 from femu_piezo.study.simulate import simulate
 
 #: Factor of the expected frequency within which a pair may be the thickness or shear mode, and its least k_eff.
 _NEAR, _COUPLED = 1.2, 0.15
+#: How far beyond the sweep a resonance of the model may lie.
+_BEYOND = 1.5
 #: Ratio of two dimensions from which a plate counts as wide.
 _WIDE = 4.0
 #: The inner over the outer diameter from which a ring counts as narrow (`femu_piezo.study.shapes`).
@@ -80,10 +82,13 @@ def _figures(
 
 def _model_figures(curve: RationalCurve, piece: Piece, pair: Pair) -> CurveFigures | None:
     """The figures of the mode nearest to a measured pair; None where the curve does not hold it."""
-    if not curve.poles or not curve.zeros:
+    band = _BEYOND * float(curve.frequency[-1])
+    poles, zeros = curve.resonances("pole", band), curve.resonances("zero", band)
+    if not poles or not zeros:
         return None
-    pole, zero = _nearest(curve.poles, pair.pole), _nearest(curve.zeros, pair.zero)
-    return read_curve(curve.admittance, curve.points, pole, zero, piece, _second_radial(pole, curve.poles))
+    pole, zero = _nearest(poles, pair.pole), _nearest(zeros, pair.zero)
+    points = (curve.frequency, curve.impedance)
+    return read_curve(curve.admittance, points, pole, zero, piece, _second_radial(pole, poles))
 
 
 def _nearest(several: Sequence[Resonance], one: Resonance) -> Resonance:

@@ -12,11 +12,12 @@ from click.testing import CliRunner
 from femu_piezo.cli import main
 from femu_piezo.errors import InputError
 from femu_piezo.forward.reduction import reduce_model
+from femu_piezo.measurement.rational_curve import RationalCurve
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.effects import body_as_simulated, effects_as_simulated
 from femu_piezo.study.modes import modes
 from femu_piezo.study.problem import prepare
-from femu_piezo.study.simulate import curve_resonances, simulate
+from femu_piezo.study.simulate import simulate
 
 PLATE = """
 [geometry]
@@ -61,10 +62,34 @@ def body(tmp_path_factory):
 def test_a_curve_shows_the_poles_and_zeros_behind_it(body):
     modal, result = body
     frequency = np.linspace(1e3, 130e3, 801)
-    poles, zeros = curve_resonances(frequency, modal.impedance(2 * np.pi * frequency), 120e3)
+    curve = RationalCurve(frequency, modal.impedance(2 * np.pi * frequency))
+    poles, zeros = curve.resonances("pole", 120e3), curve.resonances("zero", 120e3)
     assert len(poles) == len(zeros) == 2
     assert eigenvalues(poles) == pytest.approx(eigenvalues(result.poles), rel=1e-10)
     assert eigenvalues(zeros) == pytest.approx(eigenvalues(result.zeros), rel=1e-10)
+
+
+def test_residues_are_those_of_the_modes(body):
+    """Those of the sums over modes, and limits of Y (s − p) and Z (s − p)."""
+    modal, result = body
+    frequency = np.linspace(1e3, 130e3, 801)
+    curve = RationalCurve(frequency, modal.impedance(2 * np.pi * frequency))
+    for kind, of_modes in (("pole", result.poles), ("zero", result.zeros)):
+        for one, known in zip(curve.resonances(kind, 120e3), of_modes, strict=True):
+            assert one.residue == pytest.approx(known.residue, rel=1e-6)
+            at = np.sqrt(one.eigenvalue)
+            near = at * (1 + 1e-6)
+            value = (modal.admittance if kind == "pole" else modal.impedance)(np.array([near]))[0]
+            assert value * 1j * (near - at) == pytest.approx(one.residue, rel=1e-3)
+
+
+def test_a_leakage_has_no_resonance(body):
+    """It is no function of ω²: what follows it has poles below the curve, which do not count."""
+    modal, result = body
+    frequency = np.linspace(1e3, 130e3, 801)
+    admittance = 1 / modal.impedance(2 * np.pi * frequency) + 1e-6
+    poles = RationalCurve(frequency, 1 / admittance).resonances("pole", 120e3)
+    assert eigenvalues(poles) == pytest.approx(eigenvalues(result.poles), rel=1e-7)
 
 
 def test_a_series_resistance_moves_the_poles_alone(body, tmp_path):
