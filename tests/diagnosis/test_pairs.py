@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 
 from diagnosis.test_compare import data_with
-from femu_piezo.diagnosis.selection import compare
+from femu_piezo.diagnosis.rules import Rules
+from femu_piezo.diagnosis.selection import _Search, compare
 from femu_piezo.diagnosis.starts import _least_within, promises_together, start_together, starts
 from femu_piezo.diagnosis.verdict import judge
 from femu_piezo.inference.fit import fit, linear_fit
@@ -43,6 +45,22 @@ def test_pair_of_which_neither_is_the_best_single_effect(setup, smooth):
     for cause in verdict.causes:
         assert abs(cause.values[0] - TRUTH[cause.effect.key]) < 4 * cause.std[0]
         assert cause.probability > 0.9
+
+
+def test_a_set_that_was_only_extrapolated_is_fitted_from_its_other_cause(setup, smooth):
+    """Linearisation without causes promises the pair as much as a fit reaches, so that its χ² alone asks for no fit."""
+    data = data_with(setup, TRUTH, 1)
+    base = fit(setup.evaluation, data, setup.unknowns, [setup.x])
+    alone = [starts(setup.evaluation, base, setup.library[key])[0] for key in TRUTH]
+    single = fit(setup.evaluation, data, alone[1].linear.parameters, [alone[1].stepped()])
+    truth = [setup.library[key] for key in TRUTH]
+    both = fit(
+        setup.evaluation, data, single.parameters.with_candidate(truth[0]), [start_together(base, *alone[::-1]).x]
+    )
+    search = _Search(base, setup.evaluation, smooth, Rules(), "linear", lambda step: None)
+    search._keep([single, replace(both, extrapolated=True)])
+    found = {effect.key: enlarged for effect, enlarged in search._expand(single)}
+    assert not found[truth[0].key].extrapolated
 
 
 @pytest.mark.slow
