@@ -17,7 +17,7 @@ holds one cause; no other file has to change for it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, Protocol
 
@@ -83,6 +83,20 @@ class LocalTerm:
     value: np.ndarray
     slopes: np.ndarray
     constant: int | None = None
+
+    @classmethod
+    def constant_over(
+        cls,
+        omega: np.ndarray,
+        kind: Literal["stiffness", "inertia"],
+        matrix: np.ndarray,
+        value: complex,
+        slopes: Sequence[complex] | np.ndarray,
+        constant: int | None = None,
+    ) -> LocalTerm:
+        """A term whose value, and slopes (n,), are the same at all frequencies ω (k,)."""
+        ones = np.ones(omega.size, dtype=complex)
+        return cls(kind, matrix, value * ones, ones[:, None] * np.asarray(slopes), constant)
 
 
 #: (operators of the reduced body, ω (k,), p (n,)) → the terms that the effect adds

@@ -20,8 +20,8 @@ def _mass(omega: np.ndarray, p: np.ndarray):
 
 
 def _difference(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-    ones = np.ones(omega.shape, dtype=complex)
-    return [LocalTerm("inertia", places.of_displacements(places.films[...]), p[0] / 2 * ones, ones[:, None] / 2)]
+    film = places.of_displacements(places.films[...])
+    return [LocalTerm.constant_over(omega, "inertia", film, p[0] / 2, [0.5])]
 
 
 def _mean_film(context: EffectContext) -> tuple[Effect, ...]:

@@ -66,8 +66,7 @@ def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
     lateral_slopes = np.array([width**2, added**2]) / (width + added) ** 2  # by the added length, by the width
 
     def term(matrix: np.ndarray, value: float, slopes: list[float], constant: int) -> LocalTerm:
-        ones = np.ones(omega.size, dtype=complex)
-        return LocalTerm("stiffness", matrix, value * ones, ones[:, None] * np.array(slopes), constant)
+        return LocalTerm.constant_over(omega, "stiffness", matrix, value, slopes, constant)
 
     for number, share, slope in _shares(places, position):
         yielding = share * added
@@ -98,10 +97,10 @@ def _spot(radius: float) -> LocalHook:
         softened = np.linalg.inv(compliance + volume * flexibility)
 
         def term(matrix: np.ndarray, value: float, **slopes: float) -> LocalTerm:
-            full, ones = np.zeros((places.size, places.size)), np.ones(omega.size, dtype=complex)
+            full = np.zeros((places.size, places.size))
             full[:u, :u] = matrix / (places.copies * places.sectors.all_fields.constants.c11.real)
-            row = np.array([slopes.get(name, 0.0) for name in ("volume", "x", "y")[: p.size]])
-            return LocalTerm("stiffness", full, value * ones, ones[:, None] * row, _C11)
+            row = [slopes.get(name, 0.0) for name in ("volume", "x", "y")[: p.size]]
+            return LocalTerm.constant_over(omega, "stiffness", full, value, row, _C11)
 
         yielding = softened @ strains
         found = [

@@ -39,9 +39,8 @@ def _hook(context: EffectContext, radii: tuple[float, float]):
         names = ("mass", *("x", "y")[: len(place)], "radius")
 
         def term(kind, matrix: np.ndarray, value: float, **slopes: float) -> LocalTerm:
-            ones = np.ones(omega.size, dtype=complex)
-            row = np.array([slopes.get(name, 0.0) for name in names])
-            return LocalTerm(kind, matrix / copies, value * ones, ones[:, None] * row)
+            row = [slopes.get(name, 0.0) for name in names]
+            return LocalTerm.constant_over(omega, kind, matrix / copies, value, row)
 
         # displacement v − ⟨N u⟩ of the mass against the face: rows (3, r)
         gap, moved = np.zeros((3, size)), np.zeros((3, 3, size))

@@ -17,18 +17,16 @@ from femu_piezo.effects.local.operators import PIEZOELECTRIC, Places
 
 
 def _along(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-    ones = np.ones(omega.shape, dtype=complex)
     return [
-        LocalTerm("stiffness", matrix, value * ones, unit * ones[:, None], constant)
+        LocalTerm.constant_over(omega, "stiffness", matrix, value, unit, constant)
         for value, unit, profile in zip(p, np.eye(2), places.ramp[...], strict=True)
         for constant, matrix in zip(PIEZOELECTRIC, profile, strict=True)
     ]
 
 
 def _radial(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-    ones = np.ones(omega.shape, dtype=complex)
     profile = zip(PIEZOELECTRIC, places.radial_ramp[...], strict=True)
-    return [LocalTerm("stiffness", matrix, p[0] * ones, ones[:, None], constant) for constant, matrix in profile]
+    return [LocalTerm.constant_over(omega, "stiffness", matrix, p[0], [1.0], constant) for constant, matrix in profile]
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:

@@ -17,20 +17,15 @@ from femu_piezo.effects.local.operators import ELASTIC, PIEZOELECTRIC, Places
 
 
 def _terms(places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
-    ones, unit_vectors = np.ones(omega.shape, dtype=complex), np.eye(6)
     stiffness, inertia = places.uneven
-    found = []
+    found, unit_vectors = [], np.eye(6)
     for number in range(2):
         heavy = places.of_displacements(inertia[number])
-        found.append(LocalTerm("inertia", heavy, p[number] * ones, unit_vectors[number] * ones[:, None]))
+        found.append(LocalTerm.constant_over(omega, "inertia", heavy, p[number], unit_vectors[number]))
         for first, constants, matrices in ((2, ELASTIC, stiffness), (4, PIEZOELECTRIC, places.ramp)):
-            parameter = first + number
+            value, unit = p[first + number], unit_vectors[first + number]
             for constant, matrix in zip(constants, matrices[number], strict=True):
-                found.append(
-                    LocalTerm(
-                        "stiffness", matrix, p[parameter] * ones, unit_vectors[parameter] * ones[:, None], constant
-                    )
-                )
+                found.append(LocalTerm.constant_over(omega, "stiffness", matrix, value, unit, constant))
     return found
 
 

@@ -88,15 +88,15 @@ class Deformation:
 
     def terms(self, places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
         """Terms of an effect whose only parameter is ε (`femu_piezo.effects.effect.LocalHook`)."""
-        ones, size, found = np.ones(omega.shape, dtype=complex), p[0], []
+        size, found = p[0], []
         powers = ((size, 1.0), (size**2, 2 * size))
         for heavy, (value, slope) in zip((self.inertia, self.inertia_second), powers, strict=True):
             if heavy is not None:
                 matrix = places.of_displacements(heavy[...])
-                found.append(LocalTerm("inertia", matrix, value * ones, slope * ones[:, None]))
+                found.append(LocalTerm.constant_over(omega, "inertia", matrix, value, [slope]))
         for matrices, (value, slope) in zip((self.first, self.second), powers, strict=True):
             for constant, matrix in enumerate(matrices[...]):
-                found.append(LocalTerm("stiffness", matrix, value * ones, slope * ones[:, None], constant))
+                found.append(LocalTerm.constant_over(omega, "stiffness", matrix, value, [slope], constant))
         return found
 
 
@@ -110,11 +110,11 @@ def stiffness_terms(
     constants : n indices in the e-form
     value : (n, r, r) matrix per unit of each constant;  slopes : (n, r, r) of it in every parameter of the effect
     """
-    ones, found = np.ones(omega.shape, dtype=complex), []
+    found, none = [], np.zeros(len(slopes))
     for number, constant in enumerate(constants):
-        found.append(LocalTerm("stiffness", value[number], ones, np.zeros((omega.size, len(slopes))), constant))
+        found.append(LocalTerm.constant_over(omega, "stiffness", value[number], 1.0, none, constant))
         for unit, slope in zip(np.eye(len(slopes)), slopes, strict=True):
-            found.append(LocalTerm("stiffness", slope[number], 0 * ones, unit * ones[:, None], constant))
+            found.append(LocalTerm.constant_over(omega, "stiffness", slope[number], 0.0, unit, constant))
     return found
 
 
