@@ -13,7 +13,7 @@ from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.fit import Fit, linear_fit, stepped
 from femu_piezo.inference.priors import log_prior_gain
 from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.inference.walls import wall_and_readings
+from femu_piezo.inference.walls import further_rows
 from femu_piezo.measurement.discrepancy import noise_level, profiled
 
 #: Size, over its scale, from which a parameter starts "at rest": not zero, so that every slope exists.
@@ -311,15 +311,15 @@ def _widened(
             jacobian[:, new.columns(number)] = current.jacobian[:, old.columns(old.index(effect.key))]
         if effect.key in columns:
             jacobian[:, new.columns(number)] = columns[effect.key]
-    beside, slopes = wall_and_readings(new, x)
+    further_residual, further_jacobian = further_rows(new, x)
     return replace(
         current,
         parameters=new,
         x=x,
         residual=residual,
         jacobian=jacobian,
-        further_residual=np.concatenate([(x - new.prior_mean) / new.prior_std, beside]),
-        further_jacobian=np.concatenate([np.diag(1 / new.prior_std), slopes]),
+        further_residual=further_residual,
+        further_jacobian=further_jacobian,
         discrepancy=None,
     )
 

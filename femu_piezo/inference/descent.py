@@ -11,9 +11,9 @@ from scipy.linalg import solve_triangular
 
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.inference.losses import LOSS, level_of, weight_of
-from femu_piezo.inference.step import Beside, damped_step
+from femu_piezo.inference.step import damped_step
 from femu_piezo.inference.unknowns import Unknowns
-from femu_piezo.inference.walls import Walls, readings
+from femu_piezo.inference.walls import WallsAndReadings, further_rows
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.threads import Once, in_parallel
 
@@ -71,16 +71,12 @@ class Posterior:
 
     def parts(self, x: np.ndarray) -> Parts:
         """Residuals and Jacobians at x (n_x,)."""
-        std, beside = self.parameters.prior_std, self.beside(x)
-        return (
-            *self.data.whitened(*self.response.with_jacobian(self.parameters, x)),
-            np.concatenate([(x - self.parameters.prior_mean) / std, beside.walls.rows, beside.read]),
-            np.concatenate([np.diag(1 / std), beside.walls.row_slopes, beside.along]),
-        )
+        data = self.data.whitened(*self.response.with_jacobian(self.parameters, x))
+        return *data, *further_rows(self.parameters, x, self.walls_and_readings(x))
 
-    def beside(self, x: np.ndarray) -> Beside:
+    def walls_and_readings(self, x: np.ndarray) -> WallsAndReadings:
         """Walls and readings at x (n_x,), which need no Z; kept, as a step and `parts` ask for them at the same x."""
-        return self._kept.get(x.tobytes(), lambda: Beside(Walls(self.parameters, x), *readings(self.parameters, x)))
+        return self._kept.get(x.tobytes(), lambda: WallsAndReadings.at(self.parameters, x))
 
 
 @dataclass(frozen=True)
@@ -102,9 +98,9 @@ class MovedPosterior(Posterior):
         further[: x.size] += self.pulled[: x.size]
         return residual + self.moved, jacobian, further, slopes
 
-    def beside(self, x: np.ndarray) -> Beside:
+    def walls_and_readings(self, x: np.ndarray) -> WallsAndReadings:
         """Walls and perturbed readings at x (n_x,)."""
-        plain = super().beside(x)
+        plain = super().walls_and_readings(x)
         return replace(plain, read=plain.read + self.pulled[self.pulled.size - plain.read.size :])
 
 
@@ -232,7 +228,7 @@ class Descent:
                 triangle[: moving.size, -1],
                 self._damping,
                 (moving, std),
-                lambda step: self.posterior.beside(at(step)),
+                lambda step: self.posterior.walls_and_readings(at(step)),
                 kept,
                 ((self._low - x)[moving] / std, (self._high - x)[moving] / std),
             )

@@ -158,8 +158,8 @@ class Fit:
         """Most probable factor on the noise; with a discrepancy, at the estimate that a fit with it would have."""
         residual = self._rows[0]
         if self.discrepancy is not None:
-            reached = self._whitened.reached(residual, self.level)
-            residual = residual - self.level * self._whitened.whole(self._basis @ (self._basis.T @ reached))
+            projected = self._whitened.projected(residual, self.level)
+            residual = residual - self.level * self._whitened.expanded(self._basis @ (self._basis.T @ projected))
         squares = residual[: self.residual.size] ** 2
         return level_of(squares, self.weight, self.loss, self.residual.size - self.determined, self.data.level_std)
 
@@ -183,8 +183,10 @@ class Fit:
         if not np.any(walls):
             return self.further_jacobian
         columns, held, weights = self._columns, walls & (self.further_residual < 0), (~walls).astype(float)
-        reached = columns.reached(np.concatenate([self.residual, self.further_residual]), self.level)
-        weights[held] = behind_walls(columns.rows(self.level), reached, columns.among(walls), columns.among(held))[2]
+        projected = columns.projected(np.concatenate([self.residual, self.further_residual]), self.level)
+        weights[held] = behind_walls(
+            columns.rows(self.level), projected, columns.among_all(walls), columns.among_all(held)
+        )[2]
         return weights[:, None] * self.further_jacobian
 
     @made_once
@@ -247,9 +249,9 @@ class Fit:
 
         def followed(which: np.ndarray, right: np.ndarray, level: float) -> np.ndarray:
             """Change (2k + m,) of a residual by the best values of some columns, at a noise level."""
-            reached = columns.reached(right, level)
-            step = np.linalg.lstsq(columns.rows(level)[:, which], -reached, rcond=1e-12)[0]
-            return columns.whole(columns.rows()[:, which] @ step)
+            projected = columns.projected(right, level)
+            step = np.linalg.lstsq(columns.rows(level)[:, which], -projected, rcond=1e-12)[0]
+            return columns.expanded(columns.rows()[:, which] @ step)
 
         ended, level = right + followed(free, right, self.level), self.noise_scale
         for _ in range(MANY):
@@ -269,7 +271,7 @@ class Fit:
         laws, columns = self.law, self._columns
         count = 0 if laws is None else laws.shape[1]
         if laws is not None and count:
-            others = block_diag(columns.beside, np.eye(count))
+            others = block_diag(columns.others, np.eye(count))
             columns = Columns.of(np.hstack([self.jacobian * self.parameters.prior_std, laws]), others)
         right = np.concatenate([self.residual, self.further_residual, np.zeros(count)])
         walls = np.append(self._walls, np.zeros(count, dtype=bool))
@@ -381,7 +383,7 @@ class Fit:
     def _levers(self) -> np.ndarray:
         """(2k, n_x) rows of the data in Q of `_columns` at the noise level of the fit."""
         basis = np.linalg.qr(self._columns.rows(self.level))[0]
-        return self._columns.whole(basis)[: self.residual.size]
+        return self._columns.expanded(basis)[: self.residual.size]
 
     def predicted(self) -> np.ndarray:
         """(k,) complex whitened error of each point as predicted by a fit that did not see its band of its sweep.

@@ -20,34 +20,34 @@ class Columns:
 
     basis: np.ndarray
     triangle: np.ndarray
-    beside: np.ndarray
+    others: np.ndarray
 
     @classmethod
-    def of(cls, data: np.ndarray, beside: np.ndarray) -> Columns:
+    def of(cls, data: np.ndarray, others: np.ndarray) -> Columns:
         """From whitened rows of the data (2k, n) and other rows (m, n)."""
-        return cls(*np.linalg.qr(data), beside)
+        return cls(*np.linalg.qr(data), others)
 
     def without(self, which: np.ndarray) -> Columns:
         """These columns without those of the numbers `which`."""
-        return Columns(self.basis, np.delete(self.triangle, which, axis=1), np.delete(self.beside, which, axis=1))
+        return Columns(self.basis, np.delete(self.triangle, which, axis=1), np.delete(self.others, which, axis=1))
 
     def rows(self, level: float = 1.0) -> np.ndarray:
         """(r + m, n) R over the noise level, then the other rows: JᵗJ is that of all rows."""
-        return np.concatenate([self.triangle / level, self.beside])
+        return np.concatenate([self.triangle / level, self.others])
 
-    def reached(self, values: np.ndarray, level: float) -> np.ndarray:
+    def projected(self, values: np.ndarray, level: float) -> np.ndarray:
         """(r + m,) of values (2k + m,): Qᵗ of those of the data over the noise level, then the others."""
         count = len(self.basis)
         return np.concatenate([self.basis.T @ values[:count] / level, values[count:]])
 
-    def whole(self, rows: np.ndarray) -> np.ndarray:
+    def expanded(self, rows: np.ndarray) -> np.ndarray:
         """(2k + m, …) Q of the first r of rows (r + m, …), then the others: all rows of the data again."""
         size = len(self.triangle)
         return np.concatenate([self.basis @ rows[:size], rows[size:]])
 
-    def among(self, beside: np.ndarray) -> np.ndarray:
-        """(r + m,) bool from one (m,) for the rows that are no data; False for the others."""
-        return np.append(np.zeros(len(self.triangle), dtype=bool), beside)
+    def among_all(self, chosen: np.ndarray) -> np.ndarray:
+        """(r + m,) bool: the chosen (m,) of the rows that are no data; no row of the data."""
+        return np.append(np.zeros(len(self.triangle), dtype=bool), chosen)
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,8 @@ class Marginal:
         return inverse @ inverse.T
 
     @classmethod
-    def of(cls, columns: Columns, left: np.ndarray, level: float, walls: np.ndarray, held: np.ndarray) -> Marginal:
-        """From columns and a residual `left` (2k + m,), the rows of the data first.
+    def of(cls, columns: Columns, residual: np.ndarray, level: float, walls: np.ndarray, held: np.ndarray) -> Marginal:
+        """From columns and a residual `residual` (2k + m,), the rows of the data first.
 
         walls : (m,) bool, all rows of walls that are touched;  held : those of them that hold the estimate
         """
@@ -86,10 +86,10 @@ class Marginal:
         basis, triangle = np.linalg.qr(rows)
         share = 0.0
         if np.any(walls):
-            reached = columns.reached(left, level)
-            triangle, share, _ = behind_walls(rows, reached, columns.among(walls), columns.among(held))
+            projected = columns.projected(residual, level)
+            triangle, share, _ = behind_walls(rows, projected, columns.among_all(walls), columns.among_all(held))
         volume = share - float(np.sum(np.log(np.abs(np.diag(triangle)))))
-        return cls(left[:count], left[count:], columns.whole(basis), triangle, volume, level)
+        return cls(residual[:count], residual[count:], columns.expanded(basis), triangle, volume, level)
 
 
 def behind_walls(

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import nnls
 
-from femu_piezo.inference.walls import Walls
+from femu_piezo.inference.walls import Walls, WallsAndReadings
 
 #: Most turns within one step; most halvings of a step that no turn has brought to a lower cost; most iterations of the
 #: non-negative least squares over the number of planes.
@@ -30,20 +30,6 @@ _HARD = 1e6
 #: The turns end where χ² is above the minimum that the planes allow by less than the first number, or by less than the
 #: second times the gain so far: the model of the data is only linear, so that more turns gain nothing.
 _SETTLED, _SHARE = 1e-7, 1e-2
-
-
-@dataclass(frozen=True)
-class Beside:
-    """Walls and readings at some step, which are not linearised.
-
-    Attributes
-    ----------
-    read, along : (q,) residual and (q, n_x) slopes of the readings
-    """
-
-    walls: Walls
-    read: np.ndarray
-    along: np.ndarray
 
 
 #: Planes G s + c ≥ 0: G (p, n) and c (p,).
@@ -71,7 +57,7 @@ class _Linearised:
     low: np.ndarray
     high: np.ndarray
 
-    def cost(self, step: np.ndarray, there: Beside) -> float:
+    def cost(self, step: np.ndarray, there: WallsAndReadings) -> float:
         """Cost of a step (n,), its damping included."""
         misfit, passed = self.factor @ step + self.right, np.minimum(there.walls.values - self.margins, 0.0)
         return float(misfit @ misfit + self.damping * (step @ step) + passed @ passed + there.read @ there.read)
@@ -83,7 +69,7 @@ class _Linearised:
         slopes = walls.slopes[np.ix_(chosen, self.which)] * self.unit
         return slopes, (walls.values - self.margins)[chosen] - slopes @ step
 
-    def least(self, planes: _Planes, near: np.ndarray, there: Beside) -> tuple[np.ndarray, float]:
+    def least(self, planes: _Planes, near: np.ndarray, there: WallsAndReadings) -> tuple[np.ndarray, float]:
         """The step (n,) of least cost with planes and bounds, readings linearised about the step `near`; its cost.
 
         With R of all rows but the planes, s₀ the minimum without planes, W = R⁻ᵗGᵗ, and μ ≥ 0 how far s is beyond each,
@@ -140,7 +126,7 @@ def damped_step(
     right: np.ndarray,
     damping: float,
     moving: tuple[np.ndarray, np.ndarray],
-    beside: Callable[[np.ndarray], Beside],
+    terms: Callable[[np.ndarray], WallsAndReadings],
     kept: float = 0.0,
     bounds: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, float]:
@@ -150,13 +136,13 @@ def damped_step(
     ----------
     factor, right : F (m, n), r (m,);  damping : δ
     moving : numbers (n,) of the unknowns that move, and change (n,) of each for s = 1
-    beside : step (n,) → walls and readings there
+    terms : step (n,) → walls and readings there
     kept : share of the distance to every wall that the step keeps
     bounds : (n,) lowest and (n,) highest step; none where None
     """
     low, high = bounds or (np.full(right.size, -np.inf), np.full(right.size, np.inf))
     start = np.zeros(right.size)
-    here = beside(start)
+    here = terms(start)
     model = _Linearised(factor, right, damping, *moving, kept * np.maximum(here.walls.values, 0.0), low, high)
     numbers = np.arange(here.walls.values.size)
     # slopes of walls are computed only once one is near, which is rare
@@ -165,7 +151,7 @@ def damped_step(
     best, lowest, near, there = start, first, start, here
     for _ in range(_TURNS):
         step, promised = model.least(planes, near, there)
-        near, there = step, beside(step)
+        near, there = step, terms(step)
         reached = model.cost(step, there)
         if reached < lowest:
             best, lowest = step, reached
@@ -180,5 +166,5 @@ def damped_step(
         if lowest < first:
             break
         step = step / 2
-        best, lowest = step, model.cost(step, beside(step))
+        best, lowest = step, model.cost(step, terms(step))
     return best, first - lowest + damping * float(best @ best)

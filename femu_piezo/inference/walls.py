@@ -1,4 +1,4 @@
-"""Walls of a fit, which keep the material stable and passive.
+"""Walls of a fit, which keep the material stable and passive; all rows of a fit that are no data.
 
 The d-form matrix is scaled to a unit diagonal of its real part. Its real part must be positive semidefinite (IEEE 176:
 the stored energy of a stable body is positive), and so must its negative imaginary part (Holland 1967: a passive body
@@ -8,6 +8,7 @@ stability a body has modes of negative stiffness, by which a fit may follow erro
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -117,13 +118,40 @@ class Walls:
         return found
 
 
-def wall_and_readings(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residual (m,) and slopes (m, n_x) of the rows after data and priors: of walls, then one for each reading."""
-    walls, (read, along) = Walls(parameters, x), readings(parameters, x)
-    return np.concatenate([walls.rows, read]), np.concatenate([walls.row_slopes, along])
+@dataclass(frozen=True)
+class WallsAndReadings:
+    """The terms of the cost of a fit that need neither Z nor a linearisation, at given unknowns.
+
+    Attributes
+    ----------
+    read, along : (q,) residual and (q, n_x) slopes of the readings of other instruments
+    """
+
+    walls: Walls
+    read: np.ndarray
+    along: np.ndarray
+
+    @classmethod
+    def at(cls, parameters: Unknowns, x: np.ndarray) -> WallsAndReadings:
+        """The terms at x (n_x,)."""
+        return cls(Walls(parameters, x), *readings(parameters, x))
+
+
+def further_rows(
+    parameters: Unknowns, x: np.ndarray, terms: WallsAndReadings | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Residual (m,) and slopes (m, n_x) of all rows of a fit that are no data: priors, walls, readings.
+
+    terms : walls and readings at x, where they are known
+    """
+    std, terms = parameters.prior_std, terms or WallsAndReadings.at(parameters, x)
+    return (
+        np.concatenate([(x - parameters.prior_mean) / std, terms.walls.rows, terms.read]),
+        np.concatenate([np.diag(1 / std), terms.walls.row_slopes, terms.along]),
+    )
 
 
 def readings(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residual (m,) and slopes (m, n_x) of the readings of other instruments."""
+    """Residual (q,) and slopes (q, n_x) of the readings of other instruments."""
     found = [reading.row(parameters, x) for reading in parameters.readings]
     return np.array([row for row, _ in found]), np.array([slope for _, slope in found]).reshape(len(found), x.size)

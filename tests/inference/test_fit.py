@@ -13,7 +13,7 @@ from femu_piezo.inference.descent import CLOSE, COARSE, RANKED
 from femu_piezo.inference.fit import closest, fit, linear_fit, stepped
 from femu_piezo.inference.marginal import Columns, Marginal
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
-from femu_piezo.inference.walls import TOLERANCE, Walls, wall_and_readings
+from femu_piezo.inference.walls import TOLERANCE, Walls, further_rows
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.discrepancy import log_level_prior
 from femu_piezo.measurement.sweeps import SweepData
@@ -431,9 +431,7 @@ def test_a_linear_step_is_the_step_of_the_linearised_model(lab):
     assert level == pytest.approx(promised.noise_scale, rel=0.03)
     assert np.max(np.abs(promised.x - x - step) / lab.unknowns.prior_std) < 1e-6
     some = np.arange(3)
-    beside, slopes = wall_and_readings(lab.unknowns, x)
-    further = np.concatenate([(x - lab.unknowns.prior_mean) / lab.unknowns.prior_std, beside])
-    slopes = np.concatenate([np.diag(1 / lab.unknowns.prior_std), slopes])
+    further, slopes = further_rows(lab.unknowns, x)
     at_x = replace(
         before, x=x, residual=residual, jacobian=jacobian, further_residual=further, further_jacobian=slopes, level=1.0
     )

@@ -1,4 +1,4 @@
-"""A step beside walls: the least of data, priors and walls, found with few looks at the walls."""
+"""A step with walls: the least of data, priors and walls, found with few looks at the walls."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear, minimize
 
-from femu_piezo.inference.step import Beside, bounded_step, damped_step
-from femu_piezo.inference.walls import TOLERANCE, Walls
+from femu_piezo.inference.step import bounded_step, damped_step
+from femu_piezo.inference.walls import TOLERANCE, Walls, WallsAndReadings
 
 #: Tangents of s11, d31 and eps33T to step from: far inside, on the wall of a loss matrix of nothing, near the wall.
 STARTS = {"inside": (0.02, 0.015, 0.02), "lossless": (0.0, 0.0, 0.0), "near": (0.0150, 0.0240, 0.0170)}
@@ -29,16 +29,16 @@ def test_least_of_data_and_walls(lab, where, wish, damping):
     away = (np.array([1.0, wish[0], 1.0, wish[1], 1.0, wish[2]]) - x) / unit
     right = -factor @ away
 
-    def beside(step: np.ndarray) -> Beside:
+    def terms(step: np.ndarray) -> WallsAndReadings:
         looks.append(step)
-        return Beside(Walls(lab.ideal, x + unit * step), np.zeros(0), np.zeros((0, 6)))
+        return WallsAndReadings(Walls(lab.ideal, x + unit * step), np.zeros(0), np.zeros((0, 6)))
 
     def cost(step: np.ndarray) -> float:
         return (
             float(np.sum((factor @ step + right) ** 2) + damping * step @ step) + Walls(lab.ideal, x + unit * step).cost
         )
 
-    step, gain = damped_step(factor, right, damping, (np.arange(6), unit), beside)
+    step, gain = damped_step(factor, right, damping, (np.arange(6), unit), terms)
     count, first = len(looks), cost(np.zeros(6))
     assert gain == pytest.approx(first - cost(step) + damping * step @ step, rel=1e-9)
     best = minimize(cost, step, method="Nelder-Mead", options={"maxiter": 4000, "xatol": 1e-10, "fatol": 1e-9})
@@ -58,14 +58,14 @@ def test_a_step_begins_just_inside_a_wall(lab):
     unit, factor = np.tile([1e-3, 1e-2], 3), np.eye(6)
     right = np.array([0.0, 0.5, 3.0, -6.0, -2.0, 0.3])
 
-    def beside(step: np.ndarray) -> Beside:
-        return Beside(Walls(lab.ideal, x + unit * step), np.zeros(0), np.zeros((0, 6)))
+    def terms(step: np.ndarray) -> WallsAndReadings:
+        return WallsAndReadings(Walls(lab.ideal, x + unit * step), np.zeros(0), np.zeros((0, 6)))
 
     def cost(step: np.ndarray) -> float:
         left = factor @ step + right
-        return float(left @ left) + beside(step).walls.cost
+        return float(left @ left) + terms(step).walls.cost
 
-    step, gain = damped_step(factor, right, 0.0, (np.arange(6), unit), beside)
+    step, gain = damped_step(factor, right, 0.0, (np.arange(6), unit), terms)
     best = minimize(cost, step, method="Nelder-Mead", options={"maxiter": 6000, "xatol": 1e-10, "fatol": 1e-9})
     assert gain > 0.97 * (cost(np.zeros(6)) - best.fun) > 1.0
 
@@ -76,11 +76,11 @@ def test_a_step_far_from_every_wall_looks_twice(lab):
     x[0::2], x[1::2] = 1.0, (0.02, 0.01, 0.02)
     looks = []
 
-    def beside(step: np.ndarray) -> Beside:
+    def terms(step: np.ndarray) -> WallsAndReadings:
         looks.append(step)
-        return Beside(Walls(lab.ideal, x + 1e-4 * step), np.zeros(0), np.zeros((0, 6)))
+        return WallsAndReadings(Walls(lab.ideal, x + 1e-4 * step), np.zeros(0), np.zeros((0, 6)))
 
-    step, gain = damped_step(np.eye(6), np.full(6, -0.5), 0.0, (np.arange(6), np.full(6, 1e-4)), beside)
+    step, gain = damped_step(np.eye(6), np.full(6, -0.5), 0.0, (np.arange(6), np.full(6, 1e-4)), terms)
     np.testing.assert_allclose(step, 0.5, rtol=1e-12)
     assert gain == pytest.approx(1.5) and len(looks) == 2
 
@@ -98,7 +98,7 @@ def test_a_step_within_bounds(seed):
     np.testing.assert_allclose(found, best.x, atol=1e-5)
 
 
-def test_a_step_beside_walls_and_within_bounds(lab):
+def test_a_step_with_walls_and_within_bounds(lab):
     """A damped step whose first unknown may only shrink: the gain is what a search over the others finds."""
     x = lab.ideal.prior_mean.copy()
     x[0::2], x[1::2] = 1.0, STARTS["near"]
@@ -107,14 +107,14 @@ def test_a_step_beside_walls_and_within_bounds(lab):
     right = -factor @ ((np.array([1.002, 0.015, 0.999, 0.035, 1.001, 0.017]) - x) / unit)
     low, high = np.full(6, -np.inf), np.array([0.0, *[np.inf] * 5])
 
-    def beside(step: np.ndarray) -> Beside:
-        return Beside(Walls(lab.ideal, x + unit * step), np.zeros(0), np.zeros((0, 6)))
+    def terms(step: np.ndarray) -> WallsAndReadings:
+        return WallsAndReadings(Walls(lab.ideal, x + unit * step), np.zeros(0), np.zeros((0, 6)))
 
     def cost(step: np.ndarray) -> float:
         left = factor @ step + right
-        return float(left @ left) + beside(step).walls.cost
+        return float(left @ left) + terms(step).walls.cost
 
-    step, gain = damped_step(factor, right, 0.0, (np.arange(6), unit), beside, bounds=(low, high))
+    step, gain = damped_step(factor, right, 0.0, (np.arange(6), unit), terms, bounds=(low, high))
     assert abs(step[0]) < 1e-6
 
     def of_others(rest: np.ndarray) -> float:
@@ -122,5 +122,5 @@ def test_a_step_beside_walls_and_within_bounds(lab):
 
     best = minimize(of_others, step[1:], method="Nelder-Mead", options={"maxiter": 6000, "xatol": 1e-10, "fatol": 1e-9})
     assert gain > 0.98 * (cost(np.zeros(6)) - best.fun) > 1.0
-    free, more = damped_step(factor, right, 0.0, (np.arange(6), unit), beside)
+    free, more = damped_step(factor, right, 0.0, (np.arange(6), unit), terms)
     assert free[0] > 1.0 and more > gain

@@ -24,6 +24,7 @@ from femu_piezo.inference.matching import match
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.terminal_roots import root_slopes, terminal_roots
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.inference.walls import readings
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.resonances import Kind, Resonance, ResonanceSet
 from femu_piezo.threads import made_once
@@ -163,7 +164,7 @@ def update_many(measured: Sequence[MeasuredModes], parameters: Unknowns, start: 
     for _ in range(_STEPS):
         found = _linearised(measured, kept, parameters, x)
         prior = (x - parameters.prior_mean) / parameters.prior_std
-        step = -found.gain @ np.concatenate([found.residual, prior, _readings(parameters, x)[0]])
+        step = -found.gain @ np.concatenate([found.residual, prior, readings(parameters, x)[0]])
         x = x + step * min(1.0, _LARGEST / float(np.max(np.abs(step[:count]))))
         _check(parameters.material.constants(x[:count]))
         settled += bool(np.max(np.abs(step) / found.std) < _SETTLED)
@@ -214,14 +215,8 @@ def _linearised(
         residual=np.concatenate(rows),
         jacobian=np.concatenate(slopes),
         mesh=block_diag(*mesh),
-        read=_readings(parameters, x)[1],
+        read=readings(parameters, x)[1],
     )
-
-
-def _readings(parameters: Unknowns, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Residual (n,) and slopes (n, n_x) of the readings of other instruments."""
-    read = [one.row(parameters, x) for one in parameters.readings]
-    return np.array([row for row, _ in read]), np.reshape([slope for _, slope in read], (-1, x.size))
 
 
 def _mode_residuals(
