@@ -78,7 +78,7 @@ class Marginal:
 
     @classmethod
     def of(cls, columns: Columns, residual: np.ndarray, level: float, walls: np.ndarray, held: np.ndarray) -> Marginal:
-        """From columns and a residual `residual` (2k + m,), the rows of the data first.
+        """From columns and a residual (2k + m,), the rows of the data first.
 
         walls : (m,) bool, all rows of walls that are touched;  held : those of them that hold the estimate
         """
