@@ -17,6 +17,9 @@ from scipy.special import jv
 from femu_piezo.errors import ConvergenceError
 from femu_piezo.material.constants import PiezoConstants
 
+#: Ratio of the inner to the outer diameter from which a ring counts as narrow.
+NARROW_RING = 0.3
+
 
 def _planar(constants: PiezoConstants) -> tuple[complex, complex, complex]:
     """σ, 1/c11p and kp²."""

@@ -15,6 +15,9 @@ from femu_piezo.geometry.domain import Domain
 MOST_UNKNOWNS, MOST_ENTRIES = 250_000, 100_000_000
 #: Errors of eigenvalues from edges and corners fall with the order p as p^-EDGE_RATE.
 EDGE_RATE = 9.6
+#: Cosine of the angle between poling and field below which they count as perpendicular, and distance from 1 below which
+#: they count as parallel.
+_ACROSS, _ALONG = 1e-6, 1e-9
 
 
 class Shape(Protocol):
@@ -65,6 +68,26 @@ class Shape(Protocol):
         order : polynomial order of the elements; chosen by the shape where None
         """
         ...
+
+
+def field_axis(shape: Shape) -> int:
+    """Axis of the field between the electrodes."""
+    return 0 if shape.poling == "length" else 2
+
+
+def poling_along_field(shape: Shape) -> float:
+    """|cos| of the angle between the poling and the field between the electrodes."""
+    return abs(shape.poling_direction[field_axis(shape)])
+
+
+def is_poled_along_field(shape: Shape) -> bool:
+    """Whether poling and field are parallel: then s and d of that direction drive the first mode."""
+    return poling_along_field(shape) > 1 - _ALONG
+
+
+def is_poled_across_field(shape: Shape) -> bool:
+    """Whether poling and field are perpendicular: then d15 drives the first mode, a shear of the thickness."""
+    return poling_along_field(shape) < _ACROSS
 
 
 def unit_direction(direction: Iterable[float]) -> tuple[float, float, float]:

@@ -26,6 +26,7 @@ from femu_piezo.geometry.regions import Circle, Footprint, Region
 from femu_piezo.geometry.round_body import divisions_for, round_domain
 from femu_piezo.geometry.shape import check_size, driven_mirrors, unit_direction
 from femu_piezo.geometry.slab_cad import (
+    DRAWING_UNIT,
     divide_curves,
     draw_chamfered,
     draw_extruded,
@@ -38,8 +39,6 @@ from femu_piezo.geometry.upper_face import UpperFace
 #: Relative eigenvalue error of quadratic elements of edge h at shear wavenumber k: at most this times (k h)^4
 #: (tests/geometry/test_slab.py checks this upper bound).
 _ERROR_CONSTANT = 1e-3
-#: Drawing units per metre.
-_DRAWING_UNIT = 1e3
 #: Least number of quadratic elements on a full circle.
 _PER_CIRCLE = 12
 #: Edge of tetrahedra at electrode rims over that of the others. The relative error of λ from the singularity there is a
@@ -374,9 +373,9 @@ class Slab:
 
     def _quadratic(self, edge: float, mirrors: tuple[int, ...]) -> skfem.Mesh:
         """Mesh of gmsh with quadratic elements of a largest edge, m."""
-        drawn = self.scaled(_DRAWING_UNIT)  # the tolerances of OpenCASCADE are made for drawings in mm
+        drawn = self.scaled(DRAWING_UNIT)
         make = drawn._hexahedra if self.element_shape == "hexahedron" else drawn._tetrahedra
-        return make(edge * _DRAWING_UNIT, mirrors).scaled(1 / _DRAWING_UNIT)
+        return make(edge * DRAWING_UNIT, mirrors).scaled(1 / DRAWING_UNIT)
 
     def _tetrahedra(self, edge: float, mirrors: tuple[int, ...]) -> skfem.Mesh:
         """Quadratic tetrahedra, four times finer at electrode rims."""

@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from femu_piezo.geometry.regions import Footprint
     from femu_piezo.geometry.slab import Slab
 
+#: Drawing units per metre: the tolerances of OpenCASCADE are made for drawings in mm.
+DRAWING_UNIT = 1e3
+
 
 def draw_plane(gmsh, slab: Slab, mirrors: tuple[int, ...]) -> list[tuple[int, int]]:
     """(dim, tag) of the surfaces of the computed part in the plane z = 0, cut along every electrode edge."""

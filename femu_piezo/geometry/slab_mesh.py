@@ -44,7 +44,7 @@ from femu_piezo.geometry.regions import Circle, Rectangle, Trapezoid
 from femu_piezo.geometry.round_body import PINHOLE, angles_of, divisions_for
 from femu_piezo.geometry.shape import check_unknowns, fits, solution_cost
 from femu_piezo.geometry.shapes import Plate, fewest_divisions
-from femu_piezo.geometry.slab_cad import divide_curves, draw_plane, partial_footprints
+from femu_piezo.geometry.slab_cad import DRAWING_UNIT, divide_curves, draw_plane, partial_footprints
 
 if TYPE_CHECKING:
     from femu_piezo.geometry.slab import Slab
@@ -70,8 +70,8 @@ _ENTRY_MEMORY = 0.6
 #: Where the cells at rims do not fit into the memory, the accuracy is relaxed as long as it is not above this.
 _LEAST_ACCURACY = 1e-3
 #: Settings of gmsh that are tried: shares of the edge, cells of a full circle. The search ends at a mesh whose least
-#: Jacobian over the mean in a cell exceeds `_GOOD`. Drawing units per metre.
-_SHRUNK, _PER_CIRCLE, _GOOD, _DRAWING_UNIT = (1.0, 0.7, 0.5, 0.35), (8, 12, 16), 0.05, 1e3
+#: Jacobian over the mean in a cell exceeds `_GOOD`.
+_SHRUNK, _PER_CIRCLE, _GOOD = (1.0, 0.7, 0.5, 0.35), (8, 12, 16), 0.05
 
 
 @dataclass(frozen=True)
@@ -336,14 +336,14 @@ def _drawn_plane(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> PlaneM
 def _drawing(slab: Slab, edge: float, mirrors: tuple[int, ...], per_circle: int, subdivided: bool) -> meshio.Mesh:
     """Quadrangles with edges of about `edge`, m, drawn in mm; directly from gmsh, or by subdivision of its cells."""
     options = {
-        "Mesh.MeshSizeMax": edge * _DRAWING_UNIT * (2 if subdivided else 1),
+        "Mesh.MeshSizeMax": edge * DRAWING_UNIT * (2 if subdivided else 1),
         "Mesh.ElementOrder": 2,
         "Mesh.RecombineAll": 1,
         "Mesh.RecombinationAlgorithm": 1 if subdivided else 3,
         "Mesh.SubdivisionAlgorithm": int(subdivided),
         "Mesh.Algorithm": 6 if subdivided else 8,
     }
-    drawn = slab.scaled(_DRAWING_UNIT)  # the tolerances of OpenCASCADE are made for drawings in mm
+    drawn = slab.scaled(DRAWING_UNIT)
 
     def build(gmsh) -> None:
         draw_plane(gmsh, drawn, mirrors)
@@ -354,7 +354,7 @@ def _drawing(slab: Slab, edge: float, mirrors: tuple[int, ...], per_circle: int,
 
 def _plane_mesh(raw: meshio.Mesh) -> PlaneMesh:
     """The quadrangles of second order of a drawing in mm, counterclockwise, in m; their sides are lines and arcs."""
-    cells, points = raw.cells_dict["quad9"].T, raw.points[:, :2].T / _DRAWING_UNIT
+    cells, points = raw.cells_dict["quad9"].T, raw.points[:, :2].T / DRAWING_UNIT
     corners, vertex = np.unique(cells[:4], return_inverse=True)
     quads, middles = vertex.reshape(4, -1), points[:, cells[4:8]]
     turned = _signed_area(points[:, cells[:4]]) < 0

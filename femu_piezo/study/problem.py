@@ -8,7 +8,7 @@ import numpy as np
 
 from femu_piezo.errors import InputError
 from femu_piezo.forward.model import ElectroelasticModel
-from femu_piezo.geometry.shape import Shape
+from femu_piezo.geometry.shape import Shape, field_axis, is_poled_across_field
 from femu_piezo.inference.unknowns import FreeConstants
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
@@ -140,12 +140,11 @@ def _constants(material: Material, base: PiezoConstants | None) -> PiezoConstant
 
 def _driving_constant(shape: Shape) -> str:
     """The piezoelectric constant that drives the first mode: d15 where the field lies across the poling."""
-    along = abs(shape.poling_direction[0 if shape.poling == "length" else 2])
-    if along < 1e-6:
+    if is_poled_across_field(shape):
         return "d15"
     return "d31" if shape.poling == "thickness" else "d33"
 
 
 def _named(shape: Shape) -> str:
-    axis = shape.poling_direction
-    return f"its {shape.poling}" if axis[0 if shape.poling == "length" else 2] == 1 else f"the direction {list(axis)}"
+    direction = shape.poling_direction
+    return f"its {shape.poling}" if direction[field_axis(shape)] == 1 else f"the direction {list(direction)}"

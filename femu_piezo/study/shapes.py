@@ -5,17 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from femu_piezo.errors import InputError
-from femu_piezo.forward.thin_limits import thin_bar_frequency, thin_disk_frequency, thin_ring_frequency
+from femu_piezo.forward.thin_limits import NARROW_RING, thin_bar_frequency, thin_disk_frequency, thin_ring_frequency
 from femu_piezo.geometry import catalogue
 from femu_piezo.geometry.mesh_file import MeshFile
 from femu_piezo.geometry.regions import Circle
-from femu_piezo.geometry.shape import Shape
+from femu_piezo.geometry.shape import Shape, poling_along_field
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Electrodes, Slab
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.specimen.geometry import Geometry
 
+#: Cosine of the angle between poling and field below which the first mode is a shear of the thickness.
+_SHEARED = 0.5
 _FINER = '; elements = "tetrahedron" in [geometry] leaves a third of it'
 
 
@@ -89,8 +91,7 @@ def electrode_notes(specimen: Specimen) -> tuple[str, ...]:
 
 def first_mode_Hz(shape: Shape, constants: PiezoConstants, density: float) -> float:
     """First driven mode in the limit of a thin body, Hz: bar, disk or ring, along the thickness for tall ones."""
-    sheared = abs(shape.poling_direction[0 if shape.poling == "length" else 2]) < 0.5
-    if sheared:
+    if poling_along_field(shape) < _SHEARED:
         return thin_bar_frequency(constants.s44, density, shape.electrode_gap)
     if isinstance(shape, Plate):
         compliance = constants.s11 if shape.poling == "thickness" else constants.s33
@@ -101,6 +102,6 @@ def first_mode_Hz(shape: Shape, constants: PiezoConstants, density: float) -> fl
     if not isinstance(shape, Slab) or not isinstance(shape.outline, Circle):
         return thin_bar_frequency(constants.s11, density, float(size.max()))
     inner = max((hole.diameter for hole in shape.holes if hole.center == (0.0, 0.0)), default=0.0)
-    if inner > 0.3 * shape.outline.diameter:
+    if inner > NARROW_RING * shape.outline.diameter:
         return thin_ring_frequency(constants, density, (inner + shape.outline.diameter) / 4)
     return thin_disk_frequency(constants, density, shape.outline.diameter / 2)

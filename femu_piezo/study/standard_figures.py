@@ -9,11 +9,12 @@ import numpy as np
 
 from femu_piezo.extraction.roots import Pair
 from femu_piezo.forward.thin_limits import (
+    NARROW_RING,
     thin_bar_frequency,
     thin_disk_frequency,
     thin_ring_frequency,
 )
-from femu_piezo.geometry.shape import Shape
+from femu_piezo.geometry.shape import Shape, field_axis, is_poled_across_field, is_poled_along_field
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Slab
 from femu_piezo.material.constants import PiezoConstants
@@ -31,8 +32,6 @@ _NEAR, _COUPLED = 1.2, 0.15
 _BEYOND = 1.5
 #: Ratio of two dimensions from which a plate counts as wide.
 _WIDE = 4.0
-#: The inner over the outer diameter from which a ring counts as narrow (`femu_piezo.study.shapes`).
-_NARROW = 0.3
 #: A body of which the standards give no formula.
 _OTHER = Piece("other", 1.0, None, None, 1.0)
 
@@ -135,13 +134,11 @@ def pieces_of(shape: Shape, constants: PiezoConstants, density: float) -> list[t
     gap, area = shape.electrode_gap, shape.electrode_area
     sigma = float((-constants.s12 / constants.s11).real)
     common = {"gap": gap, "area": area, "density": density, "poisson": sigma}
-    axis = 0 if shape.poling == "length" else 2
-    along = abs(shape.poling_direction[axis])
-    if along < 1e-6 and isinstance(shape, Plate):
-        lateral = min(size for index, size in enumerate(shape.dimensions) if index != axis)
+    if is_poled_across_field(shape) and isinstance(shape, Plate):
+        lateral = min(size for index, size in enumerate(shape.dimensions) if index != field_axis(shape))
         piece = Piece("shear plate", gap, **common, aspect=("width/thickness", lateral / gap))
         return [(piece, thin_bar_frequency(constants.s44, density, gap))]
-    if along < 1 - 1e-6:
+    if not is_poled_along_field(shape):
         return []
     if isinstance(shape, Plate):
         return _of_plate(shape, constants, density, common)
@@ -170,7 +167,7 @@ def _of_round(shape: Slab, constants: PiezoConstants, density: float, common: di
         piece = Piece("k33 bar", shape.thickness, **common, aspect=("length/diameter", shape.thickness / (2 * outer)))
         return [(piece, thin_bar_frequency(constants.s33, density, shape.thickness))]
     thick = _thickness(shape.thickness, (2 * outer) / shape.thickness, constants, density, common)
-    if inner > _NARROW * outer:
+    if inner > NARROW_RING * outer:
         ratio = ("mean diameter/width", (inner + outer) / (outer - inner))
         ring = Piece("ring", inner + outer, **common, aspect=ratio)
         return [(ring, thin_ring_frequency(constants, density, (inner + outer) / 2)), *thick]

@@ -6,7 +6,7 @@ import numpy as np
 
 from femu_piezo.extraction.roots import Pair
 from femu_piezo.geometry.regions import Circle
-from femu_piezo.geometry.shape import Shape
+from femu_piezo.geometry.shape import Shape, is_poled_along_field
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.geometry.slab import Slab
 from femu_piezo.inference.starts.thin_body import bar_permittivity, bar_start, disk_permittivity, disk_start
@@ -18,14 +18,9 @@ _TANGENT = 0.01
 _UNIFORM = 1e-4
 
 
-def poled_along_field(shape: Shape) -> bool:
-    """Whether the poling is along the field: then s and d of that direction drive the first mode."""
-    return abs(shape.poling_direction[0 if shape.poling == "length" else 2]) > 1 - 1e-9
-
-
 def pair_names(shape: Shape) -> tuple[str, ...]:
     """The two constants that one pole and one zero of the fundamental determine; none for a body poled askew."""
-    if not poled_along_field(shape):
+    if not is_poled_along_field(shape):
         return ()
     return ("s11", "d31") if shape.poling == "thickness" else ("s33", "d33")
 
@@ -33,7 +28,7 @@ def pair_names(shape: Shape) -> tuple[str, ...]:
 def has_uniform_field(shape: Shape) -> bool:
     """Whether the static field is uniform and along the poling, so that the capacitance is ε33T A/d (eqs 41, 42)."""
     full = abs(shape.electrode_area * shape.electrode_gap / shape.volume - 1) < _UNIFORM
-    return full and poled_along_field(shape)
+    return full and is_poled_along_field(shape)
 
 
 def solid_disk_radius(shape: Shape) -> float | None:
@@ -50,7 +45,7 @@ def start_values(problem: Problem, pair: Pair, eps33T: float) -> dict[str, compl
     lies where that of the file's constants is expected.
     """
     shape, constants = problem.plate, problem.constants
-    if not poled_along_field(shape):
+    if not is_poled_along_field(shape):
         return {}
     pole, zero = pair.pole.frequency_Hz, pair.zero.frequency_Hz
     radius = solid_disk_radius(shape)
@@ -67,7 +62,7 @@ def start_values(problem: Problem, pair: Pair, eps33T: float) -> dict[str, compl
 def start_permittivity(problem: Problem, pair: Pair, frequency_Hz: float, admittance: complex) -> complex:
     """ε33T from one point of the sweep by thin-body formulas; that of the file where these give no positive value."""
     shape = problem.plate
-    if not poled_along_field(shape):
+    if not is_poled_along_field(shape):
         return problem.constants.eps33T
     point = (pair.pole.frequency_Hz, pair.zero.frequency_Hz, frequency_Hz, admittance)
     if solid_disk_radius(shape) is not None:

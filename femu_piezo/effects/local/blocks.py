@@ -28,7 +28,7 @@ class Blocks:
         """(…, r, r) sum of the matrices along their first axis with weights (n,)."""
         return self._full(np.tensordot(weights, self.inner, axes=1))
 
-    def among(self, numbers: np.ndarray, size: int) -> Blocks:
+    def embedded(self, numbers: np.ndarray, size: int) -> Blocks:
         """These matrices over `size` unknowns, in which the present unknowns have the given indices."""
         return Blocks(self.inner, numbers[self.at], size)
 

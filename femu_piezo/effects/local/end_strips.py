@@ -102,10 +102,10 @@ class BareEnds:
         value, slope = (blocks.combined(weights) for weights in between_widths(self.widths[: len(blocks.inner)], width))
         return value, slope
 
-    def among(self, numbers: np.ndarray, size: int) -> BareEnds:
+    def embedded(self, numbers: np.ndarray, size: int) -> BareEnds:
         """These strips over `size` unknowns, in which the present unknowns have the given indices."""
-        every = (blocks.among(numbers, size) for blocks in (self.apart, self.mirrored, self.meeting))
-        further = None if self.further is None else lambda: self.further().among(numbers, size)
+        every = (blocks.embedded(numbers, size) for blocks in (self.apart, self.mirrored, self.meeting))
+        further = None if self.further is None else lambda: self.further().embedded(numbers, size)
         return BareEnds(self.widths, *every, further)
 
 

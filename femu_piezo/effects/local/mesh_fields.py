@@ -20,7 +20,16 @@ import scipy.sparse.linalg as spla
 from femu_piezo.effects.effect import ExtraTerm
 from femu_piezo.effects.local.face_on_mesh import LevelOfMesh, MeshFace
 from femu_piezo.effects.local.faces import Face
-from femu_piezo.effects.local.sectors import DRIVEN, FACES, MIDDLE, MODES_BEYOND, SPOT, Fields, driven_states
+from femu_piezo.effects.local.sectors import (
+    DRIVEN,
+    FACES,
+    MIDDLE,
+    MODES_BEYOND,
+    RESPONSE_SHIFT,
+    SPOT,
+    Fields,
+    driven_states,
+)
 from femu_piezo.forward.electrodes import electrode_faces, electrode_film
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.model import ElectroelasticModel
@@ -35,8 +44,6 @@ UNDRIVEN, FILM = "undriven", "film"
 _KEEP = 1e-3
 #: Size of the part of a mode outside the driven unknowns below which these represent the mode.
 _OUTSIDE_DRIVEN = 1e-2
-#: ω² of the local responses, as a share of the band's.
-_SHIFT = 0.3
 
 #: Axes normal to the mirror planes about which the parity of a class is flipped.
 Flipped = tuple[int, ...]
@@ -221,7 +228,7 @@ class MeshFields(Fields):
 
     def _responding(self, flipped: Flipped) -> Response:
         parity = ParityClass(self.model, self.constants, flipped)
-        factor = parity.factor(_SHIFT * self._top)
+        factor = parity.factor(RESPONSE_SHIFT * self._top)
         return lambda loads: parity.prolongation @ factor.solve(parity.prolongation.T @ loads)
 
     def _loads(self, kind: str, flipped: Flipped) -> np.ndarray:

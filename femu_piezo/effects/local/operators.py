@@ -61,9 +61,11 @@ class Slices:
     matrices: Blocks
     lateral: Blocks
 
-    def among(self, numbers: np.ndarray, size: int) -> Slices:
+    def embedded(self, numbers: np.ndarray, size: int) -> Slices:
         """These operators over `size` unknowns, in which the present unknowns have the given indices."""
-        return replace(self, matrices=self.matrices.among(numbers, size), lateral=self.lateral.among(numbers, size))
+        return replace(
+            self, matrices=self.matrices.embedded(numbers, size), lateral=self.lateral.embedded(numbers, size)
+        )
 
 
 @dataclass(frozen=True)
@@ -81,10 +83,10 @@ class Deformation:
     inertia: Blocks
     inertia_second: Blocks | None = None
 
-    def among(self, numbers: np.ndarray, size: int) -> Deformation:
+    def embedded(self, numbers: np.ndarray, size: int) -> Deformation:
         """These operators over `size` unknowns, in which the present unknowns have the given indices."""
         parts = (self.first, self.second, self.inertia, self.inertia_second)
-        return Deformation(*(part if part is None else part.among(numbers, size) for part in parts))
+        return Deformation(*(part if part is None else part.embedded(numbers, size) for part in parts))
 
     def terms(self, places: Places, omega: np.ndarray, p: np.ndarray) -> list[LocalTerm]:
         """Terms of an effect whose only parameter is ε (`femu_piezo.effects.effect.LocalHook`)."""
@@ -137,9 +139,9 @@ class Edges:
         value, slope = lagrange(reach), lagrange.derivative(reach)
         return self.matrices.combined(reach * value), self.matrices.combined(value + reach * slope)
 
-    def among(self, numbers: np.ndarray, size: int) -> Edges:
+    def embedded(self, numbers: np.ndarray, size: int) -> Edges:
         """These operators over `size` unknowns, in which the present unknowns have the given indices."""
-        return Edges(self.reaches, self.matrices.among(numbers, size))
+        return Edges(self.reaches, self.matrices.embedded(numbers, size))
 
 
 @dataclass(frozen=True)
@@ -154,9 +156,9 @@ class Uneven:
         """Stiffness and inertia."""
         return self.stiffness, self.inertia
 
-    def among(self, numbers: np.ndarray, size: int) -> Uneven:
+    def embedded(self, numbers: np.ndarray, size: int) -> Uneven:
         """These operators over `size` unknowns, in which the present unknowns have the given indices."""
-        return Uneven(*(part.among(numbers, size) for part in self.both))
+        return Uneven(*(part.embedded(numbers, size) for part in self.both))
 
 
 class Places:
@@ -313,7 +315,7 @@ class Places:
         names = tuple(name for name in self.sectors.names if name != SPOT and concerns(class_of(name), name))
         few = Sectors(names, self.sectors.all_fields)
         found = self._shared.get((make, names), lambda: make(few))
-        return found if names == self.sectors.names else found.among(self.sectors.numbers(names), self.size)
+        return found if names == self.sectors.names else found.embedded(self.sectors.numbers(names), self.size)
 
 
 def _slices(sectors: Sectors) -> Slices:

@@ -82,11 +82,11 @@ class BareRims:
                 by_asymmetry = by_asymmetry + blocks.combined(np.sum(weight * moved, axis=0))
         return value, by_width, by_asymmetry
 
-    def among(self, numbers: np.ndarray, size: int) -> BareRims:
+    def embedded(self, numbers: np.ndarray, size: int) -> BareRims:
         """These strips over `size` unknowns, in which the present unknowns have the given indices."""
-        apart = tuple(tuple(blocks.among(numbers, size) for blocks in rim) for rim in self.apart)
-        further = None if self.further is None else lambda: self.further().among(numbers, size)
-        return BareRims(self.widths, apart, self.meeting.among(numbers, size), further)
+        apart = tuple(tuple(blocks.embedded(numbers, size) for blocks in rim) for rim in self.apart)
+        further = None if self.further is None else lambda: self.further().embedded(numbers, size)
+        return BareRims(self.widths, apart, self.meeting.embedded(numbers, size), further)
 
 
 def measure_bare_rims(sectors: Sectors) -> BareRims:

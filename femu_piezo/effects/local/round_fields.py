@@ -24,7 +24,16 @@ from numpy.polynomial import legendre
 from femu_piezo.effects.effect import ExtraTerm
 from femu_piezo.effects.local.faces import RoundFace
 from femu_piezo.effects.local.round_deformations import COUPLED, RoundDeformation
-from femu_piezo.effects.local.sectors import DRIVEN, FACES, MIDDLE, MODES_BEYOND, SPOT, Fields, driven_states
+from femu_piezo.effects.local.sectors import (
+    DRIVEN,
+    FACES,
+    MIDDLE,
+    MODES_BEYOND,
+    RESPONSE_SHIFT,
+    SPOT,
+    Fields,
+    driven_states,
+)
 from femu_piezo.forward.electrodes import electrode_film
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.linear_solver import factorize
@@ -41,8 +50,6 @@ ORDERS = {number: f"order {number}" for number in COUPLED.values()}
 JOINING = {**COUPLED, RIMS: 1}
 #: Sectors that an effect at any place asks for.
 AT_A_PLACE = (BENDING, *ORDERS.values(), AROUND)
-#: ω² of the local responses, as a share of the band's.
-_SHIFT = 0.3
 #: Kinetic energy outside the known fields, over that of a whole response, below which a direction is left out.
 _NEW = 1e-6
 #: Share of the largest kinetic energy of known fields below which that of a field is rounding: driven unknowns may have
@@ -218,7 +225,7 @@ class RoundFields(Fields):
     def _response(self, order: FourierOrder, flipped: bool, loads: np.ndarray, known: np.ndarray) -> np.ndarray:
         """(4n, k) response of a class to loads (4n, j), made new against `known` (4n, i) by `_new_beside`."""
         free, stiffness = order.free(flipped), order.stiffness(self._tensor)
-        operator = free.T @ (stiffness - _SHIFT * self._top * order.mass) @ free
+        operator = free.T @ (stiffness - RESPONSE_SHIFT * self._top * order.mass) @ free
         found = free @ factorize(operator.tocsr()).solve(free.T @ loads)
         return self._new_beside(order, flipped, found, known)
 

@@ -26,6 +26,8 @@ from femu_piezo.threads import made_once
 DRIVEN, SPOT = "driven", "spot"
 #: Modes of classes that the terminals do not drive are kept up to this multiple of the band's ω².
 MODES_BEYOND = 2.5
+#: ω² of the responses to loads at a place, as a share of the band's.
+RESPONSE_SHIFT = 0.3
 #: Shares of the thickness that both faces together and the middle plane stand for, by Simpson's rule.
 FACES, MIDDLE = 1 / 3, 2 / 3
 
