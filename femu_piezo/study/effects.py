@@ -81,6 +81,14 @@ def effect_context(
     )
 
 
+def expected_context(problem: Problem, band_Hz: tuple[float, float]) -> EffectContext:
+    """The context of a specimen before it is measured: pole and |Z| as its constants let expect, its first sweep."""
+    capacitance = abs(problem.constants.eps33T) * problem.plate.electrode_area / problem.plate.electrode_gap
+    pole = problem.expected_pole_Hz
+    impedance = 1 / (2 * np.pi * pole * capacitance)
+    return effect_context(problem, pole, impedance, band_Hz, taken=taken_of(problem.specimen)[0])
+
+
 def known_effects(
     problem: Problem, context: EffectContext, effects: Iterable[Maker] | None = None, *, fitted: bool = False
 ) -> tuple[tuple[Effect, np.ndarray], ...]:
@@ -109,11 +117,7 @@ def effects_as_simulated(
     """
     if not problem.specimen.effects and not set(problem.specimen.fitted or {}) - {"material"}:
         return ()
-    capacitance = abs(problem.constants.eps33T) * problem.plate.electrode_area / problem.plate.electrode_gap
-    typical = 1 / (2 * np.pi * problem.expected_pole_Hz * capacitance)
-    taken = taken_of(problem.specimen)[0]
-    context = effect_context(problem, problem.expected_pole_Hz, typical, band_Hz, taken=taken)
-    return known_effects(problem, context, effects, fitted=True)
+    return known_effects(problem, expected_context(problem, band_Hz), effects, fitted=True)
 
 
 def simulated_with_effects(

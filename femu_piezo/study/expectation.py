@@ -19,8 +19,7 @@ from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Estimate, MaterialParameters, Unknowns
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import Measurement
-from femu_piezo.study.effects import effect_context
-from femu_piezo.study.measured import taken_of
+from femu_piezo.study.effects import expected_context
 from femu_piezo.study.problem import Problem
 from femu_piezo.study.subjects import LEAST_ERROR, Subject, subject
 from femu_piezo.study.unknowns import as_filed, unknowns_of
@@ -106,10 +105,7 @@ def _planned(problem: Problem, name: str, band_Hz: tuple[float, float]) -> Subje
     specimen = problem.specimen
     measurement = specimen.measurement or Measurement()
     measured = replace(problem, specimen=specimen.model_copy(update={"measurement": measurement}))
-    capacitance = abs(problem.constants.eps33T) * problem.plate.electrode_area / problem.plate.electrode_gap
-    typical = 1 / (2 * np.pi * problem.expected_pole_Hz * capacitance)
-    context = effect_context(measured, problem.expected_pole_Hz, typical, band_Hz, taken=taken_of(specimen)[0])
-    return subject(name, problem, None, np.zeros(0), context)
+    return subject(name, problem, None, np.zeros(0), expected_context(measured, band_Hz))
 
 
 def expect(subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise: float) -> Expectation:
