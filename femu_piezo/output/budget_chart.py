@@ -1,4 +1,4 @@
-"""Picture of an uncertainty budget: for every constant and tangent, which share of the variance comes from what."""
+"""Picture of an uncertainty budget: the shares of the variance of every constant and tangent, by source."""
 
 from __future__ import annotations
 
@@ -21,33 +21,37 @@ SOURCE_COLOURS = dict(
         strict=True,
     )
 )
-#: What a reader calls them.
+#: Names of sources in the legend, where they differ from the key.
 _WORDS = {"held": "held constants", "geometry": "dimensions", "law": "law of a cause", "mesh": "mesh and basis"}
-#: Share of the variance below which a source is left out of every bar's legend, and from which a bar says its number.
+#: A source whose share of the variance is below the first in every bar is not drawn; shares from the second on are
+#: written into the bar.
 _SEEN, _NUMBERED = 0.005, 0.07
 #: Colours on which a number is written in black.
 _LIGHT = ("#c8c8c8", "#e59866", "#7dcea0", "#f5b041", "#5dade2")
 
 
 def budget_shares(parameters: Mapping[str, Estimate]) -> dict[str, dict[str, float]]:
-    """ "s11", "tan s11", … → source → its share of the variance; those that have a budget."""
+    """ "s11", "tan s11", … → source → its share of the variance, 0 to 1; estimates without a budget are left out."""
     found = {}
-    for name, one in parameters.items():
-        for label, parts, std in ((name, one.budget, one.std), (f"tan {name}", one.tan_budget, one.tan_std)):
+    for name, estimate in parameters.items():
+        for label, parts, std in (
+            (name, estimate.budget, estimate.std),
+            (f"tan {name}", estimate.tan_budget, estimate.tan_std),
+        ):
             if parts and std:
                 found[label] = {source: (part / std) ** 2 for source, part in parts.items()}
     return found
 
 
 def budget_figure(title: str, parameters: Mapping[str, Estimate]) -> Figure:
-    """Bars of 100 %, one a constant and one a tangent, their deviations beside them."""
+    """A bar of 100 % for each constant and each tangent, divided by source, with the deviation at its right end."""
     shares = budget_shares(parameters)
     figure = Picture(figsize=(8.0, 1.3 + 0.36 * len(shares)), layout="constrained")
     axes = figure.subplots()
-    shown = [source for source in SOURCES if any(one.get(source, 0.0) >= _SEEN for one in shares.values())]
+    shown = [source for source in SOURCES if any(parts.get(source, 0.0) >= _SEEN for parts in shares.values())]
     starts = dict.fromkeys(shares, 0.0)
     for source in shown:
-        widths = [100 * one.get(source, 0.0) for one in shares.values()]
+        widths = [100 * parts.get(source, 0.0) for parts in shares.values()]
         colour = SOURCE_COLOURS[source]
         name = _WORDS.get(source, source)
         bars = axes.barh(list(shares), widths, left=list(starts.values()), color=colour, label=name, height=0.72)
@@ -68,5 +72,9 @@ def budget_figure(title: str, parameters: Mapping[str, Estimate]) -> Figure:
 
 
 def _deviation(label: str, parameters: Mapping[str, Estimate]) -> str:
-    one = parameters[label.removeprefix("tan ")]
-    return f"± {one.tan_std:.2g}" if label.startswith("tan ") else f"± {100 * one.std / abs(one.value):.2g} %"
+    estimate = parameters[label.removeprefix("tan ")]
+    return (
+        f"± {estimate.tan_std:.2g}"
+        if label.startswith("tan ")
+        else f"± {100 * estimate.std / abs(estimate.value):.2g} %"
+    )

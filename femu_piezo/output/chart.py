@@ -15,7 +15,7 @@ _DIGITS = 7
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis. limits : (low, high) kept fixed; to the data in sight where None."""
+    """One axis. limits : fixed (low, high); where None, the axis fits the data in view."""
 
     label: str
     log: bool = False
@@ -50,9 +50,9 @@ class Chart:
 
     Attributes
     ----------
-    group : name of those that zoom together
+    group : its name
     views : name → (low, high) of x, offered as buttons
-    height : of the drawing, in units of which the width has 860
+    height : of the drawing, whose width is 860 in the same unit
     """
 
     x: Axis

@@ -20,16 +20,17 @@ from femu_piezo.study.results import Outcome, UpdateResult
 
 _A4 = (8.27, 11.69)
 _DARK, _ACCENT = "#222222", "#c0392b"
-#: Places on the page: first line of the tables, lowest line of them, top of the notes; distance of lines, size of their
-#: letters, and lines that a table has beside its rows.
+#: Heights on the page, 0 to 1: first and lowest line of the tables, top of the notes, distance of lines; then the size
+#: of letters, points, and the lines that a table takes in addition to its rows.
 _TOP, _CURVES, _NOTES, _STEP, _SIZE, _HEAD = 0.905, 0.37, 0.145, 0.0145, 7.6, 3.3
-_OF_FURTHER = ("fs", "fp", "k_eff", "Qm_pole", "kt", "Nt", "c33", "c33D")
-#: Characters of a line of notes, and how many lines of them have room.
+#: Figures of the modes after the fundamental that the sheet states.
+_OF_FURTHER_MODES = ("fs", "fp", "k_eff", "Qm_pole", "kt", "Nt", "c33", "c33D")
+#: Characters of a line of notes, and the lines of notes that have room.
 _WIDTH, _LINES = 140, 8
 
 
 def data_sheet(result: UpdateResult, index: int = 0) -> Figure:
-    """The page of one specimen of an update."""
+    """The page of one sweep of an update."""
     outcome, modes = result.outcomes[index], result.figures[index]
     page = Picture(figsize=_A4)
     page.text(0.07, 0.955, outcome.measured.problem.specimen.name, size=16, weight="bold", color=_DARK)
@@ -72,15 +73,15 @@ def _body_words(outcome: Outcome) -> str:
 
 def _constants(result: UpdateResult) -> list[tuple[str, ...]]:
     rows = []
-    for name, one in result.parameters.items():
+    for name, estimate in result.parameters.items():
         factor, unit = PRINTED[name]
-        value = number(one.value * factor, None if one.std is None else one.std * factor)
-        source = one.largest_part
+        value = number(estimate.value * factor, None if estimate.std is None else estimate.std * factor)
+        source = estimate.largest_part
         rows.append(
             (
                 name,
                 f"({value}) {unit}" if "±" in value else f"{value} {unit}",
-                number(one.tan, one.tan_std),
+                number(estimate.tan, estimate.tan_std),
                 source or "",
             )
         )
@@ -88,11 +89,11 @@ def _constants(result: UpdateResult) -> list[tuple[str, ...]]:
 
 
 def _figures(modes: Sequence[StandardFigures]) -> list[tuple[str, ...]]:
-    """All of the fundamental, of a further mode what the body gives and where it is."""
-    told = [*modes[0].figures, *(one for mode in modes[1:] for one in mode.figures if one.name in _OF_FURTHER)]
+    """Rows of all figures of the fundamental, and of those in `_OF_FURTHER_MODES` of the other modes."""
+    stated = [*modes[0].figures, *(one for mode in modes[1:] for one in mode.figures if one.name in _OF_FURTHER_MODES)]
     return [
         (one.name, figure_words(one), figure_words(one, model=True), deviation_percent(one.deviation), one.meaning)
-        for one in told
+        for one in stated
     ]
 
 
@@ -126,18 +127,18 @@ def _curves(page: Figure, outcome: Outcome, top: float) -> None:
 
 
 def _footer(page: Figure, result: UpdateResult, modes: Sequence[StandardFigures]) -> None:
-    """The notes as far as there is room, what the formulas get wrong, and where the page is from."""
+    """The notes and the errors of the formulas as far as there is room, then version and date of the page."""
     sentences = [*result.notes, *(one.formula_words for one in modes if one.formula_words)]
     sentences += [note for one in modes for note in one.notes]
     sentences.insert(0, "± is one standard deviation; a constant is value (1 − j tan), time factor exp(jωt)")
-    lines, left = [], list(sentences)
-    while left:
-        wrapped = textwrap.wrap(f"{left[0][0].upper()}{left[0][1:]}.", _WIDTH)
-        if len(lines) + len(wrapped) > _LINES - (len(left) > 1):
-            lines.append(f"Further notes: {len(left)}, in update.json.")
+    lines, remaining = [], list(sentences)
+    while remaining:
+        wrapped = textwrap.wrap(f"{remaining[0][0].upper()}{remaining[0][1:]}.", _WIDTH)
+        if len(lines) + len(wrapped) > _LINES - (len(remaining) > 1):
+            lines.append(f"Further notes: {len(remaining)}, in update.json.")
             break
         lines += wrapped
-        left.pop(0)
+        remaining.pop(0)
     page.text(0.07, _NOTES, "\n".join(lines), size=7, va="top", color="#333333", linespacing=1.35)
     made = f"femu-piezo {metadata.version('femu-piezo')}, {datetime.now(UTC):%Y-%m-%d %H:%M UTC}"
     page.text(0.07, 0.03, made, size=6.5, color="#777777")

@@ -1,4 +1,4 @@
-"""diagnosis.json and the picture of residuals before and after."""
+"""The content of diagnosis.json and curves.csv, and the picture of the residuals of base and final model."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from femu_piezo.study.diagnose import DiagnosedSweep, Diagnosis
 
 
 def diagnosis_record(result: Diagnosis) -> dict:
-    """diagnosis.json."""
+    """The content of diagnosis.json, JSON types."""
     verdict, comparison = result.verdict, result.comparison
     return {
         "specimen": result.piece.name,
@@ -73,7 +73,7 @@ def diagnosis_record(result: Diagnosis) -> dict:
 
 
 def _answers(result: Diagnosis) -> dict:
-    """The four answers of the report in words, beside their shortest form."""
+    """The headline and the four groups of sentences of the report."""
     said = answer(result)
     return {
         "headline": said.headline,
@@ -97,21 +97,26 @@ def _cause_record(cause: Cause) -> dict:
 
 
 def _discrepancy(comparison: Comparison) -> dict | None:
-    """Form and size of what no named cause describes; None where nothing is left."""
-    left = comparison.final.discrepancy
-    if left is None:
+    """Form, its parameter, size and log evidence of the discrepancy of the final fit; None where it has none."""
+    discrepancy = comparison.final.discrepancy
+    if discrepancy is None:
         return None
-    place = {
+    key_of_form = {
         "smooth": "length",
         "of every resonance": "strength_over_frequency",
         "a resonance of its own": "frequency_Hz",
         "a step": "frequency_Hz",
     }
-    return {"form": left.form, place[left.form]: left.place, "sigma": left.sigma, "log_evidence": left.log_evidence}
+    return {
+        "form": discrepancy.form,
+        key_of_form[discrepancy.form]: discrepancy.place,
+        "sigma": discrepancy.sigma,
+        "log_evidence": discrepancy.log_evidence,
+    }
 
 
 def _tolerances(result: Diagnosis) -> list[dict]:
-    """Where the final fit left what has a tolerance."""
+    """The effects that have a tolerance, with their values in the final fit."""
     final = result.comparison.final
     return [
         {"effect": effect.title, "tolerance": effect.tolerance.tolist(), "parameters": _sizes(effect, values, std)}
@@ -135,43 +140,43 @@ def _pole_zero(sweep: DiagnosedSweep) -> dict:
     return record | {"unexplained": {"before": before.to_json(), "after": after.to_json()}}
 
 
-def _remaining(left) -> dict:
+def _remaining(remaining) -> dict:
     return {
-        "structured": left.structured,
-        "size": left.size,
-        "p_size": left.p_size,
-        "p_white": left.p_white,
-        "worst_Hz": [list(band) for band in left.worst_Hz],
+        "structured": remaining.structured,
+        "size": remaining.size,
+        "p_size": remaining.p_size,
+        "p_white": remaining.p_white,
+        "worst_Hz": [list(band) for band in remaining.worst_Hz],
     }
 
 
 def _candidates(result: Diagnosis) -> list[dict]:
-    """Every candidate alone with constants and tolerances, best first; evidence as its log odds over none."""
+    """Every candidate, fitted alone with constants and tolerances, best first; "evidence" is its log odds over none."""
     hidden = {effect.key: constant for effect, constant in result.verdict.hidden}
     records = []
     for trial in result.comparison.singles:
-        effect, found = trial.effect, trial.fit
+        effect, fit = trial.effect, trial.fit
         record = {
             "effect": effect.name,
             "variant": effect.variant or None,
             "law": effect.law or None,
-            "converged": found is not None,
+            "converged": fit is not None,
             "indistinguishable_from": [hidden[effect.key]] if effect.key in hidden else [],
         }
-        if found is not None:
+        if fit is not None:
             record |= {
                 "parameters": _sizes(effect, trial.values, trial.std),
                 "evidence": trial.log_odds,
-                "chi_square": found.chi_square,
-                "left_out_sigma": found.held_out_score,
-                "on_bound": list(found.on_bound),
+                "chi_square": fit.chi_square,
+                "left_out_sigma": fit.held_out_score,
+                "on_bound": list(fit.on_bound),
             }
         records.append(record)
     return sorted(records, key=lambda record: -record.get("evidence", -np.inf))
 
 
 def _sizes(effect: Effect, values: np.ndarray, std: np.ndarray) -> dict:
-    """Parameters of an effect with deviation and unit; those that stayed exactly at rest are left out."""
+    """Parameter of an effect → value, standard deviation and unit."""
     return {
         p.name: {"value": float(value), "std": float(sigma), "unit": p.unit}
         for p, value, sigma in zip(effect.parameters, values, std, strict=True)
@@ -179,7 +184,7 @@ def _sizes(effect: Effect, values: np.ndarray, std: np.ndarray) -> dict:
 
 
 def curves_text(result: Diagnosis) -> str:
-    """CSV of the sweep shown: measured Z and σ, those of base and final model, and whether fits saw the point."""
+    """CSV of the sweep shown: Z measured, of base and of final model, σ in ohm, and whether the fits used the point."""
     spectrum, (before, after) = result.spectrum, result.curves
     columns = {"frequency_Hz": spectrum.frequency}
     for name, z in (("measured", spectrum.impedance), ("before", before), ("after", after)):
@@ -191,7 +196,7 @@ def curves_text(result: Diagnosis) -> str:
 
 
 def diagnosis_figure(result: Diagnosis) -> Figure:
-    """|Z| measured and modelled, and what base and extended model leave over, in σ."""
+    """|Z| measured and modelled, and the residuals of base and extended model in σ."""
     figure = Picture(figsize=(8.0, 8.5), layout="constrained")
     magnitude, before, after = figure.subplots(3, 1, sharex=True, height_ratios=[3, 2, 2])
     spectrum, sigma = result.spectrum, result.relative_noise / np.sqrt(2)

@@ -58,13 +58,13 @@ def _candidate_table(result: Diagnosis) -> Table:
 
 
 def ranked(result: Diagnosis) -> list[Trial]:
-    """Every candidate that settled, the best first."""
+    """The candidates whose fit converged, in falling order of their log odds."""
     settled = (trial for trial in result.comparison.singles if trial.fit is not None)
     return sorted(settled, key=lambda trial: -trial.log_odds)
 
 
 def fitted_sizes(trial: Trial) -> str:
-    """The parameters of a candidate, without their names."""
+    """The fitted parameters of a candidate with deviation and unit, without their names."""
     found = zip(trial.effect.parameters, trial.values, trial.std, strict=True)
     return ", ".join(quantity(p, float(v), float(s)) for p, v, s in found)
 
@@ -73,7 +73,7 @@ def _constant_table(result: Diagnosis) -> Table:
     table = Table(title="constants", title_justify="left")
     for heading in ("constant", "unit"):
         table.add_column(heading)
-    known = result.verdict.word != "unknown"  # else what is missing in the model has gone into the constants
+    known = result.verdict.word != "unknown"  # otherwise the constants absorb what the model lacks
     for heading in ("before", "after", *["95 %, whatever the cause"] * known):
         table.add_column(heading, justify="right")
     before, after = result.before, result.after
@@ -106,7 +106,7 @@ def _resonance_table(result: Diagnosis) -> Table:
 
 
 def difference(one: Difference, what: str) -> str:
-    """Δ in % and in σ; what is "frequency", "quality" or "coupling"."""
+    """Simulated − measured, in % or ppm, and in σ; what : "frequency", "quality" or "coupling"."""
     found = getattr(one, what)
     if found is None:
         return "not there" if one.model is None and what == "frequency" else ""

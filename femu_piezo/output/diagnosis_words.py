@@ -16,11 +16,11 @@ from femu_piezo.output.tables import between
 from femu_piezo.output.wording import band, listed, merged, named, percent, plain, sizes, spoken, with_article
 from femu_piezo.study.diagnose import Diagnosis, LinearBody
 
-#: Shift of a constant, in standard deviations, that is told.
+#: Shift of a constant, in standard deviations, above which it is reported.
 _MOVED = 3.0
-#: Length of an interval whatever the cause, over that of the named model alone, from which it is told.
+#: `Spread.wider` above which an interval is reported.
 _WIDER = 1.5
-#: Share of the sweep that stands out from which a misfit is all over it.
+#: Share of the swept band with a conspicuous misfit above which the misfit counts as spread over the whole sweep.
 _WHOLE = 0.6
 _POINTS = (
     "Sweep up and down, and at a tenth of the voltage: a drift or a body that is not linear shows at once. Use the "
@@ -66,23 +66,23 @@ def shifts(result: Diagnosis) -> list[Shift]:
     found = []
     for name, new in after.items():
         old = before[name]
-        for label, one, other, std in (
+        for label, base, final, std in (
             (name, old.value, new.value, new.std),
             (f"tan {name}", old.tan, new.tan, new.tan_std),
         ):
-            found.append(Shift(label, one, other, abs(one - other) / std if std else 0.0, 100 * (one / other - 1)))
+            found.append(Shift(label, base, final, abs(base - final) / std if std else 0.0, 100 * (base / final - 1)))
     return sorted(found, key=lambda shift: -shift.sigma)
 
 
 @dataclass(frozen=True)
 class Spread:
-    """A constant (or loss tangent) that other causes would leave elsewhere.
+    """The interval of 95 % of a constant (or loss tangent), averaged over the sets of causes.
 
     Attributes
     ----------
-    low, high : ends of its interval whatever the cause, in the unit it is printed in
-    wider : how far the farther end is away, over the same by the named set alone
-    cause : what does most of that, in words
+    low, high : its ends, in the unit it is printed in
+    wider : distance of the farther end from the value, over the half width of the interval by the named set alone
+    cause : the other set of causes that contributes most to it, in words
     """
 
     name: str
@@ -94,23 +94,23 @@ class Spread:
 
 
 def spreads(result: Diagnosis) -> list[Spread]:
-    """Every free constant and tangent, the one whose interval other causes widen most first."""
+    """Of every free constant and tangent, in falling order of `wider`."""
     comparison, reach, found = result.comparison, float(ndtri((1 + LEVEL) / 2)), []
     named_causes = tuple(cause.title for cause in comparison.final.parameters.causes)
-    for number, (name, one) in enumerate(result.after.items()):
+    for number, (name, estimate) in enumerate(result.after.items()):
         parts = (
-            (name, *PRINTED[name], one.interval, one.value, one.std),
-            (f"tan {name}", 1.0, "", one.tan_interval, one.tan, one.tan_std),
+            (name, *PRINTED[name], estimate.interval, estimate.value, estimate.std),
+            (f"tan {name}", 1.0, "", estimate.tan_interval, estimate.tan, estimate.tan_std),
         )
         for place, (label, factor, unit, (low, high), value, std) in enumerate(parts, start=2 * number):
             most = comparison.averaged.spread_by(place, value, named_causes, comparison.discrepant)
             wider = max(high - value, value - low) / (reach * std) if std else 0.0
-            found.append(Spread(label, low * factor, high * factor, unit, wider, _other(most, named_causes)))
+            found.append(Spread(label, low * factor, high * factor, unit, wider, _other_set(most, named_causes)))
     return sorted(found, key=lambda spread: -spread.wider)
 
 
-def _other(most: tuple[tuple[str, ...], bool] | None, named_causes: tuple[str, ...]) -> str:
-    """What `Averaged.spread_by` found, in words, as it differs from the named causes."""
+def _other_set(most: tuple[tuple[str, ...], bool] | None, named_causes: tuple[str, ...]) -> str:
+    """The set of causes that `Averaged.spread_by` returns, in words: how it differs from the named causes."""
     if most is None:
         return "one of several other causes"
     causes, discrepant = most
@@ -124,7 +124,7 @@ def _other(most: tuple[tuple[str, ...], bool] | None, named_causes: tuple[str, .
 
 
 def answer(result: Diagnosis) -> Answer:
-    """The four answers."""
+    """The headline and the four groups of sentences of a diagnosis."""
     elsewhere = whatever_the_cause(result) if result.verdict.word != "unknown" else ()
     constants = (*_bias(result, bool(elsewhere)), *elsewhere)
     return Answer(_headline(result), _wrong(result), _sure(result), constants, _measures(result))
@@ -149,16 +149,16 @@ def _headline(result: Diagnosis) -> str:
 
 
 def _likely(causes: Sequence[Cause]) -> list[Cause]:
-    """Those more probable than not, or the most probable one; what else the fit needs is told with its probability."""
+    """The causes more probable than not, else the most probable one; `_sure` reports all with their probabilities."""
     found = [cause for cause in causes if cause.probability >= 0.5]
     return found or [max(causes, key=lambda cause: cause.probability)]
 
 
 def _looks(result: Diagnosis) -> list[str]:
-    """What it looks like that no cause describes."""
-    left = result.comparison.final.discrepancy
+    """Words for the part that no cause describes: forms of the verdict, then the discrepancy of the final fit."""
+    discrepancy = result.comparison.final.discrepancy
     forms = [with_article(spoken(form.effect)) for form in result.verdict.forms]
-    return forms if left is None else [*forms, str(left)]
+    return forms if discrepancy is None else [*forms, str(discrepancy)]
 
 
 def _wrong(result: Diagnosis) -> tuple[str, ...]:
@@ -168,13 +168,13 @@ def _wrong(result: Diagnosis) -> tuple[str, ...]:
         points = f"{len(result.spectrum)} points from {band(frequency[0], frequency[-1])}"
         found.append(f"With its constants updated the model follows the {points} as closely as the noise allows.")
     if verdict.word == "unknown":
-        left = verdict.after if verdict.causes else verdict.before
+        remaining = verdict.after if verdict.causes else verdict.before
         gap = 2 * float(np.max(np.diff(frequency)))
-        where = [band(*one) for one in merged(left.worst_Hz[:4], gap)]
-        whole = sum(high - low + gap / 2 for low, high in left.worst_Hz) > _WHOLE * (frequency[-1] - frequency[0])
+        where = [band(*one) for one in merged(remaining.worst_Hz[:4], gap)]
+        whole = sum(high - low + gap / 2 for low, high in remaining.worst_Hz) > _WHOLE * (frequency[-1] - frequency[0])
         found.append(
             f"What {'is left over is' if verdict.causes else 'the base model leaves over is'} "
-            f"{np.sqrt(left.size):.3g} times the noise"
+            f"{np.sqrt(remaining.size):.3g} times the noise"
             + (", spread over the whole sweep" if whole or not where else "")
             + (f", most of it from {listed(where)}." if where else ".")
         )
@@ -190,9 +190,9 @@ def _wrong(result: Diagnosis) -> tuple[str, ...]:
 
 
 def _form(final: Fit) -> list[str]:
-    """What the discrepancy looks like."""
-    left = final.discrepancy
-    if left is None:
+    """A sentence on the form of the discrepancy; none where the fit has none."""
+    discrepancy = final.discrepancy
+    if discrepancy is None:
         return []
     why = {
         "smooth": "as the instrument, the fixture, or a law of losses or of drift would",
@@ -202,7 +202,7 @@ def _form(final: Fit) -> list[str]:
         "a step": "as where the instrument changes its range or a contact moves; sweep again in one range, or each "
         "side by itself",
     }
-    return [f"It looks like {left}, {why[left.form]}."]
+    return [f"It looks like {discrepancy}, {why[discrepancy.form]}."]
 
 
 def _points_to_blame(result: Diagnosis) -> bool:
@@ -210,7 +210,7 @@ def _points_to_blame(result: Diagnosis) -> bool:
 
 
 def _linear(linear: LinearBody) -> str:
-    """That no linear body explains the points."""
+    """Sentences that no linear body explains the points."""
     count = "one resonance" if linear.resonances == 1 else f"{linear.resonances} resonances"
     return (
         f"It is not the simulation: the best linear body with {count} in this band, whatever its shape, constants and "
@@ -226,7 +226,7 @@ def _cause(cause: Cause) -> str:
 
 
 def _resonances(result: Diagnosis) -> list[str]:
-    """Resonances of the final model without partner."""
+    """Sentences on measured and simulated resonances without partner in the final model."""
     final, found = result.pole_zero[1], []
     for kind, resonances, words in (
         ("measured", final.unexplained, "the simulation does not have"),
@@ -335,14 +335,17 @@ def _two_digits(size: float) -> str:
 
 
 def whatever_the_cause(result: Diagnosis) -> tuple[str, ...]:
-    """Constants whose deviation is too small if another cause is at work that the sweep does not exclude."""
+    """Sentences on constants whose deviation is too small if a cause acts that the sweep does not exclude."""
     by_cause: dict[str, list[Spread]] = {}
-    for one in spreads(result):
-        if one.wider > _WIDER:
-            by_cause.setdefault(one.cause, []).append(one)
+    for spread in spreads(result):
+        if spread.wider > _WIDER:
+            by_cause.setdefault(spread.cause, []).append(spread)
     found = []
     for cause, moved in by_cause.items():
-        ends = [f"{one.name} {between(one.low, one.high)}{' ' if one.unit else ''}{one.unit}" for one in moved]
+        ends = [
+            f"{spread.name} {between(spread.low, spread.high)}{' ' if spread.unit else ''}{spread.unit}"
+            for spread in moved
+        ]
         each, them = ("each with", "them") if len(moved) > 1 else ("with", "it")
         times = _two_digits(moved[0].wider)
         found.append(

@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 DATA = {"color": "#222222", "marker": ".", "linestyle": "none", "markersize": 3.5}
 FIT = {"color": "#c0392b", "linewidth": 1.3}
 POLE, ZERO = "#1f6fb4", "#2a8a4a"
-LABELLED = 6  # so many resonances are written out
+LABELLED = 6  # most resonances in the text
 
 
 def extraction_figure(extraction: Extraction) -> Figure:
     """|Z| and phase with the fit, the residual in σ, and one stabilization diagram each for poles and zeros.
 
-    Where nothing could be fitted: the sweep and why. Blue marks poles, green zeros. The diagrams are those of the
+    Where nothing could be fitted, sweep and reason. Blue marks poles, green zeros. The diagrams are those of the
     method used: Prony-SS, or rational least-squares fits of growing order for the maximum-likelihood method.
     """
     figure = Picture(figsize=(11.5, 9.0), layout="constrained")
@@ -66,12 +66,12 @@ def _is_wide(extraction: Extraction) -> bool:
 
 
 def _mark(extraction: Extraction, axes: Axes, factor: float) -> None:
-    for found, colour in ((extraction.resonances.poles, POLE), (extraction.resonances.zeros, ZERO)):
-        for resonance in found:
+    for resonances, colour in ((extraction.resonances.poles, POLE), (extraction.resonances.zeros, ZERO)):
+        for resonance in resonances:
             axes.axvline(resonance.frequency_Hz * factor, color=colour, linewidth=0.8, zorder=0)
-    for one in extraction.doubtful:
-        colour = POLE if one.kind == "pole" else ZERO
-        axes.axvline(one.frequency_Hz * factor, color=colour, linewidth=0.8, linestyle=":", zorder=0)
+    for doubtful in extraction.doubtful:
+        colour = POLE if doubtful.kind == "pole" else ZERO
+        axes.axvline(doubtful.frequency_Hz * factor, color=colour, linewidth=0.8, linestyle=":", zorder=0)
 
 
 def _curves(extraction: Extraction, magnitude: Axes, phase: Axes, factor: float) -> None:
@@ -118,7 +118,7 @@ def _diagrams(extraction: Extraction) -> tuple[StabilizationDiagram, Stabilizati
 
 
 def prony_figure(extraction: Extraction) -> Figure:
-    """What Prony-SS decomposes, as the paper's figures 10 to 13: the impulse responses whose exponentials are the poles
+    """The steps of Prony-SS, as the paper's figures 10 to 13: the impulse responses whose exponentials are the poles
     and the zeros, the singular values of their Hankel matrices, and the stabilization diagrams.
 
     A response of a band away from zero frequency is complex; its magnitude is drawn.
@@ -127,17 +127,19 @@ def prony_figure(extraction: Extraction) -> Figure:
     axes = figure.subplots(2, 3, gridspec_kw={"width_ratios": [3, 1.6, 3]})
     sweep, (factor, label) = extraction.spectrum.select(extraction.used), _frequency_unit(extraction)
     for row, (kind, words) in enumerate((("pole", "Y/(jω)"), ("zero", "jωZ"))):
-        found, (impulse, singular, stable) = prony_ss(sweep, kind), axes[row]
-        real, colour = np.isrealobj(found.signal), POLE if kind == "pole" else ZERO
-        for values, style in ((found.signal, DATA), (found.modelled, FIT)):
+        decomposition, (impulse, singular, stable) = prony_ss(sweep, kind), axes[row]
+        real, colour = np.isrealobj(decomposition.signal), POLE if kind == "pole" else ZERO
+        for values, style in ((decomposition.signal, DATA), (decomposition.modelled, FIT)):
             shown = values if real else np.abs(values)
-            impulse.plot(1e3 * found.time, shown / np.max(np.abs(found.signal)), **style)
+            impulse.plot(1e3 * decomposition.time, shown / np.max(np.abs(decomposition.signal)), **style)
         impulse.set(xlabel="time (ms)", ylabel=f"impulse response of {words}" + ("" if real else ", magnitude"))
-        modes = len(found.diagram.columns)
-        impulse.set_title(f"{found.signal.size} samples, {modes} mode{'s' * (modes != 1)} (line)", fontsize="medium")
-        singular.semilogy(found.singular_values[:60] / found.singular_values[0], ".", color=colour)
+        modes = len(decomposition.diagram.columns)
+        impulse.set_title(
+            f"{decomposition.signal.size} samples, {modes} mode{'s' * (modes != 1)} (line)", fontsize="medium"
+        )
+        singular.semilogy(decomposition.singular_values[:60] / decomposition.singular_values[0], ".", color=colour)
         singular.set(xlabel="number", ylabel="singular values of the Hankel matrix")
-        _stabilization(extraction, stable, found.diagram, f"{kind}s", factor)
+        _stabilization(extraction, stable, decomposition.diagram, f"{kind}s", factor)
         stable.set_xlabel(label)
     figure.suptitle(f"{extraction.spectrum.source}: Prony-SS")
     return figure

@@ -31,7 +31,7 @@ def prepare_folder(out: Path) -> Path:
 
 
 def remove_empty_folders() -> None:
-    """Remove the folders that `prepare_folder` made and nothing was written to: a refused run leaves nothing."""
+    """Remove the empty folders that `prepare_folder` made, so that a refused run leaves none behind."""
     while _made:
         folder = _made.pop()
         if folder.is_dir() and not any(folder.iterdir()):

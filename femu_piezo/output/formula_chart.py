@@ -1,4 +1,4 @@
-"""What the handbook formulas get wrong for a piece, drawn."""
+"""Picture of the errors of the handbook formulas for a piece."""
 
 from __future__ import annotations
 

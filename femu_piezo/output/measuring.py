@@ -19,12 +19,12 @@ _DEPARTED = {"color": "#1f6fb4", "linewidth": 0.9, "linestyle": ":"}
 
 
 def measuring_figure(title: str, states: Sequence[State]) -> Figure:
-    """|Z| and phase of all points with the model of the last state, and the deviations over the number of points."""
+    """|Z| and phase of all points with the last model; deviations, and log odds of rival causes, over the points."""
     last = states[-1]
-    between = [one for one in states if one.rivals is not None]
-    figure = Picture(figsize=(8.0, 10.0 if between else 8.0), layout="constrained")
+    with_rivals = [one for one in states if one.rivals is not None]
+    figure = Picture(figsize=(8.0, 10.0 if with_rivals else 8.0), layout="constrained")
     magnitude, phase, fall, *odds = figure.subplots(
-        3 + bool(between), 1, height_ratios=[3, 2, 2, 2][: 3 + bool(between)]
+        3 + bool(with_rivals), 1, height_ratios=[3, 2, 2, 2][: 3 + bool(with_rivals)]
     )
     phase.sharex(magnitude)
     frequency = last.spectrum.frequency
@@ -39,28 +39,28 @@ def measuring_figure(title: str, states: Sequence[State]) -> Figure:
     magnitude.legend(loc="best", fontsize="small")
     magnitude.tick_params(labelbottom=False)
     phase.set(xlabel=label)
-    told = [one for one in states if one.deviations]
-    for name in told[-1].deviations if told else ():
-        values = np.array([one.deviations[name] for one in told])
-        fall.semilogy([len(one.spectrum) for one in told], values, marker="o", markersize=3, label=name)
+    updated = [one for one in states if one.deviations]
+    for name in updated[-1].deviations if updated else ():
+        values = np.array([one.deviations[name] for one in updated])
+        fall.semilogy([len(one.spectrum) for one in updated], values, marker="o", markersize=3, label=name)
     fall.set(xlabel="points", ylabel="standard deviation")
     fall.grid(True, **GRID)
-    if told:
+    if updated:
         fall.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")
     else:
         fall.text(0.5, 0.5, "no update yet", ha="center", va="center", transform=fall.transAxes)
-    if between:
-        _draw_odds(odds[0], between)
+    if with_rivals:
+        _draw_odds(odds[0], with_rivals)
         odds[0].sharex(fall)
     return figure
 
 
 def _draw_odds(axes: Axes, states: Sequence[State]) -> None:
-    """Log odds of the better of the two causes of every round, marked where the pair is another one than before."""
+    """Log odds of the more probable of the two rival causes after every round, a line for each pair of causes."""
     pairs = [(one.rivals.first, one.rivals.second) for one in states]
     for pair in dict.fromkeys(pairs):
-        own = [one for one, two in zip(states, pairs, strict=True) if two == pair]
-        points, values = [len(one.spectrum) for one in own], [one.rivals.log_odds for one in own]
+        of_pair = [one for one, other in zip(states, pairs, strict=True) if other == pair]
+        points, values = [len(one.spectrum) for one in of_pair], [one.rivals.log_odds for one in of_pair]
         axes.plot(points, values, marker="o", markersize=3, label=f"{pair[0]} over\n{pair[1]}")
     axes.axhline(states[-1].rivals.enough, color="black", linewidth=0.8, linestyle="--", label="enough")
     axes.set(xlabel="points", ylabel="log odds")

@@ -16,14 +16,17 @@ from femu_piezo.study.noise_study import Setting
 _COLOURS = ("#c0392b", "#1f6fb4", "#2a8a4a", "#8e44ad", "#b07d2b", "#148f77", "#566573", "#e67e22", "#5d6d7e", "#222")
 #: Coverage of one and of two deviations of a Gaussian.
 _COVERED = {1: 0.6827, 2: 0.9545}
-#: Between the negative of this and this lie 95 % of a Gaussian.
+#: Between minus and plus so many standard deviations lie 95 % of a Gaussian.
 _CHANCE = 1.96
 
 
 def noise_study_figure(title: str, settings: Sequence[Setting]) -> Figure:
-    """Left over the noise, right over the points: deviations of constants and of tangents (dots reached, lines stated),
-    the mean error over its own deviation, and the share of draws whose truth is within one and two stated deviations;
-    the last two with the band in which chance leaves 95 %."""
+    """Deviations, bias and coverage over the noise (left column) and over the number of points (right column).
+
+    Rows: deviations of constants and of tangents (dots reached, lines stated); the mean error over its standard
+    deviation; the share of draws whose truth is within one and two stated deviations. The bands of the last two rows
+    hold 95 % where the stated deviations are right.
+    """
     picture = Picture(figsize=(10.5, 12.0), layout="constrained")
     axes = picture.subplots(4, 2, sharex="col", sharey="row")
     plan = settings[1]
@@ -31,20 +34,20 @@ def noise_study_figure(title: str, settings: Sequence[Setting]) -> Figure:
         ("noise of a point", [one for one in settings if one.points == plan.points], lambda one: one.noise),
         ("points of the sweep", [one for one in settings if one.noise == plan.noise], lambda one: one.points),
     )
-    for column, (words, own, at) in enumerate(columns):
-        own = sorted(own, key=at)
-        x = [at(one) for one in own]
+    for column, (words, chosen, x_of) in enumerate(columns):
+        chosen = sorted(chosen, key=x_of)
+        x = [x_of(one) for one in chosen]
         for index, label in enumerate(plan.labels):
             tangent = label.startswith("tan_")
             row, colour = int(tangent), _COLOURS[index // 2 % len(_COLOURS)]
             size = 1.0 if tangent else abs(plan.values[index])
-            axes[row, column].plot(x, [np.median(one.stated[:, index]) / size for one in own], color=colour, lw=1.2)
-            reached = [one.deviation[index] / size for one in own]
+            axes[row, column].plot(x, [np.median(one.stated[:, index]) / size for one in chosen], color=colour, lw=1.2)
+            reached = [one.deviation[index] / size for one in chosen]
             axes[row, column].plot(x, reached, "o", color=colour, markersize=5, label=label)
             style = {"color": colour, "linestyle": "none", "markerfacecolor": "none" if tangent else colour}
-            axes[2, column].plot(x, [one.bias[index] for one in own], "o", markersize=4.5, **style)
+            axes[2, column].plot(x, [one.bias[index] for one in chosen], "o", markersize=4.5, **style)
             for sigma, marker in ((1, "o"), (2, "s")):
-                share = [one.inside(sigma)[index] for one in own]
+                share = [one.inside(sigma)[index] for one in chosen]
                 axes[3, column].plot(x, share, marker, markersize=4.5, **style)
         axes[2, column].axhspan(-_CHANCE, _CHANCE, color="#e3ece3", zorder=0)
         axes[2, column].axhline(0, color="#7f8c8d", linewidth=0.8)

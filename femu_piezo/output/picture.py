@@ -47,7 +47,7 @@ class Picture(Figure):
             super().savefig(fname, **kwargs)
 
     def _write_png(self, fname, dpi: float | None) -> None:
-        """Laid out and drawn in one go; `savefig` draws once more to find the layout."""
+        """Find the layout and draw in one pass; `Figure.savefig` draws once more to find the layout."""
         before = self.dpi
         try:
             self.set_dpi(dpi or before)

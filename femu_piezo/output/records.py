@@ -9,7 +9,7 @@ from femu_piezo.study.results import Outcome, UpdateResult
 
 
 def update_record(result: UpdateResult) -> dict:
-    """update.json: parameters, poles and zeros (of the first specimen; each one's under "specimens"), history."""
+    """The content of update.json, JSON types; poles and zeros are of the first specimen, under "specimens" of each."""
     first = result.outcomes[0]
     record = {
         "specimen": result.name,

@@ -19,13 +19,13 @@ _EXAGGERATION, _IN_THICKNESS = 0.07, 0.3
 COLORS = {"displacement": "viridis", "potential": "RdBu_r"}
 ELECTRODE_COLORS = {BARE: "#e8dfc8", HOT: "#c0392b", GROUND: "#1f4e79"}
 WINDOW = (1500, 1000)
-#: Distance of points that are drawn as one, relative to the body: the pinhole of a disk is not shown.
+#: Distance, relative to the body, below which points are merged: the pinhole of a disk is not shown.
 _MERGED = 3e-5
 
 
 @dataclass(frozen=True)
 class Shape:
-    """One mode ready to draw: surface points, motion (real, scaled for drawing) and its colours.
+    """One mode ready to draw: surface points, motion scaled for drawing, and colours.
 
     Attributes
     ----------

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 from femu_piezo.files import with_schema, write_atomically
 from femu_piezo.output.chart import embedded
 
-#: Distributions whose versions decide the numbers.
+#: Packages on whose versions the numbers depend.
 _DISTRIBUTIONS = ("femu-piezo", "numpy", "scipy", "scikit-fem", "gmsh", "pyvista", "matplotlib")
 
 

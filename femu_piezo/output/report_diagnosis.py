@@ -33,7 +33,8 @@ def write_diagnosis_report(path: Path, result: Diagnosis, command: str = "femu-p
 
 
 def diagnosis_sections(result: Diagnosis) -> list[Section]:
-    """Answers, residuals, curves, resonances, candidates, what the sweep cannot show, measurements, constants."""
+    """Answers, residuals, curves, resonances, constants, standard figures, candidates, what the sweep cannot show,
+    measurements, mode shape."""
     said = answer(result)
     curves, residuals = curve_charts(result), residual_charts(result)
     return [
@@ -73,7 +74,7 @@ def _resonances(result: Diagnosis) -> str:
         _resonance_table(one, model.words, when)
         for model, one, when in zip(models(result), result.pole_zero, ("before", "after"), strict=False)
     ]
-    return "".join(tables) + paragraph(words) + notes(_strangers(result))
+    return "".join(tables) + paragraph(words) + notes(_without_partner(result))
 
 
 def _resonance_table(residuals: PoleZeroResiduals, caption: str, when: str) -> str:
@@ -101,7 +102,7 @@ def _resonance_table(residuals: PoleZeroResiduals, caption: str, when: str) -> s
     return table(headings, rows, f"{caption[0].upper()}{caption[1:]}")
 
 
-def _strangers(result: Diagnosis) -> list[str]:
+def _without_partner(result: Diagnosis) -> list[str]:
     final, found = result.pole_zero[1], []
     for resonances, words in (
         (final.unexplained, "measured, but not in the simulation"),
@@ -112,7 +113,7 @@ def _strangers(result: Diagnosis) -> list[str]:
 
 
 def _figures(result: Diagnosis) -> str:
-    """The handbook's figures of the sweep shown, beside those of the final model, named causes in it."""
+    """Standard figures of the sweep shown, and the same figures of the final model with its named causes."""
     return "".join(
         standard_figures_html(one, f"sweeps.{result.shown}.standard_figures.{mode}")
         for mode, one in enumerate(result.sweeps[result.shown].figures)
@@ -143,7 +144,7 @@ def _constants(result: Diagnosis) -> str:
         "held constants and instrument together, if nothing else is wrong than what is named."
     )
     headings = ("", "unit", "base model", "with what is named", "bias of the base model", "95 %, whatever the cause")
-    known = result.verdict.word != "unknown"  # else what is missing in the model has gone into the constants
+    known = result.verdict.word != "unknown"  # otherwise the constants absorb what the model lacks
     if known:
         words += (
             " Between the ends of the last column a constant lies with a probability of 95 % whatever the cause, "
@@ -183,7 +184,7 @@ def _candidates(result: Diagnosis) -> str:
 
 
 def _hidden(result: Diagnosis) -> str:
-    """Effects that the constants imitate, and how large every other one may be without being seen."""
+    """Effects that the free constants imitate and, where no cause is named, the fitted size of each other candidate."""
     hidden = {effect.key: constant for effect, constant in result.verdict.hidden}
     body = ""
     if hidden:
@@ -206,7 +207,7 @@ def _hidden(result: Diagnosis) -> str:
 
 
 def _measurements(result: Diagnosis) -> str:
-    """The recommendations, and what the model expects of each."""
+    """The recommended measurements, and the separation of causes in σ that the model expects of each."""
     items = "".join(f"<li>{html.escape(words)}</li>" for words in result.verdict.measurements)
     body = f"<ol>{items}</ol>" if items else paragraph("Nothing further is needed to tell the candidates apart.")
     if result.separations:
@@ -226,7 +227,7 @@ def _measurements(result: Diagnosis) -> str:
 
 
 def _mode(result: Diagnosis) -> str:
-    causes = [cause.effect for cause in result.verdict.causes]  # which the library may not know
+    causes = [cause.effect for cause in result.verdict.causes]  # effects that the library may lack
     return fundamental_picture(extended_specimen(result), result.reference_Hz, 1.2 * result.reference_Hz, causes)
 
 

@@ -12,7 +12,7 @@ from femu_piezo.study.diagnose import Diagnosis
 
 
 def models(result: Diagnosis) -> tuple[Curve, ...]:
-    """Of the base and, where it has more, of the final model."""
+    """The curve of the base model and, where the verdict adds effects to it, that of the final model."""
     base = Curve("base model, updated", result.curves[0], BASELINE["color"], "dashed")
     if not result.verdict.extension:
         return (base,)
@@ -20,6 +20,7 @@ def models(result: Diagnosis) -> tuple[Curve, ...]:
 
 
 def _axis(result: Diagnosis) -> tuple[np.ndarray, float, Axis, str]:
+    """Frequencies (k,) in the unit of the axis, factor from Hz to it, the axis, and the group of the charts."""
     factor, label, scale = frequency_axis(result.spectrum.frequency)
     return result.spectrum.frequency * factor, factor, Axis(label, log=scale == "log"), "sweep"
 
@@ -30,7 +31,7 @@ def _bands(result: Diagnosis, factor: float) -> tuple[Band, ...]:
 
 
 def _views(result: Diagnosis, factor: float) -> dict[str, tuple[float, float]]:
-    """Around the fundamental, and where most is left over."""
+    """Ranges of frequency: around the fundamental, and where the misfit of the base model is largest."""
     frequency, views = result.spectrum.frequency, {}
     width = 0.15 * result.reference_Hz
     low, high = max(result.reference_Hz - width, frequency[0]), min(result.reference_Hz + width, frequency[-1])
@@ -49,8 +50,8 @@ def residual_charts(result: Diagnosis) -> list[Chart]:
     sigma, charts = result.relative_noise / np.sqrt(2), []
     for index, curve in enumerate(models(result)):
         error = np.log(curve.impedance / result.spectrum.impedance) / sigma
-        left = (result.verdict.before, result.verdict.after)[index]
-        judged = "beyond noise, in size or in structure" if left.structured else "as noise alone would leave it"
+        remaining = (result.verdict.before, result.verdict.after)[index]
+        judged = "beyond noise, in size or in structure" if remaining.structured else "as noise alone would leave it"
         rms = float(np.sqrt(np.mean(np.abs(error) ** 2) / 2))
         charts.append(
             Chart(

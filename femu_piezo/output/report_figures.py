@@ -8,7 +8,7 @@ from femu_piezo.standards.figures import Figure, StandardFigures
 
 
 def standard_figures_html(figures: StandardFigures, key: str) -> str:
-    """A table of figures beside those of the finite element model, and what the formulas get wrong.
+    """A table of figures and of those of the finite element model, the errors of the formulas, and notes; HTML.
 
     key : where the figures stand in the record of the page, such as "standard_figures"
     """

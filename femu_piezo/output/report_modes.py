@@ -14,7 +14,7 @@ from femu_piezo.study.results import Outcome, UpdateResult
 
 
 def mode_section(result: UpdateResult) -> Section:
-    """A picture for each piece, however many sweeps there are of it; a sentence where it cannot be drawn here."""
+    """The fundamental of each piece, once for all its sweeps: a picture, or a sentence where it cannot be drawn."""
     first = [outcome for outcome in result.outcomes if outcome.measured.taken.number == 0]
     return Section("modes", "Mode shapes", "".join(_fundamental(result, outcome) for outcome in first))
 
@@ -34,7 +34,7 @@ def fundamental_picture(
     ----------
     specimen : with the updated constants
     highest_Hz : end of the band that is searched
-    effects : that its [effects] may name beside those of the library
+    effects : further effects, besides those of the library, that its [effects] may name
     """
     try:
         found = modes(specimen, band=(0.0, highest_Hz), effects=effects)

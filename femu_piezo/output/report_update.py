@@ -54,7 +54,7 @@ def write_update_report(path: Path, result: UpdateResult, command: str = "femu-p
 
 
 def update_sections(result: UpdateResult) -> list[Section]:
-    """Summary, parameters, these over temperature and by samples, curves, resonances, standard figures,
+    """Summary, parameters, constants over temperature, samples of the posterior, curves, resonances, standard figures,
     identifiability, sensitivity, mode shapes."""
     many = len(result.outcomes) > 1
     curves, resonances, sensitivities, figures = "", "", "", ""

@@ -32,7 +32,7 @@ class Surface:
 
     @property
     def extent(self) -> float:
-        """Longest side of the box around it, m."""
+        """Longest side of the bounding box, m."""
         return float(np.ptp(self.points, axis=0).max())
 
 
@@ -41,8 +41,9 @@ def surface_of(model: ElectroelasticModel, vectors: np.ndarray, subdivisions: in
 
     Parameters
     ----------
-    subdivisions : each facet of quadratic elements is drawn as subdivisions² squares (twice as many triangles) or
-        triangles, so that shapes look curved; of higher order by as much finer, of curved cells twice so
+    subdivisions : a facet of a quadratic hexahedron is drawn as subdivisions² squares of two triangles, one of a
+        tetrahedron as (subdivisions/2)² triangles, so that shapes look curved; edges have order/2 times as many parts
+        for higher orders, and twice as many for curved cells
     """
     mesh, domain = model.domain.mesh, model.domain
     cut = [mesh.boundaries[name] for name in domain.symmetry]
@@ -85,7 +86,7 @@ def fields_at_points(
 
 
 def _facet_grid(mesh: skfem.Mesh, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """(2, p) points on the reference facet and (q, 3) triangles between them."""
+    """(2, p) points on the reference facet and (q, 3) triangles between them; n parts of an edge of a square."""
     if mesh.elem.refdom.nnodes == 8:
         i, j = (grid.ravel() for grid in np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij"))
         at = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)

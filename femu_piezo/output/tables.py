@@ -1,4 +1,4 @@
-"""Tables for the terminal (rich), and the same as plain text and as HTML."""
+"""Tables for the terminal (rich), and their conversion to plain text and HTML."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from femu_piezo.study.simulate import SimulationResult
     from femu_piezo.study.temperature import TemperatureSeries
 
-#: Share of a deviation whose loss is worth a word.
+#: Relative decrease of a deviation from which it is reported.
 _WORTH = 0.05
 #: Unit of SI → factor and unit in which a tolerance is written.
 _WRITTEN = {
@@ -41,7 +41,7 @@ _WRITTEN = {
     "H": (1e9, "nH"),
     "F": (1e12, "pF"),
 }
-#: The same for the figures of a data sheet.
+#: Unit of SI → factor and unit in which a data sheet writes a figure.
 _DATA_SHEET = {
     "Hz": (1e-3, "kHz"),
     "1": (1.0, ""),
@@ -60,7 +60,8 @@ _HTML = '<pre style="font-family: monospace; line-height: 1.2; white-space: pre"
 
 
 def number(value: float, std: float | None) -> str:
-    """A value with as many digits as its standard deviation deserves; eight where that is below 1e-7 of it."""
+    """Value ± standard deviation, to the second digit of the deviation; the value alone, to eight digits, where the
+    deviation is below 1e-7 of it, and to six where there is none."""
     if std is None or not std > 0:
         return f"{value:.6g}"
     if std < 1e-7 * abs(value):
@@ -70,7 +71,7 @@ def number(value: float, std: float | None) -> str:
 
 
 def between(low: float, high: float) -> str:
-    """The ends of an interval of 95 % with as many digits as a deviation of a quarter of it deserves."""
+    """The ends of an interval of 95 %, to the second digit of a quarter of its length."""
     size = max((high - low) / 4, 1e-7 * max(abs(low), abs(high)))
     digits = _decimals(size) if size > 0 else 6
     return f"{low:.{digits}f} to {high:.{digits}f}"
@@ -82,7 +83,7 @@ def _decimals(std: float) -> int:
 
 
 def update_table(result: UpdateResult) -> RenderableType:
-    """Parameters against the baseline, poles and zeros measured against simulated, and what to know about them."""
+    """Parameters and baseline, poles and zeros measured and simulated, standard figures, method, misfit and notes."""
     constants = Table(title=f"{result.name}: complex material parameters", title_justify="left")
     for heading in ("constant", "unit"):
         constants.add_column(heading)
@@ -112,7 +113,7 @@ def update_table(result: UpdateResult) -> RenderableType:
 
 
 def _per_kelvin(series: TemperatureSeries) -> list[str]:
-    """Temperature coefficients, relative and of tangents."""
+    """Lines with the temperature coefficients of constants (relative) and of tangents."""
     lines = [f"these are the constants at {series.reference_C:.4g} °C; with temperature they change by"]
     for name, one in series.coefficients.items():
         real, tangent = number(1e6 * one.relative, 1e6 * one.std), number(1e6 * one.tangent, 1e6 * one.tangent_std)
@@ -121,7 +122,7 @@ def _per_kelvin(series: TemperatureSeries) -> list[str]:
 
 
 def figures_table(figures: StandardFigures, name: str = "", *, short: bool = False) -> RenderableType:
-    """Standard figures beside those of the finite element model, and what the formulas get wrong.
+    """Standard figures, those of the finite element model, and the errors of the formulas.
 
     short : without characteristic frequencies that are nearly fs and fp, and meanings; data sheet, report and JSON have
         the whole table
@@ -144,7 +145,7 @@ def figures_table(figures: StandardFigures, name: str = "", *, short: bool = Fal
 
 
 def figure_words(one: Figure, model: bool = False) -> str:
-    """A figure, or that of the model beside it, in the unit of a data sheet; "-" where it has none."""
+    """The value of a figure, or its value by the model, in the unit of a data sheet; "-" where there is none."""
     value, std = (one.model, None) if model else (one.value, one.std)
     if value is None:
         return "-"
@@ -159,7 +160,7 @@ def figure_unit(one: Figure) -> tuple[float, str]:
 
 
 def figure_scale(name: str, unit: str) -> tuple[float, str]:
-    """The same by name and SI unit of the figure."""
+    """Factor from SI and unit in which a data sheet writes the figure of a name and SI unit."""
     return PRINTED.get(name) or _DATA_SHEET[unit]
 
 
@@ -175,7 +176,7 @@ def _share_words(estimate: Estimate) -> str:
 
 
 def _shares(shares: dict[str, float]) -> str:
-    """Where a constant is known from, shares below 1 % left out."""
+    """Sources of the knowledge of a constant with their shares; those below 1 % are left out."""
     return ", ".join(f"{source} {100 * share:.0f} %" for source, share in shares.items() if share >= 0.01)
 
 
@@ -218,17 +219,17 @@ def as_html(table: RenderableType) -> str:
 
 
 def text_of(lines: Iterable[str]) -> Text:
-    """Lines as they stand: a bracket in them is no style."""
+    """Lines as plain text, whose brackets rich does not take for styles."""
     return Text("\n".join(lines))
 
 
 def told(notes: Iterable[str]) -> list[str]:
-    """Notes as lines."""
+    """Notes as lines that begin with "note:"."""
     return [f"note: {note}" for note in notes]
 
 
 def simulation_table(result: SimulationResult) -> RenderableType:
-    """Poles and zeros, and what to know about them."""
+    """Poles and zeros, and notes."""
     lines = [f"{one.kind} {one.frequency_Hz:14.3f} Hz   loss {one.loss:.6f}" for one in (*result.poles, *result.zeros)]
     if result.effects:
         names = ", ".join(result.effects)
@@ -237,12 +238,12 @@ def simulation_table(result: SimulationResult) -> RenderableType:
 
 
 def extraction_table(result: Extraction) -> RenderableType:
-    """Poles and zeros with standard deviations, and what to know about them."""
+    """Poles and zeros with standard deviations, notes, and standard figures where there are some."""
     sound = (*result.resonances.poles, *result.resonances.zeros)
     lines = [_resonance_words(one) for one in sound]
     lines += [f"{_resonance_words(one)}   doubtful" for one in result.doubtful]
-    without = result.remarks[-1:] if result.pairs and result.figures is None else ()  # why there are no figures
-    text = text_of([*lines, *told((*result.spectrum.notes, *result.notes, *without))])
+    why_no_figures = result.remarks[-1:] if result.pairs and result.figures is None else ()  # why there are no figures
+    text = text_of([*lines, *told((*result.spectrum.notes, *result.notes, *why_no_figures))])
     return text if result.figures is None else Group(text, figures_table(result.figures))
 
 
@@ -292,7 +293,7 @@ def identifiability_table(result: IdentifyResult) -> RenderableType:
 
 
 def _plan_table(plan: Plan) -> Table:
-    """What an update would state after the planned sweep, beside other ways of spending points."""
+    """Deviations that an update would state after the planned sweep, and after other sweeps to compare."""
     points = len(plan.frequency)
     words = {"equal": f"{points} equally spaced", "equal, four times": f"{4 * points} equally spaced"}
     words |= {"plan": f"plan, {points} points", "dense at resonances": f"{points}, half of them at resonances"}
@@ -306,7 +307,7 @@ def _plan_table(plan: Plan) -> Table:
 
 
 def _study_lines(settings: Sequence[Setting]) -> list[str]:
-    """What the study found, a line for each noise and number of points."""
+    """Deviations, bias and coverage that the study found, a line for each noise and number of points."""
     lines = [] if not settings else ["drawn specimens, off by their tolerances, updated with the values of the file:"]
     for one in settings:
         parts = []
@@ -334,7 +335,7 @@ def _sweep_words(name: str, frequency: np.ndarray) -> str:
 
 
 def expectation_tables(expected: Expectation) -> list[RenderableType]:
-    """What an update would state of the free constants, and which tolerance to improve first."""
+    """Deviations of the free constants that an update would state, and which tolerance to improve first."""
     stated = Table(title="what an update would state, with the tolerances of the file", title_justify="left")
     for heading in ("constant", "std", "mostly from", "std of tangent", "mostly from"):
         stated.add_column(heading, justify="right" if heading.startswith("std") else "left")
@@ -346,18 +347,18 @@ def expectation_tables(expected: Expectation) -> list[RenderableType]:
     for heading in ("tolerance", "today -> halved", "constants", "loss tangents"):
         gains.add_column(heading)
     rows = [(one, _gain_words(one, expected, False), _gain_words(one, expected, True)) for one in expected.improvements]
-    told_ = [(one, *words) for one, *words in rows if any(words)]
-    for one, *words in told_:
+    shrinking = [(one, *words) for one, *words in rows if any(words)]
+    for one, *words in shrinking:
         of = f" of {one.specimen}" if one.specimen else ""
         sizes = f"{tolerance_words(one, one.today)} -> {tolerance_words(one, one.today / 2)}"
         gains.add_row(f"{one.tolerance}{of}", sizes, *words)
-    rest = len(rows) - len(told_)
+    rest = len(rows) - len(shrinking)
     more = [f"halving any of the other {rest} tolerances shrinks no deviation by {100 * _WORTH:g} %"] if rest else []
     return [stated, gains, text_of(more)]
 
 
 def deviation_words(label: str, expected: Expectation, std: float | None = None) -> str:
-    """Deviation of a constant in % of its value, or of a tangent ("tan_s11"); the expected one where none is given."""
+    """Deviation of a constant in % of its value, or of a tangent ("tan_s11"); the expected one where `std` is None."""
     one = expected.parameters[label.removeprefix("tan_")]
     if label.startswith("tan_"):
         return f"{one.tan_std if std is None else std:.2g}"
@@ -365,7 +366,7 @@ def deviation_words(label: str, expected: Expectation, std: float | None = None)
 
 
 def _gain_words(one: Improvement, expected: Expectation, tangents: bool) -> str:
-    """Deviations that halving a tolerance shrinks by a share worth a word, the largest gain first."""
+    """Lines for the deviations that halving a tolerance shrinks by `_WORTH` or more, the largest gain first."""
     labels = [label for label in one.before if label.startswith("tan_") == tangents and one.shrinks(label) >= _WORTH]
     return "\n".join(
         f"{label} {deviation_words(label, expected)} -> {deviation_words(label, expected, one.halved[label])}"

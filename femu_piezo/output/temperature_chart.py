@@ -10,12 +10,12 @@ from femu_piezo.output.picture import Picture
 from femu_piezo.output.tables import number
 from femu_piezo.study.temperature import TemperatureSeries
 
-#: Temperatures that a line is drawn through.
+#: Points of a drawn line.
 _POINTS = 61
 
 
 def temperature_figure(title: str, series: TemperatureSeries) -> Figure:
-    """Every free constant and its tangent over temperature with one standard deviation, ticks where it was swept."""
+    """Every free constant and its tangent over temperature ± one standard deviation, dots at temperatures of sweeps."""
     names = tuple(series.coefficients)
     picture = Picture(figsize=(3.4 * len(names), 5.2), layout="constrained")
     axes = picture.subplots(2, len(names), squeeze=False, sharex=True)
@@ -26,13 +26,13 @@ def temperature_figure(title: str, series: TemperatureSeries) -> Figure:
         one = series.coefficients[name]
         rows = ((name, factor, f"{name} ({unit})"), (f"tan_{name}", 1.0, f"tan {name}"))
         for row, (label, times, words) in enumerate(rows):
-            own, (value, std) = axes[row, column], lines[label]
+            panel, (value, std) = axes[row, column], lines[label]
             band = times * (value - std), times * (value + std)
-            own.fill_between(celsius, *band, color=UPDATED["color"], alpha=0.2, linewidth=0)
-            own.plot(celsius, times * value, **UPDATED)
-            own.plot(series.measured_C, times * at_sweeps[label][0], "o", color=UPDATED["color"], markersize=4)
-            own.set_ylabel(words)
-            own.grid(True, **GRID)
+            panel.fill_between(celsius, *band, color=UPDATED["color"], alpha=0.2, linewidth=0)
+            panel.plot(celsius, times * value, **UPDATED)
+            panel.plot(series.measured_C, times * at_sweeps[label][0], "o", color=UPDATED["color"], markersize=4)
+            panel.set_ylabel(words)
+            panel.grid(True, **GRID)
         for row, (slope, std) in enumerate(((one.relative, one.std), (one.tangent, one.tangent_std))):
             axes[row, column].set_title(f"({number(1e6 * slope, 1e6 * std)}) · 10⁻⁶/K", fontsize="medium")
         axes[1, column].set_xlabel("temperature (°C)")

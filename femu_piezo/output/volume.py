@@ -1,4 +1,4 @@
-"""The body as small cells with displacement and potential, mirrored to the whole: VTU of modes, meshes for others."""
+"""The whole body as small cells with displacement and potential: VTU files of modes, meshes for other programs."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 
 _EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 #: Opposite sides of a cube, corner above corner.
 _SIDES = (((0, 1, 2, 3), (4, 5, 6, 7)), ((0, 3, 7, 4), (1, 2, 6, 5)), ((0, 4, 5, 1), (3, 7, 6, 2)))
-#: The order that a mirror image needs, so that cells are not inside out.
+#: Order of the nodes of a mirrored cell in which its volume is positive.
 _MIRRORED = {"hexahedron": (4, 5, 6, 7, 0, 1, 2, 3), "tetra10": (0, 2, 1, 3, 6, 5, 4, 7, 9, 8)}
-#: Share of the longest side within which nodes are one.
+#: Distance over the longest side within which nodes are merged.
 _SAME = 1e-7
 
-#: Elements that meshio names in a file for Abaqus, and those of the same nodes with an electric potential.
+#: Element that meshio writes for Abaqus → piezoelectric element of the same nodes.
 _ABAQUS = {"C3D8RH": "C3D8E", "C3D6": "C3D6E", "C3D10MH": "C3D10E"}
 
 
@@ -51,7 +51,7 @@ class Volume:
 
 
 def volume_of(model: ElectroelasticModel, vectors: np.ndarray) -> Volume:
-    """The whole body with the modes `vectors` (m, k) of the model's free unknowns; nodes of neighbours are one.
+    """The whole body with the modes `vectors` (m, k) of the model's free unknowns; coincident nodes are merged.
 
     Hexahedra are cut into as many linear ones along each edge as their order (twice that where curved), tetrahedra
     keep their ten nodes.
@@ -101,7 +101,7 @@ def _pattern(model: ElectroelasticModel) -> tuple[np.ndarray, np.ndarray, str]:
 
 
 def _near_facets(points: np.ndarray, mesh: skfem.Mesh, model: ElectroelasticModel, names) -> np.ndarray:
-    """(p,) bool: points that lie on the named boundaries, at the places where their facets are sampled."""
+    """(p,) bool: points that coincide with a sampled point of a facet of the named boundaries."""
     on = np.zeros(len(points), bool)
     facets = np.unique(np.concatenate([mesh.boundaries[name] for name in names])) if names else []
     if not len(facets):
@@ -118,7 +118,7 @@ def _near_facets(points: np.ndarray, mesh: skfem.Mesh, model: ElectroelasticMode
 
 
 def _right_way_round(points: np.ndarray, cells: np.ndarray, kind: str) -> np.ndarray:
-    """The cells, those whose volume is negative turned."""
+    """The cells, the nodes of those of negative volume reordered."""
     corner = points[cells[:, [0, 1, 3, 4] if kind == "hexahedron" else [0, 1, 2, 3]]]
     edges = corner[:, 1:] - corner[:, :1]
     wrong = np.linalg.det(edges) < 0
@@ -126,7 +126,7 @@ def _right_way_round(points: np.ndarray, cells: np.ndarray, kind: str) -> np.nda
 
 
 def _merged(points, kind: str, cells, fields, hot, ground) -> Volume:
-    """The volume with nodes that coincide made one."""
+    """The volume with coincident nodes merged."""
     step = _SAME * float(np.ptp(points, axis=0).max())
     _, first, where = np.unique(
         np.round((points - points.min(axis=0)) / step), axis=0, return_index=True, return_inverse=True

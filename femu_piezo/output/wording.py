@@ -22,7 +22,7 @@ def plain(title: str) -> str:
 
 
 def spoken(effect: Effect) -> str:
-    """The name of a cause in plain words, its law with it."""
+    """The name of a cause in plain words, with its law where it has one."""
     law = f" ({effect.law} law)" if effect.law else ""
     return plain(effect.title) + law
 

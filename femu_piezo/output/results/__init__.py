@@ -1,4 +1,4 @@
-"""The results of the commands: those of `femu_piezo.study`, which can show, draw, tabulate and save themselves.
+"""The results of the commands: results of `femu_piezo.study` with methods that show, draw, tabulate and save them.
 
-What a command writes is written here, and nowhere else; one file for each command.
+The files of a command are written here and nowhere else; one module for each command.
 """

@@ -32,7 +32,7 @@ class EquivalentCircuit(Result, Circuit):
     """What `circuit` returns: `branches`, `static` and the `impedance` of both together."""
 
     def table(self) -> RenderableType:
-        """The elements of every branch with their deviations, and what lies beside the branches."""
+        """The elements of every branch with their deviations, the static elements parallel to them, and notes."""
         table = Table(title=f"{self.name}: equivalent circuit", title_justify="left")
         for heading in ("mode (Hz)", "Q", *(heading for _, heading in _PRINTED.values())):
             table.add_column(heading, justify="right")
@@ -46,8 +46,8 @@ class EquivalentCircuit(Result, Circuit):
         counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("R", "RC", "LC", "RLC") if kind in kinds)
         counts += ", of either sign" if "RLC" in kinds else ""
         static = ", ".join(filter(None, [f"C0 = {1e12 * self.static_capacitance:.6g} pF", counts]))
-        beside = f"beside the branches: {static} (circuit.cir)"
-        return Group(table, text_of([beside, *told(self.notes)]))
+        static_words = f"beside the branches: {static} (circuit.cir)"
+        return Group(table, text_of([static_words, *told(self.notes)]))
 
     def plot(self, number: int | None = None) -> Figure:
         """|Z| and phase of the curve and of the circuit, and their difference."""
@@ -81,7 +81,7 @@ class EquivalentCircuit(Result, Circuit):
         ]
 
     def save(self, folder: Path | str) -> Path:
-        """Write circuit.json, circuit.cir (SPICE), circuit.s1p, circuit.csv (its curve) and circuit.png; the folder."""
+        """Write circuit.json, circuit.cir (SPICE), circuit.s1p, circuit.csv (its curve), circuit.png; the folder."""
         out = prepare_folder(Path(folder))
         write_figure(out / "circuit.png", self.plot())
         write_atomically(out / "circuit.cir", spice_text(self))

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class Diagnosed(Result, Diagnosis):
     """What `diagnose` returns: `verdict`, `causes`, `parameters` before and after, `gain`, `extended`.
 
-    `str(result.verdict)` is "none", "effect" or "unknown", and so compares equal to it. Of several specimens
+    `str(result.verdict)` is "none", "effect" or "unknown", and so compares equal to it. With several sweeps
     `result.of(1)` shows the second.
     """
 
@@ -35,12 +35,12 @@ class Diagnosed(Result, Diagnosis):
 
     @property
     def parameters(self) -> dict[str, Estimate]:
-        """Free constants with what is named in the model; `.interval` is of 95 % whatever the cause."""
+        """Free constants of the final model, with the named causes; `.interval` holds 95 % whatever the cause."""
         return self.after
 
     @property
     def parameters_before(self) -> dict[str, Estimate]:
-        """Free constants by the base model."""
+        """Free constants of the base model, without any cause."""
         return self.before
 
     @property
@@ -53,7 +53,7 @@ class Diagnosed(Result, Diagnosis):
         return diagnosis_table(self)
 
     def plot(self, number: int | None = None) -> Figure:
-        """Curves and residuals before and after, of the specimen `number`; of the one shown where None."""
+        """Curves and residuals before and after, of the sweep `number`; of the one shown where None."""
         return diagnosis_figure(self if number is None else self.of(number))
 
     def rows(self) -> list[dict[str, Any]]:
@@ -74,12 +74,12 @@ class Diagnosed(Result, Diagnosis):
         ]
 
     def save(self, folder: Path | str, *, report: bool = False) -> Path:
-        """Write diagnosis.json, of every sweep diagnosis.png and curves.csv, of every specimen extended.toml.
+        """Write diagnosis.json, diagnosis.png and curves.csv of every sweep, extended.toml of every specimen.
 
-        Of several specimens extended.toml is the study file of all. A sweep in memory is written to measured.csv, so
-        that the extended specimen has its data.
+        With several specimens, extended.toml is the study file of all of them. A sweep in memory is written to
+        measured.csv, so that the extended specimen has its data.
 
-        report : report.html as well, whose first page answers in plain words
+        report : write report.html as well, whose first page answers in plain words
         """
         out = prepare_folder(Path(folder))
         pieces: dict[str, list[int]] = {}
@@ -101,26 +101,26 @@ class Diagnosed(Result, Diagnosis):
         return out
 
     def _with_data(self, indices: list[int], out: Path) -> Specimen:
-        """The extended specimen of some of the sweeps.
+        """The extended specimen of the sweeps of some indices, with their files.
 
-        Those that have no file are written as they were after their corrections.
+        A sweep without a file is written to measured.csv as the fit used it, after its corrections.
         """
-        extended, found, written = self.of(indices[0]).extended, [], False
+        extended, files, written = self.of(indices[0]).extended, [], False
         for index in indices:
             file = self.sweeps[index].specimen.measurement.file
             if file is None:
                 file, written = (out / f"measured{suffixes(len(self.sweeps))[index]}.csv").absolute(), True
                 write_spectrum(self.sweeps[index].spectrum, file)
-            found.append(file)
-        table = {"correct_phase": False, "mask_faults": False, "mask": None} if written else {}
+            files.append(file)
+        changes = {"correct_phase": False, "mask_faults": False, "mask": None} if written else {}
         if extended.sweep is None:
-            table["file"] = found[0]
+            changes["file"] = files[0]
         else:
-            sweeps = zip(extended.sweep, found, strict=True)
+            sweeps = zip(extended.sweep, files, strict=True)
             extended = extended.model_copy(
                 update={"sweep": tuple(one.model_copy(update={"file": file}) for one, file in sweeps)}
             )
-        if not table:
+        if not changes:
             return extended
         measurement = extended.measurement or Measurement()
-        return extended.model_copy(update={"measurement": measurement.model_copy(update=table)})
+        return extended.model_copy(update={"measurement": measurement.model_copy(update=changes)})

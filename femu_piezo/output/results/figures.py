@@ -27,7 +27,7 @@ class Figures(Result):
     _index = "figure"
 
     def __getitem__(self, name: str) -> Figure:
-        """A figure of the fundamental, or of the first further mode that has one of that name; KeyError without."""
+        """The figure of a name, of the fundamental or else of the first mode that has one; KeyError where none has."""
         for one in self.modes:
             if any(figure.name == name for figure in one.figures):
                 return one[name]
@@ -38,7 +38,7 @@ class Figures(Result):
         return Group(*(figures_table(one) for one in self.modes))
 
     def plot(self, number: int | None = None) -> Picture:
-        """What the formulas get wrong for the piece, a bar for each figure."""
+        """Errors of the formulas for the piece in per cent, a bar for each figure."""
         from femu_piezo.output.formula_chart import formula_figure
 
         return formula_figure(self.modes[number or 0])

@@ -20,7 +20,7 @@ class Identified(Result, IdentifyResult):
     """What `identify` returns: how well sweeps determine each of the ten constants, and `recommendations`.
 
     `expected.parameters` are the free constants as an update would state them, `expected.improvements` the tolerances,
-    the first one the one to improve.
+    of which the first is the one to improve.
     """
 
     _index = "constant"
@@ -36,7 +36,7 @@ class Identified(Result, IdentifyResult):
         return sensitivity_figure(self.sensitivities[number or 0])
 
     def rows(self) -> list[dict[str, Any]]:
-        """One row for each constant; infinite where nothing is known."""
+        """One row for each constant; its deviations are infinite where the sweeps tell nothing of it."""
         known = self.known
         return [
             {
@@ -51,9 +51,9 @@ class Identified(Result, IdentifyResult):
         ]
 
     def save(self, folder: Path | str) -> Path:
-        """Write identifiability.json, budget.png, of every sweep sensitivity.png, of a study study.png; the folder.
+        """Write identifiability.json, budget.png, and sensitivity.png of every sweep; the folder.
 
-        Of a plan plan.csv, plan_segments.csv and plan_e4990a.scpi as well.
+        A study adds study.png, a plan adds plan.csv, plan_segments.csv and plan_e4990a.scpi.
         """
         from femu_piezo.output.budget_chart import budget_figure
 

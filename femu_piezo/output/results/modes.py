@@ -52,7 +52,7 @@ class Modes(Result, ModesResult):
 
         Parameters
         ----------
-        animate : mode_01.gif … as well
+        animate : write mode_01.gif … as well
         scene : modes.html as well, an interactive scene
         vtu : mode_01.vtu … as well: displacement and potential at pole and zero in the whole body
         mesh : mesh.msh and mesh.inp as well, with the electrodes
@@ -86,7 +86,7 @@ class Modes(Result, ModesResult):
         vectors = [vector for _, _, vector in states]
         volume = volume_of(self.model, np.array(vectors).T if vectors else np.zeros((self.model.size, 0)))
         for number in range(len(self.modes) if vtu else 0):
-            fields = {name: volume.fields[i] for i, (of, name, _) in enumerate(states) if of == number}
+            fields = {name: volume.fields[i] for i, (of_mode, name, _) in enumerate(states) if of_mode == number}
             write_binary(out / f"mode_{number + 1:02d}.vtu", vtu_of_mode(volume, fields))
         if mesh:
             write_binary(out / "mesh.msh", mesh_msh(volume))

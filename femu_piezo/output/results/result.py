@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 
 class Result(ABC):
-    """Base of the results: a class of this package is a result of `femu_piezo.study` and this."""
+    """Base class of the results; most classes here derive from it and from a result of `femu_piezo.study`."""
 
     _index: ClassVar[str | None] = None  # the column that names the rows
 
     @classmethod
     def of_study(cls, result: Any) -> Self:
-        """The result of a study with the methods of this class."""
+        """A result of `femu_piezo.study` as an object of this class."""
         return cls(**{field.name: getattr(result, field.name) for field in fields(result)})
 
     @abstractmethod
@@ -34,7 +34,7 @@ class Result(ABC):
 
     @abstractmethod
     def plot(self, number: int | None = None) -> Figure:
-        """The picture of the result; `number` is that of the specimen or the mode where there are several."""
+        """The picture of the result; `number` is that of the sweep or the mode where there are several."""
 
     @abstractmethod
     def rows(self) -> list[dict[str, Any]]:
@@ -42,10 +42,10 @@ class Result(ABC):
 
     @abstractmethod
     def save(self, folder: Path | str) -> Path:
-        """Write what the command line writes into a folder, which is made where it does not exist; the folder."""
+        """Write the files of the command line into a folder, which is made where it does not exist; the folder."""
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """The rows as a table of pandas; ImportError where that is not installed."""
+        """The rows as a table of pandas; ImportError where pandas is not installed."""
         try:
             import pandas
         except ImportError:
@@ -79,5 +79,5 @@ def resonance_rows(resonances: Iterable[Resonance]) -> list[dict[str, Any]]:
 
 
 def suffixes(count: int) -> list[str]:
-    """What the files of each of several specimens have in their names; nothing for a single one."""
+    """Suffixes of the names of files: "_1", "_2", … for several specimens or sweeps, "" for a single one."""
     return [f"_{index + 1}" for index in range(count)] if count > 1 else [""]

@@ -28,7 +28,7 @@ class Updated(Result, UpdateResult):
         return update_table(self)
 
     def plot(self, number: int | None = None) -> Figure:
-        """Measured, baseline and updated curve of one specimen, and what is left over."""
+        """Measured, baseline and updated curve of one sweep, and the misfit of both models."""
         from femu_piezo.output.curves import impedance_figure
 
         return impedance_figure(self.outcomes[number or 0])
@@ -50,12 +50,12 @@ class Updated(Result, UpdateResult):
         ]
 
     def save(self, folder: Path | str, *, report: bool = False) -> Path:
-        """Write update.json and of every specimen impedance.png, iterations.png, sensitivity.png and updated.csv.
+        """Write update.json, and impedance.png, iterations.png, sensitivity.png and updated.csv of every sweep.
 
-        budget.png as well, where the deviations have a budget, and temperature.png of sweeps at several temperatures.
+        Also budget.png where the deviations have a budget, temperature.png where sweeps are at several temperatures,
         corner.png and samples.csv where samples were drawn.
 
-        report : report.html as well, which holds all of it
+        report : write report.html as well, which holds all of it
         """
         from femu_piezo.output.budget_chart import budget_figure, budget_shares
         from femu_piezo.output.curves import iteration_figure
@@ -63,13 +63,13 @@ class Updated(Result, UpdateResult):
         from femu_piezo.output.sensitivity import sensitivity_figure
 
         out = prepare_folder(Path(folder))
-        for number, (suffix, one) in enumerate(zip(suffixes(len(self.outcomes)), self.outcomes, strict=True)):
+        for number, (suffix, outcome) in enumerate(zip(suffixes(len(self.outcomes)), self.outcomes, strict=True)):
             write_figure(out / f"impedance{suffix}.png", self.plot(number))
-            if len(one.history) > 1:
-                write_figure(out / f"iterations{suffix}.png", iteration_figure(one, tuple(self.parameters)))
-            updated = ImpedanceSpectrum(one.measured.spectrum.frequency, one.updated_curve)
+            if len(outcome.history) > 1:
+                write_figure(out / f"iterations{suffix}.png", iteration_figure(outcome, tuple(self.parameters)))
+            updated = ImpedanceSpectrum(outcome.measured.spectrum.frequency, outcome.updated_curve)
             write_spectrum(updated, out / f"updated{suffix}.csv")
-            write_figure(out / f"sensitivity{suffix}.png", sensitivity_figure(one.sensitivity))
+            write_figure(out / f"sensitivity{suffix}.png", sensitivity_figure(outcome.sensitivity))
         if budget_shares(self.parameters):
             title = f"{self.name}: where the deviations come from"
             write_figure(out / "budget.png", budget_figure(title, self.parameters))
@@ -91,7 +91,7 @@ class Updated(Result, UpdateResult):
         return out
 
     def save_data_sheet(self, folder: Path | str) -> Path:
-        """Write of every specimen datasheet.pdf, one page, and datasheet.png; and update.json; the folder."""
+        """Write datasheet.pdf, one page, and datasheet.png of every sweep, and update.json; the folder."""
         from femu_piezo.output.data_sheet import as_pdf, data_sheet
         from femu_piezo.output.records import update_record
 
