@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-#: Points of a curve that a browser is given; more are thinned.
+#: Most points of a curve that are sent to the browser; longer curves are thinned.
 _MOST = 6000
-#: Colours of curves, told apart by those who see red and green alike (Okabe and Ito).
+#: Colours of curves that readers with red-green blindness can tell apart (Okabe and Ito).
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 #: Heights of charts, in pixels.
 IMPEDANCE_HEIGHT, RESIDUAL_HEIGHT = 520, 320
@@ -31,12 +31,12 @@ def impedance_chart(
     masked: Sequence[tuple[float, float]] = (),
     measured: str = "",
 ) -> dict:
-    """Curves of Z by name.
+    """Chart of curves of Z by name.
 
     Parameters
     ----------
-    resonances : of extraction.json, each with kind, frequency_Hz and std_Hz: lines, with bands of ± 2 σ
-    faults : sentence and frequencies (m,) of what is wrong with the first curve
+    resonances : of extraction.json, each with kind, frequency_Hz and std_Hz; drawn as lines with bands of ± 2 σ
+    faults : (sentence, frequencies (m,) in Hz) of each fault of the first curve
     masked : bands (low, high), Hz, that are left out
     measured : name of the curve that is drawn as points
     """
@@ -46,8 +46,8 @@ def impedance_chart(
     traces = []
     for number, (name, (frequency, z)) in enumerate(curves.items()):
         frequency, z = _thinned(frequency, z)
-        both = (np.abs(z), np.degrees(np.angle(z))) if view == "|Z| and phase" else (z.real, z.imag)
-        for row, values in enumerate(both):
+        panels = (np.abs(z), np.degrees(np.angle(z))) if view == "|Z| and phase" else (z.real, z.imag)
+        for row, values in enumerate(panels):
             traces.append(
                 _trace(frequency / 1e3, values, name, number, points=name == measured)
                 | {"showlegend": row == 0}
@@ -55,11 +55,11 @@ def impedance_chart(
             )
     if faults and curves:
         frequency, z = next(iter(curves.values()))
-        for words, at in faults:
-            value = np.abs(np.interp(at, frequency, np.abs(z) if view == "|Z| and phase" else z.real))
+        for words, of_fault in faults:
+            value = np.abs(np.interp(of_fault, frequency, np.abs(z) if view == "|Z| and phase" else z.real))
             marker = {"symbol": "x", "size": 9, "color": _FAULT}
             traces.append(
-                {"x": _list(at / 1e3), "y": _list(value), "mode": "markers", "marker": marker, "name": words[:60]}
+                {"x": _list(of_fault / 1e3), "y": _list(value), "mode": "markers", "marker": marker, "name": words[:60]}
                 | {"hovertext": words, "hoverinfo": "text"}
             )
     shapes = [_band(low / 1e3, high / 1e3, "rgba(128,128,128,0.3)") for low, high in masked]
@@ -91,7 +91,7 @@ def _circles(curves: Mapping[str, Curve], measured: str) -> dict:
 
 
 def residual_chart(frequency: np.ndarray, residuals: Mapping[str, np.ndarray], words: str, band: float = 0.0) -> dict:
-    """Residuals by name, complex (k,): of log |Z| and, as crosses, of the phase; ± `band` is shaded."""
+    """Chart of residuals of log Z by name, complex (k,): |Z| as dots, the phase as crosses; ± `band` is shaded."""
     traces = []
     for number, (name, values) in enumerate(residuals.items()):
         thin, values = _thinned(frequency, values)
@@ -110,7 +110,7 @@ def residual_chart(frequency: np.ndarray, residuals: Mapping[str, np.ndarray], w
 
 
 def bar_chart(values: Mapping[str, Mapping[str, float]], words: str) -> dict:
-    """Stacked shares: for each bar its parts by name."""
+    """Chart of stacked bars: bar → part → value; words : title of the axis."""
     parts = list(dict.fromkeys(part for shares in values.values() for part in shares))
     traces = [
         {
@@ -157,7 +157,10 @@ def _layout(shapes: Sequence[dict] = ()) -> dict:
         "plot_bgcolor": "rgba(0,0,0,0)",
         "margin": {"l": 64, "r": 12, "t": 44, "b": 48},
         "legend": {"orientation": "h", "y": 1.02, "yanchor": "bottom"},
-        "font": {"family": "Roboto, sans-serif", "size": 13},  # the page's by name: plotly measures words with it
+        "font": {
+            "family": "Roboto, sans-serif",
+            "size": 13,
+        },  # the font of the page by name: plotly measures text with it
         "dragmode": "zoom",
     }
 
@@ -178,10 +181,11 @@ def _trace(x: np.ndarray, y: np.ndarray, name: str, number: int, *, points: bool
     return {"x": _list(x), "y": _list(y), "name": name, "line": {"color": color, "width": 2}, **kind}
 
 
-def _marked(one: Mapping[str, Any]) -> list[dict]:
-    color = _POLE if one["kind"] == "pole" else _ZERO
-    at, std = one["frequency_Hz"] / 1e3, (one.get("std_Hz") or 0.0) / 1e3
-    line = {"color": color, "dash": "dot" if one["kind"] == "pole" else "dash", "width": 1.2}
+def _marked(resonance: Mapping[str, Any]) -> list[dict]:
+    """The line of a resonance and its band of ± 2 σ."""
+    color = _POLE if resonance["kind"] == "pole" else _ZERO
+    at, std = resonance["frequency_Hz"] / 1e3, (resonance.get("std_Hz") or 0.0) / 1e3
+    line = {"color": color, "dash": "dot" if resonance["kind"] == "pole" else "dash", "width": 1.2}
     found = [{"type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": at, "x1": at, "line": line}]
     return [_band(at - 2 * std, at + 2 * std, color, 0.25), *found] if std else found
 

@@ -16,7 +16,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.files import write_atomically
 from femu_piezo.web.workspace import Workspace
 
-#: Steps that can be undone, and seconds without typing after which a new one begins.
+#: Most states of a text that are kept, and seconds without typing after which a new step begins.
 _DEEPEST, _PAUSE = 200, 2.0
 
 
@@ -26,7 +26,7 @@ class Draft:
     Parameters
     ----------
     name : of the specimen file in the workspace
-    who : whose edits; each browser has its own
+    who : identity of the browser; each has its own edits
     """
 
     def __init__(self, workspace: Workspace, name: str, who: str) -> None:
@@ -39,7 +39,7 @@ class Draft:
         self._read()
 
     def _read(self) -> None:
-        """As it is kept. Where the file was changed elsewhere its text is one more step, and edits can be undone to."""
+        """Load the kept states. A file changed elsewhere adds its text as a step; undo leads back to the edits."""
         self._saved = self._on_disk()
         self._texts, self._at = [self._saved], 0
         try:
@@ -64,32 +64,32 @@ class Draft:
 
     @property
     def text(self) -> str:
-        """As it stands."""
+        """The current text."""
         return self._texts[self._at]
 
     @property
     def changed(self) -> bool:
-        """Whether it differs from the file."""
+        """Whether the text differs from the saved one."""
         return self.text != self._saved
 
     @property
     def can_undo(self) -> bool:
-        """Whether a step is left to be undone."""
+        """Whether there is a step to undo."""
         return self._at > 0
 
     @property
     def can_redo(self) -> bool:
-        """Whether a step was undone."""
+        """Whether there is an undone step to do again."""
         return self._at < len(self._texts) - 1
 
     def set(self, text: str, *, typed: bool = False) -> None:
-        """Another text; one more step, or, where it is `typed`, part of the step that typing goes on with."""
+        """Set the text: as a further step or, where `typed` within `_PAUSE` of the last typing, in its place."""
         before = self.text
         self._read()  # another window may have edited meanwhile
         if text == self.text or text == before:
             return
-        now, goes_on = time.monotonic(), typed and self._at > 0 and time.monotonic() - self._typed_at < _PAUSE
-        self._texts = [*self._texts[: self._at + (not goes_on)], text][-_DEEPEST:]
+        now, continues = time.monotonic(), typed and self._at > 0 and time.monotonic() - self._typed_at < _PAUSE
+        self._texts = [*self._texts[: self._at + (not continues)], text][-_DEEPEST:]
         self._at = len(self._texts) - 1
         self._typed_at = now if typed else 0.0
         self._keep()
@@ -112,7 +112,7 @@ class Draft:
         write_atomically(self._file, json.dumps({"saved": self._saved, "texts": self._texts, "at": self._at}))
 
     def save(self) -> None:
-        """Write the specimen file, once its text is one; InputError where it is not, or was changed elsewhere."""
+        """Write the specimen file; InputError where the text is no specimen, or the file was changed elsewhere."""
         self.problem_or_raise()
         if self._on_disk() != self._saved:
             self._read()
@@ -122,19 +122,19 @@ class Draft:
         self._keep()
 
     def problem_or_raise(self) -> None:
-        """InputError with the one sentence that the command line would say of this text."""
+        """Raise InputError with the sentence of the command line where the text is no specimen."""
         path = self._workspace.path(self._name)
-        beside = path.with_name(f".{path.stem}.{self._file.stem}.toml")
+        trial = path.with_name(f".{path.stem}.{self._file.stem}.toml")
         try:
-            write_atomically(beside, self.text)
-            self._workspace.specimen(self._workspace.name(beside))
+            write_atomically(trial, self.text)
+            self._workspace.specimen(self._workspace.name(trial))
         except InputError as error:
-            raise InputError(str(error).replace(str(beside), self._name)) from None
+            raise InputError(str(error).replace(str(trial), self._name)) from None
         finally:
-            beside.unlink(missing_ok=True)
+            trial.unlink(missing_ok=True)
 
     def problem(self) -> str:
-        """That sentence, "" where there is nothing wrong."""
+        """The sentence of `problem_or_raise`, "" where nothing is wrong."""
         try:
             self.problem_or_raise()
         except InputError as error:

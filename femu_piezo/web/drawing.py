@@ -17,7 +17,7 @@ _CORNERS = 72
 
 
 def drawing(geometry: Geometry) -> str:
-    """The body as SVG, with its dimensions; of a body from a mesh file a sentence."""
+    """The body as SVG with its dimensions, HTML; a sentence where it comes from a mesh file."""
     if geometry.shape == "mesh":
         return "<p>The body is that of the mesh file.</p>"
     outline, hole, thickness = _outline(geometry), _hole(geometry), geometry.thickness
@@ -34,7 +34,7 @@ def drawing(geometry: Geometry) -> str:
     shapes = [
         _polygon([bottom[i], bottom[j], top[j], top[i]], _SIDE)
         for i, j in zip(range(len(outline)), np.roll(range(len(outline)), -1), strict=True)
-        if _faces_us(outline[i], outline[j])
+        if _is_visible(outline[i], outline[j])
     ]
     shapes.append(_polygon(top, _BODY))
     along = geometry.poling == "length"
@@ -105,7 +105,7 @@ def _electrode(g: Geometry, outline: np.ndarray) -> np.ndarray:
     return covered
 
 
-def _faces_us(first: np.ndarray, second: np.ndarray) -> bool:
+def _is_visible(first: np.ndarray, second: np.ndarray) -> bool:
     """Whether the side between two corners is seen: its outward normal has a part towards the lower edge."""
     along = second - first
     normal = np.array([along[1], -along[0], 0.0])

@@ -1,4 +1,4 @@
-"""Who may speak to the page: this machine, pages of this server, and, beyond this machine, whoever has the token."""
+"""Which requests the page answers: those of this machine and of its own pages; from elsewhere, those with the token."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _HEADERS = (
     (b"referrer-policy", b"no-referrer"),
     (b"x-frame-options", b"SAMEORIGIN"),
 )
-#: Nothing is fetched from elsewhere; the page draws with inline styles and compiles its templates.
+#: Nothing is fetched from other servers; the page needs inline styles, and compiles its templates (unsafe-eval).
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; worker-src 'self' blob:; "
@@ -33,12 +33,12 @@ def is_loopback(host: str) -> bool:
 
 
 class Guard:
-    """ASGI middleware: refuses foreign hosts and origins, large bodies, and strangers without the token.
+    """ASGI middleware: refuses foreign hosts and origins, large bodies, and requests without the token.
 
     Parameters
     ----------
-    app : what is guarded
-    token : that an address must bear once ("?token=…"), a cookie from then on; none is asked for where None
+    app : the application that it guards
+    token : required once in the address ("?token=…"), from then on in a cookie; where None, no token is required
     """
 
     def __init__(self, app, token: str | None = None) -> None:
@@ -52,7 +52,7 @@ class Guard:
         refusal = self._refusal(scope, headers)
         if refusal is not None:
             await _refuse(scope, receive, send, *refusal)
-        elif scope["type"] == "http" and (place := self._welcome(scope)) is not None:
+        elif scope["type"] == "http" and (place := self._without_token(scope)) is not None:
             await _redirect(send, place, self._token)
         else:
             http = scope["type"] == "http"
@@ -61,20 +61,20 @@ class Guard:
     def _refusal(self, scope, headers: dict[bytes, str]) -> tuple[int, str] | None:
         host = headers.get(b"host", "")
         name = urlsplit(f"//{host}").hostname or ""
-        # a name that someone else made point here would make their page one of ours (DNS rebinding)
+        # a foreign name that resolves to this machine would give a foreign page our origin (DNS rebinding)
         if self._token is None and not is_loopback(name):
             return 403, "this page answers to this machine alone"
         origin = headers.get(b"origin")
         if origin is not None and urlsplit(origin).netloc != host:
             return 403, "this request comes from another page"
-        if self._token is not None and not self._knows(scope, headers):
+        if self._token is not None and not self._has_token(scope, headers):
             return 403, "open the address with its token, as the terminal shows it"
         length = headers.get(b"content-length", "0")
         if not length.isdigit() or int(length) > _LARGEST_BODY:
             return 413, f"more than {_LARGEST_BODY / 1e6:.0f} MB are not taken"
         return None
 
-    def _knows(self, scope, headers: dict[bytes, str]) -> bool:
+    def _has_token(self, scope, headers: dict[bytes, str]) -> bool:
         cookie = SimpleCookie(headers.get(b"cookie", "")).get(_COOKIE)
         given = [
             cookie.value if cookie else "",
@@ -82,8 +82,8 @@ class Guard:
         ]
         return any(hmac.compare_digest(one.encode(), self._token.encode()) for one in given)
 
-    def _welcome(self, scope) -> str | None:
-        """Where an address with the token leads, without it."""
+    def _without_token(self, scope) -> str | None:
+        """The address without its token; None where it has none."""
         pairs = parse_qsl(scope["query_string"].decode("latin-1"))
         if self._token is None or not any(key == "token" for key, _ in pairs):
             return None
@@ -103,14 +103,14 @@ async def _refuse(scope, receive, send, status: int, words: str) -> None:
 
 async def _redirect(send, place: str, token: str) -> None:
     cookie = f"{_COOKIE}={token}; HttpOnly; SameSite=Strict; Path=/"
-    # a path of two slashes would be an address elsewhere
+    # a path that begins with two slashes would be the address of another host
     headers = [(b"location", ("/" + place.lstrip("/")).encode("latin-1")), (b"set-cookie", cookie.encode("latin-1"))]
     await send({"type": "http.response.start", "status": 303, "headers": headers})
     await send({"type": "http.response.body", "body": b""})
 
 
 def _limited(receive):
-    """A body that states no length ends where it is too long."""
+    """`receive`, which breaks off a body that grows beyond `_LARGEST_BODY`, as one that states no length may."""
     taken = 0
 
     async def receiving():
@@ -126,10 +126,10 @@ def _with_headers(send):
     async def sending(message) -> None:
         if message["type"] == "http.response.start":
             given = {name.lower() for name, _ in message["headers"]}
-            own = [(name, value) for name, value in _HEADERS if name not in given]
+            added = [(name, value) for name, value in _HEADERS if name not in given]
             if b"content-security-policy" not in given:
-                own.append((b"content-security-policy", _POLICY.encode()))
-            message = {**message, "headers": [*message["headers"], *own]}
+                added.append((b"content-security-policy", _POLICY.encode()))
+            message = {**message, "headers": [*message["headers"], *added]}
         await send(message)
 
     return sending

@@ -19,7 +19,7 @@ from femu_piezo.files import write_atomically
 from femu_piezo.threads import available_cores
 
 State = Literal["waiting", "running", "done", "failed", "cancelled"]
-#: Jobs that are remembered, and that may wait.
+#: Jobs that are remembered in addition to waiting ones, and most that may wait.
 _REMEMBERED, _MOST_WAITING = 60, 200
 _STOPPED = "the server was stopped meanwhile"
 #: Environment variable in which the commands find the address of a store.
@@ -36,10 +36,10 @@ class Job:
 
     Attributes
     ----------
-    number : in order of asking
+    number : in the order of the requests
     command : "update", "diagnose", …;  source : what it works on;  out : folder of its results, both names
-    arguments : further ones of the command line
-    state, step : where it stands;  message : the sentence of its error
+    arguments : further arguments of the command line
+    state : of the job;  step : of the running command;  message : the sentence of its error
     asked, began, ended : seconds since 1970
     """
 
@@ -62,12 +62,12 @@ class Job:
 
     @property
     def seconds(self) -> float:
-        """Since it began, until it ended."""
+        """Seconds from its beginning to its end, or to now while it runs."""
         return 0.0 if self.began is None else (self.ended or time.time()) - self.began
 
 
 class Jobs:
-    """The queue of a folder, whose commands keep their results in a store as well where one is given.
+    """The queue of the commands on a folder; they keep their results also in a store where one is given.
 
     Jobs that run when the server stops are interrupted; those that wait are run after the next start.
     """
@@ -101,7 +101,7 @@ class Jobs:
         return next((job for job in self.all() if (job.command, job.source) == (command, source)), None)
 
     def ask(self, command: str, source: str, out: str, arguments: Sequence[str] = ()) -> Job:
-        """Queue a command; the job that does the same already, where there is one."""
+        """Queue a command and return its job; an active job of the same command and source is returned instead."""
         with self._lock:
             for job in self._jobs:
                 if job.active and (job.command, job.source) == (command, source):
@@ -128,16 +128,16 @@ class Jobs:
             threading.Thread(target=_interrupt, args=(process,), daemon=True).start()
 
     def left(self, job: Job) -> float | None:
-        """Seconds that a running job has left by the last one of its kind; None where it takes longer than that."""
+        """Seconds to the end of a job, from the last run of its command; None once that time is over."""
         known = self._times.get(job.command, {"all": _FIRST_GUESS.get(job.command, 30.0), "steps": {}})
         whole, begun = known["all"], known["steps"].get(job.step)
-        left = whole - job.seconds
+        remaining = whole - job.seconds
         if begun is not None and job.state == "running":
-            left = (whole - begun) - (time.time() - self._step_began.get(job.number, time.time()))
-        return left if left > 0 else None
+            remaining = (whole - begun) - (time.time() - self._step_began.get(job.number, time.time()))
+        return remaining if remaining > 0 else None
 
     def stop(self) -> None:
-        """Interrupt what runs and end the workers."""
+        """Interrupt the running jobs and end the workers."""
         with self._lock:
             self._stopped = True
             running = list(self._running.values())
@@ -164,19 +164,19 @@ class Jobs:
                 self._end(job, "failed", f"the command could not be started ({error.strerror})", {})
 
     def _next(self) -> Job | None:
-        """The first that waits and whose results no running one writes."""
+        """The first waiting job into whose folder of results no running job writes."""
         busy = {one.out for one in self._jobs if one.state == "running" or one.number in self._running}
         return next((one for one in self._jobs if one.state == "waiting" and one.out not in busy), None)
 
     def _run(self, job: Job) -> None:
-        order = [sys.executable, "-P", "-m", "femu_piezo.cli", job.command, "--out", job.out, *job.arguments]
-        order += ["--", job.source]  # -P: a script in the folder is no module of ours;  --: nor is a name an option
-        settings = {**os.environ, **self._settings, steps.VARIABLE: "1", "PYTHONUTF8": "1"}
-        settings["OMP_NUM_THREADS"] = str(self._share)
+        command_line = [sys.executable, "-P", "-m", "femu_piezo.cli", job.command, "--out", job.out, *job.arguments]
+        command_line += ["--", job.source]  # -P: scripts in the folder shadow no modules;  --: no name is an option
+        environment = {**os.environ, **self._settings, steps.VARIABLE: "1", "PYTHONUTF8": "1"}
+        environment["OMP_NUM_THREADS"] = str(self._share)
         process = subprocess.Popen(
-            order,
+            command_line,
             cwd=self._folder,
-            env=settings,
+            env=environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
@@ -190,17 +190,17 @@ class Jobs:
             cancelled = job.state == "cancelled"
         if cancelled:
             _interrupt(process)
-        said, began = "", {}
+        last_line, began = "", {}
         for line in process.stderr:
             if line.startswith(steps.PREFIX):
                 job.step = line.removeprefix(steps.PREFIX).strip()[:200]
                 self._step_began[job.number] = time.time()
                 began.setdefault(job.step, job.seconds)
             elif line.strip():
-                said = line.strip()[:2000]
+                last_line = line.strip()[:2000]
         code = process.wait()
-        said = said.removeprefix("femu-piezo: ")
-        self._end(job, "done" if code == 0 else "failed", "" if code == 0 else said or f"exit code {code}", began)
+        last_line = last_line.removeprefix("femu-piezo: ")
+        self._end(job, "done" if code == 0 else "failed", "" if code == 0 else last_line or f"exit code {code}", began)
 
     def _end(self, job: Job, state: State, message: str, began: dict[str, float]) -> None:
         with self._lock:
@@ -219,7 +219,7 @@ class Jobs:
 
 
 def _known(records: object) -> list[Job]:
-    """The jobs of a file; none where they are of another version."""
+    """The jobs of a file; none where its records have other keys."""
     try:
         return [Job(**record) for record in records]
     except TypeError:
@@ -240,7 +240,7 @@ def _interrupt(process: subprocess.Popen) -> None:
 
 
 def _json(path: Path, otherwise):
-    """What a file of the page's own holds; a damaged one counts for nothing."""
+    """The content of a JSON file that the page keeps; `otherwise` where it is missing or damaged."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):

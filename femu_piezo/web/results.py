@@ -27,9 +27,9 @@ def record(path: Path) -> dict | None:
 
 
 def sweep(path: Path) -> tuple[Curve, list[tuple[str, np.ndarray]], list[str]] | str:
-    """Curve of a measured file, its faults with their frequencies, and notes; or the sentence that `extract` says.
+    """Curve of a measured file, its faults with their frequencies, and notes; or the sentence of an error.
 
-    An error is returned, not raised: it comes from another process.
+    An error is returned, not raised, as this runs in another process.
     """
     try:
         spectrum = read_spectrum(path)
@@ -40,13 +40,13 @@ def sweep(path: Path) -> tuple[Curve, list[tuple[str, np.ndarray]], list[str]] |
 
 
 def curve(path: Path) -> Curve | None:
-    """A curve that a command wrote as CSV; None where there is none."""
+    """A curve that a command wrote as CSV; None where it cannot be read."""
     found = columns(path)
     return None if found is None else (found["frequency_Hz"], found["resistance_ohm"] + 1j * found["reactance_ohm"])
 
 
 def columns(path: Path) -> dict[str, np.ndarray] | None:
-    """The columns of a CSV of numbers by name; None where there is none."""
+    """Column → numbers (k,) of a CSV file; None where it cannot be read."""
     try:
         with open(path, encoding="utf-8") as stream:
             names = stream.readline().strip().split(",")
@@ -63,13 +63,13 @@ def constant_rows(parameters: dict) -> list[tuple[str, str, str, str, str]]:
         factor, unit = PRINTED[name]
         std = None if one.get("std") is None else one["std"] * factor
         rows.append(
-            (name, unit, number(one["value"] * factor, std), number(one["tan"], one.get("tan_std")), _most(one))
+            (name, unit, number(one["value"] * factor, std), number(one["tan"], one.get("tan_std")), _largest_part(one))
         )
     return rows
 
 
 def interval_rows(parameters: dict) -> list[tuple[str, str]]:
-    """Ends of 95 % of value and loss tangent, whatever the cause; "" where the results lack them."""
+    """Intervals of 95 % of value and loss tangent, whatever the cause; "" where the results lack them."""
     rows = []
     for name, one in parameters.items():
         value, tangent = one.get("interval"), one.get("tan_interval")
@@ -92,7 +92,8 @@ def shares(parameters: dict) -> dict[str, dict[str, float]]:
     return found
 
 
-def _most(one: dict) -> str:
+def _largest_part(one: dict) -> str:
+    """The source of the largest part of the variance of a constant, and its share."""
     budget = one.get("budget") or {}
     whole = sum(value**2 for value in budget.values())
     if not whole:

@@ -13,7 +13,7 @@ from femu_piezo.web.guard import Guard, is_loopback
 from femu_piezo.web.jobs import Jobs
 from femu_piezo.web.workspace import Workspace
 
-#: Kinds of files that the browser is given, and how it is to take them.
+#: Endings of the files that are served, and their media types.
 _KINDS = {
     ".html": "text/html; charset=utf-8",
     ".json": "application/json",
@@ -65,14 +65,14 @@ def serve(folder: Path, host: str, port: int, store: str | None = None) -> None:
         kind = _KINDS.get(path.suffix.lower())
         if kind is None or not path.is_file():
             raise HTTPException(404)
-        # a page of results runs its own scripts, and has no part in ours
+        # a page of results runs its own scripts, in a sandbox without access to this page
         return FileResponse(path, media_type=kind, headers={"content-security-policy": _policy(path)})
 
     @application.get("/")
     def first() -> RedirectResponse:
         return RedirectResponse("/sweep")
 
-    run.process_pool_start_method = "spawn"  # a fork would take the threads' locks along
+    run.process_pool_start_method = "spawn"  # a fork would copy the locks that threads hold
     register(Site(workspace, jobs))
     ui.run_with(
         application, title="femu-piezo", storage_secret=secret, show_welcome_message=False, reconnect_timeout=_AWAY
@@ -92,7 +92,7 @@ def serve(folder: Path, host: str, port: int, store: str | None = None) -> None:
 
 
 def _checked(store: str, folder: Path) -> str:
-    """The address of a store that answers, whatever folder a command works in."""
+    """The address of a store, absolute where it is a file; InputError where it does not answer."""
     from femu_piezo.store.address import FILE, HERE
     from femu_piezo.store.database import Database
 
@@ -138,7 +138,7 @@ def _policy(path: Path) -> str:
 
 
 def _secret(own: Path) -> str:
-    """Of the cookies, kept so that a browser is known after a restart."""
+    """The secret of cookies and token, kept so that browsers are known after a restart."""
     file = own / "secret"
     if not file.exists():
         handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)

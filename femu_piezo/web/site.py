@@ -65,7 +65,7 @@ class Site:
 
     @contextmanager
     def frame(self, page: str, chosen: Mapping[str, str]) -> Iterator[None]:
-        """Head, way to the other pages and what is common; `chosen`: what the address names, kept on the way."""
+        """Header with links to all pages, and the content below; `chosen` : query of the address, kept in links."""
         ui.add_css(_STYLE)
         ui.colors(primary=_PRIMARY)
         wish = app.storage.user.get("theme", "auto")
@@ -95,7 +95,7 @@ class Site:
             yield
 
     def _queue(self) -> None:
-        """Every job, in a list that the head opens."""
+        """A list of the latest jobs, which a button of the header opens."""
         with ui.button().props("flat color=white no-caps dense") as button, ui.menu().props("max-width=90vw"):
             rows = ui.column().classes("p-4 min-w-72 gap-2")
         shown: list[object] = []
@@ -136,9 +136,9 @@ class Site:
         Parameters
         ----------
         words : of the button
-        done : called when it has ended well
-        arguments : further ones of the command line, at the time of asking
-        check : raises InputError where it cannot be asked for
+        done : called when the command has succeeded
+        arguments : further arguments of the command line, called at the request
+        check : raises InputError where the command cannot be run
         """
         with ui.card().classes("w-full"):
             with ui.row().classes("items-center gap-4 w-full"):
@@ -187,7 +187,7 @@ class Site:
         ui.timer(_POLL, tell)
 
     def _words(self, job: Job) -> str:
-        """Where a job stands, in one line."""
+        """The state of a job in one line."""
         if job.state == "waiting":
             before = sum(one.active and one.number < job.number for one in self.jobs.all())
             return f"waiting for {before} other{'s' if before > 1 else ''}" if before else "waiting"
@@ -212,9 +212,9 @@ class Site:
         )
 
     def specimen_field(self, spec: str, page: str, chosen: Mapping[str, str]) -> str:
-        """The choice of a specimen file for a page; the one that is shown, "" where there is none to work with.
+        """Show the choice of a specimen file; the name of the chosen one, "" where the page has none to work with.
 
-        One that is named but not saved yet is told, and nothing else is shown in its place.
+        A file that is named but not saved yet is reported, and no other is shown in its place.
         """
         names = self.workspace.specimens()
         spec = spec or (names[0] if names else "")
@@ -238,7 +238,7 @@ class Site:
                     build(spec)
 
     def age(self, spec: str, result: Path) -> None:
-        """Says where the specimen file or a file that it names is newer than a result."""
+        """Warn where the specimen file or a file that it names is newer than a result."""
         try:
             files = [path for one in self.workspace.specimen(spec) for path in one.files]
             newest, then = max(path.stat().st_mtime for path in files), result.stat().st_mtime
@@ -282,18 +282,18 @@ class Site:
 
 
 def tell_error(label: ui.label, sentence: str) -> None:
-    """An error in a label that stands for it."""
+    """Show an error in the label of its place."""
     label.text = sentence
     label.classes(add="error")
 
 
 def complain(sentence: str) -> None:
-    """An error that belongs to no place on the page; it stays until it is closed."""
+    """Show an error that belongs to no place on the page; it stays until it is closed."""
     ui.notify(sentence, type="negative", close_button=True, timeout=0)
 
 
 def nothing(words: str) -> None:
-    """What stands where there is nothing to show yet."""
+    """Show a sentence in place of results that do not exist yet."""
     ui.label(words).classes("opacity-80")
 
 

@@ -20,19 +20,20 @@ OWN = ".femu-piezo"
 """Folder of what the page keeps for itself: unsaved edits, jobs, times."""
 
 LARGEST_UPLOAD = 50_000_000
-"""Bytes of one file that is taken."""
+"""Largest uploaded file, bytes."""
 
 SWEEPS = (".csv", ".txt", ".dat", ".tsv", ".s1p", ".s2p")
 """Endings of files that may be sweeps."""
 
 _ACCEPTED = (*SWEEPS, ".toml", ".msh", ".inp")
+#: Depth of the folders that are listed, and bytes of a specimen file that are checked.
 _DEEPEST, _LONGEST = 3, 1_000_000
 #: Files that a folder lists at most, and that it may hold before uploads are refused.
 _MOST_LISTED, _MOST_FILES = 2000, 20_000
 
 
 class Outside(InputError):
-    """A specimen file asks for what lies outside the folder."""
+    """A specimen file names a file outside the folder, or an environment variable."""
 
 
 def lot_of(name: str) -> str:
@@ -60,7 +61,7 @@ class Workspace:
         return cls(path.resolve())
 
     def path(self, name: str) -> Path:
-        """The file or folder of a name; InputError where it lies outside, or among what the page keeps for itself."""
+        """The file or folder of a name; InputError where it lies outside, or in the folder `OWN`."""
         if "\0" in name or not name:
             raise InputError(f"{name!r} is not a path in this folder")
         found = (self.folder / name).resolve()
@@ -74,7 +75,7 @@ class Workspace:
 
     @property
     def own(self) -> Path:
-        """What the page keeps for itself; made where it is missing."""
+        """The folder `OWN`; made where it is missing."""
         folder = self.folder / OWN
         folder.mkdir(exist_ok=True)
         return folder
@@ -107,7 +108,7 @@ class Workspace:
         return list(self._files(SWEEPS))
 
     def lots(self) -> list[str]:
-        """Folders that hold specimens; "." is this one, where it holds several."""
+        """Folders that hold specimens; the folder itself, ".", only where it holds several."""
         folders = [lot_of(name) for name in self.specimens()]
         return sorted({one for one in folders if one != "." or folders.count(".") > 1})
 
@@ -118,15 +119,18 @@ class Workspace:
     def specimen(self, name: str) -> list[Specimen]:
         """The specimens of a file, all of whose files lie in the folder; InputError where one does not."""
         path = self.path(name)
-        self._harmless(path)
+        self._refuse_harmful(path)
         found = read_specimens([path])
         for specimen in found:
             for path in specimen.files:
-                self._inside(path)
+                self._refuse_outside(path)
         return found
 
-    def _harmless(self, path: Path, studied: bool = True) -> None:
-        """Before it is read: no variable of this machine, no study of specimens elsewhere, whose values errors show."""
+    def _refuse_harmful(self, path: Path, studied: bool = True) -> None:
+        """Raise Outside where a file, not read yet, names environment variables or, as a study, specimens outside.
+
+        Messages of errors would show their values.
+        """
         try:
             text = path.read_bytes()[:_LONGEST].decode("utf-8-sig")
             members = tomllib.loads(text).get("specimens")
@@ -136,11 +140,11 @@ class Workspace:
             raise Outside(f"{path.name}: the page reads no environment variables; write the path without ${{…}}")
         for member in members if isinstance(members, list) and studied else ():
             if isinstance(member, str):
-                one = path.parent / os.path.expanduser(member)
-                self._inside(one)
-                self._harmless(one, studied=False)  # a study names no studies
+                file = path.parent / os.path.expanduser(member)
+                self._refuse_outside(file)
+                self._refuse_harmful(file, studied=False)  # a study names no studies
 
-    def _inside(self, path: Path) -> None:
+    def _refuse_outside(self, path: Path) -> None:
         if not path.resolve().is_relative_to(self.folder):
             raise Outside(
                 f"{path.name}: this file, which the specimen file names, lies outside the folder of this page; copy it "
@@ -148,7 +152,7 @@ class Workspace:
             )
 
     def take(self, name: str, content: bytes) -> str:
-        """Keep an uploaded file under its own name, with a number where another has that name; its name.
+        """Keep an uploaded file under its name, with a number added where another file has that name; the name kept.
 
         Raises InputError where it is too large or of a kind that is not read, or the folder is full.
         """

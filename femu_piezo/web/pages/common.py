@@ -12,7 +12,7 @@ from femu_piezo.web.site import Site
 
 
 def figure_rows(figures: dict, model: bool = False) -> list[tuple[str, ...]]:
-    """Standard figures of a JSON record: name, value, of the finite elements where asked, meaning."""
+    """Rows (name, value, value of the finite elements where `model`, meaning) of standard figures of a JSON record."""
     rows = []
     for name, one in figures["figures"].items():
         factor, unit = figure_scale(name, one["unit"])
@@ -25,7 +25,7 @@ def figure_rows(figures: dict, model: bool = False) -> list[tuple[str, ...]]:
 
 
 def chart(figure: dict, words: str) -> ui.plotly:
-    """A figure whose place is kept free until it is drawn, so that nothing below it moves under a hand."""
+    """A figure whose height is reserved before it is drawn, so that the page below does not move."""
     found = ui.plotly(figure).classes("w-full").style(f"min-height: {figure['layout']['height']}px")
     return found.props(f'role="img" aria-label="{words}"')
 
@@ -42,12 +42,12 @@ def report_links(site: Site, folder: Path) -> None:
 
 
 def framed(address: str, words: str) -> None:
-    """A page of results inside this one; it has no part in it."""
+    """A page of results in a sandboxed frame, without access to this page."""
     frame = ui.element("iframe").props(f'src="{address}" title="{words}" sandbox="allow-scripts allow-downloads"')
     frame.classes("w-full border rounded bg-white").style("height: 75vh")
 
 
 def notes(sentences) -> None:
-    """What a result has to say beside its numbers."""
+    """Show the notes of a result."""
     for sentence in sentences:
         ui.label(f"⚠ {sentence}")

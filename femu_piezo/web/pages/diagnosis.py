@@ -1,4 +1,4 @@
-"""Diagnosis: four answers in words, the candidates, what is left before and after, what to measure next."""
+"""Diagnosis: four answers in words, the candidates, residuals before and after, what to measure next."""
 
 from __future__ import annotations
 
@@ -71,10 +71,10 @@ class _Diagnosis:
             self._candidates(found)
             headings = ("constant", "unit", "after", "loss tangent", "± mostly from")
             rows = results.constant_rows(found["parameters"]["after"])
-            if found["verdict"] != "unknown":  # else what is missing in the model has gone into the constants
+            if found["verdict"] != "unknown":  # otherwise the constants absorb what the model lacks
                 headings += ("95 %, whatever the cause", "tangent")
                 ends = results.interval_rows(found["parameters"]["after"])
-                rows = [(*row, *own) for row, own in zip(rows, ends, strict=True)]
+                rows = [(*row, *interval) for row, interval in zip(rows, ends, strict=True)]
             table(headings, rows, "constants with the causes in the model")
             with ui.expansion("What to measure next").classes("w-full border rounded"):
                 for sentence in found["recommended_measurements"]:
@@ -107,7 +107,7 @@ class _Diagnosis:
             self._accepted = ui.label().props('role="status" aria-live="polite"')
 
     def _accept(self) -> None:
-        """A new specimen file with the named effects, which leaves the old one as it is."""
+        """Write a new specimen file with the named effects; the old file stays as it is."""
         workspace = self._site.workspace
         try:
             extended = read_specimen(self._folder / "extended.toml")
@@ -131,8 +131,8 @@ class _Diagnosis:
         figure = charts.impedance_chart(curves, charts.VIEWS[0], measured="measured")
         chart(figure, "measured, before and after")
         sigma = found["noise_ohm"] / np.abs(z["measured"]) / np.sqrt(2)
-        left = {name: np.log(z[name] / z["measured"]) / sigma for name in ("before", "after")}
-        figure = charts.residual_chart(frequency, left, "residual (σ)", band=2.0)
+        residuals = {name: np.log(z[name] / z["measured"]) / sigma for name in ("before", "after")}
+        figure = charts.residual_chart(frequency, residuals, "residual (σ)", band=2.0)
         chart(figure, "residual before and after")
 
     def _candidates(self, found: dict) -> None:

@@ -31,7 +31,7 @@ def register(site: Site) -> None:
 
 
 def _material(site: Site, spec: str) -> None:
-    """The constants of the last update as a material of another program, shown and to be taken along."""
+    """The constants of the last update as a material of another program, shown and offered for download."""
     record = site.workspace.path(site.workspace.results(spec, "update")) / "update.json"
     with ui.card().classes("w-full"):
         ui.label("Material for another program").classes("text-lg font-bold")

@@ -18,7 +18,7 @@ from femu_piezo.web.drafts import Draft, parsed, shown
 from femu_piezo.web.drawing import drawing
 from femu_piezo.web.site import Site, complain, nothing
 
-#: What people write into a field, by the beginning of its key.
+#: Example of the content of a field, by the beginning of its key.
 _EXAMPLES = {
     "length": "40 mm",
     "width": "5 mm",
@@ -39,7 +39,7 @@ _EXAMPLES = {
     "tan_": "1.5 %",
     "std_": "5 %",
 }
-#: Keys that one sees at once; the others open.
+#: Keys that are shown at once; the others are in a part that opens.
 _FIRST = {
     "geometry": ("density", "mass", "poling"),
     "material": ("base", "free", "simplified"),
@@ -76,7 +76,7 @@ def register(site: Site) -> None:
 
 
 class _Form:
-    """Form, drawing and text of one specimen, all of one draft."""
+    """Form, drawing and text of a specimen; all show the same draft."""
 
     def __init__(self, site: Site, name: str, draft: Draft) -> None:
         self._site, self._name, self._draft = site, name, draft
@@ -109,7 +109,7 @@ class _Form:
         self._rebuild()
 
     def _rebuild(self) -> None:
-        """The form anew, as the shape of the body asks."""
+        """Build the form again, with the fields of the current shape."""
         self._form.clear()
         self._fields = {}
         tables = self._draft.tables()
@@ -151,7 +151,7 @@ class _Form:
                 self._field(table, key, model.model_fields[key].annotation, given.get(key))
 
     def _field(self, table: str, key: str, kind: Any, value: Any) -> ui.element:
-        """One key as what it is: a switch, a choice, or a line of text."""
+        """The field of a key: a switch, a choice, or a line of text, by the type of the key."""
         where, label = f"{table}.{key}" if table else key, key.replace("_", " ")
         options = self._options(table, key, kind)
         if kind is bool:
@@ -184,8 +184,8 @@ class _Form:
             return list(CONSTANTS)
         if (table, key) == ("measurement", "file"):
             folder = self._name.rpartition("/")[0]
-            own = [name for name in self._site.workspace.sweeps() if name.rpartition("/")[0] == folder]
-            return [name.rpartition("/")[2] for name in own]
+            in_folder = [name for name in self._site.workspace.sweeps() if name.rpartition("/")[0] == folder]
+            return [name.rpartition("/")[2] for name in in_folder]
         choices = [kind, *get_args(kind)]
         return next((list(get_args(one)) for one in choices if get_origin(one) is Literal), None)
 
@@ -201,21 +201,21 @@ class _Form:
             complain(str(error))
             return
         if key == "shape":
-            self._drop_what_has_no_place(value)
+            self._drop_foreign_dimensions(value)
         self._editor.value = self._draft.text
         if key == "shape":
             self._rebuild()
         else:
             self._tell()
 
-    def _drop_what_has_no_place(self, shape: str | None) -> None:
-        """Take dimensions of the former shape out, which the new one does not have."""
+    def _drop_foreign_dimensions(self, shape: str | None) -> None:
+        """Remove the keys of [geometry] that the new shape does not have."""
         for key in list(self._draft.tables().get("geometry", {})):
             if shape in DIMENSIONS and key in Geometry.model_fields and not belongs_to(shape, key):
                 self._draft.put("geometry", key, None)
 
     def _typed(self, event) -> None:
-        """The text was changed by hand: the form follows."""
+        """Adapt the form to a text that was edited by hand."""
         if event.value == self._draft.text:
             return
         self._draft.set(event.value, typed=True)
@@ -229,7 +229,7 @@ class _Form:
             self._tell()
 
     def _follow(self, tables: dict[str, Any]) -> None:
-        """The fields show what the text says, without being edits themselves."""
+        """Set the fields to the values of the text; this counts as no edit."""
         self._following = True
         for where, field in self._fields.items():
             table, _, key = where.rpartition(".")
@@ -260,7 +260,7 @@ class _Form:
         self._tell()
 
     def _tell(self) -> None:
-        """Drawing, state of the buttons, and the sentence of an error beside its field."""
+        """Show the drawing, the state of the buttons, and the sentence of an error at its field."""
         problem = self._draft.problem()
         self._undo.set_enabled(self._draft.can_undo)
         self._redo.set_enabled(self._draft.can_redo)
@@ -282,6 +282,6 @@ class _Form:
 
 
 def _read(text: str, words: bool) -> Any:
-    """What a field holds: words as they stand where the key takes words alone, or a list of numbers."""
+    """The value of a field: its text where the key takes `words`, unless that is a list; else as `parsed` gives it."""
     found = parsed(text)
     return text.strip() if words and found is not None and not isinstance(found, list) else found

@@ -44,7 +44,7 @@ def register(site: Site) -> None:
 
 
 def _of_specimen(site: Site, spec: str, names: list[str]) -> str:
-    """The sweep that a specimen file names, where it is one of the folder's."""
+    """The sweep among `names` that a specimen file names, "" where there is none."""
     try:
         files = site.workspace.specimen(spec)[0].files if spec else ()
     except InputError:
@@ -53,11 +53,11 @@ def _of_specimen(site: Site, spec: str, names: list[str]) -> str:
 
 
 class _Sweep:
-    """One sweep, and others beside it."""
+    """One sweep, and others that it is compared with."""
 
     def __init__(self, site: Site, names: list[str], chosen: str, spec: str) -> None:
         self._site, self._names, self._chosen, self._spec = site, names, chosen, spec
-        self._beside: list[str] = []
+        self._compared: list[str] = []
         self._mask: list[tuple[float, float]] = []
         self._view, self._logarithmic, self._masking = charts.VIEWS[0], False, False
         self._read: dict[str, tuple] = {}
@@ -70,8 +70,8 @@ class _Sweep:
                 site.choose(self._names, self._chosen, "Sweep", "sweep", "file")
                 others = [name for name in self._names if name != self._chosen]
                 if others:
-                    beside = ui.select(others, multiple=True, label="Compare with", on_change=self._compare)
-                    beside.props("outlined use-chips").classes("w-full max-w-md")
+                    comparison = ui.select(others, multiple=True, label="Compare with", on_change=self._compare)
+                    comparison.props("outlined use-chips").classes("w-full max-w-md")
                 if self._chosen:
                     self._next_step(await run.io_bound(self._owners))
         if not self._chosen:
@@ -114,7 +114,7 @@ class _Sweep:
         return owners
 
     def _next_step(self, owners: list[str]) -> None:
-        """Ways on to the specimen files of this sweep, or a new one."""
+        """Links to the specimen files of this sweep, and a button to write a new one."""
         self._spec = self._spec or (owners[0] if owners else "")
         for name in owners[:4]:
             query = urlencode({"spec": name})
@@ -136,7 +136,7 @@ class _Sweep:
         button.props("no-caps" + (" outline" if owners else ""))
 
     async def _load(self, name: str) -> str:
-        """Read a sweep in a process of its own; the sentence of its error."""
+        """Read a sweep in another process; the sentence of an error, "" where there is none."""
         found = await run.cpu_bound(results.sweep, self._site.workspace.path(name))
         if isinstance(found, str):
             return found
@@ -144,7 +144,7 @@ class _Sweep:
         return ""
 
     def _figure(self) -> dict:
-        curves = {name: self._read[name][0] for name in [self._chosen, *self._beside] if name in self._read}
+        curves = {name: self._read[name][0] for name in [self._chosen, *self._compared] if name in self._read}
         found = results.record(self._folder() / "extraction.json") or {}
         resonances = [{"kind": kind, **one} for kind in ("pole", "zero") for one in found.get(f"{kind}s", [])]
         figure = charts.impedance_chart(
@@ -182,7 +182,7 @@ class _Sweep:
         for name in event.value:
             if name not in self._read and (problem := await self._load(name)):
                 complain(problem)
-        self._beside = [name for name in event.value if name in self._read]
+        self._compared = [name for name in event.value if name in self._read]
         self._draw()
 
     def _selected(self, event) -> None:
@@ -217,7 +217,7 @@ class _Sweep:
                 ui.button(f"Write into {self._spec}", color=None, on_click=self._write_mask).props("flat no-caps")
 
     def _write_mask(self) -> None:
-        """Into the draft of the specimen, not yet into its file."""
+        """Write the mask into the draft of the specimen, not yet into its file."""
         try:
             draft = self._site.draft(self._spec)
             draft.put("measurement", "mask", [list(band) for band in self._mask])
@@ -230,7 +230,7 @@ class _Sweep:
         return [word for low, high in self._mask for word in ("--mask", repr(low), repr(high))]
 
     def _extracted(self) -> None:
-        """What the last extraction found."""
+        """Show the results of the last extraction."""
         self._draw()
         self._found.clear()
         found = results.record(self._folder() / "extraction.json")

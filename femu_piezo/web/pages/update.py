@@ -66,7 +66,7 @@ class _Update:
             if shares:
                 ui.label("Where the deviations come from").classes("text-lg font-bold")
                 chart(charts.bar_chart(shares, "share of the variance (%)"), "budget of the deviations")
-            self._places = self._kept_free()
+            self._places = self._reserved_places()
             ui.timer(0.05, self._draw, once=True)
             figures = found["specimens"][0].get("standard_figures") or []
             if figures:
@@ -86,8 +86,8 @@ class _Update:
                     framed(self._site.address(self._site.workspace.name(self._folder / "report.html")), "report")
             report_links(self._site, self._folder)
 
-    def _kept_free(self) -> list[tuple[str, Path, Path, ui.column]]:
-        """Of every sweep that was updated: name, file, file of the updated curve, and the place of both charts."""
+    def _reserved_places(self) -> list[tuple[str, Path, Path, ui.column]]:
+        """(name, file, file of the updated curve, column for the charts) of every updated sweep, height reserved."""
         files, found = _sweep_files(self._site, self._name), []
         for suffix, path in zip(suffixes(len(files)), files, strict=True):
             updated = self._folder / f"updated{suffix}.csv"
@@ -98,17 +98,17 @@ class _Update:
         return found
 
     async def _draw(self) -> None:
-        """Measured curves beside the updated ones, and what is left."""
+        """Draw measured and updated curves, and their residuals, into the reserved places."""
         for name, path, file, place in self._places:
             updated = results.curve(file)
             found = None if updated is None else await run.cpu_bound(results.sweep, path)
-            place.style("min-height: 0")  # charts keep their own
+            place.style("min-height: 0")  # charts reserve their own height
             if found is not None and not isinstance(found, str):
                 with place:
                     _compare(name, found[0], updated)
 
     def _freeing(self) -> None:
-        """Which constants are free, and what a sweep like this can tell of each."""
+        """Show which constants are free, and how well `identify` expects a sweep to determine each."""
         ui.label("Free constants").classes("text-lg font-bold")
         self._site.job_card("identify", self._name, "What can the data tell of each?", self._told, check=self._check)
         self._table = ui.column().classes("w-full")
@@ -118,7 +118,7 @@ class _Update:
         self._table.clear()
         folder = self._site.workspace.path(self._site.workspace.results(self._name, "identify"))
         known = results.record(folder / "identifiability.json") or {}
-        tell, expected = known.get("constants", {}), known.get("expected", {})
+        determined, expected = known.get("constants", {}), known.get("expected", {})
         try:
             several = self._site.workspace.specimen(self._name)
         except InputError as error:
@@ -132,7 +132,7 @@ class _Update:
         free = self._draft_free(several[0])
         with self._table, ui.element("div").classes("w-full grid grid-cols-1 sm:grid-cols-2 gap-x-6"):
             for name in CONSTANTS:
-                one = tell.get(name)
+                one = determined.get(name)
                 words = "not seen by this sweep" if known and one is None else ""
                 if one is not None:
                     words = f"determined {one['determined']}, to {100 * one['relative_std']:.2g} % by noise alone"
@@ -145,12 +145,12 @@ class _Update:
                     ui.label(words)
 
     def _draft_free(self, specimen: Specimen) -> list[str]:
-        """Those of the edits, where these name some."""
+        """The free constants of the draft; those of the saved file where the draft names none."""
         material = self._site.draft(self._name).tables().get("material", {})
         return list(material.get("free", specimen.material.free or ()) if isinstance(material, dict) else ())
 
     def _free(self, name: str, wish: bool) -> None:
-        """Into the draft; the file changes when it is saved."""
+        """Free or hold a constant in the draft; the file changes when it is saved."""
         draft = self._site.draft(self._name)
         given = self._draft_free(self._site.workspace.specimen(self._name)[0])
         free = [one for one in CONSTANTS if (one in given and one != name) or (wish and one == name)]
@@ -163,7 +163,7 @@ class _Update:
 
 
 def unsaved(site: Site, name: str) -> None:
-    """Says where edits are not in the file yet, and offers to save them."""
+    """Report edits that are not saved, and offer to save them."""
     draft = site.draft(name)
     if not draft.changed:
         return
@@ -185,17 +185,17 @@ def unsaved(site: Site, name: str) -> None:
 def _sweep_files(site: Site, name: str) -> list[Path | None]:
     """The file of every sweep of the specimens of a file."""
     try:
-        every = [own for one in site.workspace.specimen(name) for own in one.of_each_sweep]
+        sweeps = [sweep for one in site.workspace.specimen(name) for sweep in one.of_each_sweep]
     except InputError:
         return []
-    return [None if one.measurement is None else one.measurement.file for one in every]
+    return [None if one.measurement is None else one.measurement.file for one in sweeps]
 
 
 def _compare(name: str, measured: charts.Curve, updated: charts.Curve) -> None:
-    """Both curves, and what is left where the updated one has the points of the measured one."""
+    """Charts of both curves, and of the residual where every updated frequency is a measured one."""
     curves = {name: measured, "updated": updated}
     chart(charts.impedance_chart(curves, charts.VIEWS[0], measured=name), "measured and updated impedance")
-    here = np.isin(measured[0], updated[0])
-    if np.count_nonzero(here) == updated[0].size:
-        left = 100 * np.log(updated[1] / measured[1][here])
-        chart(charts.residual_chart(updated[0], {"updated": left}, "updated/measured (%)"), "residual")
+    common = np.isin(measured[0], updated[0])
+    if np.count_nonzero(common) == updated[0].size:
+        residual = 100 * np.log(updated[1] / measured[1][common])
+        chart(charts.residual_chart(updated[0], {"updated": residual}, "updated/measured (%)"), "residual")
