@@ -8,14 +8,14 @@ from femu_piezo.errors import InputError
 
 #: The file in a folder of results, and the address that asks for it.
 FILE, HERE = "store.sqlite", "sqlite"
-#: How names of SQLite files that are not there yet end.
+#: Endings by which the name of an SQLite file is known before the file exists.
 _ENDINGS = (".sqlite", ".sqlite3", ".db")
 #: What an SQLite file begins with (sqlite.org/fileformat2.html, 1.3.1).
 _MAGIC = b"SQLite format 3\0"
 
 
 def check_address(word: str) -> str:
-    """The word that followed --store, where it is an address and not meant for another argument of the command.
+    """The word that followed --store, if it is an address and not meant as another argument of the command.
 
     Raises
     ------

@@ -20,9 +20,9 @@ from femu_piezo.store.database import Database
 from femu_piezo.store.figure import lots_figure
 from femu_piezo.store.read import STORE_COLUMNS, read_pieces
 
-#: Drift, scatter and differences of lots are shares of the mean, %.
+#: Drift, scatter and differences of lots are printed in % of the mean.
 _PERCENT = 100.0
-#: Quantities that a table of lots has beside each other.
+#: Quantities in one table of lots.
 _COLUMNS = 5
 
 
@@ -125,17 +125,17 @@ def _comparison(charts: Sequence[Control]) -> Table:
     return table
 
 
-def _difference(one: Control, lot: str) -> str:
-    means = one.means
+def _difference(control: Control, lot: str) -> str:
+    means = control.means
     if lot not in means.lots or not means.centre:
         return "-"
     index = means.lots.index(lot)
-    size = _PERCENT / abs(means.centre)
-    off = f"{size * (means.mean[index] - means.centre):+.2f}"
+    to_percent = _PERCENT / abs(means.centre)
+    difference = f"{to_percent * (means.mean[index] - means.centre):+.2f}"
     if means.within is None:
-        return off
+        return difference
     mark = "*" if index in means.beyond else ""
-    return f"{off} ± {size * means.within / np.sqrt(means.count[index]):.2f}{mark}"
+    return f"{difference} ± {to_percent * means.within / np.sqrt(means.count[index]):.2f}{mark}"
 
 
 def _charts_table(charts: Sequence[Control]) -> Table:
@@ -145,20 +145,20 @@ def _charts_table(charts: Sequence[Control]) -> Table:
         table.add_column(heading)
     for heading in ("mean", "limits", "beyond", "within", "between", "per month"):
         table.add_column(heading, justify="right")
-    for one in charts:
-        factor, unit = PRINTED.get(one.quantity, (1.0, ""))
-        single, means, drift = one.individuals, one.means, one.drift
-        size = _PERCENT / abs(means.centre) if means.centre else np.nan
+    for control in charts:
+        factor, unit = PRINTED.get(control.quantity, (1.0, ""))
+        single, means, drift = control.individuals, control.means, control.drift
+        to_percent = _PERCENT / abs(means.centre) if means.centre else np.nan
         limits = "-" if single is None else " … ".join(f"{factor * limit:.4g}" for limit in single.limits)
         table.add_row(
-            one.quantity,
+            control.quantity,
             unit,
             f"{factor * means.centre:.5g}",
             limits,
-            f"of {FEWEST} on" if single is None else f"{len(single.beyond)} of {one.values.size}",
-            "-" if means.within is None else f"{size * means.within:.2g} %",
-            "-" if drift is None or not drift.of_lots else f"{size * drift.between:.2g} %",
-            "-" if drift is None else _drift_words(size, drift),
+            f"of {FEWEST} on" if single is None else f"{len(single.beyond)} of {control.values.size}",
+            "-" if means.within is None else f"{to_percent * means.within:.2g} %",
+            "-" if drift is None or not drift.of_lots else f"{to_percent * drift.between:.2g} %",
+            "-" if drift is None else _drift_words(to_percent, drift),
         )
     return table
 

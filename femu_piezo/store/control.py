@@ -1,9 +1,10 @@
 """Control charts of a production (ISO 7870-2, Shewhart), and the drift of a quantity over time.
 
 Individuals: limits from the moving range of two, so that a drift does not widen them. Lots (X̄): limits of the mean of
-a lot from the scatter within lots. Drift: a line through the means of the lots; what lots scatter beyond what their
-pieces do is estimated with it (restricted likelihood) and counts in its deviation, as pieces of one lot are no
-independent evidence of a trend. What all pieces have in common (a density, an instrument) makes no drift.
+a lot from the scatter within lots. Drift: a line through the means of the lots. The variance between lots, beyond what
+the scatter of their pieces explains, is estimated with the line (restricted likelihood) and enters the deviation of its
+slope, as pieces of one lot are no independent evidence of a trend. An error that all pieces have in common (a density,
+an instrument) makes no drift.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from femu_piezo.batch.lot import FALSE_ALARM, QUANTITIES
 
 #: Fewest values that have control limits, and fewest lots or pieces that have a drift.
 FEWEST, FEWEST_FOR_DRIFT = 8, 3
-#: So many values in a row on one side of the centre are a shift (ISO 7870-2, test 2).
+#: Number of values in a row on one side of the centre that is a shift (ISO 7870-2, test 2).
 RUN = 9
 #: Seconds of a month, and the shortest time over which anything drifts.
 MONTH_S, SHORTEST_S = 365.25 / 12 * 86400, 86400.0
@@ -73,11 +74,11 @@ class Drift:
 
     Attributes
     ----------
-    per_month, std : slope with its standard deviation, 1/month;  p : of no drift, by Student's t of `freedom`
-    at, offset : the line is offset + per_month (t − at), at in months since 1970
-    between : standard deviation of lots about the line beyond that of their pieces
-    significant : whether there is one, with a chance of `FALSE_ALARM` in all quantities tested together
-    of_lots : whether through means of lots, else through single pieces, whose lots are too few
+    per_month, std : slope and its standard deviation, 1/month;  p : p-value of no drift, Student's t of `freedom`
+    at, offset : the line is offset + per_month (t − at), t and at in months since 1970
+    between : standard deviation between lots about the line, beyond what the scatter of their pieces explains
+    significant : whether p is below `FALSE_ALARM` over the number of quantities tested
+    of_lots : whether the line goes through means of lots; through single pieces where the lots are too few
     """
 
     per_month: float
@@ -141,7 +142,7 @@ class Control:
 
 
 def controls(rows: Sequence[dict[str, Any]], quantities: Sequence[str] = ()) -> tuple[Control, ...]:
-    """The charts of rows in the order of measurement.
+    """The charts of every quantity of rows, which are in the order of measurement.
 
     Parameters
     ----------
@@ -205,16 +206,15 @@ def lot_means(lots: Sequence[str], time: np.ndarray, values: np.ndarray) -> Mean
 def trend(
     time: np.ndarray, values: np.ndarray, variance: np.ndarray, *, tested: int = 1, of_lots: bool = True
 ) -> Drift | None:
-    """The line through values (k,) at times (k,) in s; None where they are fewer than three, or within a day.
+    """The line through values (k,) at times (k,) in s; None where they are fewer than three, equal, or within a day.
 
-    Slope and scatter between lots by restricted likelihood, the deviation by Knapp and Hartung (Stat. Med. 22 (2003)
-    2693), which holds for few lots, on the
-    safe side.
+    Slope and variance between lots are those of the largest restricted likelihood. The standard deviation of the slope
+    is that of Knapp and Hartung (Stat. Med. 22 (2003) 2693), which holds for few lots, and never below the usual one.
 
     Parameters
     ----------
-    variance : (k,) of each value by what is within its lot
-    tested : quantities that share the chance of a false alarm
+    variance : (k,) of each value, from the scatter within its lot
+    tested : number of quantities that share the chance of a false alarm
     """
     months, size = time / MONTH_S, values.size
     spread = float(np.var(values))

@@ -1,8 +1,8 @@
-"""The database behind `--store`: found, brought to this schema, and written to by several stations at once.
+"""The database behind `--store`: opened, brought to this schema, and written to by several stations at once.
 
 SQLite keeps a write-ahead log, so that readers and one writer do not wait for each other, and writers queue for the
-lock; PostgreSQL has transactions that see each other's rows once they are whole. What is lost in a conflict is tried
-again; what a process did not commit was never there.
+lock. In PostgreSQL a transaction sees the rows of another one after its commit. A transaction that fails in a conflict
+is tried again; one that is not committed leaves no rows.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from femu_piezo.store.schema import VERSION, VERSION_TABLE
 _LOCK_S, _CONNECT_S = 30, 10
 #: Seconds between attempts of a transaction that met a lock, a deadlock or a lost connection.
 _PAUSES = (0.1, 0.5, 2.0)
-#: The lock of those that make or upgrade the tables of a PostgreSQL database; any number that is ours.
+#: Key of the lock under which tables of a PostgreSQL database are made or upgraded; an arbitrary number.
 _UPGRADE_LOCK = 0x66656D75
 
 Found = TypeVar("Found")
@@ -73,7 +73,7 @@ class Database:
 
     @contextmanager
     def sentence(self, what: str) -> Iterator[None]:
-        """Every error of the database as one sentence: the store `what`, and why."""
+        """Raise errors of the database as InputError with one sentence: that the store `what`, and why."""
         try:
             yield
         except (SQLAlchemyError, UnicodeError) as error:
@@ -82,19 +82,19 @@ class Database:
             raise InputError(f"--store {self.shown}: the store {what} ({reason[:300]})") from None
 
     def read(self, work: Callable[[Connection], Found]) -> Found:
-        """What `work` finds in one transaction that sees one state of the database."""
+        """The result of `work` in one transaction, which sees one state of the database."""
         with self.sentence("cannot be read"), self._engine.begin() as connection:
             return work(connection)
 
     def write(self, work: Callable[[Connection], Found]) -> Found:
-        """Do `work` in a transaction, all of it or nothing; again where another station was in the way."""
+        """Do `work` in a transaction, all of it or nothing, again after a conflict with another station; its result."""
         with self.sentence("cannot be written to"):
             if not self._ready:
                 self._prepare(make=True)
-            return self._again(work)
+            return self._with_retries(work)
 
-    def _again(self, work: Callable[[Connection], Found]) -> Found:
-        """Attempts, the last of which raises what it meets."""
+    def _with_retries(self, work: Callable[[Connection], Found]) -> Found:
+        """Do `work`, again after a pause where it fails with OperationalError; the last attempt raises it."""
         for pause in _PAUSES:
             try:
                 return self._transaction(work)
@@ -107,11 +107,11 @@ class Database:
             return work(connection)
 
     def close(self) -> None:
-        """Let the database go."""
+        """Close the connections."""
         self._engine.dispose()
 
     def _prepare(self, make: bool) -> None:
-        with self._engine.begin() as connection:  # no attempts here: an address that does not answer is told at once
+        with self._engine.begin() as connection:  # no retries: an address that does not answer is reported at once
             version = _version(connection)
         if version == VERSION:
             self._ready = True
@@ -123,7 +123,7 @@ class Database:
                 f"--store {self.shown}: its tables are of version {version}, made by a newer femu-piezo; this one "
                 f"knows version {VERSION}; install the newer one here as well"
             )
-        self._again(self._upgrade)
+        self._with_retries(self._upgrade)
         self._ready = True
 
     def _upgrade(self, connection: Connection) -> None:
@@ -144,7 +144,7 @@ class Database:
 
 
 def _version(connection: Connection) -> str | None:
-    """The version of the tables; None where there are none of ours."""
+    """The version of the tables; None where femu_piezo has made none."""
     if not inspect(connection).has_table(VERSION_TABLE):
         return None
     return connection.execute(text(f"SELECT version_num FROM {VERSION_TABLE}")).scalar()

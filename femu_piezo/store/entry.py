@@ -1,4 +1,4 @@
-"""What is kept of one result, and what tells it from others: hashes of what was measured and of what was assumed."""
+"""The entry of one result in the store, identified by hashes of what was measured and of what was assumed."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Described:
-    """What a fit takes from a specimen file but its sweeps; `hash` SHA-256 of that. None where it cannot be read."""
+    """What a fit takes from a specimen file except its sweeps, None where it cannot be read; `hash` SHA-256 of it."""
 
     hash: str
     name: str
@@ -70,18 +70,18 @@ class Entry:
 
     @property
     def piece(self) -> str:
-        """SHA-256 of what was measured; of the description where nothing was."""
+        """SHA-256 of the hashes of all sweeps; of those of the descriptions where there is no sweep."""
         sweeps = [measured.hash for _, measured in self.inputs if measured is not None]
         return _sha256(sweeps or [described.hash for described, _ in self.inputs])
 
     @property
     def assumed(self) -> str:
-        """SHA-256 of what was taken as known."""
+        """SHA-256 of the hashes of all descriptions."""
         return _sha256([described.hash for described, _ in self.inputs])
 
     @property
     def estimates(self) -> list[dict[str, Any]]:
-        """Rows of the table of estimates: of an update with k_eff and misfit, of a diagnosis with its causes."""
+        """Rows of the table of estimates: k_eff and misfit where the columns have them, constants and tangents."""
         found = {
             name: (self.columns[name], self.columns.get(f"{name}_std")) for name in QUANTITIES if name in self.columns
         }
@@ -133,7 +133,7 @@ def entry_of_job(job: Job, record: dict[str, Any]) -> Entry:
 
 
 def entry_of_result(specimens: Sequence[Specimen], result: UpdateResult | Diagnosis) -> Entry:
-    """The entry of what `update` or `diagnose` found of specimens whose sweeps are files."""
+    """The entry of a result of `update` or `diagnose`, for specimens whose sweeps are files."""
     if isinstance(result, UpdateResult):
         step, columns, record = "update", update_columns(result), update_record(result)
     else:
@@ -155,7 +155,7 @@ def _inputs(specimens: Sequence[Specimen]) -> tuple[tuple[Described, Measured | 
 
 
 def _described(specimen: Specimen) -> Described:
-    """Without paths, so that it is the same on every station: other files by their content, sweeps not at all."""
+    """A description without paths, so that it is the same on every station: no sweeps, other files by checksum."""
     data = specimen.model_dump(exclude_none=True, exclude={"path": True, "measurement": {"file"}})
     for sweep in data.get("sweep", ()):
         del sweep["file"]

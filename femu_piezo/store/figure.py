@@ -1,4 +1,4 @@
-"""The picture of several lots: of every quantity the control chart of single pieces, and of the lots over time."""
+"""The picture of several lots: for every quantity, control charts of single pieces and of lots over time."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from femu_piezo.store.control import MONTH_S, RUN, Control, Drift
 _POINT, _LINE, _LIMIT, _BEYOND = "#1f6fb4", "#222222", "#8c8c8c", "#c0392b"
 _PIECES = f"single pieces: limits from the moving range of two; red: beyond, orange: {RUN} on one side"
 _MEANS = "lots: mean, limits from the scatter within lots; drift ± σ, red where significant"
-#: So many lots are written out beside their points.
+#: Most lots whose names are written at their points.
 _LABELLED = 14
 
 
 def lots_figure(controls: Sequence[Control]) -> Figure:
-    """One row per quantity."""
+    """One row for each quantity: single pieces on the left, lots on the right."""
     rows = max(1, len(controls))
     figure = Figure(figsize=(12.0, 1.0 + 2.3 * rows), layout="constrained")
     axes = figure.subplots(rows, 2, squeeze=False, sharex="col")
@@ -61,7 +61,7 @@ def _lots(axes: Axes, control: Control, factor: float) -> None:
     means = control.means
     when = date2num([datetime.fromtimestamp(seconds, UTC) for seconds in means.time])
     axes.axhline(factor * means.centre, color=_LINE, linewidth=1.0)
-    if means.within is not None:  # of each lot, as they have different numbers of pieces
+    if means.within is not None:  # own limits for each lot, as lots differ in their number of pieces
         axes.vlines(when, *(factor * means.limits.T), color=_LIMIT, linewidth=6, alpha=0.35)
     axes.plot(when, factor * means.mean, "o", color=_POINT, markersize=5, linewidth=0)
     beyond = list(means.beyond)
@@ -69,9 +69,9 @@ def _lots(axes: Axes, control: Control, factor: float) -> None:
     if control.drift is not None:
         _draw_drift(axes, control.drift, means.centre, control.time, factor)
     for index, name in enumerate(means.lots if len(means.lots) <= _LABELLED else ()):
-        right = 2 * index < len(means.lots)  # of the point, in the first half
-        place = {"xytext": (4 if right else -4, 4), "textcoords": "offset points", "fontsize": 7}
-        align = "left" if right else "right"
+        is_right = 2 * index < len(means.lots)  # in the first half, the name is right of the point
+        place = {"xytext": (4 if is_right else -4, 4), "textcoords": "offset points", "fontsize": 7}
+        align = "left" if is_right else "right"
         axes.annotate(name[-18:], (when[index], factor * means.mean[index]), ha=align, **place)
     axes.margins(x=0.05, y=0.15)
     axes.ticklabel_format(axis="y", useOffset=False)

@@ -15,7 +15,7 @@ from femu_piezo.store.database import Database
 
 #: Columns that a row has beside those of the table of a lot.
 STORE_COLUMNS = ("lot", "measured", "written", "station", "program", "sweep")
-#: The lot of pieces that no command named one for.
+#: Name that pieces without a lot are listed under.
 NO_LOT = "no lot"
 
 
@@ -31,7 +31,7 @@ def read_pieces(database: Database, lots: Sequence[str] = ()) -> list[dict[str, 
     steps = ("update", "diagnose")
     updates, diagnoses = database.read(lambda connection: [_last(connection, step, lots) for step in steps])
     found = diagnoses | updates
-    for piece in updates.keys() & diagnoses.keys():  # the lot that either was put into
+    for piece in updates.keys() & diagnoses.keys():  # the lot of the update, or else of the diagnosis
         found[piece]["lot"] = updates[piece]["lot"] or diagnoses[piece]["lot"]
     wanted = [piece for piece, row in found.items() if not lots or row["lot"] in lots]
     wanted.sort(key=lambda piece: (found[piece]["measured"], found[piece]["name"]))

@@ -23,7 +23,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.dialects.postgresql import JSONB
 
-#: Revision of the newest migration, and the table that holds that of a database.
+#: Revision of the newest migration, and the table that holds the revision of a database.
 VERSION, VERSION_TABLE = "2", "femu_piezo_version"
 
 metadata = MetaData()
@@ -37,7 +37,7 @@ def _of_result(**options) -> Column:
 lots = Table(
     "lots", metadata, Column("id", Integer, primary_key=True), Column("name", Text, nullable=False, unique=True)
 )
-#: hash : SHA-256 of the description, which holds all that a fit takes from the specimen file but the sweep.
+#: hash : SHA-256 of the description, which holds all that a fit takes from the specimen file except the sweep.
 specimens = Table(
     "specimens",
     metadata,
@@ -46,7 +46,7 @@ specimens = Table(
     Column("name", Text, nullable=False),
     Column("description", _JSON),
 )
-#: hash : SHA-256 of the file; measured : its time when it first came here.
+#: hash : SHA-256 of the file; measured : when the file was written, as of the first result that used it.
 sweeps = Table(
     "sweeps",
     metadata,

@@ -1,4 +1,4 @@
-"""Results into the database: each once, whole, in the lot that was named last."""
+"""Writing of results into the database: each once, whole, in the lot that was named last."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ if TYPE_CHECKING:
     from femu_piezo.study.diagnose import Diagnosis
     from femu_piezo.study.results import UpdateResult
 
-#: A transaction of a lot holds the results of so many seconds, or so many of them.
+#: Results of a lot are written after so many seconds, or once so many wait.
 _EVERY_S, _MOST = 2.0, 200
 
 
 def write(database: Database, entries: Sequence[Entry], lot: str | None = None) -> int:
-    """Write results in one transaction; how many were new.
+    """Write results in one transaction; the number of new ones.
 
-    A result of the same sweeps, descriptions, step and program is there already and stays as it is.
+    A result of the same sweeps, descriptions, step and program as one in the database is not written again.
 
     Parameters
     ----------
-    lot : name of the lot that all of them belong to; None to leave those that are there in theirs
+    lot : name of the lot that all of them belong to; where None, results in the database stay in their lots
 
     Raises
     ------
-    InputError : the database does not take them; then it has none of them
+    InputError : the database does not take them; then none is written
     """
     return database.write(partial(_write, entries=entries, lot=lot))
 
@@ -99,7 +99,7 @@ def lot_keeper(store: str, out: Path, lot: str) -> Iterator[Callable[[Job, dict[
 
 
 class _LotKeeper:
-    """Writes some results at a time; after an error only counts those that are missing."""
+    """Writes several results at a time; after an error it only counts those that are missing."""
 
     def __init__(self, database: Database, lot: str) -> None:
         self._database, self._lot = database, lot
@@ -109,7 +109,7 @@ class _LotKeeper:
         self.missing = 0
 
     def take(self, job: Job, record: dict[str, Any]) -> None:
-        """Keep one; a lost one is no result."""
+        """Keep the record of a job, unless its status is "lost", which is no result."""
         if record["status"] not in FINAL:
             return
         if self.error is not None:
@@ -120,7 +120,7 @@ class _LotKeeper:
             self._flush()
 
     def close(self) -> None:
-        """Write what waits, and let the database go."""
+        """Write the results that wait, and close the database."""
         if self._waiting:
             self._flush()
         self._database.close()
@@ -144,7 +144,9 @@ def _write(connection: Connection, entries: Sequence[Entry], lot: str | None) ->
         [{"hash": one.hash, "file": one.file, "measured": one.time} for _, one in pairs if one is not None],
     )
     known, new = _known(connection, entries), 0
-    for entry in sorted(entries, key=lambda one: one.key):  # in one order, or two writers wait for each other
+    for entry in sorted(
+        entries, key=lambda one: one.key
+    ):  # all writers take locks in this order, so that none wait for each other
         result = None if entry.key in known else _new_result(connection, entry, lots.get(lot))
         if result is None:
             _put_in_lot(connection, entry, lots.get(lot))
@@ -168,14 +170,14 @@ def _write(connection: Connection, entries: Sequence[Entry], lot: str | None) ->
 
 
 def _known(connection: Connection, entries: Sequence[Entry]) -> set[tuple[str, ...]]:
-    """The keys of those that are there."""
+    """Keys of the results of these pieces in the database."""
     columns = [schema.results.c[name] for name in KEY]
     wanted = schema.results.c.piece.in_({entry.piece for entry in entries})
     return set(map(tuple, connection.execute(select(*columns).where(wanted))))
 
 
 def _new_result(connection: Connection, entry: Entry, lot_id: int | None) -> int | None:
-    """The number of a new row; None where another station was faster."""
+    """The id of the new row; None where another station has written the result meanwhile."""
     row = dict(zip(KEY, entry.key, strict=True)) | {
         "lot_id": lot_id,
         "name": entry.name,
@@ -191,7 +193,7 @@ def _new_result(connection: Connection, entry: Entry, lot_id: int | None) -> int
 
 
 def _put_in_lot(connection: Connection, entry: Entry, lot_id: int | None) -> None:
-    """A result that is there belongs to the lot that is named, where one is."""
+    """Move a result of the database to the lot, where one is named."""
     if lot_id is not None:
         table = schema.results
         same = [table.c[name] == value for name, value in zip(KEY, entry.key, strict=True)]
@@ -199,21 +201,21 @@ def _put_in_lot(connection: Connection, entry: Entry, lot_id: int | None) -> Non
 
 
 def _ids(connection: Connection, table: Table, key: str, rows: Sequence[dict[str, Any]]) -> dict[str, int]:
-    """Key → number of the row; rows that are not there yet are made."""
+    """Key → id of its row; missing rows are inserted."""
     rows = [row for _, row in sorted({row[key]: row for row in rows}.items())]
     if not rows:
         return {}
     column = table.c[key]
-    there = select(column, table.c.id).where(column.in_([row[key] for row in rows]))
-    found = dict(map(tuple, connection.execute(there)))
+    known = select(column, table.c.id).where(column.in_([row[key] for row in rows]))
+    found = dict(map(tuple, connection.execute(known)))
     missing = [row for row in rows if row[key] not in found]
     if missing:
         connection.execute(_insert_once(connection, table), missing)
-        found = dict(map(tuple, connection.execute(there)))
+        found = dict(map(tuple, connection.execute(known)))
     return found
 
 
 def _insert_once(connection: Connection, table: Table):
-    """An INSERT that leaves rows that are there already."""
+    """An INSERT that skips rows that exist already."""
     dialect = postgresql if connection.dialect.name == "postgresql" else sqlite
     return dialect.insert(table).on_conflict_do_nothing()
