@@ -22,19 +22,19 @@ from femu_piezo.errors import InputError
 CONNECT_S, _COUNT_S = 20, 5.0
 #: Seconds that a lost scheduler has to come back.
 RETURN_S = 120
-#: Of malloc.h, and what glibc comes to by itself on 64 bits where nothing is set.
+#: (parameter of mallopt, value): the largest thresholds that glibc reaches by itself on 64 bits where none is set.
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = (-1, 64 << 20), (-3, 32 << 20)
-#: Callbacks of a Dask worker, and how often the second runs while a lot does, ms.
+#: Names of two periodic callbacks of a Dask worker, and the period of the second one during a lot, ms.
 _SAMPLING, _TICK, _SLOW_TICK = "profile", "tick", 1000.0
 
 
 class QuietWorker(WorkerPlugin):
-    """Keeps a worker to its work while a lot runs on it; also those that join or start again later.
+    """Removes overhead of Dask from a worker while a lot runs on it; also from workers that join or restart later.
 
     The stack of a running task is not sampled (every 10 ms, a tenth of the time of a plate), the lag of the event
-    loop only every second (else 50 times), and freed memory is kept for the next array. Dask has glibc return all
-    above 64 kB at once, which also stops it from learning the size from which arrays are mapped afresh, and zeroed
-    by the kernel, each time.
+    loop is measured once a second (otherwise 50 times), and freed memory is kept for the next array. Dask sets glibc
+    to return all free memory above 64 kB at once. This also ends the adaptation of the size from which glibc maps
+    arrays afresh, so that the kernel zeroes them each time.
     """
 
     name = "femu-piezo-quiet"
@@ -52,7 +52,7 @@ class QuietWorker(WorkerPlugin):
                 ctypes.CDLL(None).mallopt(*option)
 
     def teardown(self, worker: Worker) -> None:
-        """Called by Dask when the lot is done: sampling and watch go on as before."""
+        """Called by Dask when the lot is done: sampling and the measurement of lag go on as before."""
         callbacks = worker.periodic_callbacks
         if _SAMPLING in callbacks:
             callbacks[_SAMPLING].start()
@@ -68,7 +68,7 @@ class DaskPool:
 
     lost = (KilledWorker,)
     breaks_whole = False
-    bundle = 4  # a job that is handed over alone costs some ms on either side
+    bundle = 4  # handing over a single job costs some ms on either side
     limit_s = None
 
     def __init__(self, address: str) -> None:
@@ -112,7 +112,7 @@ class DaskPool:
 
     @property
     def width(self) -> int:
-        if time.monotonic() - self._counted > _COUNT_S:  # a question to the scheduler, too dear for every plate
+        if time.monotonic() - self._counted > _COUNT_S:  # asking the scheduler takes too long to do it for every plate
             self._width = max(1, sum(self._client.nthreads().values())) * (1 + AHEAD)
             self._counted = time.monotonic()
         return self._width
@@ -121,7 +121,7 @@ class DaskPool:
         return self._executor.submit(function, *arguments)
 
     def restart(self) -> None:
-        """Dask replaces its workers; a scheduler that was lost is waited for, another one at its address taken."""
+        """Connect again where the scheduler was lost, also to a new one at its address; Dask replaces workers."""
         if self.answers():
             return
         self._client.close(timeout=1)
@@ -130,7 +130,7 @@ class DaskPool:
             time.sleep(1)
 
     def _returned(self, end: float) -> bool:
-        """Whether it could be opened again; InputError where not, after the end of patience."""
+        """Whether the connection could be opened again; InputError where not, after `end` (monotonic clock)."""
         try:
             self._open()
         except InputError:

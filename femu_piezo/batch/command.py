@@ -30,13 +30,14 @@ def run_batch(
     diagnose: Diagnosed | None = None,
     keep: Callable[[Job, dict], None] | None = None,
 ) -> tuple[str, int]:
-    """Run the lot in a folder and write its results; the text to show, and the exit code.
+    """Run the lot in a folder and write its results; returns the text to show and the exit code.
 
-    0 where at least one specimen has a result, 3 where none has, 130 after Ctrl-C (what is finished is kept).
+    The exit code is 0 where at least one specimen has a result, 3 where none has, 130 after Ctrl-C (finished jobs are
+    kept).
 
     Parameters
     ----------
-    keep : called with every job that is finished and its record, as soon as that is on disk
+    keep : called with every finished job and its record, as soon as the record is on disk
     """
     jobs = find_jobs(folder, specimen, correct_phase=correct_phase, mask_faults=mask_faults)
 
@@ -71,7 +72,7 @@ def run_batch(
 
 
 def write_report(result: LotResult, out: Path) -> Lot:
-    """lot.json, lot.txt and lot.png of the rows."""
+    """Write lot.json, lot.txt and lot.png; the statistics of the rows."""
     lot = lot_of(result.rows)
     write_json(out / "lot.json", lot.to_json())
     write_atomically(out / "lot.txt", lot_text(lot))

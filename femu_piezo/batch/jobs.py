@@ -51,7 +51,7 @@ class Job:
         return Inputs(tuple(dict.fromkeys(files)), tuple(specimens), None)
 
     def checksum(self, program: str, files: tuple[Path, ...]) -> str:
-        """SHA-256 over the program (`program_checksum`), options and input files; another one, another result."""
+        """SHA-256 over the program (`program_checksum`), options and input files: a result holds for the same one."""
         digest = hashlib.sha256(f"{program}\0{self.name}\0{self.step}\0{self.correct_phase}{self.mask_faults}".encode())
         for path in files:
             digest.update(b"\0" + file_checksum(path).encode())
@@ -65,7 +65,7 @@ class Inputs:
     Attributes
     ----------
     files : every file the result depends on, as far as the specimen file could be read
-    specimens : to be updated together; error : why there are none
+    specimens : specimens to update together;  error : why there are none
     """
 
     files: tuple[Path, ...]

@@ -1,7 +1,7 @@
 """Statistics of a lot: distribution of every quantity, control limits, outliers by name, drift over serial number.
 
-Centre and spread are median and MAD, so that the outliers themselves do not hide. Serial number is the place of a
-job in the natural order of the file names.
+Centre and spread are median and MAD, so that outliers do not widen the limits that should show them. The serial number
+of a job is its place in the natural order of the file names.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ FEWEST = 8
 #: Chance of one false outlier, or one false drift, in a whole lot.
 FALSE_ALARM = 0.05
 _MAD_TO_SIGMA = 1.4826
-#: Spread below which values are equal for all purposes, relative.
+#: Relative spread below which values count as equal.
 _EQUAL = 1e-9
 
 
@@ -30,8 +30,7 @@ _EQUAL = 1e-9
 class Outlier:
     """A value far off its lot: `distance` in robust standard deviations from the centre (or from the drift line).
 
-    `cause` and `diagnosis` name what brings it about, "" where that was not asked for or found; `notes` is what the
-    update has to say.
+    `cause` and `diagnosis` are those of its diagnosis, "" where there is none; `notes` are the notes of the update.
     """
 
     number: int
@@ -57,6 +56,7 @@ class Distribution:
     measurement : median standard deviation of a single value by its own fit, None where unknown
     drift : change over the whole lot by a line through the inliers; drift_p : Kendall's test of no drift
     drifts : whether the drift is significant
+    line : (n,) the drift line at each value where it is significant, else the centre
     """
 
     quantity: str
@@ -91,11 +91,11 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Lot:
-    """What a lot says.
+    """The statistics of a lot.
 
     Attributes
     ----------
-    counts : how many specimens did what
+    counts : number of specimens, and of those of each status
     verdicts, causes : how many diagnoses came to which verdict, and named which cause first
     faults : files without a result, with the reason
     """
@@ -142,9 +142,12 @@ def _counted(rows: Sequence[dict], column: str) -> dict[str, int]:
 
 
 def _distribution(name: str, good: Sequence[dict], tested: int) -> Distribution:
-    mine = [row for row in good if row.get(name) is not None]
-    number, values = np.array([row["number"] for row in mine]), np.array([row[name] for row in mine], dtype=float)
-    stds = [row[f"{name}_std"] for row in mine if row.get(f"{name}_std") is not None]
+    with_value = [row for row in good if row.get(name) is not None]
+    number, values = (
+        np.array([row["number"] for row in with_value]),
+        np.array([row[name] for row in with_value], dtype=float),
+    )
+    stds = [row[f"{name}_std"] for row in with_value if row.get(f"{name}_std") is not None]
     centre = float(np.median(values))
     sigma = _robust_std(values - centre)
     drift, p, line = 0.0, 1.0, np.full(values.size, centre)
@@ -179,12 +182,12 @@ def _robust_std(residual: np.ndarray) -> float:
 
 
 def _outliers(one: Distribution, tested: int, rows: dict[int, dict]) -> list[Outlier]:
-    """Values that a normal lot of this size would show once in 1/FALSE_ALARM lots; about the line where it drifts."""
+    """Values so far from `line` that a normal lot of this size has one in any quantity with chance `FALSE_ALARM`."""
     residual = one.values - one.line
     scale = max(_robust_std(residual), _EQUAL * abs(one.centre))
     if one.values.size < FEWEST or scale == 0:
         return []
-    # the MAD of few values is itself uncertain: Student's distribution with the degrees of freedom it is worth
+    # the MAD of few values is uncertain: Student's distribution with the degrees of freedom of such an estimate
     critical = stats.t.isf(FALSE_ALARM / (2 * tested * one.values.size), max(2.0, 0.37 * (one.values.size - 1)))
     found = []
     for number, value, distance in zip(one.number.tolist(), one.values.tolist(), residual / scale, strict=True):

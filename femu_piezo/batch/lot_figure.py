@@ -13,8 +13,8 @@ from femu_piezo.output.curves import PRINTED
 _POINTS = {"color": "#1f6fb4", "marker": ".", "linestyle": "none", "markersize": 4}
 _LIMIT = {"color": "#8c8c8c", "linewidth": 1.0, "linestyle": "--"}
 _OUTLIER = {"color": "#c0392b", "marker": "o", "markerfacecolor": "none", "linestyle": "none", "markersize": 7}
-_LABELLED = 12  # so many outliers are written out in each chart
-#: Outliers by more robust standard deviations than this stand on the edge of the chart.
+_LABELLED = 12  # most outliers with a label in each chart
+#: Outliers further off than this, in robust standard deviations, are drawn on the edge of the chart.
 _SHOWN = 12.0
 
 
@@ -63,8 +63,8 @@ def _chart(axes: Axes, one: Distribution, lot: Lot, factor: float, inside: np.nd
         axes.axhline(factor * limit, **_LIMIT)
     axes.plot(one.number, factor * one.line, color="#222222", linewidth=1.0)
     shown = dict(zip(one.number.tolist(), inside.tolist(), strict=True))
-    mine = sorted((item for item in lot.outliers if item.quantity == one.quantity), key=lambda i: -abs(i.distance))
-    for rank, item in enumerate(mine):
+    outliers = sorted((item for item in lot.outliers if item.quantity == one.quantity), key=lambda i: -abs(i.distance))
+    for rank, item in enumerate(outliers):
         name = item.file.rsplit(".", 1)[0] + (f": {item.cause}" if item.cause else "")
         if shown[item.number]:
             place, style = {"xy": (item.number, factor * item.value)}, _OUTLIER

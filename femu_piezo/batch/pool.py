@@ -1,7 +1,7 @@
 """Worker processes of this machine, the interface they share with those of a cluster, and the loop that feeds both.
 
-A worker that dies takes what was in flight with it. Which job killed it cannot be known, so those in flight are
-tried again one at a time: the job that dies alone gets a row that says so, the others go on.
+The jobs in flight are lost with a worker that dies. Which of them killed it cannot be known, so they are tried again
+one at a time: a job that kills its worker alone gets a row that says so, the others go on.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ _HOPELESS = 4
 class Pool(Protocol):
     """Workers: `width` jobs at once, `submit` one, `restart` after a loss, `close` at the end.
 
-    `answers`: whether what hands jobs to them is still the same one.
+    `answers` : whether the scheduler that hands jobs to the workers still runs and is the same one
 
     Attributes
     ----------
     lost : exceptions that mean a dead worker
     breaks_whole : whether one dead worker loses all that is in flight
-    bundle : how many jobs at most a worker is handed at once, where handing over is dear
+    bundle : most jobs that are handed to a worker at once; above 1 where handing over takes long
     limit_s : seconds after which a worker ends itself, None where it must not
 
-    `restart` raises InputError where the workers do not come back; what waits is then left for the next run.
+    `restart` raises InputError where the workers do not come back; the waiting jobs are then left to the next run.
     """
 
     lost: tuple[type[BaseException], ...]
@@ -115,7 +115,7 @@ def run_all(
 
     Parameters
     ----------
-    patience_s : what is in flight is given up where no task has finished for so long
+    patience_s : tasks in flight are given up where none has finished for so long
 
     Raises
     ------
@@ -144,13 +144,13 @@ class _Dispatch:
                 self._give_up()
                 continue
             if any(self._is_lost(future) for future in done) and self._pool.breaks_whole:
-                done, _ = wait(self._running)  # all are lost at once, or had finished
+                done, _ = wait(self._running)  # each is lost now, or had finished
             broken = [self._take(future) for future in done]
             if any(broken):
                 self._restart()
 
     def _fill(self) -> None:
-        """Suspects one at a time, else as many as the pool takes."""
+        """Start suspects one at a time; where there are none, as many waiting tasks as the pool takes."""
         try:
             if self._suspects:
                 if not self._running:
@@ -168,7 +168,7 @@ class _Dispatch:
                 self._fill()
 
     def _take_back(self, tasks: list[tuple]) -> None:
-        """Tasks wait again, and all others in flight: they went with the scheduler, but may never be told so."""
+        """Queue tasks again, and all others in flight: lost with the scheduler, their futures may never say so."""
         for lost in (tasks, *(others for others, _, _ in self._running.values())):
             self._waiting.extendleft(reversed(lost))
         self._running.clear()
@@ -195,8 +195,8 @@ class _Dispatch:
         return not future.cancelled() and isinstance(future.exception(), self._pool.lost)
 
     def _take(self, future: Future) -> bool:
-        """Report a future that is done; whether its worker was lost."""
-        if future not in self._running:  # taken back with another
+        """Report the tasks of a future that is done; whether its worker was lost."""
+        if future not in self._running:  # queued again together with another one
             return False
         tasks, alone, began = self._running.pop(future)
         if not self._is_lost(future):
@@ -205,7 +205,7 @@ class _Dispatch:
             except Exception as error:
                 if not isinstance(error, (CancelledError, OSError)) and self._pool.answers():
                     raise
-                self._take_back(tasks)  # it went with the scheduler, and is no fault of the task
+                self._take_back(tasks)  # lost with the scheduler: no fault of the task
                 return True
             self._succeeded += 1
             for task, one in zip(tasks, [result] if len(tasks) == 1 else result, strict=True):
@@ -232,7 +232,7 @@ class _Dispatch:
             )
 
     def _give_up(self) -> None:
-        """Nothing has finished for too long (a cluster without workers, or a hang)."""
+        """Report all tasks in flight as lost: none has finished for too long (a cluster without workers, or a hang)."""
         for future, (tasks, _, _) in self._running.items():
             future.cancel()
             for task in tasks:

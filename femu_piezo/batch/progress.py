@@ -15,7 +15,7 @@ from femu_piezo import steps
 
 
 class _Rate(TextColumn):
-    """Finished specimens per minute over the last of them."""
+    """Finished specimens per minute, over the latest ones."""
 
     def __init__(self) -> None:
         super().__init__("")

@@ -1,4 +1,4 @@
-"""Results on disk: one file per job, whole at every moment; one run at a time in a folder."""
+"""Results on disk: one file per job, complete at any time; one run at a time in a folder."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class Records:
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = folder
-        for left in folder.glob(".*.tmp"):  # of a run that was killed while it wrote
-            left.unlink(missing_ok=True)
+        for stale in folder.glob(".*.tmp"):  # of a run that was killed while it wrote
+            stale.unlink(missing_ok=True)
 
     @property
     def folder(self) -> Path:
@@ -35,7 +35,7 @@ class Records:
         return _path(self._folder, name)
 
     def read(self, name: str, checksum: str) -> dict | None:
-        """The record of a job where it is final and of these inputs; None where it must be computed."""
+        """The record of a job where its status is final and its checksum this one; None where it must be computed."""
         try:
             found = json.loads(self.path(name).read_bytes())
         except (OSError, ValueError, RecursionError):

@@ -45,16 +45,16 @@ def run_lot(
 ) -> LotResult:
     """Compute what is missing, write out/table.csv and out/table.parquet.
 
-    Every record is durable in out/records (of diagnoses in out/diagnoses) as soon as it is there, so that after any
-    end the next run continues.
+    Every record is durable in out/records (of diagnoses in out/diagnoses) as soon as it is computed, so that the next
+    run continues however this one ends.
 
     Parameters
     ----------
     jobs : updates, one for each row
     make_pool : starts the workers; not called where nothing is to be computed
     diagnose : which specimens to diagnose as well
-    finished : called with (step, done so far, all, record) after each job, those kept included
-    patience_s : give up what is in flight after so long without any result
+    finished : called with (step, jobs done so far, all jobs, record) after each job, kept ones included
+    patience_s : give up the jobs in flight after so long without any result
 
     Raises
     ------
@@ -85,7 +85,7 @@ def _to_diagnose(rows: list[dict], which: Diagnosed) -> set[str]:
 
 
 def run_and_keep(folder: str, job: Job, checksum: str, program: str, limit_s: float | None = None) -> dict:
-    """`run_job` in a bundle: the worker itself makes the record durable at once, where it sees the folder."""
+    """`run_job` for bundles: the worker itself makes the record durable at once, where it can write to the folder."""
     found = run_job(job, checksum, program, limit_s)
     with suppress(OSError):
         write_record(Path(folder), found)
@@ -93,7 +93,7 @@ def run_and_keep(folder: str, job: Job, checksum: str, program: str, limit_s: fl
 
 
 class _Run:
-    """Steps over the same workers, which start with the first job that must be computed."""
+    """Runs steps on the same workers, which start with the first job that must be computed."""
 
     def __init__(self, make_pool: Callable[[], Pool], finished: Callable, patience_s: float) -> None:
         self._make_pool, self._finished, self._patience = make_pool, finished, patience_s
@@ -102,7 +102,7 @@ class _Run:
         self.kept = self.computed = 0
 
     def step(self, name: str, jobs: list[Job], records: Records) -> list[dict]:
-        """The records of one step without results, in the order of the jobs: those kept, and the rest computed."""
+        """The records of one step, kept or computed, without their "results", in the order of the jobs."""
         checksums = {job.name: job.checksum(self._program, job.read().files) for job in jobs}
         found: dict[str, dict] = {}
 

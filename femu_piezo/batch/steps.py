@@ -1,4 +1,4 @@
-"""What is computed for one job: each step turns specimens into columns of the table and a full record.
+"""The steps of a job: each turns specimens into columns of the table and a full record.
 
 A new step is one function here and its name in `STEPS`.
 """
@@ -23,7 +23,7 @@ Value = float | int | str | None
 #: Specimens of one job, and where bases come from → columns of the table, record in JSON types.
 Step = Callable[[list[Specimen], Bases], tuple[dict[str, Value], dict]]
 
-#: Columns that `update` fills, in the order of the table; of the constants those that some job frees.
+#: Columns that `update` fills, in the order of the table; a table has those of the constants that some job frees.
 _PARTS = ("", "_std", "_tan", "_tan_std", "_std_from")
 CONSTANT_COLUMNS = tuple(f"{name}{part}" for name in CONSTANTS for part in _PARTS)
 UPDATE_COLUMNS = (
@@ -38,8 +38,8 @@ UPDATE_COLUMNS = (
     "method",
     "notes",
 )
-#: Columns that `diagnose` fills: of the most probable cause its first parameter (SI), errors as rms |Δ log Z| of data
-#: that no fit saw, and all of it in words.
+#: Columns that `diagnose` fills: "size" is the first parameter of the most probable cause (SI), errors are
+#: rms |Δ log Z| of data that no fit saw, "diagnosis" says all of it in words.
 DIAGNOSIS_COLUMNS = (
     "verdict",
     "cause",
@@ -91,7 +91,7 @@ def _diagnose(specimens: list[Specimen], bases: Bases) -> tuple[dict[str, Value]
 
 
 def diagnosis_columns(result: Diagnosis) -> dict[str, Value]:
-    """The verdict, the most probable cause with its size, the others, and what the named causes gain."""
+    """The verdict, the most probable cause with its size, the others, and the errors before and after."""
     verdict, gain = result.verdict, result.gain
     causes = sorted(verdict.causes, key=lambda cause: -cause.probability)
     columns: dict[str, Value] = {"verdict": verdict.word}
@@ -124,7 +124,7 @@ STEPS: dict[str, Step] = {"update": _update, "diagnose": _diagnose}
 
 
 def finite(value):
-    """The same JSON value with None for NaN and infinity, and plain numbers for those of numpy."""
+    """A value with None for NaN and infinity, Python numbers for those of numpy, lists for tuples, and keys as text."""
     if type(value) is float:  # most of a record
         return value if math.isfinite(value) else None
     if isinstance(value, dict):

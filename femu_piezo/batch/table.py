@@ -22,8 +22,8 @@ def rows_of(records: Sequence[dict], diagnoses: Mapping[str, dict] | None = None
 
     Parameters
     ----------
-    diagnoses : name → record of a diagnosis; where it has no result the column "diagnosis" says why. None where no
-        diagnosis was asked for: such rows have no columns for it
+    diagnoses : name → record of a diagnosis; where one has no result the column "diagnosis" says why. None where no
+        diagnosis was asked for: the rows then have no columns of it
     """
     rows = []
     for number, record in enumerate(records, 1):
@@ -43,7 +43,7 @@ def _diagnosis(record: dict | None) -> dict:
 
 
 def columns_of(rows: Sequence[dict]) -> list[str]:
-    """The columns in their order: of constants only those that some row has; of a diagnosis where it was asked for."""
+    """The columns in their order; those of constants and of a diagnosis only where some row has them."""
     present = {name for row in rows for name in row}
     known = [*_FIRST, *(name for name in UPDATE_COLUMNS if name in present or name not in CONSTANT_COLUMNS)]
     return known + [name for name in DIAGNOSIS_COLUMNS if name in present]

@@ -1,4 +1,4 @@
-"""What runs in a worker process, local or of a cluster: one job in, one record out, never an exception of the job.
+"""The work of a worker process, local or of a cluster: one job in, one record out, never an exception of the job.
 
 A record is JSON: {"name", "checksum", "status", "reason", "columns", "results"}. Status "ok" and "failed" (wrong
 input, no convergence) are final for these inputs; "lost" (a dead worker, an unexpected error) is tried again by the
@@ -34,7 +34,7 @@ def run_job(job: Job, checksum: str, program: str, limit_s: float | None = None)
 
     Parameters
     ----------
-    checksum : of the job where it was found; another one here means changed or other files
+    checksum : of the job, as the caller computed it; another one here means that the files differ or have changed
     program : `program_checksum` of the caller
     limit_s : the process ends itself after so many seconds, whatever it hangs in; None for never
     """
@@ -46,7 +46,7 @@ def run_job(job: Job, checksum: str, program: str, limit_s: float | None = None)
 def ended_after(limit_s: float | None) -> Iterator[None]:
     """End the whole process where the block takes longer, be it in a library that never returns; None: no limit."""
     if limit_s is not None:
-        faulthandler.dump_traceback_later(limit_s, exit=True, file=_nowhere())
+        faulthandler.dump_traceback_later(limit_s, exit=True, file=_devnull())
     try:
         yield
     finally:
@@ -106,7 +106,7 @@ def _bases():
     return _shared_bases
 
 
-def _nowhere():
+def _devnull():
     global _null
     try:
         return _null
@@ -116,9 +116,9 @@ def _nowhere():
 
 
 def start_local_worker() -> None:
-    """In a new local worker process: Ctrl-C is the parent's business, and the worker ends when the parent does."""
+    """Prepare a new local worker process: it ignores Ctrl-C, which the parent handles, and ends with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     warnings.simplefilter("ignore")
-    sys.stdout = _nowhere()
+    sys.stdout = _devnull()
     parent = multiprocessing.parent_process()
     threading.Thread(target=lambda: (parent.join(), os._exit(1)), daemon=True).start()
