@@ -144,9 +144,7 @@ def _write(connection: Connection, entries: Sequence[Entry], lot: str | None) ->
         [{"hash": one.hash, "file": one.file, "measured": one.time} for _, one in pairs if one is not None],
     )
     known, new = _known(connection, entries), 0
-    for entry in sorted(
-        entries, key=lambda one: one.key
-    ):  # all writers take locks in this order, so that none wait for each other
+    for entry in sorted(entries, key=lambda one: one.key):  # one order of locks for all, or two writers may deadlock
         result = None if entry.key in known else _new_result(connection, entry, lots.get(lot))
         if result is None:
             _put_in_lot(connection, entry, lots.get(lot))
