@@ -1,7 +1,7 @@
-"""An impedance analyser as this program sees it: what it is, one sweep, its output off.
+"""The interface of an impedance analyser: its identity, one sweep, its output off at the end.
 
-Nothing reaches an instrument but the commands of its driver's table, and no level, bias or frequency beyond the
-[limits] of the specimen. As a context manager the output is off at the end, after an error and after Ctrl-C.
+An instrument gets only the commands of its driver's table, and no level, bias or frequency beyond the [limits] of the
+specimen. An analyser is a context manager, which switches the output off at its end, after an error and after Ctrl-C.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from femu_piezo.measurement.segments import Segment, in_sweeps, segments
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Limits
 
-#: Errors that are read out of a queue at most.
+#: Most errors that are read out of the queue at once.
 _LONGEST_QUEUE = 100
-#: Least part of the lowest level that a level read back may differ by.
+#: Difference allowed between a level read back and the level set, over the larger of limits.voltage and 1 V.
 _LEVEL_RESOLUTION = 1e-3
 
 
@@ -34,7 +34,7 @@ class Command:
     ----------
     text : with {} for its arguments
     source : where it is documented
-    seen : how that was checked: "text" (the words of the manual), "driver" (a published driver that sends it), "" (not)
+    seen : how it was checked: "text" (the words of the manual), "driver" (a published driver sends it), "" (not)
     """
 
     text: str
@@ -48,10 +48,10 @@ class Settings:
 
     Attributes
     ----------
-    voltage : V rms;  bias : DC, V, none at 0
+    voltage : V rms;  bias : V DC, switched off where 0
     speed : 1 (fast) to 5 (quiet), the bandwidth of the instrument
     averages : of each point
-    timeout : seconds for a reply, beside those that a sweep takes
+    timeout : seconds for a reply, in addition to the duration of a sweep
     """
 
     voltage: float = Limits().voltage
@@ -62,7 +62,7 @@ class Settings:
 
 
 def usual_drive(limits: Limits) -> float:
-    """The drive where none is asked for, V rms: that of silent [limits], or less where these allow less."""
+    """The drive where none is asked for, V rms: that of default [limits], or less where the given ones allow less."""
     return min(Settings.voltage, limits.voltage)
 
 
@@ -78,7 +78,7 @@ class Analyser(ABC):
 
     model: ClassVar[str]
     commands: ClassVar[Mapping[str, Command]]
-    #: What the instrument can: Hz, V rms, V of bias, segments and points of one sweep, seconds of a point by speed.
+    #: Capabilities: Hz, V rms, V of bias, segments and points of one sweep, seconds of a point at each speed.
     band_Hz: ClassVar[tuple[float, float]]
     voltages: ClassVar[tuple[float, float]]
     most_bias: ClassVar[float]
@@ -120,7 +120,7 @@ class Analyser(ABC):
             self._session.close()
 
     def sweep(self, frequency: np.ndarray, voltage: float | None = None, *, rising: bool = True) -> ImpedanceSpectrum:
-        """Measure at some frequencies (n,), Hz, and at a few more where segments need them.
+        """Z at frequencies (n,), Hz, and at a few more where segments need them.
 
         Parameters
         ----------
@@ -136,7 +136,7 @@ class Analyser(ABC):
         self._refuse_voltage(voltage)
         wanted = segments(frequency)
         self._refuse_band(min(one.start for one in wanted), max(one.stop for one in wanted))
-        found: list[tuple[np.ndarray, np.ndarray]] = []
+        parts: list[tuple[np.ndarray, np.ndarray]] = []
         sweeps = list(in_sweeps(wanted, self.most_segments, self.most_points))
         for one in sweeps if rising else sweeps[::-1]:
             points = sum(segment.points for segment in one)
@@ -147,13 +147,13 @@ class Analyser(ABC):
                 self.commands["wait"].text, self.settings.timeout + points * self._seconds_of_point(one[0].start)
             )
             self._check("the sweep")
-            found.append(self._read(points))
-        own, place = np.unique(np.concatenate([f for f, _ in found]), return_index=True)
-        z = np.concatenate([z for _, z in found])[place]
-        return ImpedanceSpectrum(own, z, source=self.model)
+            parts.append(self._read(points))
+        frequencies, place = np.unique(np.concatenate([f for f, _ in parts]), return_index=True)
+        z = np.concatenate([z for _, z in parts])[place]
+        return ImpedanceSpectrum(frequencies, z, source=self.model)
 
     def _seconds_of_point(self, frequency: float) -> float:
-        """An upper bound: measurement time, ten periods, the range changes of auto ranging."""
+        """An upper bound: measurement time and ten periods, twice as long for range changes of auto ranging."""
         return 2 * self.settings.averages * (self.seconds[self.settings.speed - 1] + 10 / frequency)
 
     def _refuse(self, settings: Settings) -> None:
@@ -172,8 +172,8 @@ class Analyser(ABC):
             raise InputError(f"a drive of {voltage:g} V is outside the {low:g} … {high:g} V of the {self.model}")
 
     def _refuse_band(self, low: float, high: float) -> None:
-        own = (f"what the {self.model} can", self.band_Hz)
-        for whose, (lowest, highest) in (("limits.frequency", self.limits.frequency or self.band_Hz), own):
+        of_model = (f"what the {self.model} can", self.band_Hz)
+        for whose, (lowest, highest) in (("limits.frequency", self.limits.frequency or self.band_Hz), of_model):
             if low < lowest or high > highest:
                 raise InputError(f"{low:g} … {high:g} Hz are outside {lowest:g} … {highest:g} Hz, {whose}")
 
@@ -198,8 +198,8 @@ class Analyser(ABC):
         return values
 
     def _check(self, step: str) -> None:
-        """Read the error queue; InstrumentError where it holds something."""
-        found = []
+        """Read the error queue; InstrumentError where it holds errors."""
+        errors = []
         for _ in range(_LONGEST_QUEUE):
             reply = self._ask("error")
             code = reply.split(",")[0].strip()
@@ -207,17 +207,17 @@ class Analyser(ABC):
                 raise InstrumentError(f"the {self.model} answers {reply[:60]!r} when asked for errors; {ONWARDS}")
             if int(code) == 0:
                 break
-            found.append(reply.strip())
-        if found:
-            raise InstrumentError(f"the {self.model} reports {'; '.join(found)} after {step}; {ONWARDS}")
+            errors.append(reply.strip())
+        if errors:
+            raise InstrumentError(f"the {self.model} reports {'; '.join(errors)} after {step}; {ONWARDS}")
 
     def _confirm(self, asked: float, reply: str) -> None:
-        """That the level is what was asked for; InstrumentError otherwise."""
+        """Raise InstrumentError where the level read back is not the level set, V."""
         if not abs(_number(reply) - asked) <= _LEVEL_RESOLUTION * max(1.0, self.limits.voltage):
             raise InstrumentError(f"the {self.model} is at {reply.strip()} V where {asked:g} V were set; {ONWARDS}")
 
     def _prepare(self) -> None:
-        """Everything but level and frequencies; reads the compensation."""
+        """Set everything except level, bias and frequencies; read the state of the compensation."""
         self._send("clear")
         self._off()
         for name in self.setup:
@@ -228,11 +228,11 @@ class Analyser(ABC):
         states = {name: self._ask(name).strip() in ("1", "+1", "ON") for name in ("open", "short", "load")}
         self.compensation = ", ".join(f"{name} {'on' if state else 'off'}" for name, state in states.items())
 
-    def _arrange(self, found: Sequence[Segment], voltage: float, rising: bool) -> None:
-        """Level, list of frequencies and bias of one sweep."""
+    def _arrange(self, listed: Sequence[Segment], voltage: float, rising: bool) -> None:
+        """Set level, list of frequencies, direction and bias of one sweep."""
         self._send("level", voltage)
         self._confirm(voltage, self._ask("level_is"))
-        self._list(found)
+        self._list(listed)
         self._send("direction", "UP" if rising else "DOWN")
         if self.settings.bias:
             self._send("bias_mode")
@@ -240,12 +240,14 @@ class Analyser(ABC):
             self._send("bias", "ON")
 
     def _read(self, points: int) -> tuple[np.ndarray, np.ndarray]:
-        """Frequencies (points,), Hz, and Z (points,), ohm, of the sweep that was waited for."""
+        """Frequencies (points,), Hz, and Z (points,), ohm, of the sweep that has ended."""
         frequency = self._numbers("frequencies", points)
         parts = []
         for trace in self.traces:
             self._send("select", trace)
-            parts.append(self._numbers("values", 2 * points)[::2])  # a value and, for complex formats, another
+            parts.append(
+                self._numbers("values", 2 * points)[::2]
+            )  # pairs: the value, and a second number that only complex formats use
         return frequency, parts[0] + 1j * parts[1]
 
     def _off(self) -> None:
@@ -256,8 +258,8 @@ class Analyser(ABC):
         self._ask("wait")
 
     @abstractmethod
-    def _list(self, found: Sequence[Segment]) -> None:
-        """Make some segments the sweep."""
+    def _list(self, listed: Sequence[Segment]) -> None:
+        """Set the segments of the next sweep."""
 
     @abstractmethod
     def _trigger(self) -> None:
@@ -265,10 +267,10 @@ class Analyser(ABC):
 
     @abstractmethod
     def _stop(self) -> None:
-        """Break off a sweep, and begin no other."""
+        """Break off the sweep, and begin no other."""
 
 
-#: How to go on after a fault.
+#: End of the message of a fault: how to go on.
 ONWARDS = "no point is lost, and the same command goes on from there"
 
 
@@ -290,7 +292,7 @@ def _resources() -> Any:
 
 
 class Session:
-    """A VISA connection whose errors are sentences.
+    """A VISA connection, whose errors are InstrumentError with one sentence.
 
     Parameters
     ----------
@@ -347,7 +349,7 @@ class Session:
         return self._guarded(text, lambda: self._resource.query(text))
 
     def wait(self, text: str, seconds: float) -> str:
-        """The reply to a question that may take so long."""
+        """The reply to a question, which may take so many seconds."""
         self._resource.timeout = 1000 * seconds
         try:
             return self.query(text)

@@ -1,4 +1,4 @@
-"""Which driver an instrument needs, by its answer to *IDN?."""
+"""The driver of an instrument, chosen by its answer to *IDN?."""
 
 from __future__ import annotations
 

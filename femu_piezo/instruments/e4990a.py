@@ -23,8 +23,8 @@ class E4990A(Analyser):
     seconds = (0.005, 0.01, 0.05, 0.2, 0.5)
     setup = ("trigger_source", "ascii", "resistance", "reactance", "mode", "segmented")
     traces = (1, 2)
-    #: A falling direction has been seen for linear sweeps, not for segments; the frequencies that are read back belong
-    #: to the values either way.
+    #: Drivers were seen to set a falling direction for linear sweeps, not for segments; the frequencies that are read
+    #: back belong to the values in either case.
     commands: ClassVar[Mapping[str, Command]] = {
         "identify": Command("*IDN?", "IEEE 488.2, 10.14", "driver"),
         "clear": Command("*CLS", "IEEE 488.2, 10.3", "driver"),
@@ -57,8 +57,8 @@ class E4990A(Analyser):
         "load": Command(":SENS1:CORR2:LOAD?", _HELP + ":SENSe<Ch>:CORRection2:LOAD", "driver"),
     }
 
-    def _list(self, found: Sequence[Segment]) -> None:
-        self._send("segments", segment_data(found))
+    def _list(self, listed: Sequence[Segment]) -> None:
+        self._send("segments", segment_data(listed))
 
     def _trigger(self) -> None:
         self._send("initiate", "ON")

@@ -22,7 +22,7 @@ class HP4294A(Analyser):
     seconds = (0.005, 0.01, 0.05, 0.2, 0.5)
     setup = ("trigger_source", "ascii", "parameters", "mode", "of_frequency")
     traces = ("A", "B")
-    #: The list editor is that of the sister instrument 4395A, where drivers were seen to send it.
+    #: The commands of the list editor are those of the sister instrument 4395A, to which published drivers send them.
     commands: ClassVar[Mapping[str, Command]] = {
         "identify": Command("*IDN?", "IEEE 488.2, 10.14", "driver"),
         "clear": Command("*CLS", "IEEE 488.2, 10.3", "driver"),
@@ -61,10 +61,10 @@ class HP4294A(Analyser):
         "load": Command("COMLOAD?", _MANUAL + "COMLOAD", ""),
     }
 
-    def _list(self, found: Sequence[Segment]) -> None:
+    def _list(self, listed: Sequence[Segment]) -> None:
         self._send("edit")
         self._send("empty")
-        for one in found:
+        for one in listed:
             self._send("add")
             self._send("start", one.start)
             self._send("stop", one.stop)

@@ -1,4 +1,4 @@
-"""`measure`: an analyser sweeps where the study wants it to; every point is on disk as soon as it is there."""
+"""`measure`: an analyser sweeps at the frequencies that the study chooses; every point is on disk once measured."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from femu_piezo.study.model_cache import SharedBases
 from femu_piezo.study.planning import OPPOSITE, THIRD
 from femu_piezo.study.progress import Progress
 
-#: Points of one sweep of the analyser at most: what a crash in mid-sweep can cost.
+#: Most points of one sweep of the analyser; a crash during a sweep loses no more.
 _BLOCK = 32
 _HEADER = "frequency_Hz,resistance_ohm,reactance_ohm,voltage_V,bias_V"
 
 
 @dataclass(frozen=True)
 class MeasureResult:
-    """What `measure` found.
+    """The result of `measure`.
 
     Attributes
     ----------
-    adapted : points and rounds;  updated : the update of all points;  diagnosed : where it was asked for
+    adapted : points and rounds;  updated : the update of all points;  diagnosed : None where it was not asked for
     """
 
     adapted: Adapted
@@ -61,14 +61,14 @@ def measure(
     """Measure a specimen with the analyser at a VISA address.
 
     The folder gets points.csv (every point as it comes), live.png (rewritten after every round), sweep.csv,
-    measured.toml (the specimen with this sweep), measure.json, and what `update` writes. Points that are there already
-    count: a measurement that was broken off goes on.
+    measured.toml (the specimen with this sweep), measure.json, and what `update` writes. Points that it
+    holds already count: a measurement that was broken off goes on.
 
     Parameters
     ----------
-    diagnose : diagnose the sweep as well (as where `wish.separate` asks for it), and take the sweeps in the opposite
-        direction and at a third of the voltage where the diagnosis recommends them
-    keep : called with each result once its files are written, and with the specimen that it is of
+    diagnose : diagnose the sweep as well (as `wish.separate` also does), and take the sweeps in the opposite direction
+        and at a third of the voltage where the diagnosis recommends them
+    keep : called as keep([specimen], result) with each result once its files are written
     tell : called with a line about every round
 
     Raises
@@ -127,7 +127,7 @@ def measure(
 
 
 def swept(analyser: Analyser, frequency: np.ndarray, points: PointFile) -> ImpedanceSpectrum:
-    """A sweep in blocks, each on disk before the next."""
+    """A sweep in blocks of at most `_BLOCK` points, each on disk before the next begins."""
     found = None
     for block in np.array_split(frequency, -(-frequency.size // _BLOCK)):
         one = analyser.sweep(block)
@@ -141,14 +141,14 @@ class PointFile:
 
     Parameters
     ----------
-    settings : under which the points are measured; those of another voltage or bias do not mix
+    settings : of the measurement; a file with points at another voltage or bias is refused
     """
 
     def __init__(self, path: Path, settings: Settings) -> None:
         self.path, self._settings = path, settings
 
     def read(self) -> ImpedanceSpectrum | None:
-        """The points that are there; None where there are none."""
+        """The points of the file; None where it has none."""
         if not self.path.exists():
             return None
         text = self.path.read_text(encoding="utf-8", errors="replace")
@@ -168,11 +168,11 @@ class PointFile:
         if not rows:
             return None
         values = np.array(rows)
-        for column, name, own in ((3, "voltage", self._settings.voltage), (4, "bias", self._settings.bias)):
-            other = values[np.abs(values[:, column] - own) > 1e-9, column]
+        for column, name, setting in ((3, "voltage", self._settings.voltage), (4, "bias", self._settings.bias)):
+            other = values[np.abs(values[:, column] - setting) > 1e-9, column]
             if other.size:
                 raise InputError(
-                    f"{self.path}: holds points at a {name} of {other[0]:g} V, not {own:g} V; give --{name} "
+                    f"{self.path}: holds points at a {name} of {other[0]:g} V, not {setting:g} V; give --{name} "
                     f"{other[0]:g}, or another --out"
                 )
         return merged(values[:, 0], values[:, 1] + 1j * values[:, 2], str(self.path))
@@ -190,7 +190,7 @@ class PointFile:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """A request to end (SIGTERM) is as Ctrl-C: the output goes off before the program ends."""
+    """Treat a request to end (SIGTERM) like Ctrl-C: the output is switched off before the program ends."""
 
     def stop(number, frame):
         raise KeyboardInterrupt
@@ -230,7 +230,7 @@ def _with_sweep(specimen: Specimen, file: Path) -> Specimen:
 
 
 def _recommended(found: Diagnosed, settings: Settings, least: float) -> list[str]:
-    """Which of the sweeps that the same analyser can take the diagnosis recommends."""
+    """The further sweeps that the diagnosis recommends and this analyser can take; `least` : its lowest level, V."""
     words = found.verdict.measurements
     possible = (OPPOSITE, THIRD) if settings.voltage / 3 >= least else (OPPOSITE,)
     return [way for way in possible if any(one.startswith(way) for one in words)]
@@ -239,7 +239,7 @@ def _recommended(found: Diagnosed, settings: Settings, least: float) -> list[str
 def _further(
     specimen: Specimen, address: str, out: Path, frequency: np.ndarray, settings: Settings, more: Sequence[str]
 ) -> Specimen:
-    """The specimen with whole sweeps of its frequencies up, and down or at a third of the voltage."""
+    """The specimen with new sweeps at all frequencies: rising and, if in `more`, falling or at a third of the voltage."""
     ways = {"up": (settings.voltage, True)}
     ways |= {"down": (settings.voltage, False)} if OPPOSITE in more else {}
     ways |= {"third": (settings.voltage / 3, True)} if THIRD in more else {}

@@ -1,13 +1,13 @@
 """What a simulated analyser measures: the model of a specimen file, hidden effects included, as a real bench shows it.
 
     Z(ω/w)/w,  w = 1 + drift · t              resonances drift with the time t since the analyser was switched on
-    Y_i + (Ym_{i−1} − Ym_i) e^(−γ T)          the current of motion still rings from the point before (settling)
+    Y_i + (Ym_{i−1} − Ym_i) e^(−γ T)          the motional current still rings from the previous point (settling)
     softening ∝ (V/V_0)²                      of [effects.drive_level], V_0 the voltage of [limits]
     Z_i g (1 + ν_i)                           gain g of the instrument, noise ν by the accuracy chart
 
-Accuracy in the form of data sheets, E = E_p + Z_s/|Z| + Y_o |Z|: E_p is the 0.08 % that the one of the E4990A calls its
-basic accuracy, Z_s and Y_o are of the usual order. The gain is a third of E_p, the noise of the slowest measurement a
-quarter of E.
+Accuracy in the form of data sheets, E = E_p + Z_s/|Z| + Y_o |Z|: E_p is 0.08 %, the basic accuracy in the data sheet of
+the E4990A, Z_s and Y_o are of the usual order. The error of the gain is a third of E_p, the noise of the slowest
+measurement a quarter of E (standard deviations).
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from femu_piezo.study.effects import effects_as_simulated, simulated_with_effect
 from femu_piezo.study.problem import prepare
 from femu_piezo.study.simulate import sweep_frequencies
 
-#: Accuracy chart: E_p, Z_s (ohm), Y_o (siemens); shares of it that are gain and noise.
+#: Accuracy chart: E_p, Z_s (ohm), Y_o (siemens); its shares that are error of the gain and noise.
 _CHART, _GAIN, _NOISE = (8e-4, 10e-3, 50e-9), 1 / 3, 1 / 4
 #: Seconds of a point by speed 1 … 5.
 _SECONDS = (0.003, 0.006, 0.02, 0.06, 0.2)
 #: Error of mesh and basis, points of the reference sweep, and the loss tangent where the file has none.
 _ACCURACY, _REFERENCE, _LOSS = 1e-4, 401, 0.01
-#: How far beyond the band of [simulation] the model serves.
+#: Highest frequency of the model over the end of the band of [simulation].
 _BEYOND = 1.05
 
 
@@ -39,12 +39,12 @@ class Piece:
 
     Parameters
     ----------
-    drift : by which resonances rise, relative, 1/s
+    drift : relative rise of the resonances per second, 1/s
     seed : of gain and noise
 
     Attributes
     ----------
-    clock : seconds that have been measured so far
+    clock : seconds of measurement so far
 
     Raises
     ------
@@ -74,17 +74,20 @@ class Piece:
         effects = [effect for effect, _ in self._known]
         self._model = extend_model(model, [self._problem.fitted], effects, top, accuracy=_ACCURACY / 10)
         self._reference = np.linspace(*band, _REFERENCE)
-        self._capacitance = self._of_reference()
+        self._capacitance = self._capacitance_at_end()
         tangent = self._problem.fitted.tangent("s11" if self._problem.plate.poling == "thickness" else "s33")
         self._loss = abs(tangent) or _LOSS
 
-    def _of_reference(self) -> float:
+    def _capacitance_at_end(self) -> float:
         """The capacitance at the end of the band, F."""
         z = self._impedance(self._reference[-1:], self.specimen.limits.voltage)
         return float((1 / z[0]).imag / (2 * np.pi * self._reference[-1]))
 
     def _impedance(self, frequency: np.ndarray, voltage: float) -> np.ndarray:
-        """Z (n,), ohm, of the specimen at rest and settled; a lean is relative to the largest current of the band."""
+        """Z (n,), ohm, without drift, ringing and noise.
+
+        The reference sweep is computed with it, as [effects.drive_level] refers to the largest current of the band.
+        """
         share = (voltage / self.specimen.limits.voltage) ** 2
         known = [
             (effect, values * np.r_[share, np.ones(values.size - 1)] if effect.name == "drive_level" else values)
@@ -94,15 +97,15 @@ class Piece:
         return simulated_with_effects(self._problem, self._model, every, known)[place[: frequency.size]]
 
     def measured(self, frequency: np.ndarray, voltage: float, speed: int, averages: int) -> np.ndarray:
-        """Z (n,), ohm, as read at frequencies (n,), Hz, one after another in this order."""
+        """Z (n,), ohm, as the analyser reads it at frequencies (n,), Hz, one after another in this order."""
         dwell = _SECONDS[speed - 1] * averages
         w = 1 + self.drift * (self.clock + dwell * np.arange(1, frequency.size + 1))
         self.clock += dwell * frequency.size
         z = self._impedance(frequency / w, voltage) / w
         y = 1 / z
         moving = y - 2j * np.pi * frequency * self._capacitance
-        rings = np.exp(-np.pi * frequency * self._loss * _SECONDS[speed - 1])
-        y[1:] += (moving[:-1] - moving[1:]) * rings[1:]
+        ringing = np.exp(-np.pi * frequency * self._loss * _SECONDS[speed - 1])
+        y[1:] += (moving[:-1] - moving[1:]) * ringing[1:]
         z = 1 / y
         magnitude = np.abs(z)
         sigma = _NOISE * (_CHART[0] + _CHART[1] / magnitude + _CHART[2] * magnitude)

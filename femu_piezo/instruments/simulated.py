@@ -31,21 +31,21 @@ from femu_piezo.specimen.file import Specimen
 
 #: Kinds of faults.
 FAULTS = ("timeout", "half", "error", "overload", "unplugged")
-#: Longest line that is read, bytes; errors that the queue holds; seconds after which a silent client is left.
+#: Longest line that is read, bytes; most errors in the queue; seconds after which a silent client is disconnected.
 _LONGEST, _QUEUE, _PATIENCE = 1_000_000, 100, 3600.0
 _NOT_MEASURED = "1.#QNB"
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What goes wrong, and at which sweep; the first is number 1."""
+    """A kind of `FAULTS`, and the number of the sweep at which it occurs; the first is 1."""
 
     kind: str
     sweep: int
 
     @classmethod
     def parse(cls, text: str) -> Fault:
-        """Of "KIND@N"; InputError for anything else."""
+        """The fault of a text "KIND@N"; InputError for anything else."""
         kind, _, number = text.partition("@")
         if kind not in FAULTS or not number.isdigit() or not 1 <= int(number) <= 10**6:
             raise InputError(f"--fail {text!r} is no fault; known are {', '.join(FAULTS)}, each with a sweep: error@3")
@@ -62,8 +62,9 @@ class Bench:
 
     Attributes
     ----------
-    level, bias : V;  biased, armed : whether the bias is on, and whether it may be triggered
-    frequency : (n,) of the sweep, Hz;  values : (n,) of the last one, ohm
+    level, bias : V;  biased, armed : whether the bias is on, and whether a trigger starts a sweep
+    found : segments of the next sweep
+    frequency, values : (n,) Hz and complex (n,) ohm of the last sweep
     queue : errors, the oldest first
     """
 
@@ -86,11 +87,11 @@ class Bench:
 
     @property
     def fault(self) -> str:
-        """What goes wrong at the sweep that was triggered last."""
+        """Kind of the fault at the last sweep, "" where there is none."""
         return next((one.kind for one in self.faults if one.sweep == self.sweeps), "")
 
     def trigger(self) -> None:
-        """Measure the list once."""
+        """Measure the segments once."""
         if not self.armed or not self.found:
             self.queue.append('-211,"Trigger ignored"')
             return
@@ -105,15 +106,15 @@ class Bench:
             raise _Broken
 
     def error(self) -> str:
-        """The oldest error."""
+        """Take the oldest error out of the queue."""
         return self.queue.popleft() if self.queue else '+0,"No error"'
 
     def wait(self) -> str | None:
-        """When the sweep is done; at a timeout not before it is broken off."""
+        """The reply "1", as the sweep is done; None, no reply, at the fault "timeout" until the sweep is broken off."""
         return None if self.fault == "timeout" and self.armed else "1"
 
     def trace_values(self) -> str:
-        """R or X at every frequency, each with a zero."""
+        """R or X of the last sweep, each value followed by a zero."""
         parts = self.values.imag if self.trace else self.values.real
         words = [f"{one:.11E},0.00000000000E+00" for one in parts]
         if self.fault == "overload":
@@ -124,11 +125,11 @@ class Bench:
         return text
 
     def frequencies(self) -> str:
-        """Of the last sweep."""
+        """Frequencies of the last sweep."""
         return ",".join(f"{one:.11E}" for one in self.frequency)
 
     def limited(self, attribute: str, low: float, high: float) -> Callable[[str], None]:
-        """Sets a number, which is kept in a range; beyond it an error is in the queue as well."""
+        """A handler that sets a number, clipped to a range; outside the range it also queues an error."""
 
         def put(argument: str) -> None:
             value = float(argument.rstrip("Vv "))
@@ -139,7 +140,7 @@ class Bench:
         return put
 
     def switched(self, attribute: str, words: dict[str, bool] | None = None) -> Callable[[str], None]:
-        """Sets a switch."""
+        """A handler that sets a switch; words : argument → state."""
         known = words or {"ON": True, "1": True, "OFF": False, "0": False}
 
         def put(argument: str) -> None:
@@ -152,18 +153,18 @@ class _Half(Exception):
     """A reply that breaks off."""
 
 
-#: Name in the table of a driver → what it does with its argument and what it replies.
+#: Name in the table of a driver → function of the argument of the command that returns the reply.
 Handlers = dict[str, Callable[[str], str | None]]
 
 
 def _common(bench: Bench, driver: type[Analyser]) -> Handlers:
-    """What both dialects do alike."""
+    """Handlers of the commands that both dialects have."""
 
     def stop(_: str) -> None:
         bench.armed = False
 
     def nothing(_: str) -> None:
-        """A setting that this simulation has anyway."""
+        """For settings that the simulation has at all times."""
 
     def cleared(_: str) -> None:
         bench.queue.clear()
@@ -238,20 +239,20 @@ def _as_4294a(bench: Bench) -> Handlers:
     }
 
 
-def _set_segments(bench: Bench, found: list[Segment], driver: type[Analyser]) -> None:
+def _set_segments(bench: Bench, listed: list[Segment], driver: type[Analyser]) -> None:
     low, high = driver.band_Hz
-    points = sum(one.points for one in found)
+    points = sum(one.points for one in listed)
     if (
-        len(found) > driver.most_segments
+        len(listed) > driver.most_segments
         or points > driver.most_points
-        or any(not (low <= one.start <= one.stop <= high and one.points >= 2) for one in found)
+        or any(not (low <= one.start <= one.stop <= high and one.points >= 2) for one in listed)
     ):
         bench.queue.append('-222,"Data out of range"')
         return
-    bench.found = found
+    bench.found = listed
 
 
-#: Dialects by model.
+#: Model → its driver, and the function that makes its handlers.
 DIALECTS: dict[str, tuple[type[Analyser], Callable[[Bench], Handlers]]] = {
     "E4990A": (E4990A, _as_e4990a),
     "4294A": (HP4294A, _as_4294a),
@@ -278,7 +279,7 @@ class SimulatedAnalyser:
         ]
 
     def answer(self, line: str) -> str | None:
-        """What a line brings, None for no reply; an unknown one, or one with a wrong argument, goes to the queue."""
+        """The reply to a line, None for none; an unknown line or a wrong argument adds an error to the queue."""
         with self._lock:
             if self._log is not None:
                 with open(self._log, "a", encoding="utf-8") as stream:
@@ -295,7 +296,7 @@ class SimulatedAnalyser:
 
 
 def _pattern(text: str) -> re.Pattern[str]:
-    """What matches a command of a table, its argument as a group."""
+    """The pattern that a command of a table matches, with its argument as a group."""
     parts = re.split(r"\{[^}]*\}", text)
     return re.compile("(.+?)".join(re.escape(part) for part in parts), re.IGNORECASE)
 
