@@ -239,7 +239,7 @@ def _recommended(found: Diagnosed, settings: Settings, least: float) -> list[str
 def _further(
     specimen: Specimen, address: str, out: Path, frequency: np.ndarray, settings: Settings, more: Sequence[str]
 ) -> Specimen:
-    """The specimen with new sweeps at all frequencies: rising and, if in `more`, falling or at a third of the voltage."""
+    """The specimen with new full sweeps: rising and, if in `more`, falling and at a third of the voltage."""
     ways = {"up": (settings.voltage, True)}
     ways |= {"down": (settings.voltage, False)} if OPPOSITE in more else {}
     ways |= {"third": (settings.voltage / 3, True)} if THIRD in more else {}
