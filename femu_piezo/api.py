@@ -1,4 +1,4 @@
-"""What `import femu_piezo` offers: the six commands as functions of specimens and sweeps, in files or in memory.
+"""What `import femu_piezo` offers: the commands as functions of specimens and sweeps, in files or in memory.
 
     import femu_piezo as fp
 
@@ -47,7 +47,7 @@ def simulate(specimen: AnySpecimen, *, full_order: bool = False, effects: Iterab
     Parameters
     ----------
     full_order : solve the full model at every frequency instead of the reduced one (slow, for checking)
-    effects : that its [effects] may name beside those of the library
+    effects : further effects, besides those of the library, that its [effects] may name
     """
     from femu_piezo.output.results.simulated import Simulated
     from femu_piezo.study import simulate as study
@@ -95,9 +95,9 @@ def circuit(
 
     Parameters
     ----------
-    source : a sweep, or a specimen; a path that ends in .toml is one of a specimen
-    correct_phase, mask_faults : of a sweep, as in `extract`
-    connection, columns : of the file of a sweep, as in `read_spectrum`
+    source : a sweep, or a specimen; a path that ends in .toml is that of a specimen
+    correct_phase, mask_faults : for a sweep, as in `extract`
+    connection, columns : for the file of a sweep, as in `read_spectrum`
 
     Raises
     ------
@@ -128,11 +128,11 @@ def export(
 
     Parameters
     ----------
-    result : of `update`, or the path of an update.json
+    result : what `update` returns, or the path of an update.json
     to : "comsol", "ansys", "abaqus", "opencfs", "sfepy" or "json"
     density : kg/m³; that of the first specimen where None
     poling : direction of the poling in the axes of the other program
-    folder : where the text is written as well, into material.txt, material.inp, …; nowhere where None
+    folder : into which the text is also written, as material.txt, material.inp, …; None to write no file
 
     Raises
     ------
@@ -158,9 +158,9 @@ def export(
 def standard_figures(spectrum: AnySweep, specimen: AnySpecimen | None = None) -> Figures:
     """Standard figures of a measured sweep (IEEE 176-1987, EN 50324-2): fs, fp, k, Qm, C^T, N, d, s.
 
-    Without a specimen those that need no body. With one also those by the formulas of its shape, each beside the value
-    of the finite element model of the specimen as its file describes it, and what the formulas get wrong for this
-    piece. `fp.update` has the same beside the updated model: `result.figures`.
+    Without a specimen, the figures that need no dimensions. With one, also those by the formulas of its shape, each
+    with its value by the finite element model of the specimen as its file describes it, and the errors of the formulas
+    for this piece. `result.figures` of `fp.update` has the values of the updated model instead.
 
     Raises
     ------
@@ -192,16 +192,16 @@ def update(
     progress: Progress | None = None,
     bases: Bases | None = None,
 ) -> Updated:
-    """The constants that explain the measured sweeps; several specimens of one material join.
+    """The constants that explain the measured sweeps; several specimens of one material are fitted together.
 
     Parameters
     ----------
-    specimens : one or several; the [material] and [update] tables of the first rule
-    spectra : their sweeps in the same order; those that the specimens name where None. Of a sweep given here everything
-        of [measurement] but the file counts: held_out, noise, accuracy, residue, correct_phase, mask_faults
+    specimens : one or several; the tables [material] and [update] of the first one apply to all
+    spectra : their sweeps in the same order; those that the specimens name where None. To a sweep given here all of
+        [measurement] except the file applies: held_out, noise, accuracy, residue, correct_phase, mask_faults
     correct_phase, mask_faults : as in [measurement], for all sweeps
-    effects : that the [effects] of the files may name beside those of the library
-    samples : of the posterior, drawn where the Gaussian about the best constants is not to be trusted (50 or more)
+    effects : further effects, besides those of the library, that the [effects] of the files may name
+    samples : number of samples of the posterior, 50 or more, for where it may not be Gaussian; 0 for none
     progress : called with the name of each step
     bases : where models and reduced bases come from; made for these specimens alone where None
 
@@ -232,8 +232,8 @@ def diagnose(
 
     Parameters
     ----------
-    effects : the candidates, effects or functions of an `EffectContext` that return some; `femu_piezo.effects.library`
-        where None, `[*femu_piezo.effects.library, mine]` for one more
+    effects : the candidates: effects, or functions of an `EffectContext` that return effects;
+        `femu_piezo.effects.library` where None, `[*femu_piezo.effects.library, mine]` for one more
     rules : prior probabilities and thresholds
 
     The other parameters and the errors are those of `update`.
@@ -257,15 +257,15 @@ def identify(
 ) -> Identified:
     """Which constants sweeps of the specimens can determine, and how well, before or without measuring.
 
-    `result.expected` has the deviations that an update would state with the tolerances of the files, and what each
-    would be with a tolerance halved.
+    `result.expected` has the deviations that an update would state with the tolerances of the files, and those that it
+    would state with one tolerance halved, for each of them.
 
     Parameters
     ----------
     noise : relative standard deviation of every point; the one that the files state where None, else 0.001
     recommend : compute what further measurements would add, which takes longer than the rest
-    study : specimens that are drawn and updated for each of several noises and numbers of points (20 or more)
-    plan : points of a sweep whose frequencies are to be chosen (16 or more); `result.plan.frequency`
+    study : number of specimens, 20 or more, drawn and updated for each of several noises and numbers of points
+    plan : number of points, 16 or more, of a sweep whose frequencies are chosen: `result.plan.frequency`
     """
     from femu_piezo.output.results.identified import Identified
     from femu_piezo.study import identify as planned
@@ -286,8 +286,8 @@ def modes(
     Parameters
     ----------
     band : (low, high) Hz; from zero to 3.5 times the expected fundamental where None
-    count : only so many, the lowest ones
-    effects : that its [effects] may name beside those of the library
+    count : number of modes, the lowest ones; all of the band where None
+    effects : further effects, besides those of the library, that its [effects] may name
     """
     from femu_piezo.output.results.modes import Modes
     from femu_piezo.study import modes as study
@@ -303,7 +303,7 @@ def _one(specimen: AnySpecimen) -> Specimen:
 
 
 def _many(specimens: AnySpecimen | Sequence[AnySpecimen]) -> list[Specimen]:
-    """The specimens, those of files read; a study file stands for several."""
+    """Specimens, read where they are files; a study file stands for several."""
     found: list[Specimen] = []
     for one in _listed(specimens, (Specimen, str, Path)):
         if isinstance(one, Specimen):
@@ -316,7 +316,7 @@ def _many(specimens: AnySpecimen | Sequence[AnySpecimen]) -> list[Specimen]:
 
 
 def _measured(specimens, spectra, correct_phase: bool, mask_faults: bool):
-    """Specimens, and their sweeps or the files of these."""
+    """Specimens, and the sweeps given for them or their paths; None where none are given."""
     wanted = with_measurement(_many(specimens), correct_phase=correct_phase, mask_faults=mask_faults)
     if spectra is None:
         return wanted, None

@@ -52,25 +52,25 @@ def unset_variables(path: Path) -> list[str]:
 
 
 def write_atomically(path: Path | str, text: str | bytes) -> None:
-    """Write UTF-8 text, or bytes, beside `path`, then rename: after a crash there is the old or the new file, whole.
+    """Write UTF-8 text or bytes to a temporary file in the same folder, then rename it: no crash leaves half a file.
 
     Raises InputError where the folder does not exist or cannot be written to.
     """
     path = Path(path)
     if not path.name:
         raise InputError(f"{path}: this is a directory; give the path of a file")
-    beside = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}.tmp")
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.{secrets.token_hex(4)}.tmp")
     try:
         data = text if isinstance(text, bytes) else text.encode("utf-8")
-        with open(beside, "xb") as stream:
+        with open(temporary, "xb") as stream:
             _to_disk(stream, data)
-        os.replace(beside, path)
+        os.replace(temporary, path)
     except UnicodeEncodeError:
         raise InputError(f"{path}: the text to write has characters outside Unicode; rename what has them") from None
     except OSError as error:
         raise _unwritable(path, error) from None
     finally:
-        beside.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
 
 
 def append_durably(path: Path, text: str) -> None:
@@ -96,7 +96,7 @@ def _unwritable(path: Path, error: OSError) -> InputError:
 
 
 def with_schema(record: Mapping[str, Any]) -> dict[str, Any]:
-    """A record as the commands write it: `schema` first."""
+    """A record as the commands write it, with the key `schema` first."""
     return {"schema": SCHEMA} | dict(record)
 
 
@@ -106,9 +106,9 @@ def json_text(record: Mapping[str, Any], indent: int | None = 2) -> str:
 
 
 def read_json(path: Path, largest: int, what: str) -> dict[str, Any]:
-    """The record in a file that a command wrote; files of 0.1, which have no `schema`, are those of schema 1.
+    """The record in a file that a command wrote; files of release 0.1, which have no `schema`, count as schema 1.
 
-    what : the file should be, for messages
+    what : kind of record that is expected, for messages
 
     Raises InputError where the file holds no record, or one of another schema than this release reads.
     """

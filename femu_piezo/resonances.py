@@ -24,8 +24,8 @@ class Resonance:
     kind : "pole" (of Y, short circuit) or "zero" (of Y, open circuit)
     eigenvalue : complex λ = ω²(1 + jη), rad²/s²
     covariance : (2, 2) covariance of (Re λ, Im λ), rad⁴/s⁴; None where no uncertainty is known
-    residue : complex residue of Y at a pole (S·rad/s) or of Z at a zero (Ω·rad/s) for the upper half plane
-        pole p = jω√λ-branch of the time factor e^{jωt}; None where unknown
+    residue : complex residue of Y at a pole (S·rad/s) or of Z at a zero (Ω·rad/s), at the point p = j√λ of the upper
+        half plane (`pole_s`), time factor e^{jωt}; None where unknown
     """
 
     kind: Kind
@@ -97,7 +97,7 @@ class ResonanceSet:
 def effective_coupling(pole: Resonance, zero: Resonance) -> float:
     """k_eff = sqrt(1 − Re λ_pole / Re λ_zero), IEEE 176 effective coupling factor of one pole-zero pair.
 
-    Returns nan where the zero does not lie above its pole (the pair is not a pair).
+    Returns nan where the zero lies below its pole (these two are no pair).
     """
     ratio = np.real(pole.eigenvalue) / np.real(zero.eigenvalue)
     return float(np.sqrt(1 - ratio)) if ratio <= 1 else float("nan")

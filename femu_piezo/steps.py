@@ -1,4 +1,4 @@
-"""Steps of a command as lines on stderr, for a program that runs it: set FEMU_PIEZO_STEPS=1."""
+"""Steps of a command as lines on stderr, for a program that runs the command with FEMU_PIEZO_STEPS=1."""
 
 from __future__ import annotations
 
@@ -18,5 +18,5 @@ def wanted() -> bool:
 
 
 def write(step: str) -> None:
-    """One step on a line of its own."""
+    """Write a line with the step to stderr."""
     print(f"{PREFIX}{step}", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""What the command line has beyond click: errors as sentences, help whose lines can be copied, values with units."""
+"""Extensions of click for the command line: errors as sentences, help that can be copied, values with units."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ import click
 from femu_piezo import steps
 from femu_piezo.errors import FemuPiezoError
 
-#: Stands for a hyphen while lines are wrapped, which would end at one; no text has it (private use).
+#: Stands for a hyphen while lines are wrapped, which would break at it; no text has this character (private use).
 _HYPHEN = "\ue000"
-#: New objects from which Python looks for unused ones in cycles: imports alone make 200 such rounds at its own 700.
+#: New objects that start the garbage collector; at Python's default of 700 the imports alone start it 200 times.
 _OBJECTS = 100_000
 
 
@@ -56,8 +56,8 @@ class Commands(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command that was asked for."""
         gc.set_threshold(_OBJECTS)
-        atexit.register(gc.freeze)  # else Python looks through everything once more before it ends
-        if steps.wanted():  # a program cancels by SIGINT, which it may itself have been started to ignore
+        atexit.register(gc.freeze)  # otherwise Python collects garbage once more before it ends
+        if steps.wanted():  # such a program cancels by SIGINT, which this process may inherit as ignored
             signal.signal(signal.SIGINT, signal.default_int_handler)
         for stream in (sys.stdout, sys.stderr):  # a terminal without ε shows ? for it
             if isinstance(stream, io.TextIOWrapper):
@@ -95,7 +95,7 @@ class Quantity(click.ParamType):
 
 
 class StoreAddress(click.ParamType):
-    """The address of a database; --store without one takes the next word, which may be meant as something else."""
+    """The address of a database; --store without an address takes the next word, which may be another argument."""
 
     name = "address"
 

@@ -28,7 +28,7 @@ _SMALL, _MOST_THREADS = 5_000, 4
 _COLUMNS = 8
 #: Seconds after which a thread that waits for a result looks again for work.
 _PATIENCE = 0.02
-#: `share`: what a thread is at work for in `in_parallel`, where it shares the cores with others.
+#: Its `share` is the `_Shared` of which this thread works on an item; missing or None outside of `in_parallel`.
 _here = local()
 
 
@@ -50,7 +50,7 @@ def blas_limit(threads: int = 1):
 
 
 def with_blas_limit(work: Callable[..., Result]) -> Callable[..., Result]:
-    """The function within `blas_limit`: threads of a BLAS that wait for work take the cores from those that do it."""
+    """The function, run within `blas_limit`, as BLAS threads that wait for work take the cores from working threads."""
 
     @wraps(work)
     def limited(*given, **named) -> Result:
@@ -61,7 +61,7 @@ def with_blas_limit(work: Callable[..., Result]) -> Callable[..., Result]:
 
 
 def available_cores() -> int:
-    """Cores that this process may use; no more than OMP_NUM_THREADS where that is set, one where threads share them."""
+    """Cores for the calling thread: `cores_of_process`, but one within `in_parallel`, where threads share them."""
     return cores_of_process() if getattr(_here, "share", None) is None else 1
 
 
@@ -82,7 +82,7 @@ class Once:
 
     Parameters
     ----------
-    latest : how many are kept, those used last; all where None
+    latest : number of values that are kept, those used last; all where None
     """
 
     def __init__(self, latest: int | None = None) -> None:
@@ -113,8 +113,8 @@ class Once:
 class made_once(Generic[Result]):
     """A property that is made once for each object, however many threads ask for it.
 
-    That of functools makes all objects of a class wait for each other before Python 3.12, and since then threads that
-    ask at the same time make it twice.
+    With functools.cached_property, all objects of a class wait for each other before Python 3.12; since then, threads
+    that ask at the same time make the value twice.
     """
 
     def __init__(self, make: Callable[[Any], Result]) -> None:
@@ -150,8 +150,9 @@ _making: dict[tuple[int, str], RLock] = {}
 def in_parallel(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
     """work(item) of every item, in their order, on the available cores; the results are those of a plain loop.
 
-    The thread that asks takes items as well, and work that asks again shares the same cores: a thread that has nothing
-    left to do takes items of whoever asked next, and one that waits for a result helps the thread that works on it.
+    The calling thread takes items as well. Calls within `work` share the same helper threads: a helper without further
+    items goes on with those of the next call, and a thread that waits for a result takes items of its call or of calls
+    within it.
     """
     items = list(items)
     threads = min(cores_of_process(), len(items))
@@ -174,29 +175,29 @@ def in_parallel(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterat
 
 
 def by_columns(work: Callable[[np.ndarray], np.ndarray], matrix: np.ndarray) -> np.ndarray:
-    """work(matrix) of columns (n, k) that are worked on one by one, (m, k), parts of them on each of the cores."""
+    """work(matrix), (m, k), of a matrix (n, k) whose columns are independent, a part of the columns on each core."""
     parts = min(available_cores(), matrix.shape[1] // _COLUMNS)
     if parts < 2:
         return work(matrix)
     ends = np.linspace(0, matrix.shape[1], parts + 1).astype(int)
-    every = in_parallel(lambda own: work(matrix[:, slice(*own)]), pairwise(ends))
+    every = in_parallel(lambda ends_of_part: work(matrix[:, slice(*ends_of_part)]), pairwise(ends))
     return np.hstack(list(every))
 
 
 class _Shared(Generic[Item, Result]):
-    """Items that threads take one after another, until they are closed.
+    """The items of one call of `in_parallel`, which threads take one after another until `close`.
 
     Attributes
     ----------
-    results : of the items, in their order, those that were not fetched
+    results : of the items that were not yielded yet, in their order
     """
 
     def __init__(self, work: Callable[[Item], Result], items: list[Item]) -> None:
         self.results: deque[Future[Result]] = deque(Future() for _ in items)
         self._work, self._left = work, deque(zip(items, self.results, strict=True))
-        self._within: list[_Shared] = []  # what its items share themselves
+        self._within: list[_Shared] = []  # of calls of `in_parallel` that its items make
         self._helping: set[int] = set()
-        self._around: _Shared | None = getattr(_here, "share", None)
+        self._around: _Shared | None = getattr(_here, "share", None)  # in whose item this call is made
         if self._around is not None:
             self._around._within.append(self)
 
@@ -218,33 +219,33 @@ class _Shared(Generic[Item, Result]):
         return True
 
     def take_all(self) -> None:
-        """Do items as long as there are some."""
+        """Do items until none are left."""
         self._helping.add(get_ident())
         while self.take():
             pass
 
     def help(self) -> bool:
-        """Do an item, or one that its items share; whether there was one.
+        """Do an item of this call or of a call within its items; whether there was one.
 
-        Of others it might wait for what the thread that asks is making itself.
+        An item of another call might wait for a value that the calling thread itself is making.
         """
         return self.take() or any(one.help() for one in tuple(self._within))
 
     def close(self, helpers: Sequence[Future[None]]) -> None:
-        """Begin no further item, and wait for those that are begun."""
+        """Begin no further item, and wait for those that helpers have begun."""
         self._left.clear()
         for helper in helpers:
-            # what is collected as garbage may be closed by a thread that is at work for it
+            # a call collected as garbage may be closed by one of its own helpers, which must not wait for itself
             if not helper.cancel() and get_ident() not in self._helping:
                 helper.result()
         if self._around is not None:
             self._around._within.remove(self)
-        # a helper that was cancelled holds this until its thread is free
+        # the executor keeps a cancelled helper, and with it this object, until a thread is free
         self.results.clear()
         del self._work
 
 
 @lru_cache(maxsize=4)
 def _helpers(threads: int) -> ThreadPoolExecutor:
-    """The threads beside the one that asks, kept: those that ask while they work share them."""
+    """The pool of helper threads, kept, so that calls of `in_parallel` within each other share it."""
     return ThreadPoolExecutor(threads)

@@ -1,7 +1,7 @@
 """Quantities as people write them ("40 mm", "3400 eps0") to plain SI numbers.
 
-Only units that occur in specimen files are known. They live in a registry of their own, which has no offset units and
-is loaded only when a string carries a unit that is not among the usual ones.
+Only units that occur in specimen files are known. Their registry has no offset units, and is loaded only when a string
+has a unit that is not in `USUAL`.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ _EXAMPLES = {
 }
 
 
-#: What most files are written in, (unit, SI unit): number; the registry gives the same (tests/units/test_units.py).
+#: Units of most files: (unit, SI unit) → factor; the registry gives the same ones (tests/units/test_units.py).
 USUAL = {
     ("m", "m"): Decimal("1"),
     ("cm", "m"): Decimal("1e-2"),
@@ -198,7 +198,7 @@ def _factor(unit_text: str, value: object, unit: str, where: str, right: str) ->
 
 @lru_cache(maxsize=256)
 def _converted(plain: str, unit: str) -> Decimal | None:
-    """The number of SI `unit` in one `plain`, None where they are of different dimensions; kept, as files repeat them.
+    """The number of SI `unit` in one `plain`, None where their dimensions differ; cached, as files repeat units.
 
     Raises pint.UndefinedUnitError.
     """
@@ -241,7 +241,7 @@ def parse_temperature(value: object, where: str) -> float:
 
     Raises
     ------
-    InputError : no number, another unit, or beyond what a specimen can have
+    InputError : no number, another unit, or a temperature that no specimen can have
 
     >>> parse_temperature("300 K", "plate.toml: sweep.temperature")
     26.85
