@@ -34,7 +34,7 @@ _HOLD = (
 
 @dataclass(frozen=True)
 class Answer:
-    """Sentences of page one, each group a tuple; `headline` is the shortest form of all."""
+    """Sentences of page one: `headline`, one sentence for all, and four groups, each a tuple."""
 
     headline: str
     wrong: tuple[str, ...]
@@ -277,7 +277,7 @@ def _certainty(probability: float) -> str:
 
 
 def _best_candidate(result: Diagnosis) -> str:
-    """What the most probable candidate gains, and why it was not named."""
+    """A sentence on the most probable candidate: its log odds, and why it was not named."""
     candidates = [trial for trial in result.comparison.singles if not trial.effect.of_unknown]
     tried = [trial for trial in candidates if trial.fit is not None]
     if not tried:

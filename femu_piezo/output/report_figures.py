@@ -25,6 +25,6 @@ def standard_figures_html(figures: StandardFigures, key: str) -> str:
     return table(headings, rows, figures.title, "parameters") + words + notes(figures.notes)
 
 
-def _cell(one: Figure, key: str, what: str) -> str | Cell:
-    value = getattr(one, what)
-    return "" if value is None else Cell(figure_words(one, model=what == "model"), f"{key}.{what}", value)
+def _cell(figure: Figure, key: str, what: str) -> str | Cell:
+    value = getattr(figure, what)
+    return "" if value is None else Cell(figure_words(figure, model=what == "model"), f"{key}.{what}", value)

@@ -52,9 +52,9 @@ _DATA_SHEET = {
     "C/N": (1e12, "10⁻¹² C/N"),
     "F/m": (1 / EPS0, "ε₀"),
 }
-#: Standard figures that a table of an update states beside those that formulas give.
+#: Standard figures that a table of an update states in addition to those by formulas.
 _SHORT = ("fs", "fp", "k_eff", "Qm_3dB", "Qm_pole", "C_T", "tan_delta")
-#: Width of text that goes to no terminal, characters.
+#: Width of text that is not written to a terminal, characters.
 _WIDTH = 110
 _HTML = '<pre style="font-family: monospace; line-height: 1.2; white-space: pre">{code}</pre>'
 
@@ -247,10 +247,13 @@ def extraction_table(result: Extraction) -> RenderableType:
     return text if result.figures is None else Group(text, figures_table(result.figures))
 
 
-def _resonance_words(one: Resonance) -> str:
-    std = "" if one.std_Hz is None else f" ± {one.std_Hz:.3g}"
-    std_loss = "" if one.std_loss is None else f" ± {one.std_loss:.2g}"
-    return f"{one.kind} {one.frequency_Hz:14.3f}{std} Hz   loss {one.loss:.6f}{std_loss}   Q {one.quality_factor:.4g}"
+def _resonance_words(resonance: Resonance) -> str:
+    std = "" if resonance.std_Hz is None else f" ± {resonance.std_Hz:.3g}"
+    std_loss = "" if resonance.std_loss is None else f" ± {resonance.std_loss:.2g}"
+    return (
+        f"{resonance.kind} {resonance.frequency_Hz:14.3f}{std} Hz   loss {resonance.loss:.6f}{std_loss}   "
+        f"Q {resonance.quality_factor:.4g}"
+    )
 
 
 def modes_table(result: ModesResult) -> RenderableType:
@@ -365,12 +368,16 @@ def deviation_words(label: str, expected: Expectation, std: float | None = None)
     return f"{100 * (one.std if std is None else std) / abs(one.value):.2g} %"
 
 
-def _gain_words(one: Improvement, expected: Expectation, tangents: bool) -> str:
+def _gain_words(improvement: Improvement, expected: Expectation, tangents: bool) -> str:
     """Lines for the deviations that halving a tolerance shrinks by `_WORTH` or more, the largest gain first."""
-    labels = [label for label in one.before if label.startswith("tan_") == tangents and one.shrinks(label) >= _WORTH]
+    labels = [
+        label
+        for label in improvement.before
+        if label.startswith("tan_") == tangents and improvement.shrinks(label) >= _WORTH
+    ]
     return "\n".join(
-        f"{label} {deviation_words(label, expected)} -> {deviation_words(label, expected, one.halved[label])}"
-        for label in sorted(labels, key=lambda label: -one.shrinks(label))
+        f"{label} {deviation_words(label, expected)} -> {deviation_words(label, expected, improvement.halved[label])}"
+        for label in sorted(labels, key=lambda label: -improvement.shrinks(label))
     )
 
 

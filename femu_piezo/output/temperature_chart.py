@@ -1,4 +1,4 @@
-"""Picture of constants over temperature, as sweeps at several temperatures tell them."""
+"""Picture of constants over temperature, as sweeps at several temperatures determine them."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ def _merged(points, kind: str, cells, fields, hot, ground) -> Volume:
 
 
 def blocks_of(volume: Volume) -> list[tuple[str, np.ndarray]]:
-    """The cells by their kind in meshio; hexahedra with an edge of no length, as at the axis of a disk, as wedges."""
+    """The cells by their kind in meshio; hexahedra with collapsed edges, as at the axis of a disk, are wedges."""
     if volume.kind != "hexahedron":
         return [(volume.kind, volume.cells)]
     ordered = np.sort(volume.cells, axis=1)
@@ -151,7 +151,7 @@ def blocks_of(volume: Volume) -> list[tuple[str, np.ndarray]]:
 
 
 def _wedge(cell: np.ndarray) -> list[int]:
-    """The six nodes of a hexahedron with one edge of no length on each of two opposite sides."""
+    """The six nodes of a hexahedron that is a wedge: one edge is collapsed on each of two opposite sides."""
     for bottom, top in _SIDES:
         nodes = [list(dict.fromkeys(cell[list(side)].tolist())) for side in (bottom, top)]
         if [len(one) for one in nodes] == [3, 3]:

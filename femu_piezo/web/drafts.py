@@ -170,7 +170,7 @@ class Draft:
 
 
 def parsed(text: str) -> Any:
-    """What someone wrote into a field: a number, a list, true or false as in TOML, else a string such as "40 mm"."""
+    """The value of the text in a field: a number, a list, true or false as in TOML, else a string such as "40 mm"."""
     text = text.strip()
     if not text:
         return None
@@ -181,7 +181,7 @@ def parsed(text: str) -> Any:
 
 
 def shown(value: Any) -> str:
-    """The text of a field with a value; what `parsed` takes back."""
+    """The text of a field with a value, from which `parsed` gets the value back."""
     if value is None:
         return ""
     if isinstance(value, str):

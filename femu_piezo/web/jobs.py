@@ -1,4 +1,4 @@
-"""Commands in processes of their own, one after another on as many workers as there are, with progress and cancel."""
+"""A queue of commands, each run in its own process by one of several workers, with progress and cancellation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _STOPPED = "the server was stopped meanwhile"
 STORE_VARIABLE = "FEMU_PIEZO_STORE"
 #: Seconds that an interrupted command has to tidy up.
 _PATIENCE = 15.0
-#: Seconds that a command takes where none was run here before.
+#: Expected seconds of a command that has not been run in this folder yet.
 _FIRST_GUESS = {"extract": 4.0, "update": 12.0, "diagnose": 60.0, "modes": 20.0, "identify": 20.0, "datasheet": 12.0}
 
 
@@ -37,7 +37,7 @@ class Job:
     Attributes
     ----------
     number : in the order of the requests
-    command : "update", "diagnose", …;  source : what it works on;  out : folder of its results, both names
+    command : "update", "diagnose", …;  source : name of the file or lot;  out : name of the folder of results
     arguments : further arguments of the command line
     state : of the job;  step : of the running command;  message : the sentence of its error
     asked, began, ended : seconds since 1970

@@ -19,7 +19,7 @@ _LARGEST = 300_000_000
 
 
 def record(path: Path) -> dict | None:
-    """The JSON of a file; None where there is none that can be read."""
+    """The record of a JSON file; None where it cannot be read."""
     try:
         return read_json(path, _LARGEST, "a result")
     except InputError:
@@ -92,9 +92,9 @@ def shares(parameters: dict) -> dict[str, dict[str, float]]:
     return found
 
 
-def _largest_part(one: dict) -> str:
+def _largest_part(constant: dict) -> str:
     """The source of the largest part of the variance of a constant, and its share."""
-    budget = one.get("budget") or {}
+    budget = constant.get("budget") or {}
     whole = sum(value**2 for value in budget.values())
     if not whole:
         return ""

@@ -131,7 +131,7 @@ class Site:
         arguments: Callable[[], Sequence[str]] = tuple,
         check: Callable[[], object] | None = None,
     ) -> None:
-        """A button that asks for a command, then its progress with the time left, a way to cancel, and its error.
+        """A button that queues a command, then its progress with the time left, a way to cancel, and its error.
 
         Parameters
         ----------

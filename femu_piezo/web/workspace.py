@@ -37,7 +37,7 @@ class Outside(InputError):
 
 
 def lot_of(name: str) -> str:
-    """The folder of a specimen file, both by their names."""
+    """The name of the folder that holds the specimen file of a name."""
     return name.rpartition("/")[0] or "."
 
 

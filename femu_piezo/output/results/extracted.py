@@ -29,7 +29,7 @@ class Extracted(Result, Extraction):
         return extraction_figure(self)
 
     def rows(self) -> list[dict[str, Any]]:
-        """One row for each pole and zero; `doubtful` where the sweep does not tell its loss or strength."""
+        """One row for each pole and zero; `doubtful` where the sweep does not determine its loss or strength."""
         sound = resonance_rows((*self.resonances.poles, *self.resonances.zeros))
         doubtful = resonance_rows(self.doubtful)
         return [{**row, "doubtful": False} for row in sound] + [{**row, "doubtful": True} for row in doubtful]

@@ -1,4 +1,4 @@
-"""What several pages show."""
+"""Parts of several pages."""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ class _Diagnosis:
             table(("candidate", "log odds over none", "size"), rows, "candidates").props("wrap-cells")
 
 
-def _size(one: dict) -> str:
-    unit = "" if one["unit"] == "1" else f" {one['unit']}"
-    std = one.get("std")
-    return f"{one['value']:.3g}{unit}" if not std else f"{one['value']:.3g} ± {std:.1g}{unit}"
+def _size(parameter: dict) -> str:
+    unit = "" if parameter["unit"] == "1" else f" {parameter['unit']}"
+    std = parameter.get("std")
+    return f"{parameter['value']:.3g}{unit}" if not std else f"{parameter['value']:.3g} ± {std:.1g}{unit}"

@@ -1,4 +1,4 @@
-"""Specimen: a form of the file's keys, a drawing of the body, the TOML beside both."""
+"""Specimen: a form of the file's keys, a drawing of the body, the text of the file (TOML)."""
 
 from __future__ import annotations
 
