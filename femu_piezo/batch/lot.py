@@ -181,23 +181,30 @@ def _robust_std(residual: np.ndarray) -> float:
     return float(_MAD_TO_SIGMA * np.median(np.abs(residual - np.median(residual))))
 
 
-def _outliers(one: Distribution, tested: int, rows: dict[int, dict]) -> list[Outlier]:
+def _outliers(distribution: Distribution, tested: int, rows: dict[int, dict]) -> list[Outlier]:
     """Values so far from `line` that a normal lot of this size has one in any quantity with chance `FALSE_ALARM`."""
-    residual = one.values - one.line
-    scale = max(_robust_std(residual), _EQUAL * abs(one.centre))
-    if one.values.size < FEWEST or scale == 0:
+    residual = distribution.values - distribution.line
+    scale = max(_robust_std(residual), _EQUAL * abs(distribution.centre))
+    if distribution.values.size < FEWEST or scale == 0:
         return []
     # the MAD of few values is uncertain: Student's distribution with the degrees of freedom of such an estimate
-    critical = stats.t.isf(FALSE_ALARM / (2 * tested * one.values.size), max(2.0, 0.37 * (one.values.size - 1)))
+    critical = stats.t.isf(
+        FALSE_ALARM / (2 * tested * distribution.values.size), max(2.0, 0.37 * (distribution.values.size - 1))
+    )
     found = []
-    for number, value, distance in zip(one.number.tolist(), one.values.tolist(), residual / scale, strict=True):
+    for number, value, distance in zip(
+        distribution.number.tolist(), distribution.values.tolist(), residual / scale, strict=True
+    ):
         if abs(distance) > critical:
-            about = "the drift of the lot" if one.drifts else "the median of the lot"
+            about = "the drift of the lot" if distribution.drifts else "the median of the lot"
             side = "above" if distance > 0 else "below"
-            reason = f"{one.quantity} = {value:.5g} is {abs(distance):.1f} σ {side} {about} ({one.centre:.5g})"
+            reason = (
+                f"{distribution.quantity} = {value:.5g} is {abs(distance):.1f} σ {side} {about} "
+                f"({distribution.centre:.5g})"
+            )
             row = rows[number]
             told = {name: row.get(name) or "" for name in ("cause", "diagnosis", "notes")}
-            found.append(Outlier(number, row["file"], one.quantity, value, float(distance), reason, **told))
+            found.append(Outlier(number, row["file"], distribution.quantity, value, float(distance), reason, **told))
     return found
 
 
@@ -221,12 +228,12 @@ def lot_text(lot: Lot) -> str:
         if found:
             lines.append(f"{words}: " + ", ".join(f"{name} {count}" for name, count in found.items()))
     for file in dict.fromkeys(one.file for one in lot.outliers):
-        mine = [one for one in lot.outliers if one.file == file]
-        lines.append(f"outlier {file}: " + "; ".join(one.reason for one in mine))
-        if mine[0].diagnosis:
-            lines.append(f"    diagnosis: {mine[0].diagnosis}")
-        if mine[0].notes:
-            lines.append(f"    notes: {mine[0].notes}")
+        of_file = [one for one in lot.outliers if one.file == file]
+        lines.append(f"outlier {file}: " + "; ".join(one.reason for one in of_file))
+        if of_file[0].diagnosis:
+            lines.append(f"    diagnosis: {of_file[0].diagnosis}")
+        if of_file[0].notes:
+            lines.append(f"    notes: {of_file[0].notes}")
     lines += [f"no result {file}: {reason}" for file, reason in lot.faults]
     return "\n".join(lines) + "\n"
 

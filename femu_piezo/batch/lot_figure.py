@@ -50,26 +50,28 @@ def lot_figure(lot: Lot) -> Figure:
     return figure
 
 
-def _range(one: Distribution, inside: np.ndarray) -> tuple[float, float]:
-    """The range of a chart: limits, line and all values but the far ones, with a margin."""
-    low, high = (pick([*one.limits, *one.line, *one.values[inside]]) for pick in (min, max))
+def _range(distribution: Distribution, inside: np.ndarray) -> tuple[float, float]:
+    """The range of a chart, with a margin: limits, line and the values `inside`, which are not far off."""
+    low, high = (pick([*distribution.limits, *distribution.line, *distribution.values[inside]]) for pick in (min, max))
     margin = 0.15 * (high - low) or 0.01 * abs(high) or 1.0
     return low - margin, high + margin
 
 
-def _chart(axes: Axes, one: Distribution, lot: Lot, factor: float, inside: np.ndarray) -> None:
-    axes.plot(one.number[inside], factor * one.values[inside], **_POINTS)
-    for limit in one.limits:
+def _chart(axes: Axes, distribution: Distribution, lot: Lot, factor: float, inside: np.ndarray) -> None:
+    axes.plot(distribution.number[inside], factor * distribution.values[inside], **_POINTS)
+    for limit in distribution.limits:
         axes.axhline(factor * limit, **_LIMIT)
-    axes.plot(one.number, factor * one.line, color="#222222", linewidth=1.0)
-    shown = dict(zip(one.number.tolist(), inside.tolist(), strict=True))
-    outliers = sorted((item for item in lot.outliers if item.quantity == one.quantity), key=lambda i: -abs(i.distance))
+    axes.plot(distribution.number, factor * distribution.line, color="#222222", linewidth=1.0)
+    shown = dict(zip(distribution.number.tolist(), inside.tolist(), strict=True))
+    outliers = sorted(
+        (item for item in lot.outliers if item.quantity == distribution.quantity), key=lambda i: -abs(i.distance)
+    )
     for rank, item in enumerate(outliers):
         name = item.file.rsplit(".", 1)[0] + (f": {item.cause}" if item.cause else "")
         if shown[item.number]:
             place, style = {"xy": (item.number, factor * item.value)}, _OUTLIER
         else:  # on the edge, with the value in words
-            above = item.value > one.centre
+            above = item.value > distribution.centre
             place = {"xy": (item.number, float(above)), "xycoords": axes.get_xaxis_transform()}
             style = {**_OUTLIER, "marker": "^" if above else "v", "clip_on": False}
             style["transform"] = axes.get_xaxis_transform()

@@ -20,7 +20,7 @@ from femu_piezo.errors import ConvergenceError, InputError
 
 #: Jobs handed to each worker beyond the one it works on, so that it never waits for the next.
 AHEAD = 1
-#: Jobs that may die one after the other before anything has succeeded.
+#: Workers that may die one after the other, while no job succeeds, before the lot is given up.
 _HOPELESS = 4
 
 
@@ -32,7 +32,7 @@ class Pool(Protocol):
     Attributes
     ----------
     lost : exceptions that mean a dead worker
-    breaks_whole : whether one dead worker loses all that is in flight
+    breaks_whole : whether all jobs in flight are lost when one worker dies
     bundle : most jobs that are handed to a worker at once; above 1 where handing over takes long
     limit_s : seconds after which a worker ends itself, None where it must not
 

@@ -67,7 +67,7 @@ def locked(folder: Path) -> Iterator[None]:
     """Hold the folder for one run; InputError where another run holds it. A killed run holds nothing."""
     try:
         import fcntl
-    except ImportError:  # not on Windows: there two runs at once are the user's affair
+    except ImportError:  # Windows: nothing prevents two runs at once
         yield
         return
     with open(folder / ".lock", "a") as stream:

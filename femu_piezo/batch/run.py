@@ -1,4 +1,4 @@
-"""A lot from jobs to table and report: what is finished and unchanged is kept, the rest computed."""
+"""A lot from jobs to table: finished results of unchanged inputs are kept, the others are computed."""
 
 from __future__ import annotations
 

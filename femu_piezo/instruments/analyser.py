@@ -108,7 +108,7 @@ class Analyser(ABC):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            if kind is not None:  # there may be half a reply on the way
+            if kind is not None:  # part of a reply may still arrive
                 self._session.again()
             self._off()
             if kind is None:
@@ -129,7 +129,7 @@ class Analyser(ABC):
 
         Raises
         ------
-        InputError : a frequency or a voltage is outside [limits] or what the instrument can
+        InputError : a frequency or a voltage is outside [limits] or the ranges of the instrument
         InstrumentError : it does not answer, reports an error, or marks points as not measured
         """
         voltage = self.settings.voltage if voltage is None else voltage
@@ -184,7 +184,7 @@ class Analyser(ABC):
         return self._session.query(self.commands[name].text)
 
     def _numbers(self, name: str, count: int) -> np.ndarray:
-        """(count,) of a reply; InstrumentError where there are fewer, or some are marked as not measured."""
+        """The (count,) numbers of a reply; InstrumentError where these are more or fewer, or marked as not measured."""
         words = self._ask(name).split(",")
         if len(words) != count:
             raise InstrumentError(f"the {self.model} sent {len(words)} of {count} numbers; {ONWARDS}")

@@ -1,4 +1,4 @@
-"""What a simulated analyser measures: the model of a specimen file, hidden effects included, as a real bench shows it.
+"""The piece that a simulated analyser measures: the model of a specimen, hidden effects and errors of a bench included.
 
     Z(ω/w)/w,  w = 1 + drift · t              resonances drift with the time t since the analyser was switched on
     Y_i + (Ym_{i−1} − Ym_i) e^(−γ T)          the motional current still rings from the previous point (settling)

@@ -83,7 +83,7 @@ def _by_lot(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
 
 
 def _counted(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What a lot holds, JSON types."""
+    """Numbers of pieces, times, stations and programs of a lot, JSON types."""
     times = [row["measured"] for row in rows]
     return {
         "pieces": len(rows),
@@ -98,7 +98,7 @@ def _counted(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _lots_table(rows: Sequence[dict[str, Any]]) -> Table:
-    """One row for each lot: what it holds."""
+    """One row for each lot: numbers of pieces, days, stations and programs."""
     table = Table(title="lots", title_justify="left")
     table.add_column("lot")
     for heading in ("pieces", "refused", "diagnosed", "measured (UTC)"):

@@ -105,16 +105,16 @@ class Control:
 
     def to_json(self) -> dict[str, Any]:
         """JSON types only."""
-        one, means, drift = self.individuals, self.means, self.drift
+        individuals, means, drift = self.individuals, self.means, self.drift
         return {
             "count": int(self.values.size),
-            "individuals": one
+            "individuals": individuals
             and {
-                "centre": one.centre,
-                "sigma": one.sigma,
-                "limits": list(one.limits),
-                "beyond": len(one.beyond),
-                "shifted": len(one.shifted),
+                "centre": individuals.centre,
+                "sigma": individuals.sigma,
+                "limits": list(individuals.limits),
+                "beyond": len(individuals.beyond),
+                "shifted": len(individuals.shifted),
             },
             "lots": [
                 {

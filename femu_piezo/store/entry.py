@@ -36,7 +36,10 @@ class Measured:
 
 @dataclass(frozen=True)
 class Described:
-    """What a fit takes from a specimen file except its sweeps, None where it cannot be read; `hash` SHA-256 of it."""
+    """A specimen file: `description` what a fit takes from it except sweeps, `hash` SHA-256 of the description.
+
+    Where the file cannot be read, `description` is None and `hash` that of the file.
+    """
 
     hash: str
     name: str

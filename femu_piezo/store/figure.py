@@ -45,14 +45,14 @@ def lots_figure(controls: Sequence[Control]) -> Figure:
 
 
 def _pieces(axes: Axes, control: Control, factor: float) -> None:
-    number, values, one = np.arange(1, control.values.size + 1), factor * control.values, control.individuals
+    number, values, chart = np.arange(1, control.values.size + 1), factor * control.values, control.individuals
     axes.plot(number, values, ".", color=_POINT, markersize=4, linewidth=0)
-    if one is None:
+    if chart is None:
         return
-    axes.axhline(factor * one.centre, color=_LINE, linewidth=1.0)
-    for limit in one.limits:
+    axes.axhline(factor * chart.centre, color=_LINE, linewidth=1.0)
+    for limit in chart.limits:
         axes.axhline(factor * limit, color=_LIMIT, linewidth=1.0, linestyle="--")
-    beyond, shifted = list(one.beyond), list(one.shifted)
+    beyond, shifted = list(chart.beyond), list(chart.shifted)
     axes.plot(number[shifted], values[shifted], ".", color="#e69f00", markersize=4, linewidth=0)
     axes.plot(number[beyond], values[beyond], "o", color=_BEYOND, markerfacecolor="none", markersize=6, linewidth=0)
 

@@ -1,4 +1,4 @@
-"""Results out of the database, as rows of the table of a lot."""
+"""Reading of results from the database, as rows of the table of a lot."""
 
 from __future__ import annotations
 

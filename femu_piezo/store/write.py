@@ -51,7 +51,7 @@ def keeper(
 ) -> Callable[[Sequence[Specimen], UpdateResult | Diagnosis], None]:
     """The function that keeps results of `update`, `diagnose` or `measure`: keep(specimens, result).
 
-    Call `keeper` before the work, so that a wrong address is told at once, and the function once the results are saved.
+    Call `keeper` before the work, so that a wrong address is reported at once, the function after saving the results.
 
     Parameters
     ----------
