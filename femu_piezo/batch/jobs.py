@@ -10,10 +10,9 @@ from pathlib import Path
 
 import femu_piezo
 from femu_piezo.errors import InputError
+from femu_piezo.measurement.readers import ENDINGS
 from femu_piezo.specimen.file import Specimen, read_specimens, with_measurement
 
-#: File name endings of measured sweeps.
-SWEEPS = (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn")
 _ABSENT = "absent"
 
 
@@ -86,7 +85,7 @@ def find_jobs(
     ------
     InputError : there is no such folder, or nothing to do in it
     """
-    endings = (".toml",) if specimen is None else SWEEPS
+    endings = (".toml",) if specimen is None else ENDINGS
     try:
         files = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in endings and path.is_file()]
     except OSError as error:

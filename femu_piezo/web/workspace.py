@@ -11,6 +11,7 @@ from pathlib import Path
 
 from femu_piezo.errors import InputError
 from femu_piezo.files import write_atomically
+from femu_piezo.measurement.readers import ENDINGS
 from femu_piezo.specimen.file import Specimen, read_specimens
 
 RESULTS = "results"
@@ -22,10 +23,7 @@ OWN = ".femu-piezo"
 LARGEST_UPLOAD = 50_000_000
 """Largest uploaded file, bytes."""
 
-SWEEPS = (".csv", ".txt", ".dat", ".tsv", ".s1p", ".s2p")
-"""Endings of files that may be sweeps."""
-
-_ACCEPTED = (*SWEEPS, ".toml", ".msh", ".inp")
+_ACCEPTED = (*ENDINGS, ".toml", ".msh", ".inp")
 #: Depth of the folders that are listed, and bytes of a specimen file that are checked.
 _DEEPEST, _LONGEST = 3, 1_000_000
 #: Files that a folder lists at most, and that it may hold before uploads are refused.
@@ -105,7 +103,7 @@ class Workspace:
 
     def sweeps(self) -> list[str]:
         """Files that may be sweeps."""
-        return list(self._files(SWEEPS))
+        return list(self._files(ENDINGS))
 
     def lots(self) -> list[str]:
         """Folders that hold specimens; the folder itself, ".", only where it holds several."""

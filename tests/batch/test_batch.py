@@ -18,7 +18,7 @@ from femu_piezo.batch.pool import in_turn
 from femu_piezo.batch.run import run_lot
 from femu_piezo.cli import main
 from femu_piezo.errors import ConvergenceError, InputError
-from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.measurement.readers import ENDINGS, write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 
@@ -299,3 +299,13 @@ def test_kill_and_resume_ends_in_the_identical_table(lot, tmp_path):
     assert kill_at_random(lot[0], lot[1], tmp_path, kills=2, seed=1, longest_s=2) > 0
     assert (tmp_path / "table.csv").read_bytes() == (lot[2] / "table.csv").read_bytes()
     assert (tmp_path / "table.parquet").read_bytes() == (lot[2] / "table.parquet").read_bytes()
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_sweeps_of_every_ending_are_jobs(tmp_path, ending):
+    (tmp_path / "plate.toml").write_text("", encoding="utf-8")
+    (tmp_path / "sweeps").mkdir()
+    for name in (f"plate_1{ending}", f"plate_2{ending.upper()}", "notes.md"):
+        (tmp_path / "sweeps" / name).write_text("", encoding="utf-8")
+    names = [job.name for job in find_jobs(tmp_path / "sweeps", tmp_path / "plate.toml")]
+    assert names == [f"plate_1{ending}", f"plate_2{ending.upper()}"]
