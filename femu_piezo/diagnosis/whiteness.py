@@ -119,13 +119,13 @@ def unexplained_share(before: Fit, final: Fit, significant: float) -> float:
     A right model leaves χ² = n s², n the number of residuals of the data and s the noise level; no χ² counts a
     discrepancy. The result is the larger of two shares. One has χ² of data and priors, since a tolerance that has to be
     off by many of its deviations is as unexplained as data that are. The other has χ² of bands as predicted by fits
-    that do not see them (`Fit.left_out_misfit`), since causes that only imitate the fitted curve go wrong there.
+    that do not see them (`HeldOut.misfit`), since causes that only imitate the fitted curve go wrong there.
     """
     count = final.residual.size
     by_noise = count * noise_level_of(final, significant) ** 2
     final, before = (with_discrepancy(fit, None) for fit in (final, before))
     fitted = final.chi_square, before.chi_square
-    predicted = count * final.left_out_misfit**2, count * before.left_out_misfit**2
+    predicted = count * final.held_out.misfit**2, count * before.held_out.misfit**2
     shares = [(after - by_noise) / (whole - by_noise) for after, whole in (fitted, predicted) if whole > by_noise]
     return float(np.sqrt(np.clip(max(shares, default=0.0), 0.0, 1.0)))
 

@@ -33,6 +33,7 @@ from femu_piezo.inference.descent import (
     Response,
     descended,
 )
+from femu_piezo.inference.held_out import HeldOut
 from femu_piezo.inference.laws import law_misses, log_slope
 from femu_piezo.inference.losses import level_of, weight_of
 from femu_piezo.inference.marginal import Columns, Marginal, Unexplained, behind_walls
@@ -54,8 +55,6 @@ from femu_piezo.threads import blas_limit, made_once
 _LEAPS = 3
 #: Most turns in which a linearised fit, or a discrepancy, and its noise level are found one after the other.
 _TURNS = 5
-#: Least share of the information on a combination of unknowns that bands other than the one left out must give.
-_TOLD = 1e-10
 #: Change of the logarithm of the noise level below which the level of the evidence counts as settled.
 _EXACT_LEVEL = 1e-3
 
@@ -357,68 +356,16 @@ class Fit:
             for number, effect in enumerate(self.parameters.effects)
         ]
 
-    def _left_out(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """For each band of each sweep: its rows of the residual, and their values in a fit without that band (linear).
-
-        (I − B Bᵗ)^-1 r with the `_levers` B of the band, along the principal axes of BᵗB; 0 along those that no other
-        band determines.
-        """
-        k, found = self.residual.size // 2, []
-        for points in self.data.bands():
-            rows = np.concatenate([points, points + k])
-            levers, residual = self._levers[rows], self.residual[rows]
-            share, axes = np.linalg.eigh(levers.T @ levers)
-            determined = 1 - share > _TOLD
-            factor = np.where(determined, 1, -1) / np.where(determined, 1 - share, share)
-            along = levers @ axes
-            found.append((rows, residual + along @ (factor * (along.T @ residual))))
-        return found
-
     @property
     def span(self) -> np.ndarray:
         """(2k, n) Q: r − Q Qᵗ r is what no change of the unknowns within their priors, or of laws, explains."""
         return self.marginal.basis[: self.residual.size]
 
     @made_once
-    def _levers(self) -> np.ndarray:
-        """(2k, n_x) rows of the data in Q of `_columns` at the noise level of the fit."""
+    def held_out(self) -> HeldOut:
+        """Predictions of bands by fits that do not see them, noise alone in the likelihood."""
         basis = np.linalg.qr(self._columns.rows(self.level))[0]
-        return self._columns.expanded(basis)[: self.residual.size]
-
-    def predicted(self) -> np.ndarray:
-        """(k,) complex whitened error of each point as predicted by a fit that did not see its band of its sweep.
-
-        Linear: (I − H_bb)^-1 r_b with the hat matrix H = J (JᵗJ)^-1 Jᵗ of data and priors.
-        """
-        k = self.residual.size // 2
-        found = np.empty(2 * k)
-        for rows, unseen in self._left_out():
-            found[rows] = unseen
-        return found[:k] + 1j * found[k:]
-
-    @made_once
-    def held_out_score(self) -> float:
-        """rms error of the leave-band-out prediction, in σ."""
-        return float(np.sqrt(np.mean(np.abs(self.predicted()) ** 2) / 2))
-
-    @made_once
-    def left_out_misfit(self) -> float:
-        """rms error of the leave-band-out prediction over what noise in data and unknowns makes: 1 for a right model.
-
-        The prediction has the covariance (I − H_bb)^-1, so r_bᵗ (I − H_bb)^-1 r_b is a χ².
-        """
-        squares = [self.residual[rows] @ unseen for rows, unseen in self._left_out()]
-        return float(np.sqrt(np.sum(squares) / self.residual.size))
-
-    def unseen_misfit(self, error: np.ndarray, slopes: np.ndarray) -> float:
-        """rms error at points that the fit did not see, over what noise there and in the unknowns makes.
-
-        Parameters
-        ----------
-        error : (m,) whitened real residuals;  slopes : (m, n_x) of them in the unknowns
-        """
-        spread = np.eye(error.size) + slopes @ self.covariance @ slopes.T
-        return float(np.sqrt(error @ np.linalg.solve(spread, error) / error.size))
+        return HeldOut(self.data, self.residual, self._columns.expanded(basis)[: self.residual.size])
 
 
 def fit(

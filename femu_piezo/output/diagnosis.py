@@ -168,7 +168,7 @@ def _candidates(result: Diagnosis) -> list[dict]:
                 "parameters": _sizes(effect, trial.values, trial.std),
                 "evidence": trial.log_odds,
                 "chi_square": fit.chi_square,
-                "left_out_sigma": fit.held_out_score,
+                "left_out_sigma": fit.held_out.rms,
                 "on_bound": list(fit.on_bound),
             }
         records.append(record)

@@ -50,9 +50,9 @@ def _candidate_table(result: Diagnosis) -> Table:
     for heading in ("log odds", "left-out error (σ)", "size"):
         table.add_column(heading, justify="right")
     base = result.comparison.base
-    table.add_row("none", "0", f"{base.held_out_score:.3g}", "")
+    table.add_row("none", "0", f"{base.held_out.rms:.3g}", "")
     for trial in ranked(result)[:_CANDIDATES]:
-        row = (trial.effect.key, f"{trial.log_odds:+.1f}", f"{trial.fit.held_out_score:.3g}", fitted_sizes(trial))
+        row = (trial.effect.key, f"{trial.log_odds:+.1f}", f"{trial.fit.held_out.rms:.3g}", fitted_sizes(trial))
         table.add_row(*row)
     return table
 

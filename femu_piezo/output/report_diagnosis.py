@@ -158,7 +158,7 @@ def _constants(result: Diagnosis) -> str:
 
 def _candidates(result: Diagnosis) -> str:
     base = result.comparison.base
-    rows = [("none", "0", f"{base.chi_square:.5g}", f"{base.held_out_score:.3g}", "", "")]
+    rows = [("none", "0", f"{base.chi_square:.5g}", f"{base.held_out.rms:.3g}", "", "")]
     for trial in ranked(result):
         on_bound = any(name.startswith(trial.effect.key) for name in trial.fit.on_bound)
         rows.append(
@@ -166,7 +166,7 @@ def _candidates(result: Diagnosis) -> str:
                 spoken(trial.effect),
                 f"{trial.log_odds:+.1f}",
                 f"{trial.fit.chi_square:.5g}",
-                f"{trial.fit.held_out_score:.3g}",
+                f"{trial.fit.held_out.rms:.3g}",
                 fitted_sizes(trial),
                 "at the end of its range" if on_bound else "",
             )

@@ -18,6 +18,7 @@ from femu_piezo.extraction import extract
 from femu_piezo.extraction.linear_body import linear_body_misfit
 from femu_piezo.inference.budget import constants_of
 from femu_piezo.inference.fit import Fit
+from femu_piezo.inference.held_out import misfit_of_unseen
 from femu_piezo.inference.unknowns import Estimate
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
@@ -323,14 +324,13 @@ def _gain(posterior: Posterior, comparison: Comparison, sweeps: Sequence[Diagnos
         slopes = np.concatenate([posterior.log_slopes(index, final)[~one.fitted] for index, one in unseen])
         weight = np.sqrt(2) / floor
         whitened, slopes = errors[1] * weight, slopes * weight[:, None]
-        misfit = final.unseen_misfit(
-            np.concatenate([whitened.real, whitened.imag]), np.concatenate([slopes.real, slopes.imag])
-        )
+        parts = (np.concatenate([whitened.real, whitened.imag]), np.concatenate([slopes.real, slopes.imag]))
+        misfit = misfit_of_unseen(*parts, final.covariance)
     else:
         weight = comparison.base.data.weight
-        errors = [fit.predicted() / weight for fit in (comparison.base, final)]
+        errors = [fit.held_out.predicted / weight for fit in (comparison.base, final)]
         floor = np.concatenate([one.relative_noise for one in sweeps])
-        misfit = final.left_out_misfit
+        misfit = final.held_out.misfit
     return {
         "held_out_before": rms(errors[0]),
         "held_out_after": rms(errors[1]),

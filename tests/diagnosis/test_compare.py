@@ -14,6 +14,7 @@ from femu_piezo.diagnosis.selection import compare
 from femu_piezo.diagnosis.starts import starts
 from femu_piezo.diagnosis.verdict import judge, no_imitation
 from femu_piezo.inference.fit import Fit, fit
+from femu_piezo.inference.held_out import misfit_of_unseen
 from femu_piezo.measurement.sweeps import SweepData
 
 NOISE = 1e-3
@@ -43,7 +44,7 @@ def test_two_effects_are_both_named(setup):
     for cause in verdict.causes:
         assert abs(cause.values[0] - truth[cause.effect.key]) < 4 * cause.std[0]
         assert cause.probability > 0.9
-    assert result.final.held_out_score == pytest.approx(1.0, abs=0.2)
+    assert result.final.held_out.rms == pytest.approx(1.0, abs=0.2)
 
 
 @pytest.mark.slow
@@ -113,7 +114,7 @@ def test_prediction_of_left_out_bands_is_that_of_fits_without_them(setup):
     """(I − H_bb)^-1 r_b against refits that do not see the band: within a tenth of σ."""
     data = data_with(setup, {}, 4)
     found = fit(setup.evaluation, data, setup.unknowns, [setup.x])
-    predicted, bands = found.predicted(), np.array_split(np.arange(FREQUENCY.size), 10)
+    predicted, bands = found.held_out.predicted, np.array_split(np.arange(FREQUENCY.size), 10)
     for points in bands[1::3]:
         kept = np.setdiff1d(np.arange(FREQUENCY.size), points)
         evaluation = type(setup.evaluation)(setup.model, setup.evaluation.omega[kept])
@@ -124,7 +125,9 @@ def test_prediction_of_left_out_bands_is_that_of_fits_without_them(setup):
         rows = np.concatenate([points, points + FREQUENCY.size])
         square = np.sum(found.residual[points] * predicted[points].real)
         square += np.sum(found.residual[points + FREQUENCY.size] * predicted[points].imag)
-        assert other.unseen_misfit(residual[rows], slopes[rows]) == pytest.approx(np.sqrt(square / rows.size), rel=0.05)
+        assert misfit_of_unseen(residual[rows], slopes[rows], other.covariance) == pytest.approx(
+            np.sqrt(square / rows.size), rel=0.05
+        )
 
 
 def test_misfit_of_left_out_bands_is_one_for_a_right_model_whatever_a_band_decides():
@@ -140,8 +143,8 @@ def test_misfit_of_left_out_bands_is_one_for_a_right_model_whatever_a_band_decid
         residual = rng.standard_normal(2 * count)
         residual -= span @ (span.T @ residual)
         one = Fit(unknowns, np.zeros(3), data, residual, jacobian, nothing[:, 0], nothing, np.zeros(count))
-        scores.append(one.held_out_score)
-        misfits.append(one.left_out_misfit)
+        scores.append(one.held_out.rms)
+        misfits.append(one.held_out.misfit)
     assert np.mean(scores) > 1.3
     assert np.mean(misfits) == pytest.approx(1.0, abs=0.02) and np.std(misfits) < 0.06
 

@@ -62,9 +62,9 @@ def test_the_larger_of_what_fitted_and_predicted_points_have_left_is_unexplained
     monkeypatch.setattr(module, "with_discrepancy", lambda fit, none: fit)
 
     def fit(chi_square: float, predicted: float) -> SimpleNamespace:
-        data = SimpleNamespace(level_std=0.1)
+        data, held_out = SimpleNamespace(level_std=0.1), SimpleNamespace(misfit=predicted)
         return SimpleNamespace(
-            chi_square=chi_square, left_out_misfit=predicted, residual=np.zeros(200), noise_scale=1.0, data=data
+            chi_square=chi_square, held_out=held_out, residual=np.zeros(200), noise_scale=1.0, data=data
         )
 
     before = fit(1000.0, np.sqrt(33.0))

@@ -152,7 +152,7 @@ def test_left_out_bands_are_those_of_each_sweep(bars):
     data = SweepData(frequency, z, np.full(z.size, NOISE), True, (points, z.size - points))
     start = bars.material.x_of(bars.material.free.start)
     ensemble = Ensemble(tuple((Share((name,)), part) for name, part in bars.parts.items()))
-    predicted = fit(ensemble, data, bars.unknowns, [start]).predicted()
+    predicted = fit(ensemble, data, bars.unknowns, [start]).held_out.predicted
     band = np.array_split(np.arange(points, z.size), 10)[3]
     kept = np.setdiff1d(np.arange(z.size), band)
     rest = np.delete(bars.parts["short"].omega, band - points)

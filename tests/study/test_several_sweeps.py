@@ -135,7 +135,7 @@ def test_a_drift_that_one_sweep_cannot_tell_is_told_by_the_recommended_second(be
     assert abs(drift.value - DRIFT) < 3 * drift.std
     assert abs(level.value - down(fundamental())) < 3 * level.std
     assert both.gain["over_expected"] < 1.2
-    others = [one.fit.left_out_misfit for one in both.comparison.singles if one.effect.title == again[0].other]
+    others = [one.fit.held_out.misfit for one in both.comparison.singles if one.effect.title == again[0].other]
     assert all(misfit > 8 for misfit in others)  # as far as the plan said
 
 
