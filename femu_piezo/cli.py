@@ -32,17 +32,17 @@ piezoelectric and dielectric constants of the piece, by pole-zero finite element
 Smart Mater. Struct. 31, 2022, 125010).
 
 \b
-  femu-piezo simulate SPEC       poles, zeros and a sweep as it is described
+  femu-piezo simulate SPEC       poles, zeros and a sweep of the specimen
   femu-piezo extract SWEEP       poles and zeros of a measured sweep, no model
-  femu-piezo circuit SWEEP       an equivalent circuit of it, for SPICE
+  femu-piezo circuit SWEEP       an equivalent circuit of a sweep, for SPICE
   femu-piezo update SPEC         the constants that explain the measured sweep
   femu-piezo datasheet SPEC      one page: constants, standard figures, curves
   femu-piezo export UPDATE.json  the material for another program
   femu-piezo diagnose SPEC       what the simulation gets wrong, and the cause
-  femu-piezo identify SPEC       which constants such a sweep tells, how well
+  femu-piezo identify SPEC       which constants a sweep determines, how well
   femu-piezo modes SPEC          pictures of the driven modes
-  femu-piezo measure SPEC        the sweep itself, taken where it tells most
-  femu-piezo analyser SPEC       a simulated analyser to try that with
+  femu-piezo measure SPEC        take the sweep at the best frequencies
+  femu-piezo analyser SPEC       a simulated analyser, to try `measure`
   femu-piezo batch DIR           every specimen of a folder, with a lot report
   femu-piezo lots --store URL    lots of a database: control charts and drift
   femu-piezo serve FOLDER        all of this as a page in the browser
@@ -51,9 +51,9 @@ Smart Mater. Struct. 31, 2022, 125010).
   femu-piezo update plate.toml --out results
   femu-piezo update --help       what it writes, and its options
 
-Words: a pole is a pole of the admittance (series resonance, short circuit); a zero is a zero of the admittance
-(parallel resonance, open circuit). A constant is written value (1 − j tan). Every command writes machine-readable
-results (JSON, CSV) beside its pictures (PNG) into the folder --out.
+Terms: a pole is a pole of the admittance (series resonance, short circuit); a zero is a zero of the admittance
+(parallel resonance, open circuit). A constant is written value (1 − j tan), tan being its loss tangent. Every
+command that takes --out writes machine-readable results (JSON, CSV) and pictures (PNG) into that folder.
 
 \b
 Exit codes: 0 done · 2 the input is wrong (one sentence says what and where)
@@ -78,7 +78,7 @@ _data = click.option(
     help="measured sweep, instead of that named in SPEC",
 )
 _correct_phase = click.option(
-    "--correct-phase", is_flag=True, help="turn the phase of the sweep by 180° (a sweep with negative resistance)"
+    "--correct-phase", is_flag=True, help="turn the phase of the sweep by 180° (where its resistance is negative)"
 )
 _mask_faults = click.option(
     "--mask-faults", is_flag=True, help="leave out spikes, mains lines and the shorter side of jumps in the sweep"
@@ -86,13 +86,13 @@ _mask_faults = click.option(
 _connection = click.option(
     "--connection",
     type=click.Choice(["reflection", "series", "shunt"]),
-    help="of the piece in a Touchstone file  [default: found out]",
+    help="how the piece was connected, for a Touchstone file  [default: detected from the data]",
 )
 _columns = click.option(
-    "--columns", metavar="NAMES", help='what the columns are, in place of a header: "f (Hz), R (Ohm), X (Ohm)"'
+    "--columns", metavar="NAMES", help='names of the columns, instead of the header: "f (Hz), R (Ohm), X (Ohm)"'
 )
 _report = click.option(
-    "--report", is_flag=True, help="report.html as well: everything on one page that needs no network"
+    "--report", is_flag=True, help="also write report.html: all results on one page that needs no network"
 )
 
 _store = click.option(
@@ -102,11 +102,11 @@ _store = click.option(
     flag_value="sqlite",
     envvar="FEMU_PIEZO_STORE",
     metavar="[URL]",
-    help="keep the results in a database as well: postgresql://user@host/name or an SQLite file, store.sqlite in the "
-    "folder of the results where no URL follows; needs pip install 'femu-piezo[store]'  [default: that which "
-    "FEMU_PIEZO_STORE names]",
+    help="also keep the results in a database: postgresql://user@host/name or an SQLite file; without URL, "
+    "store.sqlite in the folder of the results; needs pip install 'femu-piezo[store]'  [default: the URL in the "
+    "environment variable FEMU_PIEZO_STORE]",
 )
-_lot = click.option("--lot", metavar="NAME", help="lot that the specimens belong to in the --store")
+_lot = click.option("--lot", metavar="NAME", help="lot in the --store that the specimens belong to")
 
 
 def _names(columns: str | None) -> list[str] | None:
@@ -164,13 +164,13 @@ def _steps_shown() -> Iterator[Callable[[str], None]]:
 @main.command()
 @_specimen
 @_out
-@click.option("--full-order", is_flag=True, help="solve the full model at every frequency (slow, for checking)")
+@click.option("--full-order", is_flag=True, help="solve the unreduced model at every frequency (slow, for checking)")
 def simulate(specimen: Path, out: Path, full_order: bool) -> None:
     """Simulate the specimen SPEC: poles, zeros and an impedance sweep.
 
-    Writes simulation.json, impedance.csv and impedance.png. The sweep is that of the [simulation] table of SPEC
-    (start, stop, points, spacing, noise, seed), by default 100 Hz to 3.5 times the fundamental. With [effects] and
-    [fitted] tables all of it is that of the specimen with its effects, where a fit left it.
+    Writes simulation.json, impedance.csv and impedance.png. The table [simulation] of SPEC describes the sweep (start,
+    stop, points, spacing, noise, seed), by default from 100 Hz to 3.5 times the fundamental. Effects in the tables
+    [effects] are included; the values of the tables [fitted], if there are any, replace those of the other tables.
     """
     from femu_piezo.api import simulate as run
     from femu_piezo.specimen.file import read_specimen
@@ -196,14 +196,14 @@ def simulate(specimen: Path, out: Path, full_order: bool) -> None:
     type=float,
     multiple=True,
     metavar="LOW HIGH",
-    help="leave out the points between two frequencies, Hz; may be given several times",
+    help="ignore the points between two frequencies, Hz; may be given several times",
 )
 @click.option(
     "--method",
     type=click.Choice(["maximum-likelihood", "prony-ss"]),
     default="maximum-likelihood",
     show_default=True,
-    help="prony-ss: the paper's, in the time domain; needs evenly spaced points, has no deviations",
+    help="prony-ss: the paper's method, in the time domain; needs evenly spaced points, gives no standard deviations",
 )
 def extract(
     file: Path,
@@ -220,9 +220,9 @@ def extract(
     Reads CSV and delimited text whose header names the columns (|Z| and phase, R and X, G and B, Cp and D; decimal
     points or commas), such as Bode 100, WaveForms and LCR meters write, HP 4294A, Keysight E4990A and E5061B exports,
     and Touchstone of one or two ports (.s1p, .s2p in series or shunt). Writes extraction.json and extraction.png. Both
-    have the standard figures that need no body (fs, fp, fm, fn, fr, fa, k_eff, Qm, capacitance, tan δ; IEEE 176-1987,
-    EN 50324-2). With --method prony-ss also prony_ss.png: impulse responses, singular values and stabilization diagrams
-    of poles and zeros.
+    contain the standard figures that do not depend on the body (fs, fp, fm, fn, fr, fa, k_eff, Qm, capacitance, tan δ;
+    IEEE 176-1987, EN 50324-2). With --method prony-ss also prony_ss.png: impulse responses, singular values and
+    stabilization diagrams of poles and zeros.
     """
     from femu_piezo.api import extract as run
     from femu_piezo.measurement.readers import read_spectrum
@@ -251,12 +251,12 @@ def extract(
 def circuit(
     source: Path, out: Path, correct_phase: bool, mask_faults: bool, connection: str | None, columns: str | None
 ) -> None:
-    """Make an equivalent circuit of a measured sweep, or of a specimen file (*.toml) as it describes the piece.
+    """Make an equivalent circuit of a measured sweep, or of the specimen that a specimen file (*.toml) describes.
 
-    One branch (Butterworth, Van Dyke) for each mode, exact for its complex residue: L, R and C with a resistance across
-    C, with standard deviations; a capacitor, relaxations for its loss, and the modes outside the sweep. Writes
-    circuit.cir (a SPICE subcircuit for ngspice and LTspice), circuit.json, circuit.png, and the curve of the circuit as
-    circuit.s1p (Touchstone) and circuit.csv.
+    The circuit has one branch (Butterworth, Van Dyke) for each mode: L, R and C with a resistance across C, which
+    reproduce its complex residue exactly, with standard deviations. A capacitor, relaxations for its loss, and modes
+    outside the sweep represent the rest. Writes circuit.cir (a SPICE subcircuit for ngspice and LTspice), circuit.json,
+    circuit.png, and the curve of the circuit as circuit.s1p (Touchstone) and circuit.csv.
     """
     from femu_piezo.api import circuit as run
 
@@ -279,17 +279,17 @@ def circuit(
 @_report
 @_correct_phase
 @_mask_faults
-@click.option("--timings", is_flag=True, help="print where the time goes")
+@click.option("--timings", is_flag=True, help="print the seconds of every step")
 @click.option(
     "--method",
     type=click.Choice(["curve", "pole-zero"]),
-    help="in place of update.method of the file; pole-zero: the paper's, from poles and zeros alone",
+    help="replaces update.method of the file; pole-zero: the paper's method, from poles and zeros alone",
 )
 @click.option(
     "--sample",
     type=click.IntRange(50),
     metavar="N",
-    help="draw N samples of the posterior by as many fits, such as 400",
+    help="also draw N samples of the posterior, one fit each, such as 400",
 )
 @_store
 @_lot
@@ -309,14 +309,15 @@ def update(
     """Update the free constants of SPEC from its measured sweep.
 
     Several SPEC files, or a study file with specimens = ["a.toml", "b.toml"], are specimens of one material, fitted
-    together: the [material] and [update] tables of the first rule. Writes update.json, impedance.png (measured,
-    baseline and updated), iterations.png, sensitivity.png and updated.csv (the updated model at the measured
-    frequencies); numbered where there are several specimens. The standard figures (k31, Qm, N, s, d by the formulas
-    of IEEE 176-1987 for the shape) stand beside the finite element values, with what the formulas get wrong for this
-    piece. With --report also report.html, which holds all of it. With --sample also samples.csv (every unknown, SI),
-    corner.png, and intervals in update.json that need no Gaussian. With --method pole-zero the constants are those of
-    the extracted poles and zeros: of the fundamental of one specimen at a known eps33T as in the paper, else of all
-    modes, free constants and specimens together (its appendix A).
+    together with the tables [material] and [update] of the first file. Writes update.json, budget.png, temperature.png
+    (for sweeps at several temperatures) and, numbered for several sweeps, impedance.png (measured, baseline and
+    updated), iterations.png, sensitivity.png and updated.csv (the updated model at the measured frequencies). The
+    standard figures (k31, Qm, N, s, d by the formulas of IEEE 176-1987 for the shape) are shown with the finite element
+    values and the errors of the formulas for this piece. With --report also report.html, which contains all results.
+    With --sample also samples.csv (every unknown, SI), corner.png, and intervals in update.json that do not assume a
+    Gaussian posterior. With --method pole-zero the constants follow from the extracted poles and zeros: from those of
+    the fundamental of one specimen at a known eps33T as in the paper, else from all modes, for all free constants and
+    specimens together (its appendix A).
     """
     from femu_piezo.api import update as run
     from femu_piezo.specimen.file import read_specimens, with_measurement, with_method
@@ -345,23 +346,21 @@ def update(
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @_out
 @click.option("--specimen", type=click.Path(path_type=Path), metavar="SPEC", help="DIR holds sweeps of this specimen")
-@click.option("--workers", type=click.IntRange(1, 1024), help="processes on this machine [default: its cores]")
+@click.option("--workers", type=click.IntRange(1, 1024), help="processes on this machine [default: number of cores]")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler of a cluster, such as tcp://host:8786")
 @click.option(
     "--time-limit",
     default=900.0,
     show_default=True,
     type=click.FloatRange(1, 1e6),
-    help="seconds after which one specimen is given up",
+    help="seconds after which one specimen is abandoned",
 )
-@click.option("--diagnose", "diagnosed", flag_value="all", help="diagnose every specimen as well")
-@click.option(
-    "--diagnose-outliers", "diagnosed", flag_value="outliers", help="diagnose those that are outliers of the lot"
-)
+@click.option("--diagnose", "diagnosed", flag_value="all", help="also diagnose every specimen")
+@click.option("--diagnose-outliers", "diagnosed", flag_value="outliers", help="also diagnose the outliers of the lot")
 @_correct_phase
 @_mask_faults
 @_store
-@click.option("--lot", metavar="NAME", help="name of the lot in the --store  [default: that of the folder DIR]")
+@click.option("--lot", metavar="NAME", help="name of the lot in the --store  [default: the name of the folder DIR]")
 def batch(
     folder: Path,
     out: Path,
@@ -377,10 +376,10 @@ def batch(
 ) -> None:
     """Update every specimen file (*.toml) in DIR, or with --specimen every sweep in DIR.
 
-    Writes table.csv and table.parquet (one row per file, those without a result with the reason), lot.json, lot.txt
-    and lot.png (distributions, control limits, outliers, drift over serial number), and records/ with the full
-    result of each, of diagnoses diagnoses/. What is finished is kept at once: after an interruption the same command
-    continues; only new and changed files are computed.
+    Writes table.csv and table.parquet (one row per file; where there is no result, the reason), lot.json, lot.txt
+    and lot.png (distributions, control limits, outliers, drift over serial number), and the full results in the folder
+    records, those of diagnoses in the folder diagnoses. Each result is saved when it is finished: after an
+    interruption the same command continues; only new and changed files are computed.
     """
     from femu_piezo.batch.command import run_batch
 
@@ -412,34 +411,34 @@ def batch(
 @click.option(
     "--noise",
     type=float,
-    help="relative noise of the sweep, standard deviation  [default: that of the specimen file, else 0.001]",
+    help="relative standard deviation of the noise  [default: that of the specimen file, else 0.001]",
 )
 @click.option(
     "--study",
     type=click.IntRange(20),
     metavar="N",
-    help="update N drawn specimens for each of several noises and numbers of points, such as 200",
+    help="also update N random specimens for each of several noise levels and numbers of points, such as 200",
 )
 @click.option(
     "--plan",
     type=click.IntRange(16, 100_000),
     metavar="N",
-    help="choose the N frequencies of the sweep that tell most of the free constants",
+    help="also choose the N frequencies that determine the free constants best",
 )
 def identify(specimens: tuple[Path, ...], out: Path, noise: float | None, study: int | None, plan: int | None) -> None:
     """Predict which constants a sweep of SPEC can determine, before or without measuring.
 
-    The sweep is that of the [simulation] table. First with all ten constants free and noise alone: which of them the
-    sweep tells, and which further measurement would determine the rest. Then with the constants and the tolerances of
-    the file: the deviation that `update` would state for each, where it comes from, and which tolerance (a dimension,
-    density or mass, a held constant, the instrument, the fixture, noise) to improve first and what that brings. Several
-    SPEC files are sweeps of one material taken together.
+    The table [simulation] describes the sweep. The first part has all ten constants free and counts noise alone: which
+    of them the sweep determines, and which further measurement would determine the rest. The second part has the free
+    constants and the tolerances of the file: the standard deviation that `update` would state for each constant, its
+    sources, which tolerance (a dimension, density or mass, a held constant, the instrument, the fixture, noise) to
+    improve first, and the gain. Several SPEC files are specimens of one material, taken together.
 
-    Writes identifiability.json, budget.png and sensitivity.png; with --study also study.png: how far such updates are
-    off the truth, and how often it is within what they state. With --plan also plan.csv, a list of frequencies for the
-    analyser, half of which watch the whole band and half of which are where they tell most (plan_segments.csv as
-    segments to type in, plan_e4990a.scpi as commands of an E4990A), and what it gains over as many points equally
-    spaced.
+    Writes identifiability.json, budget.png and sensitivity.png; with --study also study.png: the errors of such
+    updates, and how often the true constants are within the stated intervals. With --plan also plan.csv, a list of
+    frequencies for the analyser, half of them equally spaced over the band and half where they reduce the standard
+    deviations most (plan_segments.csv: segments to type in; plan_e4990a.scpi: commands for an E4990A), and the gain
+    over the same number of equally spaced points.
     """
     from femu_piezo.api import identify as run
     from femu_piezo.specimen.file import read_specimens
@@ -474,13 +473,13 @@ def diagnose(
     """Say what the simulation of SPEC gets wrong, and name the cause.
 
     Fits the free constants, then every candidate effect together with them (leads, losses, held constants, dimensions,
-    electrodes). Writes diagnosis.json, diagnosis.png (residuals before and after), curves.csv (measured and of both
-    models) and extended.toml, a specimen file with the named effects that simulates to the fitted curve. With --report
-    also report.html, whose first page answers in plain words.
+    electrodes). Writes diagnosis.json, diagnosis.png (residuals without and with the named effects), curves.csv (the
+    measured curve and those of both models) and extended.toml, a specimen file with the named effects, from which
+    `simulate` reproduces the fitted curve. With --report also report.html, whose first page answers in plain words.
 
     Several SPEC files, or a study file with specimens = ["a.toml", "b.toml"], are specimens of one material: constants
-    and fixture are common, a wrong dimension or a flaw is that of one specimen. Pictures, reports and extended specimen
-    files are then numbered, and extended.toml is the study file of these.
+    and fixture are common, a wrong dimension or a defect belongs to one specimen. Pictures, reports and extended
+    specimen files are then numbered, and extended.toml is a study file that names these.
     """
     from femu_piezo.api import diagnose as run
     from femu_piezo.specimen.file import read_specimens, with_measurement
@@ -505,9 +504,9 @@ def diagnose(
 def datasheet(specimen: Path, out: Path, data: Path | None, correct_phase: bool, mask_faults: bool) -> None:
     """Make a data sheet of the specimen SPEC from its measured sweep: one page, A4.
 
-    Updates the free constants as `update` does and writes datasheet.pdf and datasheet.png (constants with deviations,
-    standard figures by IEEE 176-1987 and EN 50324-2 beside the finite element values, what the formulas get wrong for
-    this piece, curves) and update.json.
+    Updates the free constants as `update` does and writes datasheet.pdf and datasheet.png (constants with standard
+    deviations, standard figures by IEEE 176-1987 and EN 50324-2 with the finite element values and the errors of the
+    formulas for this piece, curves) and update.json.
     """
     from femu_piezo.api import update as run
     from femu_piezo.specimen.file import read_specimens
@@ -526,7 +525,7 @@ def datasheet(specimen: Path, out: Path, data: Path | None, correct_phase: bool,
     "--to",
     required=True,
     type=click.Choice(["comsol", "ansys", "abaqus", "opencfs", "sfepy", "json"]),
-    help="program that the material is for",
+    help="program that will use the material",
 )
 @_out
 @click.option("--density", type=click.FloatRange(1, 1e5), help="kg/m³  [default: that of the specimen]")
@@ -536,14 +535,14 @@ def datasheet(specimen: Path, out: Path, data: Path | None, correct_phase: bool,
     type=float,
     default=(0.0, 0.0, 1.0),
     metavar="X Y Z",
-    help="direction of the poling in the axes of the program  [default: 0 0 1]",
+    help="direction of poling in the axes of the other program  [default: 0 0 1]",
 )
 def export(file: Path, to: str, out: Path, density: float | None, poling: tuple[float, float, float]) -> None:
     """Write the constants of UPDATE.json, which `update` wrote, as a material of another program.
 
     Writes material.txt (COMSOL parameters), .mac (ANSYS), .inp (Abaqus), .xml (openCFS), .py (SfePy) or .json: the full
     stress-charge matrices with notes on order, sign and loss. COMSOL, openCFS, SfePy and JSON get complex constants,
-    ANSYS and Abaqus real ones and the loss factors that they take.
+    ANSYS and Abaqus real constants and the loss factors that they accept.
     """
     from femu_piezo.api import export as run
     from femu_piezo.study.export import cautions, constants_of_record
@@ -557,12 +556,12 @@ def export(file: Path, to: str, out: Path, density: float | None, poling: tuple[
 @main.command()
 @_specimen
 @_out
-@click.option("--count", type=click.IntRange(1, 200), help="only so many modes, the lowest ones")
+@click.option("--count", type=click.IntRange(1, 200), help="largest number of modes, from the lowest on")
 @click.option("--band", nargs=2, type=float, metavar="LOW HIGH", help="only modes with poles in this band, Hz")
-@click.option("--animate", is_flag=True, help="an animated GIF of every mode as well")
-@click.option("--html", "scene", is_flag=True, help="an interactive scene as well (one HTML file, no network)")
-@click.option("--vtu", is_flag=True, help="every mode in the whole body for ParaView as well (VTU)")
-@click.option("--mesh", is_flag=True, help="the mesh with its electrodes as well (gmsh .msh and Abaqus .inp)")
+@click.option("--animate", is_flag=True, help="also write an animated GIF of every mode")
+@click.option("--html", "scene", is_flag=True, help="also write an interactive scene (one HTML file, no network)")
+@click.option("--vtu", is_flag=True, help="also write every mode of the whole body for ParaView (VTU)")
+@click.option("--mesh", is_flag=True, help="also write the mesh with its electrodes (gmsh .msh and Abaqus .inp)")
 def modes(
     specimen: Path,
     out: Path,
@@ -573,12 +572,12 @@ def modes(
     vtu: bool,
     mesh: bool,
 ) -> None:
-    """Draw the driven modes of the specimen SPEC: poles and zeros, what the body does, k_eff.
+    """Draw the driven modes of the specimen SPEC: poles and zeros, mode shapes, k_eff.
 
-    Writes modes.json, mode_01.png, mode_02.png … and the sheet modes.png; with --animate mode_01.gif …, with
-    --html modes.html, with --vtu mode_01.vtu …, with --mesh mesh.msh and mesh.inp. The band ends by default at 3.5
-    times the expected fundamental. Constants, dimensions and density are those of the specimen with its [effects],
-    where a fit left it ([fitted]).
+    Writes modes.json, mode_01.png, mode_02.png … and modes.png with all of them; with --animate mode_01.gif …, with
+    --html modes.html, with --vtu mode_01.vtu …, with --mesh mesh.msh and mesh.inp. By default the band ends at 3.5
+    times the expected fundamental. Constants, dimensions and density are those of the specimen with its [effects];
+    the values of the tables [fitted], if there are any, replace those of the other tables.
     """
     from femu_piezo.api import modes as run
     from femu_piezo.specimen.file import read_specimen
@@ -595,7 +594,9 @@ def modes(
 @_specimen
 @_out
 @click.option("--instrument", metavar="ADDRESS", help="VISA address, such as TCPIP::10.0.0.7::5025::SOCKET")
-@click.option("--points", type=click.IntRange(32, 100_000), default=200, show_default=True, help="most points")
+@click.option(
+    "--points", type=click.IntRange(32, 100_000), default=200, show_default=True, help="largest number of points"
+)
 @click.option(
     "--deviation",
     "deviations",
@@ -603,19 +604,27 @@ def modes(
     type=(str, Quantity("1", "deviation")),
     multiple=True,
     metavar="NAME STD",
-    help='what is enough: s11 "0.5 %", tan_s11 1e-4; may be given several times',
+    help='standard deviation at which to stop: s11 "0.5 %", tan_s11 1e-4; may be given several times',
 )
 @click.option(
-    "--time", "seconds", type=Quantity("s", "time"), metavar="TIME", help="no new round after it, such as '5 min'"
+    "--time",
+    "seconds",
+    type=Quantity("s", "time"),
+    metavar="TIME",
+    help="time after which no new round begins, such as '5 min'",
 )
 @click.option(
-    "--band", nargs=2, type=Quantity("Hz", "band"), metavar="LOW HIGH", help="[default: that of [simulation]]"
+    "--band",
+    nargs=2,
+    type=Quantity("Hz", "band"),
+    metavar="LOW HIGH",
+    help="lowest and highest frequency  [default: those of [simulation]]",
 )
 @click.option(
     "--voltage",
     type=Quantity("V", "voltage"),
     metavar="V",
-    help="drive, rms  [default: limits.voltage, 0.5 V at most]",
+    help="drive, rms  [default: 0.5 V, or limits.voltage if that is less]",
 )
 @click.option("--bias", type=Quantity("V", "bias"), default=0.0, metavar="V", help="DC bias  [default: none]")
 @click.option(
@@ -623,22 +632,28 @@ def modes(
     type=click.IntRange(1, 5),
     default=5,
     show_default=True,
-    help="1 fast … 5 quiet: bandwidth of the analyser",
+    help="bandwidth of the analyser, 1 (fast) to 5 (low noise)",
 )
-@click.option("--averages", type=click.IntRange(1, 256), default=1, show_default=True, help="of every point")
+@click.option(
+    "--averages", type=click.IntRange(1, 256), default=1, show_default=True, help="number of readings of every point"
+)
 @click.option(
     "--timeout",
     type=click.FloatRange(0.1, 3600),
     default=10.0,
     show_default=True,
-    help="seconds for a reply, beside the sweep",
+    help="seconds to wait for a reply, in addition to the time of the sweep",
 )
-@click.option("--diagnose", is_flag=True, help="diagnose as well, and take the further sweeps that it recommends")
-@click.option("--separate", is_flag=True, help="go where the two best causes of a diagnosis are told apart")
+@click.option("--diagnose", is_flag=True, help="also diagnose, and take the further sweeps that it recommends")
+@click.option("--separate", is_flag=True, help="choose points that separate the two best causes of a diagnosis")
 @click.option(
-    "--plan", is_flag=True, help="no instrument: only write where to measure, after --data what to measure next"
+    "--plan",
+    is_flag=True,
+    help="no instrument: only write the frequencies to measure; with --data, those to measure next",
 )
-@_data
+@click.option(
+    "--data", type=click.Path(path_type=Path), metavar="FILE", help="with --plan: the sweep that was measured so far"
+)
 @_store
 @_lot
 def measure(
@@ -661,19 +676,20 @@ def measure(
     store: str | None,
     lot: str | None,
 ) -> None:
-    """Measure the specimen SPEC with an impedance analyser, where it tells most of the free constants.
+    """Measure the specimen SPEC with an impedance analyser, at the frequencies that determine the free constants best.
 
-    A coarse sweep of the band finds the resonances; then each round goes where it tells most after the update of the
-    points so far, with all tolerances of the file counted, until the deviations that --deviation asks for, the time or
-    the points are reached. Half of the points watch the band, and what departs from the model there is looked at
-    closely. With --separate every round diagnoses, and goes where the best cause and the next one are told apart, until
-    they are; then on to the --deviation asked for, if any. Known analysers: Keysight E4990A, HP/Agilent 4294A. Nothing
-    above voltage, bias and frequency of the [limits] table of SPEC is ever set (0.5 V, no bias where it is silent), and
-    the output is off at the end, after an error and after Ctrl-C. Every point is written to points.csv as it comes: the
-    same command goes on from there.
+    A coarse sweep of the band finds the resonances, with half of the points; each further round updates with the points
+    so far and measures where this reduces the standard deviations most, with all tolerances of the file counted, until
+    the standard deviations of --deviation, the time or the number of points are reached. Where points depart from the
+    model, further points are measured near them. With --separate every round diagnoses and measures where the two best
+    causes differ most, until they are separated; then the measurement goes on for --deviation, if given. Known
+    analysers: Keysight E4990A, HP/Agilent 4294A. The program never sets more than the voltage, bias and frequency of
+    the table [limits] of SPEC (by default 0.5 V, no bias), and the output is off at the end, after an error and
+    after Ctrl-C. Points are written to points.csv as the analyser sends them; after an interruption the same command
+    continues from there.
 
-    Writes live.png after every round, sweep.csv, measure.json, measured.toml (SPEC with this sweep) and what `update`
-    writes; with --diagnose or --separate the folder diagnosis, with --diagnose also sweeps in the opposite direction
+    Writes live.png after every round, sweep.csv, measure.json, measured.toml (SPEC with this sweep) and the files of
+    `update`; with --diagnose or --separate the folder diagnosis, with --diagnose also sweeps in the opposite direction
     and at a third of the voltage where the diagnosis recommends them. With --plan nothing is measured: plan.csv,
     plan_segments.csv and plan_e4990a.scpi hold the frequencies for an analyser without a connection. Needs
     pip install 'femu-piezo[measure]'.
@@ -725,12 +741,14 @@ def _plan_only(specimen: Specimen, wish: Wish, data: Path | None, out: Path) -> 
 
     if data is None:
         if wish.separate:
-            raise InputError("--separate is about the causes that a sweep leaves open; give it by --data")
+            raise InputError("--separate needs a sweep whose causes it can separate; give the sweep by --data")
         frequency = planned_frequencies(specimen, wish.points)
     else:
         frequency = next_frequencies(specimen, read_spectrum(data), wish)
     if not frequency.size:
-        click.echo("nothing more to measure: what was asked for is reached")
+        click.echo(
+            "nothing more to measure: the goal is reached, the points are used up, or more points would not help"
+        )
         return
     _prepare(out)
     write_plan(out, frequency)
@@ -739,30 +757,41 @@ def _plan_only(specimen: Specimen, wish: Wish, data: Path | None, out: Path) -> 
 
 @main.command()
 @_specimen
-@click.option("--port", type=click.IntRange(0, 65535), default=5025, show_default=True, help="0: any that is free")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=5025, show_default=True, help="TCP port; 0: any free port"
+)
 @click.option(
     "--model",
     type=click.Choice(["E4990A", "4294A"]),
     default="E4990A",
     show_default=True,
-    help="whose commands it knows",
+    help="analyser whose commands it understands",
 )
 @click.option(
-    "--drift", type=float, default=0.0, show_default=True, help="by which resonances rise, relative, per second"
+    "--drift",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="relative rise of the resonance frequencies per second",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="of gain and noise")
+@click.option("--seed", type=int, default=0, show_default=True, help="seed of gain error and noise")
 @click.option(
-    "--fail", "faults", multiple=True, metavar="KIND@N", help="timeout, half, error, overload or unplugged at sweep N"
+    "--fail",
+    "faults",
+    multiple=True,
+    metavar="KIND@N",
+    help="simulate a fault at sweep N: timeout, half, error, overload or unplugged",
 )
-@click.option("--log", type=click.Path(path_type=Path), help="file for every command that arrives")
+@click.option("--log", type=click.Path(path_type=Path), help="file that records every command received")
 def analyser(
     specimen: Path, port: int, model: str, drift: float, seed: int, faults: tuple[str, ...], log: Path | None
 ) -> None:
-    """Simulate an impedance analyser with the specimen SPEC between its clips, on a socket of this machine.
+    """Simulate an impedance analyser with the specimen SPEC connected to it, on a socket of this machine.
 
-    For those without one, and to try `measure`: it answers as an E4990A or a 4294A does, from the model of SPEC with
-    its [effects], with noise and gain by the accuracy chart, ringing of sharp resonances, drift, and a lean that grows
-    with the square of the drive where [effects.drive_level] says so. It listens at 127.0.0.1 alone, until Ctrl-C.
+    Use it to try `measure` without an instrument. It answers as an E4990A or a 4294A does, from the model of SPEC with
+    its [effects], with noise and gain error by the accuracy chart, ringing of sharp resonances, drift, and, with
+    [effects.drive_level], a shift of the resonances that grows with the square of the drive. It listens at 127.0.0.1
+    only, until Ctrl-C.
     """
     from femu_piezo.instruments.simulated import Fault, serve
     from femu_piezo.specimen.file import read_specimen
@@ -790,16 +819,16 @@ def analyser(
     "quantities",
     multiple=True,
     metavar="NAME",
-    help="column to chart, such as s11, s11_tan or pole_Hz; may be given several times  [default: constants, tangents, "
-    "k_eff and misfit]",
+    help="column to chart, such as s11, s11_tan or pole_Hz; may be given several times  [default: constants, loss "
+    "tangents, k_eff and misfit]",
 )
 def lots(store: str, out: Path | None, names: tuple[str, ...], quantities: tuple[str, ...]) -> None:
     """List, compare and chart over time the lots that `batch`, `update`, `measure` and `diagnose` kept in a --store.
 
-    Of every constant: mean, control limits of single pieces and of lots (ISO 7870-2), scatter within and between lots,
-    and its drift per month with the standard deviation. The time of a piece is that of its sweep's file when it was
-    first kept. With --out also lots.parquet (one row for each piece: its last update and diagnosis, with lot, time,
-    station and program), lots.json and lots.png. Needs pip install 'femu-piezo[store]'.
+    For every constant: mean, control limits of single pieces and of lots (ISO 7870-2), scatter within and between lots,
+    and its drift per month with the standard deviation. The time of a piece is the time of its sweep file when the
+    store first kept it. With --out also lots.parquet (one row for each piece: its last update and diagnosis, with lot,
+    time, station and program version), lots.json and lots.png. Needs pip install 'femu-piezo[store]'.
     """
     from femu_piezo.output.tables import console
     from femu_piezo.store.command import show_lots
@@ -809,20 +838,19 @@ def lots(store: str, out: Path | None, names: tuple[str, ...], quantities: tuple
 
 @main.command()
 @click.argument("folder", type=click.Path(path_type=Path), metavar="[FOLDER]", default=Path("."))
-@click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True)
+@click.option("--port", type=click.IntRange(1, 65535), default=8080, show_default=True, help="TCP port of the page")
 @click.option(
     "--host",
     default="127.0.0.1",
     show_default=True,
-    help="address to answer at; any but this machine's own asks visitors for a token, which the terminal shows",
+    help="address to listen at; if other machines can reach it, visitors need the token that the terminal shows",
 )
 @_store
 def serve(folder: Path, port: int, host: str, store: str | None) -> None:
-    """Show sweeps, specimens and results of FOLDER as a page in the browser; drop a sweep, see the answer.
+    """Show sweeps, specimens and results of FOLDER as a page in the browser, and run the commands from there.
 
-    Does what the commands do, with the mouse. Results go to FOLDER/results as the commands write them; what the page
-    keeps for itself (unsaved edits, jobs) is in FOLDER/.femu-piezo. Nothing is fetched from or sent to other machines.
-    Needs pip install 'femu-piezo[web]'.
+    Results go to FOLDER/results as the commands write them; FOLDER/.femu-piezo holds unsaved edits and jobs of the
+    page. Nothing is fetched from or sent to other machines. Needs pip install 'femu-piezo[web]'.
     """
     from femu_piezo.web.server import serve as run
 
