@@ -227,7 +227,11 @@ def test_bands_are_left_out_of_a_file_and_of_a_sweep_in_memory(specimen, sweep, 
         main, ["extract", str(tmp_path / "plate.csv"), "--mask", str(low), str(high), "--out", str(tmp_path / "out")]
     )
     assert run.exit_code == 0 and json.loads((tmp_path / "out/extraction.json").read_text())["points"] == np.sum(keep)
-    for band, words in (("[[5.0, 2.0]]", "no band"), ("[[1.0, 1e9]]", "mask leaves 0 of"), ("[7.0]", "cannot be used")):
+    for band, words in (
+        ("[[5.0, 2.0]]", "not a band"),
+        ("[[1.0, 1e9]]", "mask leaves 0 of"),
+        ("[7.0]", "cannot be used"),
+    ):
         path.write_text(re.sub(r"mask = .*", f"mask = {band}", path.read_text()))
         with pytest.raises(fp.InputError, match=words):
             fp.update(path)

@@ -1,4 +1,4 @@
-"""The specimen file: what was measured, of which material, and what to do with it (TOML; see README.md).
+"""The specimen file (TOML): the specimen, its measured sweep, its material, and options of the commands.
 
     specimen = read_specimen("plate.toml")
     write_specimen(specimen, "copy.toml")
@@ -73,9 +73,14 @@ Accuracy = Annotated[float, quantity("1", 1e-9, 0.1, "give the relative eigenval
 _ELASTIC = described("compliance at constant field")
 _COUPLING = described("piezoelectric constant")
 _DIELECTRIC = described("permittivity at constant stress")
-_TANGENT = described("its loss tangent; that of the base where absent, else 0")
-_STD = described("how well the real part is known beforehand, relative; free constants 0.5 where absent", usual=0.03)
-_TANGENT_STD = described("the same of its loss tangent, absolute; free constants 0.02 ± 0.05 where absent", usual=0.005)
+_TANGENT = described("loss tangent of the constant; default: that of the base, without a base 0")
+_STD = described(
+    "prior standard deviation of the real part, relative; the default of a free constant is 0.5", usual=0.03
+)
+_TANGENT_STD = described(
+    "prior standard deviation of the loss tangent, absolute; the default prior of a free constant is 0.02 ± 0.05",
+    usual=0.005,
+)
 
 
 class Material(Table):
@@ -83,7 +88,7 @@ class Material(Table):
 
     model_config = ConfigDict(title="material")
 
-    base: str | None = described("material of the library, which the other keys override")
+    base: str | None = described("name of a material of the library, whose values the other keys override")
     s11: Compliance | None = _ELASTIC
     s12: CrossCompliance | None = _ELASTIC
     s13: CrossCompliance | None = _ELASTIC
@@ -125,10 +130,10 @@ class Material(Table):
     std_tan_eps11T: TangentStd | None = _TANGENT_STD
     std_tan_eps33T: TangentStd | None = _TANGENT_STD
     free: Annotated[tuple[str, ...] | None, LIST] = described(
-        "constants that a fit finds; where absent s11, d31, eps33T of a piece poled through its thickness, s33, d33, "
-        "eps33T along its length, s44, d15, eps11T in shear"
+        "free constants, which a fit finds; default: s11, d31, eps33T of a piece poled through its thickness; s33, "
+        "d33, eps33T of one poled along its length; s44, d15, eps11T (shear) for any other direction"
     )
-    simplified: bool = described("the isotropic simplification of the paper", False)
+    simplified: bool = described("use the isotropic simplification of the paper", False)
 
     @property
     def values(self) -> dict[str, float]:
@@ -155,7 +160,7 @@ class Material(Table):
 
     def problem(self) -> str | None:
         if self.base is not None and not (self.base.strip() and self.base.isprintable()):
-            return f"material.base = {shown(self.base)} is no name; give one of the material library"
+            return f"material.base = {shown(self.base)} is not a name; give one of the material library"
         missing = [name for name in CONSTANTS if name not in self.values]
         if self.base is None and missing:
             return (
@@ -175,9 +180,9 @@ class Residue(Table):
 
     model_config = ConfigDict(title="measurement.residue")
 
-    resistance: Resistance | None = described("in series", usual=0.02)
-    inductance: Inductance | None = described("in series", usual=10e-9)
-    capacitance: Capacitance | None = described("in parallel", usual=0.1e-12)
+    resistance: Resistance | None = described("standard deviation of a resistance in series", usual=0.02)
+    inductance: Inductance | None = described("standard deviation of an inductance in series", usual=10e-9)
+    capacitance: Capacitance | None = described("standard deviation of a capacitance in parallel", usual=0.1e-12)
 
 
 class LoadStandard(Table):
@@ -190,10 +195,10 @@ class LoadStandard(Table):
     }
 
     file: Annotated[Path, PATH] = described("raw sweep of the load", ...)
-    resistance: Resistance = described("of the load", ...)
-    inductance: Inductance | None = described("in series with it")
-    capacitance: Capacitance | None = described("across both")
-    std: MagnitudeStd | None = described("relative standard deviation of its impedance; 0 where absent")
+    resistance: Resistance = described("resistance of the load", ...)
+    inductance: Inductance | None = described("inductance in series with the resistance")
+    capacitance: Capacitance | None = described("capacitance in parallel with both")
+    std: MagnitudeStd | None = described("relative standard deviation of the impedance of the load; default 0")
 
 
 def _to_bands(value: object) -> object:
@@ -209,46 +214,48 @@ class Measurement(Table):
     model_config = ConfigDict(title="measurement")
 
     file: Annotated[Path | None, PATH] = described(
-        "the sweep, relative to the specimen file; a list of several stands for [[sweep]] tables; absent where the "
-        "sweep is given otherwise"
+        "path of the sweep, relative to the specimen file; a list of paths has the meaning of [[sweep]] tables; not "
+        "needed where --data, [[sweep]] or Python gives the sweep"
     )
     held_out: Annotated[tuple[Frequency, Frequency] | None, PAIR] = described(
-        "band that no fit sees, and whose prediction is judged"
+        "band that no fit uses, to test the prediction there"
     )
     mask: Annotated[tuple[tuple[Frequency, Frequency], ...] | None, BeforeValidator(_to_bands)] = described(
-        "bands whose points are left out altogether"
+        "bands whose points are ignored altogether"
     )
-    correct_phase: bool = described("turn the phase by 180°", False)
+    correct_phase: bool = described("turn the phase of the sweep by 180°", False)
     mask_faults: bool = described("leave out spikes, mains lines and the shorter side of jumps", False)
     noise: RelativeNoise | None = described(
-        "relative standard deviation of a point; estimated from the sweep where absent"
+        "relative standard deviation of the noise of a point; default: estimated from the sweep"
     )
     accuracy: MagnitudeStd | None = described(
-        "standard deviation of |Z|, relative, smooth over frequency", usual=0.0008
+        "relative standard deviation of the instrument's error of |Z|, which is smooth over frequency", usual=0.0008
     )
-    phase_accuracy: PhaseStd | None = described("standard deviation of the phase, smooth over frequency", usual=0.0008)
-    residue: Residue | None = described("table: what the fixture leaves after its compensation")
-    open: Annotated[Path | None, PATH] = described("raw sweep of the open fixture, which is taken out of a raw sweep")
-    short: Annotated[Path | None, PATH] = described("the same of the shorted fixture")
-    load: LoadStandard | None = described("table: the same of a load in the fixture")
+    phase_accuracy: PhaseStd | None = described(
+        "standard deviation of the instrument's error of phase, which is smooth over frequency", usual=0.0008
+    )
+    residue: Residue | None = described("table: residual elements of the fixture after its compensation")
+    open: Annotated[Path | None, PATH] = described("raw sweep of the open fixture, to compensate a raw sweep with")
+    short: Annotated[Path | None, PATH] = described("raw sweep of the shorted fixture, likewise")
+    load: LoadStandard | None = described("table: raw sweep of a known load in the fixture, likewise")
     connection: Literal["reflection", "series", "shunt"] | None = described(
-        "of the piece in a Touchstone file; found out where absent"
+        "how the piece was connected, for a Touchstone file; default: detected from the data"
     )
     columns: Annotated[tuple[str, ...] | None, LIST] = described(
-        'what the columns of the file are, such as ["Frequency (Hz)", "R (Ohm)", "X (Ohm)"], in place of its header'
+        'names of the columns of the file, such as ["Frequency (Hz)", "R (Ohm)", "X (Ohm)"], instead of its header'
     )
 
     def problem(self) -> str | None:
         if self.held_out is not None and not self.held_out[0] < self.held_out[1]:
             low, high = self.held_out
-            return f"measurement.held_out = [{low:g}, {high:g}] Hz is no band; give the lower frequency first"
+            return f"measurement.held_out = [{low:g}, {high:g}] Hz is not a band; give the lower frequency first"
         for low, high in self.mask or ():
             if not low < high:
-                return f"measurement.mask holds [{low:g}, {high:g}] Hz, no band; give the lower frequency first"
+                return f"measurement.mask holds [{low:g}, {high:g}] Hz, not a band; give the lower frequency first"
         if self.load is not None and (self.open is None or self.short is None):
-            return "measurement.load compensates only together with open and short; give the files of these as well"
+            return "measurement.load needs measurement.open and measurement.short; give these files as well"
         if self.noise == 0:
-            return "measurement.noise = 0 claims exact data; leave the key out to have the noise estimated"
+            return "measurement.noise = 0 would mean exact data; leave the key out to have the noise estimated"
         return None
 
 
@@ -257,20 +264,23 @@ def _celsius(value: object, info: ValidationInfo) -> float | None:
 
 
 class Sweep(Table):
-    """One of several sweeps of a specimen, and how it was taken; what is stated of one is stated of all."""
+    """One of several sweeps of a specimen, and how it was taken.
+
+    Voltage, temperature and fixture are given of all sweeps or of none.
+    """
 
     model_config = ConfigDict(title="sweep")
     missing: ClassVar[dict[str, str]] = {"file": 'give the path of the sweep, such as file = "up.csv"'}
 
-    file: Annotated[Path, PATH] = described("the sweep, relative to the specimen file", ...)
-    name: str | None = described("in results; the name of the file where absent")
-    drive_voltage: Voltage | None = described("amplitude")
+    file: Annotated[Path, PATH] = described("path of the sweep, relative to the specimen file", ...)
+    name: str | None = described("name of the sweep in results; default: the name of the file")
+    drive_voltage: Voltage | None = described("amplitude of the drive; of all sweeps or of none")
     temperature: Annotated[float | None, BeforeValidator(_celsius)] = described(
-        'of the specimen, "25 °C" or "298 K"; °C once read'
+        'temperature of the specimen, "25 °C" or "298 K" (in Python °C); of all sweeps or of none'
     )
-    direction: Literal["up", "down"] | None = described("whether the frequency rose or fell in time")
+    direction: Literal["up", "down"] | None = described("whether the frequency rose or fell with time")
     fixture: str | None = described(
-        "that held the piece; what a fixture and its compensation leave belongs to each one"
+        "name of the fixture, which has residual elements and leads of its own; of all sweeps or of none"
     )
 
     @property
@@ -284,14 +294,14 @@ class Readings(Table):
 
     model_config = ConfigDict(title="readings")
 
-    mass: Mass | None = described("of the specimen")
-    capacitance: ReadCapacitance | None = described("at 1 kHz without the fixture")
-    d33: Charge | None = described("of a d33 meter")
-    sound_velocity: Speed | None = described("of a wide wave along the poling, √(c33D/ρ)")
-    std_mass: ReadStd | None = described("relative standard deviation", usual=1e-3)
-    std_capacitance: ReadStd | None = described("relative standard deviation", usual=0.01)
-    std_d33: ReadStd | None = described("relative standard deviation", usual=0.05)
-    std_sound_velocity: ReadStd | None = described("relative standard deviation", usual=0.01)
+    mass: Mass | None = described("mass of the specimen")
+    capacitance: ReadCapacitance | None = described("capacitance of the specimen at 1 kHz, without the fixture")
+    d33: Charge | None = described("reading of a d33 meter")
+    sound_velocity: Speed | None = described("velocity of a plane longitudinal wave along the poling, √(c33D/ρ)")
+    std_mass: ReadStd | None = described("relative standard deviation of the reading", usual=1e-3)
+    std_capacitance: ReadStd | None = described("relative standard deviation of the reading", usual=0.01)
+    std_d33: ReadStd | None = described("relative standard deviation of the reading", usual=0.05)
+    std_sound_velocity: ReadStd | None = described("relative standard deviation of the reading", usual=0.01)
 
     @property
     def given(self) -> dict[str, tuple[float, float]]:
@@ -302,43 +312,43 @@ class Readings(Table):
     def problem(self) -> str | None:
         for name in READ:
             if getattr(self, f"std_{name}") is not None and getattr(self, name) is None:
-                return f"readings.std_{name} has no reading to go with; give readings.{name}, or take it out"
+                return f"readings.std_{name} is given without readings.{name}; give that reading, or take the std out"
         if self.d33 == 0:
-            return "readings.d33 = 0 is of a body that is not poled; leave it out"
+            return "readings.d33 = 0 means a body that is not poled; leave it out"
         return None
 
 
 class Limits(Table):
-    """What the specimen may be exposed to while it is measured; nothing beyond is ever sent to an instrument."""
+    """What the specimen may be exposed to while it is measured; no instrument is ever set beyond these limits."""
 
     model_config = ConfigDict(title="limits")
 
-    voltage: Voltage = described("largest drive, V rms as analysers state it", 0.5)
-    bias: Bias = described("largest DC bias either way", 0.0)
+    voltage: Voltage = described("largest drive, rms, as analysers state it", 0.5)
+    bias: Bias = described("largest DC bias of either sign", 0.0)
     frequency: Annotated[tuple[Frequency, Frequency] | None, PAIR] = described(
-        "lowest and highest; those of the instrument where absent"
+        "lowest and highest frequency; default: those of the instrument"
     )
 
     def problem(self) -> str | None:
         if self.frequency is not None and not self.frequency[0] < self.frequency[1]:
             low, high = self.frequency
-            return f"limits.frequency = [{low:g}, {high:g}] Hz is no band; give the lower frequency first"
+            return f"limits.frequency = [{low:g}, {high:g}] Hz is not a band; give the lower frequency first"
         return None
 
 
 class Simulation(Table):
-    """Sweep of a simulation."""
+    """Sweep of a simulation, also the band of `measure` and the planned sweep of `identify`."""
 
     model_config = ConfigDict(title="simulation")
 
-    start: Frequency | None = described("lowest frequency; 100 Hz where absent")
-    stop: Frequency | None = described("highest frequency; 3.5 times the expected fundamental where absent")
-    points: int = described("2 to 1000000", 801)
-    spacing: Literal["linear", "log"] = described("of the frequencies", "linear")
-    noise: RelativeNoise = described("relative standard deviation added to every point", 0.0)
-    seed: int = described("of the noise, 0 to 2^63 − 1", 0)
+    start: Frequency | None = described("lowest frequency; default 100 Hz")
+    stop: Frequency | None = described("highest frequency; default: 3.5 times the expected fundamental")
+    points: int = described("number of points, 2 to 1000000", 801)
+    spacing: Literal["linear", "log"] = described("spacing of the frequencies", "linear")
+    noise: RelativeNoise = described("relative standard deviation of the noise added to every point", 0.0)
+    seed: int = described("seed of the noise, 0 to 2^63 − 1", 0)
     order: int | None = described(
-        "polynomial order of the finite elements, 1 to 8; chosen for the accuracy where absent"
+        "polynomial order of the finite elements, 1 to 8; default: chosen by the program for the accuracy"
     )
 
     def problem(self) -> str | None:
@@ -354,19 +364,19 @@ class Simulation(Table):
 
 
 class Update(Table):
-    """How to update."""
+    """Options of an update."""
 
     model_config = ConfigDict(title="update")
 
     method: Literal["auto", "pole_zero", "curve"] = described(
-        '"auto" and "curve": the posterior of the whole curve; "pole_zero": the paper\'s, from poles and zeros alone',
+        '"auto" and "curve": fit of the whole curve; "pole_zero": the method of the paper, from poles and zeros alone',
         "auto",
     )
-    accuracy: Accuracy = described("relative eigenvalue error that the mesh may have", 1e-4)
+    accuracy: Accuracy = described("largest relative error of an eigenvalue by the mesh", 1e-4)
     loss: Literal["linear", "soft_l1", "huber", "cauchy"] = described(
-        "of the curve fit, linear or a robust one", "linear"
+        "loss function of the curve fit: linear (least squares), or robust against outliers", "linear"
     )
-    noise_only: bool = described("take dimensions, density, held constants and instrument as exactly known", False)
+    noise_only: bool = described("treat dimensions, density, held constants and instrument as exactly known", False)
 
 
 Effects = dict[str, dict[str, float | str | Annotated[tuple[str, ...], LIST]]]
@@ -382,24 +392,25 @@ class Specimen(Table):
         "material": "add a [material] table with base or the ten constants",
     }
 
-    name: str = described("a line of 1 to 200 characters; of a file without it, that of the file", ...)
+    name: str = described("a line of 1 to 200 characters; default: the name of the file", ...)
     geometry: Geometry = described("shape, dimensions, electrodes, poling", ...)
-    material: Material = described("where the constants start, and which are free", ...)
+    material: Material = described("start values of the constants, and which constants are free", ...)
     measurement: Measurement | None = described("the sweep and how it was taken")
     sweep: Annotated[tuple[Sweep, ...] | None, LIST] = described(
-        "its sweeps and how each was taken, where there are several; they share everything but `measurement.file`"
+        "several sweeps and how each was taken; the keys of [measurement] but `file` apply to all of them"
     )
-    readings: Readings | None = described("what other instruments read of the piece")
+    readings: Readings | None = described("readings of other instruments")
     limits: Limits = described("what the specimen may be exposed to while it is measured", Limits())
     simulation: Simulation | None = described("the sweep of a simulation")
-    update: Update | None = described("how to update")
+    update: Update | None = described("options of an update")
     effects: Effects | None = described(
-        "what the specimen has beyond the base model, effect → parameter → value, by the names of `diagnose`; of the "
-        "parameters that its key `free` names, simulations take the value, and fits find it anew"
+        "what the specimen has beyond the base model, effect → parameter → value, by the names of `diagnose`; the key "
+        "`free` of an effect names the parameters that fits find anew, while simulations use the given value"
     )
     fitted: Effects | None = described(
-        'where a fit left the free constants ("material") and what has a tolerance (dimensions, held constants, '
-        "instrument) in the same form; simulations take it, fits keep to the values and tolerances of the other tables"
+        'results of a fit in the same form: the free constants ("material") and everything with a tolerance '
+        "(dimensions, held constants, instrument); simulations use these values, fits only start from them and keep "
+        "the values and tolerances of the other tables as priors"
     )
     path: Path | None = None
 
@@ -407,7 +418,7 @@ class Specimen(Table):
         if not 0 < len(self.name) <= 200 or not self.name.isprintable():
             return f"name = {shown(self.name)} is not a line of 1 to 200 characters; give a short name"
         if self.geometry.mass is not None and self.readings is not None and self.readings.mass is not None:
-            return "readings.mass and geometry.mass both say how heavy the specimen is; give one of the two"
+            return "readings.mass and geometry.mass both state the mass of the specimen; give one of the two"
         if self.sweep is not None and (wrong := self._wrong_sweeps(self.sweep)):
             return wrong
         fixtures = {one.fixture for one in self.sweep or ()} - {None}
@@ -415,12 +426,12 @@ class Specimen(Table):
             for title in tables:
                 if title.endswith(")") and not any(title.endswith(f" ({fixture})") for fixture in fixtures):
                     return (
-                        f"{kind}.{title} is of no fixture that a [[sweep]] names; known are "
+                        f"{kind}.{title} names a fixture that no [[sweep]] has; known fixtures are "
                         f"{', '.join(sorted(fixtures)) or 'none'}"
                     )
         for key, value in self.fitted_constants.items():
             if key.removeprefix("tan_") not in CONSTANTS:
-                return f"fitted.material.{key} is no constant; known are {', '.join(CONSTANTS)}, each also with tan_"
+                return f"fitted.material.{key} is not a constant; known are {', '.join(CONSTANTS)}, each also with tan_"
             if not isinstance(value, float):
                 return f"fitted.material.{key} = {shown(value)} is not a number; give it in SI units, without the unit"
         return None
@@ -433,12 +444,14 @@ class Specimen(Table):
         labels = [one.label for one in sweeps]
         double = next((label for label in labels if labels.count(label) > 1 or not label.isprintable()), None)
         if double is not None:
-            return f"sweep.name = {shown(double)} is of two sweeps, or no line of text; give each its own name"
+            return f"sweep.name = {shown(double)} names two sweeps, or is not one line; give each sweep its own name"
         for key in ("drive_voltage", "temperature", "fixture"):
             given = [one for one in sweeps if getattr(one, key) is not None]
             if 0 < len(given) < len(sweeps):
                 without = next(one for one in sweeps if getattr(one, key) is None)
-                return f"sweep.{key} is given of {given[0].label}, not of {without.label}; give it of all, or of none"
+                return (
+                    f"sweep.{key} is given for {given[0].label}, not for {without.label}; give it for all, or for none"
+                )
         return None
 
     @property
@@ -492,11 +505,11 @@ def read_specimens(paths: Sequence[Path | str], data_file: Path | str | None = N
         if members is None:
             found.append(_specimen_of(data, path, data_file))
             continue
-        right = 'a study file has only specimens = ["k31.toml", "k33.toml"], paths relative to it'
+        right = 'a study file has only the key specimens = ["k31.toml", "k33.toml"], with paths relative to it'
         if set(data) - {"specimens", "name"} or not isinstance(members, list) or not members:
             raise InputError(f"{path}: {right}")
         if not all(isinstance(member, str) for member in members):
-            raise InputError(f"{path}: specimens = {shown(members)} holds something else than paths; {right}")
+            raise InputError(f"{path}: specimens = {shown(members)} holds entries that are not paths; {right}")
         found += [read_specimen(_resolve(member, path, f"{path}: specimens")) for member in members]
     if data_file is not None and len(found) > 1:
         raise InputError("--data gives the sweep of one specimen; with several, name each sweep in its own file")
@@ -521,13 +534,13 @@ def _specimen_of(data: dict[str, Any], path: Path, data_file: Path | str | None)
     data.setdefault("name", path.stem)
     if data_file is not None:
         if "sweep" in data:
-            raise InputError(f"{path}: --data gives one sweep, and [[sweep]] names those of this file; leave one out")
+            raise InputError(f"{path}: both --data and [[sweep]] give sweeps; leave --data or the tables out")
         measurement = data.setdefault("measurement", {})
         if isinstance(measurement, dict):
             measurement["file"] = str(Path(data_file).absolute())
     _several_files(data, path)
     if isinstance(data.get("sweep"), dict):
-        raise InputError(f"{path}: [sweep] is one of several tables; write [[sweep]] in place of [sweep]")
+        raise InputError(f"{path}: there may be several sweep tables; write [[sweep]] in place of [sweep]")
     tables = [("geometry", data.get("geometry")), ("measurement", data.get("measurement"))]
     tables += [("sweep", table) for table in data.get("sweep") or () if isinstance(data["sweep"], list)]
     for section, table in tables:

@@ -88,33 +88,37 @@ class Geometry(Table):
 
     missing: ClassVar[dict[str, str]] = {"shape": f"give one of {', '.join(DIMENSIONS)}"}
 
-    shape: Literal["plate", "square", "trapezoid", "disk", "ring", "mesh"] = described("of the body", ...)
-    length: Length | None = described("along x")
-    width: Length | None = described("along y; of a trapezoid at the end x_min")
-    width_end: Length | None = described("of a trapezoid at the end x_max")
-    thickness: Length | None = described("along z")
-    diameter: Length | None = described("outer")
-    inner_diameter: Length | None = described("of a ring")
-    corner_radius: Distance | None = described("of round corners")
-    hole_diameter: Length | None = described("of a hole through both faces")
+    shape: Literal["plate", "square", "trapezoid", "disk", "ring", "mesh"] = described("shape of the body", ...)
+    length: Length | None = described("dimension along x")
+    width: Length | None = described("dimension along y; of a trapezoid the width at the end x_min")
+    width_end: Length | None = described("width of a trapezoid at the end x_max")
+    thickness: Length | None = described("dimension along z")
+    diameter: Length | None = described("outer diameter")
+    inner_diameter: Length | None = described("inner diameter of a ring")
+    corner_radius: Distance | None = described("radius of round corners")
+    hole_diameter: Length | None = described("diameter of a hole through both faces")
     hole_position: Annotated[tuple[Position, Position] | None, PAIR] = described(
-        "centre (x, y) of the hole, from the middle of the body; there where absent"
+        "centre (x, y) of the hole, from the middle of the body; default: the middle"
     )
     chamfer: Distance | None = described("45° bevel along the outer edges of both faces")
-    electrode_margin: Distance | None = described("bare rim of both faces")
+    electrode_margin: Distance | None = described("width of the bare rim of both faces")
     electrode_start: Distance | None = described(
-        "where the hot electrode begins, from the end x_min (the wide end of a trapezoid); there where absent"
+        "distance of the hot electrode from the end x_min (the wide end of a trapezoid); default: zero"
     )
-    electrode_length: Length | None = described("the hot electrode covers only so much along x")
-    wrap_length: Length | None = described("the ground goes round the end x_min onto the hot face, so far")
-    wrap_gap: Length | None = described("the bare gap beside the wrap")
-    elements: Literal["hexahedron", "tetrahedron"] | None = described("of meshes of drawn bodies, chosen where absent")
+    electrode_length: Length | None = described("length of the hot electrode along x; default: the whole face")
+    wrap_length: Length | None = described(
+        "length along x of the ground electrode on the hot face, where it wraps around the end x_min"
+    )
+    wrap_gap: Length | None = described("width of the bare gap between the wrapped ground and the hot electrode")
+    elements: Literal["hexahedron", "tetrahedron"] | None = described(
+        "kind of elements of a drawn body (rounded, pierced, chamfered, partly covered); default: chosen by the program"
+    )
     file: Annotated[Path | None, PATH] = described(
-        "of a mesh with surfaces named hot and ground, such as gmsh writes; relative to the specimen file"
+        "mesh file with surfaces named hot and ground, such as gmsh writes; relative to the specimen file"
     )
-    unit: Unit | None = described("length of one unit of the coordinates in the mesh file; a metre where absent")
-    density: Density | None = described("that of the base material where absent")
-    mass: Mass | None = described("in place of the density")
+    unit: Unit | None = described("length of one unit of the coordinates in the mesh file; default: a metre")
+    density: Density | None = described("density; default: that of the base material")
+    mass: Mass | None = described("mass of the specimen, instead of the density")
     std_length: Tolerance | None = described("standard deviation of the length", usual=20e-6)
     std_width: Tolerance | None = described("standard deviation of the width", usual=20e-6)
     std_thickness: Tolerance | None = described("standard deviation of the thickness", usual=5e-6)
@@ -124,7 +128,7 @@ class Geometry(Table):
         "standard deviation of the width of a trapezoid at the end x_max", usual=20e-6
     )
     std_density: RelativeStd | None = described("relative standard deviation of the density", usual=0.005)
-    std_mass: MassStd | None = described("standard deviation of the mass; 0.1 % of it where absent")
+    std_mass: MassStd | None = described("standard deviation of the mass; default: 0.1 % of the mass")
     poling: Annotated[str | tuple[float, float, float], BeforeValidator(_to_poling)] = described(
         '"thickness" or "length", the direction of poling and of the field; or a direction (x, y, z), with the '
         "electrodes on the two faces (x along the length, z through the thickness)",

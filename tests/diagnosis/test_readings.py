@@ -104,7 +104,7 @@ def test_a_reading_narrows_by_the_right_amount(setup, name, cause):
     [
         ({"mass": "2 mm"}, "readings.mass"),
         ({"d33": 0.0}, "readings.d33 = 0"),
-        ({"std_mass": 0.01}, "readings.std_mass has no reading"),
+        ({"std_mass": 0.01}, "readings.std_mass is given without readings.mass"),
         ({"capacity": 1e-9}, "did you mean 'capacitance'"),
         ({"sound_velocity": 4.5}, "readings.sound_velocity"),
     ],

@@ -165,7 +165,7 @@ def test_limits_of_a_specimen_file(tmp_path):
     assert read_specimen(tmp_path / "again.toml").limits == read.limits
     for wrong, words in (
         ('voltage = "0.6 V"|voltage = "-1 V"', r"limits\.voltage: \"-1 V\" is outside"),
-        ('"180 kHz"]|"1 Hz"]', r"limits\.frequency = \[1000, 1\] Hz is no band"),
+        ('"180 kHz"]|"1 Hz"]', r"limits\.frequency = \[1000, 1\] Hz is not a band"),
         ("[limits]|[limits]\nbias = -2", r"limits\.bias: -2 is outside"),
         ("[limits]|[limits]\ncurrent = 1", r"limits\.current is not a key"),
     ):

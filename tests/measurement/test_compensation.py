@@ -133,7 +133,7 @@ def test_wrong_fixtures_are_told(tmp_path):
     with pytest.raises(InputError, match="measure the fixture over the whole sweep"):
         measure(read_specimen(tmp_path / "plate.toml"))
     (tmp_path / "plate.toml").write_text(SPEC.replace('short = "short.csv"\n', ""), encoding="utf-8")
-    with pytest.raises(InputError, match=r"measurement\.load compensates only together with open and short"):
+    with pytest.raises(InputError, match=r"measurement\.load needs measurement\.open and measurement\.short"):
         read_specimen(tmp_path / "plate.toml")
     (tmp_path / "plate.toml").write_text(SPEC.replace('resistance = "100 ohm", ', ""), encoding="utf-8")
     with pytest.raises(InputError, match=r"measurement\.load\.resistance is missing; say what the load is"):

@@ -220,7 +220,7 @@ def test_a_trapezoid_has_wrong_dimensions_as_well(tmp_path, dimension):
 @pytest.mark.parametrize(
     ("tail", "told"),
     [
-        ("[fitted.material]\ns66 = 1e-12\n", "fitted.material.s66 is no constant; known are s11"),
+        ("[fitted.material]\ns66 = 1e-12\n", "fitted.material.s66 is not a constant; known are s11"),
         ('[fitted.material]\ns11 = "17e-12"\n', 'fitted.material.s11 = "17e-12" is not a number'),
         ("[fitted.material]\ns11 = -17e-12\n", "fitted.material: s11 = -1.7e-11 must be positive"),
         ("[fitted.ghost]\nsize = 1\n", "fitted.ghost is no effect"),
