@@ -15,47 +15,48 @@ class Rules:
 
     expected_causes: float = _rule(
         0.5,
-        "prior mean number of causes in a sweep, shared alike by all candidates of the library; of the forms of what "
-        "none of them describes two weigh as much as a candidate, as an uneven body among these does, and errors of "
-        "every resonance a hundredth; times what a cause explains over what it leaves undescribed, the odds of the "
-        "cause against something unknown that looks like it",
+        "expected number of causes in a sweep a priori, shared equally by all candidates of the library and the forms "
+        "of a discrepancy: a smooth error, a resonance and a step weigh as much as a candidate, errors of every "
+        "resonance a hundredth of it; multiplied by the share of the misfit that a cause explains over the share that "
+        "it leaves, these are the odds that the cause is real and no imitation of something unknown",
     )
     significant: float = _rule(
         3.0,
-        "a cause that the set could do without is named from this many of its own standard deviations, and of its "
-        "tolerance, away from nothing",
+        "a cause without which the other causes would do is named only where it differs from zero by at least this "
+        "many of its standard deviations, and of its tolerance",
     )
     alike: float = _rule(
         3.0,
-        "causes are not told apart where the log odds of their sets differ by less: 20 to 1; a rough fit that has "
-        "settled is brought to its end where it may come as near to the best",
+        "causes are indistinguishable where the log odds of their sets differ by less (20 to 1); a rough fit is "
+        "completed where it may come that close to the best",
     )
     unexplained: float = _rule(
-        0.25, "above this share of the misfit (rms) that the named causes leave, the verdict is unknown"
+        0.25, "the verdict is unknown where the named causes leave more than this share of the misfit (rms)"
     )
     loudest: float = _rule(
         3.0,
-        "residuals whose neighbours are alike are no noise where they are more than this many times the noise that is "
-        "stated or seen; smaller ones may be correlated noise",
+        "residuals that are correlated between neighbouring points are not noise where they exceed the stated or "
+        "estimated noise by more than this factor; smaller ones may be correlated noise",
     )
     most_causes: int = _rule(
-        3, "most causes that may act together; a third is sought where two leave no verdict of unknown"
+        3, "largest number of causes that may act together; a third is sought unless the verdict with two is unknown"
     )
-    beam: int = _rule(2, "best sets of causes that are enlarged by one more cause")
+    beam: int = _rule(2, "number of the best sets of causes to which one more cause is added")
     promise: float = _rule(
         -3.0,
-        "a candidate, or a pair of them, is fitted where linearisation promises more log odds than this over the set "
+        "a candidate, or a pair of candidates, is fitted where linearisation predicts log odds above this over the set "
         "without it",
     )
     doubt: float = _rule(
         0.05,
-        "causes at a place are tried where what is left of the sweep, or how far the unknowns lie from their priors, "
-        "is less probable than this by chance, or where a discrepancy explains it better than noise; about one sweep "
-        "in ten of those that hold no cause leaves so much",
+        "causes that act at a place are tried where the remaining misfit, or the distance of the unknowns from their "
+        "priors, is less probable than this by chance, or where a discrepancy explains it better than noise; that "
+        "happens in about one of ten sweeps without a cause",
     )
     contender: float = _rule(
         10.0,
-        "a candidate is tried whose log odds are within this (22 000 to 1) of the best, times χ² per residual there",
+        "a candidate is tried where its log odds are within this (22 000 to 1) of the best, multiplied by χ² per "
+        "residual where that exceeds 1",
     )
 
     def to_json(self) -> dict:
