@@ -1,10 +1,10 @@
 # %% [markdown]
 # # All ten constants: which sweep determines which
 #
-# No single specimen tells the ten constants of a 6mm ceramic. This tutorial asks before measuring: a k31 plate
-# 40 × 5 × 1 mm and a k33 bar 20 × 3 × 3 mm up to 300 kHz, a k15 shear plate 4 × 2 × 1 mm up to 1.1 MHz, each with
-# 0.1 % noise, all ten complex constants free. On the command line: `femu-piezo identify tutorials/full_set/study.toml
-# --out out/identify`. Then it fits k31 and k33 together and sees whether the prediction holds.
+# No single specimen determines the ten constants of a 6mm ceramic. This tutorial first predicts, without measurement,
+# what a k31 plate 40 × 5 × 1 mm and a k33 bar 20 × 3 × 3 mm up to 300 kHz and a k15 shear plate 4 × 2 × 1 mm up to 1.1
+# MHz determine, each with 0.1 % noise and all ten complex constants free. The command for this is `femu-piezo identify
+# tutorials/full_set/study.toml --out out/identify`. Then it fits k31 and k33 together and tests the prediction.
 
 # %%
 import os
@@ -26,7 +26,7 @@ NOISE = 1e-3
 # %% [markdown]
 # ## Prediction
 #
-# The standard deviation of each constant with all others unknown; beside the sweeps stands only a weak prior (±50 %).
+# The table shows the standard deviation of each constant with all others unknown; the prior is weak (±50 %).
 
 # %%
 LOTS = {
@@ -50,7 +50,7 @@ def verdict(std):
     return "1 %" if std < 0.01 else "5 %" if std < 0.05 else "no"
 
 
-print("relative standard deviation, and whether that is better than 1 %, 5 %, or no knowledge at all")
+print("relative standard deviation, and whether it is below 1 %, below 5 %, or neither (no)")
 print(f"{'':8s}" + "".join(f"{words:>18s}" for words in LOTS))
 for name in CONSTANTS:
     row = [relative_std(words, name) for words in LOTS]
@@ -68,13 +68,14 @@ assert found_by("k31 + k33", 0.01) == set(CONSTANTS) - {"s44", "d15", "eps11T"} 
 assert found_by("all three", 0.01) == set(CONSTANTS)
 
 # %% [markdown]
-# These numbers know of noise alone. A length wrong by 20 µm in 40 mm changes s11 by 0.1 %, a hundred times its standard
-# deviation here: dimensions and density decide the real accuracy, the sweep decides what can be told apart.
+# These standard deviations count noise alone. An error of 20 µm in the length of 40 mm changes s11 by 0.1 %, a hundred
+# times its standard deviation here: dimensions and density limit the accuracy, the sweep decides which constants can be
+# determined separately.
 #
-# ## Does it hold? k31 and k33 together
+# ## Test of the prediction: k31 and k33 together
 #
-# Sweeps by full solves on meshes of their own, 0.1 % noise, seven constants free, the start wrong by 5 to 10 %.
-# s44, d15 and ε11T, which these two do not tell, are held at their true values.
+# The sweeps are computed without reduction on other meshes, with 0.1 % noise. Seven constants are free, with start
+# values wrong by 5 to 10 %. s44, d15 and ε11T, which these two sweeps do not determine, are held at their true values.
 
 # %%
 FREE = ("s11", "s12", "s13", "s33", "d31", "d33", "eps33T")
@@ -98,7 +99,7 @@ for specimen in fp.read_specimens([HERE / "study.toml"]):
         for name, factor in zip(FREE, (1.08, 0.95, 1.06, 0.93, 1.07, 0.92, 1.1), strict=True)
     }
     material = specimen.material.model_copy(update=wrong | {"free": FREE})
-    # The specimens are ideal, and the prediction is about noise alone: so is this fit.
+    # The specimens are ideal and the prediction counts noise alone, so this fit does too.
     specimens.append(specimen.model_copy(update={"material": material, "update": Update(noise_only=True)}))
 
 result = fp.update(specimens, sweeps)
@@ -110,7 +111,8 @@ for name in FREE:
         f"{name:8s}{exact.real:12.4e}{estimate.value:12.4e}{100 * off:8.3f} %{100 * std:8.3f} %"
         f"{truth.tangent(name):10.4f}{estimate.tan:11.4f}"
     )
-    # Four standard deviations, and what two meshes of 1e-4 in λ at 300 kHz can do to a constant that weak modes tell.
+    # Four standard deviations, and the error that two meshes of 1e-4 in λ at 300 kHz cause in a constant that follows
+    # from weak modes.
     assert abs(off) < 4 * std + 1e-3
     assert std < 0.01
 

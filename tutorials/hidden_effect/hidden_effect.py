@@ -1,10 +1,10 @@
 # %% [markdown]
 # # Finding a hidden effect
 #
-# A plate of PZT-5H, 20 × 6 × 1 mm, and its sweep with 0.1 % of noise. Something is in this sweep that no finite element
-# model of a plate contains. The data were not made by finite elements (`make_sweep.py`: Rayleigh-Ritz with Legendre
-# polynomials, an independent discretisation), and the band from 195 to 225 kHz, with the third length mode, is held
-# out: no fit below may see it.
+# The specimen is a plate of PZT-5H, 20 × 6 × 1 mm, with a sweep with 0.1 % of noise. The sweep contains an effect that
+# the finite element model of a plate does not contain. The data were not made by finite elements (`make_sweep.py`:
+# Rayleigh-Ritz with Legendre polynomials, an independent discretisation). The band from 195 to 225 kHz, which contains
+# the third length mode, is held out: no fit below uses it.
 
 # %%
 import os
@@ -19,15 +19,15 @@ HERE = Path(__file__).parent if "__file__" in globals() else Path()
 OUT = Path(os.environ.get("FEMU_PIEZO_OUT", "out")) / "hidden_effect"
 EPS0 = 8.8541878128e-12
 
-#: What only a simulated measurement can offer: the truth. (value in the unit, loss tangent)
+#: The true constants, which are known because the measurement is simulated: value in UNIT, loss tangent.
 TRUTH = {"s11": (17.0, 0.0140), "d31": (-265.0, 0.0120), "eps33T": (3500.0, 0.0180)}
 UNIT = {"s11": 1e-12, "d31": 1e-12, "eps33T": EPS0}
 
 # %% [markdown]
-# ## What an update says
+# ## The result of an update
 #
-# The curves lie on top of each other. `update` notes that it misses the sweep by more than its noise and widens the
-# intervals, but it cannot say why, and the loss tangents are wrong.
+# The curves look the same. `update` notes that the misfit exceeds the noise, and widens the intervals, but it does not
+# find the reason, and the loss tangents are wrong.
 
 # %%
 specimen = fp.read_specimen(HERE / "plate.toml")
@@ -40,25 +40,27 @@ for name, (_, tangent) in TRUTH.items():
 assert plain.parameters["d31"].tan > 1.2 * TRUTH["d31"][1]
 
 # %% [markdown]
-# ## What the diagnosis says
+# ## The result of the diagnosis
 #
-# Every candidate effect of the library is fitted together with the constants, on one reduced model that carries them
-# all. An effect is accepted where it predicts what its fit did not see, and where its evidence pays for its parameters.
+# `diagnose` fits every candidate effect of the library together with the constants, on one reduced model for all
+# candidates. It names the set of causes with the highest posterior probability; the evidence penalises additional
+# parameters.
 
 # %%
 result = fp.diagnose(specimen)
 print(f"\n{result}")
 (cause,) = result.causes
 assert result.verdict == "effect" and str(cause) == "series_resistance"
-# 1.5 Ω went into the data; the deviation is the one that the diagnosis states.
+# The data contain 1.5 Ω; the standard deviation is that of the diagnosis.
 resistance = cause.parameters["resistance"]
 assert abs(resistance.value - 1.5) < 3 * resistance.std < 0.15
 
 # %% [markdown]
 # ## Pole by pole
 #
-# The resistance hardly moves a frequency. It takes Q at the poles, where the plate is a short circuit and 1.5 Ω counts,
-# and the fit has hidden that in the loss tangents: too lossy at one resonance, not enough at the next.
+# The resistance hardly changes the frequencies. It reduces Q at the poles, where |Z| is small and 1.5 Ω matters. The
+# fit without the resistance compensates for this by the loss tangents: too much loss at one resonance, too little at
+# the next.
 
 # %%
 base, final = result.pole_zero
@@ -72,7 +74,8 @@ assert max(abs(one.quality[1]) for one in final.poles) < 4
 # %% [markdown]
 # ## The gain
 #
-# The held-out band is the test that cannot be bent: no fit saw it. And the constants come back to the truth.
+# The held-out band is an independent test, since no fit used it. With the resistance in the model, the constants also
+# agree with their true values.
 
 # %%
 gain = result.gain
@@ -91,17 +94,18 @@ for name, (_, tangent) in TRUTH.items():
 for name, (value, _) in TRUTH.items():
     old, new = (one[name] for one in constants)
     bias[name] = [(one.value / UNIT[name] - value) / (new.std / UNIT[name]) for one in (old, new)]
-# Off by tens of standard deviations before; after, six numbers are within 3.5 (1 in 350 of six normal ones is not).
+# Before, the errors are tens of the standard deviations after. After, all six numbers are within 3.5 of them (the
+# probability that one of six normal numbers is not is 1/350).
 assert max(abs(before) for before, _ in bias.values()) > 30
 assert max(abs(after) for _, after in bias.values()) < 3.5
 
 # %% [markdown]
 # ## The extended specimen
 #
-# `save` writes what `femu-piezo diagnose plate.toml --out out --report` writes. Of that `extended.toml` is the specimen
-# file with the effect, and the corrected constants in `[fitted]`. It simulates, updates and diagnoses like any other.
-# `femu-piezo diagnose out/hidden_effect/extended.toml --out out` says *none*; here the update is made again, and now
-# follows the sweep to its noise.
+# `save` writes the same files as `femu-piezo diagnose plate.toml --out out --report`. Among them, `extended.toml` is
+# the specimen file with the effect and with the corrected constants in `[fitted]`. All commands take it like any other
+# specimen file. `femu-piezo diagnose out/hidden_effect/extended.toml --out out` says *none*; here the update is
+# repeated, and its misfit is now the noise.
 
 # %%
 result.save(OUT, report=True)
@@ -114,10 +118,10 @@ for name, (_, tangent) in TRUTH.items():
     assert abs(again.parameters[name].tan - tangent) < 4 * again.parameters[name].tan_std
 
 # %% [markdown]
-# ## What this sweep can never show
+# ## What this sweep cannot show
 #
-# A capacitance parallel to the plate is exactly a larger ε33T. The diagnosis does not guess; it says so and names the
-# measurement that tells the two apart.
+# A capacitance in parallel with the plate has almost exactly the effect of a larger ε33T. The diagnosis says so and
+# names the measurement that separates the two.
 
 # %%
 hidden = {effect.name: constant for effect, constant in result.verdict.hidden}
@@ -135,7 +139,7 @@ axes.axhspan(-3, 3, color="#dfe8df", zorder=0, label="± 3 standard deviations")
 axes.plot(places, [before for before, _ in bias.values()], "o", color="#8c8c8c", label="without the effect")
 axes.plot(places, [after for _, after in bias.values()], "o", color="#c0392b", label="with the series resistance")
 axes.set(xticks=places, xticklabels=list(bias), ylabel="distance from the truth (σ)", yscale="symlog", ylim=(-200, 200))
-axes.set_title("what 1.5 Ω in the leads does to the constants", fontsize=11)
+axes.set_title("errors of the constants by 1.5 Ω in the leads", fontsize=11)
 axes.legend(frameon=False, fontsize=9)
 figure.savefig(OUT / "bias.png", dpi=150)
 print(f"\npictures and report.html are in {OUT}")

@@ -1,7 +1,8 @@
-"""Make sweep.csv: the simulated measurement of a plate whose leads have a resistance that nobody compensated.
+"""Make sweep.csv: the simulated measurement of a plate whose leads have a resistance that is not compensated.
 
-Not by finite elements: Rayleigh-Ritz with global Legendre polynomials (tests/hidden_effects/ritz.py), a full solve at
-every frequency, and 0.1 % of noise. Takes half a minute: python tutorials/hidden_effect/make_sweep.py
+The method is not finite elements but Rayleigh-Ritz with global Legendre polynomials (tests/hidden_effects/ritz.py),
+with a full solve at every frequency and 0.1 % of noise. Takes half a minute: python
+tutorials/hidden_effect/make_sweep.py
 """
 
 import sys
@@ -16,7 +17,7 @@ from hidden_effects.ritz import RitzPlate  # noqa: E402
 
 SIZE, DENSITY = (20e-3, 6e-3, 1e-3), 7500.0
 EPS0 = 8.8541878128e-12
-#: value and loss tangent: s11 s12 s13 s33 s44 d31 d33 d15 eps11T eps33T; PZT-5H but for s11, d31 and eps33T.
+#: Value and loss tangent: s11 s12 s13 s33 s44 d31 d33 d15 eps11T eps33T; PZT-5H except for s11, d31 and eps33T.
 TRUTH = np.array(
     [
         17.0e-12 * (1 - 0.0140j),

@@ -20,8 +20,8 @@ EPS0 = 8.8541878128e-12
 # %% [markdown]
 # ## A sweep in memory
 #
-# Arrays from anywhere serve: here three columns of a file, in a laboratory the analyser itself. (`fp.read_spectrum`
-# reads the formats of instruments.)
+# A sweep is made from arrays: here from three columns of a file, in a laboratory from the data of the analyser.
+# (`fp.read_spectrum` reads the file formats of instruments.)
 
 # %%
 frequency_Hz, resistance, reactance = np.loadtxt(HERE / "sweep.csv", delimiter=",", skiprows=1, unpack=True)
@@ -29,26 +29,27 @@ sweep = fp.ImpedanceSpectrum.from_resistance_reactance(frequency_Hz, resistance,
 print(sweep)
 
 # %% [markdown]
-# ## What the sweep says without any model
+# ## Poles and zeros without any model
 #
-# A *pole* is a pole of the admittance (series resonance), a *zero* a zero of it (parallel resonance). Both are one
-# complex number λ = ω²(1 + jη). `extraction` by itself, as the last line of a cell, shows all of it.
+# A *pole* is a pole of the admittance (series resonance), a *zero* a zero of the admittance (parallel resonance). Each
+# is described by one complex number λ = ω²(1 + jη). In a notebook, `extraction` as the last line of a cell shows the
+# table.
 
 # %%
 extraction = fp.extract(sweep)
 print(extraction)
 pole, zero = extraction.resonances.poles[0], extraction.resonances.zeros[0]
 
-# The paper prints λ of a mesh of 1 mm (Table 2); the converged values are these. The sweep's own mesh leaves 1e-4.
+# The paper prints λ for a mesh of 1 mm (Table 2); these are the converged values. The mesh of the sweep is within 1e-4.
 for resonance, converged in ((pole, 4.92280e10 + 7.8593e8j), (zero, 6.16142e10 + 1.05665e9j)):
     assert abs(resonance.eigenvalue / converged - 1) < 1e-4
 
 # %% [markdown]
 # ## The constants
 #
-# ε33T comes from the capacitance at 100 Hz, s11 and d31 from bringing the model's pole and zero onto the measured
-# ones, with exact sensitivities; a fit of the whole curve ends it. `plate.toml` says `simplified = true`: the paper's
-# isotropic simplification, with s12 known.
+# ε33T follows from the capacitance at 100 Hz; s11 and d31 follow from iterating until pole and zero of the model equal
+# the measured ones, with exact sensitivities; then the whole curve is fitted. `plate.toml` sets `simplified = true`:
+# the paper's isotropic simplification, with known s12.
 
 # %%
 specimen = fp.read_specimen(HERE / "plate.toml")
@@ -59,17 +60,17 @@ target = {"s11": (15.84e-12, 0.016), "d31": (-293.25e-12, 0.013), "eps33T": (242
 for name, (value, tan) in target.items():
     found = result.parameters[name]
     print(f"{name:7s} off by {found.value / value - 1:+.1e}, its tangent by {found.tan - tan:+.1e}")
-    # Two meshes stand between: that of the sweep and that of the update, each within 1e-4 of converged in λ and so
-    # in s11. ε33T at 100 Hz is static but for (f/f_p)² ≈ 1e-5.
+    # The meshes of the sweep and of the update differ, each within 1e-4 of the converged λ and so of s11. ε33T at
+    # 100 Hz is static except for (f/f_p)² ≈ 1e-5.
     assert abs(found.value / value - 1) < 1e-4
     assert abs(found.tan - tan) < 1e-5
 
 # %% [markdown]
 # ## How well a laboratory would know them
 #
-# The errors are below 1e-4, the standard deviations a few 1e-3: nobody told the update that this plate is ideal. It
-# takes the usual tolerances of dimensions, density and instrument for granted (`plate.toml` may say better ones:
-# `std_length`, `std_density`, `accuracy`), and the budget says which of them counts. Its parts add in squares.
+# The errors are below 1e-4, the standard deviations a few 1e-3: the update does not know that this plate is ideal. It
+# assumes the default tolerances of dimensions, density and instrument (`plate.toml` may state smaller ones with
+# `std_length`, `std_density`, `accuracy`), and the budget says which of them matters. Its parts add in squares.
 
 # %%
 for name, found in result.parameters.items():
@@ -77,13 +78,13 @@ for name, found in result.parameters.items():
     words = ", ".join(f"{source} {100 * part / abs(found.value):.2g} %" for source, part in parts[:3])
     print(f"{name:7s} ± {100 * found.std / abs(found.value):.2g} %: {words}")
     assert np.isclose(np.sqrt(sum(part**2 for _, part in parts)), found.std, rtol=0.05)
-    # Far more than the error above, and no more than 0.5 % in thickness or density (where the file is silent) can do.
+    # Far more than the error above, and no more than the default 0.5 % of thickness and density can cause.
     assert 1e-3 < found.std / abs(found.value) < 8e-3
 
 # %% [markdown]
 # ## Pictures and report
 #
-# `save` writes what `femu-piezo update plate.toml --out out --report` writes.
+# `save` writes the same files as `femu-piezo update plate.toml --out out --report`.
 
 # %%
 extraction.save(OUT)

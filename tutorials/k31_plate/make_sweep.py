@@ -1,7 +1,7 @@
 """Make sweep.csv: the simulated measurement of the paper's target plate (Cong et al. 2022, Table 1).
 
-The sweep comes from another discretisation than the one that updates it: linear hexahedra of 1/8 mm and a
-direct solve at every frequency. Takes about half an hour: python tutorials/k31_plate/make_sweep.py
+The sweep comes from another discretisation than that of the update: linear hexahedra of 1/8 mm and a direct solve
+at every frequency. Takes about half an hour: python tutorials/k31_plate/make_sweep.py
 """
 
 from pathlib import Path

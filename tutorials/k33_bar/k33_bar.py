@@ -1,9 +1,9 @@
 # %% [markdown]
-# # The k33 bar: Table 6 of the paper, and a sweep from end to end
+# # The k33 bar: Table 6 of the paper, and constants from a simulated sweep
 #
-# A bar poled along its length with electrodes on its two ends (section 5 of Cong, Hu, Li 2022). First the published
-# λ of a real bar are turned into the published constants; then a sweep is simulated on a mesh and by a method that
-# the update does not use, and the constants are found again.
+# The bar is poled along its length and has electrodes on its two ends (section 5 of Cong, Hu, Li 2022). First the
+# constants are computed from the published λ of a real bar and compared with the published constants. Then a sweep is
+# simulated on a mesh and by a method that the update does not use, and the constants are determined from this sweep.
 
 # %%
 import os
@@ -28,8 +28,9 @@ DENSITY = 7900.0
 # %% [markdown]
 # ## Table 6 from the published λ
 #
-# The paper prints neither length nor section. The 1-D bar formula on its own figures gives ρL² = 4.194 kg/m, so
-# 23.04 mm at 7900 kg/m³, ε33T = 3291 ε0 and tan δ = 0.0111. A slender bar of that length is updated here.
+# The paper prints neither length nor cross-section. With the printed values, the 1-D bar formula gives ρL² = 4.194
+# kg/m, so 23.04 mm at 7900 kg/m³, ε33T = 3291 ε0 and tan δ = 0.0111. The update here is for a slender bar of that
+# length.
 
 # %%
 published = np.array([1.3857e11 + 2.7451e9j, 2.7240e11 + 1.9919e9j])
@@ -49,14 +50,15 @@ print(
     f"  d33   {constants.d33.real * 1e12:8.2f}   (545.46)  10⁻¹² C/N    tan θ {constants.tangent('d33'):.4f}   (0.0220)"
 )
 
-# 1e-3: the figures the paper prints have five digits, but ρL² is derived from four of them.
+# 1e-3: the paper prints five digits, but ρL² is derived from four printed values.
 assert abs(constants.s33.real / 18.846e-12 - 1) < 1e-3
 assert abs(constants.d33.real / 545.46e-12 - 1) < 1e-3
 
 # %% [markdown]
-# The tangents agree to 1.5 % only, and cannot do better: exact 1-D theory, with no finite element in it, gives
-# tan φ = 0.0210 from the published λ (k² = X/tan X at the pole, ρL²λ_zero = π²/(s33(1 − k²))). The published set
-# carries a phase error of 3e-4, or its bar was not slender: a section of 2 × 2 mm moves λ of the zero by 0.3 %.
+# The loss tangents agree only to 1.5 %. The reason is in the published values: exact 1-D theory, without finite
+# elements, gives tan φ = 0.0210 from the published λ (k² = X/tan X at the pole, ρL²λ_zero = π²/(s33(1 − k²))). Either
+# the published values have a phase error of 3e-4, or the bar was not slender: a cross-section of 2 × 2 mm changes λ of
+# the zero by 0.3 %.
 
 # %%
 x = np.pi / 2 * np.sqrt(published[0] / published[1])
@@ -67,14 +69,15 @@ assert abs(constants.tangent("s33") / 0.0213 - 1) < 0.015
 assert abs(constants.tangent("d33") / 0.0220 - 1) < 0.015
 
 # %% [markdown]
-# ## A sweep from end to end
+# ## From a simulated sweep to constants
 #
-# The bar of `bar.toml` with s33 and d33 of Table 6, solved in full at 161 frequencies on 8 × 2 × 2 elements, with
-# 0.1 % noise. The update then knows nothing but the file and the sweep.
+# The bar of `bar.toml` with s33 and d33 of Table 6 is solved without reduction at 161 frequencies on 8 × 2 × 2
+# elements, and noise of 0.1 % is added. The update uses only the file and this sweep.
 #
-# One published number has to give way: no material has all three tangents. Im s33 · Im ε33T ≥ (Im d33)², so
-# tan φ tan δ ≥ k33² tan² θ (Holland 1967), and 0.0213 · 0.0111 = 2.36e-4 is less than 0.541 · 0.0220² = 2.62e-4: such a
-# bar would create energy. Fits keep to materials that do not, so the bar here has tan θ = 0.0190.
+# One published number must be changed, since no passive material has all three loss tangents. Passivity requires
+# Im s33 · Im ε33T ≥ (Im d33)², so tan φ tan δ ≥ k33² tan² θ (Holland 1967), but 0.0213 · 0.0111 = 2.36e-4 is less than
+# 0.541 · 0.0220² = 2.62e-4: such a bar would create energy. Fits allow only passive materials, so the bar here has
+# tan θ = 0.0190.
 
 # %%
 published_d33 = SimplifiedK33(18.846e-12 * (1 - 0.0213j), 545.46e-12 * (1 - 0.0220j), eps33T, -4.5e-12)
@@ -98,7 +101,7 @@ for name, value in (("s33", truth.s33), ("d33", truth.d33)):
         f"  {name}   {estimate.value * 1e12:.4f} ± {estimate.std * 1e12:.4f}   (true {value.real * 1e12:.3f})"
         f"   tan {estimate.tan:.5f} ± {estimate.tan_std:.5f}   (true {tan:.4f})"
     )
-    # Four standard deviations of the noise, and the 1e-4 in λ to which the update's mesh is made.
+    # Four standard deviations of the noise, and the error of 1e-4 in λ that the mesh of the update may have.
     assert abs(estimate.value - value.real) < 4 * estimate.std + 1e-4 * abs(value.real)
     assert abs(estimate.tan - tan) < 4 * estimate.tan_std + 1e-4
     assert estimate.std / abs(estimate.value) < 1e-3

@@ -1,9 +1,9 @@
 # %% [markdown]
-# # A measured bar, looked at critically
+# # A critical look at a measured bar
 #
-# Admittance of a PZT bar 12 × 3 × 1 mm around its first length resonance: Tsurumi et al., *J. Am. Ceram. Soc.* 85
-# (2002) 1993, fig. 1, points interpolated from the printed figure by X. Xiong (MIT licence). The data are not part
-# of this repository; FEMU_PIEZO_MEASURED names their folder.
+# The data are the admittance of a PZT bar 12 × 3 × 1 mm around its first length resonance: Tsurumi et al., *J. Am.
+# Ceram. Soc.* 85 (2002) 1993, fig. 1; points interpolated from the printed figure by X. Xiong (MIT licence). They are
+# not part of this repository; the environment variable FEMU_PIEZO_MEASURED names their folder.
 
 # %%
 import os
@@ -34,7 +34,7 @@ sweep = outcome.measured.spectrum
 # %% [markdown]
 # ## The constants by the 1-D bar
 #
-# The same sweep by the textbook formula, log Y by least squares.
+# The textbook formula is fitted to the same sweep by least squares of log Y.
 
 # %%
 units = np.array([1e-12, -1e-12, EPS0])
@@ -62,16 +62,16 @@ for index, name in enumerate(("s11", "d31", "eps33T")):
     )
 print(f"rms |Δ log Z|: finite elements {100 * outcome.rms_after:.2f} %, 1-D bar {100 * rms:.2f} %")
 
-# The figures of the 1-D fit in the description of the data set: four digits are given.
+# The description of the data set gives the results of the 1-D fit with four digits.
 for value, described in zip(bar, (13.46, 133.0, 1301.0, 0.0115, 0.0254, 0.0285), strict=True):
     assert abs(value / described - 1) < 5e-3
 
 # %% [markdown]
 # ## Why they differ
 #
-# The bar is a quarter as wide as long: lateral inertia lowers its resonance, which the 1-D formula takes for a larger
-# s11. Rayleigh's correction of λ is (π/L)² (ν12² w² + ν13² t²)/12 with ν12 = −s12/s11, ν13 = −s13/s11. It needs s12
-# and s13, which were held at the values of PZT-4.
+# The width of the bar is a quarter of its length. Lateral inertia lowers the resonance, which the 1-D formula
+# interprets as a larger s11. Rayleigh's correction of λ is (π/L)² (ν12² w² + ν13² t²)/12 with ν12 = −s12/s11, ν13 =
+# −s13/s11. It needs s12 and s13, which were held at the values of PZT-4.
 
 # %%
 fem, held = result.parameters["s11"].value, result.constants
@@ -79,16 +79,16 @@ nu12, nu13 = -held.s12.real / fem, -held.s13.real / fem
 rayleigh = (np.pi / 12e-3) ** 2 * ((nu12 * 3e-3) ** 2 + (nu13 * 1e-3) ** 2) / 12
 excess = bar[0] * 1e-12 / fem - 1
 print(f"\ns11: 1-D bar above finite elements by {100 * excess:.2f} %; Rayleigh's correction {100 * rayleigh:.2f} %")
-# The correction is the first term of a series in (w/L)² = 0.06, and the fits see noise of 0.03 %.
+# The correction is the first term of a series in (w/L)² = 0.06, and the noise of the sweep is 0.03 %.
 assert abs(excess / rayleigh - 1) < 0.15
 
 # %% [markdown]
 # ## What is wrong with the data
 #
-# The intervals above hold for noise, and this is not noise: three printed digits, points joined by straight lines
-# (a third of all second differences are zero to rounding), and a misfit of 3.5 %, ten times the steps of the digits and
-# smooth in frequency. `update` notices: it says that neighbouring residuals are correlated and takes its standard
-# deviations from parts of the sweep.
+# The data have errors that are not random noise: three printed digits, points joined by straight lines (a third of all
+# second differences are zero to rounding), and a misfit of 3.5 %, which is ten times the rounding of the digits and
+# smooth in frequency. `update` adds a discrepancy for the smooth misfit, which widens its standard deviations, and a
+# note says so.
 
 # %%
 residual = residual_in_sigma(outcome)
@@ -98,10 +98,12 @@ straight = [np.mean(np.abs(np.diff(part, 2)) < 1e-9 * np.abs(part).max()) for pa
 print(f"correlation of neighbouring residuals {neighbours:.2f}")
 print(f"straight pieces: {straight[0]:.0%} of G, {straight[1]:.0%} of B")
 assert neighbours > 0.8 and min(straight) > 0.2
-assert 0.02 < outcome.rms_after < 0.04  # 3.5 % left: a real sweep of such a bar leaves 0.1 %
+assert 0.02 < outcome.rms_after < 0.04  # misfit 3.5 %; for a good sweep of such a bar it is 0.1 %
 top, valley = (conductance[np.argmin(np.abs(sweep.frequency - at))] for at in (116.3e3, 117.2e3))
-print(f"G falls from {top:.3g} S at 116.3 kHz to {valley:.3g} S at 117.2 kHz, below its own resonance:")
-print("no bar does this alone; a slip in reading the figure, or another resonance of the piece or its holder")
+print(f"G falls from {top:.3g} S at 116.3 kHz to {valley:.3g} S at 117.2 kHz, below the resonance of the bar:")
+print(
+    "a bar alone does not do this; it is an error in reading the figure, or a resonance of another part or the holder"
+)
 assert valley < 0.95 * top
 
 # %%
@@ -111,7 +113,7 @@ kilohertz = sweep.frequency * 1e-3
 upper.semilogy(kilohertz, conductance, ".", color="#222222", markersize=3, label="read off the printed figure")
 upper.semilogy(kilohertz, (1 / outcome.updated_curve).real, color="#c0392b", label="finite elements, updated")
 upper.semilogy(kilohertz, one_dimensional(bar).real, "--", color="#1f4e79", label="1-D bar, fitted")
-upper.annotate("slip or stranger", (116.3, 2.97e-5), (112.0, 1e-4), arrowprops={"arrowstyle": "->"})
+upper.annotate("reading error or\nother resonance", (116.3, 2.97e-5), (112.0, 1e-4), arrowprops={"arrowstyle": "->"})
 upper.set(ylabel="G (S)", title="measured k31 bar 12 × 3 × 1 mm (Tsurumi et al. 2002)")
 upper.legend(frameon=False)
 lower.plot(kilohertz, residual.real, ".", color="#34495e", markersize=3, label="log |Z|")
@@ -124,12 +126,12 @@ figure.savefig(OUT / "critique.png", dpi=150)
 print(f"pictures are in {OUT}")
 
 # %% [markdown]
-# ## What the diagnosis makes of it
+# ## The diagnosis
 #
-# Every effect of the library is tried on top of the three constants, with the band from 130 to 132 kHz kept from all
-# fits. The answer is an honest *unknown*: what is left over is far beyond the roughness of the points and smooth in
-# frequency, and nothing in the library explains it. The best candidate is a series resistance of some −300 Ω, which no
-# lead has. It takes a few per cent off the misfit, and does not help where no fit has looked.
+# `diagnose` tries every effect of the library together with the three constants; no fit uses the band from 130 to 132
+# kHz. The verdict is *unknown*: the remaining misfit is far larger than the scatter of the points and smooth in
+# frequency, and no effect of the library explains it. The best candidate is a series resistance of about −300 Ω, which
+# no lead has. It reduces the misfit by a few per cent only, and does not improve the prediction of the held-out band.
 
 # %%
 wish = specimen.measurement.model_copy(update={"held_out": (130e3, 132e3)})
@@ -140,26 +142,26 @@ for words, points in (("fitted points", diagnosis.fitted), ("held-out band", ~di
     print(f"{words}: rms |Δ log Z| {100 * rms_before:.2f} % before, {100 * rms_after:.2f} % after")
 print(diagnosis)
 left = diagnosis.verdict.before
-print(f"  probability of such neighbours by chance: {left.p_white:.1g}")
+print(f"  probability of such a correlation of neighbouring points by chance: {left.p_white:.1g}")
 assert diagnosis.verdict == "unknown"
-assert left.size > 30 and left.p_white < 1e-6  # not noise, and it says so
+assert left.size > 30 and left.p_white < 1e-6  # the misfit is not noise
 assert max((cause.probability for cause in diagnosis.causes), default=0.0) < 0.9
 
 # %% [markdown]
-# ## Is it the simulation at all?
+# ## Is the simulation wrong, or the data?
 #
-# A test that needs no finite elements: one resonance in the sweep and one above it on a background, C(ω) = a + b ω² +
-# r/(λ − ω²) + r′/(λ′ − ω²) with six complex numbers. Any linear body with one mode in the band looks like this,
-# whatever its shape, its constants, its electrodes and its cable are. It cannot follow these points any better, and the
-# diagnosis says so.
+# This test needs no finite elements. The sweep is fitted by one resonance in the band and one above it on a background,
+# C(ω) = a + b ω² + r/(λ − ω²) + r′/(λ′ − ω²) with six complex numbers. Every linear body with one mode in the band has
+# this response, whatever its shape, constants, electrodes and cable. This function does not fit the points better than
+# the finite elements do, and the diagnosis says so.
 
 # %%
 bound = linear_body_misfit(sweep, [128.1e3])
-print(f"\none resonance of any body: {100 * bound:.2f} %; the finite elements: {100 * outcome.rms_after:.2f} %")
-# The finite elements have six numbers, the linear body twelve.
+print(f"\nmisfit of the best linear body: {100 * bound:.2f} %; of the finite elements: {100 * outcome.rms_after:.2f} %")
+# The finite element model has six real parameters, the linear body twelve.
 assert bound < outcome.rms_after < 1.1 * bound
-print("so the misfit is in the points, not in the simulation: read off a figure, to three digits, joined by lines.")
-# The diagnosis makes the same test, and the reader of the file has noticed the lines.
+print("so the data are wrong, not the simulation: they were read off a figure, to three digits, and joined by lines.")
+# The diagnosis makes the same test, and reading the file has found the straight lines.
 assert diagnosis.linear_body.to_blame and diagnosis.linear_body.resonances == 1
 assert any("straight lines" in note for note in diagnosis.notes)
 diagnosis.save(OUT, report=True)

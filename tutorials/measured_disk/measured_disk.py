@@ -1,9 +1,10 @@
 # %% [markdown]
-# # A measured disk: what one radial mode tells, and what it cannot
+# # A measured disk: what one radial mode determines, and what it does not
 #
-# Impedance of a PZT disk ⌀35 × 2 mm around its first radial mode: Li et al., *IEEE Trans. UFFC* 68 (2021) 3446, fig. 1,
-# via X. Xiong (repository radial-vibration-analysis, MIT licence). The data are not part of this repository;
-# FEMU_PIEZO_MEASURED names their folder. Of the disk diameter, thickness and mass (14.8993 g) are known.
+# The data are the impedance of a PZT disk ⌀35 × 2 mm around its first radial mode: Li et al., *IEEE Trans. UFFC* 68
+# (2021) 3446, fig. 1, from X. Xiong (repository radial-vibration-analysis, MIT licence). They are not part of this
+# repository; the environment variable FEMU_PIEZO_MEASURED names their folder. Diameter, thickness and mass (14.8993 g)
+# are known.
 
 # %%
 import os
@@ -45,8 +46,9 @@ print(pair.remark)
 # %% [markdown]
 # ## Four constants free
 #
-# A radial mode stretches the disk in both directions at once, so that s11 and s12 enter together. The points scatter by
-# 0.01 % and the model leaves 0.7 %: what is left is no noise, and a stated `noise` makes all points weigh alike.
+# A radial mode strains the disk in both directions in its plane, so that s11 and s12 act together. The scatter of
+# the points is 0.01 % and the misfit of the model 0.7 %, so the misfit is not noise. A stated `noise` gives all points
+# equal weight.
 
 # %%
 weights = {"measurement": specimen.measurement.model_copy(update={"noise": 0.005})}
@@ -67,16 +69,16 @@ assert result.known.verdict("s11") == result.known.verdict("s12") == "not"
 # %% [markdown]
 # ## The Poisson ratio as an assumption
 #
-# The planar Poisson ratio σ = −s12/s11 decides where s11 ends up, and the misfit does not care: the fundamental cannot
-# tell it. The first overtone would (its frequency relative to the fundamental depends on σ); this sweep ends at 72 kHz,
-# the overtone lies near 145 kHz. What does not depend on the assumption is determined: ε33T, d31, kp.
+# s11 depends on the assumed planar Poisson ratio σ = −s12/s11, but the misfit does not: the fundamental does not
+# determine σ. The first overtone would (the ratio of its frequency to the fundamental depends on σ), but the overtone
+# is near 145 kHz and this sweep ends at 72 kHz. ε33T, d31 and kp do not depend on the assumption and are determined.
 
 
 # %%
 def with_poisson(ratio):
-    """Update s11, d31, ε33T with s12 = −ratio·s11, of the same loss tangent; s12 follows in three rounds.
+    """Update s11, d31, ε33T with s12 = −ratio·s11 and the same loss tangent for both; three rounds adjust s12.
 
-    Everything else is taken as the file says, so that the ratio alone makes the difference.
+    Everything else is as in the file, so that only the ratio differs.
     """
     s11, tangent = 16e-12, 0.012
     for _ in range(3):
@@ -103,7 +105,8 @@ def spread(values):
     return float(np.ptp(np.real(values)) / np.mean(np.abs(values)))
 
 
-# Over every σ a PZT can have: the misfit within 1 % of itself, d31 and ε33T within 0.5 %, kp within 1.5 %, s11 not.
+# Over all σ that occur for PZT the misfit varies by less than 1 %, d31 and ε33T by 0.5 %, kp by 1.5 %, s11 by more than
+# 10 %.
 assert spread([one.outcomes[0].rms_after for one in found]) < 0.01
 assert spread([one.constants.d31 for one in found]) < 5e-3
 assert spread([one.constants.eps33T for one in found]) < 5e-3
@@ -115,10 +118,9 @@ assert spread(overtones) > 0.01  # a hundred times the error of a measured frequ
 # ## Why Q is 80 at the pole and 141 at the zero
 #
 # At the pole the electrodes are short-circuited and only the elastic loss tan φ (at constant field) damps the mode:
-# Q = 1/tan φ. At the zero the field of the piezoelectric charges takes part, and its share of the loss is
-# 2 tan θ − tan δ − tan φ times a number that grows with coupling, with the sign of a gain where tan θ is large. With
-# tan θ equal to the mean of the other two the factors would be equal; with no piezoelectric loss at all the zero
-# would be the more damped of the two.
+# Q = 1/tan φ. At the zero the piezoelectric field contributes too: the loss is lower by 2 tan θ − tan δ − tan φ times a
+# factor that increases with the coupling factor. If tan θ is the mean of tan φ and tan δ, both Q are equal; without
+# piezoelectric loss the zero is damped more than the pole.
 
 # %%
 held = found[1].constants
@@ -138,7 +140,7 @@ for words, tangent in (("as found", theta), ("at the mean", (phi + delta) / 2), 
     quality_factors[words] = [quality(constants, circuit) for circuit in ("short", "open")]
     at_pole, at_zero = quality_factors[words]
     print(f"  tan θ {words:12s} {tangent:.4f}: Q = {at_pole:6.1f} (pole), {at_zero:6.1f} (zero)")
-# 3 %: the fit weighs the whole curve, whose misfit of 0.7 % is systematic; a mode alone gave 80 and 141.
+# 3 %: the fit is to the whole curve, whose misfit of 0.7 % is systematic; the extraction of the mode gave 80 and 141.
 assert np.allclose(quality_factors["as found"], [80.3, 140.7], rtol=0.03)
 assert quality_factors["none"][1] < 0.6 * quality_factors["none"][0]
 balanced = quality_factors["at the mean"]
@@ -159,7 +161,7 @@ quantities = (
 )
 for name, values, marker, color in quantities:
     left.plot(ratios, np.array(values) / values[1], marker, color=color, label=name)
-left.set(xlabel="assumed σ = −s12/s11", ylabel="relative to σ = 0.30", title="what one mode cannot tell")
+left.set(xlabel="assumed σ = −s12/s11", ylabel="relative to σ = 0.30", title="what one mode does not determine")
 left.legend(frameon=False)
 for offset, (words, values) in enumerate(quality_factors.items()):
     right.bar(np.arange(2) + 0.27 * (offset - 1), values, 0.25, label=f"tan θ {words}")
@@ -174,11 +176,11 @@ print(f"pictures are in {OUT}")
 # %% [markdown]
 # ## What the simulation gets wrong
 #
-# The four constants leave 0.7 %, the sweep scatters by 0.01 %. Every effect of the library is tried, with the band from
-# 60 to 63 kHz kept from all fits. None explains it, and the verdict is *unknown*.
+# The misfit with four free constants is 0.7 %, the scatter of the sweep 0.01 %. `diagnose` tries every effect of the
+# library; no fit uses the band from 60 to 63 kHz. No effect explains the misfit, and the verdict is *unknown*.
 #
-# One thing to know: this diagnosis weighs every point by its scatter, which is largest at the pole, the updates above
-# weigh all alike. Where the misfit is not noise neither is right, and the rms differs: 1.3 % here against 0.7 %.
+# This diagnosis weights every point by its scatter, which is largest at the pole; the updates above weight all points
+# equally. Where the misfit is not noise, neither weighting is right, and the rms differs: 1.3 % here, 0.7 % above.
 
 # %%
 wish = specimen.measurement.model_copy(update={"held_out": (60e3, 63e3)})
@@ -199,18 +201,18 @@ assert diagnosis.verdict == "unknown"
 assert max((cause.probability for cause in diagnosis.causes), default=0.0) < 0.9
 
 # %% [markdown]
-# ## Is it the simulation at all?
+# ## Is the simulation wrong, or the data?
 #
-# A test that needs no finite elements: one resonance in the sweep and one above it on a background, C(ω) = a + b ω² +
-# r/(λ − ω²) + r′/(λ′ − ω²) with six complex numbers. Any linear body with one mode in the band looks like this,
-# whatever its constants, its electrodes and its cable are. It leaves nearly the same, and the diagnosis says so. No
-# better constants and no effect that keeps the disk linear will do; what can are the drive level (a resonance that
-# moves with the current), a drift of temperature over the sweep, or the way the figure became numbers. One sweep does
-# not tell them apart: measure up and down, and at a tenth of the voltage.
+# This test needs no finite elements. The sweep is fitted by one resonance in the band and one above it on a background,
+# C(ω) = a + b ω² + r/(λ − ω²) + r′/(λ′ − ω²) with six complex numbers. Every linear body with one mode in the band has
+# this response, whatever its constants, electrodes and cable. Its misfit is nearly the same, and the diagnosis says so.
+# So neither other constants nor an effect that keeps the disk linear can explain the misfit. Possible causes are the
+# drive level (the resonance depends on the current), a drift of temperature over the sweep, or errors in reading the
+# figure. One sweep does not separate them: measure up and down, and at a tenth of the voltage.
 
 # %%
 bound, found_rms = linear_body_misfit(sweep, [55.6e3]), result.outcomes[0].rms_after
-print(f"\none resonance of any body: {100 * bound:.2f} %; the finite elements: {100 * found_rms:.2f} %")
+print(f"\nmisfit of the best linear body: {100 * bound:.2f} %; of the finite elements: {100 * found_rms:.2f} %")
 assert bound < found_rms < 1.2 * bound
 linear = diagnosis.linear_body
 print(f"in multiples of the scatter: {linear.least:.1f} and {linear.model:.1f}")

@@ -1,7 +1,7 @@
 """Make sweep.csv: the simulated measurement of a k31 bar with a dot of solder on each end.
 
-Not by finite elements: Rayleigh-Ritz with global Legendre polynomials (tests/hidden_effects/ritz.py), a full solve at
-every frequency, and 0.2 % of noise. Takes a minute: python tutorials/own_effect/make_sweep.py
+The method is not finite elements but Rayleigh-Ritz with global Legendre polynomials (tests/hidden_effects/ritz.py),
+with a full solve at every frequency and 0.2 % of noise. Takes a minute: python tutorials/own_effect/make_sweep.py
 """
 
 import sys
@@ -16,7 +16,7 @@ from hidden_effects.ritz import RitzPlate  # noqa: E402
 
 SIZE, DENSITY = (30e-3, 5e-3, 1e-3), 7500.0
 EPS0 = 8.8541878128e-12
-#: s11 s12 s13 s33 s44 d31 d33 d15 eps11T eps33T of PZT-5H but for s11, d31 and eps33T, each with its loss tangent.
+#: s11 s12 s13 s33 s44 d31 d33 d15 eps11T eps33T of PZT-5H except for s11, d31 and eps33T, each with its loss tangent.
 TRUTH = np.array(
     [
         16.8e-12 * (1 - 0.0150j),

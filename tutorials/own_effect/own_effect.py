@@ -1,13 +1,13 @@
 # %% [markdown]
 # # Writing your own effect: solder on the ends of a bar
 #
-# A k31 bar, 30 × 5 × 1 mm, with wires soldered to its two ends. No effect of the library is a mass on an end. This
-# tutorial writes one, checks it against what is known of it, and lets the diagnosis find it in a sweep
-# (`make_sweep.py`: Rayleigh-Ritz, not finite elements; 22.5 mg on each end, 2 % of the bar; 0.2 % of noise).
+# A k31 bar, 30 × 5 × 1 mm, has wires soldered to its two ends. The library has no effect for a mass on an end. This
+# tutorial writes one, checks it against theory, and lets the diagnosis find it in a sweep (`make_sweep.py`:
+# Rayleigh-Ritz, not finite elements; 22.5 mg on each end, 2 % of the bar; 0.2 % of noise).
 #
-# Everything in this package is one sum, A(ω, θ) = Σ_q c_q(ω, θ) A_q − ω² M. An effect is data: further matrices A_q
-# with their coefficients, or a change of the constants, of the dimensions, or a circuit around the terminals. The file
-# `effects/end_mass.py` holds it all: the weak form ∫ v·u dS over the end face, the coefficient m/A with its slope, the
+# The model is the sum A(ω, θ) = Σ_q c_q(ω, θ) A_q − ω² M. An effect is described by data: further matrices A_q with
+# their coefficients, or a change of the constants or of the dimensions, or a circuit at the terminals. The file
+# `effects/end_mass.py` contains the weak form ∫ v·u dS over the end face, the coefficient m/A with its derivative, the
 # parameter with unit and bounds, and a sentence in words.
 
 # %%
@@ -33,10 +33,10 @@ sys.path.insert(0, str(HERE / "effects"))
 import end_mass  # noqa: E402
 
 # %% [markdown]
-# ## The matrix, checked by what is known
+# ## Check of the matrix
 #
-# One eighth of the bar is computed; a quarter of its end face is the end of that. The integral of one over it is the
-# area, and the thin bar with a mass m on each end has its poles where cot X = 2 (m/M) X, f = X/(π L √(ρ s11)).
+# One eighth of the bar is computed, with a quarter of the end face. The integral of one over that quarter is its area.
+# A thin bar with a mass m on each end has its poles where cot X = 2 (m/M) X, f = X/(π L √(ρ s11)).
 
 # %%
 pzt = library_material("pzt-5h")
@@ -61,7 +61,7 @@ def thin_bar(share, mode):
 
 
 def pole(share, mode):
-    """The same by finite elements; the inertia −ω² m/A depends on the frequency that is looked for."""
+    """The same by finite elements; the iteration is needed because the inertia −ω² m/A depends on the frequency."""
     frequency = thin_bar(share, mode)
     for _ in range(8):
         load = {"end mass": -((2 * np.pi * frequency) ** 2) * share * mass / section}
@@ -77,50 +77,50 @@ for share in shares:
     shifts.append([by(share, n) / by(0.0, n) - 1 for n in (1, 2) for by in (pole, thin_bar)])
     print(f"m/M = {share:4.2f}       " + "".join(f"{100 * value:12.3f} %" for value in shifts[-1]))
 first, thin_first, second, thin_second = np.array(shifts).T
-# Lateral inertia is what differs from the thin bar: (w/L)² = 0.4 % at the first mode, more at the second.
+# The difference to the thin bar is due to lateral inertia: (w/L)² = 0.4 % at the first mode, more at the second.
 assert np.allclose(first, thin_first, rtol=4e-3) and np.allclose(second, thin_second, rtol=0.01)
 
 # %% [markdown]
 # ## What to expect
 #
-# To first order both modes fall by the same 2 m/M, and that is just a larger s11. Only where 2 (m/M) X is no longer
-# small do they part. So no length mode tells a light dot from s11; it takes a heavy one, or a mode across the width,
-# and the diagnosis will have to weigh that.
+# To first order the frequencies of both modes fall by the same share 2 m/M, exactly as with a larger s11. The shares
+# differ only where 2 (m/M) X is no longer small. So length modes cannot separate a light dot of solder from s11; that
+# takes a heavy dot, or a mode across the width.
 
 # %% [markdown]
-# ## Before: a library without the cause
+# ## Diagnosis with a library that lacks the cause
 #
-# A library can name only what it holds. Where the truth is not in it, the best of the others takes its place; what
-# gives that away is what is left over. (Allowed to join three causes, it may even hide the rest: three causes at once,
-# or one of an absurd size such as a negative inductance, ask for a look at the specimen.)
+# `diagnose` can name only effects of the library. If the true cause is missing, other candidates may imitate it, and
+# only the remaining misfit shows this. (Three causes together may even explain the whole misfit: if a diagnosis names
+# three causes at once, or one with an absurd size such as a negative inductance, inspect the specimen.)
 
 # %%
 specimen = fp.read_specimen(HERE / "bar.toml")
 before = fp.diagnose(specimen, rules=Rules(most_causes=1))
 print(f"\nwithout the new effect: {before.verdict}, {', '.join(map(str, before.causes))}")
 left = np.sqrt(before.verdict.after.size)
-print(f"  left over: {left:.2f} times the noise")
-assert left > 1.2 and before.verdict.after.structured  # beyond noise, and it says so
+print(f"  remaining misfit: {left:.2f} times the noise")
+assert left > 1.2 and before.verdict.after.structured  # the misfit exceeds the noise
 
 # %% [markdown]
-# ## The effect joins the library
+# ## Diagnosis with the new effect
 #
-# The library is a list of functions that look at a specimen (an `EffectContext`) and make the effects it may have. One
-# more function in the list takes part like all others; so does an `Effect` itself. (In a checkout the file goes into
-# the folder `femu_piezo/effects/library`. Specimen files cannot do this: they never run code.)
+# The library is a list of functions; each takes the description of a specimen (an `EffectContext`) and returns the
+# effects that the specimen may have. You can add a function, or an `Effect`, to the list. (In a checkout, put the file
+# into the folder `femu_piezo/effects/library`. Specimen files cannot add effects: they never run code.)
 
 # %%
 after = fp.diagnose(specimen, effects=[*fp.effects.library, end_mass.candidates])
-print(f"\nwith it:\n{after}")
+print(f"\nwith the new effect:\n{after}")
 
 (cause,) = after.causes
 assert after.verdict == "effect" and str(cause) == "end_mass"
-# 22.5 mg went into the data; the deviation is the one that the diagnosis states.
+# The data contain 22.5 mg; the standard deviation is that of the diagnosis.
 mass = cause.parameters["mass"]
 assert abs(mass.value - 22.5e-6) < 3 * mass.std < 2e-6
 
 # %% [markdown]
-# `extended.toml` among the saved files has `[effects.end_mass]`; whatever reads it must know the effect.
+# The saved file `extended.toml` has a table `[effects.end_mass]`; a function that reads this file needs the effect.
 
 # %%
 after.save(OUT)
@@ -129,15 +129,16 @@ print(f"updated with the mass: rms |Δ log Z| {100 * again.outcomes[0].rms_after
 assert again.outcomes[0].rms_after < 2.2e-3
 
 # %% [markdown]
-# ## What it had done to s11
+# ## The error of s11 without the effect
 #
-# The mass had hidden in s11, 8 % too large at a standard deviation of 0.03 %: a precise and wrong result.
+# Without the mass in the model, s11 is 8 % too large, with a standard deviation of 0.2 %: a precise but wrong result.
 
 # %%
 gain = after.gain
 old, new = after.parameters_before["s11"], after.parameters["s11"]
 print(f"\ns11: {old.value * 1e12:.3f} without, {new.value * 1e12:.3f} ± {new.std * 1e12:.3f} with the mass; true 16.8")
-print(f"error on unseen data: {100 * gain['held_out_before']:.2f} % before, {100 * gain['held_out_after']:.2f} % after")
+print(f"error in data that no fit used: {100 * gain['held_out_before']:.2f} % before, ", end="")
+print(f"{100 * gain['held_out_after']:.2f} % after")
 assert old.value / 16.8e-12 > 1.05 and abs(new.value - 16.8e-12) < 3 * new.std
 assert gain["held_out_after"] < 1.3 * gain["noise_floor"]
 
@@ -147,14 +148,14 @@ axes = figure.subplots()
 kilohertz = after.spectrum.frequency * 1e-3
 sigma = after.relative_noise / np.sqrt(2)
 for curve, color, words in zip(
-    (after.curves[0], after.curves[1]), ("#8c8c8c", "#c0392b"), ("plate alone", "with solder on its ends"), strict=True
+    (after.curves[0], after.curves[1]), ("#8c8c8c", "#c0392b"), ("bar alone", "with solder on its ends"), strict=True
 ):
     axes.plot(
         kilohertz, np.log(curve / after.spectrum.impedance).real / sigma, ".", color=color, label=words, markersize=4
     )
 axes.axhspan(-2, 2, color="#dfe8df", zorder=0)
 axes.set(xlabel="frequency (kHz)", ylabel="residual of log |Z| (σ)")
-axes.set_title(f"an effect of one's own: {1e6 * mass.value:.1f} ± {1e6 * mass.std:.1f} mg on each end of a bar")
+axes.set_title(f"solder on the ends of a bar: {1e6 * mass.value:.1f} ± {1e6 * mass.std:.1f} mg on each end")
 axes.legend(frameon=False)
 figure.savefig(OUT / "end_mass.png", dpi=150)
 print(f"pictures are in {OUT}")

@@ -1,24 +1,24 @@
 # %% [markdown]
 # # The identification of the paper, step by step
 #
-# Cong, Hu, Li, *Smart Mater. Struct.* 31 (2022) 125010, section 4: the k31 plate. Every step is computed here, and what
-# the paper prints stands beside it.
+# Cong, Hu, Li, *Smart Mater. Struct.* 31 (2022) 125010, section 4: the k31 plate. Every step is computed here and
+# compared with the printed values of the paper.
 #
 # | figure of the paper | here | |
 # |---|---|---|
 # | 3 | `sensitivity.png` | sensitivity of Z to each constant |
-# | 10 | `prony_ss.png`, above left | impulse response of Y, whose exponentials are the poles |
-# | 11 | `prony_ss.png`, above right | stabilization diagram of the poles |
-# | 12 | `prony_ss.png`, below left | impulse response of Z, whose exponentials are the zeros |
-# | 13 | `prony_ss.png`, below right | stabilization diagram of the zeros |
+# | 10 | `prony_ss.png`, top left | impulse response of Y, whose exponentials are the poles |
+# | 11 | `prony_ss.png`, top right | stabilization diagram of the poles |
+# | 12 | `prony_ss.png`, bottom left | impulse response of Z, whose exponentials are the zeros |
+# | 13 | `prony_ss.png`, bottom right | stabilization diagram of the zeros |
 # | 4, 5, 7 | none | flow charts, no computations; the steps are those of figure 5 |
-# | 1, 2, 8, 9, 14, 15 | by what they can show, not by number | see below |
+# | 1, 2, 8, 9, 14, 15 | not assigned one by one | see below |
 #
-# Of the last row the numbers are not matched, since the captions of these figures are not at hand. What the sections
-# around them compute is here: the plate's impedance before and after (`baseline.png`, `impedance.png`), its resistance
-# and |Z| with the printed pole, zero and low point (`printed.png`), and the iteration (`iteration.png`). The
-# photographs and the measured sweep of the k33 bar are not printed as numbers and cannot be drawn;
-# [k33_bar](../k33_bar/k33_bar.py) takes its Table 6 instead.
+# The figures of the last row are not assigned to pictures, since their captions were not available. This tutorial shows
+# what the sections around them compute: the impedance of the plate before and after the update (`baseline.png`,
+# `impedance.png`), its resistance and |Z| with the printed pole, zero and low-frequency point (`printed.png`), and the
+# iteration (`iteration.png`). The photographs and the measured sweep of the k33 bar are not printed as numbers;
+# [k33_bar](../k33_bar/k33_bar.py) uses Table 6 instead.
 
 # %%
 import os
@@ -47,7 +47,8 @@ sweep = fp.read_spectrum(HERE.parent / "k31_plate" / "sweep.csv")
 # %% [markdown]
 # ## Baseline and target (Table 1)
 #
-# The baseline is TJ52-HD of a data sheet, without loss; the target, whose sweep is the measurement, is 10 to 25 % off.
+# The baseline is TJ52-HD of a data sheet, without loss; it is 10 to 25 % off the target, whose sweep is the
+# measurement.
 
 # %%
 baseline = SimplifiedK31.of(library_material("tj52-hd").constants)
@@ -69,10 +70,10 @@ assert set(sensitive.outcomes[0].sensitivity.strongest()[:3]) == {"s11", "d31", 
 # %% [markdown]
 # ## Poles and zeros by Prony-SS (section 3, figures 10 to 13)
 #
-# The impulse responses of Y and Z, and the stabilization diagrams whose columns are poles and zeros, are in
-# `prony_ss.png`. A window cuts the ends of the band off, so the target is swept up to 100 kHz for it. The paper's λ are
-# those of hexahedra of 1 mm. The fit in the frequency domain (`fp.extract` by itself) finds the same in the sweep
-# up to 50 kHz.
+# `prony_ss.png` shows the impulse responses of Y and Z, and the stabilization diagrams, whose columns are poles and
+# zeros. Prony-SS uses a window that suppresses the ends of the band, so the target is swept up to 100 kHz here. The λ
+# of the paper are for hexahedra of 1 mm. The fit in the frequency domain (the default of `fp.extract`) finds the same
+# poles and zeros in the sweep up to 50 kHz.
 
 # %%
 constants = {"s11": 15.84e-12, "d31": -293.25e-12, "eps33T": 2422.5 * EPS0}
@@ -110,19 +111,20 @@ for own, part, words in ((resistance, np.abs(sweep.impedance.real), "R"), (modul
     own.set_ylabel(f"{words} (Ω)")
     for value, title, colour in marks:
         own.axvline(np.sqrt(value.real) / (2 * np.pi), linestyle="--", lw=0.9, label=title, color=colour)
-resistance.plot(100.0, 5563.4, "o", color="#c0392b", label="the paper's low point")
+resistance.plot(100.0, 5563.4, "o", color="#c0392b", label="100 Hz, of the paper")
 modulus.plot(100.0, abs(5563.4 - 370920j), "o", color="#c0392b")
 resistance.legend(frameon=False)
 modulus.set_xlabel("frequency (Hz)")
-resistance.set_title("The sweep of the target and what the paper prints of it")
+resistance.set_title("The sweep of the target, and values printed in the paper")
 figure.savefig(OUT / "printed.png", dpi=120)
 assert abs(sweep.impedance[0] / (5563.4 - 370920j) - 1) < 1e-4
 
 # %% [markdown]
 # ## The first pass through eq 61
 #
-# From the paper's own λ, on a mesh of 1 mm like its own. c11, s11 and α agree to all digits. The printed γ does not
-# follow from exact derivatives: these give 2.884 + 0.072j; both iterations end at the same constants.
+# The pass starts from the λ of the paper and uses a mesh of 1 mm as in the paper. c11, s11 and α agree to all digits.
+# The printed γ does not follow from exact derivatives, which give 2.884 + 0.072j; both iterations end at the same
+# constants.
 
 # %%
 coarse = ElectroelasticModel(plate.domain((40, 8, 4), ()), DENSITY, order=1)
@@ -141,9 +143,9 @@ for _, ours, paper in rows[:3]:
 assert abs(gamma * EPS0 / (2.884 + 0.0718j) - 1) < 1e-3
 
 # %% [markdown]
-# ## The iteration to its end
+# ## The complete iteration
 #
-# From the paper's λ to its target: s11 = 15.84, tan φ = 0.016, d31 = −293.25, tan θ = 0.013 (dashed).
+# From the λ of the paper to its target: s11 = 15.84, tan φ = 0.016, d31 = −293.25, tan θ = 0.013 (dashed).
 
 # %%
 near = baseline.full().with_values(d31=-2.9e-10, s11=15.8e-12, s33=15.8e-12, s44=40.6e-12)
@@ -170,10 +172,10 @@ for words, values, paper in panels:
     assert abs(values[-1] / paper - 1) < 4e-3
 
 # %% [markdown]
-# ## And the whole curve
+# ## The update from the whole curve
 #
-# With the sweep of a converged mesh the update gives the target to 1e-4 ([k31_plate](../k31_plate/k31_plate.py)); its
-# curve is in `impedance.png`.
+# From the sweep of a converged mesh the update finds the target to 1e-4 ([k31_plate](../k31_plate/k31_plate.py));
+# `impedance.png` shows its curve.
 
 # %%
 for name, value in (("s11", 15.84e-12), ("d31", -293.25e-12), ("eps33T", 2422.5 * EPS0)):

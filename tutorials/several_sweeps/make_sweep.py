@@ -1,7 +1,7 @@
 """Make up.csv and down.csv: a plate that cools down while it is measured, once upwards and then, at once, downwards.
 
-Not by finite elements: the spectral elements of tests/hidden_effects, a full solve with other compliances at every
-frequency, and 0.1 % of noise. Takes a minute: python tutorials/several_sweeps/make_sweep.py
+The method is not finite elements but the spectral elements of tests/hidden_effects, with a full solve with other
+compliances at every frequency and 0.1 % of noise. Takes a minute: python tutorials/several_sweeps/make_sweep.py
 """
 
 import sys
@@ -16,7 +16,7 @@ from hidden_effects.build import Build  # noqa: E402
 
 SIZE, DENSITY = np.array([12e-3, 6.7e-3, 1.6e-3]), 7500.0
 EPS0 = 8.8541878128e-12
-#: value and loss tangent: s11 s12 s13 s33 s44 d31 d33 d15 eps11T eps33T; PZT-5H but for s11, d31 and eps33T.
+#: Value and loss tangent: s11 s12 s13 s33 s44 d31 d33 d15 eps11T eps33T; PZT-5H except for s11, d31 and eps33T.
 TRUTH = np.array(
     [
         17.0e-12 * (1 - 0.0160j),
@@ -31,13 +31,13 @@ TRUTH = np.array(
         3500 * EPS0 * (1 - 0.0180j),
     ]
 )
-#: Resonances rise by so much (relative) from the beginning of a sweep to its end; both sweeps take the same time.
+#: Relative rise of the resonance frequencies from the beginning of a sweep to its end; both sweeps take the same time.
 DRIFT, NOISE = 1.2e-3, 1e-3
 FREQUENCY = np.linspace(20e3, 240e3, 401)
 
 
 def cooling(passed):
-    """The compliances over the share of a sweep that has passed, as a function of frequency."""
+    """The compliances as a function of frequency; `passed` gives the share of the sweep's time that has passed."""
 
     def law(theta: np.ndarray, frequency: float) -> np.ndarray:
         found = theta.copy()

@@ -1,11 +1,12 @@
 # %% [markdown]
 # # Several sweeps of one specimen
 #
-# A plate of PZT-5H, 12 × 6.7 × 1.6 mm, has come out of an oven a little early: it cools down while it is measured, and
-# its resonances rise by 0.12 % from the beginning of the sweep to its end. That is a thirteenth of the width of a
-# resonance, and no curve looks odd. The data are not made by finite elements (`make_sweep.py`), with 0.1 % of noise.
+# A plate of PZT-5H, 12 × 6.7 × 1.6 mm, comes out of an oven and cools down while it is measured: its resonance
+# frequencies rise by 0.12 % from the beginning of the sweep to its end. That is a thirteenth of the width of a
+# resonance, and the curve looks normal. The data are not made by finite elements (`make_sweep.py`); they have 0.1 % of
+# noise.
 #
-# Here one sweep is not enough, the diagnosis says which second one would be, and the two together tell.
+# One sweep does not determine the cause here. The diagnosis says which second sweep would, and both together do.
 
 # %%
 import os
@@ -18,14 +19,14 @@ import femu_piezo as fp
 
 HERE = Path(__file__).parent if "__file__" in globals() else Path()
 OUT = Path(os.environ.get("FEMU_PIEZO_OUT", "out")) / "several_sweeps"
-#: What only a simulated measurement can offer: the truth.
+#: The true values, which are known because the measurement is simulated.
 TRUE_DRIFT, TRUE_S11 = 1.2e-3, (17.0e-12, 0.0160)
 
 # %% [markdown]
 # ## One sweep, upwards
 #
-# Something is there, and a drift explains it. So does a speck of mass on one face: the likelihoods of the two differ by
-# a factor that chance alone often makes.
+# A drift explains the misfit, and so does a speck of mass on one face: the likelihoods of the two causes differ by a
+# factor that often occurs by chance.
 
 # %%
 alone = fp.diagnose(fp.read_specimen(HERE / "plate.toml"))
@@ -37,9 +38,9 @@ assert cause.effect.name == "temperature_drift" and "point_mass" in cause.indist
 # %% [markdown]
 # ## Which second sweep?
 #
-# For every measurement that the set-up can do at once the diagnosis computes, by its own model, how far apart the two
-# causes would be. A drift turns its sign when the sweep runs backwards, and goes on between the two; a speck does not
-# know in which direction the frequency runs.
+# For every measurement that is possible with the same set-up, the diagnosis predicts from the model by how many σ it
+# would separate the two causes. The effect of a drift changes its sign when the sweep runs downwards, and the drift
+# continues between the sweeps; the effect of a speck does not depend on the direction of the sweep.
 
 # %%
 pair = [one for one in alone.separations if (one.cause, one.other) == ("temperature_drift", "point_mass")]
@@ -51,8 +52,9 @@ assert best.measurement == "sweep again in the opposite direction" and best.now 
 # %% [markdown]
 # ## Both sweeps
 #
-# `both.toml` has them as `[[sweep]]` tables, with their directions. Constants, dimensions and what is wrong with the
-# body are common; noise belongs to a sweep. `level_2` is where the second sweep began, in the unit of the drift.
+# `both.toml` names the sweeps in two `[[sweep]]` tables with their directions. Constants, dimensions and effects of the
+# body are common to both sweeps; the noise is not. `level_2` is the change of the resonance frequencies at the
+# beginning of the second sweep, in the unit of the drift.
 
 # %%
 both = fp.diagnose(fp.read_specimen(HERE / "both.toml"))
@@ -65,11 +67,11 @@ assert abs(drift.value - TRUE_DRIFT) < 3 * drift.std < TRUE_DRIFT
 
 
 # %% [markdown]
-# ## As far as was said?
+# ## Was the prediction right?
 #
-# What the second cause misses beyond the first, √(Δχ²), with one sweep and with both. The plan did not know how long
-# the pause between the sweeps would be, which is part of what tells them apart: it says whether it is worth while, not
-# the last digit.
+# The separation of the causes in σ is √(Δχ²), the difference of their misfits, with one sweep and with both. It depends
+# on the pause between the sweeps, which the plan could not know: the prediction shows whether the measurement is worth
+# while, not the exact separation.
 
 
 # %%
@@ -85,10 +87,10 @@ for words, sigma in reached.items():
 assert reached["one sweep"] < 5 and reached["both, reached"] > 30
 
 # %% [markdown]
-# ## What it is worth
+# ## The gain
 #
-# With the drift in the model the tangent of s11 is known twenty times as well as without: a fit that cannot follow the
-# sweep has to doubt the width of every resonance.
+# With the drift in the model, the standard deviation of the tangent of s11 is more than ten times smaller than without
+# it: a model that does not fit the sweep cannot determine the width of a resonance.
 
 # %%
 before, after = both.parameters_before["s11"], both.parameters["s11"]
@@ -112,13 +114,13 @@ for fit, words, colour in (
     for own, style in ((slice(0, points), "-"), (slice(points, count), ":")):
         way = "up" if own.start == 0 else "down"
         left.semilogy(data.frequency[own] / 1e3, error[own], style, color=colour, lw=1.1, label=f"{words}, {way}")
-left.set(xlabel="frequency (kHz)", ylabel="|Δ log Z| (%)", title="what is left of both sweeps")
+left.set(xlabel="frequency (kHz)", ylabel="|Δ log Z| (%)", title="residuals of both sweeps")
 left.legend(frameon=False, fontsize=8, ncols=2)
 bars = right.bar(
     [words.replace(", ", ",\n") for words in reached], list(reached.values()), color=["#8c8c8c", "#b8c4d6", "#c0392b"]
 )
 right.bar_label(bars, fmt="%.3g σ", fontsize=9)
-right.set(yscale="log", ylim=(1, 3000), title="a drift apart from a speck")
+right.set(yscale="log", ylim=(1, 3000), title="separation of drift and speck")
 right.tick_params(axis="x", labelsize=8)
 figure.savefig(OUT / "told_apart.png", dpi=150)
 print(f"\npictures and report.html are in {OUT}")

@@ -1,11 +1,12 @@
 # %% [markdown]
 # # What a stated uncertainty is worth
 #
-# A calliper, a balance, a handbook and an impedance analyser: each is right within its tolerance, and no more. Twelve
-# plates of one ceramic all read 12.00 × 3.00 × 1.000 mm and 7500 kg/m³; really each is a little different, its held
-# constants are not those of the handbook, and the instrument errs by what its data sheet allows. s11, d31 and ε33T are
-# the same in all twelve, and known here. `sweep.csv` holds their simulated measurements (`make_sweep.py`: spectral
-# elements, 0.1 % of noise, everything drawn from the usual tolerances of README.md).
+# A calliper, a balance, a handbook and an impedance analyser are correct only within their tolerances. The measured
+# dimensions and density of twelve plates of one ceramic are all 12.00 × 3.00 × 1.000 mm and 7500 kg/m³. The true values
+# differ a little from plate to plate, the held constants differ from the handbook, and the instrument has errors within
+# its data sheet. s11, d31 and ε33T are the same in all twelve plates, and known here. `sweep.csv` holds the simulated
+# measurements (`make_sweep.py`: spectral elements, 0.1 % of noise, all errors drawn from the default tolerances of
+# docs/explanation/budget.md).
 
 # %%
 import os
@@ -35,9 +36,9 @@ print(f"{len(sweeps)} plates, {frequency_Hz.size} points from 20 to 200 kHz")
 # %% [markdown]
 # ## Two ways to update
 #
-# `plate.toml` says nothing of tolerances, so the usual ones hold. The other file takes every number in it as exactly
-# known, as most fits in the literature do, and counts the noise of the sweep alone. (`SharedBases`: pieces of one
-# design share mesh and reduced model.)
+# `plate.toml` states no tolerances, so the defaults apply. The other file treats every number in it as exactly known,
+# as most fits in the literature do, and counts the noise of the sweep alone. (`SharedBases`: pieces of one design share
+# mesh and reduced model.)
 
 # %%
 text = (HERE / "plate.toml").read_text(encoding="utf-8")
@@ -50,7 +51,7 @@ found = {
 
 
 def deviations(parameters) -> np.ndarray:
-    """(6,) distance of s11, tan s11, d31, … from the truth in stated standard deviations."""
+    """(6,) distance of s11, tan s11, d31, … from the true values in stated standard deviations."""
     pairs = [(parameters[name], *truth) for name, truth in TRUTH.items()]
     return np.ravel([((one.value - value) / one.std, (one.tan - tan) / one.tan_std) for one, value, tan in pairs])
 
@@ -61,20 +62,21 @@ for number, (noise, full) in enumerate(zip(away["noise only"], away["with tolera
     print(f"{number:5d} {noise.max():28.1f} σ {full.max():16.1f} σ")
 
 # %% [markdown]
-# ## Is the truth inside?
+# ## Are the true values within the intervals?
 #
-# With noise alone the curve fits nearly as well, and the deviations of the constants are up to a thousand times
-# smaller: a length that is wrong by 0.02 mm is a compliance that is wrong by 0.3 %, which no residual shows. (Where a
-# sweep does show that something is off, the discrepancy widens the intervals by itself. That helps s11 of some plates,
-# and not enough.) With the tolerances on, the truth lies where the deviations say.
+# With noise alone the curve fits nearly as well, and the standard deviations of the constants are up to a thousand
+# times smaller. But an error of 0.02 mm in the length causes an error of 0.3 % in the compliance, which no residual
+# shows. (Where a sweep does show a misfit, the discrepancy widens the intervals by itself. That helps for s11 of some
+# plates, but not enough.) With tolerances, the errors agree with the standard deviations.
 
 # %%
 worst = away["noise only"].max(axis=1)
-print(f"\nnoise only: the truth is {worst.min():.0f} to {worst.max():.0f} stated deviations away")
+print(f"\nnoise only: true values are {worst.min():.0f} to {worst.max():.0f} stated standard deviations away")
 assert np.median(worst) > 20 and worst.max() > 500
 inside = int(np.sum(away["with tolerances"] < 1.96))
 print(f"with tolerances: {away['with tolerances'].max():.1f} at most; {inside} of 72 numbers in their 95 % intervals")
-# Of 72 normal numbers 68.4 are expected within 1.96 deviations and 71.8 within 3; fewer than 62 happen in 1 of 1000.
+# Of 72 normal numbers 68.4 are expected within 1.96 σ and 71.8 within 3 σ; fewer than 62 within 1.96 σ have a
+# probability of 1/1000.
 assert away["with tolerances"].max() < 3
 assert inside >= 62
 
@@ -84,7 +86,7 @@ places = np.arange(1, len(sweeps) + 1)
 styles = {"noise only": ("#c0392b", 0.14, "s"), "with tolerances": ("#1f4e79", -0.14, "o")}
 for axes, (name, (value, _)) in zip(figure.subplots(3, 1, sharex=True), TRUTH.items(), strict=True):
     unit, words = UNIT[name]
-    axes.axhline(value / unit, color="#222222", linewidth=1.2, label="truth")
+    axes.axhline(value / unit, color="#222222", linewidth=1.2, label="true value")
     for kind, (colour, shift, marker) in styles.items():
         values = np.array([one[name].value for one in found[kind]]) / unit
         reach = 1.96 * np.array([one[name].std for one in found[kind]]) / unit
@@ -100,9 +102,9 @@ figure.savefig(OUT / "intervals.png", dpi=130)
 # %% [markdown]
 # ## Which tolerance to improve first
 #
-# `identify` needs no sweep. It says what an update will state, where that comes from, and what halving each tolerance
-# would bring. On the command line: `femu-piezo identify plate.toml --out out`. The list begins with the tolerance
-# whose halving shrinks the deviation of a constant most.
+# `identify` needs no sweep. It predicts the standard deviations that an update will state, their sources, and the
+# effect of halving each tolerance. The command is `femu-piezo identify plate.toml --out out`. The list begins with the
+# tolerance whose halving reduces the standard deviation of a constant most.
 
 # %%
 plan = fp.identify(HERE / "plate.toml", recommend=False)
@@ -113,14 +115,14 @@ assert first.tolerance == "std_density" and first.best()[0] == "s11"
 for name, one in plan.expected.parameters.items():
     stated = np.median([parameters[name].std / abs(parameters[name].value) for parameters in found["with tolerances"]])
     print(f"{name:7s} ± {100 * one.std / abs(one.value):.3f} % expected, {100 * stated:.3f} % stated from the sweeps")
-    # The plan is made at the constants of the handbook, 3 % from the truth.
+    # The plan uses the constants of the handbook, which differ by 3 % from the true ones.
     assert abs(one.std / abs(one.value) / stated - 1) < 0.05
 
 # %% [markdown]
-# ## What it brings
+# ## Is the prediction right?
 #
-# A better balance: 0.25 % in place of 0.5 %. All plates are weighed once more and updated with their new density; no
-# sweep is measured again.
+# Suppose that a better balance gives the density to 0.25 % instead of 0.5 %. All plates are weighed again and updated
+# with the new density; no sweep is measured again.
 
 # %%
 with (HERE / "pieces.toml").open("rb") as file:
@@ -133,13 +135,13 @@ for density, error, sweep in zip(densities, np.random.default_rng(1).standard_no
 before = found["with tolerances"]
 for name, (value, _) in TRUTH.items():
     ratio = np.median([new[name].std / old[name].std for new, old in zip(again, before, strict=True)])
-    promised = first.halved[name] / first.before[name]
+    predicted = first.halved[name] / first.before[name]
     errors = [100 * np.sqrt(np.mean([(one[name].value / value - 1) ** 2 for one in some])) for some in (before, again)]
     print(
-        f"{name:7s} deviation times {ratio:.3f}, promised {promised:.3f}; "
-        f"error of the twelve {errors[0]:.2f} % before, {errors[1]:.2f} % after"
+        f"{name:7s} standard deviation times {ratio:.3f}, predicted {predicted:.3f}; "
+        f"rms error of the twelve plates {errors[0]:.2f} % before, {errors[1]:.2f} % after"
     )
-    # Promised before anything was measured, by a linear model at other constants.
-    assert abs(ratio / promised - 1) < 0.02
+    # The prediction was made without a measurement, by a linear model at other constants.
+    assert abs(ratio / predicted - 1) < 0.02
 assert max(np.abs(deviations(one)).max() for one in again) < 3
 print(f"\npictures are in {OUT}")

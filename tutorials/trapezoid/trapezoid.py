@@ -1,8 +1,8 @@
 # %% [markdown]
-# # A new geometry from nothing: a trapezoid with a partial electrode
+# # A new geometry: a trapezoid with a partial electrode
 #
-# From an empty folder to pictures of modes: one specimen file of fourteen lines and two commands. The plate is wider
-# at one end, and its hot electrode covers only the wide half.
+# This tutorial leads from an empty folder to pictures of modes, with one specimen file of thirteen lines and two
+# commands. The plate is wider at one end, and its hot electrode covers only the wide half.
 
 # %%
 import json
@@ -35,7 +35,7 @@ length = "20 mm"
 width = "6 mm"
 width_end = "3 mm"
 thickness = "0.7 mm"
-electrode_start = "0 mm"        # of the hot electrode, from the wide end
+electrode_start = "0 mm"        # the hot electrode begins at the wide end
 electrode_length = "10 mm"
 
 [material]
@@ -62,8 +62,8 @@ assert record["modes"][0]["pole"]["family"] == "first length extension"
 # %% [markdown]
 # ## The same in Python, and with full electrodes
 #
-# Full electrodes on a rectangle cannot see the second length mode at all; on a trapezoid they hardly do. Half an
-# electrode drives it almost as well as the first.
+# Full electrodes do not drive the second length mode of a rectangle at all, and that of a trapezoid only weakly. A hot
+# electrode on one half drives it almost as strongly as the first.
 
 # %%
 covered = OUT / "covered.toml"
@@ -79,8 +79,8 @@ assert full["first length extension"] > half["first length extension"]
 assert half[second] > 3 * (full.get(second) or 0.0)
 
 # %% [markdown]
-# A check on the hexahedra of the commands, whose cells are graded towards the edge of the electrode, where the field is
-# singular: quadratic tetrahedra, finer there.
+# The commands use hexahedra that are graded towards the edge of the electrode, where the field is singular. A check
+# with quadratic tetrahedra, which are finer there:
 
 # %%
 pzt = library_material("pzt-5h")
@@ -89,6 +89,6 @@ model = ElectroelasticModel(body.domain(edge=0.8e-3), pzt.density)
 short = solve_eigen(model, pzt.constants.to_e_form(), "short", count=6, near_Hz=first)
 check = float(np.sqrt(short.eigenvalues[short.dominant(first)].real) / (2 * np.pi))
 print(f"\nfirst pole: {first:.1f} Hz, {record['unknowns']} unknowns; tetrahedra {check:.1f} Hz, {model.size} unknowns")
-# The tetrahedra leave a few 1e-4 in λ at the edge of a partial electrode, so half of it in frequency.
+# The error of the tetrahedra at the edge of a partial electrode is a few 1e-4 in λ, and half of that in frequency.
 assert abs(check / first - 1) < 5e-4
 print(f"pictures mode_01.png …, modes.png, impedance.png are in {OUT}")

@@ -12,14 +12,14 @@ from femu_piezo.forward.model import ElectroelasticModel
 
 @skfem.BilinearForm
 def inertia(u, v, _):
-    """The weak form, as on paper."""
+    """The weak form v·u."""
     return u * v
 
 
 def end_face(model: ElectroelasticModel) -> sp.csr_matrix:
-    """∫ v·u over the computed part of the end face x = L/2, on the three displacements; the potential has no inertia.
+    """∫ v·u over the computed part of the end face x = L/2, for the three displacements; the potential has no inertia.
 
-    Of a plate cut at its mirror planes this is both ends at once: all terms lack the same factor.
+    For a plate cut at its mirror planes this stands for both ends: all terms of the model lack the same factor.
     """
     mesh = model.domain.mesh
     end = mesh.p[0].max()
@@ -29,7 +29,7 @@ def end_face(model: ElectroelasticModel) -> sp.csr_matrix:
 
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
-    """For plates of known size; at most a fifth of the plate's own mass on each end."""
+    """For plates of known size; at most a fifth of the mass of the plate on each end."""
     if context.dimensions is None:
         return ()
     length, width, thickness = context.dimensions
