@@ -1,6 +1,6 @@
-"""Thumbnails of the README from the pictures that the tutorials wrote: python tutorials/make_gallery.py [OUT]
+"""Make the thumbnails of README.md and docs/tutorials.md from the pictures of the tutorials: make_gallery.py [OUT]
 
-Run the tutorials first; OUT is the folder they wrote to (default: out, or FEMU_PIEZO_OUT).
+Run the tutorials first; OUT is the folder that they wrote to (default: FEMU_PIEZO_OUT, else out).
 """
 
 import os
@@ -30,7 +30,7 @@ def main(out: Path) -> None:
     for name, (source, part) in THUMBNAILS.items():
         path = out / source
         if not path.is_file():
-            print(f"{name}: {path} is not there; run that tutorial first")
+            print(f"{name}: {path} does not exist; run that tutorial first")
             continue
         with Image.open(path) as picture:
             size = (picture.width, picture.height) * 2

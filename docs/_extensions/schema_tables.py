@@ -105,7 +105,7 @@ class ShapesDirective(_Made):
 
     def table(self) -> str:
         rows = ((f"`{shape}`", _codes(DIMENSIONS[shape]), _codes(OPTIONAL[shape])) for shape in DIMENSIONS)
-        return markdown(("shape", "must have", "may have"), rows)
+        return markdown(("shape", "required keys", "optional keys"), rows)
 
 
 class EffectsDirective(_Made):
@@ -129,7 +129,7 @@ class EffectsDirective(_Made):
             for name, effect in sorted(effects.items())
             for one in effect.parameters
         )
-        return markdown(("effect", "parameter", "unit", "bounds of a fit", "absent at", "usual size (prior)"), rows)
+        return markdown(("effect", "parameter", "unit", "bounds of a fit", "no effect at", "usual size"), rows)
 
 
 class MaterialsDirective(_Made):
