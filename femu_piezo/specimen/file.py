@@ -274,7 +274,9 @@ class Sweep(Table):
 
     file: Annotated[Path, PATH] = described("path of the sweep, relative to the specimen file", ...)
     name: str | None = described("name of the sweep in results; default: the name of the file")
-    drive_voltage: Voltage | None = described("amplitude of the drive; of all sweeps or of none")
+    drive_voltage: Voltage | None = described(
+        "drive, rms, as analysers state it (only the ratios count); of all sweeps or of none"
+    )
     temperature: Annotated[float | None, BeforeValidator(_celsius)] = described(
         'temperature of the specimen, "25 °C" or "298 K" (in Python °C); of all sweeps or of none'
     )
