@@ -100,6 +100,14 @@ def test_nothing_from_elsewhere(folder, page):
     assert not re.search(r"\bfetch\(|XMLHttpRequest|import\(", text)
 
 
+def test_the_reference_explains_every_key(folder):
+    reference = (Path(__file__).parents[2] / "docs/reference/results.md").read_text(encoding="utf-8")
+    known = set(re.findall(r"`(\w+)`", reference.split("## update.json")[1].split("## diagnosis.json")[0]))
+    record = json.loads((folder / "update.json").read_text(encoding="utf-8"))
+    assert set(record) - {"schema"} <= known
+    assert set(record["specimens"][0]) | set(record["fit"]) | set(record["identifiability"]) <= known
+
+
 def test_numbers_are_those_of_update_json(folder, page):
     record = json.loads((folder / "update.json").read_text(encoding="utf-8"))
     embedded = next(text for attributes, text in page.scripts if attributes.get("id") == "record")

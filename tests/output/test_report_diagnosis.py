@@ -16,6 +16,7 @@ import pytest
 from click.testing import CliRunner
 from test_report import Page
 
+from femu_piezo.batch.steps import CONSTANT_COLUMNS, DIAGNOSIS_COLUMNS, UPDATE_COLUMNS
 from femu_piezo.cli import main
 from femu_piezo.diagnosis.averaging import Averaged
 from femu_piezo.diagnosis.rules import Rules
@@ -108,6 +109,19 @@ def test_a_headline_names_what_is_more_probable_than_not():
     small, large, half = (SimpleNamespace(probability=p) for p in (0.0, 0.67, 0.5))
     assert _likely([small, large, half]) == [large, half]
     assert _likely([small, SimpleNamespace(probability=0.3)])[0].probability == 0.3
+
+
+def test_the_reference_explains_every_key_and_column(effect):
+    page = (TUTORIAL.parents[1] / "docs/reference/results.md").read_text(encoding="utf-8")
+    section = page.split("## diagnosis.json")[1].split("## Tables")[0]
+    known = set(re.findall(r"`(\w+)`", section))
+    assert set(effect.record) - {"schema"} <= known
+    for part in ("gain", "model", "noise", "remaining"):
+        assert set(effect.record[part]) <= known, part
+    assert set(effect.record["causes"][0]) | set(effect.record["candidates"][0]) <= known
+    curves = (effect.folder / "out/curves.csv").read_text(encoding="utf-8").split("\n")[0].split(",")
+    columns = {*curves, *DIAGNOSIS_COLUMNS, *UPDATE_COLUMNS} - {*CONSTANT_COLUMNS, "frequency_Hz"}
+    assert columns <= set(re.findall(r"`(\w+)`", page))
 
 
 def test_effect_is_told_in_words_and_figures(effect):
