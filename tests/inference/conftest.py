@@ -1,4 +1,4 @@
-"""The laboratory, made once."""
+"""A plate in a laboratory (`laboratory.Laboratory`), built once for all tests of inference."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plate as a laboratory has it: nothing exactly known, everything within its tolerance. A small, quick model."""
+"""A plate as measured in a laboratory, with every quantity known only within its tolerance: a small and quick model."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from femu_piezo.measurement.sweeps import SweepData
 SIZE, DENSITY, FUNDAMENTAL = (12e-3, 3e-3, 1e-3), 7500.0, 118e3
 AXES = {"length": (0,), "width": (1,), "thickness": (2,)}
 FREE = ("s11", "d31", "eps33T")
-#: From below to above the fundamental, and a low end.
+#: 12 points far below the fundamental of 118 kHz, for the permittivity, and 48 points around it, Hz.
 FREQUENCY = np.concatenate([np.geomspace(2e3, 90e3, 12), np.linspace(100e3, 140e3, 48)])
 NOISE = 5e-4
 TANGENTS = np.array([15, 13, 12, 16, 20, 13, 12, 14, 18, 17]) * 1e-3
 CONSTANTS = PiezoConstants.from_vector(library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS))
-#: Calliper, balance, held constants and their tangents, fixture, instrument.
+#: Standard deviations of calliper, balance, held constants and their tangents, residue of the fixture, and instrument.
 TOLERANCES = {
     "length": 0.02e-3 / SIZE[0],
     "width": 0.02e-3 / SIZE[1],
@@ -40,7 +40,11 @@ TOLERANCES = {
 
 
 class Laboratory:
-    """The model and its unknowns: free constants with a weak prior, tolerances."""
+    """The reduced model and two sets of unknowns.
+
+    `unknowns` are the free constants with a weak prior and all quantities with a tolerance; `ideal` are the free
+    constants alone, everything else as exactly known.
+    """
 
     def __init__(self) -> None:
         self.free = FreeConstants.of(CONSTANTS, FREE)
@@ -71,41 +75,47 @@ class Laboratory:
         self.ideal = Unknowns(self.material, self.unknowns.prior)
 
     def truth(self, seed: int) -> np.ndarray:
-        """(n_x,) what a specimen is: constants 3 % about the file's, all else off by its tolerance."""
+        """(n_x,) unknowns of a drawn specimen.
+
+        Free constants scatter by 3 % about those of the file, their tangents lie within 15 %, and all else is off by
+        its tolerance.
+        """
         rng = np.random.default_rng([1905, seed])
         x = self.unknowns.prior_mean + self.unknowns.prior_std * rng.standard_normal(self.unknowns.count)
-        own = self.material.x_of(self.free.start)
-        own[0::2] *= 1 + 0.03 * rng.standard_normal(len(FREE))
-        own[1::2] *= rng.uniform(0.85, 1.15, len(FREE))
-        x[: own.size] = own
+        constants = self.material.x_of(self.free.start)
+        constants[0::2] *= 1 + 0.03 * rng.standard_normal(len(FREE))
+        constants[1::2] *= rng.uniform(0.85, 1.15, len(FREE))
+        x[: constants.size] = constants
         return x
 
     def near(self, truth: np.ndarray) -> np.ndarray:
-        """Where a fit may start: constants of the truth, as a first rough fit finds them, all else at prior means."""
+        """A start for a fit: the true constants and tangents, as a first rough fit finds them, all else at its prior
+        mean.
+        """
         x = self.unknowns.prior_mean.copy()
         x[: self.unknowns.of_material] = truth[: self.unknowns.of_material]
         return x
 
     def measured(self, impedance: np.ndarray, seed: int, noise: float = NOISE, known: bool = True) -> SweepData:
-        """The sweep of a specimen with noise."""
+        """The sweep of a specimen with circular complex noise of relative size `noise` (rms of |δZ/Z|)."""
         normal = np.random.default_rng([1906, seed]).standard_normal((2, impedance.size))
         z = impedance * (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2))
         return SweepData(FREQUENCY, z, np.full(z.size, noise), known)
 
 
 def shifted(unknowns: Unknowns, column: int, by: float) -> Unknowns:
-    """The unknowns with one prior mean moved by so many of its standard deviations."""
+    """The unknowns with the prior mean of one of them moved by `by` of its standard deviations."""
     if column < unknowns.of_material:
         name = unknowns.names[column]
         mean, std = unknowns.prior[name]
         return replace(unknowns, prior={**unknowns.prior, name: (mean + by * abs(std), std)})
     effects = list(unknowns.effects)
     for number, effect in enumerate(effects):
-        own = unknowns.columns(number)
-        if own.start <= column < own.stop:
+        places = unknowns.columns(number)
+        if places.start <= column < places.stop:
             parameters = list(effect.parameters)
-            one = parameters[column - own.start]
-            step = by * unknowns.prior_std[column] * one.scale
-            parameters[column - own.start] = replace(one, rest=one.rest + step)
+            parameter = parameters[column - places.start]
+            step = by * unknowns.prior_std[column] * parameter.scale
+            parameters[column - places.start] = replace(parameter, rest=parameter.rest + step)
             effects[number] = replace(effect, parameters=tuple(parameters))
     return replace(unknowns, effects=tuple(effects))

@@ -1,4 +1,6 @@
-"""The uncertainty budget: its parts add up, and each is what a fit gives when its source is moved."""
+"""The uncertainty budget: squares of its parts add up to the variance, and each part is how the fit moves with its
+source.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +16,14 @@ from femu_piezo.inference.fit import fit, with_discrepancy
 
 @pytest.fixture(scope="module")
 def found(lab):
-    """A fit of a laboratory sweep whose noise is stated as the fit finds it: both then agree on its level."""
+    """A fit of a laboratory sweep whose noise is stated as large as the fit finds it, so that the noise level is 1."""
     truth = lab.truth(11)
     data = lab.measured(lab.evaluation.impedance(lab.unknowns, truth), 11, known=False)
     for _ in range(4):
-        one = fit(lab.evaluation, data, lab.unknowns, [truth])
-        data = replace(data, relative_noise=data.relative_noise * one.noise_scale)
-    assert one.noise_scale == pytest.approx(1.0, abs=1e-3)
-    return one
+        fitted = fit(lab.evaluation, data, lab.unknowns, [truth])
+        data = replace(data, relative_noise=data.relative_noise * fitted.noise_scale)
+    assert fitted.noise_scale == pytest.approx(1.0, abs=1e-3)
+    return fitted
 
 
 def sum_of_squares(parts: dict[str, np.ndarray]) -> np.ndarray:
@@ -36,7 +38,7 @@ def test_squares_add_up_to_the_variances(found):
 
 
 def test_squares_add_up_with_discrepancy_mesh_error_and_causes(lab, found):
-    """A smooth misfit, an error of the model, and the length as a cause."""
+    """With a smooth misfit, an error of the mesh, and length and leakage as causes."""
     wave = np.exp(3e-3 * np.sin(np.linspace(0, 5, found.data.impedance.size)))
     data = replace(
         found.data,
@@ -52,11 +54,13 @@ def test_squares_add_up_with_discrepancy_mesh_error_and_causes(lab, found):
     np.testing.assert_allclose(sum_of_squares(parts), one.std**2, rtol=1e-9)
     leak = unknowns.columns(unknowns.index("leakage"))
     assert parts["discrepancy"][leak] > 0 and parts["mesh"][leak] > 0
-    assert parts["mesh"][leak] < parts["noise"][leak]  # no more than half of the variance of any point
+    assert parts["mesh"][leak] < parts["noise"][leak]  # the mesh has at most half of the variance of any point
 
 
 def test_squares_add_up_at_the_wall(lab):
-    """Tangents that would create energy: the wall holds them, and its rows are in covariance and budget alike."""
+    """Priors ask for tangents that would create energy: the fit is held at the wall, whose rows enter covariance and
+    budget alike.
+    """
     active = {"tan_s11": (0.02, 1e-3), "tan_d31": (0.2, 1e-2), "tan_eps33T": (0.02, 1e-3)}
     unknowns = replace(lab.ideal, prior=lab.ideal.prior | active)
     data = lab.measured(lab.evaluation.impedance(lab.ideal, lab.ideal.prior_mean), 3, 0.3)
@@ -67,7 +71,7 @@ def test_squares_add_up_at_the_wall(lab):
 
 @pytest.mark.parametrize("source", ["geometry", "density", "held", "instrument", "prior"])
 def test_part_of_a_source_is_how_the_fit_moves_with_it(lab, found, source):
-    """Root of the sum over the unknowns of a source of (Δx for one deviation of the prior mean)²; by fits anew."""
+    """Root of Σ (Δx for one deviation of a prior mean)² over the unknowns of a source, Δx by new fits."""
     kinds = {
         "geometry": ("wrong_length", "wrong_width", "wrong_thickness"),
         "density": ("wrong_density",),
@@ -86,12 +90,12 @@ def test_part_of_a_source_is_how_the_fit_moves_with_it(lab, found, source):
         moved.append((ends[0] - ends[1]) / (2 * by))
     expected = np.sqrt(np.sum(np.square(moved), axis=0))
     part = budget(found)[source]
-    # of a linear model; what hardly counts may err by a hundredth of the whole deviation
+    # the budget is linear: within 2 %, or within 1 % of the whole deviation where the part is small
     assert np.all(np.abs(part - expected) < 0.02 * expected + 0.01 * found.std)
 
 
 def test_part_of_the_noise_is_how_the_fit_moves_with_every_reading(lab, found):
-    """Each reading moved by its deviation, Re and Im of log Z apart."""
+    """Re and Im of log Z of each reading moved by their standard deviation in turn, and fitted anew."""
     moved = []
     for point in range(found.data.impedance.size):
         for direction in (1.0, 1.0j):
@@ -116,10 +120,11 @@ def test_estimates_carry_the_budget_in_their_units(found):
         assert one.to_json()["budget"] == one.budget
 
 
-def test_what_matters_is_what_physics_says(lab, found):
-    """s11 ∝ 1/(ρ L² f²), ε33T = C t/(w L): calliper and balance decide, with the accuracy of |Z| for the second.
+def test_largest_parts_are_those_of_the_formulas_of_the_bar(lab, found):
+    """s11 ∝ 1/(ρ L² f²) depends on calliper and balance, ε33T = C t/(w L) on the calliper and on the accuracy of
+    |Z|.
 
-    The sweep knows a little of the width by itself, so that the calliper counts a little less.
+    The sweep determines the width a little by itself, so that the calliper contributes slightly less to ε33T.
     """
     parts, length, width, thickness = budget(found), 0.02 / 12, 0.02 / 3, 0.005 / 1
     assert parts["geometry"][0] == pytest.approx(2 * length, rel=0.1)
@@ -132,7 +137,9 @@ def test_what_matters_is_what_physics_says(lab, found):
 
 
 def test_mesh_error_moves_what_is_fitted_as_a_shift_of_frequency_does(lab):
-    """The part of the mesh against refits of sweeps that are off by half the error along frequency, band by band."""
+    """The part of the mesh against refits of sweeps shifted along frequency by half the relative error of λ, band by
+    band.
+    """
     error, ideal = 2e-4, lab.ideal
     x = lab.material.x_of(lab.free.start)
     data = lab.measured(lab.evaluation.impedance(ideal, x), 1, noise=1e-5)

@@ -1,4 +1,4 @@
-"""The design of a sweep against determinants taken one by one."""
+"""The choice of frequencies for a sweep, against determinants computed for every single choice."""
 
 from __future__ import annotations
 
@@ -10,20 +10,22 @@ from femu_piezo.inference.design import chosen, information, missed, observed, t
 
 @pytest.fixture
 def problem():
+    """Slopes (40, 2, 6) of 40 candidate frequencies, a covariance (6, 6), and the two unknowns that are asked for."""
     rng = np.random.default_rng(5)
     rows = rng.standard_normal((40, 2, 6))
     root = rng.standard_normal((6, 6))
     return rows, root @ root.T + 0.1 * np.eye(6), np.array([0, 3])
 
 
-def test_a_measurement_is_that_of_the_information_matrix(problem):
+def test_covariance_after_a_measurement(problem):
+    """`observed` gives (C^-1 + JᵗJ)^-1."""
     rows, covariance, _ = problem
     found = observed(covariance, rows[0])
     assert found == pytest.approx(np.linalg.inv(np.linalg.inv(covariance) + rows[0].T @ rows[0]), rel=1e-9)
 
 
 def test_information_is_what_the_marginal_determinant_loses(problem):
-    """½ ln det C_SS before less after, everything else marginalised."""
+    """½ ln det C_SS before less that after a measurement, the other unknowns marginalised."""
     rows, covariance, wanted = problem
     part = np.ix_(wanted, wanted)
     gains = information(rows, covariance, wanted)
@@ -33,21 +35,24 @@ def test_information_is_what_the_marginal_determinant_loses(problem):
         assert gains[number] == pytest.approx(lost, rel=1e-9)
 
 
-def test_each_choice_is_the_best_of_those_left(problem):
+def test_each_frequency_is_the_best_of_the_remaining_ones(problem):
+    """The determinant of the wanted unknowns' covariance is the least with it; with three candidates no more than
+    three are chosen.
+    """
     rows, covariance, wanted = problem
     found = chosen(rows, covariance, wanted, 8)
     assert len(set(found)) == 8
     part = np.ix_(wanted, wanted)
     for place, number in enumerate(found):
-        left = [k for k in range(len(rows)) if k not in found[:place]]
-        determinants = [np.linalg.det(observed(covariance, rows[k])[part]) for k in left]
-        assert left[int(np.argmin(determinants))] == number
+        remaining = [k for k in range(len(rows)) if k not in found[:place]]
+        determinants = [np.linalg.det(observed(covariance, rows[k])[part]) for k in remaining]
+        assert remaining[int(np.argmin(determinants))] == number
         covariance = observed(covariance, rows[number])
     assert chosen(rows[:3], covariance, wanted, 8).__len__() == 3
 
 
-def test_nothing_is_spent_on_what_is_not_asked_for():
-    """A frequency that tells of another unknown alone is taken last, however much it tells."""
+def test_a_frequency_that_informs_about_other_unknowns_comes_last():
+    """However precise it is about them."""
     rows = np.zeros((3, 2, 2))
     rows[0, 0] = [0, 100]
     rows[1, 0] = [1, 0]
@@ -57,7 +62,7 @@ def test_nothing_is_spent_on_what_is_not_asked_for():
 
 @pytest.fixture
 def explanations(problem):
-    """Two explanations with different unknowns, and how far apart what they predict is."""
+    """Two explanations with different unknowns, and the whitened difference (40, 2) of what they predict."""
     rng = np.random.default_rng(7)
     rows, covariance, _ = problem
     root = rng.standard_normal((4, 4))
@@ -66,38 +71,42 @@ def explanations(problem):
 
 
 def test_what_is_missed_is_the_misfit_of_a_refit(explanations):
-    """min over moves of |e − J δ|² + δᵗ C^-1 δ."""
+    """The least over δ of |e − J δ|² + δᵗ C^-1 δ, by least squares."""
     for (rows, covariance), error in ((one, explanations[1]) for one in explanations[0]):
         flat = rows.reshape(80, -1)
         stacked = np.concatenate([flat, np.linalg.cholesky(np.linalg.inv(covariance)).T])
         target = np.concatenate([error.ravel(), np.zeros(len(covariance))])
-        left = target - stacked @ np.linalg.lstsq(stacked, target, rcond=None)[0]
-        assert missed(flat, covariance, error.ravel()) == pytest.approx(left @ left, rel=1e-9)
+        remainder = target - stacked @ np.linalg.lstsq(stacked, target, rcond=None)[0]
+        assert missed(flat, covariance, error.ravel()) == pytest.approx(remainder @ remainder, rel=1e-9)
 
 
-def test_each_choice_tells_two_explanations_apart_best(explanations):
-    """The sum of what either misses of all taken so far, refitted, grows most."""
+def test_each_frequency_separates_two_explanations_best(explanations):
+    """Each next frequency is the one with which the summed misfit of both explanations, refitted to all frequencies
+    so far, is largest.
+    """
     two, apart = explanations
     found = telling_apart(two, apart, 6)
     assert len(set(found)) == 6
 
-    def told(places: list[int]) -> float:
+    def misfit(places: list[int]) -> float:
         return sum(
             missed(rows[places].reshape(2 * len(places), -1), covariance, apart[places].ravel())
             for rows, covariance in two
         )
 
     for place, number in enumerate(found):
-        left = [k for k in range(len(apart)) if k not in found[:place]]
-        assert left[int(np.argmax([told([*found[:place], k]) for k in left]))] == number
-    assert told(found) > 2 * told(list(range(0, 36, 6)))
+        remaining = [k for k in range(len(apart)) if k not in found[:place]]
+        assert remaining[int(np.argmax([misfit([*found[:place], k]) for k in remaining]))] == number
+    assert misfit(found) > 2 * misfit(list(range(0, 36, 6)))
 
 
-def test_a_difference_that_a_refit_takes_up_tells_nothing():
-    """The largest difference lies along what either may still move; the smaller one beside it is taken."""
+def test_a_difference_that_a_refit_absorbs_is_not_chosen():
+    """The largest difference lies along an unknown that either explanation may still change; the smaller one at the
+    other frequency is chosen.
+    """
     rows = np.zeros((2, 2, 1))
     rows[0, 0] = 1.0
     apart = np.array([[3.0, 0.0], [1.0, 0.0]])
-    loose = (rows, np.array([[100.0]]))
-    assert telling_apart([loose, loose], apart, 1) == [1]
+    explanation = (rows, np.array([[100.0]]))
+    assert telling_apart([explanation, explanation], apart, 1) == [1]
     assert missed(rows[:1].reshape(2, 1), np.array([[100.0]]), apart[0]) == pytest.approx(9 / 101)

@@ -1,4 +1,6 @@
-"""What no unknown describes: its evidence, what it does to intervals, and that it stays out of what is right."""
+"""The discrepancy (the misfit that no unknown describes): its evidence, its effect on intervals, and that a right
+model has none.
+"""
 
 from __future__ import annotations
 
@@ -27,26 +29,33 @@ from femu_piezo.measurement.discrepancy_forms import components, of_one_resonanc
 from femu_piezo.measurement.sweeps import SweepData, stacked
 
 LENGTHS, SHARES, SIZES = (1 / 4, 1 / 12, 1 / 40), (0.0, 0.5, 1.0), np.geomspace(1e-6, 3.0, 27)
-#: Ratio of neighbouring sizes that the discrepancy may have.
+#: Ratio of neighbouring sizes on the grid of sizes that the discrepancy may have.
 STEP = SIZES[1] / SIZES[0]
 
 
 def kernel(length: float) -> np.ndarray:
-    """Squared exponential over log f."""
+    """(k, k) covariance of a Gaussian process over log f: squared exponential, length as a share of the sweep."""
     log = np.log(FREQUENCY)
     return np.exp(-0.5 * ((log[:, None] - log) / (length * np.ptp(log))) ** 2)
 
 
 @pytest.mark.parametrize("length", LENGTHS)
 def test_components_are_those_of_the_process(length):
-    own = components(np.log(FREQUENCY), length)
-    assert np.max(np.abs(own @ own.T - kernel(length))) < 2e-3
+    """The columns Φ of a length give Φ Φᵗ equal to the covariance of the process, within the share that left-out
+    components have.
+    """
+    columns = components(np.log(FREQUENCY), length)
+    assert np.max(np.abs(columns @ columns.T - kernel(length))) < 2e-3
 
 
 @pytest.mark.parametrize(("chi_square", "freedom"), [(99.0, 99), (130.0, 100), (3000.0, 100), (20.0, 100), (1.0, 100)])
 @pytest.mark.parametrize("std", [0.02, 0.15])
 def test_noise_level_is_the_most_probable_one(chi_square, freedom, std):
-    """Against a fine grid above the floor; far beyond what is stated the misfit decides, below it the statement."""
+    """Against the maximum of the density on a fine grid above the floor.
+
+    A misfit far above the stated noise decides the level by itself, √(χ²/freedom); a misfit far below it leaves the
+    level at the floor, three standard deviations of its prior below the stated noise.
+    """
     grid = np.linspace(-3 * std, 5.0, 200_001)
     density = -freedom * grid - 0.5 * chi_square * np.exp(-2 * grid)
     density += [log_level_prior(level, std) for level in grid]
@@ -60,20 +69,27 @@ def test_noise_level_is_the_most_probable_one(chi_square, freedom, std):
 
 @pytest.mark.parametrize("std", [0.02, 0.15, 5.0])
 @pytest.mark.parametrize("chi_square", [600.0, 1e6])
-def test_likelihoods_between_nodes_are_those_of_the_noise_level(chi_square, std):
-    """Over any range of χ², also where the most probable level jumps from that of the prior to that of the misfit."""
+def test_interpolated_likelihoods_are_those_of_the_profiled_noise_level(chi_square, std):
+    """Likelihoods interpolated over χ² against those computed at each χ², at the most probable noise level.
+
+    Also where that level jumps from the maximum of its prior to that of the misfit. Single values agree to 1e-4, the
+    largest of them to 1e-6 and their mean to 1e-9.
+    """
     rng = np.random.default_rng(1)
     squares, volume = chi_square * (1 - rng.uniform(0, 0.9, 4000) ** 4), rng.exponential(20, 4000)
     found, exact = interpolated(squares, 600, std), profiled(squares, 600, std)
     assert found == pytest.approx(exact, abs=1e-4)
     best = np.argmax(exact - volume)
     assert np.argmax(found - volume) == best and found[best] == pytest.approx(exact[best], abs=1e-6)
-    one, other = (logsumexp(values - volume) for values in (found, exact))
-    assert one == pytest.approx(other, abs=1e-9)
+    evidence, expected = (logsumexp(values - volume) for values in (found, exact))
+    assert evidence == pytest.approx(expected, abs=1e-9)
 
 
 def linear(seed: int, wave: float) -> tuple[SweepData, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Data, slope in log f, target (2k,), Jacobian (2k, 4) and prior deviations of a linear problem."""
+    """A linear problem with k points: data, ∂log Z/∂log f, target (2k,), Jacobian (2k, 4) and prior deviations (4,).
+
+    wave : amplitude of a smooth relative error in the target
+    """
     rng = np.random.default_rng(seed)
     k = FREQUENCY.size
     data = SweepData(FREQUENCY, np.ones(k, complex), np.full(k, 2e-3), True)
@@ -86,48 +102,58 @@ def linear(seed: int, wave: float) -> tuple[SweepData, np.ndarray, np.ndarray, n
 
 
 def columns_of(data: SweepData, log_slope: np.ndarray, length: float, share: float) -> np.ndarray:
-    """(2k, m) whitened columns at rms 1 of the change of log Z."""
-    own = components(np.log(FREQUENCY), length)
-    moved = own * log_slope[:, None] / np.sqrt(np.mean(np.abs(log_slope) ** 2))
-    parts = [np.sqrt(1 - share) * own, np.sqrt(share) * moved]
+    """(2k, m) whitened columns of a smooth discrepancy whose change of log Z has rms 1.
+
+    share : part of its variance that acts along frequency, by `log_slope`, instead of directly on log Z
+    """
+    direct = components(np.log(FREQUENCY), length)
+    moved = direct * log_slope[:, None] / np.sqrt(np.mean(np.abs(log_slope) ** 2))
+    parts = [np.sqrt(1 - share) * direct, np.sqrt(share) * moved]
     whole = np.hstack([turn * part for part in parts for turn in (1, 1j)]) * data.weight[:, None]
     return np.concatenate([whole.real, whole.imag])
 
 
 @pytest.mark.parametrize("way", ["principal axes", "eigenvalues", "elimination"])
 @pytest.mark.parametrize("count", [1, 2, 4])
-def test_what_columns_take_and_their_volume_are_those_of_dense_matrices(way, count):
-    """bᵗ(1/τ + G)^-1 b and ½ log|1 + τ G| at every size, of columns of any strength, some of them twice.
+def test_gain_and_volume_of_columns_against_dense_matrices(way, count):
+    """bᵗ(1/τ + G)^-1 b and ½ log|1 + τ G| at every size τ = σ², for columns of very different strengths, some
+    repeated.
 
-    G is of what unknowns leave of the columns: all, or what lies outside two directions of the data.
+    G is the Gram matrix of the columns after the unknowns are projected out: they remove one direction of the data
+    wholly and another by 0.7² of its square.
     """
     rng = np.random.default_rng(count)
     columns = rng.standard_normal((30, count, 9)) * np.exp(rng.uniform(-5, 5, (30, count, 1)))
     columns[:5, -1] = columns[:5, 0]
     reached = np.linalg.qr(rng.standard_normal((9, 2)))[0] * [1.0, 0.7]
-    left = np.eye(9) - reached @ reached.T
-    squares, right = columns @ left @ columns.transpose(0, 2, 1), columns @ rng.standard_normal(9)
+    kept = np.eye(9) - reached @ reached.T
+    squares, right = columns @ kept @ columns.transpose(0, 2, 1), columns @ rng.standard_normal(9)
     if way == "elimination":
         gained, volume = discrepancy._by_elimination(squares, right)
     elif way == "eigenvalues":
         gained, volume = discrepancy._by_eigenvalues(squares, right)
     else:
         parts = []
-        for own, one in zip(columns, right, strict=True):
-            values, axes = np.linalg.eigh(own @ own.T)
-            parts.append(discrepancy._by_principal_axes(values, axes.T @ own @ reached, axes.T @ one))
+        for block, vector in zip(columns, right, strict=True):
+            values, axes = np.linalg.eigh(block @ block.T)
+            parts.append(discrepancy._by_principal_axes(values, axes.T @ block @ reached, axes.T @ vector))
         gained, volume = (np.hstack(part) for part in zip(*parts, strict=True))
-    for own_gain, own_volume, sigma in zip(gained, volume, discrepancy._SIGMAS, strict=True):
-        grown = np.eye(9) + sigma**2 * columns.transpose(0, 2, 1) @ columns @ left
+    for gain, half_log_determinant, sigma in zip(gained, volume, discrepancy._SIGMAS, strict=True):
+        grown = np.eye(9) + sigma**2 * columns.transpose(0, 2, 1) @ columns @ kept
         exact = np.einsum("ni,nij,nj->n", right, np.linalg.inv(np.eye(count) / sigma**2 + squares), right)
-        np.testing.assert_allclose(own_gain, exact, rtol=1e-5)
-        np.testing.assert_allclose(own_volume, 0.5 * np.linalg.slogdet(grown)[1], rtol=1e-7, atol=1e-12)
+        np.testing.assert_allclose(gain, exact, rtol=1e-5)
+        np.testing.assert_allclose(half_log_determinant, 0.5 * np.linalg.slogdet(grown)[1], rtol=1e-7, atol=1e-12)
 
 
 @pytest.mark.parametrize("noise", [1e-3, 1e-4, 1e-5, 1e-6])
 @pytest.mark.parametrize("smoothed", [False, True])
 def test_quiet_sweeps_lose_no_evidence_by_rounding(noise, smoothed, monkeypatch):
-    """Also where what whitens smoothed noise makes the largest variances 1e13 times the least that unknowns leave."""
+    """The evidence as computed against that with the columns always projected off the span of the unknowns (_ROUNDING
+    = 0).
+
+    Also where the whitening of smoothed noise makes the largest variance of the columns 1e13 times the least that
+    remains once the unknowns are projected out.
+    """
     rng, frequency = np.random.default_rng(5), np.linspace(1e5, 3e5, 400)
     drawn = rng.standard_normal((2000, 2)) @ [1, 1j]
     memory = (autoregression(np.convolve(drawn, np.hanning(9)[1:-1], "same")),) if smoothed else ()
@@ -153,7 +179,11 @@ def test_quiet_sweeps_lose_no_evidence_by_rounding(noise, smoothed, monkeypatch)
 @pytest.mark.parametrize("wave", [0.0, 2e-3, 1e-2])
 @pytest.mark.parametrize("known", [True, False])
 def test_evidence_is_that_of_a_dense_gaussian(wave, known):
-    """Mean over sizes, lengths and shares of p(target), covariance I + J Σ Jᵗ + σ² Φ Φᵗ at the best noise level."""
+    """The mean over sizes, lengths and shares of p(target) with the covariance I + J Σ Jᵗ + σ² Φ Φᵗ, each at its most
+    probable noise level.
+
+    wave : amplitude of the smooth error; only one above zero makes the discrepancy probable
+    """
     data, log_slope, target, jacobian, std = linear(4, wave)
     data = replace(data, noise_known=known)
     k, rows = data.impedance.size, np.concatenate([jacobian, np.diag(1 / std)])
@@ -163,13 +193,13 @@ def test_evidence_is_that_of_a_dense_gaussian(wave, known):
     learned = learn_discrepancy(data, residual, q[: 2 * k], [smooth(data, log_slope)])
 
     def log_density(covariance: np.ndarray) -> tuple[float, float]:
-        """And the noise level."""
+        """Log density of the target at the most probable noise level, and that level."""
         factor = np.linalg.cholesky(covariance)
         white = np.linalg.solve(factor, target)
         chi_square = float(white @ white)
         level = np.log(noise_level(chi_square, 2 * k, data.level_std))
-        own = -2 * k * level - 0.5 * chi_square * np.exp(-2 * level) + log_level_prior(level, data.level_std)
-        return own - np.sum(np.log(np.diag(factor))), np.exp(level)
+        density = -2 * k * level - 0.5 * chi_square * np.exp(-2 * level) + log_level_prior(level, data.level_std)
+        return density - np.sum(np.log(np.diag(factor))), np.exp(level)
 
     base = np.eye(2 * k) + (jacobian * std**2) @ jacobian.T
     none, found, levels = log_density(base)[0], {}, {}
@@ -192,10 +222,12 @@ def test_evidence_is_that_of_a_dense_gaussian(wave, known):
 
 
 @pytest.mark.parametrize("wave", [2e-3, 3e-2])
-def test_evidence_where_the_noise_is_a_fraction_of_what_it_is_without(wave):
-    """Priors do not grow with the noise: p(target) with covariance s² (I + σ² Φ Φᵗ) + J Σ Jᵗ, most probable s.
+def test_evidence_where_the_discrepancy_lowers_the_noise_level(wave):
+    """Priors of unknowns do not scale with the noise: p(target) with covariance s² (I + σ² Φ Φᵗ) + J Σ Jᵗ at the most
+    probable s.
 
-    A misfit of twenty times the noise raises s until data say little beside priors; with the discrepancy they say more.
+    A misfit of twenty times the noise raises s so far that the data weigh little against the priors. With the
+    discrepancy s is small again, and the data weigh more.
     """
     data, log_slope, target, jacobian, std = linear(4, wave)
     k, gram = data.impedance.size, (jacobian * std**2) @ jacobian.T
@@ -205,7 +237,7 @@ def test_evidence_where_the_noise_is_a_fraction_of_what_it_is_without(wave):
     found = Fit(parameters, best, data, target - jacobian @ best, -jacobian, best / std, np.diag(1 / std), log_slope)
 
     def log_density(columns: np.ndarray) -> float:
-        """At the most probable level, of a fine grid."""
+        """Log density of the target at the most probable noise level of a fine grid."""
         densities = []
         for level in np.geomspace(0.7, 60, 300):
             factor = np.linalg.cholesky(level**2 * (np.eye(2 * k) + columns @ columns.T) + gram)
@@ -217,12 +249,12 @@ def test_evidence_where_the_noise_is_a_fraction_of_what_it_is_without(wave):
     none = log_density(np.zeros((2 * k, 1)))
     learned = found.learned
     gain = log_density(learned.columns) - none
-    # the mean over sizes, lengths and shares holds the best one among 243
+    # the evidence learned is a mean over 27 sizes, 3 lengths and 3 shares, so the best of these counts at least 1/243
     assert gain - np.log(243) - 0.1 < learned.log_evidence < gain + 0.5
 
 
-def test_what_is_on_its_bound_stays_there_beside_a_discrepancy():
-    """The discrepancy that the residual asks for, and its evidence, are those of a fit without that unknown."""
+def test_an_unknown_on_its_bound_stays_there_when_a_discrepancy_is_learned():
+    """The evidence of the discrepancy is that of a fit without the unknown, not that of a fit in which it is free."""
     data, log_slope, target, jacobian, std = linear(4, 3e-2)
 
     def fitted(which: np.ndarray, held: np.ndarray) -> Fit:
@@ -233,8 +265,10 @@ def test_what_is_on_its_bound_stays_there_beside_a_discrepancy():
         parameters = SimpleNamespace(
             prior_std=deviations, readings=(), names=tuple("abcd"[: which.size]), on_bound=lambda x: held
         )
-        left, own = target - jacobian[:, which] @ x, jacobian[:, which]
-        return Fit(parameters, x, data, left, -own, x / deviations, np.diag(1 / deviations), log_slope)
+        residual, jacobian_of_these = target - jacobian[:, which] @ x, jacobian[:, which]
+        return Fit(
+            parameters, x, data, residual, -jacobian_of_these, x / deviations, np.diag(1 / deviations), log_slope
+        )
 
     every = np.arange(4)
     bound, without = fitted(every, every == 0), fitted(every[1:], every[1:] == 0)
@@ -247,14 +281,16 @@ def test_what_is_on_its_bound_stays_there_beside_a_discrepancy():
 
 
 def test_forms_compete_with_equal_weight():
-    """The evidence of two forms: the mean of both, of a resonance's over all of its places, qualities and sizes."""
+    """The evidence of two forms is the mean of both. That of a resonance is the mean over all its places, qualities
+    and sizes, here against dense covariances.
+    """
     data, log_slope, target, _, _ = linear(6, 2e-3)
     impedance = np.exp(-1j * np.pi / 2 + 0.1j * np.log(FREQUENCY)) * 1e3
     k, span = data.impedance.size, np.zeros((target.size, 1))
 
     def forms(*which: int):
-        both = (lambda: smooth(data, log_slope), lambda: of_one_resonance(data, impedance, log_slope, (10.0,)))
-        return [both[number]() for number in which]
+        makers = (lambda: smooth(data, log_slope), lambda: of_one_resonance(data, impedance, log_slope, (10.0,)))
+        return [makers[number]() for number in which]
 
     one, other = (learn_discrepancy(data, target, span, forms(number)).log_evidence for number in (0, 1))
     whole = learn_discrepancy(data, target, span, forms(0, 1)).log_evidence
@@ -280,13 +316,14 @@ def test_forms_compete_with_equal_weight():
 
 
 def smooth_error(seed: int, sigma: float, length: float = 1 / 6) -> np.ndarray:
-    """(k,) a complex error of log Z, smooth over a sixth of the sweep."""
+    """(k,) a complex error of log Z with standard deviation `sigma`, smooth over `length` of the sweep."""
     root = np.linalg.cholesky(kernel(length) + 1e-9 * np.eye(FREQUENCY.size))
     return sigma * root @ (np.random.default_rng([77, seed]).standard_normal((FREQUENCY.size, 2)) @ [1, 1j])
 
 
 @pytest.fixture(scope="module")
 def truth(lab):
+    """The unknowns of the ideal laboratory that the file states."""
     return lab.material.x_of(lab.free.start)
 
 
@@ -299,11 +336,12 @@ def truth(lab):
     ],
 )
 def test_intervals_stay_honest_where_something_smooth_is_added(lab, sigma, length, stated):
-    """40 draws of a laboratory with an error of Z of 0.3 or 1 % that no unknown describes.
+    """40 draws of a laboratory with a smooth error of Z, 0.3 or 1 %, that no unknown describes.
 
-    Noise and tolerances alone promise tangents several times too well. With the discrepancy constants and tangents lie
-    in their intervals, and each of the six has an interval of about the right size, also where the noise is five times
-    what is stated. Length and size of the error are not among those that the discrepancy may have.
+    Noise and tolerances alone state deviations of the tangents of d31 and ε33T that are several times too small. With
+    the discrepancy, constants and tangents lie in their intervals as often as stated, and each of the six has an
+    interval of about the right size, also where the noise is five times the stated one. The length and size of the
+    error are not on the grids of the discrepancy.
     """
     pulls, plain_pulls = [], []
     for seed in range(40):
@@ -318,7 +356,7 @@ def test_intervals_stay_honest_where_something_smooth_is_added(lab, sigma, lengt
         plain_pulls.append((plain.x - x)[:6] / plain.std[:6])
     pulls, plain_pulls = np.array(pulls), np.array(plain_pulls)
     assert np.sqrt(np.mean(plain_pulls[:, [3, 5]] ** 2)) > 2.5
-    # the six of one draw err together: the mean scatters by about 0.04
+    # the six pulls of a draw are correlated, so their mean over 40 draws scatters by about 0.04
     assert 0.60 < np.mean(np.abs(pulls) < 1) < 0.85
     assert np.mean(np.abs(pulls) < 2) > 0.91
     assert np.all(np.abs(np.log(np.sqrt(np.mean(pulls**2, axis=0)))) < np.log(2))
@@ -326,7 +364,9 @@ def test_intervals_stay_honest_where_something_smooth_is_added(lab, sigma, lengt
 
 @pytest.mark.parametrize("known", [True, False])
 def test_nulls_have_no_discrepancy(lab, truth, known):
-    """25 sweeps of a right model in an ideal world, and 25 in a laboratory: one alarm at most."""
+    """A right model: 25 sweeps with all but the noise exactly known and 25 of a laboratory raise one false alarm at
+    most.
+    """
     alarms, z = 0, lab.evaluation.impedance(lab.ideal, truth)
     for seed in range(25):
         ideal = fit(lab.evaluation, lab.measured(z, seed, known=known), lab.ideal, [truth])
@@ -338,18 +378,22 @@ def test_nulls_have_no_discrepancy(lab, truth, known):
 
 
 def test_a_tolerance_is_no_discrepancy(lab):
-    """Sweeps of a laboratory: most ask for one where only noise is known, none where the tolerances are."""
-    asked = []
+    """Eight sweeps of a laboratory: a fit that allows for noise alone finds a discrepancy in five of them at least, a
+    fit with the tolerances in none.
+    """
+    found = []
     for seed in range(21, 29):
         x = lab.truth(seed)
         data = lab.measured(lab.evaluation.impedance(lab.unknowns, x), seed)
-        asked.append(fit(lab.evaluation, data, lab.ideal, [x[:6]]).learned.probable)
+        found.append(fit(lab.evaluation, data, lab.ideal, [x[:6]]).learned.probable)
         assert not fit(lab.evaluation, data, lab.unknowns, [lab.near(x)]).learned.probable
-    assert sum(asked) >= 5
+    assert sum(found) >= 5
 
 
 def test_white_misfit_is_noise(lab, truth):
-    """A sweep five times noisier than stated has no discrepancy; the intervals grow by five."""
+    """Noise stated five times too small is no discrepancy: the deviations are those of the rightly stated noise within
+    20 %.
+    """
     z = lab.evaluation.impedance(lab.ideal, truth)
     for seed in range(5):
         data = lab.measured(z, seed)
@@ -359,22 +403,28 @@ def test_white_misfit_is_noise(lab, truth):
         np.testing.assert_allclose(claimed.std, right.std, rtol=0.2)
 
 
-def test_its_size_is_not_that_of_the_stated_noise():
-    """The same readings, said to be 1, 5 and 25 times as exact: size and columns in ohm stay, to a step of the grid."""
+def test_size_of_a_discrepancy_does_not_depend_on_the_stated_noise():
+    """The same readings with their noise stated 1, 5 and 25 times smaller: size and unwhitened columns stay, within a
+    step of the grid of sizes.
+    """
     data, log_slope, target, _, _ = linear(5, 1e-2)
     size, spread = [], []
     for factor in (1.0, 5.0, 25.0):
-        own = replace(data, relative_noise=data.relative_noise / factor)
-        learned = learn_discrepancy(own, factor * target, np.zeros((target.size, 1)), [smooth(own, log_slope)])
+        stated = replace(data, relative_noise=data.relative_noise / factor)
+        learned = learn_discrepancy(stated, factor * target, np.zeros((target.size, 1)), [smooth(stated, log_slope)])
         size.append(learned.sigma)
-        level = learned.sigma / np.sqrt(np.mean(np.sum(learned.columns**2, axis=1)) / own.weight[0] ** 2)
+        level = learned.sigma / np.sqrt(np.mean(np.sum(learned.columns**2, axis=1)) / stated.weight[0] ** 2)
         spread.append(level / factor)
     assert max(size) / min(size) < 1.01 * STEP
-    assert np.ptp(np.log(spread)) < np.log(1.3)  # the noise found is that of the readings
+    assert np.ptp(np.log(spread)) < np.log(
+        1.3
+    )  # the noise level found, times the stated noise, is the noise of the readings
 
 
-def test_each_sweep_of_several_has_its_own():
-    """A misfit of one of two sweeps: its columns reach the other nowhere."""
+def test_each_of_several_sweeps_has_a_discrepancy_of_its_own():
+    """The discrepancies of two sweeps are independent: no covariance between their points, though the misfit of the
+    first alone makes it probable.
+    """
     k = FREQUENCY.size
     data = SweepData(np.tile(FREQUENCY, 2), np.ones(2 * k, complex), np.full(2 * k, 1e-3), True, sizes=(k, k))
     rng = np.random.default_rng(3)
@@ -390,19 +440,23 @@ def test_each_sweep_of_several_has_its_own():
     assert np.all(np.diag(covariance)[second] > 0)
 
 
-def test_the_root_is_that_of_noise_and_discrepancy():
-    """S Sᵗ = I + Φ Φᵗ, S symmetric, and its inverse, also of columns that are none or alike."""
+def test_root_of_the_covariance_of_noise_and_discrepancy():
+    """`coloured` is the symmetric root S with S Sᵗ = I + Φ Φᵗ and `whitened` its inverse, also for columns that are
+    zero or repeated.
+    """
     columns = np.random.default_rng(1).standard_normal((20, 5)) * [1.0, 1e4, 0.0, 1e-3, 1.0]
     columns[:, 4] = columns[:, 0]
-    one = Discrepancy("smooth", 0.1, 1.0, 1.0, 0.0, columns)
-    root = one.coloured(np.eye(20))
+    discrepancy = Discrepancy("smooth", 0.1, 1.0, 1.0, 0.0, columns)
+    root = discrepancy.coloured(np.eye(20))
     np.testing.assert_allclose(root, root.T, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(root @ root.T, np.eye(20) + columns @ columns.T, rtol=1e-9, atol=1e-6)
-    np.testing.assert_allclose(one.whitened(root), np.eye(20), atol=1e-8)
+    np.testing.assert_allclose(discrepancy.whitened(root), np.eye(20), atol=1e-8)
 
 
 def test_covariance_is_the_scatter_of_the_estimate():
-    """4000 draws of noise (twice what is stated), discrepancy and prior means about one linear problem."""
+    """4000 draws of noise (twice the stated one), discrepancy and prior means in a linear problem: stated deviations
+    within 5 % of the scatter.
+    """
     data, _, _, jacobian, std = linear(9, 0.0)
     data, rng = replace(data, noise_known=False), np.random.default_rng(2)
     columns, level = 3 * rng.standard_normal((len(jacobian), 6)), 2.0
@@ -411,7 +465,7 @@ def test_covariance_is_the_scatter_of_the_estimate():
     means = std * rng.standard_normal((4000, 4))
     drawn = np.linalg.solve(hessian, jacobian.T @ noise.T / level**2 + means.T / std[:, None] ** 2)
     residual = noise[0] - jacobian @ drawn[:, 0]
-    one = Fit(
+    found = Fit(
         SimpleNamespace(prior_std=std, readings=()),
         np.zeros(4),
         data,
@@ -423,6 +477,6 @@ def test_covariance_is_the_scatter_of_the_estimate():
         level=level,
         discrepancy=Discrepancy("smooth", 0.1, 1.0, 1.0, 0.0, columns),
     )
-    assert one.noise_scale == pytest.approx(level, rel=0.2)
-    scale = one.noise_scale / level
-    np.testing.assert_allclose(one.std, scale * drawn.std(axis=1), rtol=0.05)
+    assert found.noise_scale == pytest.approx(level, rel=0.2)
+    scale = found.noise_scale / level
+    np.testing.assert_allclose(found.std, scale * drawn.std(axis=1), rtol=0.05)

@@ -17,7 +17,7 @@ PRIOR = {"s11": (17e-12, 0.2e-12), "tan_s11": (0.02, 0.003)}
 
 
 class Exponential:
-    """log Z = m·(x − x0), so that data and a Gaussian prior have a Gaussian posterior."""
+    """A response log Z = m·(x − x0), so that the posterior under a Gaussian prior is Gaussian."""
 
     def __init__(self, slopes: np.ndarray, x0: np.ndarray) -> None:
         self.slopes, self.x0 = slopes, x0
@@ -35,7 +35,7 @@ class Exponential:
 
 @pytest.fixture(scope="module")
 def problem():
-    """Response, fit, and mean and covariance of the posterior over x by normal equations."""
+    """Response, fit, and mean and covariance of the posterior of x by normal equations."""
     free = FreeConstants.of(library_material("pzt-5h").constants, ("s11",))
     unknowns = Unknowns(MaterialParameters.around(free, free.start), PRIOR)
     rng = np.random.default_rng(3)
@@ -70,7 +70,9 @@ def test_samples_have_the_known_mean_width_and_intervals(problem):
 
 
 class Ridge(Exponential):
-    """The data tell the product of the two unknowns alone, to 1e-4 of what the prior leaves of each."""
+    """A response that determines only the product of the two unknowns, to 1e-4 of the width that the prior leaves to
+    each.
+    """
 
     def with_jacobian(self, parameters, x):
         z = np.exp(self.slopes[:, 0] * (x[0] * x[1] - self.x0[0] * self.x0[1]))
@@ -78,7 +80,11 @@ class Ridge(Exponential):
 
 
 def test_a_ridge_far_narrower_than_it_bends_is_followed():
-    """Samples keep the product, and between them spread as the prior does; the Gaussian leaves the ridge by far."""
+    """Samples keep the product to 1e-4 and spread along the ridge at least half as far as the prior, cut by the
+    ridge, allows.
+
+    Draws of the Gaussian approximation leave the ridge: their products scatter more than 50 times as much.
+    """
     free = FreeConstants.of(library_material("pzt-5h").constants, ("s11",))
     prior = {"s11": (17e-12, 1.7e-12), "tan_s11": (0.02, 0.004)}
     unknowns = Unknowns(MaterialParameters.around(free, free.start), prior)

@@ -1,4 +1,6 @@
-"""Every number is an unknown with a prior: means, deviations, causes that are lifted tolerances, priors in the fit."""
+"""Unknowns and their priors: means and deviations, causes as tolerances whose prior is widened, and priors in the
+fit.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +15,15 @@ from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unk
 
 
 def column(unknowns: Unknowns, name: str) -> int:
+    """Place of a named unknown in x."""
     return unknowns.names.index(name)
 
 
 def test_priors_are_those_of_the_file_wherever_the_fit_starts(lab):
-    """The scale of an unknown is its start; its prior is about the file's value, a tangent's 0.02 if not known."""
+    """The start of the fit scales an unknown, but its prior is centred on the value of the file.
+
+    A tangent without a stated accuracy has the prior 0.02 ± 0.05.
+    """
     file = FreeConstants.of(CONSTANTS, FREE)
     away = file.at(file.start * np.array([1.2, 0.8, 1.1]))
     prior = material_prior(file, {"s11": 0.02}, {"d31": 0.004})
@@ -32,7 +38,9 @@ def test_priors_are_those_of_the_file_wherever_the_fit_starts(lab):
 
 
 def test_what_has_a_tolerance_is_in_every_fit_and_nothing_else(lab):
-    """Each tolerance stands once, with its own deviation and its mean at rest; leakage and laws have none."""
+    """Each quantity with a tolerance is an unknown once, with that deviation and a prior mean of zero; leakage and
+    laws have none.
+    """
     names = lab.unknowns.names
     assert len(set(names)) == len(names) == lab.unknowns.count
     std = lab.unknowns.prior_std[lab.unknowns.of_material :] * lab.unknowns.scale
@@ -54,53 +62,58 @@ def test_what_has_a_tolerance_is_in_every_fit_and_nothing_else(lab):
 
 
 def test_the_instrument_errs_by_its_accuracy_and_smoothly(lab):
-    """Standard deviation of log |Z| and phase at every frequency, and how neighbours go together, over the prior."""
+    """Prior covariance of log |Z| and of phase between all frequencies: variance of the stated accuracy, correlation
+    exp(−½ (difference in decades)²).
+    """
     number = lab.unknowns.index("instrument")
-    own = lab.unknowns.columns(number)
+    columns = lab.unknowns.columns(number)
     _, slopes = lab.evaluation.with_jacobian(lab.unknowns, lab.unknowns.prior_mean)
     z = lab.evaluation.impedance(lab.unknowns, lab.unknowns.prior_mean)
-    rows = slopes[:, own] / z[:, None] * lab.unknowns.prior_std[own]
+    rows = slopes[:, columns] / z[:, None] * lab.unknowns.prior_std[columns]
     for part in (rows.real, rows.imag):
         covariance = part @ part.T / 8e-4**2
         decades = np.log10(FREQUENCY)
         assert np.max(np.abs(covariance - np.exp(-0.5 * (decades[:, None] - decades) ** 2))) < 0.03
 
 
-def test_a_cause_is_a_tolerance_that_is_lifted(lab):
-    """wrong_length in the place of the length, at its usual size; taken back it is the calliper's again."""
+def test_a_cause_replaces_the_tolerance_by_its_usual_size(lab):
+    """wrong_length as a candidate has its usual size as prior deviation in place of the calliper's; without it the
+    calliper's is back.
+    """
     effect = lab.library["wrong_length"]
-    lifted = lab.unknowns.with_candidate(effect)
-    assert lifted.names == lab.unknowns.names and lifted.candidates == ("wrong_length",)
-    own = lifted.columns(lifted.index("wrong_length"))
-    changed = np.flatnonzero(lifted.prior_std != lab.unknowns.prior_std)
-    assert changed.tolist() == [own.start]
-    assert lifted.prior_std[own] * effect.scale == pytest.approx(effect.spread)
-    back = lifted.without_candidate("wrong_length")
+    widened = lab.unknowns.with_candidate(effect)
+    assert widened.names == lab.unknowns.names and widened.candidates == ("wrong_length",)
+    columns = widened.columns(widened.index("wrong_length"))
+    changed = np.flatnonzero(widened.prior_std != lab.unknowns.prior_std)
+    assert changed.tolist() == [columns.start]
+    assert widened.prior_std[columns] * effect.scale == pytest.approx(effect.spread)
+    back = widened.without_candidate("wrong_length")
     assert back.names == lab.unknowns.names and back.candidates == ()
     np.testing.assert_array_equal(back.prior_std, lab.unknowns.prior_std)
 
 
-def test_a_cause_without_a_tolerance_comes_and_goes(lab):
+def test_a_cause_without_a_tolerance_adds_an_unknown(lab):
+    """And takes it away again; the other unknowns keep their values."""
     leak = lab.library["leakage"]
-    more = lab.unknowns.with_candidate(leak)
-    assert more.names == (*lab.unknowns.names, "leakage.conductance") and more.causes == (leak,)
+    with_leak = lab.unknowns.with_candidate(leak)
+    assert with_leak.names == (*lab.unknowns.names, "leakage.conductance") and with_leak.causes == (leak,)
     x = np.arange(lab.unknowns.count, dtype=float)
-    np.testing.assert_array_equal(more.carried(lab.unknowns, x), [*x, 0.0])
-    less = more.without_candidate("leakage")
-    assert less.names == lab.unknowns.names
-    np.testing.assert_array_equal(less.carried(more, np.append(x, 7.0)), x)
+    np.testing.assert_array_equal(with_leak.carried(lab.unknowns, x), [*x, 0.0])
+    without_leak = with_leak.without_candidate("leakage")
+    assert without_leak.names == lab.unknowns.names
+    np.testing.assert_array_equal(without_leak.carried(with_leak, np.append(x, 7.0)), x)
 
 
-def test_only_the_value_of_a_held_constant_is_lifted(lab):
-    """The tangent keeps its tolerance where the constant is a cause."""
+def test_a_held_constant_as_a_cause_keeps_the_tolerance_of_its_tangent(lab):
+    """Only the value gets the wide prior of a cause."""
     effect = lab.library["wrong_insensitive_parameter:s12"]
-    lifted = lab.unknowns.with_candidate(effect)
-    own = lifted.columns(lifted.index(effect.key))
-    assert lifted.prior_std[own] * effect.scale == pytest.approx([0.12, 0.003])
+    widened = lab.unknowns.with_candidate(effect)
+    columns = widened.columns(widened.index(effect.key))
+    assert widened.prior_std[columns] * effect.scale == pytest.approx([0.12, 0.003])
 
 
-def test_data_that_say_nothing_leave_the_prior(lab):
-    """Where the noise is a factor of e^100000 the fit is the prior."""
+def test_data_without_information_leave_the_prior(lab):
+    """With relative noise of 1e5, the fit returns means and deviations of the prior."""
     z = lab.evaluation.impedance(lab.unknowns, lab.truth(1))
     data = replace(lab.measured(z, 1), relative_noise=np.full(z.size, 1e5))
     found = fit(lab.evaluation, data, lab.unknowns, [lab.truth(2)])
@@ -109,25 +122,31 @@ def test_data_that_say_nothing_leave_the_prior(lab):
     assert found.determined < 1e-4
 
 
-def test_a_prior_pulls_by_its_weight_and_data_by_theirs(lab):
-    """A known s11 that is three of its deviations beside what the data say: between the two, by the precisions."""
+def test_a_prior_and_the_data_are_weighted_by_their_precisions(lab):
+    """A prior of s11 three deviations from what the data say, half as wide: the estimate is the mean weighted by
+    precisions.
+    """
     truth = lab.truth(5)
     data = lab.measured(lab.evaluation.impedance(lab.unknowns, truth), 5)
     free = fit(lab.evaluation, data, lab.unknowns, [lab.unknowns.prior_mean])
     name = "s11"
-    own, size = column(lab.unknowns, name), free.std[0]
-    wish = free.x[own] + 3 * size
-    mean, std = wish * lab.material.scale[0], 0.5 * size * lab.material.scale[0]
+    place, size = column(lab.unknowns, name), free.std[0]
+    wanted = free.x[place] + 3 * size
+    mean, std = wanted * lab.material.scale[0], 0.5 * size * lab.material.scale[0]
     known = replace(lab.unknowns, prior={**lab.unknowns.prior, name: (mean, std)})
     held = fit(lab.evaluation, data, known, [free.x])
-    before, after = 1 / size**2 - 1 / lab.unknowns.prior_std[own] ** 2, 1 / (0.5 * size) ** 2
-    assert held.std[own] == pytest.approx((before + after) ** -0.5, rel=2e-2)
-    data_alone = (free.x[own] / size**2 - lab.unknowns.prior_mean[own] / lab.unknowns.prior_std[own] ** 2) / before
-    assert held.x[own] == pytest.approx((before * data_alone + after * wish) / (before + after), abs=0.02 * size)
+    of_data, of_prior = 1 / size**2 - 1 / lab.unknowns.prior_std[place] ** 2, 1 / (0.5 * size) ** 2
+    assert held.std[place] == pytest.approx((of_data + of_prior) ** -0.5, rel=2e-2)
+    data_alone = (
+        free.x[place] / size**2 - lab.unknowns.prior_mean[place] / lab.unknowns.prior_std[place] ** 2
+    ) / of_data
+    assert held.x[place] == pytest.approx(
+        (of_data * data_alone + of_prior * wanted) / (of_data + of_prior), abs=0.02 * size
+    )
 
 
 def test_a_shifted_prior_mean_is_that_of_the_unknown(lab):
-    """The helper of other tests: one mean moves, by deviations; nothing else does."""
+    """The helper `shifted` moves one prior mean by the given number of deviations and changes nothing else."""
     for index in (0, 3, 6, 9, lab.unknowns.count - 1):
         other = shifted(lab.unknowns, index, 2.0)
         moved = (other.prior_mean - lab.unknowns.prior_mean) / lab.unknowns.prior_std

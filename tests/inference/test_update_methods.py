@@ -1,4 +1,4 @@
-"""Pole-zero iteration, curve fit and identifiability on data made by exact formulas."""
+"""Pole-zero iteration, curve fit and identifiability, on data computed by exact formulas."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from femu_piezo.resonances import Resonance
 
 PZT = library_material("pzt-5h").constants
 LOSSY = PiezoConstants.from_vector(PZT.vector() * (1 - 1j * np.array([14, 12, 13, 15, 20, 16, 17, 18, 19, 20]) * 1e-3))
-#: A bar so slender that the 1-D formula, exact and no discretisation at all, is the truth to 1e-5.
+#: A bar so slender that the 1-D formula, which needs no discretisation, holds to 1e-5.
 BAR = Plate(40e-3, 0.2e-3, 0.2e-3)
 DENSITY = 7500.0
 FREE = ("s11", "d31", "eps33T")
@@ -35,13 +35,13 @@ FREE = ("s11", "d31", "eps33T")
 
 @pytest.fixture(scope="module")
 def bar():
-    """Reduced model of the bar, its exact sweep, and the parameters around a start 15 % off."""
+    """The full and the reduced model of the bar, free constants started 10 to 15 % off, and the exact sweep."""
     model = ElectroelasticModel(BAR.domain((20, 1, 1)), DENSITY)
     away = LOSSY.with_values(
         s11=LOSSY.s11.real * 1.15 + 0j, d31=LOSSY.d31.real * 0.85 + 0j, eps33T=LOSSY.eps33T.real * 1.1 + 0j
     )
     free = FreeConstants.of(away, FREE)
-    accuracy = 1e-8  # sensitivities of eigenvalues are off by the root of what eigenvalues are
+    accuracy = 1e-8  # errors of the sensitivities are the square root of the errors of eigenvalues
     reduced = extend_model(model, free.training_sets(free.start, 0.25), (), 60e3, accuracy=accuracy)
     frequency = np.linspace(20e3, 60e3, 401)
     y = k31_bar_admittance(2 * np.pi * frequency, 40e-3, 0.2e-3, 0.2e-3, DENSITY, LOSSY.s11, LOSSY.d31, LOSSY.eps33T)
@@ -55,7 +55,7 @@ def _noisy(spectrum: ImpedanceSpectrum, level: float, seed: int) -> ImpedanceSpe
 
 
 def _fitted(bar, spectrum: ImpedanceSpectrum, start: np.ndarray) -> Fit:
-    """The most probable constants of a sweep with 0.1 % of noise, from complex θ."""
+    """The most probable constants of a sweep with 0.1 % of noise, started at the complex constants `start`."""
     _, reduced, free, _ = bar
     data = SweepData(spectrum.frequency, spectrum.impedance, np.full(len(spectrum), 1e-3), True)
     unknowns = Unknowns(MaterialParameters.around(free, free.start), material_prior(free, {}, {}))
@@ -71,8 +71,11 @@ def test_curve_fit_recovers_the_exact_bar(bar):
         assert -value.imag / value.real == pytest.approx(LOSSY.tangent(name), rel=5e-3), name
 
 
-def test_intervals_of_the_curve_fit_cover(bar):
-    """40 draws of 0.1 % noise: the scatter of every estimate is what the covariance says, and its mean unbiased."""
+def test_intervals_of_the_curve_fit_hold_the_truth(bar):
+    """40 draws of 0.1 % noise: estimates are unbiased and scatter as their covariance states.
+
+    The means of pulls lie within 3.3 of their standard deviations.
+    """
     _, _, free, spectrum = bar
     exact = _fitted(bar, spectrum, free.start)
     truth, pulls = exact.parameters.material.theta(exact.x), []
@@ -86,7 +89,7 @@ def test_intervals_of_the_curve_fit_cover(bar):
 
 
 def test_pole_zero_newton_recovers_the_exact_bar(bar):
-    """Poles of the 1-D bar are exact complex numbers; the zero is the root of its Y, found to rounding."""
+    """The pole of the 1-D bar is known in closed form; its zero is the root of Y, found to rounding."""
     _, reduced, free, _ = bar
     pole = (np.pi / 40e-3) ** 2 / (DENSITY * LOSSY.s11)
     k2 = LOSSY.d31**2 / (LOSSY.s11 * LOSSY.eps33T)
@@ -112,7 +115,9 @@ def test_reduced_and_full_sources_agree(bar):
 
 
 def test_contradictory_pole_and_zero_are_refused(bar):
-    """A zero 40 % above its pole would need a coupling no passive ceramic has with these constants."""
+    """A zero at three times the frequency of its pole (nine times its λ) would need a coupling that no passive ceramic
+    has.
+    """
     _, reduced, free, _ = bar
     pole = (np.pi / 40e-3) ** 2 / (DENSITY * LOSSY.s11)
     two = FreeConstants.of(free.constants(free.start), ("s11", "d31"))
@@ -120,8 +125,8 @@ def test_contradictory_pole_and_zero_are_refused(bar):
         update_pair(reduced_source(reduced), two, np.array([pole, 9 * pole]))
 
 
-def test_identifiability_names_what_is_confounded():
-    """Two unknowns that act alike: their sum is known, their difference is not."""
+def test_identifiability_names_confounded_unknowns():
+    """Two unknowns with the same effect on the data: their sum is determined, their difference is not."""
     rng = np.random.default_rng(0)
     base = rng.standard_normal((200, 3))
     jacobian = np.column_stack([base[:, 0], base[:, 1], base[:, 1] * (1 + 1e-14), base[:, 2] * 1e4])
@@ -134,6 +139,9 @@ def test_identifiability_names_what_is_confounded():
 
 
 def test_identifiability_is_the_covariance():
+    """Standard deviations and correlations are those of (JᵗJ)^-1, relative to the values of constants and absolute for
+    tangents.
+    """
     rng = np.random.default_rng(1)
     jacobian, values = rng.standard_normal((50, 4)), np.array([2.0, 0.01, 3.0, 0.02])
     told = identifiability(jacobian, ("a", "tan_a", "b", "tan_b"), values)
@@ -145,8 +153,10 @@ def test_identifiability_is_the_covariance():
 
 @pytest.mark.parametrize("kind", ["pole", "zero"])
 def test_slopes_of_terminal_roots_are_exact(lab, kind):
-    """Of the fundamental in every unknown: constants, dimensions, density, held constants, fixture; an accuracy moves
-    none."""
+    """∂/∂x of the fundamental pole or zero in every unknown against central differences.
+
+    Unknowns of the instrument's accuracy move neither.
+    """
     unknowns, x = lab.unknowns, lab.truth(3)
 
     def root(at: np.ndarray) -> np.ndarray:
@@ -166,7 +176,7 @@ def test_slopes_of_terminal_roots_are_exact(lab, kind):
 
 
 def test_matching_follows_strength_where_modes_cross():
-    """A weak mode crosses a strong one: the measured strong mode stays with the strong one of the model."""
+    """A weak mode crosses a strong one: the strong measured mode stays paired with the strong mode of the model."""
     measured = (
         Resonance("pole", 1.00e10 + 1e8j, residue=1e10),
         Resonance("pole", 1.02e10 + 1e8j, residue=1e7),
@@ -184,7 +194,7 @@ def test_matching_refuses_more_modes_than_the_model_has():
         match(measured, np.array([1e10, 2e10]) + 1e8j, np.ones(2))
 
 
-def test_free_constants_refuse_strangers_and_zeros():
+def test_free_constants_that_cannot_be_free_are_refused():
     simple = library_material("tj52-hd").constants
     with pytest.raises(InputError, match="simplified"):
         FreeConstants.of(simple, ("s11", "s13"), simplified=True)
@@ -193,6 +203,7 @@ def test_free_constants_refuse_strangers_and_zeros():
 
 
 def test_simplified_free_constants_move_together(target):
+    """In the simplified material s33, s44 and d33 follow from the three free constants."""
     free = FreeConstants.of(target.full(), FREE, simplified=True)
     theta = np.array([16e-12 - 1e-13j, -3e-10 + 1e-12j, 2e-8 - 1e-10j])
     moved = free.constants(theta)
