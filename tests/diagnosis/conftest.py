@@ -1,4 +1,6 @@
-"""A plate as an extended reduced model with the whole library, and the independent Ritz model of the same."""
+"""A plate as an extended reduced model with every effect of the library; data of the same plate come from the
+independent Ritz and spectral solvers.
+"""
 
 from __future__ import annotations
 
@@ -22,15 +24,16 @@ SIZE, DENSITY = (12e-3, 6.5e-3, 1.5e-3), 7500.0
 TANGENTS = np.array([15, 13, 12, 16, 20, 13, 12, 14, 18, 17]) * 1e-3
 FUNDAMENTAL = 117e3
 AXES = {"length": (0,), "width": (1,), "thickness": (2,)}
-#: Up to the third resonance, with its pole and zero well sampled.
+#: From far below the fundamental to the third resonance, finer around the pole and zero of the fundamental, Hz.
 FREQUENCY = np.concatenate([np.linspace(5e3, 110e3, 12), np.linspace(112e3, 126e3, 15), np.linspace(130e3, 225e3, 30)])
 BAND = (float(FREQUENCY[0]), float(FREQUENCY[-1]))
 
 
 class Setup:
-    """The model, its library and the unknowns of the truth.
+    """The extended reduced model of a plate, its library of effects, and the unknowns at their true values.
 
-    On a mesh that is finer than a sweep needs; or on another, trained for all constants as in a study.
+    On a mesh finer than a sweep needs. With a `domain`, on that mesh and with the basis trained for all constants, as a
+    study does.
     """
 
     def __init__(self, domain: Domain | None = None, size: tuple[float, float, float] = SIZE) -> None:
@@ -53,17 +56,19 @@ class Setup:
         self.evaluation = Evaluation(self.model, 2 * np.pi * FREQUENCY)
 
     def with_effects(self, values: dict[str, np.ndarray | float]) -> tuple[Unknowns, np.ndarray]:
-        """The unknowns with effects of the library as causes, and where they stand: key → parameters, SI."""
+        """The unknowns with effects of the library as causes, and x (n_x,) with the given parameters, SI; further
+        parameters at rest.
+        """
         unknowns, x = self.unknowns, self.x
-        for key, own in values.items():
+        for key, parameters in values.items():
             effect = self.library[key]
             unknowns = unknowns.with_candidate(effect)
-            given = np.atleast_1d(own)
+            given = np.atleast_1d(parameters)
             x = np.concatenate([x, np.append(given, effect.rest[given.size :]) / effect.scale])
         return unknowns, x
 
     def data(self, impedance: np.ndarray, noise: float, known: bool = True) -> SweepData:
-        """A sweep at all frequencies with a relative noise."""
+        """The sweep `impedance` at all frequencies, with its stated relative noise."""
         return SweepData(FREQUENCY, impedance, np.full(impedance.size, noise), known)
 
 

@@ -14,7 +14,7 @@ PAGE = Path(__file__).resolve().parents[2] / "tutorials" / "effects.md"
 
 
 def rows() -> dict[str, str]:
-    """Effect → the cell of its parameters."""
+    """Effect → text of the cell with its parameters."""
     found = {}
     for line in PAGE.read_text(encoding="utf-8").splitlines():
         cells = [cell.strip() for cell in line.split("|")]

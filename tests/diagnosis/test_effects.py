@@ -1,4 +1,6 @@
-"""Every effect: Z against an independent Ritz solution or a closed formula, Jacobian against differences, limits."""
+"""Every effect: Z against an independent Ritz solution or a closed formula, the Jacobian against differences, and
+limits.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,7 @@ from femu_piezo.material.constants import D_FORM
 
 OMEGA = 2 * np.pi * FREQUENCY
 ORDERS = (13, 10, 5)
-#: Effect → size at which it is tested, with the tangent of a held constant where two are given.
+#: Effect → parameters at which it is tested, SI; of a held constant the error of its value, or of value and tangent.
 SIZES = {
     "series_resistance": 3.0,
     "series_inductance": (5e-6, 2e-7),
@@ -45,7 +47,7 @@ SIZES = {
     "film_stiffness": (1.2e6, 0.06, 4e-8),
     "fluid_load": (20.0, 5e4, 0.02),
 }
-#: Effects at a place, with all their parameters.
+#: Effects that depend on a place in the body → all their parameters, SI.
 PLACED = {
     "point_mass": (2.5e-6, 4.1e-3, 1.9e-3, 0.5e-3),
     "local_crack": (0.15e-3, 2.3e-3, 0.2e-3),
@@ -58,16 +60,20 @@ PLACED = {
     "unequal_electrode_mass": (0.6,),
     "uneven_body": (0.03, 0.02, -0.05, 0.04, 0.1, 0.06),
 }
-#: Effects with an independent solution of their own, in a file of theirs.
+#: Effects that other test files compare with an independent solution → their parameters, SI.
 APART = {"electrode_resistance": (3.0, 2e-3), "sweep_too_fast": 2e4, "drive_level": (4e-3, 0.5)}
 
 
 def evaluate(setup, key: str, size: float | np.ndarray):
+    """Z (k,) and ∂Z/∂x with one effect at the given parameters."""
     return setup.evaluation.with_jacobian(*setup.with_effects({key: size}))
 
 
-def test_what_acts_outside_the_body_or_not_yet_takes_its_closed_forms(setup, monkeypatch):
-    """They are diagonalised once; other constants, and effects that act on the body, have their own."""
+def test_circuits_and_effects_of_size_zero_use_the_diagonalised_bare_body(setup, monkeypatch):
+    """The bare body is diagonalised once for both, also for their slopes.
+
+    Other constants, and effects on the body of a size other than zero, need a diagonalisation of their own.
+    """
     made = []
 
     def counted(*given):
@@ -75,9 +81,9 @@ def test_what_acts_outside_the_body_or_not_yet_takes_its_closed_forms(setup, mon
         return diagonalise(*given)
 
     monkeypatch.setattr(response, "diagonalise", counted)
-    own, x = setup.with_effects({})
-    x = x * (1 + 1e-7)  # none has asked for these
-    plain = setup.evaluation.impedance(own, x)
+    plain_unknowns, x = setup.with_effects({})
+    x = x * (1 + 1e-7)  # constants that no earlier test has evaluated, so that nothing is kept for them
+    plain = setup.evaluation.impedance(plain_unknowns, x)
     assert len(made) == 1
     for key, size in {"series_resistance": 3.0, "electrode_mass": 0.0, "wrong_density": 0.0}.items():
         unknowns, at = setup.with_effects({key: size})
@@ -91,8 +97,8 @@ def test_what_acts_outside_the_body_or_not_yet_takes_its_closed_forms(setup, mon
         change = setup.evaluation.impedance(unknowns, moved) - z
         assert np.max(np.abs(change - 1e-3 * slopes[:, -1])) < 0.02 * np.max(np.abs(change)), key
         made[1:] = []
-        setup.evaluation.impedance(own, x)
-    for unknowns, at in (setup.with_effects({"electrode_mass": 0.1}), (own, x * (1 + 1e-6))):
+        setup.evaluation.impedance(plain_unknowns, x)
+    for unknowns, at in (setup.with_effects({"electrode_mass": 0.1}), (plain_unknowns, x * (1 + 1e-6))):
         count = len(made)
         setup.evaluation.impedance(unknowns, at)
         assert len(made) == count + 1
@@ -100,7 +106,7 @@ def test_what_acts_outside_the_body_or_not_yet_takes_its_closed_forms(setup, mon
 
 @pytest.fixture(scope="module")
 def bare():
-    """Z of the bare plate by the independent model."""
+    """A function that gives Z of the plate without further effects by the independent Ritz model."""
 
     def solve(theta, size=SIZE, film=0.0, density=DENSITY):
         return RitzPlate(size, density, ORDERS, film).impedance(theta, FREQUENCY)
@@ -109,13 +115,13 @@ def bare():
 
 
 def reference(key: str, size: float, theta: np.ndarray, bare) -> np.ndarray:
-    """Z with the effect, nothing of femu_piezo used."""
+    """Z with the effect, without any code of femu_piezo."""
     if key.startswith("wrong_"):
         name = key.removeprefix("wrong_")
         if ":" in name:
             error, tangent = np.append(size, 0.0)[:2]
-            own = np.array(D_FORM) == name.partition(":")[2]
-            return bare(np.where(own, theta * (1 + error) * (1 - 1j * tangent), theta))
+            wave_impedance = np.array(D_FORM) == name.partition(":")[2]
+            return bare(np.where(wave_impedance, theta * (1 + error) * (1 - 1j * tangent), theta))
         if name == "density":
             return bare(theta, density=DENSITY * (1 + size))
         grown = np.array(SIZE)
@@ -175,16 +181,16 @@ def reference(key: str, size: float, theta: np.ndarray, bare) -> np.ndarray:
         return bare(lambda f: theta * (1 + strength * (cole(f) - cole(FUNDAMENTAL).real) * (np.arange(10) == 9)))
     z = bare(theta)
     if key == "cable":
-        length, own = size
+        length, wave_impedance = size
         beta = OMEGA * length / (0.66 * 299792458)
-        return own * (z + 1j * own * np.tan(beta)) / (own + 1j * z * np.tan(beta))
+        return wave_impedance * (z + 1j * wave_impedance * np.tan(beta)) / (wave_impedance + 1j * z * np.tan(beta))
     if key == "contact_gap":
         inverse, corner = size
         capacitance, conductance = 1 / inverse, 2 * np.pi * corner / inverse
         return z + 1 / (1j * OMEGA * capacitance + conductance)
     if key == "series_inductance":
         inductance, time_constant = size
-        return z + 1 / (1 / (1j * OMEGA * inductance) + time_constant / inductance)  # a resistor beside it
+        return z + 1 / (1 / (1j * OMEGA * inductance) + time_constant / inductance)  # parallel to a resistor
     return {
         "series_resistance": z + size,
         "stray_capacitance": 1 / (1 / z + 1j * OMEGA * size),
@@ -194,19 +200,22 @@ def reference(key: str, size: float, theta: np.ndarray, bare) -> np.ndarray:
 
 @pytest.mark.parametrize("key", SIZES)
 def test_impedance_against_independent_solution(setup, bare, key):
-    """Within 1.5e-3 everywhere (mesh error at the upper resonances) and a hundredth of the effect itself."""
+    """Z within 1.5e-3 everywhere (the mesh error at the upper resonances), and the change by the effect within 1 %
+    in rms.
+    """
     z, _ = evaluate(setup, key, SIZES[key])
     rest = setup.evaluation.impedance(setup.unknowns, setup.x)
     exact = reference(key, SIZES[key], setup.theta, bare)
-    own = np.abs(np.log(exact / bare(setup.theta)))
+    effect_size = np.abs(np.log(exact / bare(setup.theta)))
     error = np.abs(np.log(z / exact))
-    # what the effect changes, the error of the mesh taken out
+    # error of the change of log Z by the effect: the mesh error of the bare plate cancels
     change = np.abs(np.log(z / rest) - np.log(exact / bare(setup.theta)))
     assert np.max(error) < 1.5e-3
-    assert np.sqrt(np.mean(change**2)) < 0.01 * np.sqrt(np.mean(own**2))
+    assert np.sqrt(np.mean(change**2)) < 0.01 * np.sqrt(np.mean(effect_size**2))
 
 
 def test_every_jacobian_against_richardson_differences(setup):
+    """Along a random direction in all unknowns, every effect of the library alone: within 1e-5 of the largest slope."""
     rng = np.random.default_rng(5)
     for key, effect in setup.library.items():
         values = np.atleast_1d({**PLACED, **SIZES, **APART}.get(key, 0.05))
@@ -226,15 +235,16 @@ def test_every_jacobian_against_richardson_differences(setup):
 
 
 def test_effects_vanish_at_rest(setup):
+    """Every effect at its rest values leaves Z unchanged."""
     rest = setup.evaluation.impedance(setup.unknowns, setup.x)
     for key, effect in setup.library.items():
         z, _ = evaluate(setup, key, effect.rest)
-        # further unknowns make the driven part more exact, by no more than the accuracy that was asked of it
+        # sectors of an effect enlarge the basis, which changes Z within the accuracy of the reduction
         np.testing.assert_allclose(z, rest, rtol=1e-5 if effect.sectors else 2e-7, err_msg=key)
 
 
 def test_effects_compose(setup):
-    """A stretch, a dispersion, a wrong constant and two circuits at once: values and Jacobian."""
+    """A stretch, a dispersion, a wrong constant and two circuits together: Z and Jacobian."""
     names = ("wrong_width", "dielectric_dispersion", "wrong_insensitive_parameter:s13", "leakage", "series_resistance")
     parameters, x = setup.with_effects({name: 0.5 * setup.library[name].scale for name in names})
     z, tangents = setup.evaluation.with_jacobian(parameters, x)
@@ -252,7 +262,9 @@ def test_effects_compose(setup):
 
 
 def test_a_trial_step_may_make_the_mass_indefinite(setup):
-    """A film of negative mass: the closed forms against a solve per frequency, which a dispersive effect asks for."""
+    """A film of negative mass: closed forms against a solution at every frequency, which a dispersive effect makes
+    necessary.
+    """
     film, law = setup.library["electrode_mass"], setup.library["dielectric_dispersion"]
     for size in (-0.3, -3.0, -30.0):
         parameters, x = setup.with_effects({film.key: size})
@@ -263,13 +275,16 @@ def test_a_trial_step_may_make_the_mass_indefinite(setup):
 
 
 def test_strata_sum_to_the_bulk_matrices(setup):
+    """Parts of equal exponents under stretching (strata) add up to the matrix of each e-form constant."""
     for q in range(10):
         total = setup.model.strata[setup.model.owner == q].sum(axis=0)
         assert np.max(np.abs(total - setup.model.bulk[q])) < 1e-9 * np.max(np.abs(setup.model.bulk[q]))
 
 
 def test_partner_of_a_loss_law_is_kramers_kronig():
-    """(jω)^n has real and imaginary part in the ratio cot(nπ/2); the series about n = 0 joins the formula."""
+    """Real and imaginary part of (jω)^n have the ratio cot(nπ/2); near n = 0 the series continues the formula, with
+    its slope.
+    """
     logs = np.linspace(-2.0, 1.0, 7)
     for n in (0.3, -0.5):
         causal = (1j * np.exp(logs)) ** n
@@ -283,6 +298,7 @@ def test_partner_of_a_loss_law_is_kramers_kronig():
 
 
 def test_table_of_effects_is_read_with_units_and_refused_in_one_sentence(setup):
+    """Names, parameters and units of [effects], and wrong tables."""
     context = EffectContext(
         FUNDAMENTAL, ("s11",), setup.material.constants(setup.x), {"length": (0,)}, DENSITY, SIZE[2], 2e3
     )
@@ -308,13 +324,15 @@ def test_table_of_effects_is_read_with_units_and_refused_in_one_sentence(setup):
 
 
 def test_large_systems_are_solved_on_states_at_a_few_frequencies(setup, monkeypatch):
-    """Where coefficients depend on ω: Z to 1e-8 of a solve at every frequency, slopes to 1e-5 of their largest."""
+    """Where coefficients depend on ω, against solutions at every frequency (_SAMPLES infinite): Z to 1e-8, slopes to
+    1e-5 of their largest.
+    """
     parameters, x = setup.with_effects(
         {"frequency_dependent_elastic_loss": 0.5, "point_mass": (2.5e-6, 4.1e-3, 1.9e-3, 0.45e-3)}
     )
     dense = Evaluation(setup.model, 2 * np.pi * np.linspace(20e3, 225e3, 201))
-    few = dense.with_jacobian(parameters, x)
+    sampled = dense.with_jacobian(parameters, x)
     monkeypatch.setattr("femu_piezo.inference.response._SAMPLES", np.inf)
-    all_ = dense.with_jacobian(parameters, x)
-    assert 0 < np.max(np.abs(few[0] / all_[0] - 1)) < 1e-8
-    assert np.max(np.abs(few[1] - all_[1]) / np.max(np.abs(all_[1]), axis=0)) < 1e-5
+    exact = dense.with_jacobian(parameters, x)
+    assert 0 < np.max(np.abs(sampled[0] / exact[0] - 1)) < 1e-8
+    assert np.max(np.abs(sampled[1] - exact[1]) / np.max(np.abs(exact[1]), axis=0)) < 1e-5

@@ -1,4 +1,6 @@
-"""Sheet resistance of the electrodes against a thin bar between two resistive electrodes, solved along its length."""
+"""Sheet resistance of the electrodes: the law against a thin bar between two resistive electrodes, solved along its
+length.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +14,16 @@ from femu_piezo.material.constants import D_FORM, PiezoConstants
 
 LENGTH, WIDTH, THICKNESS, DENSITY = 40e-3, 5e-3, 1e-3, 7900.0
 S11, D31, EPS33T = 16.5e-12 * (1 - 0.014j), -274e-12 * (1 - 0.012j), 3.0e-8 * (1 - 0.015j)
-#: About pole and zero of the fundamental and of its overtone, and beside both.
+#: Two bands, around pole and zero of the fundamental and of its overtone, Hz.
 FREQUENCY = np.concatenate([np.linspace(5e3, 60e3, 56), np.linspace(95e3, 120e3, 51)])
 
 
 def bar(sheet: float, contact: float) -> np.ndarray:
-    """Z (k,) by the transfer of V, I, u and the force along a bar with the sheet resistance in both electrodes.
+    """Z (k,) by transfer matrices of V, I, u and the stress T along a bar with the sheet resistance in both
+    electrodes.
 
-    V' = −2 R_sq/W I,  I' = −jωW (ε V/t + d T),  u' = s T + d V/t,  T' = −ρω² u;  contact: its place over L/2
+    V' = −2 R_sq/W I,  I' = −jωW (ε V/t + d T),  u' = s T + d V/t,  T' = −ρω² u; contact : place of the contact over
+    half the length
     """
     found = []
     for omega in 2 * np.pi * FREQUENCY:
@@ -41,6 +45,7 @@ def bar(sheet: float, contact: float) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def effect():
+    """The effect of the library for this bar."""
     values = dict.fromkeys(D_FORM, 1e-12 + 0j) | {"s11": S11, "d31": D31, "eps33T": EPS33T}
     constants = PiezoConstants.from_vector(np.array([values[name] for name in D_FORM]))
     size = (LENGTH, WIDTH, THICKNESS)
@@ -51,17 +56,23 @@ def effect():
 
 @pytest.mark.parametrize("contact", [0.0, 0.4, 1.0])
 def test_law_of_a_thin_bar_with_resistive_electrodes(effect, contact):
-    """The slope at none within 1e-4 of the whole sweep's largest share, antiresonances and all contacts included."""
+    """Slope of Z at zero sheet resistance, relative to Z: within 1e-4 of its largest value over the sweep, at each
+    place of the contact.
+
+    The law is linear in the sheet resistance.
+    """
     sheet = 1e-4
     bare = bar(0.0, contact)
     exact = (bar(sheet, contact) - bare) / sheet
-    z, _, own = effect.circuit(2 * np.pi * FREQUENCY, bare, np.array([sheet, contact * LENGTH / 2]))
-    np.testing.assert_allclose(own[:, 0], (z - bare) / sheet, rtol=1e-6)
-    assert np.max(np.abs((own[:, 0] - exact) / bare)) < 1e-4 * np.max(np.abs(exact / bare))
+    z, _, slopes = effect.circuit(2 * np.pi * FREQUENCY, bare, np.array([sheet, contact * LENGTH / 2]))
+    np.testing.assert_allclose(slopes[:, 0], (z - bare) / sheet, rtol=1e-6)
+    assert np.max(np.abs((slopes[:, 0] - exact) / bare)) < 1e-4 * np.max(np.abs(exact / bare))
 
 
-def test_even_charge_has_a_third_and_a_twelfth(effect):
-    """Far below resonance: R_sq L/(3W) of each electrode contacted at its end, a quarter of it in the middle."""
+def test_resistance_far_below_resonance(effect):
+    """The charge is even along the bar: each electrode adds R_sq L/(3W) if contacted at its end, and a quarter of
+    that if in the middle.
+    """
     omega = 2 * np.pi * np.array([100.0])
     z = 1 / (1j * omega * EPS33T * LENGTH * WIDTH / THICKNESS)
     for contact, share in ((LENGTH / 2, 1 / 3), (0.0, 1 / 12)):
@@ -70,7 +81,7 @@ def test_even_charge_has_a_third_and_a_twelfth(effect):
 
 
 def test_electrodes_damp_the_antiresonance_and_leads_do_not(effect):
-    """With the same loss at resonance, the peak of |Z| falls where a lead would raise it."""
+    """Electrodes lower the peak of |Z|; a resistance in the leads with the same loss at resonance raises it."""
     bare = bar(0.0, 0.0)
     z = effect.circuit(2 * np.pi * FREQUENCY, bare, np.array([2.0, 0.0]))[0]
     resonance, peak = int(np.argmin(np.abs(bare[:56]))), int(np.argmax(np.abs(bare[:56])))

@@ -1,4 +1,6 @@
-"""Two effects at once: what linearisation of both promises, and a pair of which neither is the best single effect."""
+"""Two effects at once: the gain that linearisation predicts for a pair, and a pair of which neither is the best
+single effect.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +23,12 @@ TRUTH = {"series_inductance": 4e-6, "electrode_mass": 0.08}
 
 @pytest.fixture(scope="module")
 def smooth(setup):
+    """Effects of the library without sites and without dispersion."""
     return [effect for effect in setup.library.values() if effect.sites is None and not effect.dispersive]
 
 
-def test_slopes_of_two_effects_together_promise_what_both_in_one_fit_do(setup):
+def test_predicted_gain_of_two_effects_is_that_of_a_linearised_fit_with_both(setup):
+    """Residual and slopes of single starts added, against a linearised fit with both effects: χ² within 1e-3."""
     data = data_with(setup, {"series_inductance": 3e-7, "electrode_mass": 0.002}, 2)
     base = fit(setup.evaluation, data, setup.unknowns, [setup.x])
     alone = [starts(setup.evaluation, base, setup.library[key])[0] for key in TRUTH]
@@ -36,6 +40,7 @@ def test_slopes_of_two_effects_together_promise_what_both_in_one_fit_do(setup):
 
 
 def test_pair_of_which_neither_is_the_best_single_effect(setup, smooth):
+    """An inductance and a film of mass are named though another single effect has the highest evidence."""
     data = data_with(setup, TRUTH, 1)
     result = compare(setup.evaluation, data, setup.unknowns, setup.x, smooth)
     verdict = judge(result)
@@ -64,7 +69,8 @@ def test_a_set_that_was_only_extrapolated_is_fitted_from_its_other_cause(setup, 
 
 
 @pytest.mark.slow
-def test_pair_for_which_a_third_effect_stands_even_beside_a_discrepancy(setup, smooth):
+def test_pair_for_which_a_third_effect_is_more_probable_as_a_single_cause(setup, smooth):
+    """By more than 10 in log odds; the pair is named all the same."""
     truth = {"wrong_thickness": -0.02, "electrode_mass": 0.08}
     data = data_with(setup, truth, 1, noise=3e-4)  # at 1e-3 a wrong s12 alone leaves no more than the noise
     result = compare(setup.evaluation, data, setup.unknowns, setup.x, smooth)
@@ -72,22 +78,22 @@ def test_pair_for_which_a_third_effect_stands_even_beside_a_discrepancy(setup, s
     assert max(odds[key] for key in set(odds) - set(truth)) > odds["wrong_thickness"] + 10
     assert {found.effect.key for found in result.found} == set(truth)
     for found in result.found:
-        (own,) = [trial for trial in found.fits if trial.effect.key == found.effect.key]
-        assert own.log_odds == 0 and abs(own.values[0] - truth[found.effect.key]) < 4 * own.std[0]
+        (named,) = [trial for trial in found.fits if trial.effect.key == found.effect.key]
+        assert named.log_odds == 0 and abs(named.values[0] - truth[found.effect.key]) < 4 * named.std[0]
 
 
 @pytest.mark.slow
 def test_pair_with_an_effect_whose_slope_vanishes_at_rest(setup, smooth):
-    """A bare strip acts with the square of its width."""
+    """Bare end strips act with the square of their width, and a wrong width."""
     data = data_with(setup, {"electrode_margin": 0.2e-3, "wrong_width": 0.004}, 1)
     result = compare(setup.evaluation, data, setup.unknowns, setup.x, smooth)
     assert {found.effect.key for found in result.found} == {"electrode_margin", "wrong_width"}
 
 
 def test_no_pair_where_nothing_is_left(setup, smooth):
-    """Not even one that is only less probable than nothing: every candidate alone was tried and is less probable.
+    """A sweep without an effect: every single candidate is tried and less probable than none, and no pair is.
 
-    But those at a place, whose operators cost the most: they are tried where something is left.
+    Candidates at a place, whose operators cost the most, are tried only where a misfit remains.
     """
     result = compare(setup.evaluation, data_with(setup, {}, 3), setup.unknowns, setup.x, smooth)
     assert len(result.singles) == sum(effect.local is None for effect in smooth) < len(smooth)
@@ -95,10 +101,10 @@ def test_no_pair_where_nothing_is_left(setup, smooth):
     assert max(trial.log_odds for trial in result.singles) < 0
 
 
-def test_promises_of_all_pairs_are_those_of_each(setup, smooth):
-    """The small systems of all pairs at once against the linearised fit of each, log evidence.
+def test_predicted_evidence_of_all_pairs_is_that_of_each(setup, smooth):
+    """The small systems of all pairs at once against the linearised fit of each pair, in log evidence.
 
-    They differ in the noise level at which the unknowns of the base move.
+    Within 10 % of the gain and 2, since the two take the unknowns of the base fit to move at different noise levels.
     """
     base = fit(setup.evaluation, data_with(setup, TRUTH, 1), setup.unknowns, [setup.x])
     alone = [starts(setup.evaluation, base, effect)[0] for effect in smooth[:9]]
@@ -110,11 +116,11 @@ def test_promises_of_all_pairs_are_those_of_each(setup, smooth):
 
 
 def test_nearly_parallel_causes_are_not_both_held_where_one_leaves_its_bounds():
-    """The one that is farthest out is held, and the other comes back: as the least within bounds has it."""
+    """The one farthest outside is held on its bound, and the other returns inside: the minimum within bounds."""
     matrix = np.eye(2) + 1e6 * np.array([[1.0, 0.9999], [0.9999, 1.0]])
     slope, low, high = -matrix @ [30.0, -28.0], np.array([-5.0, 0.0]), np.array([5.0, 5.0])
     factor = np.linalg.cholesky(matrix)
     least = bounded_step(factor.T, np.linalg.solve(factor, slope), low, high)
     found = _least_within(matrix[None], slope[None], low[None], high[None])[0]
-    assert found == pytest.approx(least, rel=1e-6, abs=1e-7)  # planes are passed by 1e-8
+    assert found == pytest.approx(least, rel=1e-6, abs=1e-7)  # `bounded_step` may pass a bound by 1e-8
     assert 0 < found[0] < 5

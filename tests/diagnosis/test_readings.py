@@ -1,4 +1,6 @@
-"""Readings of other instruments in a fit: formulas by the compliance matrix, slopes, and what they narrow."""
+"""Readings of other instruments in a fit: their values by the compliance matrix, their slopes, and how they narrow a
+posterior.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,7 @@ def reading(name: str, value: float, std: float) -> Reading:
 
 
 def known(theta: np.ndarray) -> dict[str, float]:
-    """The four numbers of the bare plate; c33D from the inverse of the compliances at constant displacement."""
+    """Name → value of the four readings for the bare plate; c33D from the inverse of the compliances at constant D."""
     s11, s12, s13, s33, _, d31, d33, _, _, eps = theta
     s = np.array([[s11, s12, s13], [s12, s11, s13], [s13, s13, s33]])
     d = np.array([d31, d31, d33])
@@ -40,6 +42,7 @@ def known(theta: np.ndarray) -> dict[str, float]:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_readings_of_the_bare_plate(setup, name):
+    """The residual of a reading with the right value is zero."""
     value = known(setup.theta)[name]
     row, slopes = reading(name, value, 1e-2 * abs(value)).row(setup.unknowns, setup.x)
     assert abs(row) < 1e-6 and slopes.shape == setup.x.shape
@@ -47,7 +50,9 @@ def test_readings_of_the_bare_plate(setup, name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_slopes_of_readings_with_causes(setup, name):
-    """Against differences, with what moves each: dimensions, density, films, a spot, gap, laws, held constants."""
+    """Against differences, with causes that move the readings: dimensions, density, a film, a point mass, a gap, a
+    relaxation, a held constant.
+    """
     causes = {
         "wrong_length": 0.01,
         "wrong_thickness": -0.01,
@@ -60,13 +65,13 @@ def test_slopes_of_readings_with_causes(setup, name):
     }
     parameters, x = setup.with_effects(causes)
     value = known(setup.theta)[name]
-    one = reading(name, value, 1e-2 * abs(value))
-    row, slopes = one.row(parameters, x)
+    read = reading(name, value, 1e-2 * abs(value))
+    row, slopes = read.row(parameters, x)
     assert abs(row) > 0.1
     for column in range(x.size):
         step = np.zeros(x.size)
         step[column] = 1e-4
-        numeric = (one.row(parameters, x + step)[0] - one.row(parameters, x - step)[0]) / 2e-4
+        numeric = (read.row(parameters, x + step)[0] - read.row(parameters, x - step)[0]) / 2e-4
         assert slopes[column] == pytest.approx(numeric, rel=1e-5, abs=1e-6 * np.max(np.abs(slopes)))
 
 
@@ -79,24 +84,26 @@ def test_slopes_of_readings_with_causes(setup, name):
     ],
 )
 def test_a_reading_narrows_by_the_right_amount(setup, name, cause):
-    """A cause that a constant hides: the refit has the posterior of sweep and reading, by Bayes' rule of normals."""
+    """A cause that a constant hides: the refit has the posterior of sweep and reading by Bayes' rule for normal
+    distributions.
+    """
     z = RitzPlate(SIZE, DENSITY, (13, 10, 5)).impedance(setup.theta, FREQUENCY)
     normal = np.random.default_rng(3).standard_normal((2, z.size))
     data = setup.data(z * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2)), NOISE)
     parameters, x = setup.with_effects({cause: 0.0})
     value = known(setup.theta)[name]
-    one = reading(name, value, 5e-4 * abs(value))
+    read = reading(name, value, 5e-4 * abs(value))
     free = fit(setup.evaluation, data, parameters, [x])
-    told = fit(setup.evaluation, data, replace(parameters, readings=(one,)), [free.x])
-    row, h = one.row(parameters, free.x)
+    with_reading = fit(setup.evaluation, data, replace(parameters, readings=(read,)), [free.x])
+    row, h = read.row(parameters, free.x)
     before = free.precision_inverse
     gain = before @ h / (1 + h @ before @ h)
-    wanted = before - np.outer(gain, h @ before)
-    own = parameters.columns(0).start
-    assert told.precision_inverse[own, own] < before[own, own] / 10
-    np.testing.assert_allclose(np.diag(told.precision_inverse), np.diag(wanted), rtol=0.03)
-    assert np.all(np.abs(told.x - (free.x - gain * row)) < 0.1 * np.sqrt(np.diag(wanted)))
-    assert abs(read_beside(told)[name]["sigma"]) < 3
+    expected = before - np.outer(gain, h @ before)
+    place = parameters.columns(0).start
+    assert with_reading.precision_inverse[place, place] < before[place, place] / 10
+    np.testing.assert_allclose(np.diag(with_reading.precision_inverse), np.diag(expected), rtol=0.03)
+    assert np.all(np.abs(with_reading.x - (free.x - gain * row)) < 0.1 * np.sqrt(np.diag(expected)))
+    assert abs(read_beside(with_reading)[name]["sigma"]) < 3
 
 
 @pytest.mark.parametrize(
@@ -115,6 +122,7 @@ def test_wrong_readings_are_one_sentence(table, words):
 
 
 def test_two_masses_end_with_exit_code_2(tmp_path):
+    """A mass under both [geometry] and [readings]."""
     path = tmp_path / "plate.toml"
     path.write_text(
         '[geometry]\nshape = "plate"\npoling = "thickness"\nlength = 12e-3\nwidth = 6.5e-3\nthickness = 1.5e-3\n'

@@ -1,4 +1,6 @@
-"""An inner diameter of a ring, and the second width of a trapezoid, that are not as drawn: against meshes that are."""
+"""An error of the inner diameter of a ring or of the second width of a trapezoid: the law against meshes with that
+dimension.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
 
 FREQUENCY = np.linspace(20e3, 200e3, 181)
-#: Name of a dimension → the body whose dimension is (1 + p) times as large, and its axes of stretching.
+#: Dimension → function that gives the body with this dimension 1 + p times as large, and axes of the other dimensions.
 BODIES = {
     "inner_diameter": (lambda p: catalogue.ring(20e-3, 8e-3 * (1 + p), 1.2e-3), {"diameter": (0, 1)}),
     "width_end": (
@@ -30,7 +32,7 @@ BODIES = {
 
 
 class Body:
-    """One body as a reduced model, with the effect of its dimension."""
+    """A body as a reduced model, with the effect of an error of `dimension`."""
 
     def __init__(self, dimension: str, p: float) -> None:
         make, axes = BODIES[dimension]
@@ -51,11 +53,13 @@ class Body:
         self.evaluation = Evaluation(self.model, 2 * np.pi * FREQUENCY)
 
     def impedance(self, p: float | None = None) -> np.ndarray:
+        """Z (k,) as drawn, or with the dimension 1 + p times as large by the effect."""
         if p is None:
             return self.evaluation.impedance(self.unknowns, self.x)
         return self.with_slopes(p)[0]
 
     def with_slopes(self, p: float) -> tuple[np.ndarray, np.ndarray]:
+        """Z (k,) and its slopes (k, n_x) with the dimension 1 + p times as large by the effect."""
         unknowns = self.unknowns.with_candidate(self.effect)
         return self.evaluation.with_jacobian(unknowns, np.append(self.x, p / self.effect.scale))
 
@@ -67,14 +71,14 @@ def body(request) -> tuple[str, Body]:
 
 @pytest.mark.parametrize(("p", "share"), [(0.003, 0.005), (-0.02, 0.02), (0.05, 0.05)])
 def test_a_reshaped_body_is_that_of_the_other_dimension(body, p, share):
-    """Against a mesh and a basis of their own; error as a share of what the dimension changes (rms).
+    """Against a mesh and a basis of the reshaped body; the error as a share of the change (rms).
 
-    It grows with p, as the basis is that of the body as drawn.
+    It grows with p, since the basis is that of the body as drawn.
     """
     name, drawn = body
     exact = np.log(Body(name, p).impedance() / drawn.impedance())
-    own = np.log(drawn.impedance(p) / drawn.impedance())
-    error, size = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (own - exact, exact))
+    by_effect = np.log(drawn.impedance(p) / drawn.impedance())
+    error, size = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (by_effect - exact, exact))
     print(f"{name} {p:+.3f}: changes {size:.3g}, error {error / size:.2g} of it")
     assert error < share * size
 
@@ -88,8 +92,8 @@ def test_slopes_are_those_of_differences(body):
     assert np.max(np.abs(slopes - difference)) < 1e-6 * np.max(np.abs(difference))
 
 
-def test_maps_are_those_of_their_formulas(body):
-    """Gradients against differences of g as the module states it, determinants against the volume."""
+def test_displacement_maps_against_their_formulas(body):
+    """Gradients against differences of the map g that the module documents, determinants against the volume."""
     name, drawn = body
     one = reshapings(drawn.shape)[name]
 

@@ -1,4 +1,4 @@
-"""The test of what is left: false alarms counted on white noise, structure found."""
+"""Tests of the residual of a fit: false alarms counted on white noise, and structure found."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from femu_piezo.diagnosis.whiteness import remaining, unexplained_share, whitene
 
 
 def test_false_alarm_rate_on_white_noise():
-    """Of 2000 nulls at most 1 % are called structured (nominal 0.4 %), with the noise known."""
+    """Of 2000 residuals of white noise at most 1 % are called structured (nominal 0.4 %), with the noise known."""
     rng = np.random.default_rng(1)
     frequency = np.linspace(1e3, 1e5, 300)
     alarms = sum(remaining(rng.standard_normal(600), 0, frequency, True).structured for _ in range(2000))
@@ -26,7 +26,8 @@ def test_p_values_of_whiteness_are_uniform():
         assert np.mean(values < level) == pytest.approx(level, abs=4 * np.sqrt(level / 2000) + 0.15 * level)
 
 
-def test_noise_level_does_not_matter_to_whiteness_but_to_size():
+def test_noise_level_affects_the_size_of_the_residual_but_not_its_whiteness():
+    """A residual 1.2 times the stated noise is structured only where the noise is known."""
     noise = np.random.default_rng(3).standard_normal(600)
     assert whiteness(3 * noise) == pytest.approx(whiteness(noise))
     frequency = np.linspace(1e3, 1e5, 300)
@@ -35,6 +36,7 @@ def test_noise_level_does_not_matter_to_whiteness_but_to_size():
 
 
 def test_structure_below_the_noise_does_not_count():
+    """A smooth residual counts at one standard deviation of the noise and not at a tenth of it."""
     smooth = np.sin(np.linspace(0, 20, 600))
     frequency = np.linspace(1e3, 1e5, 300)
     assert remaining(smooth, 0, frequency, False).structured
@@ -42,7 +44,7 @@ def test_structure_below_the_noise_does_not_count():
 
 
 def test_a_bump_is_found_and_placed():
-    """A smooth bump of 3 σ over a twelfth of the sweep."""
+    """A smooth bump of 3 σ, about a twelfth of the sweep wide, in Re."""
     frequency = np.linspace(0.0, 1.0, 300) + 1.0
     bump = 3 * np.exp(-0.5 * ((frequency - 1.7) / 0.04) ** 2)
     residual = np.random.default_rng(4).standard_normal(600) + np.concatenate([bump, 0 * bump])
@@ -55,10 +57,11 @@ def test_a_bump_is_found_and_placed():
 @pytest.mark.parametrize(
     ("chi_square", "predicted", "share"), [(250.0, 1.0, 0.25), (250.0, 3.0, 0.5), (50.0, 0.9, 0.0), (5000.0, 9.0, 1.0)]
 )
-def test_the_larger_of_what_fitted_and_predicted_points_have_left_is_unexplained(
-    chi_square, predicted, share, monkeypatch
-):
-    """Of 200 residuals at the level of the noise: χ² 1000 and a prediction off by √33 times what noise makes before."""
+def test_unexplained_share_is_the_larger_one_of_fitted_and_predicted_points(chi_square, predicted, share, monkeypatch):
+    """200 residuals at the level of the noise.
+
+    Before: χ² of 1000, and left-out bands off by √33 times what noise makes.
+    """
     monkeypatch.setattr(module, "with_discrepancy", lambda fit, none: fit)
 
     def fit(chi_square: float, predicted: float) -> SimpleNamespace:

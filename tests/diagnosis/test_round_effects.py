@@ -1,4 +1,4 @@
-"""Effects of disks and rings against the independent solver: what they change, apart from the error of the mesh."""
+"""Effects of disks and rings against the independent solver: the change of log Z, which leaves the mesh error out."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from femu_piezo.measurement.sweeps import SweepData, stacked
 THICKNESS = 1.5e-3
 SPOT_RADIUS = 0.5e-3
 RADII = {"disk": (0.0, 6e-3), "ring": (2.5e-3, 6e-3)}
-#: Up to the second radial mode of the disk, and past the second of the ring.
+#: Sweeps up to the second radial mode of the disk and beyond the second of the ring, finer around the first, Hz.
 FREQUENCY = {
     name: np.r_[np.linspace(20e3, low, 20), np.linspace(low + 2e3, high, 41), np.linspace(high + 5e3, top, 50)]
     for name, low, high, top in (("disk", 150e3, 200e3, 450e3), ("ring", 100e3, 150e3, 400e3))
@@ -45,7 +45,9 @@ AXES = {"diameter": (0, 1), "thickness": (2,)}
 
 
 class Round:
-    """A disk or ring as an extended reduced model with the whole library, and the independent one."""
+    """A disk or ring as an extended reduced model with every effect of the library, and as a body of the independent
+    solver.
+    """
 
     def __init__(self, name: str) -> None:
         self.radii, self.frequency = RADII[name], FREQUENCY[name]
@@ -70,9 +72,11 @@ class Round:
         return RoundBody(self.radii, THICKNESS, DENSITY, 14 if self.radii[0] == 0 else 13, **changes)
 
     def exact(self, body: RoundBody, *surfaces: RoundSurface) -> np.ndarray:
+        """Z (k,) of a body with surfaces by the independent solver."""
         return Plate(body, self.theta, self.frequency[-1], surfaces).impedance(self.theta, self.frequency)
 
     def impedance(self, key: str = "", values=()) -> np.ndarray:
+        """Z (k,) of the reduced model, with an effect at the given parameters where there is a key."""
         unknowns, x = self.unknowns, self.x
         if key:
             effect = self.library[key]
@@ -109,7 +113,7 @@ def three_points(one: Round, stiffness: float = 5e5) -> np.ndarray:
 
 
 def stiff_points(one: Round) -> np.ndarray:
-    """Each a fifteenth as stiff as the face under it."""
+    """Three points, each with a fifteenth of the stiffness of the face under it."""
     return three_points(one, 1e7)
 
 
@@ -129,6 +133,7 @@ def gradient(one: Round) -> np.ndarray:
 
 def depoled(one: Round, reach: float = 0.25e-3) -> np.ndarray:
     def left(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Share of e that is left."""
         rims = [rim for rim in one.radii if rim > 0]
         return np.prod([-np.expm1(-np.abs(np.hypot(x, y) - rim) / reach) for rim in rims], axis=0)
 
@@ -157,7 +162,7 @@ def soft_spot_near_the_rim(one: Round) -> np.ndarray:
     return soft_spot(one, 5.2e-3)
 
 
-#: Case → parameters of the effect, how it is built, and the error allowed as a share of what it changes (rms).
+#: Case → parameters of the effect, function that gives Z with it, and the error allowed as a share of the change (rms).
 CASES = {
     "point_mass": ((4e-6, 4.2e-3, 1e-3), mass, 0.02),
     "point_mass, rim": ((2e-6, 5e-3, 0.8e-3), mass_at_the_rim, 0.02),
@@ -175,9 +180,9 @@ CASES = {
 }
 
 
-#: What a second rim changes: tried on a ring as well, where the others are slow tests.
+#: Cases for which the inner rim matters: tested on a ring as well, where the others are slow tests.
 TWO_RIMS = ("edge_depoling", "unequal_electrode_mass")
-#: Further sizes and places of a cause, slow tests too.
+#: Further sizes and places of a cause, which are slow tests on both bodies.
 FURTHER = ("point_mass, rim", "local_crack, rim", "ovality, long")
 
 
@@ -192,10 +197,14 @@ FURTHER = ("point_mass, rim", "local_crack, rim", "ovality, long")
     ],
 )
 def test_change_of_impedance_against_independent_solution(bodies, bare, name, case):
-    (values, change, share), key, one = CASES[case], case.partition(",")[0], bodies[name]
-    exact = np.log(change(one) / bare[name])
-    own, mesh = np.log(one.impedance(key, values) / one.impedance()), np.log(one.impedance() / bare[name])
-    error, size, floor = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (own - exact, exact, mesh))
+    """The change has to be more than 100 times the mesh error."""
+    (values, change, share), key, round_body = CASES[case], case.partition(",")[0], bodies[name]
+    exact = np.log(change(round_body) / bare[name])
+    by_law, mesh = (
+        np.log(round_body.impedance(key, values) / round_body.impedance()),
+        np.log(round_body.impedance() / bare[name]),
+    )
+    error, size, floor = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (by_law - exact, exact, mesh))
     assert size > 100 * floor
     print(f"{name} {case}: {error / size:.4f}")
     assert error < share * size, f"{error / size:.4f}"
@@ -204,74 +213,91 @@ def test_change_of_impedance_against_independent_solution(bodies, bare, name, ca
 @pytest.mark.slow
 @pytest.mark.parametrize("distance", [4e-3, 5.3e-3])
 def test_stiff_points_are_sought_again_with_the_constants_found(bodies, distance):
-    """Constants of a fit without the support mislead its first start; those found from there lead to its place."""
-    one, stiffness = bodies["ring"], 2e7
-    z = one.exact(one.body(), RoundSurface.tripod(distance, 0.8e-3, (1,), lambda w: stiffness * (1 + 2e-6j * w)))
+    """A fit without the support finds wrong constants, which mislead the first start.
+
+    Starts at the other sites with the constants of the first fit lead to the right place.
+    """
+    ring, stiffness = bodies["ring"], 2e7
+    z = ring.exact(ring.body(), RoundSurface.tripod(distance, 0.8e-3, (1,), lambda w: stiffness * (1 + 2e-6j * w)))
     noise = 1 + 1e-3 * np.random.default_rng(1).standard_normal(z.size)
-    data = SweepData(one.frequency, z * noise, np.full(z.size, 1e-3), True)
-    effect = one.library["mounting/three points"]
-    base = fit(one.evaluation, data, one.unknowns, [one.x * 1.01])
-    first = starts(one.evaluation, base, effect)
-    own, parameters = first[0].own(effect), first[0].linear.parameters
-    found = fit(one.evaluation, data, parameters, [first[0].x], gain=COARSE)
+    data = SweepData(ring.frequency, z * noise, np.full(z.size, 1e-3), True)
+    effect = ring.library["mounting/three points"]
+    base = fit(ring.evaluation, data, ring.unknowns, [ring.x * 1.01])
+    first = starts(ring.evaluation, base, effect)
+    columns, parameters = first[0].own(effect), first[0].linear.parameters
+    found = fit(ring.evaluation, data, parameters, [first[0].x], gain=COARSE)
     assert found.chi_square > 10 * found.residual.size
-    again = [start.x for start in relocated(one.evaluation, found, effect)]
-    better = fit(one.evaluation, data, parameters, [found.x, *again], gain=RANKED)
+    again = [start.x for start in relocated(ring.evaluation, found, effect)]
+    better = fit(ring.evaluation, data, parameters, [found.x, *again], gain=RANKED)
     assert better.chi_square < 2 * better.residual.size
-    values = better.x[own] * effect.scale
+    values = better.x[columns] * effect.scale
     np.testing.assert_allclose(values[[0, 2]], (stiffness, distance), rtol=0.03)
     damped = found.x.copy()
-    damped[own.start + 1] = 0.3
-    elsewhere = [start.x[own] for start in relocated(one.evaluation, replace(found, x=damped), effect)]
-    assert all(np.array_equal(x[:2], damped[own][:2]) for x in elsewhere)  # sizes as found, at another place
+    damped[columns.start + 1] = 0.3
+    elsewhere = [start.x[columns] for start in relocated(ring.evaluation, replace(found, x=damped), effect)]
+    assert all(
+        np.array_equal(x[:2], damped[columns][:2]) for x in elsewhere
+    )  # sizes as in the first fit, each at another place
     assert len({x[2] for x in elsewhere}) == len(elsewhere)
 
 
 def test_a_size_of_either_sign_is_fitted_from_both_sides(bodies, bare):
-    """The nearest of its starts on either side; the slow disk:poling_gradient 450000 needs it."""
-    one = bodies["disk"]
-    data = SweepData(one.frequency, bare["disk"], np.full(one.frequency.size, 1e-3), True)
-    base = fit(one.evaluation, data, one.unknowns, [one.x], gain=COARSE)
-    first = starts(one.evaluation, base, one.library["poling_gradient"])
+    """Of the starts on either side of zero the nearest one is taken.
+
+    The draw "disk:poling_gradient" 450000 of tests/hidden_effects/test_study.py needs both.
+    """
+    disk = bodies["disk"]
+    data = SweepData(disk.frequency, bare["disk"], np.full(disk.frequency.size, 1e-3), True)
+    base = fit(disk.evaluation, data, disk.unknowns, [disk.x], gain=COARSE)
+    first = starts(disk.evaluation, base, disk.library["poling_gradient"])
     sides = [start.x[start.own(start.cause)] * start.cause.scale for start in of_either_sign(first)]
     np.testing.assert_allclose(np.ravel(sides), [-0.1, 0.1])
-    for key in ("edge_depoling", "temperature_drift", "point_mass"):  # of one sign; of no further start; at a place
-        assert of_either_sign(starts(one.evaluation, base, one.library[key])) == []
+    for key in (
+        "edge_depoling",
+        "temperature_drift",
+        "point_mass",
+    ):  # a size of one sign; a single start; an effect at a place
+        assert of_either_sign(starts(disk.evaluation, base, disk.library[key])) == []
 
 
 @pytest.mark.parametrize(("share", "place"), [(1e-3, 5.3e-3), (5e-4, 2.5e-3)])
-def test_a_small_mass_is_promised_what_a_fit_finds_of_it(bodies, share, place):
-    """Constants make up for most of what a mass does: linearisation at four times the first told 29 of 1429 in χ²."""
-    one = bodies["disk"]
-    own = share * one.context.mass
-    z = one.exact(one.body(), RoundSurface.patch(place, 0.5e-3, (1,), lambda w: -(w**2) * own))
+def test_predicted_gain_of_a_small_mass_is_that_of_a_fit(bodies, share, place):
+    """To 80 %. Constants absorb most of what a mass changes, so the size at which it is linearised matters.
+
+    At four times the mass of the first case linearisation predicts only 29 of the 1429 that χ² falls.
+    """
+    disk = bodies["disk"]
+    added = share * disk.context.mass
+    z = disk.exact(disk.body(), RoundSurface.patch(place, 0.5e-3, (1,), lambda w: -(w**2) * added))
     noise = 1 + 3e-4 * np.random.default_rng(2).standard_normal(z.size)
-    data = SweepData(one.frequency, z * noise, np.full(z.size, 3e-4), True)
-    effect = one.library["point_mass"]
-    base = fit(one.evaluation, data, one.unknowns, [one.x])
-    first = starts(one.evaluation, base, effect)[0]
-    true = np.append(base.x, (own, place, 0.5e-3) / effect.scale)
-    gained = base.chi_square - fit(one.evaluation, data, first.linear.parameters, [true]).chi_square
+    data = SweepData(disk.frequency, z * noise, np.full(z.size, 3e-4), True)
+    effect = disk.library["point_mass"]
+    base = fit(disk.evaluation, data, disk.unknowns, [disk.x])
+    first = starts(disk.evaluation, base, effect)[0]
+    true = np.append(base.x, (added, place, 0.5e-3) / effect.scale)
+    gained = base.chi_square - fit(disk.evaluation, data, first.linear.parameters, [true]).chi_square
     assert gained > 500
     assert base.chi_square - first.promised > 0.8 * gained
 
 
 @pytest.mark.parametrize("key", ["wedge", "ovality"])
 def test_slopes_of_a_deformation_against_differences(bodies, key):
-    one, step = bodies["disk"], 1e-3
-    effect = one.library[key]
-    unknowns, size = one.unknowns.with_candidate(effect), 2.0  # in its scale
-    near = [one.evaluation.impedance(unknowns, np.append(one.x, size + way * step)) for way in (-1, 1)]
-    slopes = one.evaluation.with_jacobian(unknowns, np.append(one.x, size))[1][:, -1]
+    disk, step = bodies["disk"], 1e-3
+    effect = disk.library[key]
+    unknowns, size = disk.unknowns.with_candidate(effect), 2.0  # in units of the effect's scale
+    near = [disk.evaluation.impedance(unknowns, np.append(disk.x, size + way * step)) for way in (-1, 1)]
+    slopes = disk.evaluation.with_jacobian(unknowns, np.append(disk.x, size))[1][:, -1]
     difference = (near[1] - near[0]) / (2 * step)
     assert np.max(np.abs(slopes - difference)) < 1e-5 * np.max(np.abs(difference))
 
 
 @pytest.mark.parametrize("name", ["disk", pytest.param("ring", marks=pytest.mark.slow)])
 def test_bare_rims_against_a_full_solution(bodies, name):
-    """The potential set free on a strip of the reduced body, and elements that are graded to the electrode's end."""
-    one, margin = bodies[name], 0.3e-3
-    frequency = one.frequency[::12]
+    """The law, which frees the potential on a strip of the reduced body, against elements graded to the electrode's
+    end.
+    """
+    round_body, margin = bodies[name], 0.3e-3
+    frequency = round_body.frequency[::12]
     make = (
         (lambda **o: catalogue.disk(12e-3, THICKNESS, **o))
         if name == "disk"
@@ -280,19 +306,24 @@ def test_bare_rims_against_a_full_solution(bodies, name):
     solved = []
     for electrodes, accuracy in ((Electrodes(margin=margin), 1e-4), (Electrodes(), 1e-6)):
         model = ElectroelasticModel(make(electrodes=electrodes).domain_for(accuracy, frequency[-1], 1900.0), DENSITY)
-        solved.append(full_impedance(model, PiezoConstants.from_vector(one.theta).to_e_form(), frequency))
+        solved.append(full_impedance(model, PiezoConstants.from_vector(round_body.theta).to_e_form(), frequency))
     exact = np.log(solved[0] / solved[1])
-    own = np.log(one.impedance("electrode_margin", (margin,)) / one.impedance())[::12]
-    error, size = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (own - exact, exact))
+    by_law = np.log(round_body.impedance("electrode_margin", (margin,)) / round_body.impedance())[::12]
+    error, size = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (by_law - exact, exact))
     print(f"{name}: {error / size:.4f}")
     assert error < 0.02 * size
 
 
 def off_the_middle(name: str, margin: float, asymmetry: float) -> Domain:
-    """Half of a disk or ring whose electrode is shifted along x: elements graded to its ends, moved with it."""
+    """A quarter of a disk or ring with its electrode shifted along x, with elements graded to the ends of the
+    electrode.
+
+    margin : bare strip at each rim, m; asymmetry : shift of the electrode over the margin
+    """
     inner, outer = RADII[name]
 
     def towards(end: float, edge: float) -> np.ndarray:
+        """Radii (6,) from the edge of the electrode to `end`, finer at the edge."""
         return edge + (end - edge) * np.array([0.0, 0.03, 0.1, 0.3, 0.6, 1.0])
 
     middle = (inner + outer) / 2 if inner else 0.0
@@ -313,7 +344,7 @@ def off_the_middle(name: str, margin: float, asymmetry: float) -> Domain:
     labels = {"hot": hot, "mirror_z": lambda x: np.abs(x[2]) < near, "mirror_y": lambda x: np.abs(x[1]) < near}
 
     def moved(points: np.ndarray) -> np.ndarray:
-        """As a whole within the electrode's ends, and less and less towards the rims."""
+        """Points shifted with the electrode inside its ends, and less and less towards the rims, which stay."""
         r = np.hypot(*points)
         share = np.minimum((outer - r) / margin, 1.0)
         if inner:
@@ -336,21 +367,23 @@ def off_the_middle(name: str, margin: float, asymmetry: float) -> Domain:
 
 @pytest.fixture(scope="module", params=RADII)
 def shifted(request, bodies) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-    """Error of an asymmetry as its law states it; changes of log Z (k,): what the asymmetry adds by that law and by a
-    full solution with elements graded to the electrode's end, and what all of the margin changes.
+    """Relative error that the law states for an asymmetry, and three changes of log Z (k,).
+
+    The change that the asymmetry adds by the law, and by a full solution with graded elements; and the change by the
+    whole margin.
     """
-    one, margin, asymmetry = bodies[request.param], 0.3e-3, 0.6
-    frequency, constants = one.frequency[::12], PiezoConstants.from_vector(one.theta).to_e_form()
+    round_body, margin, asymmetry = bodies[request.param], 0.3e-3, 0.6
+    frequency, constants = round_body.frequency[::12], PiezoConstants.from_vector(round_body.theta).to_e_form()
     solved = [
         full_impedance(ElectroelasticModel(off_the_middle(request.param, margin, a), DENSITY), constants, frequency)
         for a in (asymmetry, 0.0)
     ]
-    bare, even, own = (
-        one.impedance(*key)[::12]
+    bare, even, uneven = (
+        round_body.impedance(*key)[::12]
         for key in ((), ("electrode_margin", (margin,)), ("electrode_margin", (margin, asymmetry)))
     )
-    misses = one.library["electrode_margin"].parameters[1].law_error
-    return misses, np.log(own / even), np.log(solved[0] / solved[1]), np.log(even / bare)
+    misses = round_body.library["electrode_margin"].parameters[1].law_error
+    return misses, np.log(uneven / even), np.log(solved[0] / solved[1]), np.log(even / bare)
 
 
 def rms(values: np.ndarray) -> float:
@@ -359,7 +392,9 @@ def rms(values: np.ndarray) -> float:
 
 @pytest.mark.slow
 def test_an_electrode_off_the_middle_has_the_right_shape(shifted):
-    """The asymmetry a is found to the law's error; what it adds goes with a²."""
+    """The change is proportional to a²: the asymmetry a that fits best is right within the law's stated error, and
+    10 % of the change remain.
+    """
     misses, found, exact, whole = shifted
     share = np.sqrt(np.vdot(found, exact).real / np.vdot(found, found).real)
     print(f"a times {share:.4f} leaves {rms(share**2 * found - exact) / rms(exact):.4f}")
@@ -370,26 +405,33 @@ def test_an_electrode_off_the_middle_has_the_right_shape(shifted):
 
 @pytest.mark.slow
 def test_an_electrode_off_the_middle_against_a_full_solution(shifted, request):
-    """What was asked of the law, and is not reached for a ring."""
+    """The error stays below 5 % of the change by the whole margin.
+
+    Relative to the change by the asymmetry, 40 % are allowed for a disk; the 10 % asked for a ring are not reached (13
+    %).
+    """
     if request.node.callspec.params["shifted"] == "ring":
         request.applymarker(pytest.mark.xfail(strict=True, reason="13 % of what a adds: rim_strips says why"))
     _, found, exact, whole = shifted
-    error, size, all_of_it = rms(found - exact), rms(exact), rms(whole)
-    print(f"{error / size:.4f}, {error / all_of_it:.4f}")
-    assert size > 0.1 * all_of_it
+    error, size, of_margin = rms(found - exact), rms(exact), rms(whole)
+    print(f"{error / size:.4f}, {error / of_margin:.4f}")
+    assert size > 0.1 * of_margin
     assert error < {"disk": 0.4, "ring": 0.1}[request.node.callspec.params["shifted"]] * size
-    assert error < 0.05 * all_of_it
+    assert error < 0.05 * of_margin
 
 
 def test_modes_of_another_order_may_be_off_by_the_square_of_a_wedge(bodies):
-    """Against differences of a dense system in which the inertia of that order alone is over (1 + δ)²."""
-    one, noise, size, omega = bodies["disk"], 1e-3, 0.1, 2 * np.pi * FREQUENCY["disk"]
-    effect = one.library["wedge"]
-    data = SweepData(one.frequency, one.impedance("wedge", (size,)), np.full(omega.size, noise), True)
-    unknowns, x = one.unknowns.with_candidate(effect), np.append(one.x, size / effect.scale)
-    model = one.evaluation.model.restricted(effect.sectors)
+    """The stated error of log Z by detuned modes, against differences of a dense system.
+
+    There the inertia of the modes of the other Fourier order is divided by (1 + δ)²; each band has an error of its own.
+    """
+    disk, noise, size, omega = bodies["disk"], 1e-3, 0.1, 2 * np.pi * FREQUENCY["disk"]
+    effect = disk.library["wedge"]
+    data = SweepData(disk.frequency, disk.impedance("wedge", (size,)), np.full(omega.size, noise), True)
+    unknowns, x = disk.unknowns.with_candidate(effect), np.append(disk.x, size / effect.scale)
+    model = disk.evaluation.model.restricted(effect.sectors)
     terms = effect.local(model.places, omega, np.array([size]))
-    e_form, u = PiezoConstants.from_vector(one.theta).to_e_form().vector(), model.displacements
+    e_form, u = PiezoConstants.from_vector(disk.theta).to_e_form().vector(), model.displacements
     body = np.tensordot(e_form, model.bulk, axes=1)
     joined = sum(e_form[term.constant] * term.value[0] * term.matrix for term in terms if term.kind == "stiffness")
     mass = model.mass + sum(term.value[0] * term.matrix for term in terms if term.kind == "inertia")
@@ -401,8 +443,8 @@ def test_modes_of_another_order_may_be_off_by_the_square_of_a_wedge(bodies):
         charge = 1 / np.linalg.inv(system)[:, -1, -1]
         return -np.log(charge)
 
-    at_x = data.whitened(*one.evaluation.with_jacobian(unknowns, x))[1]
-    step, missed = 1e-4, law_misses(one.evaluation, data, unknowns, x, at_x)
+    at_x = data.whitened(*disk.evaluation.with_jacobian(unknowns, x))[1]
+    step, missed = 1e-4, law_misses(disk.evaluation, data, unknowns, x, at_x)
     slope = (log_z(step) - log_z(-step)) / (2 * step)
     expected = effect.parameters[0].law_detuning * size**2 * stacked(data.over_noise(slope))
     assert np.max(np.abs(expected)) > 0.1
@@ -412,24 +454,29 @@ def test_modes_of_another_order_may_be_off_by_the_square_of_a_wedge(bodies):
 
 
 @pytest.mark.slow
-def test_what_the_law_of_a_wedge_misses_is_no_further_cause(bodies):
-    """Modes of order 1 a little off their place leave more than the noise; other causes do not stand in for that."""
-    one, noise, size = bodies["disk"], 1e-3, 0.185
-    normal = np.random.default_rng(5).standard_normal((2, one.frequency.size))
-    z = one.exact(one.body(wedge=size)) * (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2))
-    data = SweepData(one.frequency, z, np.full(z.size, noise), True)
-    offered = [one.library[key] for key in ("wedge", "mounting/circle", "point_mass")]
-    found = compare(one.evaluation, data, one.unknowns, one.x, offered)
+def test_errors_of_the_law_of_a_wedge_are_no_further_cause(bodies):
+    """Modes of order 1 lie slightly off their frequencies, which leaves a misfit above the noise.
+
+    With the law's stated errors no other cause is named for it; with a law taken as exact, another cause has a
+    probability above 0.5.
+    """
+    disk, noise, size = bodies["disk"], 1e-3, 0.185
+    normal = np.random.default_rng(5).standard_normal((2, disk.frequency.size))
+    z = disk.exact(disk.body(wedge=size)) * (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2))
+    data = SweepData(disk.frequency, z, np.full(z.size, noise), True)
+    offered = [disk.library[key] for key in ("wedge", "mounting/circle", "point_mass")]
+    found = compare(disk.evaluation, data, disk.unknowns, disk.x, offered)
     assert [item.effect.key for item in found.found] == ["wedge"]
-    left = found.final
-    assert left.residual @ left.residual > 1.5 * left.residual.size
-    assert left.marginal.residual @ left.marginal.residual < 1.2 * left.residual.size
-    assert abs(left.parameters.values(left.x)[0][0] - size) < 3 * left.std_of_effects[0][0]
+    final = found.final
+    assert final.residual @ final.residual > 1.5 * final.residual.size
+    assert final.marginal.residual @ final.marginal.residual < 1.2 * final.residual.size
+    assert abs(final.parameters.values(final.x)[0][0] - size) < 3 * final.std_of_effects[0][0]
     sure = {"law_error": 0.0, "law_detuning": 0.0}
     trusted = [replace(e, parameters=tuple(replace(p, **sure) for p in e.parameters)) for e in offered]
-    believed = compare(one.evaluation, data, one.unknowns, one.x, trusted)
+    believed = compare(disk.evaluation, data, disk.unknowns, disk.x, trusted)
 
     def beside(which: Comparison) -> float:
+        """Probability of the most probable candidate other than the wedge."""
         return max(chance for title, chance in which.probabilities.items() if title != "wedge")
 
     assert beside(found) < 0.1 and beside(believed) > 0.5

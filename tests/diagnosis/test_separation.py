@@ -1,4 +1,4 @@
-"""Expected separations against what fits to the planned data then reach."""
+"""Separations of causes that plans of further measurements predict, against fits to data of those measurements."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ NOISE = 1e-3
 
 @pytest.fixture(scope="module")
 def low(setup):
-    """Points below the width modes, and the evaluation there."""
+    """Points below 126 kHz, under the width modes, and the evaluation there."""
     kept = FREQUENCY < 126e3
     return kept, Evaluation(setup.model, setup.evaluation.omega[kept])
 
 
 def unbiased(effect):
-    """The effect without a prior on its size."""
+    """The effect with practically no prior on its size."""
     size, *others = effect.parameters
     return replace(effect, parameters=(replace(size, spread=1e6), *others))
 
@@ -38,7 +38,10 @@ def fitted(evaluation, frequency, impedance, parameters, start):
 
 
 def test_wider_band_separates_as_a_fit_to_it_does(setup, low):
-    """Noise-free data of one cause up to 126 kHz; what the other cause misses in the band up to 225 kHz."""
+    """Noise-free data of a wrong width up to 126 kHz, explained by a wrong s13.
+
+    The misfit of s13 that the plan predicts for a band up to 225 kHz, against a refit to that band.
+    """
     kept, evaluation = low
     wrong = unbiased(setup.library["wrong_insensitive_parameter:s13"])
     first, truth = setup.with_effects({"wrong_width": 0.004})
@@ -57,64 +60,69 @@ def test_wider_band_separates_as_a_fit_to_it_does(setup, low):
     assert between(quiet, *points) == pytest.approx(3 * expected, rel=1e-5)
 
 
-def test_what_a_further_specimen_is_known_to_bounds_the_strength(setup, low):
-    """A tolerance τ of a size that acts as the cause does adds to its variance: 1/strength² grows by (τ/size)²."""
+def test_the_tolerance_of_a_further_specimen_bounds_the_strength(setup, low):
+    """A tolerance τ that acts as the cause does adds to its variance: 1/strength² grows by (τ/size)²."""
     kept, evaluation = low
     parameters, x = setup.with_effects({"wrong_width": 0.0})
     plan = Plan("as it is", evaluation, np.full(np.count_nonzero(kept), NOISE))
     width, tolerance, size = setup.library["wrong_width"], 2e-3, 0.01
     (one,) = width.parameters
-    known = replace(width, parameters=(replace(one, tolerance=tolerance),)).within_tolerance
+    with_tolerance = replace(width, parameters=(replace(one, tolerance=tolerance),)).within_tolerance
     alone = strength(plan, Point(parameters, x), 0, size)
-    both = strength(replace(plan, tolerances=(belonging_to(known, "the second"),)), Point(parameters, x), 0, size)
-    assert both == pytest.approx((alone**-2 + (tolerance / size) ** 2) ** -0.5, rel=1e-4)
-    assert both < 0.9 * alone
+    bounded = strength(
+        replace(plan, tolerances=(belonging_to(with_tolerance, "the second"),)), Point(parameters, x), 0, size
+    )
+    assert bounded == pytest.approx((alone**-2 + (tolerance / size) ** 2) ** -0.5, rel=1e-4)
+    assert bounded < 0.9 * alone
 
 
 def test_strength_is_size_over_its_standard_deviation(setup, low):
+    """Against the deviation of a fit to noise-free data."""
     kept, evaluation = low
     parameters, x = setup.with_effects({"wrong_width": 0.0})
     z = evaluation.impedance(parameters, x)
     plan = Plan("as it is", evaluation, np.full(z.size, NOISE))
     width = unbiased(setup.library["wrong_width"])
     found = fitted(evaluation, FREQUENCY[kept], z, setup.unknowns.with_candidate(width), x)
-    # a fit without misfit takes the noise for a little less than it is, within what is known of it
+    # without misfit the noise level is estimated below 1, within the prior of the level; the division takes it out
     expected = 0.01 / (found.std[-1] / found.noise_scale * width.scale[0])
     assert np.exp(-3 * found.data.level_std) <= found.noise_scale * (1 + 1e-9) <= 1.0
     assert strength(plan, Point(parameters, x), 0, 0.01) == pytest.approx(expected, rel=1e-3)
 
 
 def test_slopes_of_several_causes_at_rest_serve_each(setup, low):
-    """One evaluation with all of them gives the strength of every one that it has alone, asked for by two plans."""
+    """A single evaluation with all causes serves the strengths of each alone, for two plans: one with the present
+    noise, one with a third of it.
+    """
     kept, evaluation = low
     keys = ["wrong_width", "electrode_mass", "leakage"]
-    asked = []
+    evaluated = []
 
     class Counted:
         @staticmethod
         def with_jacobian(parameters, x):
-            asked.append(parameters.names)
+            evaluated.append(parameters.names)
             return evaluation.with_jacobian(parameters, x)
 
     plain = Plan("as it is", evaluation, np.full(np.count_nonzero(kept), NOISE))
     shared = replace(plain, evaluation=Remembered(Counted()))
-    every = setup.unknowns
+    with_all = setup.unknowns
     for key in keys:
-        every = every.with_candidate(setup.library[key])
-    among = Point(every, every.carried(setup.unknowns, setup.x))
+        with_all = with_all.with_candidate(setup.library[key])
+    common_point = Point(with_all, with_all.carried(setup.unknowns, setup.x))
     for key in keys:
         parameters = setup.unknowns.with_candidate(setup.library[key])
         x, size = parameters.carried(setup.unknowns, setup.x), setup.library[key].scale[0]
         expected = strength(plain, Point(parameters, x), 0, size)
         for one in (shared, replace(shared, words="quieter", relative_noise=plain.relative_noise / 3)):
-            found = strength(one, Point(parameters, x, among), 0, size)
+            found = strength(one, Point(parameters, x, common_point), 0, size)
             times = plain.relative_noise[0] / one.relative_noise[0]
             assert found == pytest.approx(expected * times, rel=1e-6 if times == 1 else 0.2)
-    assert len(asked) == 1
+    assert len(evaluated) == 1
 
 
-def test_a_tolerance_takes_from_what_a_sweep_can_tell(setup):
-    """s12 beside a width known exactly, and to 0.2 %: the plan foresees what a fit then gives."""
+def test_a_tolerance_lowers_the_strength_of_a_cause(setup):
+    """A wrong s12, with a width known exactly or to 0.2 %: the plan predicts what a fit gives."""
     width = setup.library["wrong_width"]
     loose = replace(width, parameters=(replace(width.parameters[0], tolerance=2e-3),))
     found = []
@@ -127,14 +135,16 @@ def test_a_tolerance_takes_from_what_a_sweep_can_tell(setup):
         one = fitted(setup.evaluation, FREQUENCY, setup.evaluation.impedance(parameters, x), parameters, x)
         cause = parameters.effects[1]
         std = one.std[-2] / one.noise_scale * cause.scale[0]
-        # the fit knows how large such errors usually are beside the data, the plan does not
+        # the fit has a prior on the size of the cause, which the plan has not
         alone = 1 / np.sqrt(1 / std**2 - 1 / cause.spread[0] ** 2)
         assert found[-1] == pytest.approx(0.01 / alone, rel=2e-2)
     assert found[0] > 1.5 * found[1]
 
 
 def test_readings_add_what_they_measure(setup, low):
-    """A micrometer alone tells a width by 1/0.1 %; a balance weighs film and dimensions together."""
+    """A micrometer to 0.1 % separates a wrong width of 0.4 % by 4 σ on its own; a balance measures film and
+    dimensions together.
+    """
     kept, evaluation = low
     names = ("wrong_width", "electrode_mass", "stray_capacitance")
     effects = [setup.library[name] for name in names]
@@ -145,13 +155,13 @@ def test_readings_add_what_they_measure(setup, low):
     weighed = found["weigh the specimen, to 0.1 %"]
     assert weighed["wrong_width", ""] == pytest.approx(1000.0)
     assert weighed["electrode_mass", ""] == pytest.approx(1000 * 2 / (7500 * SIZE[2]))
-    dull = Plan("", evaluation, np.full(int(kept.sum()), 1e3))  # a sweep that tells nothing
+    dull = Plan("", evaluation, np.full(int(kept.sum()), 1e3))  # noise so large that the sweep has no information
     wide = setup.with_effects({"wrong_width": 0.004})
     plan = replace(dull, readings=found["measure the width with a micrometer, to 0.1 %"])
     assert strength(plan, Point(*wide), 0, 0.004) == pytest.approx(4.0, rel=1e-3)
     both = Point(*wide), Point(*setup.with_effects({"electrode_mass": 0.0}))
     assert between(plan, *both) == pytest.approx(4.0, rel=1e-3)
-    # the balance cannot tell them: a film may weigh as much
+    # the balance cannot separate width and film, which may weigh the same
     assert between(replace(dull, readings=weighed), *both) < 0.1
 
 

@@ -1,4 +1,6 @@
-"""Two bars of one material and different size, their sweeps by an independent solver: each pair is told apart."""
+"""Two bars of one material and different size, their sweeps by an independent solver: causes that one bar cannot
+tell from a constant.
+"""
 
 from __future__ import annotations
 
@@ -28,17 +30,17 @@ from femu_piezo.material.library import library_material
 from femu_piezo.measurement.sweeps import SweepData
 
 NOISE = 1e-3
-#: Length, width, thickness (m), fundamental and band (Hz): the first length mode alone.
+#: Length, width, thickness (m), fundamental (Hz) and band (Hz), which holds the first length mode alone.
 BARS = {
     "long": ((12e-3, 2.5e-3, 1e-3), 117e3, (20e3, 165e3)),
     "short": ((7e-3, 2e-3, 0.8e-3), 201e3, (30e3, 280e3)),
 }
-OWN = ("wrong_length", "wrong_thickness", "electrode_mass")
+OF_EACH_BAR = ("wrong_length", "wrong_thickness", "electrode_mass")
 COMMON = ("stray_capacitance", "series_resistance", "leakage")
 
 
 class Bars:
-    """Models of both bars and their libraries."""
+    """Reduced models of both bars and their libraries of effects."""
 
     def __init__(self) -> None:
         self.theta = library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS)
@@ -51,7 +53,7 @@ class Bars:
         for name, (size, fundamental, band) in BARS.items():
             axes = {"length": (0,), "width": (1,), "thickness": (2,)}
             context = EffectContext(fundamental, free.names, constants, axes, DENSITY, size[2], 2e3)
-            effects = [effect for effect in library(context) if effect.name in (*OWN, *COMMON)]
+            effects = [effect for effect in library(context) if effect.name in (*OF_EACH_BAR, *COMMON)]
             self.frequency[name] = np.linspace(*band, 70)
             model = ElectroelasticModel(Plate(*size).domain((14, 3, 2)), DENSITY)
             extended = extend_model(model, training, effects, band[1], accuracy=1e-5)
@@ -59,7 +61,7 @@ class Bars:
             self.library[name] = effects
 
     def sweep(self, name: str, stretch: float = 0.0, stray: float = 0.0) -> np.ndarray:
-        """Noisy Z of a bar (1 + stretch) times as long, with a capacitance beside it."""
+        """Noisy Z of a bar (1 + `stretch`) times as long with a capacitance `stray` (F) parallel to it."""
         size, frequency = np.array(BARS[name][0]), self.frequency[name]
         size[0] *= 1 + stretch
         z = RitzPlate(size, DENSITY, (11, 5, 4)).impedance(self.theta, frequency)
@@ -68,7 +70,7 @@ class Bars:
         return z * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2))
 
     def judged(self, sweeps: dict[str, np.ndarray]):
-        """The verdict on one bar or on both."""
+        """Comparison and verdict of the given sweeps, of one bar or of both."""
         names = list(sweeps)
         impedance = np.concatenate(list(sweeps.values()))
         frequency = np.concatenate([self.frequency[name] for name in names])
@@ -90,6 +92,7 @@ def bars() -> Bars:
 
 
 def test_stray_capacitance_is_told_from_the_permittivity_by_two_bars(bars):
+    """With one bar ε33T hides the capacitance, with two it is named and ε33T is right."""
     stray = 8e-12
     _, alone = bars.judged({"long": bars.sweep("long", stray=stray)})
     assert alone.word == "none"
@@ -105,7 +108,10 @@ def test_stray_capacitance_is_told_from_the_permittivity_by_two_bars(bars):
 
 
 def test_wrong_length_is_told_from_the_compliance_by_two_bars(bars):
-    """One bar: none, and the length stands for s11. Two: s11 is right again; which of the two lengths stays open."""
+    """With one bar the verdict is none, and s11 hides the error of the length.
+
+    With two, a wrong length is named; which of the two bars has it stays open, with opposite signs.
+    """
     stretch = 0.01
     _, alone = bars.judged({"long": bars.sweep("long", stretch=stretch)})
     assert alone.word == "none"
@@ -125,7 +131,7 @@ def test_two_right_bars_have_no_cause(bars):
 
 
 def test_jacobian_of_several_sweeps(bars):
-    """Own unknowns move their own sweep alone, common ones both."""
+    """Unknowns of one bar change its own sweep alone, common unknowns change both; slopes against differences."""
     names = ("wrong_length", "stray_capacitance")
     length, stray = (next(e for e in bars.library["long"] if e.name == name) for name in names)
     ensemble = Ensemble(tuple((Share((name,)), part) for name, part in bars.parts.items()))
@@ -139,13 +145,13 @@ def test_jacobian_of_several_sweeps(bars):
         step[column] = 1e-4
         numeric = (ensemble.impedance(parameters, x + step) - ensemble.impedance(parameters, x - step)) / 2e-4
         assert np.max(np.abs((slopes[:, column] - numeric) / z)) < 1e-4 * np.max(np.abs(slopes[:, column] / z))
-    own, columns = Share(("long",)).of(parameters)
-    assert [effect.name for effect in own.effects] == ["stray_capacitance"]
+    of_long, columns = Share(("long",)).of(parameters)
+    assert [effect.name for effect in of_long.effects] == ["stray_capacitance"]
     assert columns.tolist() == [0, 1, 2, 3, 4, 5, 7]
 
 
 def test_left_out_bands_are_those_of_each_sweep(bars):
-    """A band of the short bar as predicted by a fit to the rest of its sweep and the whole of the other."""
+    """A band of the short bar as predicted by a fit to the rest of its sweep and the whole sweep of the long bar."""
     z = np.concatenate([bars.sweep(name) for name in BARS])
     frequency = np.concatenate(list(bars.frequency.values()))
     points = bars.frequency["long"].size
@@ -158,14 +164,14 @@ def test_left_out_bands_are_those_of_each_sweep(bars):
     rest = np.delete(bars.parts["short"].omega, band - points)
     short = Evaluation(bars.parts["short"].model, rest)
     seen = Ensemble(((Share(("long",)), bars.parts["long"]), (Share(("short",)), short)))
-    other = fit(seen, data.select(kept), bars.unknowns, [start])
-    residual = data.whitened(*ensemble.with_jacobian(bars.unknowns, other.x))[0]
+    refit = fit(seen, data.select(kept), bars.unknowns, [start])
+    residual = data.whitened(*ensemble.with_jacobian(bars.unknowns, refit.x))[0]
     unseen = residual[band] + 1j * residual[band + z.size]
     assert np.max(np.abs(unseen - predicted[band])) < 0.1
 
 
 def write_study(bars, folder, **hidden: float):
-    """Specimen files, sweeps and study file of both bars."""
+    """Specimen files, sweeps and the study file of both bars; `hidden` as for `Bars.sweep`."""
     values = dict(zip(D_FORM, bars.theta.tolist(), strict=True))
     for name, (size, *_) in BARS.items():
         z = bars.sweep(name, **hidden)
@@ -183,7 +189,7 @@ def write_study(bars, folder, **hidden: float):
 
 
 def test_command_on_a_study_file(bars, tmp_path):
-    """One cause, common to both; the extended study file is updated without it as a bias."""
+    """One cause common to both bars is named; an update of the extended study file then gives the right ε33T."""
     stray = 8e-12
     answer = CliRunner().invoke(
         main, ["diagnose", str(write_study(bars, tmp_path, stray=stray)), "--out", str(tmp_path / "a")]
@@ -196,16 +202,16 @@ def test_command_on_a_study_file(bars, tmp_path):
     assert cause["effect"] in ("stray_capacitance", "cable") and cause["specimen"] is None
     assert {"stray_capacitance", "cable"} <= named and "eps33T" not in named
     parameters = {name: one["value"] for name, one in cause["parameters"].items()}
-    if cause["effect"] == "cable":  # one of some centimetres is nothing but its capacitance
+    if cause["effect"] == "cable":  # a cable of some centimetres acts as its capacitance alone
         parameters["capacitance"] = parameters["length"] / (0.66 * 299792458.0 * parameters["wave_impedance"])
     assert parameters["capacitance"] == pytest.approx(stray, rel=0.05)
-    assert sum(item["effect"] == "wrong_length" for item in record["candidates"]) == 2  # one for each specimen
+    assert sum(item["effect"] == "wrong_length" for item in record["candidates"]) == 2  # a candidate for each specimen
     assert (tmp_path / "a/diagnosis_2.png").stat().st_size > 20000
     answer = CliRunner().invoke(main, ["update", str(tmp_path / "a/extended.toml"), "--out", str(tmp_path / "b")])
     assert answer.exit_code == 0, answer.output
     updated = json.loads((tmp_path / "b/update.json").read_text(encoding="utf-8"))["parameters"]
     assert updated["eps33T"]["value"] == pytest.approx(bars.theta[9].real, rel=2e-3)
-    for name, after in record["parameters"]["after"].items():  # the capacitance is one unknown of both, as it was
+    for name, after in record["parameters"]["after"].items():  # the capacitance stays one unknown common to both bars
         assert updated[name]["std"] == pytest.approx(after["std"], rel=1e-3), name
         assert updated[name]["tan_std"] == pytest.approx(after["tan_std"], rel=1e-3), name
 
@@ -218,8 +224,8 @@ def test_specimens_of_one_name_are_refused(bars, tmp_path):
     assert "two specimens are named 'long'" in answer.output and answer.output.strip().count("\n") == 0
 
 
-def test_one_bar_is_told_what_to_measure(bars, tmp_path):
-    """The second bar and the open fixture are recommended, with what the model expects of them."""
+def test_measurements_recommended_for_one_bar(bars, tmp_path):
+    """A second bar, the open fixture and a micrometer, each with the separation that the model expects of it."""
     write_study(bars, tmp_path, stray=8e-12)
     answer = CliRunner().invoke(main, ["diagnose", str(tmp_path / "long.toml"), "--out", str(tmp_path / "out")])
     assert answer.exit_code == 0, answer.output
@@ -233,6 +239,6 @@ def test_one_bar_is_told_what_to_measure(bars, tmp_path):
     typical = next(c for c in record["candidates"] if c["effect"] == "stray_capacitance")["parameters"]["capacitance"]
     assert reading["expected"] > 100 and typical["std"] > 10 * 5e-14
     micrometer = found["wrong_length", "measure the length of long with a micrometer, to 0.1 %"]
-    assert micrometer["expected"] == pytest.approx(20.0, rel=0.1)  # of an error of 2 %
+    assert micrometer["expected"] == pytest.approx(20.0, rel=0.1)  # an error of 2 %, the usual one, over 0.1 %
     first = record["recommended_measurements"][0]
     assert first.startswith("measure a second specimen of the same material, half the length: expected separation")

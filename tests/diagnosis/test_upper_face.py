@@ -1,6 +1,6 @@
 """Effects at a place on bodies that are neither plates with three mirror planes nor round, against the spectral solver.
 
-A trapezoid with two mirror planes, a plate with rounded corners and one in a mesh of the user without any.
+A trapezoid with two mirror planes, a plate with rounded corners, and a plate in a user's mesh without mirror planes.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ def trapezoid(folder) -> Slab:
 
 
 def rounded(folder) -> Slab:
-    """So little that the sharp plate of the spectral solver is nearly the same."""
+    """A plate with corners rounded so little that the sharp plate of the spectral solver is nearly the same."""
     return catalogue.plate(*SIZE, corner_radius=0.1e-3)
 
 
 def meshed(folder) -> MeshFile:
-    """The whole plate, so that all of its modes are in one class."""
+    """The whole plate in a mesh file, so that all of its modes are in one parity class."""
     divisions, half = (14, 8, 2), np.array(SIZE) / 2
     with gmsh_session():
         import gmsh
@@ -70,7 +70,7 @@ def meshed(folder) -> MeshFile:
 
 
 class Body:
-    """A body as a reduced model, with the library of its effects."""
+    """A body as a reduced model, with its library of effects."""
 
     def __init__(self, shape) -> None:
         self.shape = shape
@@ -87,6 +87,7 @@ class Body:
         self.evaluation = Evaluation(self.model, 2 * np.pi * FREQUENCY)
 
     def at(self, key: str, values) -> tuple[Unknowns, np.ndarray]:
+        """The unknowns with one effect as a cause, and x (n_x,) with its parameters, SI."""
         effect = self.library[key]
         values = np.append(values, effect.rest[len(values) :])
         return self.unknowns.with_candidate(effect), np.concatenate([self.x, values / effect.scale])
@@ -102,7 +103,9 @@ PLACE = (4.1e-3, 1.4e-3)
 
 
 def patch(built: Build) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ends along x and y of the square patch, in the coordinates of the plate that is stretched along y."""
+    """Ends along x and y of the square patch, in the coordinates of the straight plate that the taper stretches
+    along y.
+    """
     half = SIDE / 2
     x, y = PLACE
     stretch = 1 + built.taper * 2 * x / SIZE[0]
@@ -133,43 +136,45 @@ def soft_spot(built: Build) -> None:
     )
 
 
-#: Effect → its parameters, how it is built, and the error allowed as a share of what it changes (rms over the sweep).
+#: Effect → its parameters, function that builds it, and the error allowed as a share of the change (rms over sweep).
 CASES = {
     "point_mass": ((2.5e-6, *PLACE, RADIUS), mass, 0.02),
     "mounting/one patch": ((3e5, 2.0, *PLACE, RADIUS), support, 0.03),
     "unequal_electrode_mass": ((0.6,), films, 0.03),
     "local_crack": ((soft_volume(SIZE[2], SOFT, SPOT_RADIUS), SPOT_X, 0.0), soft_spot, 0.11),
 }
-#: The cases that take longest.
+#: Cases that take longest, marked slow.
 LONG = ("point_mass", "mounting/one patch", "unequal_electrode_mass")
 
 
 @pytest.fixture(scope="module", params=variants(BODIES, slow=["rounded plate", "mesh of a user"]))
-def both(request, tmp_path_factory):
-    """A body, and how the spectral solver builds it."""
+def body_and_solver(request, tmp_path_factory):
+    """A body as a reduced model, and a function that gives its build for the spectral solver."""
     make, taper = BODIES[request.param]
     body = Body(make(tmp_path_factory.mktemp("mesh")))
     return body, lambda: Build(np.array(SIZE), DENSITY, THETA, FUNDAMENTAL, taper=taper)
 
 
 @pytest.fixture(scope="module")
-def bare(both):
-    """Z of the body by the spectral solver."""
-    return both[1]().impedance(FREQUENCY)
+def bare(body_and_solver):
+    """Z (k,) of the body without effects by the spectral solver."""
+    return body_and_solver[1]().impedance(FREQUENCY)
 
 
 @pytest.mark.parametrize("key", variants(CASES, slow=LONG))
-def test_change_of_impedance_against_independent_solution(both, bare, key):
-    body, make = both
+def test_change_of_impedance_against_independent_solution(body_and_solver, bare, key):
+    body, make = body_and_solver
     values, change, share = CASES[key]
-    if key not in body.library:  # what is heavier above is not known of a body that may bend by itself
+    if (
+        key not in body.library
+    ):  # a body without a mirror plane in z bends anyway: the library has no such effect for it
         assert 2 not in body.shape.mirrors and key == "unequal_electrode_mass"
         return
     built = make()
     change(built)
     exact = np.log(built.impedance(FREQUENCY) / bare)
-    own = np.log(body.impedance(key, values) / body.impedance())
-    error, size = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (own - exact, exact))
+    by_law = np.log(body.impedance(key, values) / body.impedance())
+    error, size = (np.sqrt(np.mean(np.abs(part) ** 2)) for part in (by_law - exact, exact))
     print(f"{key}: changes {size:.3g}, error {error / size:.3g} of it")
     assert size > 0.005
     assert error < share * size
@@ -177,9 +182,9 @@ def test_change_of_impedance_against_independent_solution(both, bare, key):
 
 @pytest.mark.parametrize("place", [PLACE, (-2.3e-3, 0.2e-3), (5.95e-3, 1.0e-3)], ids=["inside", "middle line", "end"])
 @pytest.mark.parametrize("key", ["point_mass", "mounting/one patch"])
-def test_slopes_are_those_of_differences(both, key, place):
-    """Also where the patch lies across a mirror line, and partly beside the body."""
-    body, _ = both
+def test_slopes_are_those_of_differences(body_and_solver, key, place):
+    """Also where the patch lies across a mirror line or partly outside the body."""
+    body, _ = body_and_solver
     values = (*CASES[key][0][:-3], *place, RADIUS)
     parameters, x = body.at(key, values)
     slopes = body.evaluation.with_jacobian(parameters, x)[1][:, -len(values) :]
@@ -190,9 +195,9 @@ def test_slopes_are_those_of_differences(both, key, place):
 
 
 @pytest.mark.parametrize("place", [PLACE, (-2.3e-3, 0.2e-3), (5.95e-3, 1.0e-3)], ids=["inside", "middle line", "end"])
-def test_slopes_of_the_terms_of_a_soft_spot(both, place):
-    """Likewise, of the terms themselves: across a mirror line Z hardly moves with the place."""
-    body, _ = both
+def test_slopes_of_the_terms_of_a_soft_spot(body_and_solver, place):
+    """Slopes of the matrices themselves, since across a mirror line Z hardly changes with the place."""
+    body, _ = body_and_solver
     effect, omega, values = body.library["local_crack"], np.ones(1), np.array([3e-9, *place])
     places = body.model.restricted(effect.sectors).places
 
@@ -208,7 +213,7 @@ def test_slopes_of_the_terms_of_a_soft_spot(both, place):
 
 @pytest.mark.parametrize("height", [0.0, 0.3, 0.5, 1.0])
 def test_displacements_at_a_height_are_those_of_a_polynomial(height):
-    """Also inside of elements, where no facets lie."""
+    """Displacements and slopes of a quadratic field, also at heights inside the elements."""
     shape = catalogue.plate(*SIZE, corner_radius=0.5e-3)
     model = ElectroelasticModel(shape.domain(2e-3, symmetric=False, order=4), DENSITY)
     x, y, z = model.basis.doflocs / 1e-3
@@ -228,7 +233,9 @@ def test_displacements_at_a_height_are_those_of_a_polynomial(height):
 
 @pytest.mark.slow
 def test_a_support_of_a_trapezoid_is_found(tmp_path):
-    """In a laboratory: dimensions are off by their tolerances, held constants by 1 %, and the noise is 1e-3."""
+    """With dimensions off by their tolerances, held constants by 1 %, free ones by 3 % in the file, and noise of
+    1e-3.
+    """
     length, width, thickness = SIZE
     built = Build(np.array(SIZE) * (1.0002, 0.9995, 1.001), DENSITY, THETA, FUNDAMENTAL, taper=TAPER)
     support(built)
@@ -267,8 +274,9 @@ file = "sweep.csv"
         assert abs(final[name].value - THETA[D_FORM.index(name)].real) < 3 * final[name].std.real, name
 
 
-def test_places_lie_on_the_face_and_mirror_lines_halve_it(both):
-    body, _ = both
+def test_places_lie_on_the_face_and_mirror_lines_halve_it(body_and_solver):
+    """Extents, volume and number of candidate places of the upper face."""
+    body, _ = body_and_solver
     face, half = body.shape.upper_face, np.array(SIZE[:2]) / 2
     low, high = np.array(face.extents).T
     assert np.all(low == [0.0 if axis in face.mirrors else -half[axis] for axis in range(2)])
