@@ -23,7 +23,7 @@ Profile = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Body:
-    """A plate and what of it is no simple plate.
+    """A plate with its deviations from a simple homogeneous plate.
 
     Attributes
     ----------
@@ -52,7 +52,9 @@ class Body:
     symmetric: bool = True
 
     def classes(self, surfaces: Sequence[Surface]) -> list[tuple[int, int, int]]:
-        """Signs of the classes that surfaces couple, the driven one first; 0 where the body itself has no parity."""
+        """Signs of the parity classes that surfaces couple, the driven class first; 0 where the body itself has no
+        parity.
+        """
         signs = []
         for axis in range(3):
             if axis == 0 and not self.symmetric:
@@ -62,12 +64,12 @@ class Body:
         return list(product(*signs))
 
     def part(self, signs: tuple[int, int, int]) -> ParityClass:
-        """One class."""
+        """The matrices of one parity class."""
         return ParityClass(self, signs)
 
     @cached_property
     def gauss(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Points and weights along x, y, z that integrate all products."""
+        """Gauss points and weights along x, y, z that integrate all products of functions exactly."""
         found = []
         for a, b in zip(self.axes, self.potential_axes, strict=True):
             found.append(quadrature(joined(a.breaks, b.breaks), max(*a.degrees, *b.degrees) + 3))
@@ -78,7 +80,7 @@ class Body:
         return 1 + (self.taper, self.wedge)[a - 1] * 2 * x / self.size[0]
 
     def volumes(self, x: np.ndarray) -> np.ndarray:
-        """dV at x over that of the nominal plate."""
+        """Volume element at x over that of the nominal plate."""
         return self.extent(1, x) * self.extent(2, x)
 
     def electroded(self, x: np.ndarray) -> np.ndarray:
@@ -119,7 +121,7 @@ class Surface:
     membrane: float | None = None
 
     def keeps(self) -> tuple[bool, bool, bool]:
-        """Which parities it leaves."""
+        """Whether the surface preserves the parity in x, y and z."""
         middle = [abs(sum(ends)) < 1e-12 for ends in (self.x, self.y)]
         return middle[0], middle[1], len(self.faces) == 2
 
@@ -159,6 +161,7 @@ class ParityClass(CrystalForms):
         self._products.clear()
 
     def _volt(self):
+        """Values and slopes along x, y, z of the potential of one volt between the electrodes."""
         found = []
         for a, (points, _) in enumerate(self._body.gauss):
             if a == self._body.poling:
@@ -169,7 +172,7 @@ class ParityClass(CrystalForms):
         return found
 
     def _free_potentials(self) -> np.ndarray:
-        """Indices of the functions of φ that no electrode holds."""
+        """Indices of the functions of φ that are free, not on an electrode."""
         body, (x, y, z) = self._body, [line.positions for line in self.lines[3]]
         shape = (x.size, y.size, z.size)
         if body.poling == 2:
@@ -180,7 +183,9 @@ class ParityClass(CrystalForms):
         return np.flatnonzero(~np.broadcast_to(held, shape).ravel())
 
     def _tensor(self, f: int, g: int, left: int, right: int, *factors: np.ndarray | float) -> np.ndarray:
-        """∫ of f, differentiated along the axis `left` (−1: not), times g, likewise, with factors over x, y, z."""
+        """∫ f g dV with factors over x, y, z; f is differentiated along the axis `left` and g along `right` (−1: not
+        differentiated).
+        """
         parts = []
         for a, ((_, weights), factor) in enumerate(zip(self._body.gauss, factors, strict=True)):
             first, second = self._samples[f][a][int(a == left)], self._samples[g][a][int(a == right)]
@@ -242,6 +247,7 @@ class ParityClass(CrystalForms):
         return np.concatenate(columns, axis=1)
 
     def _placed(self, blocks: Mapping[int, np.ndarray]) -> np.ndarray:
+        """The given blocks of u_x, u_y, u_z as rows among all displacements; zero elsewhere."""
         width = next(iter(blocks.values())).shape[1]
         found = np.zeros((self.displacements, width))
         for f, block in blocks.items():
@@ -249,7 +255,9 @@ class ParityClass(CrystalForms):
         return found
 
     def _membrane(self, faces, nu: float) -> list[np.ndarray]:
-        """Roots of S_xx² + S_yy² + 2ν S_xx S_yy + (1 − ν)/2 γ²."""
+        """Three square roots B of the membrane energy: |Bᵗ u|² add up to S_xx² + S_yy² + 2ν S_xx S_yy + (1 − ν)/2
+        γ².
+        """
         (_, xx, uy), (_, vx, yy) = faces[0], faces[1]
         plus, minus = np.sqrt((1 + nu) / 2), np.sqrt((1 - nu) / 2)
         return [

@@ -1,4 +1,6 @@
-"""From what is hidden to a sweep: effects change a `Build` one after another, the build makes the body and its Z."""
+"""From hidden effects to a sweep: effects change a `Build` one after another, and the build gives the body and its
+Z.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ Law = Callable[[np.ndarray, float], np.ndarray]  # (constants (10,), frequency i
 Circuit = Callable[[np.ndarray, np.ndarray], np.ndarray]  # (ω (k,), Z (k,)) → Z'
 Profile = Callable[[np.ndarray], np.ndarray]
 
-#: Degrees along x (for the whole length), y, z; with something on a small part of a face.
+#: Degrees along x (for the whole length), y, z; and those where a surface covers only a part of a face.
 _DEGREES, _FINE = (14, 10, 6), (16, 11, 6)
 
 
@@ -34,13 +36,13 @@ class Grading:
     across: tuple[int, int]
 
 
-#: Of the displacements and of φ. Their errors have opposite signs; at these orders they cancel to 1e-4 in Z, which
-#: tests/hidden_effects/test_solver.py holds against strongly graded elements.
+#: Gradings of the displacements and of φ. Their errors have opposite signs; at these orders they cancel to 1e-4 in Z.
+#: tests/hidden_effects/test_solver.py compares them with strongly graded elements.
 _GRADING = Grading((0.05e-3,), 3, (8, 8)), Grading((0.015e-3, 0.1e-3), 4, (6, 14))
 
 
 class Swept:
-    """What a specimen to be has on the way from its body to its sweep; `Build` says what the attributes are."""
+    """The steps from a body to its sweep that plates and round bodies share; `Build` documents the attributes."""
 
     theta: np.ndarray
     surfaces: list
@@ -50,7 +52,7 @@ class Swept:
     warp: Profile | None
 
     def body(self):
-        """The piece without what stands on its surfaces."""
+        """The body without its surfaces."""
         raise NotImplementedError
 
     def constants(self, frequency: float) -> np.ndarray:
@@ -58,21 +60,24 @@ class Swept:
         return _followed((*self.laws, *self.relaxations), self.theta, frequency)
 
     def stated(self, frequency: float) -> np.ndarray:
-        """The same as tables of constants state them: loss tangents without what a relaxation loses."""
-        whole, apart = self.constants(frequency).real, _followed(self.laws, self.theta, frequency)
-        return whole * (1 + 1j * apart.imag / apart.real)
+        """(10,) d-form constants as tables state them: real parts at this frequency, loss tangents without the loss
+        of a relaxation.
+        """
+        whole, without = self.constants(frequency).real, _followed(self.laws, self.theta, frequency)
+        return whole * (1 + 1j * without.imag / without.real)
 
     def impedance(self, frequency: np.ndarray) -> np.ndarray:
         """Z (k,), ohm, as it would be measured without noise."""
         plate = Plate(self.body(), self.theta, float(frequency.max()), self.surfaces)
-        own = frequency if self.warp is None else self.warp(frequency)
-        z = plate.impedance(self.constants if self.laws or self.relaxations else self.theta, own)
+        answered = frequency if self.warp is None else self.warp(frequency)
+        z = plate.impedance(self.constants if self.laws or self.relaxations else self.theta, answered)
         for circuit in self.circuits:
             z = circuit(2 * np.pi * frequency, z)
         return z
 
 
 def _followed(laws: Iterable[Law], theta: np.ndarray, frequency: float) -> np.ndarray:
+    """(10,) constants after all laws at a frequency in Hz."""
     for law in laws:
         theta = law(theta, frequency)
     return theta
@@ -115,7 +120,7 @@ class Build(Swept):
 
     @property
     def area(self) -> float:
-        """Of one large face, m²."""
+        """Area of one large face, m²."""
         return float(self.size[0] * self.size[1])
 
     @property
@@ -124,7 +129,7 @@ class Build(Swept):
         return (-self.size[0] / 2, self.size[0] / 2), (-self.size[1] / 2, self.size[1] / 2)
 
     def pole(self, near: float) -> float:
-        """Frequency in Hz of the strongest conductance of the body as it is, 0.7 to 1.1 times a frequency near it."""
+        """Frequency in Hz of the largest conductance of the body between 0.7 and 1.1 times `near`."""
         plate, frequency = Plate(self.body(), self.theta, 1.1 * near), np.linspace(0.7, 1.1, 161) * near
         for _ in range(3):
             conductance = (1 / plate.impedance(self.theta, frequency)).real
@@ -133,7 +138,7 @@ class Build(Swept):
         return float(at)
 
     def body(self) -> Body:
-        """The piece without what stands on its surfaces."""
+        """The body without its surfaces."""
         half = self.size / 2
         symmetric = (
             not (self.taper or self.wedge or self.stiffness or self.piezoelectric or self.heaviness or self.soft)
@@ -167,11 +172,12 @@ class Build(Swept):
         )
 
     def _along(self, ends: np.ndarray, degree: int, least: int = 3) -> Axis:
-        """Elements along x or y, their degrees by their length but not below `least`."""
+        """Elements along x or y with degrees by their length, at least `least`."""
         share = np.diff(ends) / np.ptp(ends)
         return Axis(tuple(ends), tuple(int(np.clip(round(degree * s) + 3, least, degree)) for s in share))
 
     def _across(self, degrees) -> list[Axis]:
+        """One element along y and one along z."""
         return [Axis((-s / 2, s / 2), (p,)) for s, p in zip(self.size[1:], degrees, strict=True)]
 
     def _margined(self, ends: np.ndarray, grading: Grading) -> Axis:

@@ -2,17 +2,17 @@
 
     python -m tests.hidden_effects.calibration study.jsonl --out DIR
 
-Probabilities: a reliability curve, Brier's score (Mon. Weather Rev. 78 (1950) 1) beside what it would be if every
-stated probability were right, and how many deviations lie between (Spiegelhalter, Stat. Med. 5 (1986) 421). Deviations:
-the probability integral transform u = Φ((estimated − true)/std), which is even on (0, 1) where values are normal with
-the stated deviation (Dawid, J. R. Stat. Soc. A 147 (1984) 278): heaped at the ends, the deviations are too small. Of
-the posterior averaged over all sets of causes u is its share above the true value, and Φ⁻¹(u) counts as deviations.
+Probabilities: a reliability curve, and Brier's score (Mon. Weather Rev. 78 (1950) 1) with its expectation if every
+stated probability is right and their difference in deviations (Spiegelhalter, Stat. Med. 5 (1986) 421). Deviations:
+the probability integral transform u = Φ((estimated − true)/std), which is uniform on (0, 1) if values are normal with
+the stated deviation (Dawid, J. R. Stat. Soc. A 147 (1984) 278); many values near 0 and 1 mean deviations too small. Of
+the posterior averaged over all sets of causes u is the share above the true value, and Φ⁻¹(u) the error in deviations.
 Rates have Clopper-Pearson 95 % intervals.
 
-Of a named cause the probability is the one of the verdict, of all candidates the one that the comparison of sets gives,
-before what no cause explains is taken off.
+The probability of a named cause is that of the verdict. Those of all candidates come from the comparison of sets,
+before they are reduced for a misfit that no cause explains.
 
-The draws hide every effect equally often, more often than a laboratory has them, so a probability that is right in a
+The draws hide every effect equally often, and more often than a laboratory has them. A probability that is right in a
 laboratory may be too small here; never too large.
 """
 
@@ -35,12 +35,12 @@ from hidden_effects.confusion import clopper_pearson
 from hidden_effects.judge import Outcome
 from hidden_effects.study import read
 
-#: Ends of the bins: of all probabilities, and of those that were stated with a name, most of which are near one.
+#: Ends of the bins of all probabilities, and of the probabilities of named causes, most of which are near one.
 EVEN = np.linspace(0.0, 1.0, 6)
 NAMED = np.array([0.0, 0.5, 0.9, 0.99, 0.999, 1.0])
-#: Bins of a histogram of u, and the level of its bands.
+#: Number of bins of a histogram of u, and probability that a share lies in its band.
 _BINS, _LEVEL = 10, 0.95
-#: Deviations within which a constant or a size has to be, and how often it is if it is normal.
+#: Numbers of stated deviations for which the table counts the errors within them.
 _WITHIN = (1.0, 2.0, 3.0)
 _NORMAL = "u = Φ((estimated − true)/std)"
 _BLUE, _GREY = "#1f4e79", "#8c8c8c"
@@ -48,7 +48,7 @@ _BLUE, _GREY = "#1f4e79", "#8c8c8c"
 
 @dataclass(frozen=True)
 class Bin:
-    """Probabilities between two ends: their mean, and how often what they were stated of was so."""
+    """Stated probabilities between two ends: their mean, and how often the events came true."""
 
     low: float
     high: float
@@ -58,12 +58,12 @@ class Bin:
 
     @property
     def share(self) -> float:
-        """How often it was so."""
+        """Share of the events that came true."""
         return self.count / self.total
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Of the share."""
+        """Clopper-Pearson 95 % interval of the share."""
         return clopper_pearson(self.count, self.total)
 
     @property
@@ -73,13 +73,13 @@ class Bin:
 
 
 def reliability(chance: np.ndarray, was: np.ndarray, ends: np.ndarray = EVEN) -> list[Bin]:
-    """Bins that hold any of the stated probabilities (n,), `was` (n,) bool saying whether it was so."""
+    """Non-empty bins of the stated probabilities `chance` (n,); `was` (n,) says which events came true."""
     place = np.clip(np.searchsorted(ends, chance, side="right") - 1, 0, ends.size - 2)
     found = []
     for number in np.unique(place):
-        own = place == number
+        inside = place == number
         low, high = float(ends[number]), float(ends[number + 1])
-        found.append(Bin(low, high, float(chance[own].mean()), int(was[own].sum()), int(own.sum())))
+        found.append(Bin(low, high, float(chance[inside].mean()), int(was[inside].sum()), int(inside.sum())))
     return found
 
 
@@ -100,7 +100,7 @@ class Brier:
 
 
 def brier(chance: np.ndarray, was: np.ndarray) -> Brier:
-    """Of stated probabilities (n,) and whether it was so (n,)."""
+    """Brier's score of stated probabilities (n,), where `was` (n,) says which events came true."""
     score, expected = float(np.mean((chance - was) ** 2)), float(np.mean(chance * (1 - chance)))
     spread = np.sqrt(np.sum((1 - 2 * chance) ** 2 * chance * (1 - chance)))
     return Brier(score, expected, chance.size * (score - expected) / spread if spread > 0 else np.nan)
@@ -108,7 +108,7 @@ def brier(chance: np.ndarray, was: np.ndarray) -> Brier:
 
 @dataclass(frozen=True)
 class Transform:
-    """u of values that were estimated, several from each draw.
+    """The transform u of estimated values, several from each draw.
 
     Attributes
     ----------
@@ -126,21 +126,22 @@ class Transform:
 
     @property
     def p_value(self) -> float:
-        """Of evenness: Kolmogorov and Smirnov's of each name, the smallest times their number (Bonferroni).
+        """p-value of a uniform u: the smallest p-value of Kolmogorov and Smirnov over all names, times their number
+        (Bonferroni).
 
-        The values of one draw depend on one another, so that they are not tested as if they were many.
+        Names are tested one by one, since the values of a draw are correlated.
         """
         each = [kstest(u, "uniform").pvalue for u in self.by_name.values() if u.size]
         return float(min(1.0, len(each) * min(each))) if each else np.nan
 
     def within(self, deviations: float) -> tuple[int, int]:
-        """How many values lie within so many stated deviations, of how many."""
-        far = np.abs(norm.ppf(self.all)) < deviations
-        return int(far.sum()), far.size
+        """Number of values within so many stated deviations, and number of all values."""
+        near = np.abs(norm.ppf(self.all)) < deviations
+        return int(near.sum()), near.size
 
 
 def transform(values: Iterable[dict[str, float]]) -> Transform:
-    """Of the (estimated − true)/std by name of every draw."""
+    """u of (estimated − true)/std by name, of all draws."""
     values = list(values)
     names = dict.fromkeys(name for one in values for name in one)
     by_name = {name: norm.cdf([one[name] for one in values if name in one]) for name in names}
@@ -148,9 +149,9 @@ def transform(values: Iterable[dict[str, float]]) -> Transform:
 
 
 def band(draws: int, each: float = 1.0, bins: int = _BINS, level: float = _LEVEL) -> tuple[float, float]:
-    """Between which shares of all values a bin lies if u is even.
+    """Range in which the share of a bin lies if u is uniform.
 
-    each : values of a draw that count as independent; 1 where all values of a draw are as one
+    each : number of values of a draw that count as independent; 1 where they are fully correlated
     """
     total = max(1, round(draws * each))
     low, high = binom.ppf([(1 - level) / 2, (1 + level) / 2], total, 1 / bins) / total
@@ -159,7 +160,7 @@ def band(draws: int, each: float = 1.0, bins: int = _BINS, level: float = _LEVEL
 
 @dataclass(frozen=True)
 class Calibration:
-    """All that the pictures and the table show.
+    """All figures of the pictures and the table.
 
     Attributes
     ----------
@@ -183,7 +184,7 @@ class Calibration:
 
 
 def calibration(outcomes: Sequence[Outcome]) -> Calibration:
-    """Of judged draws; those whose sweep was refused say nothing of probabilities."""
+    """Calibration over judged draws, without those whose sweep was refused."""
     outcomes = [one for one in outcomes if one.word != "refused"]
     right = [one for one in outcomes if _right(one)]
     return Calibration(
@@ -199,22 +200,23 @@ def calibration(outcomes: Sequence[Outcome]) -> Calibration:
 
 
 def _right(one: Outcome) -> bool:
-    """Nothing said of a null, exactly the true causes named of the others."""
+    """Whether a draw was judged rightly: the verdict "none" for a null, else exactly the true causes named."""
     return one.word == "none" if one.kind == "null" else one.word == "effect" and set(one.said) == set(one.truth)
 
 
 def _true(one: Outcome) -> tuple[str, ...]:
-    """What a name of it may be: what is hidden, and what comes with that."""
+    """Names that are right for a draw: the hidden effects and those that come with them."""
     return (*one.truth, *one.along)
 
 
 def _against_truth(stated: Iterable[tuple[dict[str, float], Sequence[str]]]) -> tuple[np.ndarray, np.ndarray]:
+    """All stated probabilities, and whether each was of a true cause."""
     pairs = [(chance, title in truth) for chances, truth in stated for title, chance in chances.items()]
     return np.array([chance for chance, _ in pairs], float), np.array([was for _, was in pairs], bool)
 
 
 def report(found: Calibration) -> str:
-    """The table."""
+    """The table as text."""
     lines = [f"{found.in_class} of the named causes true, or reported as not to be told from what is"]
     for words, (chance, was), ends in (
         ("named causes", found.named, NAMED),
@@ -290,6 +292,7 @@ def reliability_figure(found: Calibration) -> Figure:
 
 
 def _points(axes: Axes, places: Sequence[float], bins: Sequence[Bin]) -> None:
+    """Shares of the bins with their 95 % intervals."""
     shares = np.array([one.share for one in bins])
     intervals = np.array([one.interval for one in bins]).reshape(-1, 2)
     reach = np.abs(intervals - shares[:, None]).T
@@ -298,7 +301,7 @@ def _points(axes: Axes, places: Sequence[float], bins: Sequence[Bin]) -> None:
 
 
 def transform_figure(found: Calibration) -> Figure:
-    """Histograms of u with the band in which even ones stay."""
+    """Histograms of u with the band in which a uniform u stays."""
     figure = Figure(figsize=(12.0, 4.0), layout="constrained")
     parts = (
         ("constants, draws judged rightly", found.constants, _NORMAL),

@@ -1,8 +1,8 @@
-"""What is hidden in the data: every effect by the meaning of its name, with its variants.
+"""The hidden effects: each by the meaning of its name, with its variants.
 
-An entry takes (build, random generator, variant) and changes the build; the specimen file keeps what is assumed. Real
-effects never follow a formula exactly: with `variant` the entry draws another law, shape or place. It returns what the
-key says.
+An entry takes (build, random generator, variant) and changes the build; the specimen file keeps the assumed values.
+Real effects never follow a formula exactly: with `variant` the entry draws another law, shape or place. It returns the
+key of the effect.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from hidden_effects.body import Surface
 from hidden_effects.build import Build
 
 NAMES = ("s11", "s12", "s13", "s33", "s44", "d31", "d33", "d15", "eps11T", "eps33T")
-#: Held constants that a wrong value is drawn for: those a sweep of a k31 plate or of a k33 bar can show.
+#: Poling axis → held constants for which a wrong value is drawn: those that a sweep of a k31 plate or k33 bar can show.
 WRONG = {2: ("s12", "s13", "s33", "d33"), 0: ("s11", "s13", "s44", "d31")}
 
 
 @dataclass(frozen=True)
 class Hidden:
-    """The key of one effect.
+    """The key of one effect: what is true and hidden from the code under test.
 
     Attributes
     ----------
@@ -50,12 +50,12 @@ Entry = Callable[[Build, np.random.Generator, bool], Hidden]
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """Positive, evenly drawn in its logarithm."""
+    """A positive number, uniform in its logarithm."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def series_resistance(build, rng, variant) -> Hidden:
-    """Variant: a fifth of it is skin effect."""
+    """A resistance in series. Variant: a fifth of it is skin effect."""
     value, anchor = log_uniform(rng, 1.0, 8.0), 2 * np.pi * build.fundamental
     share = 0.2 if variant else 0.0
     build.circuits.append(lambda w, z: z + value * (1 - share + share * np.sqrt(w / anchor)))
@@ -63,7 +63,7 @@ def series_resistance(build, rng, variant) -> Hidden:
 
 
 def series_inductance(build, rng, variant) -> Hidden:
-    """Variant: damped by a resistor in parallel."""
+    """An inductance in series. Variant: damped by a resistor in parallel."""
     value = log_uniform(rng, 2e-6, 12e-6)
     damping = 8 * 2 * np.pi * 240e3 * value if variant else np.inf
     build.circuits.append(lambda w, z: z + 1 / (1 / (1j * w * value) + 1 / damping))
@@ -71,7 +71,7 @@ def series_inductance(build, rng, variant) -> Hidden:
 
 
 def stray_capacitance(build, rng, variant) -> Hidden:
-    """Variant: a lossy cable."""
+    """A capacitance in parallel. Variant: a lossy cable."""
     value = log_uniform(rng, 5e-12, 40e-12)
     tangent = 0.03 if variant else 0.0
     build.circuits.append(lambda w, z: 1 / (1 / z + 1j * w * value * (1 - 1j * tangent)))
@@ -79,7 +79,7 @@ def stray_capacitance(build, rng, variant) -> Hidden:
 
 
 def leakage(build, rng, variant) -> Hidden:
-    """Variant: grows with a weak power of frequency."""
+    """A conductance in parallel. Variant: it grows with a weak power of frequency."""
     value, anchor = log_uniform(rng, 3e-6, 3e-5) * build.admittance, 2 * np.pi * build.fundamental
     power = 0.25 if variant else 0.0
     build.circuits.append(lambda w, z: 1 / (1 / z + value * (w / anchor) ** power))
@@ -87,7 +87,7 @@ def leakage(build, rng, variant) -> Hidden:
 
 
 def frequency_dependent_elastic_loss(build, rng, variant) -> Hidden:
-    """Variants: linear in frequency; a Debye peak."""
+    """Elastic losses with a power of frequency. Variants: linear in frequency; a Debye peak."""
     size = log_uniform(rng, 0.3, 0.9) * float(rng.choice([-1, 1]))
     words = str(rng.choice(["linear", "Debye peak"])) if variant else ""
     peak = float(rng.uniform(60e3, 200e3)) / build.fundamental
@@ -109,7 +109,7 @@ def frequency_dependent_elastic_loss(build, rng, variant) -> Hidden:
 
 
 def dielectric_dispersion(build, rng, variant) -> Hidden:
-    """Variant: the fall steepens with frequency."""
+    """ε33T falls with the logarithm of frequency. Variant: the fall steepens with frequency."""
     size, bend = log_uniform(rng, 0.01, 0.05), 0.4 if variant else 0.0
 
     def law(theta, frequency):
@@ -122,7 +122,7 @@ def dielectric_dispersion(build, rng, variant) -> Hidden:
 
 
 def relaxation(build, rng, variant) -> Hidden:
-    """Cole and Cole. Variant: skewed as Havriliak and Negami have it."""
+    """A relaxation of ε33T by Cole and Cole. Variant: skewed as by Havriliak and Negami."""
     size, width = log_uniform(rng, 0.02, 0.15), float(rng.uniform(0.15, 0.45))
     centre, skew = float(rng.uniform(60e3, 150e3)), 0.7 if variant else 1.0
 
@@ -150,14 +150,14 @@ def contact_gap(build, rng, variant) -> Hidden:
 
 def cable(build, rng, variant) -> Hidden:
     """A line of ten pieces of inductance and capacitance. Variant: with the resistance of its core."""
-    length, own = log_uniform(rng, 0.3, 3.0), float(rng.choice([50.0, 75.0]))
+    length, wave_impedance = log_uniform(rng, 0.3, 3.0), float(rng.choice([50.0, 75.0]))
     delay, pieces = length / (0.66 * 299792458.0), 10
     core = 0.2 * length if variant else 0.0
 
     def circuit(w, z):
         for _ in range(pieces):
-            half = (core + 1j * w * own * delay) / pieces / 2
-            z = half + 1 / (1 / (z + half) + 1j * w * delay / own / pieces)
+            half = (core + 1j * w * wave_impedance * delay) / pieces / 2
+            z = half + 1 / (1 / (z + half) + 1j * w * delay / wave_impedance / pieces)
         return z
 
     build.circuits.append(circuit)
@@ -165,7 +165,7 @@ def cable(build, rng, variant) -> Hidden:
 
 
 def temperature_drift(build, rng, variant) -> Hidden:
-    """Compliances change evenly from 20 to 240 kHz. Variant: towards a balance."""
+    """Compliances drift linearly with frequency from 20 to 240 kHz. Variant: the drift saturates."""
     size, early = log_uniform(rng, 5e-4, 5e-3) * float(rng.choice([-1, 1])), float(rng.uniform(60e3, 120e3))
 
     def time(frequency):
@@ -183,7 +183,7 @@ def temperature_drift(build, rng, variant) -> Hidden:
 
 
 def film_stiffness(build, rng, variant) -> Hidden:
-    """Layers on both faces, which have a mass as well. Variant: glue on one face alone."""
+    """Stiff layers with mass on both faces. Variant: a layer of glue on one face."""
     thickness, modulus = log_uniform(rng, 10e-6, 60e-6), log_uniform(rng, 5e9, 5e10)
     loss, heavy, faces = float(rng.uniform(0.01, 0.08)), 1200.0 * thickness, (-1,) if variant else (1, -1)
     stiff = modulus * thickness / (1 - 0.35**2)
@@ -197,7 +197,7 @@ def film_stiffness(build, rng, variant) -> Hidden:
 
 
 def fluid_load(build, rng, variant) -> Hidden:
-    """Both faces in an oil. Variant: one face alone."""
+    """Oil on both faces. Variant: on one face."""
     shear, pressure = log_uniform(rng, 5.0, 30.0), log_uniform(rng, 1e4, 2e5)
     faces, face = (1,) if variant else (1, -1), build.whole_face
     build.surfaces.append(Surface(*face, faces, lambda w: 1j * w * (1 + 1j) * np.sqrt(w / 2) * shear, (0, 1)))
@@ -206,7 +206,7 @@ def fluid_load(build, rng, variant) -> Hidden:
 
 
 def wrong_insensitive_parameter(build, rng, variant) -> Hidden:
-    """The true constant is (1 + p) times the assumed one. Variant: a second one is wrong by a fifth of that."""
+    """A held constant is 1 + p times the assumed one. Variant: a second one is wrong by a fifth of that."""
     size = log_uniform(rng, 0.03, 0.12) * float(rng.choice([-1, 1]))
     first, second = (str(name) for name in rng.choice(WRONG[build.poling], 2, replace=False))
     build.theta[NAMES.index(first)] *= 1 + size
@@ -223,7 +223,9 @@ def wrong_insensitive_parameter(build, rng, variant) -> Hidden:
 
 def _wrong(name: str, axis: int, low: float, high: float) -> Entry:
     def entry(build, rng, variant) -> Hidden:
-        """No variant: a side that is not parallel is another cause, and a dimension follows no law."""
+        """A wrong dimension. It has no variant: sides that are not parallel are another effect, and a dimension
+        follows no law.
+        """
         size = log_uniform(rng, low, high) * float(rng.choice([-1, 1]))
         build.size[axis] *= 1 + size
         return Hidden(f"wrong_{name}", {"relative_error": size})
@@ -246,18 +248,20 @@ def wedge(build, rng, variant) -> Hidden:
 
 
 def electrode_mass(build, rng, variant) -> Hidden:
-    """Variant: unequal films on the two faces; the size is the mean."""
+    """Films of mass on both faces. Variant: unequal films, of which the size is the mean."""
     size, share = log_uniform(rng, 0.02, 0.2), 0.3 if variant else 0.0
     for side in (1, -1):
-        own = size * (1 + side * share)
-        build.surfaces.append(Surface(*build.whole_face, (side,), lambda w, own=own: -(w**2) * own))
+        mass = size * (1 + side * share)
+        build.surfaces.append(Surface(*build.whole_face, (side,), lambda w, mass=mass: -(w**2) * mass))
     if not variant:
         build.surfaces[-2:] = [Surface(*build.whole_face, (1, -1), lambda w: -(w**2) * size)]
     return Hidden("electrode_mass", {"mass_per_area": size}, variant="unequal films" * variant)
 
 
 def point_mass(build, rng, variant) -> Hidden:
-    """A square patch on the upper face. Variants: a large one; a long one along the width or the length."""
+    """A mass on a square patch of the upper face. Variants: a large patch; a patch elongated along the width or the
+    length.
+    """
     mass = log_uniform(rng, 0.0003, 0.005) * float(np.prod(build.size)) * build.density
     words = str(rng.choice(["large patch", "long patch"])) if variant else ""
     sides = {"large patch": (2.4e-3, 2.0e-3), "long patch": (2.6e-3, 0.8e-3)}.get(words, (1.3e-3, 1.3e-3))
@@ -297,7 +301,9 @@ def local_crack(build, rng, variant) -> Hidden:
 
 
 def _depth(compliance: float) -> float:
-    """k of a linear dent with mean of k s/(1 − k s) over s in 0 … 1 = −1 − ln(1 − k)/k as wished, by bisection."""
+    """Depth k of a linear dent whose mean compliance, the mean of k s/(1 − k s) over s in 0 … 1 = −1 − ln(1 − k)/k,
+    is as wished; by bisection.
+    """
     low, high = 1e-9, 1 - 1e-9
     for _ in range(60):
         middle = (low + high) / 2
@@ -306,7 +312,10 @@ def _depth(compliance: float) -> float:
 
 
 def poling_gradient(build, rng, variant) -> Hidden:
-    """Variant: curved as well. The sign of g is that of an axis nobody has marked."""
+    """Piezoelectric constants that grow along the length. Variant: with a curvature as well.
+
+    The sign of the gradient is always positive, since nobody has marked the direction of the axis.
+    """
     size, half = log_uniform(rng, 0.04, 0.4), build.size[0] / 2
     curved = 0.4 * size * float(rng.choice([-1, 1])) if variant else 0.0
     build.piezoelectric.append(lambda x: 1 + size * x / half + curved * ((x / half) ** 2 - 1 / 3))
@@ -314,7 +323,7 @@ def poling_gradient(build, rng, variant) -> Hidden:
 
 
 def mounting(build, rng, variant) -> Hidden:
-    """Variants: on one face only; off the middle; hardly any width."""
+    """A clamp across the width, on both faces. Variants: on one face only; off the middle; very narrow."""
     stiffness, damping = log_uniform(rng, 2e5, 5e6), log_uniform(rng, 0.3, 6.0)
     width = float(rng.uniform(0.5e-3, 1.2e-3))
     words = str(rng.choice(["one face", "off the middle", "narrow"])) if variant else ""
@@ -328,7 +337,7 @@ def mounting(build, rng, variant) -> Hidden:
 
 
 def electrode_margin(build, rng, variant) -> Hidden:
-    """Variant: unequal at the two ends; the margin is the mean."""
+    """Bare strips at both ends. Variant: of unequal width, of which the size is the mean."""
     size, share = log_uniform(rng, 0.05e-3, 0.5e-3), 0.35 if variant else 0.0
     build.margins = (size * (1 - share), size * (1 + share))
     sizes = {"margin": size, "asymmetry": share} if variant else {"margin": size}
@@ -336,12 +345,12 @@ def electrode_margin(build, rng, variant) -> Hidden:
 
 
 def depoled(distance: np.ndarray, reach: float, ramp: bool) -> np.ndarray:
-    """Share (k,) of e left at distances (k,) from an edge: exponential, or a ramp that loses as much."""
+    """Share (k,) of e that is left at distances (k,) from an edge: exponential, or a ramp with the same loss."""
     return np.minimum(distance / (2 * reach), 1.0) if ramp else -np.expm1(-distance / reach)
 
 
 def edge_depoling(build, rng, variant) -> Hidden:
-    """Along all four sides. Variant: a linear ramp in place of the exponential law."""
+    """Lost poling along all four sides. Variant: a linear ramp in place of the exponential law."""
     reach = log_uniform(rng, 0.02e-3, 0.3e-3)
     axes = ((build.piezoelectric, build.elements), (build.piezoelectric_across, build.elements_across))
     for size, (profiles, elements) in zip(build.size, axes, strict=False):

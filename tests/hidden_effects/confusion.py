@@ -1,4 +1,4 @@
-"""Counts over many judged draws: the confusion matrix and the rates that are asked for."""
+"""Counts over many judged draws: the confusion matrix, and rates against their required values."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hidden_effects.judge import Outcome
 
 
 def clopper_pearson(count: int, total: int, level: float = 0.95) -> tuple[float, float]:
-    """Interval of a share of which `count` of `total` were seen."""
+    """Clopper-Pearson interval of a share of which `count` of `total` were observed."""
     tail = (1 - level) / 2
     low = beta.ppf(tail, count, total - count + 1) if count else 0.0
     high = beta.ppf(1 - tail, count + 1, total - count) if count < total else 1.0
@@ -23,7 +23,7 @@ def clopper_pearson(count: int, total: int, level: float = 0.95) -> tuple[float,
 
 @dataclass(frozen=True)
 class Rate:
-    """How often something held, against what is asked for."""
+    """How often something held, against the share that is required."""
 
     words: str
     count: int
@@ -32,11 +32,11 @@ class Rate:
 
     @property
     def holds(self) -> bool:
-        """Whether the share reaches what is asked for; nothing drawn is no failure."""
+        """Whether the share reaches the required one; true where nothing was drawn."""
         return self.count >= self.least * self.total
 
     def line(self) -> str:
-        """With the 95 % Clopper-Pearson interval of the share."""
+        """The rate as a line of text with the 95 % Clopper-Pearson interval of the share."""
         if not self.total:
             return f"      {self.words}: none drawn"
         low, high = clopper_pearson(self.count, self.total)
@@ -48,7 +48,7 @@ class Rate:
 
 
 def matrix(outcomes: Sequence[Outcome]) -> str:
-    """One line per hidden thing: how often what was said."""
+    """A line for each hidden effect or pair: what the diagnosis named, and how often."""
     said: dict[str, Counter] = defaultdict(Counter)
     for o in outcomes:
         words = " + ".join(o.truth) or "none"
@@ -61,7 +61,9 @@ def matrix(outcomes: Sequence[Outcome]) -> str:
 
 
 def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
-    """What issue and contract ask of the study, single effects without and with variants."""
+    """All rates that the study is required to reach, for single effects without and with variants, nulls,
+    undescribed effects and pairs.
+    """
     found = []
     library = [o for o in outcomes if o.kind == "single" and o.detectable]
     variants = [o for o in outcomes if o.kind == "variant" and o.detectable]
@@ -81,7 +83,7 @@ def rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     found.append(Rate("pairs: both named", sum(o.first for o in pairs), len(pairs), 0.8))
     found.append(Rate("pairs: both named or in a class", sum(o.in_class for o in pairs), len(pairs), 0.8))
     exact = [o for o in library if o.first and o.word == "effect"]
-    # in a laboratory the tolerances, which leave a prediction more than the noise, are a part of what is expected
+    # in a laboratory the tolerances make the error of a right prediction larger than the noise
     ideal = [o for o in exact if not o.name.startswith(LABORATORY)]
     for words, good in (
         ("noise", [o.ratio[0] < 1.3 for o in ideal]),

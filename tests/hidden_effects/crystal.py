@@ -23,7 +23,7 @@ def elastic(name: str, poling: int) -> np.ndarray:
 
 
 def coupling(name: str, poling: int) -> np.ndarray:
-    """e (3, 6), likewise."""
+    """e (3, 6) for one unit constant, the poling along z (2) or x (0)."""
     e = np.zeros((3, 6))
     for k, j in {"e31": ((2, 0), (2, 1)), "e33": ((2, 2),), "e15": ((0, 4), (1, 3))}[name]:
         e[k, j] = 1.0
@@ -31,7 +31,7 @@ def coupling(name: str, poling: int) -> np.ndarray:
 
 
 def dielectric(name: str, poling: int) -> np.ndarray:
-    """Diagonal (3,) of ε, likewise."""
+    """Diagonal (3,) of ε for one unit constant, the poling along z (2) or x (0)."""
     eps = np.array([1.0, 1.0, 0.0] if name == "eps11" else [0.0, 0.0, 1.0])
     found = np.empty(3)
     found[[0, 1, 2] if poling == 2 else _ALONG_X[1]] = eps

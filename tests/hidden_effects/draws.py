@@ -1,8 +1,8 @@
 """Draws of specimens with hidden effects: the data go to a file, the key stays with the caller.
 
 The data come from an independent discretisation (`build`); the code under test gets a specimen file and a CSV only.
-Every thousand seeds is a lot of its own, with several set-ups: a size of plate, a material as its supplier gives it, an
-instrument. Of a draw the constants that are free, what is hidden and the noise itself are its own.
+Every thousand seeds form a lot with several set-ups, each with a size of plate, a material as its supplier states it,
+and an instrument. The free constants, the hidden effects and the noise itself are drawn for each draw.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ PZT5H = np.array(
 )
 #: Free constants of k31 plates (poled along z) and of k33 bars (along x).
 FREE = {2: ("s11", "d31", "eps33T"), 0: ("s33", "d33", "eps33T")}
-#: What a bar is drawn for, in every sixth draw: effects that its sweep shows as one of a plate would.
+#: Effects for which every sixth draw is a k33 bar: its sweep shows them as well as that of a plate.
 BARS = ("none", "leakage", "frequency_dependent_elastic_loss", "wrong_insensitive_parameter", "wrong_length")
 DENSITY = 7500.0
-#: Draws of one specimen until its sweep is passive.
+#: Most attempts to draw a specimen whose sweep is passive.
 _ATTEMPTS = 60
-#: Set-ups of plates in a lot, beside that of a bar; a noise of each is from a share of its own of the range.
+#: Set-ups in a lot, and range of the relative noise, of which each set-up has its own sixth.
 _SETUPS, _NOISE = 6, (5e-4, 3e-3)
-#: Start of the name of a draw whose specimen and instrument are off by their tolerances.
+#: Prefix of the name of a draw whose specimen and instrument are off by their tolerances.
 LABORATORY = "laboratory:"
 #: Standard deviations in a laboratory: of length, width, thickness (m), of the density, of held constants (relative)
 #: and of their tangents; of the instrument's magnitude and phase (rad); of the residue of the fixture (ohm, H, F).
 STD_SIZE, STD_DENSITY, STD_HELD, STD_TANGENT = np.array([20e-6, 20e-6, 5e-6]), 3e-3, 0.03, 0.005
 STD_GAIN, STD_PHASE, STD_RESIDUE = 8e-4, 8e-4, (0.02, 5e-9, 5e-14)
 _RESIDUE = ("resistance", "inductance", "capacitance")
-#: Share of these draws whose noise is correlated, over so many points.
+#: Share of the draws in a laboratory whose noise is correlated, and over how many points it is averaged.
 CORRELATED, NEIGHBOURS = 0.25, 3
-#: Share of the draws that follow another law than the library's, and that hold out a band.
+#: Share of the effects that follow another law than the library's, and of the draws that hold out a band.
 VARIANTS, HELD_OUT = 0.35, 0.2
 
 
@@ -74,7 +74,9 @@ class Draw:
 
     @property
     def theta(self) -> np.ndarray:
-        """(10,) complex true constants, at the anchor of laws over frequency; without what a relaxation loses."""
+        """(10,) complex true constants at the reference frequency of laws over frequency, without the loss of a
+        relaxation.
+        """
         return self.build.theta
 
     @property
@@ -83,7 +85,7 @@ class Draw:
         return next(iter(self.key[0].sizes.values())) if self.key else 0.0
 
     def write(self, folder: Path) -> Path:
-        """Specimen file and sweep, without a word of the key."""
+        """Write specimen file and sweep, neither of which mentions the key."""
         folder.mkdir(parents=True, exist_ok=True)
         rows = [
             f"{f!r},{z.real!r},{z.imag!r}"
@@ -96,7 +98,7 @@ class Draw:
 
 @dataclass(frozen=True)
 class Setup:
-    """What several draws have in common.
+    """The properties that several draws share.
 
     Attributes
     ----------
@@ -121,14 +123,14 @@ class Setup:
 
 
 def place_of(name: str, seed: int) -> tuple[int, int, bool]:
-    """Lot, number of the set-up in it, and whether it is the bar that every sixth draw of some effects is."""
+    """Lot, number of the set-up in it, and whether the draw is a bar."""
     lot, number = divmod(seed, 1000)
     number %= _SETUPS
     return lot, number, name.removeprefix(LABORATORY) in BARS and number == _SETUPS - 1
 
 
 def setup_of(name: str, seed: int) -> Setup:
-    """The set-up of a draw."""
+    """The set-up of a draw, the same for all draws of that place in the lot."""
     lot, number, bar = place_of(name, seed)
     rng = np.random.default_rng([2028, lot, number, int(bar)])
     share = np.random.default_rng([2028, lot]).permutation(_SETUPS)[number] + rng.random()
@@ -149,7 +151,9 @@ def setup_of(name: str, seed: int) -> Setup:
 
 
 def passive(theta: np.ndarray) -> bool:
-    """Whether no stress and field at all gains energy: the loss part of s, d and ε together is positive."""
+    """Whether no combination of stress and field gains energy: the loss part of s, d and ε together is positive
+    definite.
+    """
     s11, s12, s13, s33, s44, d31, d33, d15, eps11, eps33 = -theta.imag
     along = [[s11, s12, s13, -d31], [s12, s11, s13, -d31], [s13, s13, s33, -d33], [-d31, -d31, -d33, eps33]]
     return all(np.linalg.eigvalsh(part)[0] > 0 for part in (np.array(along), np.array([[s44, -d15], [-d15, eps11]])))
@@ -220,7 +224,9 @@ def _drawn(name: str, seed: int, points: int, variant: bool | None, attempt: lis
 
 
 def instrument(off: np.random.Generator):
-    """A fixture's residue and the gain of an instrument, smooth in the logarithm of frequency."""
+    """A circuit that adds the residue of a fixture and the gain error of an instrument, linear in the logarithm of
+    frequency.
+    """
     resistance, inductance, capacitance = np.array(STD_RESIDUE) * off.standard_normal(3)
     gain = np.array([STD_GAIN, STD_PHASE]) * off.standard_normal((2, 2)) / np.sqrt(2)
 
@@ -234,7 +240,9 @@ def instrument(off: np.random.Generator):
 
 
 def _in_all(hidden: Hidden, build: Build, setup: Setup) -> Hidden:
-    """A wrong dimension or constant with the tolerance in it: what a sweep shows is the difference from the file."""
+    """The key of a wrong dimension or constant with the tolerance included, since a sweep shows the total difference
+    from the file.
+    """
     if hidden.effect == "wrong_insensitive_parameter":
         number = NAMES.index(hidden.detail)
         return replace(hidden, sizes={"relative_error": build.theta[number].real / setup.held[number].real - 1})
@@ -246,7 +254,7 @@ def _in_all(hidden: Hidden, build: Build, setup: Setup) -> Hidden:
 
 
 def pair_of(number: int) -> str:
-    """Name of the pair with a running number: two different effects, drawn evenly."""
+    """Name of the pair with a running number: two different effects, all equally likely."""
     rng = np.random.default_rng([2027, number])
     return "+".join(str(effect) for effect in rng.choice(list(EFFECTS), 2, replace=False))
 
@@ -266,7 +274,7 @@ def _specification(
     if held_out is not None:
         lines.append(f"held_out = [{held_out[0]!r}, {held_out[1]!r}]")
     if not laboratory:
-        lines += ["[update]", "noise_only = true"]  # everything but the effects is as the file says
+        lines += ["[update]", "noise_only = true"]  # everything but the effects is exactly as stated in the file
     return "\n".join(lines) + "\n"
 
 
@@ -281,7 +289,7 @@ def material_lines(free: Sequence[str], assumed: np.ndarray, laboratory: bool) -
 
 
 def measurement_lines(noise: float | None, laboratory: bool) -> list[str]:
-    """The [measurement] table, to which keys may be added."""
+    """The [measurement] table, last in the file, so that keys may be appended."""
     lines = ["[measurement]", 'file = "sweep.csv"']
     if laboratory:
         residue = ", ".join(f"{n} = {v!r}" for n, v in zip(_RESIDUE, STD_RESIDUE, strict=True))

@@ -1,9 +1,9 @@
-"""Holds what `diagnose` said of a draw against the key.
+"""Compares what `diagnose` said of a draw with the key.
 
-Misfit of an effect, in σ: the root of Σ 2 |log(Z_fit/Z_clean)|²/noise² over the points that fits saw, less the number
-of fitted unknowns (what noise puts into them). Z_fit is the base model refitted to the noisy sweep, of a pair the base
-with the other effect; Z_clean the truth without noise, noise the true one. It does not depend on how well the
-library's candidate of the effect fits.
+Misfit of an effect, in σ: the root of Σ 2 |log(Z_fit/Z_clean)|²/noise² over the fitted points, less the number of
+fitted unknowns (the contribution of the noise). Z_fit is the base model refitted to the noisy sweep, for a pair the
+base with the other effect; Z_clean the truth without noise, noise the true one. The misfit does not depend on how well
+the library's candidate of the effect fits.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from hidden_effects.draws import Draw
 
 #: Misfit in σ above which an effect counts as detectable.
 DETECTABLE = 8.0
-#: Estimated, standard deviation, true; SI.
+#: (estimated value, its standard deviation, true value), SI.
 Known = tuple[float, float, float]
 
 
@@ -36,17 +36,17 @@ class Outcome:
     ----------
     name, seed : of the draw;  kind : null, single, variant, pair or undescribed
     truth : the hidden effects;  along : what comes with them
-    sigma : misfit of each (of the whole for what is undescribed), σ; −1 where the fit it needs is missing
+    sigma : misfit of each hidden effect (of all together if undescribed), σ; −1 where the fit that it needs is missing
     word, said : the verdict and the causes, as effect → probability
     alike : causes that are reported as indistinguishable from each cause
     sizes : "effect.parameter" → (estimated − true)/std, of the effects named rightly
     bias : constant → (value after extension − true)/std, "tan_…" likewise
-    ratio : rms of the unseen points after extension over the true noise, and before
-    misfit : the same after over what noise makes of such a prediction by a right model
+    ratio : rms error of held-out points over the true noise, with the causes in the fit and without
+    misfit : rms error of held-out points with the causes in the fit over that of a right model
     seconds : of the diagnosis
-    chances : every candidate → its probability, as the comparison of all sets has it
+    chances : every candidate → its probability by the comparison of all sets of causes
     below : constant → probability that it is below the true one, averaged over all sets of causes
-    constants, causes : what `bias` and `sizes` are made of, each (estimated, std, true), SI
+    constants, causes : (estimated, std, true), SI, from which `bias` and `sizes` are computed
     """
 
     name: str
@@ -71,19 +71,21 @@ class Outcome:
 
     @property
     def detectable(self) -> bool:
-        """Whether every hidden effect is."""
+        """Whether every hidden effect is detectable."""
         return bool(self.sigma) and min(self.sigma) > DETECTABLE
 
     @property
     def first(self) -> bool:
-        """All true causes named, and for a single one nothing before it."""
+        """Whether all true causes are named, a single one as the first."""
         if len(self.truth) == 1:
             return next(iter(self.said), None) == self.truth[0]
         return set(self.truth) <= set(self.said)
 
     @property
     def in_class(self) -> bool:
-        """All true causes named or reported as indistinguishable from one that is (a single: from the first)."""
+        """Whether all true causes are named, or reported as indistinguishable from a named one (for a single cause
+        from the first).
+        """
         named = list(self.said)[:1] if len(self.truth) == 1 else list(self.said)
         reach = {*named, *(other for cause in named for other in self.alike[cause])}
         return bool(self.truth) and set(self.truth) <= reach
@@ -94,7 +96,7 @@ class Outcome:
         return self.word == "effect" and max(self.said.values(), default=0.0) > 0.9
 
     def line(self) -> str:
-        """In one line."""
+        """The outcome as one line of text."""
         sigma = ", ".join(f"{s:.0f}" for s in self.sigma)
         said = ", ".join(
             f"{cause} {chance:.2f}" + (f" (or {', '.join(self.alike[cause])})" if self.alike[cause] else "")
@@ -113,9 +115,9 @@ class Outcome:
 
 
 def judge_draw(draw: Draw, folder: Path, bases: Bases | None = None) -> Outcome:
-    """Write specimen and sweep, diagnose them, compare with the key; what is refused counts as missed.
+    """Write specimen and sweep, diagnose them, and compare with the key; a refused sweep counts as missed.
 
-    bases : where the diagnosis has its models from; its own where None
+    bases : source of the models of the diagnosis; None for bases of its own
     """
     kind, truth = _kind(draw), tuple(hidden.title for hidden in draw.key)
     truth = truth or ((draw.undescribed,) if draw.undescribed else ())
@@ -156,33 +158,41 @@ def _kind(draw: Draw) -> str:
 
 
 def _misfits(draw: Draw, result: Diagnosis) -> tuple[float, ...]:
+    """Misfit of each hidden effect, σ."""
     seen = result.fitted
     if len(draw.key) < 2:
         base = replace(result.comparison.base, discrepancy=None)
-        whole = min(_left(draw, one, seen) for one in (base, stepped(base)))  # of a fit that knows of noise alone
+        whole = min(
+            _left(draw, one, seen) for one in (base, stepped(base))
+        )  # the base fit without its discrepancy, also one step further
         return (whole,) if draw.key or draw.undescribed else ()
     fits = {trial.effect.title: [trial.fit] for trial in result.comparison.singles if trial.fit is not None}
     final = result.comparison.final
-    if len(final.parameters.causes) == 1:  # brought to its end, which a single candidate may not be
+    if len(final.parameters.causes) == 1:  # fitted until it converged, unlike some single candidates
         fits.setdefault(final.parameters.causes[0].title, []).append(final)
     others = [fits.get(other.title, []) for other in reversed(draw.key)]
-    return tuple(min((_left(draw, fit, seen) for fit in own), default=-1.0) for own in others)
+    return tuple(min((_left(draw, fit, seen) for fit in fits_without), default=-1.0) for fits_without in others)
 
 
 def _left(draw: Draw, fit: Fit, seen: np.ndarray) -> float:
+    """Misfit that a fit leaves against the noise-free sweep, σ."""
     return _root(fit.log_error + np.log(draw.impedance / draw.clean)[seen], draw.noise, fit.x.size)
 
 
 def _root(error: np.ndarray, noise: float, unknowns: int) -> float:
+    """Root of the weighted squares less the number of unknowns."""
     return float(np.sqrt(max(0.0, 2 * np.sum(np.abs(error) ** 2) / noise**2 - unknowns)))
 
 
 def _in_deviations(known: Mapping[str, Known]) -> dict[str, float]:
+    """Name → (estimated − true)/std."""
     return {name: (value - truth) / std for name, (value, std, truth) in known.items()}
 
 
 def _sizes(draw: Draw, result: Diagnosis) -> dict[str, Known]:
-    """Of the effects named rightly whose sizes the key has; signs that no sweep can tell are left out."""
+    """Sizes of the effects named rightly, where the key has them; signs that no sweep can tell are left out of the
+    key.
+    """
     found = {}
     for hidden in draw.key:
         for cause in result.verdict.causes:
@@ -196,7 +206,7 @@ def _sizes(draw: Draw, result: Diagnosis) -> dict[str, Known]:
 
 
 def _constants(draw: Draw, result: Diagnosis) -> dict[str, Known]:
-    """The constants after extension, at the frequency where the diagnosis anchors laws."""
+    """Constants and tangents with the causes in the fit, at the reference frequency of laws over frequency."""
     truth, found = draw.build.stated(result.reference_Hz), {}
     for name, estimate in result.after.items():
         value = complex(truth[NAMES.index(name)])
@@ -206,5 +216,6 @@ def _constants(draw: Draw, result: Diagnosis) -> dict[str, Known]:
 
 
 def _below(result: Diagnosis, constants: Mapping[str, Known]) -> dict[str, float]:
+    """Name → probability that it is below its true value, averaged over all sets of causes."""
     truth = np.array([true for _, _, true in constants.values()])
     return dict(zip(constants, result.comparison.averaged.below(truth).tolist(), strict=True))

@@ -1,9 +1,10 @@
-"""Impedance of a `Body` with surfaces over a sweep: few vibration modes and static answers instead of all unknowns.
+"""Impedance of a `Body` with surfaces over a sweep, from few vibration modes and static responses instead of all
+unknowns.
 
-The basis of each parity class holds the lossless short-circuit modes up to a multiple of the highest frequency, what
-losses and surfaces add to the shapes of those in the band, the answers to the voltage (twice) and to a few patterns of
-load on every surface, those by modes of the driven class among them. The potential is eliminated exactly at the complex
-constants. `cutoff=None` keeps all unknowns: the full solve that the tests compare with.
+The basis of each parity class holds the lossless short-circuit modes up to a multiple of the highest frequency, the
+changes of the shapes of modes in the band by losses and surfaces, and static responses: to the voltage (twice) and to a
+few patterns of load on every surface, among them the loads by modes of the driven class. The potential is eliminated
+exactly at the complex constants. `cutoff=None` keeps all unknowns: the full solution with which the tests compare.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from hidden_effects.round_body import RoundBody, RoundClass, RoundSurface
 
 Part = ParityClass | RoundClass
 Theta = np.ndarray | Callable[[float], np.ndarray]
-#: Nodes of the interpolation over frequency, frequencies solved at once, unknowns from which Lanczos is the faster.
+#: Nodes of the interpolation over frequency, frequencies solved at once, unknowns above which Lanczos is faster.
 _NODES, _BATCH, _MANY = 12, 32, 2500
 
 
@@ -37,10 +38,10 @@ def _constants(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 class _Reduced:
-    """One class on its basis: operator(θ) over (displacements, volt)."""
+    """One parity class on its basis."""
 
     def __init__(self, part: Part, theta, surfaces, top: float, cutoff: float | None, driven) -> None:
-        """driven : what the driven class has as `shapes`; empty for itself."""
+        """driven : `shapes` of the driven class; empty for the driven class itself"""
         self.dielectric = part.dielectric
         factors = [part.factor(surface) for surface in surfaces]
         basis, self.shapes = np.eye(part.displacements), []
@@ -53,11 +54,12 @@ class _Reduced:
         self.size = basis.shape[1]
 
     def operator(self, theta: np.ndarray) -> np.ndarray:
-        """(r + 1, r + 1) complex symmetric."""
+        """(r + 1, r + 1) complex symmetric operator over displacements and volt, without inertia."""
         return _condensed(self.elastic, self.coupling, self.dielectric, _constants(theta))
 
 
 def _condensed(elastic, coupling, dielectric, constants) -> np.ndarray:
+    """Operator of displacements and volt, with the inner potentials eliminated."""
     c, e, eps = constants
     r, m = elastic.shape[1], dielectric.shape[1] - 1
     stiffness, piezo = np.tensordot(c, elastic, axes=1), np.tensordot(e, coupling, axes=1)
@@ -65,7 +67,7 @@ def _condensed(elastic, coupling, dielectric, constants) -> np.ndarray:
     found = np.empty((r + 1, r + 1), dtype=np.result_type(stiffness, potential))
     found[:r, :r], found[:r, r], found[r, :r], found[r, r] = stiffness, piezo[:, m], piezo[:, m], potential[m, m]
     side = np.concatenate([piezo[:, :m], potential[m:, :m]])
-    # what is real is lossless, and −potential then positive definite
+    # a real potential matrix is lossless, and its negative then positive definite
     kind = "sym" if np.iscomplexobj(potential) else "pos"
     found += side @ sl.solve(-potential[:m, :m], side.T, assume_a=kind)
     return found
@@ -81,22 +83,22 @@ def _loads(part: Part, theta: np.ndarray, states: np.ndarray) -> np.ndarray:
 
 
 def _basis(part: Part, theta: np.ndarray, factors, top: float, cutoff: float, driven) -> tuple[np.ndarray, list]:
-    """(n, r), orthonormal in the mass; how its modes in the band move each surface, (g, k)."""
+    """Basis (n, r), orthonormal in the mass, and how its modes in the band move each surface, (g, k)."""
     constants = _constants(np.asarray(theta).real)
     lossless = _condensed(part.elastic, part.coupling, part.dielectric, constants)[:-1, :-1]
     shifted = sl.cho_factor(lossless + (0.5 * top) ** 2 * part.mass)
     values, modes = _modes(lossless, part.mass, shifted, top, cutoff)
     inner = modes[:, values < (1.3 * top) ** 2]
     loads = _loads(part, theta, inner)
-    further = [sl.cho_solve(shifted, loads[:, :-1].imag)]  # how losses change the shapes of modes
+    further = [sl.cho_solve(shifted, loads[:, :-1].imag)]  # changes of the shapes of modes by losses
     if part.driven:
         first = sl.cho_solve(shifted, np.stack([loads[:, -1].real, loads[:, -1].imag], axis=1))
         further += [first, sl.cho_solve(shifted, part.mass @ first)]
     shapes = [factor.T @ inner for factor in factors]
     for factor, shape in zip(factors, shapes, strict=True):
         answers = sl.cho_solve(shifted, factor)
-        squares, left = sl.eigh(answers @ answers.T, subset_by_index=(max(0, len(answers) - 6), len(answers) - 1))
-        further.append(left[:, squares > (3e-3) ** 2 * squares[-1]])
+        squares, patterns = sl.eigh(answers @ answers.T, subset_by_index=(max(0, len(answers) - 6), len(answers) - 1))
+        further.append(patterns[:, squares > (3e-3) ** 2 * squares[-1]])
         further.append(sl.cho_solve(shifted, factor @ shape))
     further += [sl.cho_solve(shifted, factor @ shape) for factor, shape in zip(factors, driven, strict=False)]
     extra = np.concatenate(further, axis=1)
@@ -146,9 +148,9 @@ class Plate:
         top = 2 * np.pi * top_Hz
         signs = body.classes(surfaces)
         self._parts: list[_Reduced] = []
-        for own in signs:  # the driven class first
+        for of_class in signs:  # the driven class first
             shapes = self._parts[0].shapes if self._parts else []
-            self._parts.append(_Reduced(body.part(own), theta, surfaces, top, cutoff, shapes))
+            self._parts.append(_Reduced(body.part(of_class), theta, surfaces, top, cutoff, shapes))
         self.size = sum(part.size for part in self._parts)
         self._mass = sl.block_diag(*(part.mass for part in self._parts))
         self._forms = []
@@ -157,13 +159,13 @@ class Plate:
             self._forms.append(whole @ whole.T)
 
     def operator(self, theta: np.ndarray) -> np.ndarray:
-        """(r + 1, r + 1), the volt last."""
+        """(r + 1, r + 1) operator of all classes, the volt last."""
         found = np.zeros((self.size + 1, self.size + 1), dtype=complex)
         start = 0
         for part in self._parts:
-            own = part.operator(theta)
+            block = part.operator(theta)
             rows = np.concatenate([np.arange(start, start + part.size), [self.size]])
-            found[np.ix_(rows, rows)] += own
+            found[np.ix_(rows, rows)] += block
             start += part.size
         return found
 

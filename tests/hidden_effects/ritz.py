@@ -42,6 +42,7 @@ class Line:
 
 
 def _line(degrees: range, half: float, points: np.ndarray, bubble: bool = False) -> Line:
+    """Legendre polynomials of the given degrees at points, and their slopes; times 1 − ζ² with `bubble`."""
     values, slopes = [], []
     for degree in degrees:
         c = np.zeros(degree + 1)
@@ -97,18 +98,19 @@ class RitzPlate:
         return ((a.slopes if left else a.values) * weights) @ (b.slopes if right else b.values).T
 
     def _kron(self, f: int, g: int, a: int | None = None, b: int | None = None) -> np.ndarray:
-        """∫ ∂_a f ∂_b g dV."""
+        """∫ ∂_a f ∂_b g dV; None: not differentiated."""
         x, y, z = (self._pair(f, g, axis, a == axis, b == axis, self._weights[axis]) for axis in range(3))
         return np.kron(np.kron(x, y), z)
 
     def _faces(self, f: int) -> np.ndarray:
-        """∫ over both faces z = ±t/2."""
+        """∫ f² over both faces z = ±t/2."""
         x, y = (self._pair(f, f, axis, False, False, self._weights[axis]) for axis in range(2))
         degrees = range(1 if f == 2 else 0, 2 * self._lines[f][2].values.shape[0] + (1 if f == 2 else 0), 2)
         ends = sum(np.outer(e, e) for e in (np.array([float(s) ** d for d in degrees]) for s in (-1, 1)))
         return np.kron(np.kron(x, y), ends)
 
     def _gradient(self, f: int, a: int, g: int, b: int) -> np.ndarray:
+        """∫ ∂_a f ∂_b g dV, computed once."""
         if (f, a, g, b) not in self._gradients:
             self._gradients[f, a, g, b] = self._kron(f, g, a, b)
         return self._gradients[f, a, g, b]
@@ -138,7 +140,8 @@ class RitzPlate:
         return matrix
 
     def impedance(self, theta, frequency: np.ndarray) -> np.ndarray:
-        """Z (n,), ohm, by a full solve at every frequency; inner potentials that do not change are eliminated once.
+        """Z (n,), ohm, by a full solution at every frequency; where the constants do not vary, inner potentials are
+        eliminated once.
 
         theta : (10,) constants, or a function of the frequency in Hz that returns them
         """

@@ -1,8 +1,8 @@
 """Energy matrices of disks and rings poled along their axis, by global polynomials for Cartesian components.
 
-Nothing of a body of revolution is used but its outline: a disk has products of Legendre polynomials in x and y, a ring
-Legendre polynomials in r times cos nθ and sin nθ, both up to a total degree and times Legendre polynomials in z. All is
-even about y = 0, where whatever stands on a face lies or has its middle. Nothing of femu_piezo is used.
+The symmetry of revolution is not used, only the outline: a disk has products of Legendre polynomials in x and y, a ring
+Legendre polynomials in r times cos nθ and sin nθ, both up to a total degree and times Legendre polynomials in z. Bodies
+and surfaces are symmetric about y = 0. Nothing of femu_piezo is used.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class RoundSurface:
 
     @classmethod
     def patch(cls, place: float, radius: float, faces, coefficient) -> RoundSurface:
-        """A round patch about (place, 0), of which the coefficient is that per unit of its whole."""
+        """A round patch about (place, 0) m; the coefficient is that of the whole patch."""
         (s, ws), turns = legendre.leggauss(6), 2 * np.pi * (np.arange(12) + 0.5) / 12
         rho = radius * (s + 1) / 2
         x = place + np.outer(rho, np.cos(turns)).ravel()
@@ -54,7 +54,9 @@ class RoundSurface:
 
     @classmethod
     def tripod(cls, place: float, radius: float, faces, coefficient) -> RoundSurface:
-        """Three round patches, 120° apart, the first about (place, 0), that press evenly; the coefficient is of all."""
+        """Three round patches 120° apart, the first about (place, 0) m, each of which acts on its mean displacement;
+        the coefficient is of all three.
+        """
         one, turns = cls.patch(place, radius, faces, coefficient), 2 * np.pi * np.arange(3) / 3
         c, s = np.cos(turns)[:, None], np.sin(turns)[:, None]
         x, y = (c * one.x - s * one.y).ravel(), (s * one.x + c * one.y).ravel()
@@ -62,7 +64,7 @@ class RoundSurface:
 
     @classmethod
     def circle(cls, radius: float, faces, coefficient, points: int = 48) -> RoundSurface:
-        """Points evenly on a circle, the first at θ = 0; the coefficient is that of them all."""
+        """Equally spaced points on a circle, the first at θ = 0; the coefficient is of all points."""
         turns = 2 * np.pi * np.arange(points) / points
         weights = np.full(points, 1 / points / len(faces))
         return cls(radius * np.cos(turns), radius * np.sin(turns), weights, faces, coefficient)
@@ -99,7 +101,7 @@ class RoundBody:
         return [(1,)] if all(len(surface.faces) == 2 for surface in surfaces) else [(1,), (-1,)]
 
     def part(self, signs: tuple[int, ...]) -> RoundClass:
-        """One class."""
+        """The matrices of one parity class."""
         return RoundClass(self, signs[0])
 
     @cached_property
@@ -131,11 +133,12 @@ class RoundBody:
         return found
 
     def _stretched(self, x: np.ndarray, y: np.ndarray, parity: int) -> np.ndarray:
-        """Polynomials of the place in the round body before it was made oval, and their slopes in the oval one."""
+        """Polynomials of the places in the round body before it was made oval, and their slopes in the oval body."""
         longer = 1 + self.oval
         return self._raw(x / longer, y * longer, parity) / np.array([1.0, longer, 1 / longer])[:, None, None]
 
     def _raw(self, x: np.ndarray, y: np.ndarray, parity: int) -> np.ndarray:
+        """(3, functions, points) values and slopes by x, y of the plane polynomials, not yet orthonormal."""
         inner, outer = self.radii
         if inner == 0:
             lines = [_polynomials(place / outer, self.degree, outer) for place in (x, y)]
@@ -169,13 +172,15 @@ def _polynomials(at: np.ndarray, degree: int, unit: float) -> tuple[np.ndarray, 
 
 
 class RoundClass(CrystalForms):
-    """Matrices of one parity in z (1: u_z and φ odd, as driven), as `hidden_effects.body.ParityClass` has them."""
+    """Matrices of one parity in z (1: u_z and φ odd, the driven class), with the attributes of
+    `hidden_effects.body.ParityClass`.
+    """
 
     def __init__(self, body: RoundBody, sign: int) -> None:
         self.driven, self.poling = sign == 1, 2
         self._body, x_y = body, body.quadrature
         self._plane = {parity: body.plane(x_y[0], x_y[1], parity) for parity in (1, -1)}
-        #: of u_x, u_y, u_z, φ: parity in y, and polynomials along z
+        #: parity in y of u_x, u_y, u_z, φ
         self._parity = (1, -1, 1, 1)
         self._nodes, self._weights = legendre.leggauss(body.layers + 4)
         self._lines = [self._line(f, sign, self._nodes) for f in range(4)]
@@ -244,9 +249,11 @@ class RoundClass(CrystalForms):
         for side in surface.faces:
             for f in surface.directions:
                 line = self._line(f, sign, np.array([float(side)]))[0]
-                own = plane[self._parity[f]]
-                block = np.zeros((self.displacements, own.shape[1]))
-                block[self.block(f)] = np.einsum("kp,zq->kzp", own, line).reshape(-1, own.shape[1])
+                plane_of_field = plane[self._parity[f]]
+                block = np.zeros((self.displacements, plane_of_field.shape[1]))
+                block[self.block(f)] = np.einsum("kp,zq->kzp", plane_of_field, line).reshape(
+                    -1, plane_of_field.shape[1]
+                )
                 columns.append(block)
         return np.concatenate(columns, axis=1)
 

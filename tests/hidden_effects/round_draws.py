@@ -1,8 +1,8 @@
-"""Draws of disks and rings with hidden effects, as `hidden_effects.draws` makes those of plates and bars.
+"""Draws of disks and rings with hidden effects, in the way of `hidden_effects.draws` for plates and bars.
 
-Diameter 24 mm, so that the fundamental and the second radial mode lie in the band for which laws over frequency are
-drawn. Everything is off by the tolerances of a laboratory. What is hidden is of the catalogue of plates where that acts
-on circuits or constants alone, and of this module where it has a place.
+The diameter is 24 mm, so that the fundamental and the second radial mode lie in the band for which laws over frequency
+are drawn. Everything is off by the tolerances of a laboratory. Effects on circuits or constants come from the catalogue
+of plates, effects at a place from this module.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _PAD = 0.9e-3
 
 @dataclass
 class RoundBuild(Swept):
-    """A specimen to be: the simple disk or ring, changed by effects.
+    """A disk or ring to be made, changed by effects.
 
     Attributes
     ----------
@@ -57,23 +57,23 @@ class RoundBuild(Swept):
 
     @property
     def mass(self) -> float:
-        """kg"""
+        """Mass of the body, kg."""
         return float(np.pi * (self.radii[1] ** 2 - self.radii[0] ** 2) * self.thickness * self.density)
 
     def body(self) -> RoundBody:
-        """The piece without what stands on its surfaces."""
+        """The body without its surfaces."""
         outline = tuple(self.radii), self.thickness, self.density
         return RoundBody(*outline, _DEGREE, _LAYERS, self.profiles, self.wedge, self.oval)
 
     def face(self, side: int, coefficient, directions: tuple[int, ...] = (0, 1, 2)) -> RoundSurface:
-        """All of one face."""
+        """A surface that covers all of one face."""
         x, y, weights = self.body().quadrature
         both = [np.concatenate([part, sign * part]) for part, sign in ((x, 1), (y, -1), (weights / 2, 1))]
         return RoundSurface(*both, (side,), coefficient, directions)
 
 
 def point_mass(build: RoundBuild, rng, variant) -> Hidden:
-    """A round patch on the upper face. Variant: a large one."""
+    """A mass on a round patch of the upper face. Variant: a large patch."""
     mass = log_uniform(rng, 0.0005, 0.006) * build.mass
     radius = 1.8e-3 if variant else 0.9e-3
     inner, outer = build.radii
@@ -83,7 +83,7 @@ def point_mass(build: RoundBuild, rng, variant) -> Hidden:
 
 
 def mounting(build: RoundBuild, rng, variant) -> Hidden:
-    """A circle on both faces; or three patches below."""
+    """A clamp on a circle on both faces. Variant: three patches on the lower face."""
     omega = 2 * np.pi * build.fundamental
     stiffness = log_uniform(rng, 0.01, 0.2) * build.mass * omega**2
     damping = log_uniform(rng, 0.003, 0.05) * build.mass * omega
@@ -103,16 +103,16 @@ def mounting(build: RoundBuild, rng, variant) -> Hidden:
 
 
 def electrode_mass(build: RoundBuild, rng, variant) -> Hidden:
-    """Variant: unequal films."""
+    """Films of mass on both faces. Variant: unequal films."""
     size, share = log_uniform(rng, 0.02, 0.2), 0.3 if variant else 0.0
     for side in (1, -1):
-        own = size * (1 + side * share)
-        build.surfaces.append(build.face(side, lambda w, own=own: -(w**2) * own))
+        mass_per_area = size * (1 + side * share)
+        build.surfaces.append(build.face(side, lambda w, mass_per_area=mass_per_area: -(w**2) * mass_per_area))
     return Hidden("electrode_mass", {"mass_per_area": size}, variant="unequal films" * variant)
 
 
 def unequal_electrode_mass(build: RoundBuild, rng, variant) -> Hidden:
-    """No variant: the films have a mean of zero."""
+    """Films on the two faces with a difference in mass and a mean of zero. No variant."""
     size = log_uniform(rng, 0.05, 0.4)
     for side in (1, -1):
         build.surfaces.append(build.face(side, lambda w, side=side: -(w**2) * side * size / 2))
@@ -120,7 +120,7 @@ def unequal_electrode_mass(build: RoundBuild, rng, variant) -> Hidden:
 
 
 def fluid_load(build: RoundBuild, rng, variant) -> Hidden:
-    """Both faces in an oil. Variant: one face alone."""
+    """Oil on both faces. Variant: on one face."""
     shear, pressure = log_uniform(rng, 5.0, 30.0), log_uniform(rng, 1e4, 2e5)
     for side in (1,) if variant else (1, -1):
         build.surfaces.append(build.face(side, lambda w: 1j * w * (1 + 1j) * np.sqrt(w / 2) * shear, (0, 1)))
@@ -129,7 +129,7 @@ def fluid_load(build: RoundBuild, rng, variant) -> Hidden:
 
 
 def poling_gradient(build: RoundBuild, rng, variant) -> Hidden:
-    """With r². Variant: with r⁴."""
+    """Piezoelectric constants that vary with r². Variant: with r⁴."""
     size = log_uniform(rng, 0.04, 0.4) * float(rng.choice([-1, 1]))
     inner, outer = build.radii
     share, power = (inner / outer) ** 2, 4 if variant else 2
@@ -139,10 +139,11 @@ def poling_gradient(build: RoundBuild, rng, variant) -> Hidden:
 
 
 def edge_depoling(build: RoundBuild, rng, variant) -> Hidden:
-    """Along all rims. Variant: a linear ramp in place of the exponential law."""
+    """Lost poling along all rims. Variant: a linear ramp in place of the exponential law."""
     reach, rims = log_uniform(rng, 0.04e-3, 0.4e-3), build.radii[build.radii > 0]
 
     def left(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Share of e that is left."""
         return np.prod([catalogue.depoled(np.abs(np.hypot(x, y) - rim), reach, variant) for rim in rims], axis=0)
 
     build.profiles["e"] = left
@@ -150,14 +151,16 @@ def edge_depoling(build: RoundBuild, rng, variant) -> Hidden:
 
 
 def soft_volume(thickness: float, depth: float, radius: float) -> float:
-    """t ∫ k/(1 − 0.66 k) dA, m³, of k = depth exp(−r²/a²): as if every ring were the middle of a spot of its k."""
+    """t ∫ k/(1 − 0.66 k) dA, m³, for k = depth exp(−r²/radius²): the size of a soft spot as the library's law counts
+    it, ring by ring.
+    """
     r = np.linspace(0, 5, 2001)
     k = depth * np.exp(-(r**2))
     return float(thickness * radius**2 * np.trapezoid(2 * np.pi * r * k / (1 - 0.66 * k), r))
 
 
 def local_crack(build: RoundBuild, rng, variant) -> Hidden:
-    """A soft spot of a Gaussian profile. Variant: it has lost its poling too."""
+    """A soft spot with a Gaussian profile. Variant: it has lost its poling too."""
     depth, radius = rng.uniform(0.15, 0.6), rng.uniform(0.8e-3, 1.2e-3)
     inner, outer = build.radii
     place = float(inner + rng.uniform(0.1, 0.95) * (outer - inner))
@@ -173,13 +176,13 @@ def local_crack(build: RoundBuild, rng, variant) -> Hidden:
 
 
 def wedge(build: RoundBuild, rng, variant) -> Hidden:
-    """No variant: one side is thicker."""
+    """The thickness grows along a diameter. No variant."""
     build.wedge = log_uniform(rng, 0.04, 0.25)
     return Hidden("wedge", {"wedge": build.wedge})
 
 
 def ovality(build: RoundBuild, rng, variant) -> Hidden:
-    """No variant: one diameter is larger than another, of a ring the inner one with it."""
+    """An oval outline; of a ring the inner rim has the same shape. No variant."""
     size = log_uniform(rng, 0.002, 0.015)
     build.oval = float(np.expm1(size))
     return Hidden("ovality", {"ovality": size})
@@ -187,7 +190,7 @@ def ovality(build: RoundBuild, rng, variant) -> Hidden:
 
 def _wrong(name: str, low: float, high: float) -> catalogue.Entry:
     def entry(build: RoundBuild, rng, variant) -> Hidden:
-        """No variant."""
+        """A wrong diameter or thickness. No variant."""
         size = log_uniform(rng, low, high) * float(rng.choice([-1, 1]))
         if name == "diameter":
             build.radii = build.radii * (1 + size)
@@ -255,8 +258,8 @@ def _drawn(name: str, shape: str, effect: str, seed: int, rng: np.random.Generat
     build = RoundBuild(radii, thickness, density, theta, near)
     key = []
     if effect != "none":
-        own = ROUND_EFFECTS[effect]
-        key.append(own(build, rng, bool(rng.random() < draws.VARIANTS)))
+        entry = ROUND_EFFECTS[effect]
+        key.append(entry(build, rng, bool(rng.random() < draws.VARIANTS)))
     build.circuits.append(draws.instrument(rng))
     key = [_in_all(hidden, build, nominal, height) for hidden in key]
     frequency = np.linspace(20e3, 240e3, points)
@@ -268,7 +271,7 @@ def _drawn(name: str, shape: str, effect: str, seed: int, rng: np.random.Generat
 
 
 def _fundamental(radii: np.ndarray, theta: np.ndarray, density: float) -> float:
-    """About the first radial resonance, Hz: that of a thin disk, or of a thin ring at its mean radius."""
+    """Approximate frequency of the first radial resonance, Hz: of a thin disk, or of a thin ring at its mean radius."""
     s11, s12 = theta[0].real, theta[1].real
     if radii[0] == 0:
         speed = np.sqrt(1 / (density * s11 * (1 - (s12 / s11) ** 2)))
@@ -277,7 +280,9 @@ def _fundamental(radii: np.ndarray, theta: np.ndarray, density: float) -> float:
 
 
 def _in_all(hidden: Hidden, build: RoundBuild, nominal: np.ndarray, height: float) -> Hidden:
-    """A wrong dimension with the tolerance in it."""
+    """The key of a wrong dimension with the tolerance included, since a sweep shows the total difference from the
+    file.
+    """
     true = {"wrong_diameter": build.radii[1] / nominal[1], "wrong_thickness": build.thickness / height}
     if hidden.effect not in true:
         return hidden

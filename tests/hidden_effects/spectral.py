@@ -33,7 +33,7 @@ class Axis:
 
     @cached_property
     def nodes(self) -> np.ndarray:
-        """(n,) m."""
+        """(n,) places of the nodes, m."""
         parts = [
             a + (lobatto(p) + 1) / 2 * (b - a)
             for a, b, p in zip(self.breaks[:-1], self.breaks[1:], self.degrees, strict=True)
@@ -75,6 +75,7 @@ class Line:
 
     @classmethod
     def of(cls, axis: Axis, parity: int) -> Line:
+        """The functions of one axis with a parity about 0."""
         nodes = axis.nodes
         if parity == 0:
             return cls(axis, np.eye(nodes.size), nodes)
@@ -91,7 +92,7 @@ class Line:
         return cls(axis, np.array(rows), np.array(positions))
 
     def sample(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values and slopes (r, k)."""
+        """Values and slopes (r, k) of the functions at points (k,), m."""
         values, slopes = self.axis.sample(points)
         return self.fold @ values, self.fold @ slopes
 

@@ -1,6 +1,6 @@
-"""Runs many draws, one or several at a time, and keeps what was found so that a study can be resumed.
+"""Runs many draws, in one process or several, and keeps their outcomes so that a study can be resumed.
 
-The draws of a set-up share model and basis within each process.
+Within each process the draws of a set-up share model and basis.
 """
 
 from __future__ import annotations
@@ -22,19 +22,20 @@ from hidden_effects.undescribed import UNDESCRIBED
 
 Job = tuple[str, int]
 
-#: Kept at a time: a set-up may need a basis for the noise of the file and another for that of the sweep.
+#: Number of set-ups whose bases are kept: each may need one for the noise of the file and one for that of the sweep.
 _KEPT = 4
 
 
 @cache
 def _bases() -> SharedBases:
+    """The bases of this process."""
     return SharedBases(models=2 * _KEPT, bases=4 * _KEPT, extended=_KEPT)
 
 
 def jobs(
     effects: Sequence[str], draws: int, nulls: int, pairs: int, undescribed: int, seed: int, laboratory: bool = False
 ) -> list[Job]:
-    """(name, seed) of every draw, set-up by set-up, and there all in turn: a part of a study has something of each.
+    """(name, seed) of every draw, sorted by lot and set-up, so that neighbouring draws share a basis.
 
     laboratory : specimen and instrument are off by their tolerances
     """
@@ -48,39 +49,39 @@ def jobs(
 
 
 def round_jobs(effects: Sequence[str], draws: int, nulls: int, seed: int) -> list[Job]:
-    """(name, seed) of disks and rings in turn; so many of each."""
+    """(name, seed) of so many draws of each effect and so many nulls, for disks and rings in turn."""
     found = [(effect, seed + number) for number in range(draws) for effect in effects]
     found += [("none", seed + number) for number in range(nulls)]
     return [(f"{shape}:{name}", number) for name, number in found for shape in ROUND]
 
 
 def judged(job: Job) -> Outcome:
-    """Draw and judge one."""
+    """Draw and judge one job."""
     make = draw_round if job[0].partition(":")[0] in ROUND else draw
     with TemporaryDirectory(prefix="hidden_") as folder:
         return judge_draw(make(*job), Path(folder), _bases())
 
 
 def run(wanted: Sequence[Job], processes: int = 1, results: Path | None = None) -> Iterator[Outcome]:
-    """Outcomes as they come; those in the file `results` first, new ones are appended to it."""
+    """Outcomes as they are computed, those in the file `results` first; new ones are appended to it."""
     known = {(o.name, o.seed): o for o in read(results)} if results and results.exists() else {}
     yield from (known[job] for job in wanted if job in known)
-    left = [job for job in wanted if job not in known]
-    for outcome in _computed(left, processes):
+    missing = [job for job in wanted if job not in known]
+    for outcome in _computed(missing, processes):
         if results:
             with results.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(asdict(outcome)) + "\n")
         yield outcome
 
 
-def _computed(left: Sequence[Job], processes: int) -> Iterator[Outcome]:
-    """Outcomes as they come; the first error once all others have come."""
+def _computed(missing: Sequence[Job], processes: int) -> Iterator[Outcome]:
+    """Outcomes as they are computed; an error is raised once all other jobs have ended."""
     if processes == 1:
-        yield from map(judged, left)
+        yield from map(judged, missing)
         return
     errors = []
     with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
-        for future in as_completed([pool.submit(judged, job) for job in left]):
+        for future in as_completed([pool.submit(judged, job) for job in missing]):
             if error := future.exception():
                 errors.append(error)
             else:

@@ -1,4 +1,4 @@
-"""The formulas of `calibration` on made-up results: right ones pass, overconfident ones are found out."""
+"""The formulas of `calibration` on simulated results: right probabilities pass, overconfident ones are detected."""
 
 from __future__ import annotations
 
@@ -17,14 +17,17 @@ CONSTANTS = ("s11", "tan_s11", "d31", "tan_d31")
 
 
 def _draws(count: int, boast: float = 1.0, seed: int = 1) -> list[Outcome]:
-    """Draws with one cause named each, whose log odds and deviations are overstated by a factor `boast`."""
+    """Draws with one cause named each.
+
+    boast : factor by which log odds and errors over deviations are overstated
+    """
     rng = np.random.default_rng(seed)
     found = []
     for number in range(count):
         odds = rng.uniform(-1.0, 5.0)
         there = rng.random() < 1 / (1 + np.exp(-odds))
         stated = float(1 / (1 + np.exp(-boast * odds)))
-        common = rng.standard_normal()  # the constants of a draw err together
+        common = rng.standard_normal()  # errors of the constants of a draw are correlated
         bias = {name: boast * (0.6 * common + 0.8 * rng.standard_normal()) for name in CONSTANTS}
         sizes = {"leakage.conductance": boast * rng.standard_normal()} if there else {}
         truth = ("leakage",) if there else ("coating",)
@@ -36,7 +39,8 @@ def _draws(count: int, boast: float = 1.0, seed: int = 1) -> list[Outcome]:
     return found
 
 
-def test_right_probabilities_and_deviations_are_found_right():
+def test_right_probabilities_and_deviations_pass():
+    """2000 draws: bins, Brier's score, uniformity of u, and which draws are counted where."""
     found = calibration(_draws(2000))
     for ends, (chance, was) in ((NAMED, found.named), (np.linspace(0, 1, 6), found.candidates)):
         assert all(one.holds for one in reliability(chance, was, ends))
@@ -48,32 +52,36 @@ def test_right_probabilities_and_deviations_are_found_right():
         low, high = band(one.draws)
         assert low < shares.min() and shares.max() < high
     assert found.constants.draws == found.sizes.draws == found.named[1].sum() < 2000 == found.all_constants.draws
-    hidden = [replace(one, sigma=(1.0,)) for one in _draws(50)]  # that a sweep does not show
+    hidden = [
+        replace(one, sigma=(1.0,)) for one in _draws(50)
+    ]  # effects that the sweep does not show (below the detectable misfit)
     assert calibration([*hidden, *_draws(20)]).shown_constants.draws == 20
 
 
-def test_overconfident_ones_are_found_out():
-    """Log odds and deviations off by a factor 2: with 300 draws beyond doubt."""
+def test_overconfident_probabilities_and_deviations_are_detected():
+    """Log odds and errors over deviations overstated by a factor of 2: every measure detects it with 300 draws."""
     found = calibration(_draws(300, boast=2.0))
     assert not all(one.holds for one in reliability(*found.named, NAMED))
     assert brier(*found.named).deviations > 4
     assert found.all_constants.p_value < 1e-4 and found.constants.p_value < 1e-3
     shares = np.histogram(found.all_constants.all, np.linspace(0, 1, 11))[0] / found.all_constants.all.size
-    assert min(shares[0], shares[-1]) > band(found.all_constants.draws)[1]  # heaped at both ends
+    assert min(shares[0], shares[-1]) > band(found.all_constants.draws)[1]  # u accumulates at both ends
     count, total = found.all_constants.within(2)
     assert clopper_pearson(count, total)[1] < 0.9
     assert "NOT WITHIN" in report(found)
 
 
 def test_bias_of_one_constant_is_found_among_many():
-    """The smallest p-value counts, times the number of constants."""
+    """The smallest p-value over the constants, times their number."""
     draws = [one.bias for one in _draws(300)]
     assert transform(draws).p_value > 0.05
     assert transform([{**one, "d31": one["d31"] + 0.5} for one in draws]).p_value < 1e-6
 
 
 def test_figures_by_hand():
-    """Textbook figures: Clopper-Pearson of 1 in 3 and of 0 in 10 (1 − 0.025^(1/10)), Brier's score of four."""
+    """Clopper-Pearson intervals of 1 in 3 and of 0 in 10 (1 − 0.025^(1/10)), Brier's score of four probabilities,
+    and bins.
+    """
     assert clopper_pearson(1, 3) == pytest.approx((0.0084, 0.9057), abs=1e-4)
     assert clopper_pearson(0, 10) == pytest.approx((0.0, 1 - 0.025**0.1))
     score = brier(np.array([0.8, 0.8, 0.5, 0.5]), np.array([True, False, True, False]))
@@ -81,13 +89,13 @@ def test_figures_by_hand():
     assert score.expected == pytest.approx((0.16 + 0.16 + 0.25 + 0.25) / 4)
     # Σ(p − y)² − Σp(1 − p) = 0.36 over √Σ(1 − 2p)² p(1 − p) = √(2 · 0.36 · 0.16)
     assert score.deviations == pytest.approx(0.36 / np.sqrt(2 * 0.36 * 0.16))
-    one, other = reliability(np.array([0.1, 0.3, 1.0]), np.array([False, True, True]), np.array([0.0, 0.5, 1.0]))
-    assert (one.mean, one.count, one.total) == (pytest.approx(0.2), 1, 2)
-    assert (other.mean, other.count, other.total) == (1.0, 1, 1)
+    lower, upper = reliability(np.array([0.1, 0.3, 1.0]), np.array([False, True, True]), np.array([0.0, 0.5, 1.0]))
+    assert (lower.mean, lower.count, lower.total) == (pytest.approx(0.2), 1, 2)
+    assert (upper.mean, upper.count, upper.total) == (1.0, 1, 1)
 
 
 def test_command_writes_table_and_pictures(tmp_path, capsys):
-    """Also of results from before probabilities of all candidates were kept, and without any cause."""
+    """Also for results without probabilities of all candidates, and for results without any cause."""
     rows = [asdict(one) for one in _draws(20)]
     for row in rows[:10]:
         del row["chances"]

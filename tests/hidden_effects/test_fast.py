@@ -1,4 +1,6 @@
-"""A few hidden effects, and the command end to end. The full study is test_study.py."""
+"""A few hidden effects, the command from file to verdict, and the helpers of the study; the full study is
+test_study.py.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,9 @@ def test_hidden_effect_is_named(effect, tmp_path, bases):
 
 
 def test_command_names_the_cause_and_the_extended_specimen_has_none(tmp_path):
-    """diagnosis.json by the contract; the bias of the constants gone; extended.toml is diagnosed as none."""
+    """diagnosis.json names the resistance, and constants have no bias; the diagnosis of extended.toml finds no
+    further cause.
+    """
     hidden = draw("series_resistance", 4, variant=False)
     spec = hidden.write(tmp_path)
     run = CliRunner()
@@ -104,7 +108,7 @@ def test_value_of_an_effect_out_of_its_range_is_one_sentence(tmp_path, table, wo
 
 
 def test_the_global_ritz_model_is_converged():
-    """Orders that other tests use against higher ones: 3e-4 in Z at most, at the sharp upper resonances."""
+    """The orders that other tests use against higher ones: within 3e-4 in Z, at the sharp upper resonances."""
     frequency = np.concatenate([np.linspace(20e3, 130e3, 12), np.linspace(180e3, 240e3, 25)])
     theta, size = PZT5H * (1 - 0.015j), (12e-3, 6.9e-3, 1.6e-3)
     coarse = RitzPlate(size, DENSITY, (12, 9, 5)).impedance(theta, frequency)
@@ -118,7 +122,7 @@ def _outcome(kind: str, truth: tuple[str, ...], sigma: float, word: str, said: d
 
 
 def test_counts_of_the_study():
-    """What is right, in a class, confident, detectable; rates with their intervals."""
+    """Which outcomes count as first, in a class, confident and detectable; and rates with their intervals."""
     right = _outcome("single", ("leakage",), 20, "effect", {"leakage": 0.99}, sizes={"leakage.conductance": 3.5})
     beside = _outcome("single", ("s",), 20, "effect", {"leakage": 0.95}, alike=("s",))
     weak = _outcome("single", ("s",), 7.9, "none", {})
@@ -140,7 +144,7 @@ def test_counts_of_the_study():
 
 
 def test_study_goes_on_where_it_ended(tmp_path, monkeypatch):
-    """Finished draws come from the file, the others are computed and added to it."""
+    """Outcomes of finished draws come from the file; the others are computed and appended to it."""
     null = _outcome("null", (), 0, "none", {})
     monkeypatch.setattr(study, "judged", lambda job: replace(null, name=job[0], seed=job[1]))
     file = tmp_path / "results.jsonl"
@@ -152,7 +156,9 @@ def test_study_goes_on_where_it_ended(tmp_path, monkeypatch):
 
 
 def test_jobs_of_a_study():
-    """Every effect as often as asked, pairs of two different effects, undescribed effects of several kinds."""
+    """Every effect as often as asked, pairs of two different effects, and undescribed effects of at least eight
+    kinds.
+    """
     found = study.jobs(list(EFFECTS), draws=2, nulls=3, pairs=10, undescribed=10, seed=5)
     names = [name for name, _ in found]
     assert all(names.count(effect) == 2 for effect in EFFECTS) and names.count("none") == 3
@@ -163,12 +169,16 @@ def test_jobs_of_a_study():
 
 
 def test_specimens_are_passive():
-    """The losses first drawn for this bar of k33² = 0.56 would feed energy back; those of the draw do not."""
+    """The first attempt of this draw, a bar with k33² = 0.56, has losses that would create energy; the draw itself
+    has not.
+    """
     assert _drawn("wrong_length", 4005, 31, None, []).clean.real.min() < 0
     assert draw("wrong_length", 4005, points=31).clean.real.min() > 0
 
 
 def test_refused_sweep_counts_as_missed(tmp_path, monkeypatch):
+    """A sweep that the diagnosis refuses is detectable, is not named, and makes a rate fail."""
+
     def refuse(specimen, bases):
         raise InputError("no")
 
