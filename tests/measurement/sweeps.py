@@ -1,4 +1,6 @@
-"""Sweeps with known values: the exact 1-D k31 bar (METHOD section 7), free of our code, and ways to write them."""
+"""Sweeps with known values: the exact 1-D k31 bar (METHOD section 7), independent of femu_piezo, and writers of
+instrument files.
+"""
 
 from __future__ import annotations
 

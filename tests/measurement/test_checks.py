@@ -1,4 +1,4 @@
-"""Faults of data are found and named with their remedy; sound data have none."""
+"""Faults of data are named with their remedy; sound data have none."""
 
 from __future__ import annotations
 
@@ -83,7 +83,9 @@ def test_signs_and_columns_in_the_wrong_place_are_named(name: str, material: dic
 @pytest.mark.parametrize("name", SWEEPS)
 @pytest.mark.parametrize("material", [SOFT, HARD])
 def test_a_small_error_of_the_phase_is_not_taken_for_more(degrees: float, name: str, material: dict) -> None:
-    """A fixture that is not compensated; below −90° it shows as Re Z < 0, even nearly everywhere."""
+    """An uncompensated fixture. Below −90° the error shows as Re Z < 0, possibly at nearly all points, and is not
+    called exchanged columns or signs.
+    """
     frequency, impedance = sweep(name, 401, material)
     found = kinds(frequency, impedance * np.exp(1j * np.radians(degrees)))
     assert found in ([], ["not_passive"])

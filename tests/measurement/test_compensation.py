@@ -1,4 +1,6 @@
-"""Open, short and load compensation: a fixture of known circuit comes off exactly, and its noise comes along."""
+"""Open, short and load compensation: a fixture of known circuit is removed exactly, and the noise of its readings is
+counted.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,9 @@ STANDARD = Load(100.0, inductance=2e-7, capacitance=3e-12)
 
 
 def fixture(z, kind: str):
-    """What the analyser reads of z behind a fixture: stray across the piece and a series lead, or any two-port."""
+    """What the analyser reads of z behind a fixture: a stray admittance parallel to the piece and a series lead
+    ("simple"), or a general two-port.
+    """
     if kind == "general":
         a, b, c, d = 1.1 + 0.05j, 20 + 30j, (2 + 5j) * 1e-4, 0.9 - 0.04j
         return (a * z + b) / (c * z + d) if np.all(np.isfinite(z)) else np.full_like(OMEGA, a / c, complex)
@@ -36,6 +40,7 @@ def fixture(z, kind: str):
 
 
 def readings(kind: str):
+    """Readings of the piece, the open and the shorted fixture, and the load."""
     open_, short = fixture(np.full_like(TRUTH, np.inf), kind), fixture(np.zeros_like(TRUTH), kind)
     return fixture(TRUTH, kind), open_, short, fixture(STANDARD.impedance(OMEGA), kind)
 
@@ -45,7 +50,7 @@ def test_load_is_its_circuit():
     np.testing.assert_allclose(1 / STANDARD.impedance(OMEGA), 1 / series + 1j * OMEGA * 3e-12, rtol=1e-14)
 
 
-def test_formulas_take_the_fixture_off():
+def test_formulas_remove_the_fixture():
     raw, open_, short, load = readings("simple")
     np.testing.assert_allclose(compensated(raw, open_, short), TRUTH, rtol=1e-9)
     np.testing.assert_allclose(compensated(TRUTH + SERIES, short=SERIES), TRUTH, rtol=1e-12)
@@ -53,7 +58,8 @@ def test_formulas_take_the_fixture_off():
     np.testing.assert_allclose(compensated(raw, open_, short, load, STANDARD.impedance(OMEGA)), TRUTH, rtol=1e-9)
 
 
-def test_three_terms_take_any_two_port_off():
+def test_three_terms_remove_any_two_port():
+    """Open and short alone leave more than 1 %."""
     raw, open_, short, load = readings("general")
     np.testing.assert_allclose(compensated(raw, open_, short, load, STANDARD.impedance(OMEGA)), TRUTH, rtol=1e-9)
     assert np.max(np.abs(compensated(raw, open_, short) / TRUTH - 1)) > 0.01
@@ -73,7 +79,7 @@ def test_slopes_against_differences(names):
 
 
 def test_noise_of_all_readings_is_in_the_noise():
-    """200 draws: the spread of the compensated Z is the stated one within 25 % at every tenth point."""
+    """200 draws: the spread of the compensated Z agrees with the stated noise within 25 %, at every tenth point."""
     clean = readings("general")
     sizes = [1e-3, 2e-3, 3e-3, 1e-3]
     found = []
@@ -88,7 +94,7 @@ def test_noise_of_all_readings_is_in_the_noise():
     np.testing.assert_allclose(stated[::10], spread[::10], rtol=0.25)
     assert "compensated by open, short, load from raw files" in found[0].notes[-1]
     loose = Compensation(*noisy[1:], Load(100.0, 2e-7, 3e-12, std=0.01)).applied(noisy[0])
-    np.testing.assert_array_equal(loose.noise, found[-1].noise)  # an error of the load is no noise
+    np.testing.assert_array_equal(loose.noise, found[-1].noise)  # a tolerance of the load does not count as noise
 
 
 def write(folder: Path, name: str, impedance, frequency=FREQUENCY) -> None:
@@ -144,7 +150,7 @@ def test_wrong_fixtures_are_told(tmp_path):
 
 
 def test_a_wrong_load_is_within_the_stated_deviation_and_moves_no_resonance(tmp_path):
-    """The load is 100.5 ohm where the file says 100 ± 0.5: ε33T comes out as far off, and its deviation says so."""
+    """The load is 100.5 ohm where the file says 100 ± 0.5 ohm: ε33T is off by as much, within its stated deviation."""
     clean = np.loadtxt(SWEEP, delimiter=",", skiprows=1)
     frequency, z = clean[:, 0], clean[:, 1] + 1j * clean[:, 2]
     noise = 1 + 1e-4 * (np.random.default_rng(3).standard_normal((4, z.size, 2)) @ [1, 1j])
@@ -165,7 +171,7 @@ def test_a_wrong_load_is_within_the_stated_deviation_and_moves_no_resonance(tmp_
     (tmp_path / "plate.toml").write_text(text, encoding="utf-8")
     found = update([read_specimen(tmp_path / "plate.toml")])
     eps = found.parameters["eps33T"]
-    truth = 2.1450854e-8  # of the paper's plate
+    truth = 2.1450854e-8  # ε33T of the paper's plate, F/m
     assert abs(eps.value / truth - 1) > 4e-3 and abs(eps.value - truth) < 2 * eps.std
     assert eps.std / eps.value < 6e-3
     assert eps.largest_part == "instrument"
@@ -174,6 +180,7 @@ def test_a_wrong_load_is_within_the_stated_deviation_and_moves_no_resonance(tmp_
 
 
 def test_a_load_of_the_wrong_size_counts_with_the_accuracy(tmp_path):
+    """3 % of the load and 4 % of the analyser add in squares to 5 %."""
     for name, z in zip(("raw", "open", "short", "load"), readings("general"), strict=True):
         write(tmp_path, name, z)
     text = SPEC.replace('resistance = "100 ohm"', 'resistance = "100 ohm", std = "3 %"')

@@ -1,4 +1,6 @@
-"""A fast part of tests/benchmarks/mutations.py: damaged sweeps, specimens, meshes and results give no traceback."""
+"""A fast sample of tests/benchmarks/mutations.py: damaged sweeps, specimens, meshes and results never give a
+traceback.
+"""
 
 from __future__ import annotations
 
@@ -25,6 +27,6 @@ def test_damaged_files_are_right_or_refused_in_one_sentence(kind: str) -> None:
 
 @pytest.mark.parametrize("last", [",", "\t", "\t,", ""])
 def test_a_last_line_of_delimiters_alone_is_no_row(last):
-    """It ended in an IndexError where the numbers are parted by tabs."""
+    """Also where the numbers are separated by tabs."""
     rows = ["Frequency (Hz)\tR1 (Ohm)", *(f"{1e3 * (i + 1):.3f}\t{5.0 + i:.3f}" for i in range(20))]
     assert read_table([*rows, last], "x", 1).values.shape == (20, 2)

@@ -1,4 +1,4 @@
-"""Every dialect that is understood gives back the numbers that were written."""
+"""Every dialect of file that is understood gives back the numbers that were written."""
 
 from __future__ import annotations
 
@@ -244,7 +244,7 @@ LCR = {
 
 @pytest.mark.parametrize("names", LCR)
 def test_list_sweeps_of_lcr_meters(tmp_path: Path, names: str) -> None:
-    """The definitions of an LCR meter: Cp = B/ω, Cs = −1/(ωX), Ls = X/ω, Lp = −1/(ωB), D = 1/Q = R/|X| = G/|B|."""
+    """By the definitions of an LCR meter: Cp = B/ω, Cs = −1/(ωX), Ls = X/ω, Lp = −1/(ωB), D = 1/Q = R/|X| = G/|B|."""
     table = _rows((FREQUENCY / 1e3, *LCR[names]), ",")
     assert_same(read_text(tmp_path, "\n".join([f"Freq[kHz],{names}", *table, ""])), 1e-11)
 
@@ -280,7 +280,7 @@ def test_columns_name_those_of_any_table(tmp_path: Path) -> None:
 
 
 def test_decimal_commas_in_quotes_between_commas(tmp_path: Path) -> None:
-    """As spreadsheets of a European setting export; what may be separators of thousands is refused."""
+    """As spreadsheets with European settings export; commas that may separate thousands are refused."""
     columns = np.column_stack([FREQUENCY, *columns_of(FREQUENCY, IMPEDANCE, "rx")]).tolist()
     rows = (",".join(f'"{v!r}"'.replace(".", ",") for v in row) for row in columns)
     text = '"Frequency (Hz)","R (Ohm)","X (Ohm)"\n' + "\n".join(rows) + "\n"

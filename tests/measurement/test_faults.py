@@ -24,12 +24,15 @@ def noisy(points: int, level: float, material: dict, seed: int, band=(30e3, 50e3
 
 
 def faults_of(frequency: np.ndarray, impedance: np.ndarray) -> dict[str, list[int]]:
+    """Kind of each fault found → numbers of its points."""
     return {fault.kind: fault.indices.tolist() for fault in local_faults(ImpedanceSpectrum(frequency, impedance))}
 
 
 @pytest.mark.kernels
 def test_clean_noisy_sweeps_have_hardly_any_faults() -> None:
-    """200 sweeps of 61 … 1601 points, noise 1e-4 … 3e-3, linear and logarithmic, with and without resonances."""
+    """200 sweeps of 61 … 1601 points, noise 1e-4 … 3e-3, linear and logarithmic, with and without resonances: two
+    false alarms at most.
+    """
     rng, alarms = np.random.default_rng(7), 0
     for seed in range(200):
         points, level = int(rng.choice([61, 101, 201, 401, 801, 1601])), 10 ** rng.uniform(-4, -2.52)
@@ -40,8 +43,8 @@ def test_clean_noisy_sweeps_have_hardly_any_faults() -> None:
     assert alarms <= 2
 
 
-def test_neighbours_foretell_a_cubic_and_a_quadratic_over_a_line_exactly() -> None:
-    """At unequal distances; the cubic in log Z."""
+def test_neighbours_predict_a_cubic_and_a_rational_function_exactly() -> None:
+    """A cubic in log Z, and a quadratic over a linear polynomial, at unequal distances."""
     x = np.linspace(-0.5, 0.5, 40) + np.random.default_rng(4).uniform(-0.006, 0.006, 40)
     frequency = 1e4 * (x + 1.5)
     for impedance in (np.exp(2 - x + 0.3j * x**2 - 0.5 * x**3), (1 + 2j * x - x**2) / (x - 0.1 - 0.08j)):
@@ -51,7 +54,10 @@ def test_neighbours_foretell_a_cubic_and_a_quadratic_over_a_line_exactly() -> No
 @pytest.mark.kernels
 @pytest.mark.parametrize("thinned", [False, True])
 def test_every_spike_and_jump_is_looked_at_closely(thinned: bool) -> None:
-    """One to three points, and steps, of 15 deviations anywhere; where nothing is off few places are looked at."""
+    """Spikes of one to three points, and jumps, of 15 deviations at every place: fewer than 3 % are no candidates.
+
+    A clean sweep has few candidates.
+    """
     rng = np.random.default_rng(8)
     frequency, clean = noisy(401, 1e-3, SOFT, 5)
     if thinned:
@@ -76,7 +82,9 @@ def test_every_spike_and_jump_is_looked_at_closely(thinned: bool) -> None:
 @pytest.mark.parametrize("material", [SOFT, HARD])
 @pytest.mark.parametrize("points", [101, 401])
 def test_spikes_are_found_and_nothing_else(points: int, material: dict) -> None:
-    """Twenty standard deviations in any direction, anywhere: at least 19 of 20, no other point."""
+    """Spikes of 20 standard deviations in any direction at any place: at least 19 of 20 are found, and no other
+    point.
+    """
     rng, hits = np.random.default_rng(points), 0
     for seed in range(20):
         frequency, impedance = noisy(points, (1e-4, 1e-3)[seed % 2], material, seed)
@@ -92,7 +100,10 @@ def test_spikes_are_found_and_nothing_else(points: int, material: dict) -> None:
 @pytest.mark.parametrize("material", [SOFT, HARD])
 @pytest.mark.parametrize("points", [101, 401])
 def test_jumps_are_found_at_their_place(points: int, material: dict) -> None:
-    """A step of gain and phase by twenty standard deviations: at least 19 of 20, at the right point."""
+    """Steps of gain and phase by 20 standard deviations: at least 19 of 20 are found, at the right point.
+
+    The fault holds the points of the shorter side.
+    """
     rng, hits = np.random.default_rng(points), 0
     for seed in range(20):
         frequency, impedance = noisy(points, (1e-4, 1e-3)[seed % 2], material, seed)
@@ -114,7 +125,7 @@ def test_lines_of_the_mains_are_named() -> None:
 
 
 @pytest.mark.parametrize("column", ["phase", "|Z|", "resistance"])
-def test_coarse_readings_are_told(column: str) -> None:
+def test_coarse_readings_are_named(column: str) -> None:
     frequency, impedance = noisy(201, 1e-4, SOFT, 1)
     size, phase = np.abs(impedance), np.angle(impedance, deg=True)
     if column == "phase":
@@ -151,8 +162,8 @@ def test_masking_that_leaves_too_little_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("pair", ["RX", "GB", "ZP"])
-def test_points_joined_by_straight_lines_are_told(pair: str) -> None:
-    """Every third point kept and the others interpolated; in the original, and in one without noise, nothing."""
+def test_linearly_interpolated_points_are_named(pair: str) -> None:
+    """Two of three points are interpolated; the original sweep is not taken for interpolated."""
     frequency, impedance = noisy(600, 3e-4, HARD, 3)
     coarse = frequency[::3]
     parts = {

@@ -1,4 +1,4 @@
-"""Distances of points and steps from local fits follow from the data: not from rounding, nor from the unit of Z."""
+"""Distances of points and steps from local fits depend on the data alone, not on rounding or on the unit of Z."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ WINDOWS = ((14, (2, 1)), (16, (3, 2)), (22, (4, 3)))
 
 
 def all_distances(frequency: np.ndarray, impedance: np.ndarray, level: float) -> np.ndarray:
-    """Distances (2 · 3 windows, n) of every point from its neighbours, and of a step behind it."""
+    """Distances (2 · 3 windows, n) of every point, and of a step behind it, from fits to their neighbours."""
     sigma, after = np.full(frequency.size, level), np.arange(8, frequency.size - 8)
     rows = []
     for shape in WINDOWS:
@@ -26,7 +26,9 @@ def all_distances(frequency: np.ndarray, impedance: np.ndarray, level: float) ->
 @pytest.mark.parametrize("material", [SOFT, HARD])
 @pytest.mark.parametrize("level", [1e-4, 1e-3])
 def test_rounding_and_the_unit_of_impedance_do_not_matter(material: dict, level: float) -> None:
-    """Changed in the 14th digit, 1e-10 of the noise, and read in kilo-ohm, the same to 1e-4 (measured: 5e-6)."""
+    """The same to 1e-4 (measured: 5e-6) with a relative change of 1e-14, 1e-10 of the lower noise, and with Z in
+    kilo-ohm.
+    """
     frequency = np.linspace(30e3, 50e3, 101)
     impedance = bar_impedance(frequency, **material)
     impedance = with_noise(impedance, level * np.abs(impedance), 3)
@@ -37,6 +39,7 @@ def test_rounding_and_the_unit_of_impedance_do_not_matter(material: dict, level:
 
 
 def test_a_whole_turn_of_the_phase_is_no_step() -> None:
+    """A step of 2πj in log Z is taken out, so that neither step nor distance remains."""
     frequency = np.linspace(30e3, 50e3, 101)
     impedance = bar_impedance(frequency, **SOFT)
     impedance = with_noise(impedance, 1e-3 * np.abs(impedance), 3)
@@ -47,7 +50,9 @@ def test_a_whole_turn_of_the_phase_is_no_step() -> None:
 
 @pytest.mark.parametrize("smallest", [1.0, 1e-3, 1e-9, 1e-15, 0.0])
 def test_the_direction_moved_least_is_that_of_the_singular_value_decomposition(smallest):
-    """|R x| is hardly above the least singular value, however small, and where others are nearly as small."""
+    """|R x| exceeds the least singular value by 1 % at most, also where that is tiny or the next one is only 1.2
+    times as large.
+    """
     rng = np.random.default_rng(1)
     random = rng.normal(size=(2, 40, 9, 9))
     left, right = np.linalg.qr(random[0] + 1j * random[1])[0], np.linalg.qr(random[1] - 1j * random[0])[0]
@@ -62,5 +67,6 @@ def test_the_direction_moved_least_is_that_of_the_singular_value_decomposition(s
 
 
 def test_a_triangle_of_zeros_has_any_direction():
+    """For R = 0 some unit vectors are returned."""
     found = _least_moved(np.zeros((2, 3, 3), dtype=complex))
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1.0)

@@ -1,4 +1,4 @@
-"""The estimate of the noise against the noise that was put in."""
+"""The estimate of the noise of a sweep against the noise that was added."""
 
 from __future__ import annotations
 
@@ -29,7 +29,9 @@ def test_relative_noise(level: float, points: int, material: dict, band: tuple[f
 
 
 def test_curvature_of_a_resonance_is_not_noise() -> None:
-    """100 Hz … 500 kHz in 61 points puts three steps between pole and zero: at most twice the noise of 1e-4."""
+    """100 Hz … 500 kHz in 61 points puts three steps between pole and zero: at most twice the noise of 1e-4 is
+    estimated.
+    """
     frequency = np.linspace(1e2, 5e5, 61)
     impedance = bar_impedance(frequency, **SOFT)
     exact = estimate_noise(ImpedanceSpectrum(frequency, impedance))
@@ -40,7 +42,7 @@ def test_curvature_of_a_resonance_is_not_noise() -> None:
 
 
 @pytest.mark.parametrize(("relative", "additive"), [(0.0, 1.0), (1e-3, 1.0), (1e-3, 5.0), (3e-4, 0.3)])
-def test_relative_and_additive_noise_are_told_apart(relative: float, additive: float) -> None:
+def test_relative_and_additive_noise_are_separated(relative: float, additive: float) -> None:
     frequency = np.linspace(30e3, 50e3, 401)
     impedance = bar_impedance(frequency, **SOFT)  # 82 … 13 900 ohm
     truth = NoiseModel(relative, additive)

@@ -1,4 +1,6 @@
-"""Segments hold every frequency of a list, and no sweep is longer than an analyser takes."""
+"""Segments of a list sweep: they contain every frequency of the list, and no sweep is longer than the analyser
+allows.
+"""
 
 from __future__ import annotations
 
