@@ -1,4 +1,4 @@
-"""The exact 1-D k31 bar (METHOD section 7): known complex poles and zeros, free of our code.
+"""The exact 1-D k31 bar (METHOD section 7): known complex poles and zeros, independent of femu_piezo.
 
 Y = jω (L w/t) [ε33T − d31²/s11 + (d31²/s11) tan X / X], X = (ωL/2) sqrt(ρ s11).
 Poles: cos X = 0, λ_n = ((2n−1)π/L)²/(ρ s11). Zeros: (ε33T − d31²/s11) X cos X + (d31²/s11) sin X = 0.

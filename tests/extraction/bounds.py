@@ -69,11 +69,13 @@ def cramer_rao(truth: Truth, frequency, relative: float, max_degree: int = 14) -
 
 
 def _slope(truth: Truth, at: complex) -> complex:
+    """∂(Y/(jω))/∂s at s = `at`."""
     step = 1e-5 * at
     return (truth.charge(np.sqrt(at + step)) - truth.charge(np.sqrt(at - step))) / (2 * step)
 
 
 def _zero_gradient(truth: Truth, zero: complex, s, degree: int):
+    """Derivatives of a zero in all parameters of the model class."""
     poles, residues = np.array(truth.poles), np.array(truth.residues)
     x = (2 * zero - s[0] - s[-1]) / (s[-1] - s[0])
     row = np.concatenate(
@@ -83,7 +85,7 @@ def _zero_gradient(truth: Truth, zero: complex, s, degree: int):
 
 
 def _rest_at(truth: Truth, zero: complex, s, degree: int, background, q) -> complex:
-    """Shift of a zero by the background that the polynomial misses at the zero itself."""
+    """Shift of a zero by the part of the background at the zero that the polynomial does not represent."""
     x = (2 * s - s[0] - s[-1]) / (s[-1] - s[0])
     at = (2 * zero - s[0] - s[-1]) / (s[-1] - s[0])
     columns = chebyshev.chebvander(x, degree)

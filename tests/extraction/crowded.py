@@ -1,9 +1,10 @@
-"""Crowded sweeps with known poles: 10 to 30 modes of Q 20 to 1000 over a background of far modes, free of our code.
+"""Crowded sweeps with known poles: 10 to 30 modes of Q 20 to 1000 and far modes as a background, independent of
+femu_piezo.
 
     Y/(jω) = C [1 − j tan δ + Σ_m k_m λ_m/(λ_m − ω²)],    λ_m = ω_m² (1 + j/Q_m)
 
-All modes of the sum have this form; those far below and above the sweep are its background. Couplings k_m carry the
-loss angles of a material. `loops` says how far each mode stands out of the noise.
+All modes of the sum have this form; those far below and above the sweep are its background. Couplings k_m have random
+loss angles, as those of a material have. `loops` says how far each mode stands out of the noise.
 """
 
 from __future__ import annotations
@@ -18,15 +19,15 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 @dataclass(frozen=True)
 class Crowded:
-    """A sweep and what is true of it.
+    """A sweep with its true poles.
 
     Attributes
     ----------
     spectrum : (n,) points
     poles : (m,) complex λ inside the sweep, rad²/s², by frequency
     loops : (m,) diameter of the loop that a mode adds to log Z, over the relative noise
-    certain : (m,) residue over its standard deviation by the Cramér-Rao bound, all other modes and a background of
-        degree 8 unknown: what nobody can know better, since modes overlap
+    certain : (m,) residue over its least standard deviation (Cramér-Rao bound), all other modes and a background of
+        degree 8 being unknown; it is low where modes overlap
     """
 
     spectrum: ImpedanceSpectrum
@@ -36,7 +37,9 @@ class Crowded:
 
 
 def _certainty(squares: np.ndarray, charge: np.ndarray, poles: np.ndarray, residues: np.ndarray, noise: float):
-    """(m,) |r_m|/std of charge = Σ r/(λ − s) + Σ b T(x) over s (n,), rad²/s², in relative noise."""
+    """(m,) |r_m|/std by the Cramér-Rao bound of charge = Σ r/(λ − s) + Σ b T(x) over s (n,), rad²/s², in relative
+    noise.
+    """
     x = (2 * squares - squares[0] - squares[-1]) / (squares[-1] - squares[0])
     gap = 1 / (poles - squares[:, None])
     columns = np.hstack([-residues * gap**2, gap, chebyshev.chebvander(x, 8)]) / (charge[:, None] * noise)
@@ -46,7 +49,10 @@ def _certainty(squares: np.ndarray, charge: np.ndarray, poles: np.ndarray, resid
 
 
 def crowded(seed: int, error: float = 0.0) -> Crowded:
-    """One draw. error : relative size of a smooth error of the instrument beside the noise."""
+    """One draw.
+
+    error : relative size of a smooth error of the instrument added to the noise
+    """
     rng = np.random.default_rng([20261122, seed])
     count = int(rng.integers(10, 31))
     low = 50e3
@@ -72,14 +78,14 @@ def crowded(seed: int, error: float = 0.0) -> Crowded:
     knots = rng.normal(size=(2, 12))
     smooth = np.array([np.interp(np.linspace(0, 11, points), np.arange(12), one) for one in knots])
     z = z * np.exp(scatter + error * (smooth[0] + 1j * smooth[1]))
-    own = poles[:count]
-    loop = np.abs(coupling[:count] * own / own.imag) / np.abs(relative_charge(own.real))
-    certain = _certainty(omega**2, relative_charge(omega**2), own, coupling[:count] * own, noise)
-    return Crowded(ImpedanceSpectrum(grid, z), own, loop / noise, certain)
+    inside_poles = poles[:count]
+    loop = np.abs(coupling[:count] * inside_poles / inside_poles.imag) / np.abs(relative_charge(inside_poles.real))
+    certain = _certainty(omega**2, relative_charge(omega**2), inside_poles, coupling[:count] * inside_poles, noise)
+    return Crowded(ImpedanceSpectrum(grid, z), inside_poles, loop / noise, certain)
 
 
 def matched(found: np.ndarray, true: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which true poles (m,) are found, and which found ones (k,) are true: one to one, within a half-width."""
+    """Which true poles (m,) are found, and which found ones (k,) are true, paired one to one within a half-width."""
     from scipy.optimize import linear_sum_assignment
 
     if not found.size or not true.size:

@@ -1,4 +1,4 @@
-"""Poles and zeros reach the Cramér-Rao bound, and the stated deviations are the true ones."""
+"""Poles and zeros reach the Cramér-Rao bound, and stated deviations are the true ones."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def study(truth, frequency, noise, draws, seed=0):
 def test_bound_in_a_few_draws(low, high, mode):
     draws = 16
     for s in study(truth_of(BAR, mode), np.linspace(low, high, 401), 1e-3, draws).values():
-        # 2·draws squared Gaussian errors: four standard deviations of their mean, about the goal 1.15
+        # mean of 2·draws squared Gaussian errors: four of its standard deviations above the goal of 1.15
         assert s.rms**2 < 1.15**2 * (1 + 4 / np.sqrt(draws))
         assert s.rms**2 > 1 - 4 / np.sqrt(draws)
         assert s.cover95 > 0.95 - 4 * np.sqrt(0.95 * 0.05 / (2 * draws))
@@ -79,7 +79,7 @@ def test_two_modes_one_percent_and_forty_decibel_apart():
 
 @pytest.mark.kernels
 def test_no_mode_is_invented():
-    """White noise on a bare capacitor, and on one mode: nothing else is reported."""
+    """White noise on a capacitor, and on one mode: no further mode is reported."""
     frequency = np.linspace(50e3, 80e3, 301)
     for seed in range(20):
         rng = np.random.default_rng([3, seed])

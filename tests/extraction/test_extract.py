@@ -89,7 +89,7 @@ def test_coupling_and_its_deviation():
 
 @pytest.mark.parametrize(("tan_d31", "order", "remarks"), [(0.013, -1, 1), (0.0155, 0, 0), (0.02, 1, 1)])
 def test_coupling_phase_is_the_balance_of_the_losses(tan_d31, order, remarks):
-    """k² = d²/(s ε) has the angle tan δ + tan φ − 2 tan θ; k_eff² of the fundamental has it to first order."""
+    """k² = d²/(s ε) has the loss angle tan δ + tan φ − 2 tan θ, and so has k_eff² of the fundamental to first order."""
     bar = Bar(d31=-293.25e-12 * (1 - 1j * tan_d31))
     found = extract(sweep(bar, np.linspace(28e3, 48e3, 401), relative=1e-4, seed=7))
     (pair,) = found.pairs
@@ -158,8 +158,8 @@ def test_impossible_readings_are_refused():
         extract(ImpedanceSpectrum(np.linspace(28e3, 48e3, 50), np.ones(50)), method="guess")
 
 
-def test_a_start_that_draws_power_the_wrong_way_is_left():
-    """Beside a resonance the data hold a pole of negative residue, and the start has both: the first alone remains."""
+def test_a_start_with_a_pole_of_negative_residue_is_dropped():
+    """Data of a resonance and a pole of negative residue, started with both: only the first remains."""
     model = extract(sweep(BAR, np.linspace(28e3, 48e3, 401))).model
     (pole,), (residue,) = model.poles, model.residues
     start = replace(

@@ -30,7 +30,7 @@ def test_figure_shows_fit_residual_and_diagram(method, frequency, tmp_path):
     assert drawn["measured"].get_ydata() == pytest.approx(np.abs(data.impedance))
     assert drawn["fit"].get_ydata() == pytest.approx(np.abs(extraction.impedance))
     points = np.concatenate([line.get_ydata() for line in residual.get_lines()])
-    # each of Re, Im in units of its own deviation: unit variance to four deviations of a sample variance
+    # Re and Im over their deviations: unit variance, within four deviations of a sample variance
     assert np.var(points) == pytest.approx(1, abs=4 * np.sqrt(2 / points.size))
     columns = [
         line for line in figure.axes[labels.index("model order (poles)")].get_lines() if len(line.get_xdata()) == 2

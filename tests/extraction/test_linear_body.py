@@ -1,4 +1,4 @@
-"""The best linear body leaves noise of linear bodies, and more of others."""
+"""The misfit of the best linear body: the noise for linear bodies, and more for others."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FREQUENCY = np.linspace(100e3, 160e3, 201)
 
 
 def admittance(frequency: np.ndarray) -> np.ndarray:
-    """A bar 12 × 3 × 1 mm whose length mode lies near 128 kHz; its next lies at three times that."""
+    """Y of a bar 12 × 3 × 1 mm with its length mode near 128 kHz; the next mode is at three times that."""
     return k31_bar_admittance(
         2 * np.pi * frequency, 12e-3, 3e-3, 1e-3, 7700.0, 13.7e-12 * (1 - 0.012j), -130e-12 * (1 - 0.02j), 1.15e-8
     )
@@ -26,18 +26,18 @@ def spectrum(y: np.ndarray, noise: float) -> ImpedanceSpectrum:
 
 @pytest.mark.parametrize("resistance", [0.0, 40.0])
 def test_linear_body_is_followed_to_the_noise(resistance: float) -> None:
-    """With leads as well; the next mode of the bar is part of the background."""
+    """Also with leads; the next mode of the bar is part of the background."""
     noise = 2e-3
     sweep = spectrum(1 / (1 / admittance(FREQUENCY) + resistance), noise)
     clean = spectrum(1 / (1 / admittance(FREQUENCY) + resistance), 0.0)
     drawn = np.sqrt(np.mean(np.abs(sweep.impedance / clean.impedance - 1) ** 2))
-    left = linear_body_misfit(sweep, [127e3])
-    assert 0.95 * drawn < left < drawn  # twelve numbers take a share of 12/402 of the squares
-    assert linear_body_misfit(sweep, [127e3], np.full(FREQUENCY.size, noise)) == pytest.approx(left / noise, rel=1e-6)
+    misfit = linear_body_misfit(sweep, [127e3])
+    assert 0.95 * drawn < misfit < drawn  # twelve fitted numbers reduce the squares by 12/402
+    assert linear_body_misfit(sweep, [127e3], np.full(FREQUENCY.size, noise)) == pytest.approx(misfit / noise, rel=1e-6)
 
 
 def test_two_resonances_are_followed() -> None:
-    """A weak one beside the first, which one resonance cannot follow."""
+    """A bar and a weak second resonance; with a single resonance the misfit is five times as large."""
     lam = (2 * np.pi * 140e3) ** 2 * (1 + 0.01j)
     more = 1j * 2 * np.pi * FREQUENCY * 2e-12 * lam / (lam - (2 * np.pi * FREQUENCY) ** 2)
     sweep = spectrum(admittance(FREQUENCY) + more, 1e-3)
@@ -46,14 +46,14 @@ def test_two_resonances_are_followed() -> None:
 
 
 def test_resonance_just_above_the_sweep_is_part_of_the_body() -> None:
-    """Strong, and a tenth above the end of the sweep: there a background without resonance bends too little."""
+    """A strong resonance a tenth above the end of the sweep, for which a smooth background is not curved enough."""
     lam = (2 * np.pi * 176e3) ** 2 * (1 + 0.01j)
     more = 1j * 2 * np.pi * FREQUENCY * 4e-12 * lam / (lam - (2 * np.pi * FREQUENCY) ** 2)
     assert linear_body_misfit(spectrum(admittance(FREQUENCY) + more, 1e-3), [127e3]) == pytest.approx(1e-3, rel=0.1)
 
 
 def test_resonance_that_moves_with_the_current_is_not_followed() -> None:
-    """A softening body: where the conductance is high the frequency has fallen by up to 0.4 %."""
+    """A body that softens: where the conductance is highest, the frequency is lower by 0.4 %."""
     strength = admittance(FREQUENCY).real
     soft = admittance(FREQUENCY * (1 + 4e-3 * strength / strength.max()))
     assert linear_body_misfit(spectrum(soft, 1e-3), [127e3]) > 10e-3

@@ -16,7 +16,8 @@ from .bar import Bar, sweep
 OMEGA = 2 * np.pi * np.linspace(30e3, 45e3, 60)
 
 
-def made():
+def two_modes():
+    """A rational model with two modes and a background of degree two."""
     return RationalModel(
         FrequencyAxis.of(OMEGA),
         1e-9,
@@ -34,7 +35,8 @@ def test_axis_maps_to_the_unit_interval_and_back():
 
 
 def test_charge_is_the_pole_residue_sum():
-    model, x = made(), np.linspace(-1, 1, 7)
+    """Y/(jω) against the sum written out by hand."""
+    model, x = two_modes(), np.linspace(-1, 1, 7)
     by_hand = 0.7 - 0.01j + (0.1 + 0.02j) * x - 0.03j * (2 * x**2 - 1)
     by_hand = by_hand + (0.2 + 0.01j) / (-0.3 + 0.04j - x) + (0.05 - 0.002j) / (0.5 + 0.02j - x)
     assert model.charge(x) == pytest.approx(by_hand, rel=1e-14)
@@ -42,10 +44,11 @@ def test_charge_is_the_pole_residue_sum():
 
 
 def test_jacobian_and_slope_are_the_complex_derivatives():
-    model, x, step = made(), np.linspace(-1, 1, 9), 1e-6
+    """In every parameter and in the frequency, against differences."""
+    model, x, step = two_modes(), np.linspace(-1, 1, 9), 1e-6
     theta = model.parameters
     for k in range(theta.size):
-        for direction in (1, 1j):  # holomorphic: the same derivative along both axes
+        for direction in (1, 1j):  # the model is holomorphic: real and imaginary steps give the same derivative
             moved = [model.with_parameters(theta + sign * step * direction * np.eye(theta.size)[k]) for sign in (1, -1)]
             numeric = (moved[0].charge(x) - moved[1].charge(x)) / (2 * step * direction)
             assert model.jacobian(x)[:, k] == pytest.approx(numeric, rel=1e-6, abs=1e-7)
@@ -54,9 +57,9 @@ def test_jacobian_and_slope_are_the_complex_derivatives():
 
 
 def test_zeros_are_every_root_and_move_as_their_derivative_says():
-    model = made()
+    model = two_modes()
     zeros = model.zeros()
-    assert zeros.size == 4  # two modes and a background of degree two
+    assert zeros.size == 4  # two modes and a background of degree two give four roots
     assert np.abs(model.charge(zeros)).max() < 1e-12
     change = 1e-7 * (np.arange(model.size) - 2.5j)
     moved = model.with_parameters(model.parameters + change).zeros()
@@ -66,7 +69,7 @@ def test_zeros_are_every_root_and_move_as_their_derivative_says():
 
 
 def test_fit_returns_the_model_that_made_the_data():
-    truth = made()
+    truth = two_modes()
     data = NormalisedSweep.of(OMEGA, truth.admittance(OMEGA), np.full(OMEGA.size, 1e3))
     start = replace(truth, scale=data.scale, poles=truth.poles * (1 + 0.02j))
     found = fit(solve_linear(start, data).model, data, tolerance=1e-15)
@@ -75,9 +78,12 @@ def test_fit_returns_the_model_that_made_the_data():
     assert found.scale < 1e-8
 
 
-def test_a_fit_is_given_up_only_where_it_cannot_get_below_the_least_of_use():
-    """A model of one mode too few: not where its end is of use, and long before its end where it is not."""
-    truth = made()
+def test_a_fit_is_abandoned_only_if_its_misfit_cannot_become_low_enough():
+    """A model with one mode too few.
+
+    With `least` just above its final misfit the fit runs to its end; with half of that it stops early.
+    """
+    truth = two_modes()
     data = NormalisedSweep.of(OMEGA, truth.admittance(OMEGA), np.full(OMEGA.size, 1e3))
     start = replace(truth, scale=data.scale, poles=truth.poles[:1] * (1 - 0.1j), residues=truth.residues[:1])
     start = solve_linear(start, data).model
@@ -88,25 +94,27 @@ def test_a_fit_is_given_up_only_where_it_cannot_get_below_the_least_of_use():
     assert np.any(useless.model.parameters != end.model.parameters)
 
 
-def test_no_model_gains_by_following_rounding():
-    """Of fits below it the smaller one has more evidence, whatever their misfits; above it misfits count."""
-    small = made()
+def test_evidence_does_not_reward_misfits_below_rounding():
+    """Of two fits below the rounding error the smaller model has more evidence, whatever the misfits; above it
+    misfits count.
+    """
+    small = two_modes()
     data = NormalisedSweep.of(OMEGA, small.admittance(OMEGA), np.full(OMEGA.size, 1e3))
     large = replace(small, background=np.append(small.background, 0j))
 
-    def left(model: RationalModel, share: float) -> Fit:
-        """Of a misfit that is a share of rounding."""
+    def with_misfit(model: RationalModel, share: float) -> Fit:
+        """A fit whose misfit is `share` of the rounding error."""
         residual = np.full(len(data), np.sqrt(share * data.rounding / len(data)), dtype=complex)
         return Fit(model, data, residual, float(np.vdot(residual, residual).real))
 
-    assert left(small, 0.9).evidence < left(large, 1e-3).evidence
-    assert left(small, 9.0).evidence > left(large, 1e-3).evidence
-    assert _least(large, left(small, 0.9)) == -np.inf
-    assert left(small, 9.0).misfit > _least(large, left(small, 9.0)) > data.rounding
+    assert with_misfit(small, 0.9).evidence < with_misfit(large, 1e-3).evidence
+    assert with_misfit(small, 9.0).evidence > with_misfit(large, 1e-3).evidence
+    assert _least(large, with_misfit(small, 0.9)) == -np.inf
+    assert with_misfit(small, 9.0).misfit > _least(large, with_misfit(small, 9.0)) > data.rounding
 
 
 def test_residual_is_the_relative_error_of_the_impedance():
-    truth = made()
+    truth = two_modes()
     data = NormalisedSweep.of(OMEGA, truth.admittance(OMEGA), np.full(OMEGA.size, 1e3))
     off = replace(truth, scale=data.scale, poles=truth.poles + 0.01)
     z_data, z_model = 1 / truth.admittance(OMEGA), 1 / off.admittance(OMEGA)
@@ -114,6 +122,7 @@ def test_residual_is_the_relative_error_of_the_impedance():
 
 
 def test_correlation_of_a_first_order_error():
+    """A complex first-order autoregression, within four standard errors."""
     rng = np.random.default_rng(1)
     n, phi = 4000, 0.8 * np.exp(0.3j)
     white = (rng.normal(size=n) + 1j * rng.normal(size=n)) / np.sqrt(2)
@@ -125,6 +134,7 @@ def test_correlation_of_a_first_order_error():
 
 
 def test_fisher_spread_is_the_scatter_of_repeated_fits():
+    """Covariance of a pole over 150 draws of noise."""
     bar, frequency, noise = Bar(), np.linspace(28e3, 48e3, 101), 1e-3
     poles = []
     for seed in range(150):
@@ -137,12 +147,13 @@ def test_fisher_spread_is_the_scatter_of_repeated_fits():
     spread = fisher_spread(found.model, rows)
     stated = spread.covariance(np.eye(found.model.size)[:1])
     sample = np.cov(np.real(poles), np.imag(poles))
-    # the variance of a sample variance of 150 draws is 2/149 of its square: four standard deviations
+    # the relative variance of a sample variance of 150 draws is 2/149; four standard deviations are allowed
     assert np.diag(sample) == pytest.approx(np.diag(stated), rel=4 * np.sqrt(2 / 149))
     assert abs(sample[0, 1]) < 4 * stated[0, 0] / np.sqrt(149) + abs(stated[0, 1])
 
 
 def test_sample_spread_is_a_plain_covariance():
+    """Columns that are samples: covariance of Re and Im of linear functions of them."""
     rng = np.random.default_rng(2)
     columns = rng.normal(size=(3, 8)) + 1j * rng.normal(size=(3, 8))
     gradient = np.array([[1.0, 0.5j, -2.0], [0.0, 1.0, 1j]])
@@ -152,11 +163,12 @@ def test_sample_spread_is_a_plain_covariance():
 
 
 @pytest.mark.parametrize("length", [1 / 12, 1 / 40])
-def test_stated_deviations_hold_beside_a_smooth_error(length):
-    """Poles of a bar under a smooth error of 0.1 % of log Z, fits that start at the truth: pulls of about 1.
+def test_stated_deviations_count_a_smooth_error(length):
+    """Poles of a bar under a smooth error of 0.1 % of log Z, fits started at the truth: an rms of errors over
+    deviations of about 1.
 
-    Some of the error looks like pole and background, which no residual shows, and what it is like is learned from what
-    is left: deviations may be too wide, and may not be too small.
+    Part of the error looks like the pole or the background and is not in the residual, from which its size and length
+    are learned. Deviations may therefore be too large but must not be too small.
     """
     bar, frequency, noise, draws = Bar(), np.linspace(28e3, 48e3, 301), 1e-5, 10
     share = np.linspace(0, 1, frequency.size)
@@ -175,12 +187,15 @@ def test_stated_deviations_hold_beside_a_smooth_error(length):
         error, _ = systematic_error(found.model, rows, points, errors_about(found.model, rows, points))
         spread = systematic_spread(found.model, rows, points, error)
         pulls.append(abs(found.model.poles[0] - at) / spread.size(np.eye(found.model.size)[0]))
-    # of |δ| over its standard deviation; 20 squared Gaussian errors have a mean of at most 1 + 3 √(2/20)
+    # |δλ| over its deviation: the mean of 20 squared Gaussian errors is at most 1 + 3 √(2/20)
     assert 0.1 < np.sqrt(np.mean(np.square(pulls))) < np.sqrt(1 + 3 * np.sqrt(2 / (2 * draws)))
 
 
 def test_a_mode_that_a_smooth_error_explains_as_well_has_the_worse_evidence():
-    """Six ripples of 0.5 % beside one true mode: a mode more follows one of them, the error follows all."""
+    """One true mode and ripples of 0.5 %: a second mode follows one ripple, a smooth error follows them all.
+
+    A model without the true mode has less evidence as well.
+    """
     bar, frequency = Bar(), np.linspace(28e3, 48e3, 301)
     share = np.linspace(0, 1, frequency.size)
     measured = sweep(bar, frequency, relative=1e-5)
@@ -188,7 +203,7 @@ def test_a_mode_that_a_smooth_error_explains_as_well_has_the_worse_evidence():
     rows = NormalisedSweep.of(measured.omega, 1 / z, np.ones(frequency.size))
     points = SweepData(frequency, z, np.full(frequency.size, 1e-5), noise_known=True)
     at = (bar.pole(1) - rows.axis.center) / rows.axis.half_width
-    # and a true mode is not given up for such an error
+    # models with the true mode, with one more, and with none
     models = []
     for poles in ([at], [at, 0.62 + 0.05j], []):
         nothing = np.zeros(len(poles), complex)
@@ -196,13 +211,13 @@ def test_a_mode_that_a_smooth_error_explains_as_well_has_the_worse_evidence():
         linear = solve_linear(start, rows)
         models.append(fit(linear.model, rows).model if poles else linear.model)
     errors = errors_about(models[0], rows, points)
-    one, two, none = (systematic_error(model, rows, points, errors)[1] for model in models)
-    assert one < two
-    assert one < none
+    true_mode, extra_mode, no_mode = (systematic_error(model, rows, points, errors)[1] for model in models)
+    assert true_mode < extra_mode
+    assert true_mode < no_mode
 
 
-def test_the_same_modes_over_another_axis_and_scale():
-    model, omega = made(), 2 * np.pi * np.linspace(33e3, 41e3, 7)
+def test_modes_are_the_same_on_another_axis_and_scale():
+    model, omega = two_modes(), 2 * np.pi * np.linspace(33e3, 41e3, 7)
     moved = model.normalised(FrequencyAxis.of(omega), -3e-9)
     assert moved.axis.eigenvalue(moved.poles) == pytest.approx(model.axis.eigenvalue(model.poles), rel=1e-12)
     bare = [replace(one, background=np.zeros(1, complex)) for one in (model, moved)]

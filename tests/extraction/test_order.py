@@ -1,4 +1,4 @@
-"""Where the search for the model order begins, and where it looks for one more mode."""
+"""The search for the model order: where it begins, and where it looks for one more mode."""
 
 import numpy as np
 import pytest
@@ -12,13 +12,14 @@ BAR = Bar()
 
 
 def normalised(stop: float, relative: float = 1e-3, **options) -> NormalisedSweep:
+    """A noisy sweep of the bar from 20 kHz to `stop`."""
     spectrum = sweep(BAR, np.linspace(20e3, stop, 401), relative=relative, **options)
     return NormalisedSweep.of(spectrum.omega, spectrum.admittance, np.ones(len(spectrum)))
 
 
 @pytest.mark.parametrize(("stop", "modes"), [(30e3, 0), (90e3, 1), (130e3, 2), (300e3, 4)])
 def test_the_search_begins_with_the_modes_that_stand_out(stop, modes):
-    """Within a half-width of their poles, the highest first."""
+    """Starts lie within a half-width and a step of the poles; of several modes the highest peak comes first."""
     data = normalised(stop)
     began = _standing_out(data, max_modes=10)
     true = np.array([(BAR.pole(n) - data.axis.center) / data.axis.half_width for n in range(1, modes + 1)])
@@ -29,12 +30,15 @@ def test_the_search_begins_with_the_modes_that_stand_out(stop, modes):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_noise_does_not_stand_out(seed):
-    """At 3 %, beside a loss of 1.5 %, every third point is a maximum, and one mode is there."""
+    """With noise of 3 % and a loss of 1.5 % every third point is a local maximum, and the one mode alone is found."""
     assert _standing_out(normalised(90e3, relative=0.03, seed=seed), max_modes=10).poles.size == 1
 
 
 def test_an_overtone_above_the_sweep_is_looked_for_where_it_is():
-    """The next one is at three times the fundamental; those above it move what serves for all of them up."""
+    """The next overtone is at three times the fundamental.
+
+    A single pole that stands for all overtones lies above it, since those above contribute.
+    """
     data = normalised(90e3, relative=1e-4)
     place = _likely_poles(refit(_standing_out(data, 10), data))[0]
     overtone = (BAR.pole(2).real - data.axis.center) / data.axis.half_width

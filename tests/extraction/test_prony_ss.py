@@ -53,7 +53,7 @@ def test_residues_are_those_of_the_charge():
 @pytest.mark.parametrize("kind", ["pole", "zero"])
 @pytest.mark.parametrize("low", [100.0, 10_000.0])
 def test_columns_make_up_the_signal(kind, low):
-    """Σ R Δt/(2p) exp((p − jω0) t) over the columns is what was decomposed, real or complex."""
+    """Σ R Δt/(2p) exp((p − jω0) t) over the columns is the decomposed signal, real or complex."""
     found = prony_ss(sweep(BAR, PAPER), kind, band=(low, 100_000.0), dead_time=10.0)
     assert np.isrealobj(found.signal) == (low == 100.0)
     assert found.modelled == pytest.approx(found.signal, abs=1e-4 * np.max(np.abs(found.signal)))
@@ -120,7 +120,9 @@ def test_reversed_terminals_are_named():
 
 
 def test_zeros_of_a_passive_piece_alternate_with_its_poles():
-    """The paper's sweep to 50 kHz holds one pole and one zero; its window leaves a column of a second zero."""
+    """The paper's sweep to 50 kHz holds one pole and one zero; the column of a second zero, an artefact of the
+    window, is left out.
+    """
     found = extract(read_spectrum(SWEEP), method="prony_ss").resonances
     assert (len(found.poles), len(found.zeros)) == (1, 1)
     exact = extract(read_spectrum(SWEEP)).resonances
