@@ -1,11 +1,11 @@
-"""What a sweep that follows from its own points reaches, against equally spaced ones and the usual recipe.
+"""What an adaptive sweep reaches, compared with equally spaced sweeps and with the usual recipe.
 
     python tests/benchmarks/adaptive_sweeps.py deviations --draws 20    constants of plates, k33 bars and disks
     python tests/benchmarks/adaptive_sweeps.py effects --draws 3        hidden effects named
 
-The data come from the independent discretisation of tests/hidden_effects, everything off by the tolerances of a
-laboratory, one noise in every reading. The usual recipe: half of the points equally spaced, half within four half
-widths of the poles and zeros that a first sweep of 401 points shows (those points not counted). Takes about an hour.
+The data come from the independent discretisation of tests/hidden_effects, with everything off by the tolerances of a
+laboratory and the same noise in every reading. The usual recipe: half of the points equally spaced, half within four
+half-widths of the poles and zeros of a first sweep of 401 points (which are not counted). Takes about an hour.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from femu_piezo.study.model_cache import SharedBases
 from femu_piezo.study.update import update
 
 BAND, NOISE = (20e3, 240e3), 1e-3
-#: Number of the draw → the drawn piece. Plates and bars are of one set-up each, every sixth seed.
+#: Body → function (number of the draw, effect) → draw. Every sixth seed gives plates, or bars, of a single set-up.
 BODIES: dict[str, Callable[[int, str], Draw]] = {
     "plate": lambda number, effect: draw(f"laboratory:{effect}", 6 * number),
     "bar": lambda number, effect: draw(f"laboratory:{effect}", 6 * number + 5),
@@ -56,7 +56,7 @@ CONSOLE = Console(width=150)
 
 @dataclass
 class Bench:
-    """Reads a drawn piece; counts its readings."""
+    """Measures a drawn specimen with noise; counts its readings."""
 
     drawn: Draw
     readings: int = 0
@@ -73,13 +73,13 @@ class Bench:
 
 
 def crowded(bench: Bench, points: int) -> ImpedanceSpectrum:
-    """The usual recipe."""
+    """The usual recipe, with so many points."""
     pairs = extract(bench(np.linspace(*BAND, 401))).pairs
-    shown = [one for pair in pairs for one in (pair.pole, pair.zero)]
-    about = [one.frequency_Hz * (1 + one.loss / 2 * np.linspace(-4, 4, 201)) for one in shown]
-    every = np.sort(np.concatenate(about))
-    every = every[(every > BAND[0]) & (every < BAND[1])]
-    half = every[np.linspace(0, every.size - 1, points // 2).astype(int)]
+    resonances = [one for pair in pairs for one in (pair.pole, pair.zero)]
+    about = [one.frequency_Hz * (1 + one.loss / 2 * np.linspace(-4, 4, 201)) for one in resonances]
+    candidates = np.sort(np.concatenate(about))
+    candidates = candidates[(candidates > BAND[0]) & (candidates < BAND[1])]
+    half = candidates[np.linspace(0, candidates.size - 1, points // 2).astype(int)]
     return bench(np.unique(np.concatenate([np.linspace(*BAND, points - points // 2), half])))
 
 
@@ -87,12 +87,14 @@ Recipe = Callable[[Specimen, Bench, SharedBases], ImpedanceSpectrum]
 
 
 def adaptive(points: int) -> Recipe:
+    """The recipe of an adaptive sweep with so many points."""
     return lambda specimen, bench, bases: (
         adapt(specimen, bench, Wish(points=points, band_Hz=BAND), bases=bases).spectrum
     )
 
 
 def equal(points: int) -> Recipe:
+    """The recipe of equally spaced points."""
     return lambda specimen, bench, bases: bench(np.linspace(*BAND, points))
 
 
@@ -106,6 +108,7 @@ RECIPES: dict[str, Recipe] = {
 
 
 def specimen_of(drawn: Draw, folder: Path) -> Specimen:
+    """The specimen of a draw, without stated noise and held-out band."""
     path = folder / "piece.toml"
     path.write_text(drawn.specification, encoding="utf-8")
     found = read_specimen(path)
@@ -116,9 +119,9 @@ def specimen_of(drawn: Draw, folder: Path) -> Specimen:
 
 @dataclass
 class Kept:
-    """Results one by one, as lines of a file where one is named: a run that was broken off goes on.
+    """Results, kept as lines of a file where one is given, so that an interrupted run can be resumed.
 
-    Every result says under "of" what it is the result of.
+    The entry "of" of a result identifies what was computed.
     """
 
     path: Path | None
@@ -129,7 +132,7 @@ class Kept:
             self.lines = [json.loads(line) for line in self.path.read_text(encoding="utf-8").splitlines()]
 
     def result(self, of: list, make: Callable[[], dict]) -> None:
-        """What `make` gives, unless it is there; {"failed": why} where there is no result."""
+        """Compute and keep a result, unless it exists; {"failed": why} where the computation fails."""
         if any(line["of"] == of for line in self.lines):
             return
         begun = time.process_time()
@@ -143,12 +146,12 @@ class Kept:
                 stream.write(json.dumps(self.lines[-1]) + "\n")
 
     def all_of(self, *of) -> list[dict]:
-        """Results whose "of" begins so."""
+        """Results whose "of" begins with these entries."""
         return [line for line in self.lines if line["of"][: len(of)] == list(of)]
 
 
 def deviations(bodies: list[str], draws: range, kept: Kept) -> None:
-    """Median stated deviations of every constant by every recipe, and how far off the truth these are."""
+    """Tables of the median stated deviation of every constant by every recipe, and of the part that is noise."""
     with tempfile.TemporaryDirectory() as folder:
         for body in bodies:
             bases = SharedBases()
@@ -158,13 +161,13 @@ def deviations(bodies: list[str], draws: range, kept: Kept) -> None:
                 for name, recipe in RECIPES.items():
                     make = partial(updated, drawn, specimen, recipe, bases)
                     kept.result(["deviations", body, name, number], make)
-            own = {name: kept.all_of("deviations", body, name) for name in RECIPES}
-            table(f"{body}, {len(own['adaptive, 100'])} draws: median stated deviation", own, "stated")
-            table(f"{body}: the part of it from noise", own, "noise")
+            by_recipe = {name: kept.all_of("deviations", body, name) for name in RECIPES}
+            table(f"{body}, {len(by_recipe['adaptive, 100'])} draws: median stated deviation", by_recipe, "stated")
+            table(f"{body}: the part of it from noise", by_recipe, "noise")
 
 
 def updated(drawn: Draw, specimen: Specimen, recipe: Recipe, bases: SharedBases) -> dict:
-    """Stated deviations, the part of noise, and by how many of them the truth is missed."""
+    """Stated deviations, their part from noise, and errors over stated deviations, of an update after a recipe."""
     stated, noise, off = {}, {}, []
     found = update(specimen, bases=bases, spectra=[recipe(specimen, Bench(drawn), bases)])
     for constant, one in found.parameters.items():
@@ -178,7 +181,7 @@ def updated(drawn: Draw, specimen: Specimen, recipe: Recipe, bases: SharedBases)
 
 
 def table(title: str, results: dict[str, list[dict]], which: str) -> None:
-    """Medians by recipe, how far off the truth in stated deviations, and how many draws had no result."""
+    """Print medians by recipe, the rms of errors over stated deviations, and the number of draws without a result."""
     done = {name: [one for one in own if "failed" not in one] for name, own in results.items()}
     labels = list(next(own[0] for own in done.values() if own)[which])
     shown = Table(title=f"{title} (% of constants, 1e-5 of tangents)")
@@ -194,13 +197,13 @@ def table(title: str, results: dict[str, list[dict]], which: str) -> None:
 
 
 def diagnosed(drawn: Draw, specimen: Specimen, recipe: Recipe, bases: SharedBases) -> dict:
-    """The verdict and its causes."""
+    """Verdict and names of its causes in a diagnosis after a recipe."""
     found = diagnose(specimen, bases=bases, spectra=[recipe(specimen, Bench(drawn), bases)]).verdict
     return {"word": found.word, "causes": [one.effect.name for one in found.causes]}
 
 
 def effects(bodies: list[str], draws: range, kept: Kept) -> None:
-    """How many hidden effects are named, alone, after every recipe."""
+    """Table of the hidden effects that are named, and nothing else, after every recipe."""
     recipes = {name: RECIPES[name] for name in ("adaptive, 100", "adaptive, 200", "equally spaced, 401")}
     with tempfile.TemporaryDirectory() as folder:
         for body in bodies:
@@ -218,11 +221,12 @@ def effects(bodies: list[str], draws: range, kept: Kept) -> None:
             for effect in drawable:
                 shown.add_column(effect, justify="right")
             for name in recipes:
-                own = {effect: kept.all_of("effects", body, name, effect) for effect in drawable}
+                by_effect = {effect: kept.all_of("effects", body, name, effect) for effect in drawable}
                 named = {
-                    effect: sum(one.get("causes") == [effect] for one in several) for effect, several in own.items()
+                    effect: sum(one.get("causes") == [effect] for one in several)
+                    for effect, several in by_effect.items()
                 }
-                shown.add_row(name, *(f"{count} of {len(own[effect])}" for effect, count in named.items()))
+                shown.add_row(name, *(f"{count} of {len(by_effect[effect])}" for effect, count in named.items()))
             CONSOLE.print(shown)
 
 

@@ -1,4 +1,4 @@
-"""Poses a problem to NGSolve in a Python of its own: a task as JSON to in_ngsolve.py, its answer back."""
+"""Poses a problem to NGSolve in another Python: sends a task as JSON to in_ngsolve.py and returns its answer."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from femu_piezo.material.constants import ElasticForm
 
 
 def answer(python: str, task: dict, seconds: float | None = None) -> dict:
-    """What in_ngsolve.py says to a task; OSError or SubprocessError where it does not within some seconds.
+    """The answer of in_ngsolve.py to a task; OSError or SubprocessError where there is none within so many seconds.
 
-    python : one that can import ngsolve
+    python : a Python that can import ngsolve
     """
     script = Path(__file__).with_name("in_ngsolve.py")
     done = subprocess.run(
@@ -24,6 +24,6 @@ def answer(python: str, task: dict, seconds: float | None = None) -> dict:
 
 
 def coupled(form: ElasticForm) -> list[list[float]]:
-    """(9, 9) real [[c, eᵗ], [e, −ε]], as tasks have the constants."""
+    """(9, 9) real [[c, eᵗ], [e, −ε]], the form in which tasks hold the constants."""
     rows = [[form.stiffness(), form.piezoelectric().T], [form.piezoelectric(), -form.permittivity()]]
     return np.block(rows).real.tolist()

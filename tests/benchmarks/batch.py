@@ -1,13 +1,13 @@
-"""Throughput of the batch on 1 and 2 processes and through Dask, memory, cost of a first and a further plate.
+"""Throughput of `batch` on 1 and 2 processes and through Dask, its memory, and the cost of a first and a further plate.
 
     python tests/benchmarks/batch.py [sweeps, default 500] [most seconds of the rates, default 3600]
     python tests/benchmarks/batch.py growth [sweeps, default 100 1000 10000]
 
-The second form measures everything but the fits: a lot of so many different sweeps of one design is found, checked,
-handed over, made durable, put into table, report and store, by a pool that answers with a record made before.
+The second form measures everything but the fits: finding, checking and distributing the different sweeps of a lot, and
+writing records, table, report and store. Its pool answers every update with the same record.
 
-On a machine that others use too, the column "others" (cores kept busy by other programs) tells what the rates are
-worth; processor time per plate (of the workers, and of the process that feeds them) depends on it less. The sweeps
+On a shared machine the column "others" (cores kept busy by other programs) shows how far the rates can be trusted;
+processor time per plate (of the workers, and of the process that feeds them) depends on it less. The sweeps
 are simulated by a reduced model on a finer mesh than the update uses, with scattered constants and noise.
 """
 
@@ -28,7 +28,7 @@ import numpy as np
 import psutil
 
 ROOT = Path(__file__).resolve().parents[2]
-#: Plates that each way computes before it is the turn of the next.
+#: Plates that are computed in one way before the next way has its turn.
 ROUND = 25
 
 SPECIMEN = """
@@ -75,7 +75,9 @@ def make_lot(folder: Path, count: int) -> tuple[Path, Path]:
 
 
 class Memory:
-    """Largest resident memory of any child process, MB, sampled while the block runs; their processor time."""
+    """Largest resident memory of any child process, MB, sampled while the block runs; and the processor time of
+    children.
+    """
 
     def __enter__(self) -> Memory:
         self.largest, self._stop = 0.0, threading.Event()
@@ -102,7 +104,7 @@ class Memory:
 
 
 class Kept:
-    """A pool that stays open after `run_lot` is done with it."""
+    """A pool that stays open when `run_lot` closes it."""
 
     def __init__(self, pool) -> None:
         self._pool = pool
@@ -114,9 +116,9 @@ class Kept:
 
 
 def timed(jobs, out: Path, pool) -> dict[str, float]:
-    """Of one run on workers that wait for it.
+    """Figures of one run on workers that are already started.
 
-    Plates per minute, s to the first result, ms of processor per plate, and how many cores others kept busy.
+    Plates per minute, s to the first result, ms of processor time per plate, and number of cores kept busy by others.
     """
     from femu_piezo.batch.run import run_lot
 
@@ -134,13 +136,13 @@ def timed(jobs, out: Path, pool) -> dict[str, float]:
 
 
 def _busy() -> float:
-    """Processor time that all programs of the machine have used, s."""
+    """Processor time of all programs of the machine, s."""
     times = psutil.cpu_times()
     return times.user + times.nice + times.system
 
 
 def throughput(sweeps: Path, specimen: Path, folder: Path, budget_s: float) -> None:
-    """The table of rates, measured side by side: in every round each of the three ways computes as many plates."""
+    """Print the table of rates. In every round each of the three ways computes the same plates in turn."""
     from contextlib import ExitStack
 
     from distributed import LocalCluster
@@ -156,7 +158,9 @@ def throughput(sweeps: Path, specimen: Path, folder: Path, budget_s: float) -> N
         before = dict(os.environ)
         cluster = stack.enter_context(LocalCluster(2, threads_per_worker=1, dashboard_address=None))
         cluster.wait_for_workers(2)
-        for name in set(os.environ) - set(before):  # what Dask tells malloc is not for the local processes
+        for name in set(os.environ) - set(
+            before
+        ):  # Dask sets options of malloc, which the local processes must not inherit
             del os.environ[name]
         pools = {"1 process": LocalPool(1, None), "2 processes": LocalPool(2, None)}
         pools["Dask, 2 workers"] = DaskPool(cluster.scheduler_address)
@@ -197,14 +201,16 @@ def throughput(sweeps: Path, specimen: Path, folder: Path, budget_s: float) -> N
 
 
 def _quietest(found: dict[str, list[dict[str, float]]]) -> list[int]:
-    """Half of the rounds, without the first: those in which others kept the fewest cores busy at any time."""
+    """Half of the rounds, without the first: those in which other programs kept the fewest cores busy."""
     worst = np.max([[run["others"] for run in runs] for runs in found.values()], axis=0)
     order = [int(i) for i in np.argsort(worst) if i or worst.size == 1]
     return order[: max(1, (len(order) + 1) // 2)]
 
 
 def _costs(jobs) -> None:
-    """Time of the first plate and of the others in one process, without reading and start of processes."""
+    """Print the time of the first plate and of further ones in one process, without reading files and starting
+    processes.
+    """
     from femu_piezo.study.model_cache import SharedBases
     from femu_piezo.study.update import update
 
@@ -218,6 +224,7 @@ def _costs(jobs) -> None:
 
 
 def _accuracy(table: Path) -> None:
+    """Print the scatter of s11 over the lot."""
     with open(table, encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
     spread = np.std([float(row["s11"]) for row in rows]) / np.mean([float(row["s11"]) for row in rows])
@@ -233,13 +240,13 @@ class Ready:
         self._record = record
 
     def submit(self, function, job, checksum, *rest) -> Future:
-        """The record under the name of the job."""
+        """The record under the name of the job, at once."""
         future: Future = Future()
         future.set_result(self._record | {"name": job.name, "checksum": checksum})
         return future
 
     def answers(self) -> bool:
-        """There is nobody else to ask."""
+        """Always: there is no scheduler."""
         return True
 
     def restart(self) -> None: ...
@@ -248,7 +255,9 @@ class Ready:
 
 
 def growth(count: int, folder: Path) -> None:
-    """A line of the table: ms per sweep of a lot without its fits, first and resumed, with a store, and memory."""
+    """Print a line of the table: ms per sweep of a lot without its fits, first run and resumed, with a store, and
+    memory.
+    """
     from femu_piezo.batch.command import write_report
     from femu_piezo.batch.jobs import find_jobs, program_checksum
     from femu_piezo.batch.run import run_lot
@@ -302,7 +311,7 @@ def _peak() -> float:
 
 
 def _growths(counts: list[str]) -> None:
-    """Each count in a process of its own."""
+    """Measure each number of sweeps in a process of its own."""
     print("CPU ms per sweep, MB, kB per sweep")
     heads = ("first run", "resumed", "into store", "once more", "lots")
     print(" " * 8 + "".join(f"{head:>12s}" for head in heads) + "    before      peak     store", flush=True)

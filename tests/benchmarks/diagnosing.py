@@ -1,11 +1,11 @@
-"""Where the seconds of `diagnose` go: nulls, single effects and a pair of the hidden ones, alone and on a shared basis.
+"""Time that the steps of `diagnose` take, for nulls, single hidden effects and a pair, alone and on a shared basis.
 
     python tests/benchmarks/diagnosing.py
     OMP_NUM_THREADS=1 python tests/benchmarks/diagnosing.py
     python tests/benchmarks/diagnosing.py FOLDER          every case in FOLDER/*/specimen.toml, in a process of its own
 
-Each row is one whole diagnosis in this process, reading and planning included, with a basis of its own and, in the last
-column but one, again on the basis of a first one of its set-up. Without OMP_NUM_THREADS independent work shares the
+Each row is a whole diagnosis in this process, reading and planning included, with a basis of its own and, in the last
+column but one, on the basis of an earlier diagnosis of its set-up. Without OMP_NUM_THREADS independent work shares the
 cores. Takes some minutes. Of the cases in a folder the peak memory after every step is shown as well.
 """
 
@@ -30,7 +30,7 @@ from femu_piezo.study.diagnose import Diagnosis, diagnose
 from femu_piezo.study.model_cache import Bases, SharedBases
 from femu_piezo.threads import available_cores
 
-#: Draws by name and seed; set-ups of several noises, one of them a bar.
+#: Draws by name and seed, from set-ups with different noise, one of them a bar.
 DRAWS = (
     ("none", 9000),
     ("none", 9003),
@@ -48,14 +48,14 @@ CONSOLE = Console(width=130)
 
 
 def seconds(specimen: Specimen, bases: Bases) -> tuple[float, Diagnosis]:
-    """Of one diagnosis."""
+    """Seconds of a diagnosis, and its result."""
     begin = time.perf_counter()
     result = diagnose(specimen, bases=bases)
     return time.perf_counter() - begin, result
 
 
 def row(name: str, seed: int) -> list[str]:
-    """One draw diagnosed alone, then twice on shared bases."""
+    """A row of the table: a draw diagnosed alone, then twice on shared bases."""
     hidden = draw(name, seed)
     with tempfile.TemporaryDirectory() as folder:
         specimen = read_specimen(hidden.write(Path(folder)))
@@ -70,11 +70,11 @@ def row(name: str, seed: int) -> list[str]:
 
 
 def case(path: Path) -> list[str]:
-    """One case of a folder: seconds / peak memory (GB) of every step, and in all."""
+    """A row of the table for a case in a folder: seconds / peak memory (GB) of every step and of the whole."""
     peaks, running = {}, [""]
 
     def progress(step: str) -> None:
-        if step in (*STEPS, "mesh and assemble", "verdict", ""):  # not one of the candidates within a step
+        if step in (*STEPS, "mesh and assemble", "verdict", ""):  # a step, not a candidate tried within a step
             peaks[running[0]] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
             running[0] = step
 
@@ -88,7 +88,7 @@ def case(path: Path) -> list[str]:
 
 
 def cases(folder: Path) -> Table:
-    """Every case alone in a new process, one after another."""
+    """The table of all cases, each diagnosed in a new process, one after another."""
     table = Table(title=f"diagnose, seconds / peak GB, {available_cores()} cores", title_justify="left")
     for heading in ("case", "unknowns", "r", *STEPS, "all", "said"):
         table.add_column(heading, justify="right")
@@ -99,7 +99,7 @@ def cases(folder: Path) -> Table:
 
 
 def draws() -> Table:
-    """Every draw of `DRAWS`."""
+    """The table of all draws."""
     table = Table(title=f"diagnose, seconds, {available_cores()} cores", title_justify="left")
     for heading in ("hidden", "noise", "unknowns", "r", *STEPS, "all", "shared", "said"):
         table.add_column(heading, justify="right")

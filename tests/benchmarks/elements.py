@@ -1,8 +1,8 @@
-"""Prints what elements of high order save: unknowns, errors of λ and time of our choice, of others, and of NGSolve.
+"""Prints what elements of high order save: unknowns, errors of λ and time, for our choice, quadratic ones and NGSolve.
 
     OMP_NUM_THREADS=1 python -m tests.benchmarks.elements [--ngsolve PYTHON] [--only plate disk …] [--sweeps]
 
-from the repository root. The errors are those of the driven poles and zeros below a frequency, against our choice for a
+from the repository root. The errors are those of the driven poles and zeros below a frequency, against the mesh for a
 fifth of its accuracy. --ngsolve: a Python that can import ngsolve (and scipy); its column has the
 poles of plates and bars on the same mesh at the same order. --sweeps: unknowns, time and peak memory of three whole
 sweeps, each in a process of its own.
@@ -33,7 +33,7 @@ from tests.benchmarks.ask_ngsolve import answer, coupled
 MM, ACCURACY, DENSITY = 1e-3, 1e-4, 7500.0
 PZT = library_material("pzt-5h").constants.lossless()
 SHEAR = 1 / np.sqrt(DENSITY * max(PZT.s44.real, PZT.s66.real))
-#: Body, end of the band, Hz, edge of quadratic elements that cost about as much, m.
+#: Body, end of the band (Hz), edge (m) of quadratic elements whose computation takes about as long.
 BODIES: dict[str, tuple[Shape, float, float]] = {
     "plate": (Plate(20 * MM, 5 * MM, 1 * MM), 250e3, 0.7 * MM),
     "bar": (Plate(20 * MM, 2 * MM, 2 * MM, "length"), 250e3, 0.5 * MM),
@@ -48,7 +48,7 @@ BODIES: dict[str, tuple[Shape, float, float]] = {
     "rounded": (plate(10 * MM, 6 * MM, 1 * MM, corner_radius=1 * MM), 250e3, 0.6 * MM),
     "holed": (plate(10 * MM, 6 * MM, 1 * MM, holes=(Circle(2 * MM),)), 250e3, 0.6 * MM),
 }
-#: Sweeps: body, end, Hz.
+#: Sweeps: body, highest frequency (Hz).
 SWEEPS = {
     "plate 40 x 5 x 1 mm to 300 kHz": (Plate(40 * MM, 5 * MM, 1 * MM), 300e3),
     "disk 35 x 2 mm to 500 kHz": (disk(35 * MM, 2 * MM), 500e3),
@@ -57,24 +57,25 @@ SWEEPS = {
 
 
 def driven(domain, band: float) -> tuple[int, float, list[np.ndarray], list[np.ndarray]]:
-    """Unknowns, time (s) of assembly and both eigenproblems, all λ near the band, and those driven below its end."""
-    start, every, strong = time.perf_counter(), [], []
+    """Unknowns, time (s) of assembly and both eigenproblems, all λ near the band, and the driven ones below its end."""
+    start, of_all, of_driven = time.perf_counter(), [], []
     model = ElectroelasticModel(domain, DENSITY)
     for circuit in ("short", "open"):
         modes = solve_eigen(model, PZT.to_e_form(), circuit, 12, near_Hz=0.45 * band)
         inside = (modes.participation > 1e-3) & (modes.eigenvalues.real < (2 * np.pi * band) ** 2)
-        every.append(modes.eigenvalues.real)
-        strong.append(modes.eigenvalues.real[inside])
-    return model.size, time.perf_counter() - start, every, strong
+        of_all.append(modes.eigenvalues.real)
+        of_driven.append(modes.eigenvalues.real[inside])
+    return model.size, time.perf_counter() - start, of_all, of_driven
 
 
 def errors(every: list[np.ndarray], strong: list[np.ndarray]) -> str:
+    """Largest and median relative error of the driven λ, each against the nearest one."""
     found = [np.min(np.abs(v / exact - 1)) for v, ones in zip(every, strong, strict=True) for exact in ones]
     return f"{max(found):8.1e} {np.median(found):8.1e}"
 
 
 def quadratic(shape: Shape, edge: float):
-    """The body in quadratic elements: hexahedra of plates, else tetrahedra of gmsh."""
+    """The body in quadratic elements: hexahedra for plates, otherwise tetrahedra of gmsh."""
     if isinstance(shape, Plate):
         divisions = tuple(int(n) for n in np.maximum(1, np.ceil(shape.part(shape.mirrors) / edge)))
         return shape.domain(divisions, shape.mirrors, 2)
@@ -82,7 +83,9 @@ def quadratic(shape: Shape, edge: float):
 
 
 def ngsolve(python: str | None, shape: Shape, domain, band: float, strong: list[np.ndarray]) -> str:
-    """Poles of the same mesh at the same order; a sentence where there are none."""
+    """Unknowns, largest error of poles and time by NGSolve on the same mesh at the same order, or why there are
+    none.
+    """
     if python is None or not isinstance(shape, Plate):
         return ""
     extents = shape.part(shape.mirrors)
@@ -127,7 +130,7 @@ def table(python: str | None, only: list[str] | None) -> None:
 
 
 def sweep(name: str) -> None:
-    """Mesh, reduced model and 1601 frequencies of one body."""
+    """Print unknowns, time and peak memory for mesh, reduced model and 1601 frequencies of a body."""
     shape, band = SWEEPS[name]
     start = time.perf_counter()
     model = ElectroelasticModel(shape.domain_for(ACCURACY, band, SHEAR), DENSITY)

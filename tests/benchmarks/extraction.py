@@ -1,4 +1,4 @@
-"""Prints the table of the extraction: errors against the Cramér-Rao bound, side by side with other methods.
+"""Prints the table of the extraction: errors over the Cramér-Rao bound, for this and other methods.
 
     OMP_NUM_THREADS=1 python -m tests.benchmarks.extraction [--draws 200]
 
@@ -46,13 +46,13 @@ def prony(spectrum):
 
 
 def aaa(spectrum, noise):
-    """scipy AAA in ω² to the level of the noise: strongest lossy pole in the sweep, of Q and of 1/Q."""
+    """scipy AAA in ω² to the noise level: the strongest lossy pole in the sweep, of Q = Y/(jω) and of 1/Q."""
     s = spectrum.omega**2
     charge = spectrum.admittance / (1j * spectrum.omega)
     found = []
     for values in (charge / abs(charge).mean(), abs(charge).mean() / charge):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # AAA says that the tolerance was not met
+            warnings.simplefilter("ignore", RuntimeWarning)  # AAA warns if the tolerance was not met
             approximant = AAA(s / s[-1], values, rtol=max(noise, 1e-13), max_terms=20)
             poles, residues = approximant.poles() * s[-1], approximant.residues()
         keep = (poles.real > s[0]) & (poles.real < s[-1]) & (poles.imag > 0)
@@ -76,7 +76,7 @@ def vector_fitting(spectrum, real=1, pairs=2):
     for kind in ("y", "z"):
         fitting = VectorFitting(network)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # it warns of passivity and convergence in words of its own
+            warnings.simplefilter("ignore")  # scikit-rf warns about passivity and convergence
             fitting.vector_fit(real, pairs, "lin", kind, fit_constant=True, fit_proportional=True, enforce_dc=False)
         low, high = 2 * np.pi * spectrum.frequency[[0, -1]]
         keep = (fitting.poles.imag > low) & (fitting.poles.imag < high) & (fitting.poles.real < 0)
@@ -88,16 +88,18 @@ def vector_fitting(spectrum, real=1, pairs=2):
 
 
 def half_power(spectrum):
-    """Peak of G (of R) and its width at half height, points joined by straight lines."""
+    """Peak of G (for the pole) and of R (for the zero) and its width at half height, points joined by straight
+    lines.
+    """
     found = []
     for part in (spectrum.admittance.real, spectrum.impedance.real):
         top = int(np.argmax(part))
         level = part[top] / 2
-        left = np.flatnonzero(part[:top] < level)
-        right = np.flatnonzero(part[top:] < level)
-        if left.size == 0 or right.size == 0:
+        below = np.flatnonzero(part[:top] < level)
+        above = np.flatnonzero(part[top:] < level)
+        if below.size == 0 or above.size == 0:
             return None
-        i, j = left[-1], top + right[0]
+        i, j = below[-1], top + above[0]
         f = spectrum.frequency
         low = np.interp(level, part[[i, i + 1]], f[[i, i + 1]])
         high = np.interp(level, part[[j, j - 1]], f[[j, j - 1]])
@@ -106,7 +108,7 @@ def half_power(spectrum):
 
 
 def methods(noise):
-    """Name → function of a spectrum."""
+    """Name → method, a function of a spectrum."""
     return {
         "maximum likelihood": ours,
         "scipy AAA": lambda s: aaa(s, noise),
@@ -117,7 +119,7 @@ def methods(noise):
 
 
 def noise_free() -> None:
-    """Relative error of λ without noise."""
+    """Print relative errors of λ without noise."""
     print("\nNoise-free, relative error of λ (goal: rational 1e-8, Prony-SS 1e-5)")
     for name, (frequency, n) in UNIFORM.items():
         (pole, _), (zero, _) = ours(sweep(BAR, frequency))
@@ -132,7 +134,7 @@ def noise_free() -> None:
 
 
 def against_bound(title, truth, frequency, noise, draws, names=None) -> None:
-    """One block of rows: each method over `draws` draws of the noise."""
+    """Print a block of rows: each method over `draws` draws of the noise."""
     bound = cramer_rao(truth, frequency, noise)
     omega = 2 * np.pi * frequency
     exact = 1 / (1j * omega * truth.charge(omega))
@@ -164,7 +166,7 @@ def against_bound(title, truth, frequency, noise, draws, names=None) -> None:
 
 
 def close_modes(draws) -> None:
-    """A second mode 1 % above with a residue 40 dB below."""
+    """Print errors for a second mode 1 % above the first with a residue 40 dB below."""
     frequency = np.linspace(28e3, 48e3, 401)
     truth = close_pair(BAR)
     omega = 2 * np.pi * frequency
@@ -195,7 +197,7 @@ def close_modes(draws) -> None:
 
 
 def measured(folder: Path) -> None:
-    """Poles, zeros and quality factors of the measured sweeps."""
+    """Print poles, zeros and quality factors of the measured sweeps."""
     if not folder.is_dir():
         print(f"\nmeasured sweeps are not at {folder}; set FEMU_PIEZO_MEASURED")
         return

@@ -1,4 +1,4 @@
-"""Prints the table of the forward model: each figure beside its target, ratios of medians measured in the same run.
+"""Prints the table of the forward model: each figure with its target, as ratios of medians measured in the same run.
 
     OMP_NUM_THREADS=1 python -m tests.benchmarks.forward [--repeats 5] [--growth 30000] [--ngsolve PYTHON]
 
@@ -62,6 +62,7 @@ def row(subject: str, figure: str, target: str = "") -> None:
 
 
 def assembly(repeats: int) -> None:
+    """Print the time of assembly over that of the plain elastic stiffness in scikit-fem."""
     domain = K31.domain((20, 3, 1))
     model = ElectroelasticModel(domain, DENSITY)
     vector = skfem.Basis(domain.mesh, skfem.ElementVector(skfem.ElementHex2()), intorder=4)
@@ -74,7 +75,9 @@ def assembly(repeats: int) -> None:
 
 
 def sweep(name: str, repeats: int, samples: int) -> None:
-    """Z(f) at 1601 frequencies: direct solves (from a sample of frequencies) against the reduced model."""
+    """Print the gain in time for Z(f) at 1601 frequencies: direct solutions (timed on a few) against the reduced
+    model.
+    """
     plate, divisions, axes = PLATES[name]
     model, e_form = ElectroelasticModel(plate.domain(divisions, axes), DENSITY), LOSSY.to_e_form()
     reduced = reduce_model(model, [LOSSY], BAND, accuracy=1e-4)
@@ -94,6 +97,7 @@ def sweep(name: str, repeats: int, samples: int) -> None:
 
 
 def jacobian(repeats: int) -> None:
+    """Print times of Z with its Jacobian on a reduced basis."""
     model = ElectroelasticModel(K31.domain((20, 3, 1)), DENSITY)
     free = FreeConstants.of(BASE, ("s11", "d31", "eps33T"))
     training = free.training_sets(free.start, 0.15)
@@ -101,19 +105,19 @@ def jacobian(repeats: int) -> None:
     reduced = reduce_model(model, training, BAND)
     e_form, omega = LOSSY.to_e_form(), 2 * np.pi * FREQUENCY
 
-    def both(directions=None):
+    def with_jacobian(directions=None):
         modal = reduced.modal(e_form)
         return modal.impedance(omega), modal.admittance_jacobian(omega, directions)
 
     slopes = free.e_form_jacobian(free.start)
     row("basis for s11, d31, eps33T +-15 %, 1e-5", f"{1e3 * build:.0f} ms, {reduced.size} unknowns")
     row("  Z alone, 1601 frequencies", f"{1e3 * median_time(lambda: reduced.impedance(e_form, FREQUENCY), 9):.2f} ms")
-    row("  Z with Jacobian in all ten constants", f"{1e3 * median_time(both, 9):.2f} ms", "<= 20 ms")
-    row("  Z with Jacobian in three", f"{1e3 * median_time(lambda: both(slopes), 9):.2f} ms")
+    row("  Z with Jacobian in all ten constants", f"{1e3 * median_time(with_jacobian, 9):.2f} ms", "<= 20 ms")
+    row("  Z with Jacobian in three", f"{1e3 * median_time(lambda: with_jacobian(slopes), 9):.2f} ms")
 
 
 def k31_update(repeats: int) -> None:
-    """The paper's update from mesh to constants, against factorisations of its own operator."""
+    """Print the time of the paper's update from mesh to constants, over that of a factorisation of its operator."""
     start = SimplifiedK31.of(BASE)
     target = SimplifiedK31(15.84e-12 * (1 - 0.016j), -293.25e-12 * (1 - 0.013j), 2422.5 * EPS0 * (1 - 0.015j), -4.5e-12)
     for divisions in ((7, 1, 1), (20, 3, 1)):
@@ -142,7 +146,7 @@ def k31_update(repeats: int) -> None:
 
 
 def side_by_side(python: str, repeats: int) -> None:
-    """NGSolve on the same elements, and a dense condensed FEMU step as the paper prints it (eqs 16-20)."""
+    """Print times of NGSolve on the same elements, and of a dense condensed FEMU step as in the paper (eqs 16-20)."""
     plate, divisions, axes = PLATES["k31 1/8, 20x3x1"]
     model, e_form = ElectroelasticModel(plate.domain(divisions, axes), DENSITY), LOSSY.to_e_form()
     frequency = np.array([100.0, 35e3, 110.4e3, 299e3])
@@ -179,6 +183,7 @@ def side_by_side(python: str, repeats: int) -> None:
 
 
 def _dense(repeats: int) -> None:
+    """Print the time of the dense condensed step."""
     model, e_form = ElectroelasticModel(K31.domain((10, 2, 1)), DENSITY), LOSSY.to_e_form()
     u = int(np.count_nonzero(model.mass.diagonal()))
     stiffness, mass = model.stiffness(e_form).toarray(), model.mass[:u, :u].toarray()
@@ -203,7 +208,9 @@ GROWTH = ((20, 4, 1), (30, 5, 2), (40, 8, 3), (66, 12, 4), (96, 18, 5))
 
 
 def growth(largest: int) -> None:
-    """Time and peak memory of model, factorisation and basis, each size in its own process; fitted exponents."""
+    """Print time and peak memory of model, factorisation and basis by size, each in its own process, with fitted
+    exponents.
+    """
     found = []
     for divisions in GROWTH:
         expected = 4 * np.prod([2 * count + 1 for count in divisions])

@@ -1,4 +1,4 @@
-"""One size of the growth study, in a process of its own: python -m tests.benchmarks.growth NX NY NZ → JSON."""
+"""Measures one size of the growth study in a process of its own: python -m tests.benchmarks.growth NX NY NZ → JSON."""
 
 from __future__ import annotations
 

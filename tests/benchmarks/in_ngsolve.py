@@ -2,7 +2,7 @@
 
     PYTHON_WITH_NGSOLVE in_ngsolve.py < problem.json > result.json
 
-It stands alone (NGSolve, numpy and scipy, not femu_piezo), so that NGSolve may live in another environment. Problems:
+It needs only NGSolve, numpy and scipy, not femu_piezo, so that NGSolve may be in another environment. Problems:
 
     "sweep"  impedance of one eighth of a k31 plate, quadratic hexahedra of a grid (tests.benchmarks.forward)
     "poles"  λ of one eighth of a plate or bar on a grid at some order (tests.benchmarks.elements)
@@ -19,7 +19,7 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 
-#: The potential is counted in GV, so that entries of the matrices are alike.
+#: The potential is in GV, so that the entries of the matrices are of similar size.
 SCALE = 1e9
 
 
@@ -73,7 +73,7 @@ def poles(task: dict) -> dict:
     held = {"xyz"[a]: names[a, 0] for a in range(3)}
     space = fields(mesh, task["order"], held, f"{names[axis, 0]}|{names[axis, 1]}")
     matrix = np.array(task["constants"])
-    if axis == 0:  # poled along x: the axes go round by one
+    if axis == 0:  # poled along x: the axes are permuted cyclically
         turn = [2, 0, 1, 5, 3, 4, 8, 6, 7]
         matrix = matrix[np.ix_(turn, turn)]
     stiffness, mass = (full(one.mat) for one in forms(space, matrix, task["density"]))
@@ -117,7 +117,7 @@ def slab(task: dict) -> dict:
 
 
 def drawing(task: dict):
-    """The part as a solid, its faces named, electrode rims marked to be refined; mm."""
+    """The computed part as a solid in mm, with named faces and with electrode rims marked for refinement."""
     from netgen.occ import Box, Glue, Pnt
 
     half, mirrors = task["thickness"] / 2, task["mirrors"]
@@ -150,7 +150,7 @@ def drawing(task: dict):
 
 
 def is_hot(task: dict, face) -> bool:
-    """Whether a piece of the upper face has the area of the electrode's part that is computed."""
+    """Whether a piece of the upper face has the area of the hot electrode in the computed part."""
     if not task["rims"]:
         return True
     return abs(face.mass / task["hot_area"] - 1) < 1e-6
@@ -193,7 +193,7 @@ def grid(size: np.ndarray, divisions: list[int]):
 
 
 def faces(mesh, size: np.ndarray) -> dict:
-    """(axis, side) → name of the boundary of a box there."""
+    """(axis, side) → name of the boundary of the box there."""
     import ngsolve as ng
 
     found = {}
@@ -207,7 +207,9 @@ def faces(mesh, size: np.ndarray) -> dict:
 
 
 def fields(mesh, order: int, held: dict, electrodes: str, **more):
-    """Displacement, its components held on named boundaries, and potential, given on the electrodes."""
+    """Space of displacements, with components held on named boundaries, and of the potential, given on the
+    electrodes.
+    """
     import ngsolve as ng
 
     boundaries = {f"dirichlet{axis}": name for axis, name in held.items()}
@@ -239,14 +241,14 @@ def forms(space, matrix: np.ndarray, density: float) -> tuple:
 
 
 def full(matrix) -> sp.csr_matrix:
-    """A symmetric NGSolve matrix, of which the lower triangle is kept, for scipy."""
+    """A symmetric NGSolve matrix, which keeps its lower triangle, as a full matrix of scipy."""
     rows, columns, values = (np.array(one) for one in matrix.COO())
     lower = sp.csr_matrix((values, (rows, columns)), shape=(matrix.height, matrix.width))
     return lower + sp.tril(lower, -1).T if not np.any(columns > rows) else lower
 
 
 def eigenvalues(stiffness, mass, keep, task: dict) -> list[float]:
-    """Those nearest to a frequency, in the space spanned by the columns of `keep`."""
+    """The eigenvalues nearest to a frequency, in the space spanned by the columns of `keep`."""
     k, m = ((keep.T @ one @ keep).tocsc() for one in (stiffness, mass))
     shift = (2 * np.pi * task["near"]) ** 2
     return sorted(spla.eigsh(k, task["count"], M=m, sigma=shift, return_eigenvectors=False).tolist())

@@ -1,12 +1,12 @@
-"""Commands killed at random moments: what is on disk afterwards is whole, and the same command goes on from there.
+"""Commands killed at random times: files on disk are intact afterwards, and the same command resumes from them.
 
     python tests/benchmarks/kills.py [page|batch|measure|all] [kills of each, default 50] [seed, default 1]
 
 page: a process works as the server does (`femu_piezo.web.jobs.Jobs`) on extractions and updates of one plate; after
-each kill a new server brings a job to its end. batch: lots of ten sweeps on two processes with a store; resumed, each
-ends in the table and the store of a run that nobody disturbed. measure: against a simulated analyser, five kills of
-each measurement, with a store; no point that was on disk is lost, the last run ends with all of them. Everything is
-killed with its children by SIGKILL; then every JSON file reads and every picture ends as it should.
+each kill a new server completes a job. batch: lots of ten sweeps on two processes with a store; resumed, each
+ends with the table and the store of an undisturbed run. measure: against a simulated analyser, five kills of
+each measurement, with a store; no point on disk is lost, and the last run ends with all of them. Each command is
+killed with its children by SIGKILL; then every JSON file must be readable and every picture complete.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ while True:
         jobs.ask(command, source, f"results/{source}/{command}")
     time.sleep(0.05)
 """
-#: Kills of one measurement, and its points.
+#: Kills of each measurement, and number of its points.
 SERIES, POINTS = 5, 96
 
 
 def broken(folder: Path) -> list[str]:
-    """Files that are not whole."""
+    """Files that are damaged or incomplete."""
     found = []
     for path in sorted(folder.rglob("*")):
         if path.suffix == ".json":
@@ -60,7 +60,7 @@ def broken(folder: Path) -> list[str]:
 
 
 def killed(command: list[str], seconds: float) -> bool:
-    """Start a command, kill it and its children after some seconds; whether it was still at work."""
+    """Start a command and kill it with its children after some seconds; whether it was still running."""
     process = subprocess.Popen(
         [sys.executable, *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     )
@@ -73,7 +73,7 @@ def killed(command: list[str], seconds: float) -> bool:
 
 
 def finished(command: list[str]) -> bool:
-    """Whether the command comes to its end."""
+    """Run a command; whether it succeeds."""
     done = subprocess.run([sys.executable, *command], capture_output=True, text=True)
     if done.returncode:
         print(done.stderr)
@@ -81,7 +81,7 @@ def finished(command: list[str]) -> bool:
 
 
 def page(count: int, draw: random.Random, folder: Path) -> Counter[str]:
-    """Kills of a server at work."""
+    """Kills of a working server."""
     found: Counter[str] = Counter()
     for name in ("plate.toml", "sweep.csv"):
         shutil.copy(PLATE / name, folder)
@@ -93,7 +93,7 @@ def page(count: int, draw: random.Random, folder: Path) -> Counter[str]:
 
 
 def _serves(folder: Path) -> bool:
-    """Whether a new server on the folder brings a job to its end."""
+    """Whether a new server on the folder completes a job."""
     from femu_piezo.web.jobs import Jobs
 
     jobs = Jobs(folder, folder / ".femu-piezo", 1)
@@ -108,7 +108,7 @@ def _serves(folder: Path) -> bool:
 
 
 def batch(count: int, draw: random.Random, folder: Path) -> Counter[str]:
-    """Kills of a lot, each of a run of its own."""
+    """Kills of a lot, each in a run of its own."""
     from lots import write_lot
 
     sweeps, specimen = write_lot(folder, 10)
@@ -118,6 +118,7 @@ def batch(count: int, draw: random.Random, folder: Path) -> Counter[str]:
         return [*words, "--out", str(out), "--store=sqlite"]
 
     def contents(out: Path) -> tuple[object, ...]:
+        """Table in both formats and contents of the store."""
         return *((out / name).read_bytes() for name in ("table.csv", "table.parquet")), _kept(out)
 
     whole = folder / "whole"
@@ -134,7 +135,7 @@ def batch(count: int, draw: random.Random, folder: Path) -> Counter[str]:
 
 
 def measure(count: int, draw: random.Random, folder: Path) -> Counter[str]:
-    """Kills of measurements, some of each; the last run of each counts for its series."""
+    """Kills of measurements, several for each; the last run of a measurement counts for all of its kills."""
     from instruments.conftest import PLATE as SPECIMEN
     from instruments.conftest import analyser
 
@@ -161,7 +162,7 @@ def measure(count: int, draw: random.Random, folder: Path) -> Counter[str]:
 
 
 def _points(out: Path) -> np.ndarray:
-    """Frequencies of the whole lines of points.csv, Hz."""
+    """Frequencies of the complete lines of points.csv, Hz."""
     path = out / "points.csv"
     text = path.read_text(encoding="utf-8") if path.exists() else ""
     lines = text[: text.rfind("\n") + 1].splitlines()[1:]
@@ -169,7 +170,7 @@ def _points(out: Path) -> np.ndarray:
 
 
 def _kept(out: Path) -> list[dict]:
-    """What the store of a folder says of its pieces, but for when and by whom."""
+    """Contents of the store of a folder, without the name of the lot and the time of writing."""
     from femu_piezo.store.database import Database
     from femu_piezo.store.read import read_pieces
 
@@ -181,7 +182,7 @@ KINDS = {"page": page, "batch": batch, "measure": measure}
 
 
 def main(kind: str, count: int, seed: int) -> None:
-    """Print how many kills left everything whole."""
+    """Print after how many kills the files are intact and the command resumes."""
     for name in KINDS if kind == "all" else [kind]:
         with tempfile.TemporaryDirectory() as place:
             found = KINDS[name](count, random.Random(seed), Path(place))

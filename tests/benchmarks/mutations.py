@@ -1,4 +1,4 @@
-"""Thousands of damaged inputs: right answers, clear refusals, silent changes, tracebacks, hangs.
+"""Thousands of damaged inputs: counts of right answers, clear refusals, silent changes, tracebacks and hangs.
 
     python tests/benchmarks/mutations.py [count of each of four kinds, default 3000] [seed]
 
@@ -35,7 +35,7 @@ from femu_piezo.study.problem import prepare
 
 ROOT = Path(__file__).resolve().parents[2]
 HANG_S = 20
-#: Kinds that neither are specimen files nor tables.
+#: Kinds of input that are neither specimen files nor tables.
 SUFFIXES = {"text msh": ".msh", "binary msh": ".msh", "update.json": ".json", "touchstone": ".s1p"}
 TOKENS = [b"nan", b"inf", b"-inf", b"1e999", b"1e-999", b"0", b"-1", b"", b"--", b"1,2", b"\0", b'"', b"[", b"]", b"="]
 TOKENS += [b"9" * 400, b",", b";", b"\t", b"\n", b"\r", b"\xff\xfe", b"\xef\xbb\xbf", "Ω".encode(), b"${HOME}", b"../"]
@@ -43,7 +43,7 @@ TOKENS += [b"mm", b"kHz", b"true", b"{}", b"'''", b"#", b"$Nodes", b"$EndNodes",
 
 
 class Hang(BaseException):
-    """Raised by the alarm; not an Exception, so that no handler of the program takes it for a fault of the file."""
+    """Raised by the alarm. It is no Exception, so that no handler of the program takes it for a fault of the file."""
 
 
 def damaged(raw: bytes, draw: random.Random) -> bytes:
@@ -54,6 +54,7 @@ def damaged(raw: bytes, draw: random.Random) -> bytes:
 
 
 def _bytes(raw: bytes, draw: random.Random) -> bytes:
+    """Bytes deleted, inserted, replaced or repeated."""
     start = draw.randrange(len(raw) + 1)
     stop = min(len(raw), start + draw.choice([0, 1, 2, 8, 100]))
     fresh = draw.choice([draw.choice(TOKENS), draw.randbytes(draw.choice([1, 4, 30]))])
@@ -61,6 +62,7 @@ def _bytes(raw: bytes, draw: random.Random) -> bytes:
 
 
 def _number(raw: bytes, draw: random.Random) -> bytes:
+    """A number made NaN, infinite, zero, negative, huge, or something else."""
     numbers = list(re.finditer(rb"-?\d+\.?\d*(?:[eE][+-]?\d+)?", raw))
     if not numbers:
         return raw
@@ -71,6 +73,7 @@ def _number(raw: bytes, draw: random.Random) -> bytes:
 
 
 def _lines(raw: bytes, draw: random.Random) -> bytes:
+    """Lines dropped, doubled or exchanged."""
     lines = raw.split(b"\n")
     one, other = draw.randrange(len(lines)), draw.randrange(len(lines))
     how = draw.randrange(4)
@@ -86,10 +89,12 @@ def _lines(raw: bytes, draw: random.Random) -> bytes:
 
 
 def _cut(raw: bytes, draw: random.Random) -> bytes:
+    """The file cut off."""
     return raw[: draw.randrange(len(raw) + 1)]
 
 
 def _dialect(raw: bytes, draw: random.Random) -> bytes:
+    """Another encoding, delimiter or decimal sign."""
     how = draw.randrange(6)
     if how == 0:
         return raw.decode("latin-1").encode("utf-16")
@@ -100,6 +105,7 @@ def _dialect(raw: bytes, draw: random.Random) -> bytes:
 
 
 def _unit(raw: bytes, draw: random.Random) -> bytes:
+    """A unit exchanged for another one."""
     old, new = draw.choice(
         [
             (b"Hz", b"kHz"),
@@ -117,7 +123,7 @@ _MUTATIONS = [_bytes, _bytes, _number, _number, _lines, _cut, _dialect, _unit]
 
 
 def sweeps() -> dict[str, tuple[bytes, Callable[[Path], str]]]:
-    """Sound sweeps in four formats, each with what tells the outcome of a file."""
+    """Name → (sound sweep in one of four formats, function that gives the outcome for a file)."""
     sys.path.insert(0, str(ROOT))
     from tests.measurement.sweeps import SOFT, bar_impedance, columns_of, write_4294a, write_e4990a
 
@@ -150,7 +156,7 @@ def sweeps() -> dict[str, tuple[bytes, Callable[[Path], str]]]:
 
 
 def specimens() -> dict[str, tuple[bytes, Callable[[Path], str]]]:
-    """Sound specimen files; the outcome after schema, geometry and material."""
+    """Name → (sound specimen file, function that gives the outcome for a file: schema, geometry and material)."""
     plate = (ROOT / "tutorials/k31_plate/plate.toml").read_bytes()
     full = b"""name = "plate 07"
 [geometry]
@@ -265,7 +271,7 @@ tan_s11 = 0.01
 
 
 def meshes() -> dict[str, tuple[bytes, Callable[[Path], str]]]:
-    """A text and a binary gmsh file of one small box."""
+    """Name → (sound gmsh file of a small box, text or binary, function that gives the outcome for a file)."""
     from femu_piezo.geometry.gmsh_session import gmsh_session
 
     with tempfile.TemporaryDirectory() as folder:
@@ -292,7 +298,7 @@ def meshes() -> dict[str, tuple[bytes, Callable[[Path], str]]]:
 
 
 def records() -> dict[str, tuple[bytes, Callable[[Path], str]]]:
-    """An update.json, as `export` reads it."""
+    """Name → (sound update.json, function that gives the outcome of `export` for a file)."""
     pzt = library_material("pzt-5h").constants
     record = {
         "specimen": "plate 07",
@@ -312,7 +318,7 @@ def records() -> dict[str, tuple[bytes, Callable[[Path], str]]]:
 
 
 def judge(path: Path, outcome: Callable[[Path], str]) -> str:
-    """The outcome of a file: what `outcome` says, "refused", "not one sentence", "traceback" or "hang"."""
+    """The outcome of a file: that of `outcome`, or "refused", "not one sentence", "traceback" or "hang"."""
 
     def alarm(number, frame):
         raise Hang
@@ -342,7 +348,7 @@ def run(
             raw, outcome = kinds[names[number % len(names)]]
             suffix = SUFFIXES.get(names[number % len(names)], ".toml" if b"[geometry]" in raw else ".csv")
             path = Path(folder) / f"x{suffix}"
-            if number < len(names):  # the sound file itself
+            if number < len(names):  # the first files are the sound ones themselves
                 path.write_bytes(raw)
                 assert judge(path, outcome) == "right", names[number]
                 continue
@@ -361,7 +367,7 @@ def run(
 
 
 def million_lines() -> str:
-    """A sweep of a million lines: how long reading it takes, and how much memory."""
+    """Time and memory for reading a sweep of a million lines, as a sentence."""
     import resource
 
     with tempfile.TemporaryDirectory() as folder:

@@ -1,9 +1,9 @@
-"""Prints what random plates, bars, disks and rings need of the reduction, one line each, and a count at the end.
+"""Prints the cost of the reduction for random plates, bars, disks and rings, one line each, and a count at the end.
 
     OMP_NUM_THREADS=1 python -m tests.benchmarks.reduction [--count 200] [--seed 1] [--verify 10]
 
-from the repository root. --verify: every so many specimens the estimated error is held against full solutions at the
-training constants that were worst to reach.
+from the repository root. --verify: for every so many specimens the estimated error is compared with full solutions at
+three random training constants.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from femu_piezo.material.constants import ElasticForm, PiezoConstants
 from femu_piezo.material.library import library_material, library_names
 from femu_piezo.study.shapes import first_mode_Hz
 
-#: Mesh error at the end of the band, loss of the solutions that verify, most unknowns of a specimen.
+#: Mesh error at the end of the band, loss tangent of the verifying solutions, largest number of unknowns of a specimen.
 MESH, LOSS, MOST = 1e-4, 0.005, 8_000
 
 
@@ -59,7 +59,7 @@ def draw_material(rng: np.random.Generator) -> tuple[PiezoConstants, float]:
 
 
 def draw_training(rng: np.random.Generator, kind: str, constants: PiezoConstants) -> tuple[str, list[PiezoConstants]]:
-    """What a simulation, an update or a diagnosis trains its basis for."""
+    """The training constants of a simulation, an update or a diagnosis, drawn at random, and its name."""
     elastic, charge = ("s33", "d33") if kind == "bar" else ("s11", "d31")
     names = (elastic, "s12", charge, "eps33T") if kind in ("disk", "ring") else (elastic, charge, "eps33T")
     free = FreeConstants.of(constants, names)
@@ -70,7 +70,9 @@ def draw_training(rng: np.random.Generator, kind: str, constants: PiezoConstants
 
 
 def diagnosed(constants: PiezoConstants, free: FreeConstants) -> list[PiezoConstants]:
-    """The start with its losses, corners of the free constants, and every held constant moved by 10 %."""
+    """Training constants of a diagnosis: the start with its losses, corners of the free constants, and every held
+    constant moved by 10 %.
+    """
     lossless = constants.lossless()
     sets = [constants, *free.training_sets(free.start, 0.05, 4)[1:]]
     for name, value in lossless.as_dict().items():

@@ -1,10 +1,11 @@
-"""How many equally spaced points tell two causes apart as well as a few that are chosen for it (`measure --separate`).
+"""How many equally spaced points separate two causes as well as a few chosen ones do (`measure --separate`).
 
     python tests/benchmarks/separation.py --draws 3
 
-Plates of the independent discretisation, 64 points equally spaced with noise. The two causes are those that explain
-them best. Either one is then fitted to noiseless data of the other one, at these points and at some further ones:
-16 chosen, or equally spaced. Shown is χ² that the further points add; and how many equally spaced ones add as much.
+Plates of the independent discretisation, 64 equally spaced points with noise. The two causes are those that explain
+them best. Each is then fitted to noiseless data of the other, at these points and at further ones: 16 chosen
+ones, or equally spaced ones. The table has χ² that the further points add, and the number of equally spaced points
+that add as much.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.progress import Clock
 from femu_piezo.study.subjects import subjects
 
-#: Hidden effect → the candidates: it and what imitates it.
+#: Hidden effect → modules of the candidates, the effect and others that imitate it.
 PAIRS = {
     "dielectric_dispersion": (losses, relaxation),
     "series_resistance": (circuits, electrode_resistance),
@@ -49,37 +50,43 @@ PAIRS = {
 START, CHOSEN, EQUAL = 64, 16, (16, 32, 64, 128, 256)
 
 
-def left_by(posterior: Posterior, right: Fit, wrong: Fit, extra: np.ndarray) -> float:
-    """χ² of the wrong cause fitted to what the right one predicts at the points there are and some further ones, Hz."""
-    evaluation, own, _ = posterior.whole_sweep(0, right)
+def misfit_of_wrong(posterior: Posterior, right: Fit, wrong: Fit, extra: np.ndarray) -> float:
+    """χ² of the wrong cause fitted to noiseless data of the right one, at the existing points and at further ones
+    `extra`, Hz.
+    """
+    evaluation, unknowns, _ = posterior.whole_sweep(0, right)
     evaluation = replace(evaluation, omega=np.sort(np.concatenate([evaluation.omega, 2 * np.pi * extra])))
     noise = np.full(evaluation.omega.size, float(np.median(right.data.relative_noise)))
-    data = SweepData(evaluation.omega / (2 * np.pi), evaluation.impedance(own, right.x), noise, noise_known=True)
+    data = SweepData(evaluation.omega / (2 * np.pi), evaluation.impedance(unknowns, right.x), noise, noise_known=True)
     return fit(evaluation, data, wrong.parameters, [wrong.x]).chi_square
 
 
 def added(posterior: Posterior, two: tuple[Fit, Fit], extra: np.ndarray) -> float:
-    """χ² that further points add, the mean of either cause being right."""
+    """χ² that further points add, the mean over either cause being the right one."""
     return float(
         np.mean(
-            [left_by(posterior, *pair, extra) - left_by(posterior, *pair, np.zeros(0)) for pair in (two, two[::-1])]
+            [
+                misfit_of_wrong(posterior, *pair, extra) - misfit_of_wrong(posterior, *pair, np.zeros(0))
+                for pair in (two, two[::-1])
+            ]
         )
     )
 
 
 def row(effect: str, number: int, bases: SharedBases, folder: Path) -> list[str]:
+    """A row of the table for a draw."""
     drawn = BODIES["plate"](number, effect)
     spectrum = Bench(drawn)(np.linspace(*BAND, START))
     several = subjects(
         measure_each([specimen_of(drawn, folder)], [spectrum]), [module.candidates for module in PAIRS[effect]]
     )
     posterior, comparison = compare_causes(several, Clock(lambda step: None), bases, Rules())
-    two = rivals(comparison)
-    if two is None:
+    rival_causes = rivals(comparison)
+    if rival_causes is None:
         return [effect, str(number), "nothing shows", *[""] * (len(EQUAL) + 3)]
     about = Linearised(posterior, comparison.final, 0.0)
-    best = added(posterior, two.fits, about.telling_apart(BAND, two.fits, CHOSEN)[0])
-    equal = [added(posterior, two.fits, np.linspace(*BAND, count + 2)[1:-1]) for count in EQUAL]
+    best = added(posterior, rival_causes.fits, about.telling_apart(BAND, rival_causes.fits, CHOSEN)[0])
+    equal = [added(posterior, rival_causes.fits, np.linspace(*BAND, count + 2)[1:-1]) for count in EQUAL]
     above = next((place for place, value in enumerate(equal) if value >= best), None)
     if above is None:
         worth = f"> {EQUAL[-1]}"
@@ -88,7 +95,14 @@ def row(effect: str, number: int, bases: SharedBases, folder: Path) -> list[str]
     else:
         worth = f"{np.exp(np.interp(best, equal[above - 1 : above + 1], np.log(EQUAL[above - 1 : above + 1]))):.0f}"
     shown = [f"{value:.3g}" for value in (best, *equal)]
-    return [effect, str(number), f"{two.first}, {two.second}", f"{two.log_odds:.1f}", *shown, worth]
+    return [
+        effect,
+        str(number),
+        f"{rival_causes.first}, {rival_causes.second}",
+        f"{rival_causes.log_odds:.1f}",
+        *shown,
+        worth,
+    ]
 
 
 if __name__ == "__main__":

@@ -2,8 +2,8 @@
 
     OMP_NUM_THREADS=1 python -m tests.benchmarks.slabs_in_ngsolve PYTHON_WITH_NGSOLVE [--only rounded …] [--order 4]
 
-from the repository root. No wraps are drawn. tests/verification/test_slab_meshes.py holds our meshes
-to numbers printed here.
+from the repository root. Wrapped electrodes are not supported. tests/verification/test_slab_meshes.py compares our
+meshes with the numbers printed here.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tests.verification.test_slab_meshes import DENSITY, FORM, MM, SHEAR, SMALL,
 
 
 def outline(region: Region) -> list:
-    """A region as in_ngsolve.py draws it, mm."""
+    """A region in the form that in_ngsolve.py draws, mm."""
     if isinstance(region, Circle):
         return ["circle", region.diameter / MM, *(x / MM for x in region.center)]
     if isinstance(region, Rectangle):
@@ -29,6 +29,7 @@ def outline(region: Region) -> list:
 
 
 def problem(shape: Slab, band: float, order: int, edge: float, levels: int) -> dict:
+    """The task for in_ngsolve.py."""
     rims = bool(partial_footprints(shape))
     copies = 2 ** len({0, 1} & set(shape.mirrors))
     return {
@@ -76,6 +77,7 @@ def main() -> None:
 
 
 def hertz(values: np.ndarray) -> np.ndarray:
+    """Frequencies of eigenvalues λ (rad²/s²), Hz."""
     return np.sqrt(np.abs(values)) / (2 * np.pi)
 
 

@@ -1,11 +1,12 @@
-"""Pairs that one sweep cannot tell: the separation that is expected of the recommended measurement, and what it brings.
+"""Pairs of causes that one sweep cannot separate: separation that a plan expects of a further measurement, and reached.
 
     python tests/benchmarks/told_apart.py [PAIR …]
 
-One line a pair: the cause that is in the data, what it is taken for, the measurement that is recommended, and σ with
-the one sweep, as the plan expects, and with the further data: √(Δχ²), what the wrong cause misses beyond the right one,
-or all constants without the cause. Where a constant imitates it the plan's figures are its size over its deviation,
-scaled to the true size. Sweeps by the spectral elements of tests/hidden_effects, 0.1 % of noise.
+One line for each pair: the cause in the data, the cause or constant that imitates it, the recommended measurement, and
+the separation in σ with the one sweep, as the plan expects it, and with the further data: √(Δχ²) of the wrong cause, or
+of the constants alone, over the right cause. Where a constant imitates it, the plan gives size over deviation,
+scaled here to the true size. The sweeps come from the spectral elements of tests/hidden_effects, with noise of
+0.07 % (drifts) or 0.1 %.
 """
 
 from __future__ import annotations
@@ -34,12 +35,12 @@ STRAY, LONGER = 40e-12, 0.01
 
 @dataclass
 class Pair:
-    """A cause in the data, what one sweep takes it for, and the measurement that tells.
+    """A cause in the data, the cause or constant that imitates it, and the measurement that separates them.
 
     Attributes
     ----------
-    size : of the cause, SI; None where the other is a cause as well
-    first, further : specimen files of the one sweep and of all data
+    size : size of the cause, SI; None where the imitation is a cause as well
+    first, further : specimen file of the one sweep, and specimen files of all data
     effects : the candidates; those of the library where None
     """
 
@@ -53,7 +54,7 @@ class Pair:
 
 
 def drift(folder: Path) -> Pair:
-    """The second sweep goes back without a pause."""
+    """A drift in a rising sweep; the second sweep goes down without a pause."""
     bench = Bench(folder)
     bench.add("up", sweep(softer(up), seed=1), direction="up")
     first = bench.write().rename(folder / "first.toml")
@@ -62,7 +63,7 @@ def drift(folder: Path) -> Pair:
 
 
 def window(folder: Path) -> Pair:
-    """The same in a window about the fundamental, where a constant takes its part."""
+    """A drift in a window around the fundamental, where a constant absorbs a part of it."""
     bench, frequency = Bench(folder), np.linspace(100e3, 140e3, 401)
 
     def passed(f: float) -> float:
@@ -75,19 +76,22 @@ def window(folder: Path) -> Pair:
 
 
 def stray(folder: Path) -> Pair:
-    """The same fixture at a plate half as long."""
+    """A stray capacitance of the fixture; the second plate, half as long, is in the same fixture."""
     paths = [_plate(folder, name, share, beside=STRAY) for name, share in (("whole", 1.0), ("half", 0.5))]
     return Pair("stray_capacitance", "eps33T", SECOND, STRAY, paths[0], paths, FEW)
 
 
 def length(folder: Path) -> Pair:
-    """A plate longer than its file says, and a right one half as long."""
+    """A plate longer than its file states, and a right one half as long."""
     paths = [_plate(folder, "whole", 1.0, longer=LONGER), _plate(folder, "half", 0.5)]
     return Pair("wrong_length", "s11", SECOND, LONGER, paths[0], paths, (*FEW, dimensions.candidates))
 
 
 def _plate(folder: Path, name: str, share: float, *, beside: float = 0.0, longer: float = 0.0) -> Path:
-    """Specimen file of a plate of a share of the length, its sweep over the same part of its resonances."""
+    """Specimen file and sweep of a plate with a share of the length, over the same part of its resonances.
+
+    beside : stray capacitance, F; longer : relative error of the length
+    """
     size, frequency = SIZE * [share, 1, 1], FREQUENCY / share
     build = Build(size * [1 + longer, 1, 1], DENSITY, truth(), 115e3 / share)
     build.circuits.append(lambda w, z: 1 / (1 / z + 1j * w * beside))
@@ -106,28 +110,28 @@ def _plate(folder: Path, name: str, share: float, *, beside: float = 0.0, longer
 PAIRS = {"drift": drift, "window": window, "stray": stray, "length": length}
 
 
-def told(pair: Pair) -> tuple[float, float, float]:
-    """σ now, expected and reached."""
+def separation(pair: Pair) -> tuple[float, float, float]:
+    """Separation in σ now, as expected, and as reached."""
     alone = diagnose(read_specimen(pair.first), effects=pair.effects)
     pairs = [one for one in alone.separations if one.cause == pair.cause and one.other == pair.other]
     plans = [one for one in pairs if one.measurement == pair.measurement]
     if not plans:
         raise SystemExit(f"{pair.cause} against {pair.other}: the verdict recommends {[p.measurement for p in pairs]}")
     (plan,) = plans
-    both = diagnose([read_specimen(path) for path in pair.further], effects=pair.effects)
+    with_further = diagnose([read_specimen(path) for path in pair.further], effects=pair.effects)
     scale = 1.0 if pair.size is None else pair.size / float(plan.size.split()[0])
-    return scale * plan.now, scale * plan.expected, _beyond(both, pair)
+    return scale * plan.now, scale * plan.expected, _beyond(with_further, pair)
 
 
 def _beyond(diagnosis, pair: Pair) -> float:
     """√(Δχ²) of the wrong cause, or of the constants alone, over the right one."""
     alone = replace(diagnosis.comparison.base, discrepancy=None).chi_square
-    left = {pair.other: alone} if pair.size is not None else {}
+    misfit = {pair.other: alone} if pair.size is not None else {}
     for one in diagnosis.comparison.singles:
         if one.fit is not None:
             name = one.effect.name
-            left[name] = min(left.get(name, np.inf), one.fit.chi_square)
-    return float(np.sqrt(max(0.0, left[pair.other] - left[pair.cause])))
+            misfit[name] = min(misfit.get(name, np.inf), one.fit.chi_square)
+    return float(np.sqrt(max(0.0, misfit[pair.other] - misfit[pair.cause])))
 
 
 def main(wanted: Sequence[str]) -> None:
@@ -136,7 +140,7 @@ def main(wanted: Sequence[str]) -> None:
     for name in wanted or PAIRS:
         with TemporaryDirectory() as folder:
             pair = PAIRS[name](Path(folder))
-            now, expected, reached = told(pair)
+            now, expected, reached = separation(pair)
         words = f"{pair.cause:20s}{pair.other:16s}{pair.measurement:66s}"
         print(f"{words}{now:8.1f}{expected:10.1f}{reached:9.1f}", flush=True)
 

@@ -1,9 +1,9 @@
-"""What `update` reaches: starts 30 % off, intervals, cost of the simplification, time.
+"""What `update` reaches: convergence from 30 % away, coverage of intervals, bias of the simplification, and time.
 
     python tests/benchmarks/updating.py
 
-Data come from a full solve at every frequency on another mesh than the model's, fully anisotropic PZT-5H with its
-own loss tangent for every constant. Takes some minutes.
+Data come from full solutions at every frequency on another mesh than the model's, of fully anisotropic PZT-5H with a
+loss tangent of its own for every constant. Takes some minutes.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ CONSOLE = Console(width=110)
 
 
 def data(band: tuple[float, float], points: int, divisions: tuple[int, int, int]) -> ImpedanceSpectrum:
-    """Noise-free sweep by full solves."""
+    """A noise-free sweep by full solutions."""
     model = ElectroelasticModel(PLATE.domain(divisions), DENSITY)
     frequency = np.linspace(*band, points)
     return ImpedanceSpectrum(frequency, full_impedance(model, TRUTH.to_e_form(), frequency))
@@ -68,14 +68,14 @@ def _model(band: float, accuracy: float) -> ElectroelasticModel:
 def _fitted(
     model: ExtendedModel, free: FreeConstants, theta: np.ndarray, sweep: ImpedanceSpectrum, level: float = 1e-3
 ) -> Fit:
-    """The most probable constants from complex θ, everything but the noise exactly known."""
+    """The most probable constants from the start θ, with everything but the noise exactly known."""
     unknowns = Unknowns(MaterialParameters.around(free, free.start), material_prior(free, {}, {}))
     data = SweepData(sweep.frequency, sweep.impedance, np.full(len(sweep), level), True)
     return fit(Evaluation(model, sweep.omega), data, unknowns, [unknowns.material.x_of(theta)])
 
 
 def starts(sweep: ImpedanceSpectrum, count: int = 50) -> None:
-    """Every free real part drawn within ±30 %: pole-zero Newton from there, then the curve."""
+    """Print how many curve fits converge from free real parts drawn within ±30 %, and whether to the same answer."""
     model = _model(sweep.frequency[-1], 1e-5)
     free = FreeConstants.of(TRUTH, TRIO)
     reduced = extend_model(model, free.training_sets(free.start, 0.3), (), sweep.frequency[-1])
@@ -99,7 +99,9 @@ def starts(sweep: ImpedanceSpectrum, count: int = 50) -> None:
 
 
 def starts_of_update(sweep: ImpedanceSpectrum, count: int = 50) -> None:
-    """The same draws in the specimen file: `update` takes its start from the sweep by 1-D formulas."""
+    """Print the same for `update`, with the drawn values in the file; it takes its start from the sweep by 1-D
+    formulas.
+    """
     rng = np.random.default_rng(5)
     found, failed, seconds = [], [], []
     with tempfile.TemporaryDirectory() as folder:
@@ -129,7 +131,7 @@ def starts_of_update(sweep: ImpedanceSpectrum, count: int = 50) -> None:
 
 
 def coverage(sweep: ImpedanceSpectrum, draws: int = 100, level: float = 1e-3) -> None:
-    """Errors in units of the stated standard deviations over noise draws."""
+    """Print the coverage of intervals over noise draws."""
     model = _model(sweep.frequency[-1], 1e-6)
     free = FreeConstants.of(TRUTH, TRIO)
     reduced = extend_model(model, free.training_sets(free.start, 0.1), (), sweep.frequency[-1], accuracy=1e-6)
@@ -152,7 +154,7 @@ def coverage(sweep: ImpedanceSpectrum, draws: int = 100, level: float = 1e-3) ->
 
 
 def simplification(narrow: ImpedanceSpectrum, wide: ImpedanceSpectrum) -> None:
-    """Bias of the paper's isotropic simplification where the truth is anisotropic."""
+    """Print the bias of the paper's isotropic simplification for anisotropic data."""
     table = Table(title="bias of the isotropic simplification, truth anisotropic PZT-5H", title_justify="left")
     for heading in ("sweep", *TRIO, *(f"tan {name}" for name in TRIO)):
         table.add_column(heading, justify="right")
@@ -170,7 +172,7 @@ def simplification(narrow: ImpedanceSpectrum, wide: ImpedanceSpectrum) -> None:
 
 
 def speed(sweep: ImpedanceSpectrum) -> None:
-    """Curve fit of six real unknowns at 1601 points on a standing basis."""
+    """Print the time of a curve fit of six real unknowns at 1601 points on an existing basis."""
     free = FreeConstants.of(TRUTH, TRIO)
     top = sweep.frequency[-1]
     reduced = extend_model(_model(top, 1e-4), free.training_sets(free.start, 0.2), (), top)
