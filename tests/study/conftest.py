@@ -1,4 +1,4 @@
-"""Specimens with sweeps made by a full solve at every frequency on another mesh than any update uses."""
+"""Specimens whose sweeps come from full solutions at every frequency, on another mesh than any update uses."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 TANGENTS = np.array([15, 13, 12, 16, 20, 13, 12, 14, 18, 17]) * 1e-3
 DENSITY = 7500.0
 
-#: One [geometry] table per specimen of the tests, with the mesh its data come from and the band.
+#: Name → body, divisions of the mesh for its data, and band (Hz) around its fundamental.
 BODIES = {
     "k31": (Plate(12e-3, 3e-3, 1e-3), (11, 4, 2), (105e3, 140e3)),
     "k33": (Plate(10e-3, 2e-3, 2e-3, "length"), (12, 3, 3), (100e3, 215e3)),
@@ -34,7 +34,7 @@ def truth() -> PiezoConstants:
 
 
 def solved(name: str, constants: PiezoConstants) -> ImpedanceSpectrum:
-    """Noise-free sweep of a body: 500 Hz and 60 points about the fundamental."""
+    """Noise-free sweep of a body: 500 Hz, and 60 points around the fundamental."""
     plate, divisions, band = BODIES[name]
     frequency = np.concatenate([[500.0], np.linspace(*band, 60)])
     model = ElectroelasticModel(plate.domain(divisions), DENSITY)
@@ -55,7 +55,10 @@ def sweeps(truth) -> dict[str, ImpedanceSpectrum]:
 
 @pytest.fixture
 def write_specimen_of(tmp_path, truth):
-    """Write specimen file and sweep of a body: free constants wrong by given factors, all others true."""
+    """A function that writes specimen file and sweep of a body.
+
+    Free constants are wrong by the given factors, all others true.
+    """
 
     def write(
         name: str,

@@ -1,6 +1,6 @@
-"""A sweep that follows from its own points: what it reaches, when it ends, and that no narrow resonance is missed.
+"""An adaptive sweep: what it reaches, when it ends, and that no narrow resonance is missed.
 
-The data come from an independent discretisation (`hidden_effects`), with everything off by its tolerance.
+The data come from an independent discretisation (`hidden_effects`), with every quantity off by its tolerance.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from femu_piezo.study.model_cache import SharedBases
 from femu_piezo.study.update import update
 
 BAND, NOISE = (20e3, 240e3), 5e-4
-#: Peak of |ΔZ/Z| from which a resonance is plain to see in a dense sweep.
+#: Peak of |ΔZ/Z| above which a resonance is plainly visible in a dense sweep.
 PLAIN = 0.1
 
 
 @dataclass
 class Bench:
-    """A drawn plate with noise, and perhaps a further narrow mode.
+    """Measures a drawn plate with noise, and possibly with a further narrow mode; keeps the frequencies asked for.
 
-    mode : (frequency, Hz, Q, k_eff²) of a branch beside the capacitance, Y = jωC k²/(1 − (f/f0)² + j f/(f0 Q))
+    mode : (frequency, Hz, Q, k_eff²) of a branch parallel to the plate, Y = jωC k²/(1 − (f/f0)² + j f/(f0 Q))
     """
 
     drawn: Draw
@@ -46,7 +46,7 @@ class Bench:
         return ImpedanceSpectrum(frequency, z, source="bench")
 
     def clean(self, frequency: np.ndarray) -> np.ndarray:
-        """Z (n,), ohm."""
+        """Z (n,) without noise, ohm."""
         z = self.drawn.build.impedance(np.append(frequency, BAND[1]))[:-1]
         return z if self.mode is None else 1 / (1 / z + self.branch(frequency))
 
@@ -81,7 +81,9 @@ def specimen(drawn, tmp_path):
 
 @pytest.mark.slow
 def test_hundred_points_tell_what_four_hundred_equally_spaced_do(drawn, specimen, bases):
-    """Deviations within a tenth, the one that noise limits smaller, and the truth within what is stated."""
+    """Deviations are at most 10 % larger, that of the tangent of s11, which noise limits, smaller; the truth lies
+    within 4 of them.
+    """
     bench = Bench(drawn)
     found = adapt(specimen, bench, Wish(points=100, band_Hz=BAND), bases=bases)
     assert found.ended == "points" and len(found.spectrum) == 100 == sum(one.size for one in bench.asked)
@@ -99,7 +101,8 @@ def test_hundred_points_tell_what_four_hundred_equally_spaced_do(drawn, specimen
 
 
 @pytest.mark.slow
-def test_it_ends_when_what_was_asked_for_is_reached(drawn, specimen, bases):
+def test_it_ends_when_the_wanted_deviation_is_reached(drawn, specimen, bases):
+    """The tangent of s11 to 0.7 of what the first points state."""
     coarse = adapt(specimen, Bench(drawn), Wish(points=64, band_Hz=BAND), bases=bases)
     goal = {"tan_s11": 0.7 * coarse.states[0].deviations["tan_s11"]}
     found = adapt(specimen, Bench(drawn), Wish(points=400, band_Hz=BAND, deviations=goal), bases=bases)
@@ -108,15 +111,15 @@ def test_it_ends_when_what_was_asked_for_is_reached(drawn, specimen, bases):
 
 
 def test_it_ends_when_more_points_would_not_help(drawn, specimen, bases):
-    """Density and length leave s11 some 0.5 %, whatever is swept."""
+    """The tolerances of density and length leave s11 an uncertainty of about 0.5 %, whatever is measured."""
     wish = Wish(points=400, band_Hz=BAND, deviations={"s11": 1e-4})
     found = adapt(specimen, Bench(drawn), wish, bases=bases)
     assert found.ended == "tolerances" and len(found.spectrum) < 400
     assert found.states[-1].deviations["s11"] > 1e-3 and "tolerances" in found.sentence
 
 
-def test_a_measurement_that_was_broken_off_goes_on(drawn, specimen, bases):
-    """No point is asked for twice, and the budget counts those that there are."""
+def test_an_interrupted_measurement_is_resumed(drawn, specimen, bases):
+    """No point is measured twice, and the budget of points counts the existing ones."""
     wish = Wish(points=100, band_Hz=BAND)
     first = Bench(drawn)
     begun = first(watching(BAND, 100)[:37])
@@ -129,6 +132,7 @@ def test_a_measurement_that_was_broken_off_goes_on(drawn, specimen, bases):
 
 @pytest.mark.slow
 def test_the_next_frequencies_without_an_instrument_are_those_of_the_loop(drawn, specimen):
+    """`next_frequencies` after the first points gives the second request of the loop."""
     bench = Bench(drawn)
     adapt(specimen, bench, Wish(points=100, band_Hz=BAND))
     first = Bench(drawn)(bench.asked[0])
@@ -136,9 +140,9 @@ def test_the_next_frequencies_without_an_instrument_are_those_of_the_loop(drawn,
 
 
 def test_points_at_one_frequency_are_averaged():
-    one = ImpedanceSpectrum(np.array([1.0, 2.0]), np.array([1.0, 4.0 + 0j]))
-    both = joined(one, ImpedanceSpectrum(np.array([2.0, 3.0]), np.array([6.0 + 2j, 1.0])))
-    assert both.frequency.tolist() == [1.0, 2.0, 3.0] and both.impedance[1] == 5.0 + 1j
+    first = ImpedanceSpectrum(np.array([1.0, 2.0]), np.array([1.0, 4.0 + 0j]))
+    together = joined(first, ImpedanceSpectrum(np.array([2.0, 3.0]), np.array([6.0 + 2j, 1.0])))
+    assert together.frequency.tolist() == [1.0, 2.0, 3.0] and together.impedance[1] == 5.0 + 1j
 
 
 @pytest.mark.parametrize(
@@ -150,15 +154,15 @@ def test_points_at_one_frequency_are_averaged():
         (Wish(band_Hz=(2e5, 1e5)), "no band"),
     ],
 )
-def test_what_cannot_be_is_told_before_anything_is_measured(specimen, drawn, wish, words):
+def test_impossible_wishes_are_refused_before_anything_is_measured(specimen, drawn, wish, words):
     bench = Bench(drawn)
     with pytest.raises(InputError, match=words):
         adapt(specimen, bench, wish)
     assert not bench.asked
 
 
-def test_without_a_resonance_the_reason_is_told(drawn, specimen, bases):
-    """A capacitor: the budget is spent on looking for one."""
+def test_a_sweep_without_a_resonance_ends_with_the_reason(drawn, specimen, bases):
+    """A capacitor: the whole budget of points goes into the search for a resonance."""
 
     def capacitor(frequency: np.ndarray) -> ImpedanceSpectrum:
         normal = np.random.default_rng(frequency.size).standard_normal(frequency.size)
@@ -169,14 +173,18 @@ def test_without_a_resonance_the_reason_is_told(drawn, specimen, bases):
 
 
 def hidden(seed: int, expected_quality: float) -> tuple[float, float, float]:
-    """A mode at a random place, as sharp as expected up to four times as much, plain to see where it is narrowest."""
+    """A mode (f, Q, k_eff²) at a random place, with one to four times the expected Q, whose narrowest peak is
+    plainly visible.
+    """
     rng = np.random.default_rng([2126, seed])
     quality = expected_quality * np.exp(rng.uniform(0, np.log(4)))
     return float(rng.uniform(60e3, 235e3)), float(quality), float(PLAIN / quality * np.exp(rng.uniform(0, np.log(10))))
 
 
 def misses(seeds, folder: Path, bases) -> list[int]:
-    """Seeds whose hidden mode a dense sweep shows, and of 100 points neither the departures nor three points do."""
+    """Seeds whose mode is visible in a dense sweep, but is not reported as a departure near its place, or has fewer
+    than 3 of the 100 points within a bandwidth.
+    """
     found, shown = [], 0
     for seed in seeds:
         drawn = draw("laboratory:none", seed % 5)
@@ -197,14 +205,16 @@ def misses(seeds, folder: Path, bases) -> list[int]:
 
 
 def test_crowded_points_do_not_move_the_median_over_the_band():
-    """Ninety points within a hundredth of the band, where the model is bent, say nothing of all of it."""
+    """Ninety points within a hundredth of the band, where values are 30 times as large: the median over frequency is
+    that of the rest.
+    """
     frequency = np.union1d(np.linspace(0.0, 100.0, 101), np.linspace(50.01, 50.99, 90))
     values = np.where(np.abs(frequency - 50.5) < 0.5, 30.0, 1.0) + 1e-3 * frequency
     assert np.median(values) > 1.05 and _median_over(np.gradient(frequency), values) == pytest.approx(1.05, abs=2e-3)
 
 
 @pytest.mark.slow
-def test_a_hidden_narrow_mode_is_seen(tmp_path, bases):
+def test_a_hidden_narrow_mode_is_found(tmp_path, bases):
     assert misses(range(1), tmp_path, bases) == []
 
 

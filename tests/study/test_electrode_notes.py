@@ -1,4 +1,4 @@
-"""Bodies whose electrodes end inside a face say so wherever their mesh does not follow the field there."""
+"""Bodies whose electrodes end inside a face carry a note wherever their mesh does not resolve the field there."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ PARTIAL = ['electrode_length = "5 mm"', 'electrode_margin = "0.5 mm"', 'wrap_len
 
 
 @pytest.mark.parametrize("more", PARTIAL)
-def test_partial_electrodes_are_told(more, tmp_path):
-    """Of tetrahedra and of quadratic hexahedra; a grid keeps the accuracy asked for."""
+def test_partial_electrodes_carry_a_note(more, tmp_path):
+    """For tetrahedra and for bodies with round corners; a grid keeps the accuracy asked for and needs none."""
     assert electrode_notes(read_specimen(specimen(tmp_path, more))) == ()
     (round_corners,) = electrode_notes(read_specimen(specimen(tmp_path, more + '\ncorner_radius = "0.3 mm"')))
     assert "up to 1e-3 in λ" in round_corners and "tetrahedron" in round_corners

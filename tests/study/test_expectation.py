@@ -1,4 +1,6 @@
-"""`identify`: what an update will state, and what a smaller tolerance brings, held against doing it."""
+"""`identify`: the deviations that an update will state and the gain by a smaller tolerance, against files with that
+tolerance and updates.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +15,15 @@ import femu_piezo as fp
 from femu_piezo.cli import main
 from femu_piezo.specimen.file import read_specimen
 
-#: A plate with the usual tolerances and sweeps of twelve pieces of it, by spectral elements (make_sweep.py there).
+#: A plate with the usual tolerances, and sweeps of twelve such plates by spectral elements (make_sweep.py there).
 FOLDER = Path(__file__).resolve().parents[2] / "tutorials" / "stated_uncertainty"
 PLATE = (FOLDER / "plate.toml").read_text(encoding="utf-8")
 
 
 @pytest.fixture
 def specimen(tmp_path):
+    """A function that writes a specimen file and reads it."""
+
     def written(text: str = PLATE, name: str = "plate.toml"):
         (tmp_path / name).write_text(text, encoding="utf-8")
         return read_specimen(tmp_path / name)
@@ -29,15 +33,18 @@ def specimen(tmp_path):
 
 @pytest.fixture(scope="module")
 def today():
+    """What is expected with the tolerances of the file."""
     return fp.identify(FOLDER / "plate.toml", recommend=False).expected
 
 
-def promise(expected, tolerance: str):
+def improvement(expected, tolerance: str):
+    """The expected improvement by one tolerance."""
     (one,) = (one for one in expected.improvements if one.tolerance == tolerance)
     return one
 
 
 def relative(parameters) -> dict[str, float]:
+    """Name of constant or tangent → its stated deviation."""
     pairs = ((f"{kind}{n}", std) for n, p in parameters.items() for kind, std in (("", p.std), ("tan_", p.tan_std)))
     return dict(pairs)
 
@@ -54,29 +61,29 @@ HALVED = {
 
 
 @pytest.mark.parametrize("tolerance", HALVED)
-def test_promise_is_what_a_file_with_half_the_tolerance_gives(tolerance, today, specimen):
-    """Every kind of tolerance written into the file and all computed anew, to rounding."""
+def test_expected_gain_is_that_of_a_file_with_half_the_tolerance(tolerance, today, specimen):
+    """Each kind of tolerance halved in the file and everything computed anew: equal to rounding."""
     again = fp.identify(specimen(PLATE.replace(*HALVED[tolerance])), recommend=False).expected
-    one = promise(today, tolerance)
-    assert promise(again, tolerance).today == pytest.approx(one.today / 2, rel=1e-12)
+    one = improvement(today, tolerance)
+    assert improvement(again, tolerance).today == pytest.approx(one.today / 2, rel=1e-12)
     assert relative(again.parameters) == pytest.approx(one.halved, rel=1e-5 if tolerance == "noise" else 1e-9)
-    assert max(one.shrinks(label) for label in one.before) > 1e-5  # it is about something
+    assert max(one.shrinks(label) for label in one.before) > 1e-5  # halving the tolerance has some effect
 
 
 @pytest.mark.parametrize(("piece", "tolerance"), [(1, "std_width"), (2, "std_density"), (12, "phase_accuracy")])
-def test_promise_is_what_an_update_of_a_sweep_states(piece, tolerance, today, specimen):
-    """Of a sweep by another discretisation, whose constants are not those of the plan; the deviations and their fall.
+def test_expected_deviations_are_those_of_an_update(piece, tolerance, today, specimen):
+    """Updates of sweeps by another discretisation, with the tolerance and with half of it.
 
-    The plan is linear, at constants 3 % off and tangents up to 0.004 off, and of the noise in the mean: 8 % in the
-    deviations themselves, 3 % in what halving the tolerance makes of them.
+    The expectation is linear, about constants up to 3 % and tangents up to 0.004 off, and for average noise: 8 % are
+    allowed in the deviations, 3 % in their reduction.
     """
     columns = np.loadtxt(FOLDER / "sweep.csv", delimiter=",", skiprows=1, unpack=True)
     sweep = fp.ImpedanceSpectrum.from_resistance_reactance(columns[0], columns[2 * piece - 1], columns[2 * piece])
-    one = promise(today, tolerance)
+    one = improvement(today, tolerance)
     before, after = (
         relative(fp.update(specimen(text), sweep).parameters) for text in (PLATE, PLATE.replace(*HALVED[tolerance]))
     )
-    assert one.shrinks(one.best(tangents=tolerance == "phase_accuracy")[0]) > 0.15  # the case has something to show
+    assert one.shrinks(one.best(tangents=tolerance == "phase_accuracy")[0]) > 0.15  # the tolerance matters in this case
     for label in ("s11", "d31", "eps33T", "tan_d31", "tan_eps33T"):
         assert before[label] == pytest.approx(one.before[label], rel=0.08), label
         assert after[label] / before[label] == pytest.approx(1 - one.shrinks(label), rel=0.03), label
@@ -93,10 +100,12 @@ std_mass = 0.003
 
 
 def test_a_reading_is_counted_and_what_a_better_one_would_bring(today, specimen):
-    """A mass weighed to 0.3 %: held against a file with half of that, and against an update that has it."""
+    """A mass to 0.3 %: the gain by half of that against such a file, the deviations against an update with the
+    reading.
+    """
     planned = fp.identify(specimen(READ), recommend=False).expected
     better = fp.identify(specimen(READ.replace("0.003", "0.0015")), recommend=False).expected
-    one = promise(planned, "readings.std_mass")
+    one = improvement(planned, "readings.std_mass")
     assert relative(better.parameters) == pytest.approx(one.halved, rel=1e-9)
     assert planned.parameters["s11"].std < 0.9 * today.parameters["s11"].std
     columns = np.loadtxt(FOLDER / "sweep.csv", delimiter=",", skiprows=1, unpack=True)
@@ -108,22 +117,24 @@ def test_a_reading_is_counted_and_what_a_better_one_would_bring(today, specimen)
 
 
 def test_budget_adds_up_and_the_order_is_that_of_the_gains(today):
+    """Parts of the budget, the order of the improvements, and s11 by hand."""
     for one in today.parameters.values():
         assert {"noise", "geometry", "density", "held", "instrument", "prior"} == set(one.budget)
         assert np.sqrt(sum(part**2 for part in one.budget.values())) == pytest.approx(one.std, rel=1e-9)
         assert np.sqrt(sum(part**2 for part in one.tan_budget.values())) == pytest.approx(one.tan_std, rel=1e-9)
     gains = [one.best()[1] for one in today.improvements]
     assert gains == sorted(gains, reverse=True)
-    # held constants with tangents, dimensions and density, instrument, fixture, noise
+    # 7 held constants with tangents, 3 dimensions and density, 2 of the instrument, 3 of the fixture, noise
     assert len({one.tolerance for one in today.improvements}) == len(today.improvements) == 2 * 7 + 4 + 2 + 3 + 1
     # s11 follows from ρ L² f², so its deviation is hypot(0.5 %, 2 · 0.02/12); d31 and ε33T have width and thickness too
     assert today.parameters["s11"].std / 16.5e-12 == pytest.approx(np.hypot(0.005, 2 * 0.02 / 12), rel=0.02)
-    # what is exactly known adds nothing: the length alone is left
-    exact = promise(today, "std_density").exact["s11"] / 16.5e-12
+    # with the density exactly known, s11 has the uncertainty of the length alone
+    exact = improvement(today, "std_density").exact["s11"] / 16.5e-12
     assert exact == pytest.approx(2 * 0.02 / 12, rel=0.03)
 
 
 def test_noise_only_leaves_noise(specimen):
+    """With noise_only the noise is the single improvement, and half of it halves every deviation."""
     expected = fp.identify(specimen(PLATE + "\n[update]\nnoise_only = true\n"), recommend=False).expected
     (noise,) = expected.improvements
     assert noise.tolerance == "noise" and not noise.exact
@@ -132,7 +143,7 @@ def test_noise_only_leaves_noise(specimen):
 
 
 def test_tolerances_of_a_piece_that_was_weighed_and_of_two_specimens(specimen):
-    """A mass in kg; each specimen has its own dimensions, the fixture is common to both."""
+    """The tolerance of a mass is in kg; each specimen has its own dimensions, the fixture is common to both."""
     weighed = PLATE.replace('density = "7500 kg/m^3"', 'mass = "0.27 g"')
     long = PLATE.replace('"12 mm"', '"18 mm"').replace('"plate"\n\n', '"long"\n\n')
     expected = fp.identify([specimen(weighed), specimen(long, "long.toml")], recommend=False).expected
@@ -142,11 +153,15 @@ def test_tolerances_of_a_piece_that_was_weighed_and_of_two_specimens(specimen):
     assert by_name["std_length", "long"].today == by_name["std_length", "plate"].today == 20e-6
     assert ("residue.resistance", "") in by_name and ("std_s12", "") in by_name
     alone = fp.identify(specimen(weighed), recommend=False).expected
-    assert expected.parameters["eps33T"].std < 0.8 * alone.parameters["eps33T"].std  # two pieces tell more than one
+    assert (
+        expected.parameters["eps33T"].std < 0.8 * alone.parameters["eps33T"].std
+    )  # two specimens determine it better than one
 
 
 def test_a_cause_that_the_file_leaves_free_is_no_tolerance(specimen, today):
-    """Its prior is that of a cause: tangents are known less well, the fixture's resistance is not on the list."""
+    """A free lead has the prior of a cause: the residual resistance of the fixture is no improvement, and tangents
+    are less certain.
+    """
     leads = PLATE + '\n[effects.series_resistance]\nresistance = "1.5 ohm"\nfree = ["resistance"]\n'
     expected = fp.identify(specimen(leads), recommend=False).expected
     names = {one.tolerance for one in expected.improvements}
@@ -157,13 +172,14 @@ def test_a_cause_that_the_file_leaves_free_is_no_tolerance(specimen, today):
 
 
 def test_a_file_without_losses_has_the_usual_ones(specimen):
-    """Without, every constant would be known without limit; they are no tolerance and no statement of the file."""
+    """Tangents of 0.02 are assumed, since without losses every constant would be determined without limit."""
     bare = "".join(line for line in PLATE.splitlines(keepends=True) if not line.startswith("tan_"))
     expected = fp.identify(specimen(bare), recommend=False).expected.parameters
     assert [one.tan for one in expected.values()] == pytest.approx([0.02] * 3)
 
 
 def test_command_prints_and_writes_them(tmp_path):
+    """Table, identifiability.json and budget.png."""
     answer = CliRunner().invoke(main, ["identify", str(FOLDER / "plate.toml"), "--out", str(tmp_path / "out")])
     assert answer.exit_code == 0, answer.output
     assert "what a sweep with 0.1 % noise tells" in answer.output  # the noise of the file

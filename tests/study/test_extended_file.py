@@ -1,4 +1,4 @@
-"""extended.toml: simulates to the fitted curve, and a further fit of it knows no more than the first one did."""
+"""extended.toml: it simulates the fitted curve, and a further fit of it knows no more than the first one."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NOISE = 5e-4
 
 
 class Keeping(Bases):
-    """Bases that remember the last one with effects of a sweep that was measured; plans have others."""
+    """Bases that keep the last basis with effects of a measured sweep, not of a plan."""
 
     last: ExtendedModel
 
@@ -38,7 +38,9 @@ class Keeping(Bases):
 
 @pytest.fixture(params=["no cause", "series_resistance", pytest.param("leakage", marks=pytest.mark.slow)])
 def diagnosed(request, sweeps, write_specimen_of, tmp_path):
-    """A plate 0.1 % wider and stiffer than its file says, by an instrument 0.1 % off; s11 of the file 1 % off."""
+    """A diagnosed plate and its extended file: width 0.1 % and gain 0.1 % off, s11 of the file 1 %, s12 2 % and d31
+    3 % off.
+    """
     frequency, z = sweeps["k31"].frequency, sweeps["k31"].impedance
     if request.param == "series_resistance":
         z = z + 60.0
@@ -58,14 +60,16 @@ def diagnosed(request, sweeps, write_specimen_of, tmp_path):
 
 
 def curve(one: SimpleNamespace, file: Specimen) -> np.ndarray:
-    """Z (k,) of a file as simulations take it, by the reduced model of the diagnosis."""
+    """Z (k,) of a file as `simulate` takes it, by the reduced model of the diagnosis."""
     problem, frequency = prepare(file), one.result.spectrum.frequency
     known = effects_as_simulated(problem, (frequency[0], frequency[-1]))
     return simulated_with_effects(problem, one.model, frequency, known)
 
 
 def test_the_file_gives_the_fitted_curve(diagnosed):
-    """By the same model to 1e-6; every table counts for it."""
+    """Within 1e-6 by the same reduced model; without any table of [fitted] the curve differs by more than twice
+    that.
+    """
     fitted, file = diagnosed.result.curves[1], diagnosed.file
     assert np.max(np.abs(curve(diagnosed, file) / fitted - 1)) < 1e-6
     for left_out in ("material", "wrong_width", "wrong_insensitive_parameter", "instrument"):
@@ -75,7 +79,9 @@ def test_the_file_gives_the_fitted_curve(diagnosed):
 
 
 def test_simulate_gives_the_fitted_curve_within_the_error_of_its_mesh(diagnosed):
-    """The mesh of `simulate` has eigenvalues within the file's accuracy of 1e-4, that of a fit within its noise."""
+    """Within 1e-4 in Z: eigenvalues on the mesh of `simulate` have the file's accuracy of 1e-4, those of a fit
+    errors below the noise.
+    """
     frequency, fitted = diagnosed.result.spectrum.frequency[1:], diagnosed.result.curves[1][1:]
     sweep = Simulation(start=frequency[0], stop=frequency[-1], points=frequency.size)
     found = simulate(diagnosed.file.model_copy(update={"simulation": sweep})).spectrum
@@ -83,14 +89,17 @@ def test_simulate_gives_the_fitted_curve_within_the_error_of_its_mesh(diagnosed)
     assert np.max(np.abs(found.impedance / fitted - 1)) < 1e-4
 
 
-def test_what_was_known_beforehand_stays(diagnosed):
+def test_geometry_material_and_measurement_of_the_file_stay(diagnosed):
+    """Fitted constants are in a table of their own."""
     given, file = diagnosed.result.specimen, diagnosed.file
     assert (file.geometry, file.material, file.measurement) == (given.geometry, given.material, given.measurement)
     assert file.fitted_constants["s11"] != given.material.s11
 
 
 def test_a_further_update_knows_no_more(diagnosed):
-    """Values and intervals are those of the diagnosis: priors, tolerances and the size of the cause as before."""
+    """Values, deviations and budgets are those of the diagnosis: priors, tolerances and the prior of the cause are
+    the same.
+    """
     first = diagnosed.result.after
     again = update(diagnosed.file).parameters
     for name in TRIO:
@@ -102,20 +111,20 @@ def test_a_further_update_knows_no_more(diagnosed):
 
 
 def test_a_further_diagnosis_finds_nothing_more(diagnosed):
-    """Its own extended file has the same causes, still free."""
+    """The verdict is none, and its own extended file has the same free causes with the same sizes."""
     again = diagnose(diagnosed.file, effects=[circuits.candidates])
     assert again.verdict.word == "none"
-    one, other = extended_specimen(again), diagnosed.file
-    assert (one.effects is None) == (other.effects is None)
-    for name, table in (one.effects or {}).items():
-        assert table["free"] == other.effects[name]["free"] and set(table) == set(other.effects[name])
+    further, first = extended_specimen(again), diagnosed.file
+    assert (further.effects is None) == (first.effects is None)
+    for name, table in (further.effects or {}).items():
+        assert table["free"] == first.effects[name]["free"] and set(table) == set(first.effects[name])
         assert [table[key] for key in table["free"]] == pytest.approx(
-            [other.effects[name][key] for key in table["free"]], rel=1e-5
+            [first.effects[name][key] for key in table["free"]], rel=1e-5
         )
 
 
 def test_a_fit_starts_where_the_file_says_that_a_free_effect_is(sweeps, write_specimen_of, monkeypatch):
-    """Its prior is about nothing all the same; of an effect at a place the start decides which place is found."""
+    """The start is the value of the file, though the prior of the cause is centred on zero."""
     tail = 'noise = 5e-4\n[effects.series_resistance]\nresistance = 50.0\nfree = ["resistance"]\n'
     path = write_specimen_of("k31", sweeps["k31"], TRIO, more=tail, lossy=True)
     seen = []

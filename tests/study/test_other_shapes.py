@@ -1,4 +1,6 @@
-"""Start values and `update` of bodies that are no rectangular plates: disk, partly covered trapezoid, sheared plate."""
+"""Start values and `update` of bodies other than rectangular plates: disk, partly covered trapezoid, plate with a
+tilted poling.
+"""
 
 from __future__ import annotations
 
@@ -22,11 +24,12 @@ DENSITY = 7500.0
 
 
 def _frequency(eigenvalue: complex) -> float:
+    """Frequency of an eigenvalue λ, Hz."""
     return float(np.sqrt(eigenvalue.real) / (2 * np.pi))
 
 
 def test_disk_start_inverts_the_disk_formulas(truth):
-    """From pole and zero of a lossless thin disk with the right Poisson ratio: its constants, to rounding."""
+    """From pole and zero of a lossless thin disk with the right Poisson ratio: its constants to rounding."""
     material, radius = truth.lossless(), 12e-3
     pole, zero = (
         _frequency(thin_disk_eigenvalues(material, DENSITY, radius, 1, circuit)[0]) for circuit in ("short", "open")
@@ -41,7 +44,10 @@ def test_disk_start_inverts_the_disk_formulas(truth):
         assert eps == pytest.approx(material.eps33T.real, rel=1e-8), share
 
 
-def test_what_the_shapes_are_taken_for():
+def test_start_formula_of_each_shape():
+    """Whether a shape is a solid disk, which constants its first pole and zero give, and whether its static field is
+    uniform.
+    """
     assert solid_disk_radius(disk(20e-3, 1e-3)) == pytest.approx(10e-3)
     assert solid_disk_radius(Plate(20e-3, 20e-3, 1e-3)) is None
     assert pair_names(disk(20e-3, 1e-3)) == ("s11", "d31")
@@ -53,7 +59,7 @@ def test_what_the_shapes_are_taken_for():
 
 
 def _specimen(folder, truth, body, domain, geometry, free, factors, band, points=60):
-    """Specimen file and sweep of a body; the sweep by full solves on a mesh of its own."""
+    """Specimen file of a body and its sweep by full solutions on the given mesh."""
     model = ElectroelasticModel(domain, DENSITY)
     frequency = np.linspace(*band, points)
     write_spectrum(ImpedanceSpectrum(frequency, full_impedance(model, truth.to_e_form(), frequency)), folder / "z.csv")
@@ -68,7 +74,7 @@ def _specimen(folder, truth, body, domain, geometry, free, factors, band, points
 
 
 def test_update_of_a_disk(tmp_path, truth):
-    """Hexahedra update what tetrahedra made; start 20 to 25 % off. λ of the two meshes agrees to 1e-4."""
+    """Data on tetrahedra, update on hexahedra, whose λ agree to 1e-4; the start is 20 to 25 % off."""
     body = disk(12e-3, 1e-3, elements="tetrahedron")
     specimen = _specimen(
         tmp_path,
@@ -90,7 +96,7 @@ def test_update_of_a_disk(tmp_path, truth):
 
 @pytest.mark.slow
 def test_update_of_a_partly_covered_trapezoid(tmp_path, truth):
-    """No closed form for this one: the start comes from a bar of the same first mode."""
+    """A body without a closed form: the start comes from a bar with the same first mode."""
     body = trapezoid(14e-3, 4e-3, 2e-3, 1e-3, electrodes=Electrodes(span=(0.0, 9e-3)))
     specimen = _specimen(
         tmp_path,
@@ -112,5 +118,9 @@ def test_update_of_a_partly_covered_trapezoid(tmp_path, truth):
         points=30,
     )
     result = update(specimen)
-    for name, limit in (("s11", 1e-3), ("d31", 2e-3), ("eps33T", 2e-3)):  # the electrode's edge: some 1e-4 in λ
+    for name, limit in (
+        ("s11", 1e-3),
+        ("d31", 2e-3),
+        ("eps33T", 2e-3),
+    ):  # the edge of the electrode makes an error of some 1e-4 in λ
         assert result.parameters[name].value == pytest.approx(getattr(truth, name).real, rel=limit), name

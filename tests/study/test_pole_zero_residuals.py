@@ -1,4 +1,4 @@
-"""Δf, ΔQ and Δk_eff of every resonance against circuits whose poles are known in closed form."""
+"""Differences in frequency, Q and k_eff of every resonance, on circuits whose poles are known in closed form."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from femu_piezo.study.pole_zero_residuals import match, pole_zero_residuals
 
 FREQUENCY = np.linspace(50e3, 250e3, 501)
 NOISE = 1e-3
-#: Modes of the "specimen": pole Hz, loss, C_i/C_0.
+#: Modes of the "specimen": frequency of the pole (Hz), loss, C_i/C_0.
 MODES = ((100e3, 0.015, 0.08), (180e3, 0.012, 0.01))
 
 
 def circuit(modes) -> np.ndarray:
-    """Z of C_0 = 1 nF beside modes Y_i = jω C_i ω_i²(1 + jη)/(ω_i²(1 + jη) − ω²), ohm."""
+    """Z, ohm, of C_0 = 1 nF parallel to modes Y_i = jω C_i ω_i²(1 + jη)/(ω_i²(1 + jη) − ω²)."""
     omega = 2 * np.pi * FREQUENCY
     capacitance = np.ones(omega.size, dtype=complex)
     for pole, loss, share in modes:
@@ -33,12 +33,13 @@ def measured(modes, seed: int) -> ImpedanceSpectrum:
 
 
 def residuals(model, seed: int = 1, modes=MODES):
+    """Differences of the circuit `model` from a noisy sweep of the circuit `modes`."""
     extraction = extract(measured(modes, seed))
     return pole_zero_residuals(extraction, np.full(FREQUENCY.size, NOISE), circuit(model))
 
 
 def test_known_differences_are_found():
-    """The upper mode 0.2 % too high and of 10 % lower Q, its coupling doubled."""
+    """The upper mode of the model is 0.2 % too high, its Q 10 % too low, and its coupling doubled."""
     pole, loss, share = MODES[1]
     found = residuals((MODES[0], (1.002 * pole, loss / 0.9, 4 * share)))
     assert len(found.poles) == len(found.zeros) == 2
@@ -50,12 +51,12 @@ def test_known_differences_are_found():
     assert upper.coupling[0] == pytest.approx(100, abs=5)
     assert abs(lower.frequency[1]) < 4 and abs(lower.quality[1]) < 4
     assert upper.worst_sigma > 10
-    assert lower.coupling[0] < -1  # the stronger upper mode shifts the lower zero: its share of the compliance
+    assert lower.coupling[0] < -1  # the stronger upper mode adds to the static compliance and so shifts the lower zero
     assert found.unexplained == found.extra == ()
 
 
 def test_right_model_differs_by_noise_alone():
-    """Over 15 draws the differences have the deviation that they claim: 1 within 3.5 of its own errors."""
+    """Over 15 draws differences over their deviations have an rms of 1, within 3.5 of its standard errors and 0.1."""
     sigmas = []
     for seed in range(15):
         found = residuals(MODES, seed)
@@ -66,6 +67,7 @@ def test_right_model_differs_by_noise_alone():
 
 
 def test_resonance_that_the_simulation_lacks_is_unexplained():
+    """A third mode in the measurement alone."""
     found = residuals(MODES, modes=(*MODES, (140e3, 0.012, 0.003)))
     poles = [r for r in found.unexplained if r.kind == "pole"]
     assert len(poles) == 1 and poles[0].frequency_Hz == pytest.approx(140e3, rel=1e-3)
@@ -74,20 +76,24 @@ def test_resonance_that_the_simulation_lacks_is_unexplained():
     assert found.to_json()["measured_only"][0]["kind"] == "pole"
 
 
-def test_resonance_that_the_measurement_lacks_is_told():
+def test_resonance_that_the_measurement_lacks_is_extra():
+    """A third mode in the model alone."""
     found = residuals((*MODES, (140e3, 0.012, 0.003)))
     assert found.unexplained == ()
     assert [r.frequency_Hz for r in found.extra if r.kind == "pole"] == [pytest.approx(140e3, rel=1e-3)]
 
 
 def test_partner_beyond_the_end_of_the_sweep_is_no_stranger():
-    """A pole 0.3 % below the end of the sweep in the model, 0.3 % above it in the specimen."""
+    """A pole 0.3 % below the end of the sweep in the model and 0.3 % above it in the specimen is neither unexplained
+    nor extra.
+    """
     edge = FREQUENCY[-1]
     found = residuals((*MODES, (0.997 * edge, 0.012, 0.01)), modes=(*MODES, (1.003 * edge, 0.012, 0.01)))
     assert found.unexplained == found.extra == ()
 
 
 def test_weak_neighbour_is_not_taken_for_a_strong_mode():
+    """Modes 1 % apart in frequency are not matched if their couplings differ by a factor of 100."""
     strong, weak = (
         extract(measured(m, 2)).resonances.poles for m in (((100e3, 0.015, 0.08),), ((101e3, 0.015, 8e-4),))
     )
@@ -96,8 +102,10 @@ def test_weak_neighbour_is_not_taken_for_a_strong_mode():
     assert match([], [*weak]) == [] and match([*weak], []) == [None]
 
 
-def test_a_search_that_begins_with_the_modes_of_another_sweep_ends_as_one_that_begins_with_none():
-    """The other sweep begins later, is of a body three times as large, and has a mode that this one lacks."""
+def test_extraction_started_with_modes_of_another_sweep_ends_at_the_same_modes():
+    """The other sweep starts at a higher frequency, is of a body with three times the admittance, and has a further
+    mode.
+    """
     other = measured((*MODES, (220e3, 0.02, 0.005)), 2)
     part = slice(60, None)
     start = extract(ImpedanceSpectrum(FREQUENCY[part], other.impedance[part] / 3, other.noise[part] / 3)).model

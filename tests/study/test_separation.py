@@ -1,4 +1,4 @@
-"""Two causes told apart by where the sweep goes, on an independent discretisation (`hidden_effects`)."""
+"""Separation of two causes by the choice of frequencies, on an independent discretisation (`hidden_effects`)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ BAND = (20e3, 240e3)
 
 
 def bench(drawn, noise: float):
-    """Reads a drawn plate."""
+    """A function that measures a drawn plate with noise."""
     rng = np.random.default_rng([21, drawn.seed])
 
     def take(frequency: np.ndarray) -> ImpedanceSpectrum:
@@ -50,7 +50,9 @@ def bases() -> SharedBases:
 
 @pytest.fixture(scope="module")
 def compared(bases, tmp_path_factory):
-    """A plate with a permittivity that falls with frequency, after 64 points; what falls so may be a relaxation."""
+    """A plate whose permittivity falls with frequency, compared after 64 points; a relaxation explains such a fall
+    as well.
+    """
     drawn = draw("laboratory:dielectric_dispersion", 0)
     specimen = specimen_of(drawn, tmp_path_factory.mktemp("separation"))
     spectrum = bench(drawn, 1e-3)(np.linspace(*BAND, 64))
@@ -59,6 +61,7 @@ def compared(bases, tmp_path_factory):
 
 
 def test_the_pair_is_the_named_cause_and_the_best_in_its_place(compared):
+    """The named cause and its best alternative; log odds and whether they count as separated."""
     two = rivals(compared[1])
     assert (two.first, two.second, two.named) == ("dielectric_dispersion", "relaxation", True)
     assert two.log_odds == -next(t.log_odds for t in compared[1].found[0].fits if t.effect.title == "relaxation")
@@ -67,6 +70,7 @@ def test_the_pair_is_the_named_cause_and_the_best_in_its_place(compared):
 
 
 def test_where_nothing_is_named_the_pair_is_the_best_cause_and_none(compared):
+    """Or the two best causes where a misfit remains; no pair where every cause is improbable."""
     comparison = compared[1]
     alone = replace(comparison, final=comparison.base, found=(), discrepant=False)
     by_title = {one.effect.title: one for one in comparison.singles}
@@ -80,34 +84,42 @@ def test_where_nothing_is_named_the_pair_is_the_best_cause_and_none(compared):
 
 
 def test_sixteen_points_tell_what_sixty_four_equally_spaced_do(compared):
-    """By what either cause, fitted to noiseless data of the other one at all points, leaves of them."""
+    """Misfit of either cause fitted to noiseless data of the other: above 0.9 of that with 64 further points.
+
+    The gain by 16 chosen points is more than three times that by 16 equally spaced ones.
+    """
     posterior, comparison = compared
-    two = rivals(comparison)
+    rival_causes = rivals(comparison)
     about = Linearised(posterior, comparison.final, 0.0)
-    chosen, whole = about.telling_apart(BAND, two.fits, 16)
+    chosen, whole = about.telling_apart(BAND, rival_causes.fits, 16)
     few, many = (np.linspace(*BAND, count + 2)[1:-1] for count in (16, 64))
     assert np.unique(chosen).size == 16 and BAND[0] <= chosen.min() and chosen.max() <= BAND[1]
-    assert whole > about.separation(two.fits, chosen) > 3 * about.separation(two.fits, few)
-    for right, wrong in (two.fits, two.fits[::-1]):
+    assert whole > about.separation(rival_causes.fits, chosen) > 3 * about.separation(rival_causes.fits, few)
+    for right, wrong in (rival_causes.fits, rival_causes.fits[::-1]):
         before, best, equal, dense = (
-            left_by(posterior, right, wrong, extra) for extra in (np.zeros(0), chosen, few, many)
+            misfit_of_wrong(posterior, right, wrong, extra) for extra in (np.zeros(0), chosen, few, many)
         )
         assert best > 0.9 * dense and best - before > 3 * (equal - before) > 0
 
 
-def left_by(posterior, right: Fit, wrong: Fit, extra: np.ndarray) -> float:
-    """χ² of the wrong cause fitted to what the right one predicts at the points there are and some further ones, Hz."""
-    evaluation, own, _ = posterior.whole_sweep(0, right)
+def misfit_of_wrong(posterior, right: Fit, wrong: Fit, extra: np.ndarray) -> float:
+    """χ² of the wrong cause fitted to noiseless data of the right one, at the existing points and at further ones
+    `extra`, Hz.
+    """
+    evaluation, unknowns, _ = posterior.whole_sweep(0, right)
     evaluation = replace(evaluation, omega=np.sort(np.concatenate([evaluation.omega, 2 * np.pi * extra])))
     noise = np.full(evaluation.omega.size, float(np.median(right.data.relative_noise)))
-    z = evaluation.impedance(own, right.x)
+    z = evaluation.impedance(unknowns, right.x)
     data = SweepData(evaluation.omega / (2 * np.pi), z, noise, noise_known=True)
     return fit(evaluation, data, wrong.parameters, [wrong.x]).chi_square
 
 
 @pytest.mark.slow
-def test_it_ends_when_the_causes_are_told_apart(bases, tmp_path, monkeypatch):
-    """Once more after that: the first points have not looked where the two differ. Circuits alone may be the cause."""
+def test_it_ends_when_the_causes_are_separated(bases, tmp_path, monkeypatch):
+    """After a second round at least, since the first points are not chosen to separate the two causes.
+
+    Candidates are circuits and the resistance of the electrodes.
+    """
     drawn = draw("laboratory:series_resistance", 6)
     offered = [circuits.candidates, electrode_resistance.candidates]
     monkeypatch.setattr("femu_piezo.study.adaptive.subjects", lambda measured: subjects(measured, offered))

@@ -1,7 +1,7 @@
-"""Several sweeps of one specimen: what they have in common, what a second one tells, and a series over temperature.
+"""Several sweeps of one specimen: their common unknowns, what a second sweep adds, and a series over temperature.
 
-The sweeps are made by the spectral code of the hidden effects, with constants that change from point to point and from
-sweep to sweep; the drive level by solving for the compliance that the motion itself leaves.
+The sweeps come from the spectral code of the hidden effects, with constants that change from point to point and from
+sweep to sweep; for the drive level the compliance is solved for that is consistent with the motion.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ from femu_piezo.errors import InputError
 SIZE = np.array([12e-3, 6.7e-3, 1.6e-3])
 TANGENTS = {"s11": 0.016, "d31": 0.012, "eps33T": 0.018}
 FREQUENCY = np.linspace(20e3, 240e3, 201)
-#: True over assumed, of the free constants.
+#: True over assumed value of each free constant.
 OFF = {"s11": 1.03, "d31": 0.97, "eps33T": 1.05}
 
 
 def truth() -> np.ndarray:
+    """(10,) true constants."""
     theta = PZT5H.astype(complex)
     for name, tangent in TANGENTS.items():
         theta[NAMES.index(name)] *= OFF[name] * (1 - 1j * tangent)
@@ -40,11 +41,12 @@ def truth() -> np.ndarray:
 
 @cache
 def fundamental() -> float:
+    """Frequency of the first pole of the true plate, Hz."""
     return Build(size=SIZE, density=DENSITY, theta=truth(), fundamental=0.0).pole(115e3)
 
 
 def sweep(law=None, theta=None, frequency=FREQUENCY, noise=7e-4, seed=0, circuits=()) -> np.ndarray:
-    """Rows of frequency, resistance and reactance."""
+    """Rows of frequency, resistance and reactance, with noise."""
     build = Build(SIZE, DENSITY, truth() if theta is None else theta, fundamental())
     build.laws += [] if law is None else [law]
     build.circuits += circuits
@@ -52,13 +54,14 @@ def sweep(law=None, theta=None, frequency=FREQUENCY, noise=7e-4, seed=0, circuit
 
 
 def noisy(frequency, z, noise, seed) -> np.ndarray:
+    """Rows of frequency, resistance and reactance of Z with relative noise."""
     draw = np.random.default_rng(seed).standard_normal((2, z.size)) * noise / np.sqrt(2)
     z = z * (1 + draw[0] + 1j * draw[1])
     return np.column_stack([frequency, z.real, z.imag])
 
 
 def softer(share):
-    """All compliances over (1 + share(f))²."""
+    """A law that divides all compliances by (1 + share(f))²."""
 
     def law(theta, frequency):
         found = theta.copy()
@@ -70,16 +73,18 @@ def softer(share):
 
 @dataclass
 class Bench:
-    """A folder with the specimen file of the plate and its sweeps."""
+    """A folder with the specimen file of the plate and its sweeps, to which sweeps are added."""
 
     folder: object
     lines: list[str] = field(default_factory=list)
 
     def add(self, name: str, rows: np.ndarray, **keys) -> None:
+        """Write a sweep, and a [[sweep]] table with these keys."""
         self.lines += ["[[sweep]]", f'file = "{name}.csv"', *(f"{key} = {value!r}" for key, value in keys.items())]
         self.put(name, rows)
 
     def put(self, name: str, rows: np.ndarray) -> None:
+        """Write a sweep without a table."""
         header = "frequency_Hz,resistance_ohm,reactance_ohm"
         np.savetxt(self.folder / f"{name}.csv", rows, delimiter=",", header=header, comments="")
 
@@ -99,6 +104,7 @@ def bench(tmp_path) -> Bench:
 
 
 def time(frequency):
+    """Time at which a rising sweep reaches a frequency, from 0 to 1."""
     return (frequency - FREQUENCY[0]) / np.ptp(FREQUENCY)
 
 
@@ -106,17 +112,23 @@ DRIFT = 1.2e-3
 
 
 def up(frequency):
+    """Drift of the wave speed at a frequency of the rising sweep, zero at its fundamental."""
     return DRIFT * (time(frequency) - time(fundamental()))
 
 
 def down(frequency):
-    """After the sweep up, without a pause."""
+    """Drift at a frequency of the falling sweep, which follows without a pause."""
     return DRIFT * (2 - time(frequency) - time(fundamental()))
 
 
 @pytest.mark.slow
-def test_a_drift_that_one_sweep_cannot_tell_is_told_by_the_recommended_second(bench):
-    """The plan says which second sweep and how far it will separate the two; that sweep does, and gives the drift."""
+def test_the_recommended_second_sweep_separates_a_drift(bench):
+    """One sweep names a drift with indistinguishable alternatives; the plan recommends a sweep in the opposite
+    direction.
+
+    With that sweep the drift is named alone and its value is right, and the alternative misses the data by what the
+    plan said.
+    """
     bench.put("up", sweep(softer(up), seed=1))
     alone = diagnose(bench.write("[measurement]", 'file = "up.csv"'))
     (cause,) = alone.causes
@@ -136,16 +148,16 @@ def test_a_drift_that_one_sweep_cannot_tell_is_told_by_the_recommended_second(be
     assert abs(level.value - down(fundamental())) < 3 * level.std
     assert both.gain["over_expected"] < 1.2
     others = [one.fit.held_out.misfit for one in both.comparison.singles if one.effect.title == again[0].other]
-    assert all(misfit > 8 for misfit in others)  # as far as the plan said
+    assert all(misfit > 8 for misfit in others)  # as far as the plan predicted
 
 
-#: Candidates that need no places: what differs from sweep to sweep, and what does not.
+#: Candidates without a place in the body, those that differ from sweep to sweep among them.
 FEW = tuple(one.candidates for one in (circuits, drive_level, losses, sweep_too_fast, temperature_drift))
 
 
 @pytest.mark.slow
-def test_what_is_alike_in_both_directions_is_no_drift(bench):
-    """Losses that depend on frequency and not on time; two quiet sweeps beside them."""
+def test_a_law_over_frequency_is_no_drift(bench):
+    """Losses that depend on frequency and are alike in both directions; and two sweeps without an effect."""
 
     def lossy(theta, frequency):
         found = theta.copy()
@@ -161,27 +173,27 @@ def test_what_is_alike_in_both_directions_is_no_drift(bench):
     assert str(diagnose(bench.write(), effects=FEW).verdict) == "none"
 
 
-def test_one_body_one_fit(bench):
-    """A second sweep adds what its noise does not hide; dimensions are those of the one body."""
+def test_two_sweeps_of_one_specimen_share_its_unknowns(bench):
+    """A second sweep reduces the noise part of the budget and leaves that of the geometry."""
     bench.put("one", sweep(seed=1))
     alone = update(bench.write("[measurement]", 'file = "one.csv"'))
     for number in (1, 2):
         bench.add(f"sweep {number}", sweep(seed=number))
-    both = update(bench.write())
+    joint = update(bench.write())
     for name in OFF:
-        first, second = alone.parameters[name], both.parameters[name]
+        first, second = alone.parameters[name], joint.parameters[name]
         assert second.budget["noise"] < first.budget["noise"], name
         assert second.budget["geometry"] == pytest.approx(first.budget["geometry"], rel=0.05), name
         exact = truth()[NAMES.index(name)]
         assert abs(second.value - exact.real) < 3 * second.std
-    tangents = (one.parameters["s11"].tan_budget["noise"] for one in (both, alone))
+    tangents = (one.parameters["s11"].tan_budget["noise"] for one in (joint, alone))
     assert next(tangents) == pytest.approx(next(tangents) / np.sqrt(2), rel=0.1)
-    assert [one.measured.problem.specimen.name for one in both.outcomes] == ["piece, sweep 1", "piece, sweep 2"]
-    assert len({id(one.measured.piece) for one in both.outcomes}) == 1
+    assert [one.measured.problem.specimen.name for one in joint.outcomes] == ["piece, sweep 1", "piece, sweep 2"]
+    assert len({id(one.measured.piece) for one in joint.outcomes}) == 1
 
 
 def test_fundamental_in_one_sweep_and_overtone_in_another(bench):
-    """Windows about two modes: the second alone holds no fundamental, and both give the constants of the whole."""
+    """The second window alone holds no fundamental; both together give the true constants."""
     bench.add("fundamental", sweep(frequency=np.linspace(105e3, 130e3, 201), seed=1))
     bench.add("higher", sweep(frequency=np.linspace(180e3, 240e3, 201), seed=2))
     result = update(bench.write())
@@ -193,12 +205,12 @@ def test_fundamental_in_one_sweep_and_overtone_in_another(bench):
     assert result.figures[1] == ()
 
 
-#: Relative and of the tangent, 1/K.
+#: Temperature coefficients of each constant: relative, and of its tangent, 1/K.
 COEFFICIENTS = {"s11": (4e-4, 2e-5), "d31": (1.5e-3, 3e-5), "eps33T": (3e-3, 4e-5)}
 
 
 def test_temperature_series(bench):
-    """Coefficients of constants and tangents within their deviations, and a line that passes through the truth."""
+    """Coefficients within 3 of their deviations, and lines over temperature that pass through the true constants."""
     for number, celsius in enumerate((20.0, 45.0, 80.0)):
         theta, kelvin = truth(), celsius - 145 / 3
         for name, (real, tangent) in COEFFICIENTS.items():
@@ -221,14 +233,18 @@ def test_temperature_series(bench):
     out = result.save(bench.folder / "out", report=True)
     report = (out / "report.html").read_text(encoding="utf-8")
     assert "Constants over temperature" in report
-    assert report.count('<img alt="piece: first length extension') == 1  # of one body, however many sweeps
+    assert (
+        report.count('<img alt="piece: first length extension') == 1
+    )  # one picture of the body, however many sweeps there are
     assert (out / "temperature.png").stat().st_size > 10_000
     record = json.loads((out / "update.json").read_text(encoding="utf-8"))["temperature"]
     assert set(record["coefficients"]) == set(COEFFICIENTS)
 
 
 def leaning(drive: float, beta: float, ratio: float, frequency: np.ndarray) -> np.ndarray:
-    """Z of a plate whose compliances grow by β drive² |Y|²/max|Y₀|² at every frequency, loss by `ratio` of it."""
+    """Z of a plate whose compliances grow by β drive² |Y|²/max|Y₀|² at every frequency, their loss by `ratio` of
+    that.
+    """
     build = Build(SIZE, DENSITY, truth(), fundamental())
     plate = Plate(build.body(), truth(), 240e3)
     linear = plate.impedance(truth(), frequency)
@@ -247,8 +263,8 @@ def leaning(drive: float, beta: float, ratio: float, frequency: np.ndarray) -> n
 
 
 @pytest.mark.slow
-def test_lean_goes_with_the_square_of_the_voltage(bench):
-    """Two levels share one softening, at the higher of the two."""
+def test_softening_grows_with_the_square_of_the_voltage(bench):
+    """Sweeps at two voltages have one softening, stated for the higher of them."""
     frequency, beta = np.linspace(100e3, 140e3, 401), 2e-3
     for name, drive in (("loud", 1.0), ("quiet", 1 / 3)):
         rows = noisy(frequency, leaning(drive, beta, 0.4, frequency), 5e-4, seed=len(name))
@@ -263,7 +279,7 @@ def test_lean_goes_with_the_square_of_the_voltage(bench):
 
 @pytest.mark.slow
 def test_a_stray_capacitance_is_that_of_its_fixture(bench):
-    """One fixture adds 40 pF, the other nothing: the cause is named with the fixture, and extended.toml keeps it."""
+    """One fixture adds 40 pF, the other nothing: the cause is named with its fixture, and extended.toml keeps it."""
     stray = 40e-12
     bench.add("clips", sweep(seed=1, circuits=[lambda w, z: 1 / (1 / z + 1j * w * stray)]), fixture="clips")
     bench.add("probes", sweep(seed=2), fixture="probes")
@@ -280,11 +296,11 @@ def test_a_stray_capacitance_is_that_of_its_fixture(bench):
     for name, one in result.parameters.items():
         assert again.parameters[name].value == pytest.approx(one.value, rel=1e-4), name
         assert again.parameters[name].std == pytest.approx(one.std, rel=0.1), name
-    simulate(extended)  # of no fixture
+    simulate(extended)  # a simulation has no fixture, and is possible all the same
 
 
 def test_a_window_about_the_fundamental_of_a_wide_plate(bench):
-    """No body three times as soft, another mode of which is where the fundamental should be."""
+    """The start is no body three times as soft with another mode at the frequency of the fundamental."""
     bench.put("window", sweep(frequency=np.linspace(100e3, 140e3, 401), noise=5e-4, seed=5))
     result = update(bench.write("[measurement]", 'file = "window.csv"'))
     for name in OFF:
@@ -320,7 +336,7 @@ def test_wrong_sweeps_are_one_sentence(kind, bench):
     assert not (bench.folder / "out").exists()
 
 
-def test_a_single_bracket_is_told(bench):
+def test_a_table_with_single_brackets_is_refused(bench):
     with pytest.raises(InputError, match=r"write \[\[sweep\]\] in place"):
         read_specimen(bench.write("[sweep]", 'file = "a.csv"'))
 

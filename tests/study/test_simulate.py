@@ -51,7 +51,7 @@ def eigenvalues(resonances) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def body(tmp_path_factory):
-    """The modal model of the bare plate on the mesh of `simulate`, and its result."""
+    """The modal model of the plate without effects on the mesh of `simulate`, and the result of `simulate`."""
     one = specimen(tmp_path_factory.mktemp("bare"))
     problem = prepare(one)
     model = problem.model(problem.equivalent_frequency(120e3, 1e-3), 1e-3)
@@ -60,6 +60,7 @@ def body(tmp_path_factory):
 
 
 def test_a_curve_shows_the_poles_and_zeros_behind_it(body):
+    """Poles and zeros found from a curve are those of the modal model to 1e-10."""
     modal, result = body
     frequency = np.linspace(1e3, 130e3, 801)
     curve = RationalCurve(frequency, modal.impedance(2 * np.pi * frequency))
@@ -93,7 +94,7 @@ def test_a_leakage_has_no_resonance(body):
 
 
 def test_a_series_resistance_moves_the_poles_alone(body, tmp_path):
-    """Where Y = 1/(Z + R) has its poles the bare plate has Z = −R; the zeros stay."""
+    """At the poles of Y = 1/(Z + R) the plate has Z = −R; the zeros stay."""
     modal, bare = body
     result = simulate(specimen(tmp_path, '[effects.series_resistance]\nresistance = "100 ohm"\n'))
     at = np.sqrt(eigenvalues(result.poles))
@@ -103,6 +104,7 @@ def test_a_series_resistance_moves_the_poles_alone(body, tmp_path):
 
 
 def test_a_stray_capacitance_moves_the_zeros_alone(body, tmp_path):
+    """At the zeros the plate has Y = −jωC; the poles stay."""
     modal, bare = body
     result = simulate(specimen(tmp_path, '[effects.stray_capacitance]\ncapacitance = "500 pF"\n'))
     at = np.sqrt(eigenvalues(result.zeros))
@@ -111,7 +113,8 @@ def test_a_stray_capacitance_moves_the_zeros_alone(body, tmp_path):
     assert eigenvalues(result.poles) == pytest.approx(eigenvalues(bare.poles), rel=1e-6)
 
 
-def test_leakage_leaves_a_real_part_and_no_resonance_of_its_own(body, tmp_path):
+def test_a_leakage_moves_the_zeros_alone(body, tmp_path):
+    """At the zeros the plate has Y = −G; the poles stay."""
     modal, bare = body
     result = simulate(specimen(tmp_path, '[effects.leakage]\nconductance = "1 uS"\n'))
     assert eigenvalues(result.poles) == pytest.approx(eigenvalues(bare.poles), rel=1e-6)
@@ -120,7 +123,7 @@ def test_leakage_leaves_a_real_part_and_no_resonance_of_its_own(body, tmp_path):
 
 
 def test_a_longer_plate_has_the_poles_of_a_longer_plate(tmp_path):
-    """wrong_length by 2 % against the plate meshed 2 % longer."""
+    """wrong_length of 2 % against a plate meshed 2 % longer."""
     stretched = simulate(specimen(tmp_path, "[effects.wrong_length]\nrelative_error = 0.02\n"))
     longer = specimen(tmp_path)
     longer = longer.model_copy(update={"geometry": longer.geometry.model_copy(update={"length": 40.8e-3})})
@@ -139,29 +142,29 @@ def test_the_command_says_whose_poles_it_prints(tmp_path):
     assert record["effects"] == ["series_resistance"] and len(record["poles"]) == 2
 
 
-def test_where_a_fit_left_the_body_is_simulated(tmp_path):
-    """[fitted] without [effects]: a length 2 % off and another s11, against the file that says so itself."""
+def test_the_fitted_body_is_simulated(tmp_path):
+    """[fitted] without [effects]: a length 2 % off and another s11, against a file with these values."""
     tables = "[fitted.wrong_length]\nrelative_error = 0.02\n[fitted.material]\ns11 = 17e-12\n"
-    left = simulate(specimen(tmp_path, tables))
-    meshed = simulate(said(specimen(tmp_path)))
-    assert eigenvalues(left.poles) == pytest.approx(eigenvalues(meshed.poles), rel=1e-4)
-    assert eigenvalues(left.zeros) == pytest.approx(eigenvalues(meshed.zeros), rel=1e-4)
-    assert left.effects == ()
+    fitted = simulate(specimen(tmp_path, tables))
+    meshed = simulate(with_fitted_values(specimen(tmp_path)))
+    assert eigenvalues(fitted.poles) == pytest.approx(eigenvalues(meshed.poles), rel=1e-4)
+    assert eigenvalues(fitted.zeros) == pytest.approx(eigenvalues(meshed.zeros), rel=1e-4)
+    assert fitted.effects == ()
 
 
-def said(one):
-    """The specimen whose length and s11 are 40.8 mm and 17e-12."""
+def with_fitted_values(one):
+    """The specimen with a length of 40.8 mm and s11 of 17e-12 in its file."""
     geometry = one.geometry.model_copy(update={"length": 40.8e-3})
     return one.model_copy(update={"geometry": geometry, "material": one.material.model_copy(update={"s11": 17e-12})})
 
 
 @pytest.mark.parametrize("kind", ["effects", "fitted"])
 def test_modes_are_those_of_the_body_as_it_is(tmp_path, kind):
-    """Length, density, a held and a free constant move the modes; a lead does not, and that is told."""
+    """Length, density, a held and a free constant move the modes; a lead does not, which a note says."""
     tail = f"[{kind}.wrong_length]\nrelative_error = 0.02\n[{kind}.wrong_density]\nrelative_error = 0.01\n"
     tail += f"[{kind}.wrong_insensitive_parameter]\ns12 = 0.05\n[fitted.material]\ns11 = 17e-12\n"
     one = specimen(tmp_path, tail + '[effects.series_resistance]\nresistance = "100 ohm"\n')
-    found, other = modes(one, band=(0, 120e3)), said(one)
+    found, other = modes(one, band=(0, 120e3)), with_fitted_values(one)
     geometry = other.geometry.model_copy(update={"density": 7979.0})
     s12 = 1.05 * prepare(one).constants.s12.real
     material = other.material.model_copy(update={"s12": s12})
@@ -176,7 +179,9 @@ def test_modes_are_those_of_the_body_as_it_is(tmp_path, kind):
 
 
 def test_a_larger_disk_of_a_given_mass_is_lighter(tmp_path):
-    """All radii of a ring go with its diameter, and the density of one that was weighed with them."""
+    """Both radii of a ring scale with its diameter, and so does the density of a weighed one: it has the volume and
+    density of the larger ring.
+    """
     (tmp_path / "ring.toml").write_text(
         '[geometry]\nshape = "ring"\ndiameter = "20 mm"\ninner_diameter = "8 mm"\nthickness = "1 mm"\nmass = "2 g"\n'
         '[material]\nbase = "pzt-5h"\n[fitted.wrong_diameter]\nrelative_error = 0.02\n'
@@ -192,7 +197,7 @@ def test_a_larger_disk_of_a_given_mass_is_lighter(tmp_path):
 
 @pytest.mark.parametrize("dimension", ["length", "width", "thickness"])
 def test_a_trapezoid_has_wrong_dimensions_as_well(tmp_path, dimension):
-    """Stretched by 2 %, it has the curve and the modes of one that is meshed so; both widths go together."""
+    """Stretched by 2 %: curve and modes of a trapezoid meshed with that dimension; both widths scale together."""
     sizes = {"length": 20e-3, "width": 6e-3, "width_end": 4e-3, "thickness": 2e-3}
 
     def simulated(sizes, tail=""):

@@ -1,4 +1,4 @@
-"""`update` from specimen file and sweep to constants: recovery, intervals, joint specimens, clear failure."""
+"""`update` from specimen file and sweep to constants: recovery, intervals, joint specimens, and clear errors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.update import update
 
 TRIO = ("s11", "d31", "eps33T")
-#: Dimensions, density, held constants and instrument are exactly as the file says.
+#: Table of a file by which dimensions, density, held constants and instrument are exactly known.
 IDEAL = "[update]\nnoise_only = true\n"
 
 
@@ -43,13 +43,15 @@ def test_noise_free_recovery(sweeps, write_specimen_of, truth, method):
     for name in TRIO:
         value = getattr(result.constants, name)
         exact = getattr(truth, name)
-        limit = 3e-5 if method == "pole_zero" else 1e-5  # ε33T at 500 Hz is static to (f/f_p)² k² ≈ 3e-6 only
+        limit = 3e-5 if method == "pole_zero" else 1e-5  # at 500 Hz ε33T is static only to (f/f_p)² k² ≈ 3e-6
         assert value.real == pytest.approx(exact.real, rel=limit), name
         assert result.constants.tangent(name) == pytest.approx(truth.tangent(name), rel=1e-3), name
 
 
 def test_the_fit_begins_at_the_pole_zero_update_where_that_is_near(sweeps, write_specimen_of, truth, monkeypatch):
-    """A curve that is not poor is not fitted on the coarse mesh first; one that is comes closer by it."""
+    """The fit on a coarse mesh is skipped where the pole-zero update explains the curve well; otherwise it comes
+    closer.
+    """
     spec = write_specimen_of("k31", noisy(sweeps["k31"], 1e-3, 1), TRIO, {"s11": 0.8, "d31": 1.25, "eps33T": 0.7})
     measured = [measure(read_specimen(spec))]
 
@@ -68,7 +70,9 @@ def test_the_fit_begins_at_the_pole_zero_update_where_that_is_near(sweeps, write
 
 @pytest.mark.slow
 def test_pole_zero_intervals_carry_the_error_of_the_permittivity(sweeps, write_specimen_of, truth):
-    """d31 ∝ sqrt(ε33T): the noise of the low point is most of its error, and the pulls over draws show it counted."""
+    """d31 ∝ √ε33T, so the noise of the low point is most of its error; errors over deviations have an rms of about
+    1.
+    """
     pulls = []
     for seed in range(12):
         more = 'noise = 0.001\n[update]\nmethod = "pole_zero"\nnoise_only = true'
@@ -79,14 +83,16 @@ def test_pole_zero_intervals_carry_the_error_of_the_permittivity(sweeps, write_s
             pulls.append((estimate.value - getattr(truth, name).real) / estimate.std)
             pulls.append((estimate.tan - truth.tangent(name)) / estimate.tan_std)
     rms = np.sqrt(np.mean(np.array(pulls) ** 2))
-    assert 0.75 < rms < 1.3  # 72 pulls, 24 of them independent at least
+    assert 0.75 < rms < 1.3  # 72 errors over deviations, at least 24 of them independent
     assert result.parameters["d31"].std / abs(result.parameters["d31"].value) > 0.4 * (
         result.parameters["eps33T"].std / result.parameters["eps33T"].value
     )
 
 
 def test_joint_k31_and_k33_determine_more_constants(sweeps, write_specimen_of, truth):
-    """Two specimens of one material: both pairs, the permittivity and s13, with the intervals covering the truth."""
+    """Two specimens of one material: the constants of both and the permittivity are determined, with the truth in
+    their intervals.
+    """
     free = ("s11", "s12", "s13", "s33", "d31", "d33", "eps33T")
     factors = {"s11": 0.9, "s12": 1.1, "s13": 0.93, "s33": 1.1, "d31": 0.9, "d33": 1.1, "eps33T": 0.9}
     noise = f"noise = 0.0005\n{IDEAL}"
@@ -108,6 +114,7 @@ def test_joint_k31_and_k33_determine_more_constants(sweeps, write_specimen_of, t
 
 
 def test_prior_of_the_specimen_file_is_kept_where_the_data_say_nothing(sweeps, write_specimen_of):
+    """s44 keeps the deviation of 1 % that the file states."""
     free = (*TRIO, "s44")
     extra, more = 'std_s44 = "1 %"', f"noise = 0.001\n{IDEAL}"
     result = update(read_specimen(write_specimen_of("k31", sweeps["k31"], free, {"s44": 1.02}, extra=extra, more=more)))
@@ -142,7 +149,7 @@ def test_command_line_writes_the_contract(sweeps, write_specimen_of, tmp_path):
 
 
 def test_samples_of_a_sound_sweep_are_those_of_the_stated_deviations(sweeps, write_specimen_of, tmp_path):
-    """Every tolerance among them; the command writes corner picture, samples and intervals."""
+    """With all tolerances sampled; the command writes the corner picture, samples and intervals."""
     spec = write_specimen_of("k31", noisy(sweeps["k31"], 1e-3, 1), TRIO)
     out = tmp_path / "out"
     answer = CliRunner().invoke(main, ["update", str(spec), "--out", str(out), "--sample", "150"])
@@ -161,7 +168,7 @@ def test_samples_of_a_sound_sweep_are_those_of_the_stated_deviations(sweeps, wri
 
 
 def test_simulate_then_extract_then_update(write_specimen_of, sweeps, tmp_path):
-    """The commands fit each other: what simulate writes, extract and update read, and its poles are found."""
+    """`extract` and `update` read what `simulate` writes, and find its poles and zeros."""
     spec = write_specimen_of("k31", sweeps["k31"], TRIO, lossy=True)
     spec.write_text(
         spec.read_text(encoding="utf-8") + "\n[simulation]\nstart = 100e3\nstop = 140e3\npoints = 201\nnoise = 1e-4\n",
@@ -204,8 +211,8 @@ def test_wrong_input_is_one_sentence(sweeps, write_specimen_of, tmp_path, change
     assert not out.exists()
 
 
-def test_wrong_density_does_not_pass_for_convergence(sweeps, write_specimen_of, tmp_path):
-    """A sweep whose band holds no resonance of its own is refused, not fitted."""
+def test_a_sweep_without_its_fundamental_is_refused(sweeps, write_specimen_of, tmp_path):
+    """The band ends below the resonance."""
     sweep = sweeps["k31"]
     spec = write_specimen_of("k31", sweep.band(105e3, 114e3), TRIO)
     answer = CliRunner().invoke(main, ["update", str(spec), "--out", str(tmp_path / "out")])
@@ -214,7 +221,7 @@ def test_wrong_density_does_not_pass_for_convergence(sweeps, write_specimen_of, 
 
 
 def test_the_fundamental_is_the_lowest_strong_pair():
-    """A width mode coupled a little more strongly, an overtone and a weak low intruder do not pass for it."""
+    """Not a slightly more strongly coupled width mode, nor an overtone, nor a weak mode below it."""
     from types import SimpleNamespace
 
     from femu_piezo.extraction.roots import Pair
@@ -233,7 +240,7 @@ def test_the_fundamental_is_the_lowest_strong_pair():
 
 
 def test_a_misfit_beyond_the_stated_noise_widens_the_intervals(sweeps, write_specimen_of):
-    """The sweep has 0.5 % of noise where its file claims 0.01 %: the intervals are those of the misfit; it is said."""
+    """Noise of 0.5 % where the file states 0.01 %: deviations are those of the true noise, and a note says so."""
     sweep = noisy(sweeps["k31"], 5e-3, 4)
     result = update(read_specimen(write_specimen_of("k31", sweep, TRIO, more=f"noise = 1e-4\n{IDEAL}")))
     right = update(read_specimen(write_specimen_of("k31", sweep, TRIO, more=f"noise = 5e-3\n{IDEAL}")))
@@ -245,6 +252,7 @@ def test_a_misfit_beyond_the_stated_noise_widens_the_intervals(sweeps, write_spe
 
 
 def test_a_prior_keeps_its_weight_where_the_noise_is_learned(sweeps, write_specimen_of):
+    """s44 is not determined by the sweep: its deviation is the prior's 1 %, not scaled by the noise level."""
     spec = write_specimen_of(
         "k31", noisy(sweeps["k31"], 2e-3, 5), (*TRIO, "s44"), {"s44": 1.02}, extra='std_s44 = "1 %"', more=IDEAL
     )
@@ -252,8 +260,10 @@ def test_a_prior_keeps_its_weight_where_the_noise_is_learned(sweeps, write_speci
     assert estimate.std / estimate.value <= 0.0101
 
 
-def test_a_bad_low_reading_is_left_out_or_told(sweeps, write_specimen_of, truth):
-    """Six low points with one 20 % off; and a single low point 20 % off, whose damage the curve shows."""
+def test_a_bad_low_reading_is_left_out_or_noted(sweeps, write_specimen_of, truth):
+    """One of six low readings is 20 % off and left out; a single low reading 20 % off spoils the curve, which a note
+    says.
+    """
     sweep = sweeps["k31"]
     low = np.array([400.0, 500.0, 600.0, 700.0, 800.0, 900.0])
     capacitive = sweep.impedance[0] * sweep.frequency[0] / low
@@ -270,8 +280,8 @@ def test_a_bad_low_reading_is_left_out_or_told(sweeps, write_specimen_of, truth)
     assert any("still misses the sweep" in note for note in result.notes)
 
 
-def test_the_low_end_of_a_bar_is_told_to_be_no_good_source_of_the_permittivity(sweeps, write_specimen_of):
-    """Of a k33 bar alone; a k31 plate has a hundred times the capacitance."""
+def test_a_note_says_that_a_bar_is_a_poor_source_of_the_permittivity(sweeps, write_specimen_of):
+    """Only for a k33 bar; a k31 plate has a hundred times its capacitance."""
     paper = '[update]\nmethod = "pole_zero"'
     bar = update(read_specimen(write_specimen_of("k33", sweeps["k33"], ("s33", "d33", "eps33T"), more=paper)))
     assert any("take it from a k31 plate" in note for note in bar.notes)
@@ -279,7 +289,7 @@ def test_the_low_end_of_a_bar_is_told_to_be_no_good_source_of_the_permittivity(s
     assert not any("k31 plate" in note for note in plate.notes)
 
 
-def test_a_lossless_simulation_is_told_as_such(sweeps, write_specimen_of, tmp_path):
+def test_a_lossless_simulation_is_recognised(sweeps, write_specimen_of, tmp_path):
     sweep = sweeps["k31"]
     spec = write_specimen_of("k31", ImpedanceSpectrum(sweep.frequency, 1j * sweep.impedance.imag), TRIO)
     answer = CliRunner().invoke(main, ["update", str(spec), "--out", str(tmp_path / "out")])

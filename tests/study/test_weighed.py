@@ -1,4 +1,4 @@
-"""A piece that was weighed: `mass` in place of the density."""
+"""A weighed specimen: `mass` in place of the density."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TRIO = ("s11", "d31", "eps33T")
 
 @pytest.fixture
 def pieces(sweeps, write_specimen_of):
-    """The k31 plate with its density, known to 0.1 %, and the same with its mass of 270 mg."""
+    """The k31 plate with its density, known to 0.1 %, and with its mass of 270 mg, known to 0.1 %."""
     path = write_specimen_of("k31", sweeps["k31"], TRIO, lossy=True, more="noise = 5e-4")
     text = path.read_text(encoding="utf-8")
     found = []
@@ -28,26 +28,27 @@ def pieces(sweeps, write_specimen_of):
 
 
 def test_mass_and_density_are_the_same_knowledge(pieces):
-    """Of the 36 mm³ as they stand; beside the mass a wrong dimension also changes the density."""
+    """For the 36 mm³ of the plate the constants agree; with a mass, a wrong dimension also changes the density."""
     dense, weighed = pieces
     assert prepare(weighed).density == pytest.approx(7500.0, rel=1e-12)
-    one, other = update(dense).parameters, update(weighed).parameters
+    by_density, by_mass = update(dense).parameters, update(weighed).parameters
     for name in TRIO:
-        assert other[name].value == pytest.approx(one[name].value, rel=1e-4)
-    assert other["s11"].budget["density"] == pytest.approx(one["s11"].budget["density"], rel=1e-2)
+        assert by_mass[name].value == pytest.approx(by_density[name].value, rel=1e-4)
+    assert by_mass["s11"].budget["density"] == pytest.approx(by_density["s11"].budget["density"], rel=1e-2)
 
 
 def test_a_second_piece_of_half_the_length_has_half_the_mass(pieces):
-    """What it would tell is what is planned where the file gives the density.
+    """The expected separation by a second specimen is that with the density in the file.
 
-    But for a few per cent, since a longer piece of that mass is lighter; twice the density would tell 17 % less.
+    Within 5 %, since a longer specimen of the same mass has a lower density; with twice the density it would be 17 %
+    less.
     """
-    told = []
+    expected = []
     for one in pieces:
         found = diagnose(one, effects=[circuits.candidates]).separations
         second = [s for s in found if s.measurement.startswith("measure a second specimen") and "stray" in s.cause]
-        told.append(second[0].expected)
-    assert told[0] > 5 and told[1] == pytest.approx(told[0], rel=0.05)
+        expected.append(second[0].expected)
+    assert expected[0] > 5 and expected[1] == pytest.approx(expected[0], rel=0.05)
 
 
 @pytest.mark.parametrize(
