@@ -1,4 +1,6 @@
-"""Small lots with known constants: sweeps of exact 1-D k31 bars, free of any model, and pools for tests."""
+"""Small lots with known constants, sweeps of exact 1-D k31 bars without any finite element model, and pools for
+tests.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,7 @@ file = "{file}"
 
 
 def sweep(seed: int, scatter: float = 0.01, noise: float = 1e-3, width: float = 3e-3) -> ImpedanceSpectrum:
-    """A bar whose constants scatter by `scatter`, with relative noise."""
+    """A noisy sweep of a bar whose constants scatter by the relative size `scatter`."""
     rng = np.random.default_rng(seed)
     s11, d31, eps = np.array([S11, D31, EPS33T]) * (1 + scatter * rng.standard_normal(3))
     x = np.pi * FREQUENCY * 40e-3 * np.sqrt(7500.0 * s11)
@@ -47,7 +49,7 @@ def sweep(seed: int, scatter: float = 0.01, noise: float = 1e-3, width: float = 
 
 
 def write_lot(folder: Path, count: int) -> tuple[Path, Path]:
-    """A folder of sweeps p1.csv … and the specimen file beside it."""
+    """A folder of sweeps p1.csv …, and a specimen file next to that folder."""
     sweeps = folder / "sweeps"
     sweeps.mkdir(parents=True)
     for number in range(1, count + 1):
@@ -58,7 +60,7 @@ def write_lot(folder: Path, count: int) -> tuple[Path, Path]:
 
 
 class InlinePool:
-    """Runs every task at once in this process, in the order it comes, or the last first."""
+    """A pool that runs every task at once in this process, in the order in which tasks arrive."""
 
     lost = ()
     breaks_whole = False
@@ -84,7 +86,7 @@ class InlinePool:
 
 
 def deadly(task: str, limit_s: float | None) -> dict:
-    """Work for the pool: "die" ends the process, "sleep" hangs, "slow" takes long, others answer."""
+    """Work for the pool: "die" ends the process, "sleep" hangs, "slow" takes 0.3 s, other tasks return at once."""
     from femu_piezo.batch.worker import ended_after
 
     with ended_after(limit_s):
@@ -95,7 +97,8 @@ def deadly(task: str, limit_s: float | None) -> dict:
 
 
 def kill_at_random(sweeps: Path, specimen: Path, out: Path, kills: int, seed: int, longest_s: float) -> int:
-    """Start the batch and kill -9 it after random times, then let it finish; how often it was alive when killed.
+    """Start the batch and kill it by SIGKILL after random times, then let it finish; how often it was running when
+    killed.
 
     Asserts that the worker processes of a killed batch end by themselves.
     """

@@ -1,4 +1,6 @@
-"""A lot end to end: rows for good and bad files, resume, independence of the order of work, Dask, kill -9."""
+"""A lot from files to table: rows for good and bad files, resuming, independence of the order of work, Dask,
+SIGKILL.
+"""
 
 from __future__ import annotations
 
@@ -23,17 +25,21 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 
 
 def no_pool():
+    """Stands for a pool where nothing may be computed."""
     raise AssertionError("nothing was to be computed")
 
 
 def table(out: Path) -> list[dict[str, str]]:
+    """Rows of table.csv."""
     with open(out / "table.csv", encoding="utf-8", newline="") as stream:
         return list(csv.DictReader(stream))
 
 
 @pytest.fixture(scope="module")
 def lot(tmp_path_factory) -> tuple[Path, Path, Path]:
-    """Sweeps, specimen and finished results of a lot of six, made by the command line with two processes."""
+    """Sweeps, specimen and finished results of a lot of six with two bad files, by the command line with two
+    processes.
+    """
     folder = tmp_path_factory.mktemp("lot")
     sweeps, specimen = write_lot(folder, 6)
     (sweeps / "p2.csv").write_bytes(b"\x00\x01\x02")
@@ -50,7 +56,7 @@ def test_good_and_bad_files_are_rows(lot):
     assert [row["status"] for row in rows] == ["ok", "failed", "failed", "ok", "ok", "ok"]
     assert "p2.csv" in rows[1]["reason"] and "no resonance" in rows[2]["reason"]
     for row in rows:
-        if row["status"] == "ok":  # 1-D sweeps against a 3 mm wide plate: s11 within a few per mille of the bar's
+        if row["status"] == "ok":  # sweeps of a 1-D bar, fitted by a plate 3 mm wide: s11 differs by a few per mille
             assert float(row["s11"]) == pytest.approx(S11.real, rel=0.05)
             assert 0 < float(row["s11_std"]) < 0.01 * float(row["s11"])
     record = json.loads((lot[2] / "records" / "p1.csv.json").read_text(encoding="utf-8"))
@@ -72,7 +78,7 @@ def test_lot_report(lot):
     assert (lot[2] / "lot.png").stat().st_size > 10_000
 
 
-def test_nothing_is_computed_twice_and_changes_are(lot, tmp_path):
+def test_only_changed_files_are_computed_again(lot, tmp_path):
     sweeps, specimen, out = lot
     before = (out / "table.csv").read_bytes(), (out / "table.parquet").read_bytes()
     result = run_lot(find_jobs(sweeps, specimen), out, no_pool)
@@ -90,8 +96,8 @@ def test_nothing_is_computed_twice_and_changes_are(lot, tmp_path):
     assert (out / "table.csv").read_bytes() == before[0]
 
 
-def test_the_order_of_work_and_the_process_do_not_change_a_bit(lot, tmp_path):
-    """Rows of two spawned processes, and of this one the last first: the same bytes."""
+def test_order_of_work_and_process_do_not_change_the_table(lot, tmp_path):
+    """Two spawned processes, and this process in reversed order, write the same bytes."""
     jobs = find_jobs(lot[0], lot[1])
     run_lot(list(reversed(jobs)), tmp_path / "reversed", InlinePool)
     run_lot(jobs, tmp_path / "reversed", no_pool)
@@ -126,7 +132,7 @@ def test_unexpected_errors_are_rows_and_tried_again(lot, tmp_path, monkeypatch):
     assert run_lot(jobs, tmp_path, InlinePool).rows[0]["status"] == "ok"
 
 
-def test_a_file_that_changes_during_the_work_is_told(lot, tmp_path):
+def test_a_file_that_changes_during_the_work_is_lost(lot, tmp_path):
     jobs = [Job("p1.csv", lot[1], lot[0] / "p1.csv")]
 
     class Changing(InlinePool):
@@ -146,11 +152,13 @@ def test_folder_of_specimen_files(tmp_path):
     result = run_lot(find_jobs(tmp_path), tmp_path / "out", InlinePool)
     assert [row["file"] for row in result.rows] == ["bar 9.toml", "bar 10.toml", "bar.toml"]
     assert [row["status"] for row in result.rows] == ["ok", "ok", "failed"]
-    assert result.rows[0]["s11"] > result.rows[1]["s11"]  # same sweep, longer bar: stiffer
+    assert (
+        result.rows[0]["s11"] > result.rows[1]["s11"]
+    )  # the same sweep of a longer bar means a stiffer material (bar 9 is the shorter one)
 
 
 def diagnosed(name: str):
-    """A step that finds a lead in every specimen, and cannot do one of the files."""
+    """A step that finds the cause `name` in every specimen, and fails for one of the files."""
 
     def step(specimens, bases):
         if specimens[0].measurement.file.name == "p5.csv":
@@ -169,7 +177,12 @@ def test_diagnoses_are_columns_kept_apart_from_the_updates(lot, tmp_path, monkey
     monkeypatch.setitem(steps.STEPS, "diagnose", diagnosed("series_resistance"))
     pool = InlinePool()
     result = run_lot(jobs, tmp_path, lambda: pool, diagnose="all")
-    assert pool.done == ["p1.csv", "p4.csv", "p5.csv", "p6.csv"]  # of those that have a result, and no update again
+    assert pool.done == [
+        "p1.csv",
+        "p4.csv",
+        "p5.csv",
+        "p6.csv",
+    ]  # files with a result, whose updates are not computed again
     assert [row["verdict"] for row in result.rows] == ["effect", None, None, "effect", None, "effect"]
     assert "no diagnosis: p5.csv: the base" in result.rows[4]["diagnosis"] and result.rows[4]["status"] == "ok"
     assert [row["s11"] for row in result.rows if "s11" in row] == [row["s11"] for row in plain.rows if "s11" in row]
@@ -184,7 +197,7 @@ def test_diagnoses_are_columns_kept_apart_from_the_updates(lot, tmp_path, monkey
     assert (tmp_path / "table.csv").read_bytes() == before
 
 
-def test_only_outliers_are_diagnosed_where_only_they_are_asked_for(tmp_path, monkeypatch):
+def test_only_outliers_are_diagnosed_on_request(tmp_path, monkeypatch):
     from femu_piezo.batch import steps
 
     sweeps, specimen = write_lot(tmp_path, 9)
@@ -198,7 +211,7 @@ def test_only_outliers_are_diagnosed_where_only_they_are_asked_for(tmp_path, mon
 
 
 def test_a_diagnosis_end_to_end(tmp_path):
-    """A resistor of 100 ohm in series with a bar as thin as the 1-D formula wants, through the command line."""
+    """Through the command line: a resistor of 100 ohm in series with a bar thin enough for the 1-D formula."""
     sweeps, specimen = write_lot(tmp_path, 1)
     text = specimen.read_text(encoding="utf-8").replace("3 mm", "0.5 mm").replace("1e-2", "1e-3")
     specimen.write_text(text, encoding="utf-8")
@@ -252,7 +265,7 @@ def test_two_runs_cannot_share_a_folder(lot, tmp_path):
 
 
 def test_bundles_give_the_same_table_and_lose_nothing(lot, tmp_path):
-    """Jobs handed over three at a time; the coordinator dies before it has seen the result of the first bundle."""
+    """Jobs are submitted three at a time; the coordinator dies before it has the result of the first bundle."""
 
     class Bundles(InlinePool):
         bundle, width = 3, 1
@@ -291,7 +304,7 @@ def test_dask_gives_the_same_table(lot, tmp_path):
             finished=lambda *_: sampled.append(sampling.is_running() or tick.callback_time == before),
         )
         assert not any(sampled)
-        assert sampling.is_running() and tick.callback_time == before  # the cluster is left as it was found
+        assert sampling.is_running() and tick.callback_time == before  # the settings of the cluster are restored
     assert (tmp_path / "table.csv").read_bytes() == (lot[2] / "table.csv").read_bytes()
 
 

@@ -1,4 +1,4 @@
-"""A lot on four worker processes of Dask, one of which dies, one of which is slow; the scheduler dies as well."""
+"""A lot on four worker processes of Dask: one dies, one is slow, and the scheduler is restarted."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ class Cluster:
         self._folder, self.processes = folder, []
 
     def start(self) -> None:
-        """All of them; the scheduler where it was before."""
+        """Start the scheduler, at the same address as before, and the workers."""
         port = self.address.rsplit(":", 1)[1]
         self.processes = [self._run("scheduler", "--host", "127.0.0.1", "--port", port)]
         order = ["worker", self.address, "--nthreads", "1", "--no-nanny", "--local-directory", str(self._folder)]
         self.processes += [self._run(*order) for _ in range(4)]
 
     def stop(self) -> None:
-        """All of them at once."""
+        """Kill all processes."""
         for process in self.processes:
             process.kill()
             process.wait()
@@ -58,7 +58,7 @@ def test_deaths_and_slowness_on_a_cluster_do_not_change_the_table(tmp_path):
     cluster, ended, workers = Cluster(tmp_path), threading.Event(), []
 
     def slow() -> None:
-        """The second worker of the cluster stands still three quarters of the time."""
+        """Stops the second worker for three quarters of the time."""
         while not ended.wait(0.1):
             victim = cluster.processes[2]
             victim.send_signal(signal.SIGSTOP)

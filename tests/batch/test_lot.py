@@ -1,4 +1,4 @@
-"""Statistics of lots with planted outliers and drifts; false alarms in clean lots."""
+"""Statistics of lots with known outliers and drifts; false alarms in lots without."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ CENTRE, SIGMA = 16.5e-12, 0.2e-12
 
 
 def rows(values: np.ndarray, note: str = "") -> list[dict]:
+    """Rows of a table with values of s11."""
     return [
         {"number": i, "file": f"p{i}.csv", "status": "ok", "reason": "", "s11": v, "s11_std": SIGMA / 10, "notes": note}
         for i, v in enumerate(values.tolist(), 1)
@@ -19,12 +20,15 @@ def rows(values: np.ndarray, note: str = "") -> list[dict]:
 
 
 def clean(count: int, seed: int) -> np.ndarray:
+    """Values of a lot without outliers and drift."""
     return CENTRE + SIGMA * np.random.default_rng(seed).standard_normal(count)
 
 
 @pytest.mark.parametrize("count", [8, 20, 60, 300])
 def test_clean_lots_raise_few_alarms(count):
-    """Each kind of alarm in at most 5 % of lots by construction; with 200 lots, 20 is three deviations above."""
+    """Each kind of alarm occurs in at most 5 % of clean lots by design; 20 of 200 lots are three standard deviations
+    more.
+    """
     lots = [lot_of(rows(clean(count, seed))) for seed in range(200)]
     assert sum(bool(lot.outliers) for lot in lots) <= 20
     assert sum(lot.distributions[0].drifts for lot in lots) <= 20
@@ -49,7 +53,7 @@ def test_outliers_are_named_with_their_reason():
     assert "outlier p17.csv: s11" in lot_text(lot) and "a jump at 90 kHz" in lot_text(lot)
 
 
-def test_far_outliers_do_not_squeeze_the_chart():
+def test_far_outliers_do_not_set_the_scale_of_the_chart():
     values = clean(40, 4)
     values[7] *= 50
     values[20] += 9 * SIGMA
@@ -60,10 +64,10 @@ def test_far_outliers_do_not_squeeze_the_chart():
     assert sorted(words) == ["p21", f"p8 ({values[7] * 1e12:.4g})"]
 
 
-def test_drift_is_found_and_outliers_are_told_about_it():
+def test_drift_is_found_and_outliers_are_those_from_its_line():
     ramp = np.linspace(-3, 3, 100) * SIGMA
     values = clean(100, 3) + ramp
-    values[5] += 9 * SIGMA  # near the median of the lot, far from its line
+    values[5] += 9 * SIGMA  # near the median of the lot, far from the line of its drift
     lot = lot_of(rows(values))
     assert lot.distributions[0].drifts
     assert lot.distributions[0].drift == pytest.approx(6 * SIGMA, rel=0.2)
@@ -86,7 +90,7 @@ def test_an_empty_lot_is_reported():
 
 @pytest.mark.parametrize("count", [1, 2, 5, 40])
 def test_serial_numbers_and_counts_are_whole(count):
-    """Also of a lot with one result."""
+    """Ticks of the charts are integers, also for a lot with one result."""
     figure = lot_figure(lot_of(rows(clean(count, 1))))
     figure.draw_without_rendering()
     for axes in figure.axes:

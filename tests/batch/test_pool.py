@@ -1,4 +1,4 @@
-"""Dead, hanging and idle workers: the lot goes on, the culprit is named, nothing is left running."""
+"""Workers that die, hang or do not answer: the lot goes on, the culprit is named, and nothing is left running."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from femu_piezo.errors import ConvergenceError
 
 
 def outcome(tasks: list[str], workers: int = 2, limit_s: float | None = None, bundle: int = 1) -> dict[str, str]:
-    """Task → "ok" or the reason why not."""
+    """Task → "ok" or the reason why it has no result."""
     found = {}
 
     def finished(task, result, reason):
@@ -50,7 +50,7 @@ def test_workers_that_always_die_end_the_lot(monkeypatch):
         outcome(["die"], workers=1)
 
 
-def test_silence_is_given_up():
+def test_a_pool_that_does_not_answer_is_given_up():
     found = {}
     pool = LocalPool(1, None)
     try:
@@ -60,8 +60,8 @@ def test_silence_is_given_up():
     assert "no worker has answered for 2 s" in found["sleep"]
 
 
-def test_a_scheduler_that_is_started_again_costs_nothing():
-    """The tasks in flight are handed to the new one; one that stays away ends the lot with a sentence."""
+def test_a_restarted_scheduler_loses_no_task():
+    """Tasks in flight are submitted again to the new scheduler."""
     from distributed import LocalCluster
 
     from femu_piezo.batch.cluster import DaskPool
@@ -91,8 +91,10 @@ def test_a_scheduler_that_is_started_again_costs_nothing():
 
 
 @pytest.mark.parametrize("error", [None, ValueError("a future of the old scheduler")], ids=["cancelled", "in error"])
-def test_what_a_lost_scheduler_never_answers_is_handed_over_again(error):
-    """Of two tasks in flight one is cancelled or broken, the other is never heard of; the next scheduler does both."""
+def test_tasks_of_a_lost_scheduler_are_submitted_again(error):
+    """Of two tasks in flight, one is cancelled or ends in an error, and the other is never answered; the next
+    scheduler does both.
+    """
     restarts, found = [], {}
 
     class Lost(InlinePool):
@@ -133,7 +135,9 @@ def test_an_error_of_the_program_ends_a_lot_whose_scheduler_answers():
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs the signal masks of /proc")
 def test_a_mesh_does_not_make_broken_pipes_deadly():
-    """gmsh resets SIGPIPE; a worker whose caller is gone would then die at its next write, with no error."""
+    """gmsh resets SIGPIPE, so that a worker whose caller has ended would die silently at its next write; meshing
+    restores the signal.
+    """
     import signal
 
     from femu_piezo.geometry.gmsh_session import gmsh_session
