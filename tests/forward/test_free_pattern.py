@@ -1,4 +1,4 @@
-"""Scattered operators against the triple product with the prolongation."""
+"""Operators scattered into a fixed sparsity pattern, against the triple product with the prolongation."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_unit_terms_add_up():
 
 
 def test_inertia_and_further_terms_stay_on_the_pattern():
-    """K − ω²M + s A, with the pattern of K: also where entries cancel, and one more where A has no room on it."""
+    """K − ω²M + s A has the pattern of K, also where entries cancel; an entry of A outside the pattern extends it."""
     model = ElectroelasticModel(Plate(8e-3, 5e-3, 1e-3).domain((3, 2, 2)), 7500.0)
     pattern, tensor, omega = model._pattern, extended_tensor(E_CONSTANTS.lossless(), model.rotation).real, 4e5
     whole = model.stiffness(E_CONSTANTS.lossless())
@@ -52,12 +52,12 @@ def test_inertia_and_further_terms_stay_on_the_pattern():
     column = int(np.setdiff1d(np.arange(model.size), whole[row].indices)[0])
     apart = sp.csr_matrix(([1.0], ([row], [column])), shape=whole.shape)
     assert pattern.added(whole, 2.0 * apart)[row, column] == 2.0
-    mass = pattern.stiffness(np.zeros_like(tensor), -model.density)  # of a body without stiffness
+    mass = pattern.stiffness(np.zeros_like(tensor), -model.density)  # mass alone, of a body without stiffness
     assert abs(mass - model.mass).max() < 1e-13 * abs(model.mass).max()
 
 
 def test_factors_of_one_model_share_an_analysis():
-    """At several shifts and constants, without and with a further term."""
+    """At several shifts and constants; a further term outside the pattern needs a second analysis."""
     model = ElectroelasticModel(Plate(8e-3, 5e-3, 1e-3).domain((3, 2, 2)), 7500.0)
     n, ends = model.basis.N, np.flatnonzero(np.isclose(model.basis.doflocs[0], model.basis.doflocs[0].max()))
     column = sp.csr_matrix((np.ones(ends.size), (ends, np.zeros(ends.size, int))), shape=(4 * n, 1))
@@ -67,6 +67,6 @@ def test_factors_of_one_model_share_an_analysis():
     for shift, spring, film in ((0.0, 0, 0), (1e11, 0, 0), (1e11, 0, 3e4), (3e11, 0, 1e5), (3e11, 2e5, 1e5)):
         coefficients = np.append(values, [spring, film])
         found = model.factorize(coefficients, shift).solve(right)
-        left = model.operator(coefficients, shift) @ found - right
-        assert np.linalg.norm(left) < 1e-8 * np.linalg.norm(right)
+        residual = model.operator(coefficients, shift) @ found - right
+        assert np.linalg.norm(residual) < 1e-8 * np.linalg.norm(right)
         assert model.analysis.analyses == (1 if not spring else 2)

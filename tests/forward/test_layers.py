@@ -1,4 +1,6 @@
-"""Plane meshes in layers: products without matrices, and elimination in cells, against the assembled weak forms."""
+"""Plane meshes in layers: products without assembled matrices, and elimination by cells, against the assembled weak
+forms.
+"""
 
 from __future__ import annotations
 
@@ -36,11 +38,12 @@ def model(request) -> ElectroelasticModel:
 
 
 def close(found: np.ndarray, exact: np.ndarray, share: float = 1e-12) -> None:
+    """Assert equality to a share of the largest exact value."""
     np.testing.assert_allclose(found, exact, rtol=0, atol=share * np.abs(exact).max())
 
 
 def test_products_are_those_of_the_assembled_matrices(model):
-    """The docstring's ∫ ∂_aφ_i ∂_bφ_j dV = P_ab ⊗ Z_ab, the mass, and whole operators by cells."""
+    """The documented ∫ ∂_aφ_i ∂_bφ_j dV = P_ab ⊗ Z_ab, the mass, and whole operators by cells."""
     layered, plain = model.products, model.assembled
     assert isinstance(layered, LayeredProducts)
     vectors, nodes = np.random.default_rng(0).standard_normal((layered.size, 3)), layered.nodes
@@ -60,15 +63,15 @@ def test_cells_add_up_to_the_operator(model):
     vectors = np.random.default_rng(2).standard_normal(FIELDS * n)
     found = np.zeros_like(vectors)
     for cell in range(products.cells):
-        own = (n * np.arange(FIELDS)[:, None] + products.cell_nodes(cell)).ravel()
-        found[own] += products.cell_operator(tensor, 7500.0 * SHIFT, cell) @ vectors[own]
+        places = (n * np.arange(FIELDS)[:, None] + products.cell_nodes(cell)).ravel()
+        found[places] += products.cell_operator(tensor, 7500.0 * SHIFT, cell) @ vectors[places]
     assembled = model.assembled.stiffness(tensor) - SHIFT * model.assembled.mass_matrix(7500.0)
     close(found, assembled @ vectors)
 
 
 @pytest.mark.parametrize("backend", ["rslab", "scipy"])
 def test_elimination_in_cells_solves_the_assembled_operator(model, backend, monkeypatch):
-    """One and several right-hand sides, of a solver that has looked at no residual yet; and with a further term."""
+    """One and several right-hand sides, with and without the check of residuals, and with a further term."""
     if backend == "scipy":
         monkeypatch.setattr(linear_solver, "rslab", None)
     right = np.random.default_rng(3).standard_normal((model.size, 2))
@@ -86,7 +89,7 @@ def test_elimination_in_cells_solves_the_assembled_operator(model, backend, monk
 
 
 def test_boxes_and_parts_are_assembled():
-    """Boxes have products along each axis; a part of the cells is no whole plane."""
+    """Boxes have products along each axis instead, and a part of the cells is no complete layer."""
     box = ElectroelasticModel(Plate(10 * MM, 5 * MM, 1 * MM).domain((2, 2, 1), order=3), 7500.0)
     assert LayeredProducts.of(box.basis) is None
     basis = ElectroelasticModel(BODIES["disk"].domain(3 * MM, order=3), 7500.0).basis

@@ -1,4 +1,4 @@
-"""One symbolic analysis serves all matrices of a pattern; where rslab is missing SuperLU solves."""
+"""One symbolic analysis serves all matrices of a pattern; without rslab, SuperLU solves."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ E_FORM = library_material("pzt-5h").constants.lossless().to_e_form()
 
 
 def test_one_analysis_serves_a_sweep():
+    """Three frequencies."""
     model = ElectroelasticModel(Plate(12e-3, 5e-3, 1e-3).domain((4, 2, 1)), 7500.0)
     stiffness, right = model.stiffness(E_FORM), np.arange(1.0, model.size + 1)
     analysis = Analysis()
@@ -24,7 +25,7 @@ def test_one_analysis_serves_a_sweep():
         matrix = stiffness - omega**2 * model.mass
         np.testing.assert_allclose(analysis.factorize(matrix).solve(right), factorize(matrix).solve(right), rtol=1e-9)
     assert analysis.analyses == 1
-    analysis.factorize(model.mass[:50, :50])  # another pattern is analysed anew
+    analysis.factorize(model.mass[:50, :50])  # another pattern needs another analysis
     assert analysis.analyses == 2
 
 
@@ -44,13 +45,15 @@ def test_without_rslab_superlu_solves(monkeypatch):
 
 @pytest.mark.parametrize("dtype", [float, complex])
 def test_no_right_hand_side_has_no_solution(dtype):
-    """The response of a disk to an uneven film was nothing new beside the modes that it had: an exception."""
+    """An empty set of right-hand sides gives an empty set of solutions, as for a disk whose response to an uneven
+    film adds nothing to its modes.
+    """
     found = factorize(sp.eye(5, format="csr")).solve(np.zeros((5, 0), dtype=dtype))
     assert found.shape == (5, 0) and found.dtype == dtype
 
 
 class Spoilt:
-    """A solver that makes one column wrong by a share of itself, as often as it is told."""
+    """A solver that makes one column wrong by a relative error, for the first `times` solutions."""
 
     def __init__(self, solver, share: float, column: int, times: int) -> None:
         self._solver, self._share, self._column, self.times = solver, share, column, times
@@ -65,8 +68,8 @@ class Spoilt:
 
 
 @pytest.mark.parametrize("column", [0, 7, 29])
-def test_one_wrong_solution_among_many_is_seen(column):
-    """A few sums of the columns show it: it is mended once, and refused where the solver goes on."""
+def test_one_wrong_solution_among_many_is_detected(column):
+    """A few sums of the columns show it: it is refined once, and an error is raised if the solver stays wrong."""
     model = ElectroelasticModel(Plate(12e-3, 5e-3, 1e-3).domain((2, 1, 1)), 7500.0)
     matrix = sp.csc_matrix(model.stiffness(E_FORM) + model.mass)
     right = np.random.default_rng(column).standard_normal((model.size, 30))

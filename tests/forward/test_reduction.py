@@ -1,4 +1,6 @@
-"""Reduced against full model: at random constants, for every kind of plate, with the estimate above the true error."""
+"""The reduced model against the full one: at random constants, for several plates, with its estimated error above
+the true one.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,7 @@ LOSSY = PiezoConstants.from_vector(PZT.vector() * (1 - 1j * TANGENTS))
 
 
 def resonances_Hz(modal, band: float) -> np.ndarray:
-    """Frequencies of all poles and zeros in the band, Hz: where an error of the basis shows most."""
+    """Frequencies of all poles and zeros in the band, Hz, where an error of the basis is largest."""
     values = np.concatenate([modal.eigenvalues, modal.zeros[0]]).real
     frequency = np.sqrt(values[values > 0]) / (2 * np.pi)
     return frequency[(frequency > 100.0) & (frequency < band)]
@@ -47,6 +49,7 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("accuracy", [1e-4, 1e-6])
 def test_one_lossy_set_is_as_accurate_as_asked(name, accuracy):
+    """A basis for one set of lossy constants: true and estimated error are below the accuracy asked for."""
     plate, divisions, axes, band = CASES[name]
     model = ElectroelasticModel(plate.domain(divisions, axes), 7500.0)
     reduced = reduce_model(model, [LOSSY], band, accuracy=accuracy)
@@ -57,6 +60,7 @@ def test_one_lossy_set_is_as_accurate_as_asked(name, accuracy):
 
 @pytest.fixture(scope="module")
 def trained():
+    """Model, free constants, end of the band and a basis for constants within ±15 %."""
     model = ElectroelasticModel(Plate(40e-3, 5e-3, 1e-3).domain((12, 2, 1)), 7500.0)
     free = FreeConstants.of(PZT, ("s11", "d31", "eps33T"))
     band = 200e3
@@ -65,7 +69,7 @@ def trained():
 
 
 def test_random_constants_in_the_trained_range(trained):
-    """Any three constants within ±15 %, any loss tangents in 0.5 … 2 %: the accuracy asked for holds."""
+    """Six sets within ±15 %, with loss tangents of 0.5 to 2 %: the accuracy asked for is kept."""
     model, free, band, reduced = trained
     rng = np.random.default_rng(3)
     for _ in range(6):
@@ -88,7 +92,9 @@ def test_poles_and_zeros_are_those_of_the_full_model(trained):
 
 
 def test_no_mode_of_the_eighth_is_missed():
-    """Every mode of the eighth is driven, so the reduced model must hold as many in its band as the full one."""
+    """All modes of an eighth of the plate are driven, so the reduced model must have as many in its band as the full
+    one.
+    """
     band, e_form = 300e3, PZT.to_e_form()
     model = ElectroelasticModel(Plate(20e-3, 5e-3, 1e-3).domain((8, 2, 1)), 7500.0)
     modal = reduce_model(model, [PZT], band).modal(e_form)
@@ -99,7 +105,7 @@ def test_no_mode_of_the_eighth_is_missed():
 
 
 def test_jacobian_is_the_derivative(trained):
-    """∂Y/∂c_q against Richardson-extrapolated differences, at resonances and off them; directions contract it."""
+    """∂Y/∂c_q against Richardson-extrapolated differences, at resonances and off them; and along given directions."""
     _, free, band, reduced = trained
     theta = free.start.real * (1 - 1j * np.array([0.01, 0.02, 0.015]))
     e_form = free.constants(theta).to_e_form()
@@ -124,7 +130,7 @@ def test_jacobian_is_the_derivative(trained):
 
 
 def test_extra_terms_are_trained_too():
-    """A point mass near the corner of a plate: its coefficient is −ω²m, so real negative coefficients train it."""
+    """A point mass near the corner: its coefficient −ω²m is trained by real negative values."""
     plate, band, mass = Plate(12e-3, 5e-3, 1e-3), 150e3, 5e-6
     domain = plate.domain((6, 2, 1), (2,))
     bare = ElectroelasticModel(domain, 7500.0)
@@ -144,7 +150,7 @@ def test_extra_terms_are_trained_too():
 
 
 def test_a_term_given_by_its_tensor_is_the_one_given_by_its_matrix():
-    """The elastic shear part of the reference, doubled: one operator, one basis, one impedance."""
+    """A shear stiffness added as a tensor or as a matrix: the same operator and impedance."""
     plate, band = Plate(12e-3, 5e-3, 1e-3), 150e3
     bare = ElectroelasticModel(plate.domain((6, 2, 1)), 7500.0)
     e_form = LOSSY.to_e_form()
@@ -164,8 +170,8 @@ def test_a_term_given_by_its_tensor_is_the_one_given_by_its_matrix():
     assert true_error(by_tensor, reduced, e_form, band, extra={"shear": 0.1}) < 1e-5
 
 
-def test_an_accuracy_out_of_reach_is_told(trained):
-    """A basis that misses its target comes with the error it has; one of no use at all is refused."""
+def test_an_accuracy_out_of_reach_is_reported(trained):
+    """A basis that misses its target states the error it has; a useless one is refused."""
     model, free, band, _ = trained
     sets = free.training_sets(free.start, 0.15)
     reduced = reduce_model(model, sets, band, accuracy=1e-9, max_rounds=3)
@@ -176,12 +182,16 @@ def test_an_accuracy_out_of_reach_is_told(trained):
 
 
 def _lossy(sets):
-    """The same constants with a loss tangent of 0.5 % throughout, as the estimate takes it."""
+    """The sets of constants with a loss tangent of 0.5 %, as the estimate of the error assumes."""
     return [PiezoConstants.from_vector(item.vector() * (1 - 0.005j)) for item in sets]
 
 
-def test_a_change_that_was_left_out_of_corrections_tells_no_ratio():
-    """The slowest of the others stands for it, else the slowest there is; of a first change none is told."""
+def test_predicted_changes_of_the_correction():
+    """Ratio of two successive changes, and the predicted size of all later ones.
+
+    A change too small to be corrected takes the slowest ratio of the others, or 0.9 if there is none; a first change
+    has none.
+    """
     before, change = np.array([1.0, 0.1, 1e-6, np.inf]), np.array([1e-3, 2e-2, 5e-6, 0.3])
     ratio = _ratios(before, change, 1e-5)
     np.testing.assert_allclose(ratio, [1e-3, 0.2, 0.2, 0.0])

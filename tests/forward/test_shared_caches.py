@@ -1,4 +1,4 @@
-"""Threads that share an element, a curved mesh or an analysis get the answers to their own questions."""
+"""Threads that share an element, a curved mesh or an analysis each get the right results."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _THREADS, _TURNS = 4, 40
 
 @pytest.fixture
 def eager():
-    """Threads that change at nearly every step."""
+    """Threads that switch at nearly every bytecode."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     yield
@@ -28,6 +28,7 @@ def eager():
 
 
 def _alone_and_together(answer: Callable[[int], np.ndarray]) -> None:
+    """Assert that results in several threads are those in one."""
     expected = [answer(number) for number in range(_THREADS)]
     with ThreadPoolExecutor(_THREADS) as pool:
         for number, found in enumerate(pool.map(lambda n: [answer(n) for _ in range(_TURNS)], range(_THREADS))):

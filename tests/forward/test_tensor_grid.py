@@ -1,4 +1,4 @@
-"""Gradient products by their Kronecker structure against the assembled ones."""
+"""Gradient products by their Kronecker structure against assembled ones."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from femu_piezo.geometry.slab import Electrodes
 
 @pytest.mark.parametrize("order", [2, 3, 6])
 def test_products_are_those_of_the_assembled_matrices(order):
-    """The docstring's ∫ ∂_aφ_i ∂_bφ_j dV = X ⊗ Y ⊗ Z, and the mass, on random vectors."""
+    """The documented ∫ ∂_aφ_i ∂_bφ_j dV = X ⊗ Y ⊗ Z, and the mass, on random vectors."""
     plate = Plate(11e-3, 6e-3, 1.3e-3)
     products = ElectroelasticModel(plate.domain((3, 2, 1), order=order), 7500.0).products
     plain = replace(products, grid=None)
@@ -32,20 +32,22 @@ def test_products_are_those_of_the_assembled_matrices(order):
 
 
 def test_forms_of_fields_with_themselves_are_those_of_any_two():
-    """Half of the parts and their transposes give vᵗA v of all unit constants, and of fields whose others vanish."""
+    """Half of the parts and their transposes give vᵗA v for all unit constants, also where some of the fields
+    vanish.
+    """
     model = ElectroelasticModel(Plate(11e-3, 6e-3, 1.3e-3).domain((3, 2, 1), order=3), 7500.0)
     fields = np.random.default_rng(1).standard_normal((4, model.products.size, 5))
     for used in ((0, 1, 2, 3), (1, 3)):
-        own = np.zeros_like(fields)
-        own[list(used)] = fields[list(used)]
-        exact = model.products.between(own, own, model.unit_tensors)
-        found = model.products.within(own, model.unit_tensors)
+        chosen = np.zeros_like(fields)
+        chosen[list(used)] = fields[list(used)]
+        exact = model.products.between(chosen, chosen, model.unit_tensors)
+        found = model.products.within(chosen, model.unit_tensors)
         np.testing.assert_allclose(found, exact, rtol=0, atol=1e-12 * np.abs(exact).max())
         np.testing.assert_array_equal(found, found.transpose(0, 2, 1))
 
 
 def test_other_bases_have_no_grid():
-    """A part of the cells, cells that are moved, and cells that are graded towards an electrode rim are no box."""
+    """A part of the cells, moved cells, and cells graded towards the rim of an electrode are no regular box."""
     model = ElectroelasticModel(Plate(10e-3, 5e-3, 1e-3).domain((2, 2, 1), order=3), 7500.0)
     part = model.basis.__class__(model.basis.mesh, model.basis.elem, elements=np.array([0]))
     assert TensorGrid.of(part) is None

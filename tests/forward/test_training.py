@@ -1,4 +1,6 @@
-"""The identities that the reduction rests on: shifted driven states, uniform loss, residuals, images, thread limits."""
+"""The identities that the reduction is based on: shifted driven states, Krylov vectors, projections, uniform loss,
+residuals; and thread limits.
+"""
 
 from __future__ import annotations
 
@@ -30,6 +32,7 @@ def model():
 
 
 def _reference(model):
+    """Stiffness, shift, load of the terminals, factors and static response at that shift."""
     stiffness, shift = model.stiffness(E_CONSTANTS), 0.4 * TOP
     load = np.zeros(model.size)
     load[-1] = -1.0
@@ -38,7 +41,7 @@ def _reference(model):
 
 
 def test_driven_state_from_the_shifted_one(model):
-    """bᵗx = bᵗx_0 + s x_0ᵗMx with s = ω² − σ."""
+    """bᵗx = bᵗx_0 + s x_0ᵗMx, where s = ω² − σ."""
     stiffness, shift, load, _, start = _reference(model)
     for omega in 2 * np.pi * np.array([20e3, 150e3]):
         state = factorize(stiffness - omega**2 * model.mass).solve(load)
@@ -82,7 +85,7 @@ def test_projections_are_the_terms_on_the_basis(model):
 
 
 def test_uniform_loss_has_a_closed_form(model):
-    """F(ω) = (1+jη) [C∞ + Σ g²/(λ − ω²/(1+jη))] with λ, g, C∞ of the lossless plate."""
+    """F(ω) = (1+jη) [C∞ + Σ g²/(λ − ω²/(1+jη))], where λ, g, C∞ are those of the lossless plate."""
     reduced, loss = reduce_model(model, [PZT], 200e3), 0.01
     real = reduced.modal(E_CONSTANTS)
     lossy = reduced.modal(ElasticForm.from_vector(E_CONSTANTS.vector() * (1 + 1j * loss)))
@@ -94,7 +97,7 @@ def test_uniform_loss_has_a_closed_form(model):
 
 
 def test_residuals_of_training_states(model):
-    """For modes A z − λ M z; the potential of the electrode carries no residual once its charge is taken out."""
+    """A z − λ M z of modes; the potential of the electrode has no residual once its charge is subtracted."""
     _, shift, _, factor, start = _reference(model)
     basis = ReducedBasis(model, E_CONSTANTS.vector().real, start)
     basis.add(driven_krylov(factor, basis.mass, start, shift, TOP, 1e-4), 1e-8)
