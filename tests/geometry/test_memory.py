@@ -1,4 +1,4 @@
-"""Counts and numbers in a damaged mesh cannot make the reader take gigabytes."""
+"""Counts and numbers in a damaged mesh file cannot make the reader allocate gigabytes."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3)
 
 
 def read(path: Path) -> tuple[str, float]:
-    """What a process of its own says to a mesh, and its largest resident memory, MB."""
+    """The error message for a mesh in a process of its own, and the largest resident memory of that process, MB."""
     done = subprocess.run([sys.executable, "-c", READ, str(path)], capture_output=True, text=True, check=True)
     sentence, size = done.stdout.strip().split("\n")
     return sentence, float(size)
@@ -68,7 +68,7 @@ def test_counts_beyond_the_file_are_refused_before_memory_is_taken(damage: dict,
     sound = {"nodes": 4, "tag": 4, "elements": 1}
     (tmp_path / "x.msh").write_text(MESH.format(**sound), encoding="ascii")
     words, usual = read(tmp_path / "x.msh")
-    assert "hot" in words  # read to its end: there are no electrodes
+    assert "hot" in words  # the sound file is read to its end, where the electrodes are missing
     (tmp_path / "x.msh").write_text(MESH.format(**sound | damage), encoding="ascii")
     words, size = read(tmp_path / "x.msh")
     assert "by its counts of points and elements this mesh takes more than 256 MB" in words

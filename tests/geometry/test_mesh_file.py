@@ -1,4 +1,4 @@
-"""A user's own mesh: read, checked, computed; every fault told in one sentence."""
+"""A user's own mesh: reading, checks, results; every fault gives one sentence."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ VM175 = library_material("pzt-4-vm175")
 def write_box(
     path: Path, names: dict[str, tuple[int, ...]], order: int = 2, size: float = 20.0, mesh: float = 7.0
 ) -> None:
-    """A box in mm; faces 1 … 6 of OpenCASCADE are x_min x_max y_min y_max z_min z_max."""
+    """Mesh file of a box in mm; faces 1 … 6 of OpenCASCADE are x_min x_max y_min y_max z_min z_max."""
     with gmsh_session():
         import gmsh
 
@@ -77,14 +77,14 @@ def test_named_mirror_planes_make_the_whole(tmp_path: Path) -> None:
         ({"hot": (6,), "ground": (4,)}, 'electrodes "hot" and "ground" touch at'),
     ],
 )
-def test_wrong_electrodes_are_told(tmp_path: Path, names: dict, told: str) -> None:
+def test_wrong_electrodes_are_refused(tmp_path: Path, names: dict, told: str) -> None:
     write_box(tmp_path / "cube.msh", names, order=1)
     with pytest.raises(InputError, match=told) as caught:
         MeshFile(tmp_path / "cube.msh", unit=1e-3).domain_for()
     assert str(tmp_path / "cube.msh") in str(caught.value)
 
 
-def test_wrong_unit_wrong_poling_and_no_mesh_are_told(tmp_path: Path) -> None:
+def test_wrong_unit_wrong_poling_and_no_mesh_are_refused(tmp_path: Path) -> None:
     write_box(tmp_path / "cube.msh", {"hot": (6,), "ground": (5,), "mirror_z": (5,)}, order=1)
     with pytest.raises(InputError, match=r"geometry\.unit"):
         MeshFile(tmp_path / "cube.msh").domain_for()
@@ -101,7 +101,7 @@ def test_wrong_unit_wrong_poling_and_no_mesh_are_told(tmp_path: Path) -> None:
         MeshFile(tmp_path / "flat.vtk").domain_for()
 
 
-def test_inverted_and_loose_elements_are_told() -> None:
+def test_inverted_and_loose_elements_are_refused() -> None:
     mesh = skfem.MeshHex.init_tensor(*[np.linspace(0, 1, 3)] * 3)
     check_elements(mesh)
     points = mesh.p.copy()
@@ -114,7 +114,7 @@ def test_inverted_and_loose_elements_are_told() -> None:
         check_elements(both)
 
 
-def test_electrode_inside_the_body_is_told() -> None:
+def test_electrode_inside_the_body_is_refused() -> None:
     mesh = skfem.MeshHex.init_tensor(*[np.linspace(0, 1, 3)] * 3)
     mesh = mesh.with_boundaries(
         {"hot": lambda x: np.isclose(x[2], 0.5), "ground": lambda x: np.isclose(x[2], 0)}, False

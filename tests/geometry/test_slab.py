@@ -1,4 +1,4 @@
-"""Slabs of any outline against closed forms, reference codes, and themselves with and without symmetry."""
+"""Slabs of any outline against closed forms and reference codes, and with symmetry against without."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ VM175 = library_material("pzt-4-vm175")
 
 
 def frequencies(model: ElectroelasticModel, constants, circuit: str, count: int, near_Hz: float = 0.0) -> np.ndarray:
-    """Driven modes, Hz: those with more than 1e-4 of the strongest |a²/λ|, rigid motions left out."""
+    """Driven modes, Hz: those with more than 1e-4 of the largest participation, without rigid motions."""
     modes = solve_eigen(model, constants.to_e_form(), circuit, count, near_Hz)
     hertz = np.sqrt(np.abs(modes.eigenvalues.real)) / (2 * np.pi)
     weight = np.where(hertz > 1e3, modes.participation, 0.0)
@@ -104,10 +104,10 @@ SHAPES = {
 def test_volume_and_electrode_area_are_those_of_the_drawing(name: str, symmetric: bool) -> None:
     shape = SHAPES[name]
     domain = shape.domain(1 * MM, symmetric)
-    exact = shape.element_shape == "hexahedron"  # of tetrahedra the sides are parabolas
+    exact = shape.element_shape == "hexahedron"  # tetrahedra have parabolic sides, which miss a circle slightly
     assert domain.volume == pytest.approx(shape.volume, rel=1e-8 if exact else 5e-5)
     area = boundary_area(domain.mesh, "hot") * domain.copies / domain.voltage_factor
-    by_grid = name == "wrapped disk"  # its electrode area is known by counting points
+    by_grid = name == "wrapped disk"  # the exact area of its electrode is itself counted on a grid of points
     assert area == pytest.approx(shape.electrode_area, rel=1e-10 if exact and not by_grid else 1e-4)
     assert domain.copies == (2 ** len(shape.mirrors) if symmetric else 1)
 
@@ -119,7 +119,7 @@ def test_wrapped_ground_covers_lower_face_end_and_strip() -> None:
 
 
 def test_two_threads_mesh_in_turn(monkeypatch) -> None:
-    """gmsh has one session for a process, and a diagnosis plans two bodies at once."""
+    """gmsh has one session for each process, while a diagnosis meshes two bodies at once."""
     monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
     shapes = [SHAPES["rounded"], SHAPES["off-centre hole"]]
     nodes = [shape.domain(2 * MM).mesh.p.shape[1] for shape in shapes]
@@ -150,7 +150,7 @@ def test_symmetric_part_has_the_driven_modes_of_the_whole(name: str, mirrors: tu
 
 
 def test_plain_trapezoid_is_a_tapered_box() -> None:
-    """A few elements of high order with the modes of quadratic tetrahedra of gmsh."""
+    """A few elements of high order have the modes of many quadratic tetrahedra of gmsh."""
     shape = SHAPES["trapezoid"]
     few, many = shape.domain_for(1e-5, 250e3, 1947.0), replace(shape, elements="tetrahedron").domain(0.5 * MM)
     assert few.order > 2 and few.mesh.nelements < 20 < many.mesh.nelements
@@ -170,7 +170,7 @@ def test_direction_of_poling_decides_the_mirrors() -> None:
 
 
 def test_rotated_body_with_rotated_poling_has_the_same_modes() -> None:
-    """Poling and field along z of a cube, against the same cube poled along z turned by 90° about x, twice."""
+    """A cube poled along z, and one poled along −z (rotated by 180° about x)."""
     up = ElectroelasticModel(Slab(Rectangle(4 * MM, 4 * MM), 4 * MM).domain(2 * MM), VM175.density)
     down = ElectroelasticModel(
         Slab(Rectangle(4 * MM, 4 * MM), 4 * MM, direction=(0, 0, -1)).domain(2 * MM), VM175.density
@@ -196,12 +196,13 @@ def test_rotated_body_with_rotated_poling_has_the_same_modes() -> None:
         (lambda: disk(10 * MM, 1 * MM).domain_for(1e-6, 5e7, 1900.0), "unknowns"),
     ],
 )
-def test_what_does_not_fit_is_told(build, told: str) -> None:
+def test_impossible_shapes_are_refused(build, told: str) -> None:
     with pytest.raises(InputError, match=told):
         build()
 
 
 def test_regions_know_their_depth() -> None:
+    """The share of random points inside a region, and inside the region shrunk by a depth, is that of their areas."""
     rng = np.random.default_rng(3)
     x, y = rng.uniform(-6e-3, 6e-3, (2, 200_000))
     for region in (Rectangle(8e-3, 5e-3, 1e-3), Trapezoid(8e-3, 5e-3, 3e-3), Circle(6e-3, (1e-3, -1e-3))):
