@@ -42,7 +42,7 @@ resistance = "1.5 ohm"
 
 @dataclass
 class Running:
-    """A simulated analyser that runs: its VISA address and the file with every command that it got."""
+    """A running simulated analyser: its port, and the log of all commands that it received."""
 
     port: int
     log: Path
@@ -59,7 +59,7 @@ class Running:
         return [match[1] for line in self.commands() if (match := re.fullmatch(pattern, line))][-1]
 
     def is_off(self) -> bool:
-        """Whether bias and trigger are off and the level is the lowest, by the last commands of each."""
+        """Whether, by the last command of each, bias and trigger are off and the level is the lowest."""
         return (
             self.last(r":SOUR:BIAS:STAT (\w+)") == "OFF"
             and self.last(r":INIT1:CONT (\w+)") == "OFF"
@@ -67,11 +67,12 @@ class Running:
         )
 
     def largest_voltage(self) -> float:
+        """Highest level that was ever set, V."""
         asked = (line.split()[1] for line in self.commands() if re.fullmatch(r":SOUR1:VOLT [\d.e-]+", line))
         return max(map(float, asked), default=0.0)
 
     def raw(self, data: bytes, reads: int = 0) -> bytes:
-        """What answers to bytes that no VISA library would send."""
+        """The answers to bytes that no VISA library would send."""
         with socket.create_connection(("127.0.0.1", self.port), timeout=5) as one:
             one.sendall(data)
             found = b""
@@ -82,7 +83,7 @@ class Running:
 
 @contextmanager
 def analyser(specimen: Path, *options: str) -> Iterator[Running]:
-    """`femu-piezo analyser` on a free port."""
+    """`femu-piezo analyser` in a process of its own on a free port."""
     log = specimen.with_name(f"commands{len(list(specimen.parent.iterdir()))}.log")
     process = subprocess.Popen(
         [sys.executable, "-m", "femu_piezo.cli", "analyser", str(specimen), "--port", "0", "--log", str(log), *options],
@@ -94,7 +95,7 @@ def analyser(specimen: Path, *options: str) -> Iterator[Running]:
         line = process.stdout.readline()
         yield Running(int(re.search(r"::(\d+)::SOCKET", line)[1]), log)
     finally:
-        process.terminate()  # what a shell starts in the background ignores Ctrl-C
+        process.terminate()  # SIGTERM, since processes started in the background by a shell ignore SIGINT
         process.wait()
         process.stdout.close()
 

@@ -22,6 +22,7 @@ FREQUENCY = np.concatenate([np.linspace(60e3, 170e3, 23), [118123.456, 119000.00
 
 @pytest.fixture(scope="module", params=["E4990A", "4294A"])
 def either(request, plate):
+    """Model and running analyser, for both dialects."""
     with analyser(plate, "--model", request.param) as running:
         yield request.param, running
 
@@ -33,7 +34,9 @@ def expected(plate, frequency: np.ndarray) -> np.ndarray:
 
 
 def test_a_list_of_frequencies_comes_back_measured(either, plate):
-    """Both dialects, up and down; magnitudes are those of the specimen within gain, noise and interpolation."""
+    """Both dialects, rising and falling; magnitudes are those of the specimen within gain error, noise and
+    interpolation.
+    """
     model, running = either
     with connect(running.address, LIMITS, FAST) as one:
         assert model in one.identity and one.compensation == "open on, short on, load off"
@@ -106,7 +109,7 @@ def test_an_unknown_instrument_and_an_address_with_none(bench, monkeypatch):
 
 
 def test_broken_clients_do_not_harm_the_analyser(bench):
-    bench.raw(b":SENS1:SEGM:DATA " + b"7," * 600_000)  # longer than any line, and it never ends
+    bench.raw(b":SENS1:SEGM:DATA " + b"7," * 600_000)  # longer than any valid line, and without an end
     bench.raw(b":TRIG")
     wrong = b"\xff\xfe\x00garbage\n:SOUR1:VOLT\n:SOUR1:VOLT soon\n:SENS1:SEGM:DATA 7,0\n:CALC1:PAR9:SEL\n"
     told = bench.raw(b"*CLS\n" + wrong + b":SYST:ERR?\n" * 6, reads=6).decode().splitlines()
@@ -124,13 +127,13 @@ def failing(plate) -> Running:
 
 
 def test_every_fault_is_a_sentence_and_the_output_is_off(failing):
-    """One sweep each, in the order of the faults; the sixth is well again."""
+    """Five sweeps with one fault each; the sixth is sound again."""
     for words in (
         r"reports -222,\"Data out of range\" after the sweep",
         r"gave no whole answer to ':CALC1:DATA:FDAT\?' within 1 s",
         r"gave no whole answer to '\*OPC\?'",
         r"marks \d+ of 12 values as not measured \(overload\).*lower --voltage",
-        r"gave no whole answer|broke",  # pyvisa-py waits where another library tells at once
+        r"gave no whole answer|broke",  # pyvisa-py waits for the timeout where other libraries fail at once
     ):
         settings = Settings(speed=1, timeout=1.0)
         with pytest.raises(InstrumentError, match=words) as told, connect(failing.address, LIMITS, settings) as one:
@@ -141,7 +144,7 @@ def test_every_fault_is_a_sentence_and_the_output_is_off(failing):
         assert len(one.sweep(FREQUENCY[:6])) == 6
 
 
-def test_an_analyser_that_is_gone_is_told_with_its_output(plate):
+def test_an_unreachable_analyser_may_still_have_its_output_on(plate):
     with analyser(plate) as running:
         one = connect(running.address, LIMITS, FAST)
         one.__enter__()

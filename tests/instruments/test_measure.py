@@ -1,4 +1,4 @@
-"""`femu-piezo measure` against a simulated analyser: faults, kills, limits, and where it ends."""
+"""`femu-piezo measure` against a simulated analyser: faults, kills, limits, and the end of a measurement."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ COMMON = ("--points", "64", "--speed", "1", "--timeout", "1")
 
 @pytest.fixture(scope="module")
 def specimen(tmp_path_factory) -> Path:
-    """The file of who measures: it knows nothing of the series resistance."""
+    """The specimen file of the user, which does not mention the series resistance."""
     path = tmp_path_factory.mktemp("measure") / "plate.toml"
     path.write_text(PLATE.split("[effects")[0], encoding="utf-8")
     return path
@@ -49,15 +49,15 @@ def run(specimen: Path, address: str, out: Path, *options: str):
 
 
 def points(out: Path) -> np.ndarray:
-    """Frequencies in points.csv, Hz; of a row that is just being written nothing."""
+    """Frequencies of the complete rows of points.csv, Hz."""
     whole = (out / "points.csv").read_text(encoding="utf-8").rpartition("\n")[0].splitlines()[1:]
     return np.array([float(row.partition(",")[0]) for row in whole])
 
 
 def test_every_fault_keeps_the_points_and_the_same_command_goes_on(plate, specimen, tmp_path):
-    """Sweep 1 is well, 2 … 6 fail in turn; each run goes on from the points before, and the last comes to the end.
+    """Sweep 1 is sound and sweeps 2 … 6 fail; each run resumes from the existing points, and the last one finishes.
 
-    128 points begin with 64 that watch the band, in two sweeps.
+    A measurement of 128 points begins with 64 that cover the band, in two sweeps.
     """
     wish = ("--points", "128", "--deviation", "s11", "5 %")
     faults = ("error@2", "half@3", "timeout@4", "overload@5", "unplugged@6")
@@ -90,7 +90,7 @@ def test_every_fault_keeps_the_points_and_the_same_command_goes_on(plate, specim
 
 
 def started(specimen: Path, address: str, out: Path, until: int) -> subprocess.Popen:
-    """`measure` in a process of its own, once it has written so many points."""
+    """A process that runs `measure`, returned once it has written so many points."""
     command = ["measure", str(specimen), "--instrument", address, "--out", str(out), "--points", "400", "--speed", "1"]
     process = subprocess.Popen(
         [sys.executable, "-m", "femu_piezo.cli", *command],
@@ -108,7 +108,9 @@ def started(specimen: Path, address: str, out: Path, until: int) -> subprocess.P
 
 
 def test_interrupted_and_killed_runs_go_on(bench, specimen, tmp_path):
-    """Ctrl-C ends with the output off, a kill cannot; neither costs a point, and the next run counts them."""
+    """Ctrl-C switches the output off, SIGKILL cannot; neither loses a point, and the next run counts the existing
+    ones.
+    """
     out = tmp_path / "out"
     process = started(specimen, bench.address, out, 32)
     process.send_signal(signal.SIGINT)
@@ -121,9 +123,9 @@ def test_interrupted_and_killed_runs_go_on(bench, specimen, tmp_path):
     second = points(out)
     assert np.array_equal(second[: first.size], first) and second.size > first.size
     with open(out / "points.csv", "a", encoding="utf-8") as stream:
-        stream.write("123456.7,12.3,-4")  # as a crash of the machine may leave it
+        stream.write("123456.7,12.3,-4")  # an incomplete row, as after a crash of the machine
     (out / "live.png").unlink(missing_ok=True)
-    (out / "live.png").mkdir()  # a picture that cannot be written costs no measurement
+    (out / "live.png").mkdir()  # a picture that cannot be written does not stop the measurement
     done = run(specimen, bench.address, out, "--points", str(second.size))
     assert done.exit_code == 0, done.output
     assert "live.png" in done.output and "measuring goes on without the picture" in done.output
@@ -144,7 +146,7 @@ def test_interrupted_and_killed_runs_go_on(bench, specimen, tmp_path):
         (("--separate", "--band", "9 kHz", "8 kHz"), "no band"),
     ],
 )
-def test_wishes_that_cannot_be_exit_with_2(bench, specimen, tmp_path, options, words):
+def test_impossible_wishes_exit_with_2(bench, specimen, tmp_path, options, words):
     before = len(bench.commands())
     failed = run(specimen, bench.address, tmp_path / "out", *options)
     assert failed.exit_code == 2 and words in failed.output and "Traceback" not in failed.output
@@ -153,9 +155,9 @@ def test_wishes_that_cannot_be_exit_with_2(bench, specimen, tmp_path, options, w
 
 
 def test_the_sweeps_that_the_diagnosis_recommends_are_taken(bench, specimen, tmp_path, monkeypatch):
-    """Whole sweeps up, down and at a third of the voltage, at the frequencies of the first, diagnosed together.
+    """Sweeps up, down and at a third of the voltage, at the frequencies of the first, are diagnosed together.
 
-    What is kept of the update is what `update measured.toml` would find there already; of the diagnosis, the last.
+    The kept update is that of `update measured.toml`, the kept diagnosis is the last one.
     """
     asked, kept = [], []
 
@@ -191,7 +193,7 @@ def test_the_sweeps_that_the_diagnosis_recommends_are_taken(bench, specimen, tmp
     assert bench.is_off() and bench.largest_voltage() <= 0.6
 
 
-def test_a_store_that_cannot_be_is_told_before_anything_is_measured(bench, specimen, tmp_path):
+def test_an_impossible_store_is_refused_before_anything_is_measured(bench, specimen, tmp_path):
     before = len(bench.commands())
     for options, words in (
         (("--store", str(specimen)), "this is no address of a store"),
@@ -204,7 +206,7 @@ def test_a_store_that_cannot_be_is_told_before_anything_is_measured(bench, speci
 
 
 def test_the_usual_drive_is_that_of_the_limits():
-    """One figure in [limits], in the settings of the analysers and in the help of the command."""
+    """The default voltage is the same in [limits], in the settings of the analysers and in the help of the command."""
     own = Limits().voltage
     assert Settings().voltage == own and usual_drive(Limits(voltage=2.0)) == own
     assert usual_drive(Limits(voltage=own / 2)) == own / 2
@@ -218,7 +220,9 @@ def test_nothing_at_the_address_exits_with_4(specimen, tmp_path):
 
 
 def test_a_plan_for_an_analyser_without_a_connection(specimen, tmp_path):
-    """plan.csv, its segments and the command hold the same frequencies; after --data those that tell most now."""
+    """plan.csv, its segments and the printed command have the same frequencies; with --data, the most informative
+    next ones.
+    """
     found = CliRunner().invoke(main, ["measure", str(specimen), "--plan", "--points", "50", "--out", str(tmp_path)])
     assert found.exit_code == 0, found.output
     frequency = np.loadtxt(tmp_path / "plan.csv", skiprows=1)
@@ -231,8 +235,8 @@ def test_a_plan_for_an_analyser_without_a_connection(specimen, tmp_path):
     assert numbers[:9] == [7, 0, 0, 0, 0, 0, 0, 0, len(rows)] and np.allclose(numbers[9:], rows.ravel(), atol=1e-3)
 
 
-def test_a_full_disk_is_told():
-    """/dev/full is a file on one."""
+def test_a_full_disk_is_reported():
+    """/dev/full acts as a file on a full disk."""
     spectrum = ImpedanceSpectrum(np.array([1e3, 2e3]), np.array([1 - 2j, 3 - 4j]))
     with pytest.raises(InputError, match=r"/dev/full: the file cannot be written \(No space left on device\)"):
         PointFile(Path("/dev/full"), Settings()).append(spectrum)
@@ -245,8 +249,10 @@ def test_a_plan_that_separates_needs_a_sweep(specimen, tmp_path):
 
 
 @pytest.mark.slow
-def test_causes_are_told_apart_at_the_analyser(specimen, tmp_path):
-    """30 ohm that the file says nothing of: named, told from resistive electrodes, looked at again; planned alike."""
+def test_causes_are_separated_at_the_analyser(specimen, tmp_path):
+    """A lead of 30 ohm that the file does not mention: named, and separated from resistive electrodes by further
+    points.
+    """
     hidden = tmp_path / "hidden.toml"
     hidden.write_text(PLATE.replace("1.5 ohm", "30 ohm"), encoding="utf-8")
     out = tmp_path / "out"
@@ -267,7 +273,7 @@ def test_causes_are_told_apart_at_the_analyser(specimen, tmp_path):
     assert [float(line) for line in planned.output.split()] == pytest.approx(np.sort(points(out)[32:48]), rel=1e-3)
 
 
-def test_points_of_another_voltage_do_not_mix(tmp_path):
+def test_points_of_another_voltage_are_refused(tmp_path):
     file = PointFile(tmp_path / "points.csv", Settings(voltage=0.5))
     assert file.read() is None
     file.append(ImpedanceSpectrum(np.array([1e3, 2e3]), np.array([1 - 2j, 3 - 4j])))

@@ -1,4 +1,4 @@
-"""What a simulated analyser measures: noise by the accuracy chart, drift, ringing, and a lean with the drive."""
+"""What a simulated analyser measures: noise by its accuracy chart, drift, ringing, and softening with the drive."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def specimen(plate):
 
 
 def test_noise_grows_with_the_impedance_and_falls_with_the_time(specimen):
-    """Repeated readings at |Z| of some 100 Ω, and of 100 kΩ where a nanosiemens counts."""
+    """Repeated readings at |Z| of about 100 Ω, and of 100 kΩ, where an error of 1 nS matters."""
     piece = Piece(specimen)
 
     def scatter(frequency: float, speed: int, averages: int) -> float:
@@ -33,13 +33,14 @@ def test_noise_grows_with_the_impedance_and_falls_with_the_time(specimen):
 
 
 def test_gain_is_of_the_instrument_and_the_seed(specimen):
+    """The same seed gives the same gain error."""
     one, same, other = (Piece(specimen, seed=seed).measured(FREQUENCY, 0.5, 5, 256) for seed in (1, 1, 2))
     assert np.array_equal(one, same)
     assert 1e-5 < np.abs(np.mean(other / one) - 1) < 2e-3
 
 
 def resonance(z: np.ndarray) -> float:
-    """Frequency of the largest conductance, Hz, by a parabola."""
+    """Frequency of the largest conductance, Hz, by a parabola through three points."""
     top = int(np.argmax((1 / z).real))
     left, middle, right = (1 / z).real[top - 1 : top + 2]
     return FREQUENCY[top] + 0.5 * (left - right) / (left - 2 * middle + right) * (FREQUENCY[1] - FREQUENCY[0])
@@ -54,7 +55,9 @@ def test_resonances_drift_while_it_measures(specimen):
 
 
 def test_a_fast_sweep_still_rings(specimen):
-    """Up and down differ about a resonance where a point takes less than it needs to settle."""
+    """Rising and falling sweeps differ near a resonance if a point takes less time than the resonance needs to
+    settle.
+    """
     sharp = specimen.model_copy(
         update={"material": specimen.material.model_copy(update={"tan_s11": 0.0004, "tan_d31": 0.0004})}
     )
@@ -66,8 +69,8 @@ def test_a_fast_sweep_still_rings(specimen):
     assert apart[1] > 0.05 > 5 * apart[5]
 
 
-def test_the_lean_grows_with_the_square_of_the_drive(specimen):
-    """What [effects.drive_level] says holds at the voltage of [limits]."""
+def test_softening_grows_with_the_square_of_the_drive(specimen):
+    """The softening stated in [effects.drive_level] holds at the voltage of [limits]."""
     leaning = specimen.model_copy(update={"effects": {"drive_level": {"softening": 0.004}}})
     places = [resonance(Piece(leaning, seed=3).measured(FREQUENCY, voltage, 5, 4096)) for voltage in (0.006, 0.3, 0.6)]
     small, large = places[0] - places[1], places[0] - places[2]
@@ -75,7 +78,7 @@ def test_the_lean_grows_with_the_square_of_the_drive(specimen):
 
 
 def test_a_specimen_without_losses_is_refused(plate, tmp_path):
-    """Its resonances would have no width: a sweep would show noise alone."""
+    """Its resonances have no width, so that a sweep would show noise alone."""
     lines = [line for line in plate.read_text(encoding="utf-8").splitlines() if "tan_" not in line]
     (tmp_path / "lossless.toml").write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(InputError, match="has no losses"):
