@@ -1,4 +1,6 @@
-"""How a face yields under a patch: half-space, and modes through the thickness that the sum leaves out."""
+"""Local compliance of a face under a patch: half-space limit, and the modes through the thickness that the model
+already contains.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ def isotropic(cut: float, radii: tuple[float, float], poling: str = "thickness")
 
 @pytest.mark.parametrize("poling", ["thickness", "length"])
 def test_short_waves_see_a_half_space(poling):
-    """C(k) → 2 (1 − ν²)/(E k) along the normal and (2 − ν)/(2 − 2ν) times that along the face, on the mean of waves."""
+    """C(k) → 2 (1 − ν²)/(E k) along the normal and (2 − ν)/(2 − 2ν) times that along the face, averaged over
+    directions.
+    """
     k = np.array([10.0]) / THICKNESS
     found = yielding_beyond(isotropic(0.0, (1e-5, 1e-4), poling), k)[0] * YOUNG * k / (2 * (1 - POISSON**2))
     ratio = (2 - POISSON) / (2 - 2 * POISSON)
@@ -28,18 +32,18 @@ def test_short_waves_see_a_half_space(poling):
 
 
 def test_small_patch_on_a_half_space():
-    """16 (1 − ν²)/(3π² E a), less the share of waves that run below the cut, which falls as k a does."""
-    left = []
+    """16 (1 − ν²)/(3π² E a), less the share of waves below the cut, which is proportional to the radius a."""
+    excess = []
     for radius in (8e-5, 1.6e-4):
-        own = isotropic(2 * np.pi * 0.3e6, (radius / 2, 2 * radius))
+        compliance = isotropic(2 * np.pi * 0.3e6, (radius / 2, 2 * radius))
         half_space = 3 * np.pi**2 * YOUNG * radius / (16 * (1 - POISSON**2))
-        left.append(own.stiffness(radius)[0][2] / half_space - 1)
-    assert 0 < left[0] < 0.08
-    assert left[1] == pytest.approx(2 * left[0], rel=0.1)
+        excess.append(compliance.stiffness(radius)[0][2] / half_space - 1)
+    assert 0 < excess[0] < 0.08
+    assert excess[1] == pytest.approx(2 * excess[0], rel=0.1)
 
 
-def test_a_plate_yields_less_the_more_modes_are_its_own():
-    """Of a patch as wide as the plate is thick the kept modes carry most; slopes by the radius are exact."""
+def test_local_compliance_falls_with_the_modes_of_the_model():
+    """Under a patch as wide as the thickness most of the compliance is in the modes; slopes in the radius are exact."""
     low, high = (isotropic(2 * np.pi * top, (3e-4, 3e-3)) for top in (0.3e6, 1.0e6))
     assert np.all(low.stiffness(1e-3)[0] < 0.7 * high.stiffness(1e-3)[0])
     h = 1e-7

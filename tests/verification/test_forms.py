@@ -1,4 +1,6 @@
-"""Weak forms: readable forms against gradient products, rigid bodies, patch test, reciprocity of the parts."""
+"""Weak forms: readable forms against gradient products, rigid motions, patch test, and parts of a plate against the
+whole.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,7 @@ def _field_dofs(coupled: skfem.Basis, scalar: skfem.Basis) -> np.ndarray:
 
 
 def _bases(element: skfem.Element) -> tuple[skfem.Basis, skfem.Basis, np.ndarray]:
-    """Of one field and of all, and where each field is in the latter."""
+    """The bases of one field and of all fields, and the degrees of freedom of each field in the latter."""
     mesh = unit_box((2, 1, 1)).scaled(np.array([1.3, 0.7, 0.4]))
     scalar = skfem.Basis(mesh, element, intorder=4)
     coupled = skfem.Basis(mesh, coupled_element(element), intorder=4)
@@ -64,7 +66,7 @@ def linear_bases():
 @pytest.mark.parametrize("direction", [(0, 0, 1), (1, 0, 0), (0.3, -0.5, 0.8)])
 @pytest.mark.parametrize("index", range(10))
 def test_unit_forms_equal_gradient_products(bases, linear_bases, index, direction):
-    """Along axes on linear elements, along no axis on quadratic ones."""
+    """Poling along axes on linear elements, and along no axis on quadratic ones."""
     scalar, coupled, dofs = linear_bases if np.count_nonzero(direction) == 1 else bases
     rotation = axes_with_poling(np.array(direction, float))
     readable = unit_form(E_FORM[index], rotation).assemble(coupled)[dofs][:, dofs]
@@ -73,19 +75,19 @@ def test_unit_forms_equal_gradient_products(bases, linear_bases, index, directio
 
 
 def test_energies_between_fields_equal_those_of_the_operator(bases):
-    """vᵗA w of three tensors at once; also where v is zero but for some nodes of one field."""
+    """vᵗA w of three tensors at once, also where v is zero except at some nodes of one field."""
     scalar, rng = bases[0], np.random.default_rng(1)
     products, tensors = assemble_gradient_products(scalar), unit_tensors(np.eye(3))[[0, 6, 9]]
     left, right = rng.standard_normal((4, scalar.N, 3)), rng.standard_normal((4, scalar.N, 2))
     sparse, some = np.zeros_like(left), rng.permutation(scalar.N)[:5]
     sparse[3, some] = left[3, some]
-    for own in (left, sparse):
-        flat = own.reshape(-1, 3)
+    for first in (left, sparse):
+        flat = first.reshape(-1, 3)
         exact = np.array([flat.T @ (products.stiffness(tensor) @ right.reshape(-1, 2)) for tensor in tensors])
-        np.testing.assert_allclose(products.between(own, right, tensors), exact, rtol=1e-12, atol=1e-12)
-    own = products.within(left, tensors)
-    np.testing.assert_allclose(own, products.between(left, left, tensors), rtol=1e-12, atol=1e-12)
-    np.testing.assert_array_equal(own, own.transpose(0, 2, 1))
+        np.testing.assert_allclose(products.between(first, right, tensors), exact, rtol=1e-12, atol=1e-12)
+    first = products.within(left, tensors)
+    np.testing.assert_allclose(first, products.between(left, left, tensors), rtol=1e-12, atol=1e-12)
+    np.testing.assert_array_equal(first, first.transpose(0, 2, 1))
 
 
 def test_whole_operator_is_the_sum_of_its_terms(bases):
@@ -109,6 +111,7 @@ def test_ready_mesh_and_tensor_grid_are_the_same_grid():
 
 
 def test_rigid_bodies_and_constant_potential_cost_nothing(bases):
+    """No force and no charge."""
     scalar, _, _ = bases
     matrix = assemble_gradient_products(scalar).stiffness(extended_tensor(PZT.to_e_form(), np.eye(3)).real)
     x = scalar.doflocs
@@ -149,7 +152,7 @@ def test_patch_any_linear_field_is_exact(bases):
 
 @pytest.mark.parametrize(("poling", "size"), [("thickness", (8e-3, 5e-3, 1e-3)), ("length", (8e-3, 2e-3, 1e-3))])
 def test_static_capacitance_of_a_free_plate_is_that_of_eps33T(poling, size):
-    """Free of stress, D = ε33T E exactly, for any anisotropy: the FE plate at 1 Hz must give C = ε33T A/d."""
+    """A free plate has D = ε33T E exactly, for any anisotropy: at 1 Hz its capacitance is ε33T A/d."""
     plate = Plate(*size, poling)
     lossy = PZT.with_values(eps33T=PZT.eps33T * (1 - 0.02j), s11=PZT.s11 * (1 - 0.01j), d33=PZT.d33 * (1 - 0.015j))
     for axes in ((0, 1, 2), (1,), ()):

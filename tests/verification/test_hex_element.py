@@ -1,4 +1,4 @@
-"""Hexahedra of any order: conformity, patch test and rates on cells that are numbered and turned at random."""
+"""Hexahedra of any order: conformity, patch test and convergence rates on cells numbered and turned at random."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def rotations() -> list[list[int]]:
 
 
 def turned(mesh: skfem.MeshHex, seed: int = 0) -> skfem.MeshHex:
-    """The same mesh: vertices and cells renumbered, every cell turned, each at random; boundaries kept by place."""
+    """The same mesh with vertices and cells renumbered and every cell turned at random; boundaries stay in place."""
     rng, ways = np.random.default_rng(seed), rotations()
     cells = np.array([column[ways[rng.integers(24)]] for column in mesh.t.T]).T
     number = rng.permutation(mesh.p.shape[1])
@@ -62,13 +62,13 @@ def distorted(mesh: skfem.MeshHex) -> skfem.MeshHex:
 
 @pytest.mark.parametrize("order", range(2, 9))
 def test_neighbours_agree_on_their_face(order):
-    """Any coefficients make one continuous function, and the nodes are where the values are taken."""
+    """Any coefficients give a continuous function, whose values at the nodes are the coefficients."""
     mesh = turned(distorted(skfem.MeshHex.init_tensor(*LINES)))
     basis = scalar_basis(mesh, order)
     inner, field = np.flatnonzero(mesh.f2t[1] >= 0), np.random.default_rng(1).standard_normal(basis.N)
     sides = [skfem.InteriorFacetBasis(mesh, basis.elem, facets=inner, side=side, intorder=3) for side in (0, 1)]
-    one, other = (np.asarray(side.interpolate(field)) for side in sides)
-    np.testing.assert_allclose(one, other, rtol=0, atol=1e-12)
+    first_side, second_side = (np.asarray(side.interpolate(field)) for side in sides)
+    np.testing.assert_allclose(first_side, second_side, rtol=0, atol=1e-12)
     linear = np.array([1.0, -2.0, 0.5]) @ basis.doflocs
     np.testing.assert_allclose(basis.interpolate(linear).grad[1], -2.0, rtol=1e-10)
 
@@ -80,9 +80,9 @@ def test_nodes_are_those_of_gauss_lobatto():
 
 def test_order_two_is_the_element_of_scikit_fem():
     mesh = skfem.MeshHex.init_tensor(*LINES)
-    own, known = scalar_basis(mesh, 2), skfem.Basis(mesh, skfem.ElementHex2(), intorder=4)
-    np.testing.assert_allclose(own.doflocs, known.doflocs, atol=1e-14)
-    assert abs(laplace.assemble(own) - laplace.assemble(known)).max() < 1e-12
+    of_order_two, known = scalar_basis(mesh, 2), skfem.Basis(mesh, skfem.ElementHex2(), intorder=4)
+    np.testing.assert_allclose(of_order_two.doflocs, known.doflocs, atol=1e-14)
+    assert abs(laplace.assemble(of_order_two) - laplace.assemble(known)).max() < 1e-12
 
 
 @pytest.mark.parametrize("order", [1, 3, 6])
@@ -100,14 +100,14 @@ def test_patch(order):
 
 
 def free_eigenvalues(basis: skfem.CellBasis, count: int) -> np.ndarray:
-    """(count,) lowest of −Δ with free faces, growing."""
+    """(count,) lowest eigenvalues of −Δ with free faces, in ascending order."""
     stiff, inertia = laplace.assemble(basis), mass.assemble(basis)
     return np.sort(spla.eigsh(stiff, count, M=inertia, sigma=-1.0, return_eigenvectors=False))
 
 
 @pytest.mark.parametrize("order", [2, 3, 4, pytest.param(5, marks=pytest.mark.slow)])
 def test_eigenvalues_of_a_box_converge_with_twice_the_order(order):
-    """λ = π² (i²/a² + j²/b² + k²/c²) on a × b × c, whichever way the cells are turned."""
+    """λ = π² (i²/a² + j²/b² + k²/c²) on a × b × c, however the cells are turned."""
     sides, found = (1.0, 1.2, 0.7), []
     for count in (2, 3):
         lines = [np.linspace(0, side, count + 1) for side in sides]
@@ -122,13 +122,15 @@ def test_eigenvalues_of_a_box_converge_with_twice_the_order(order):
 
 @pytest.mark.parametrize(("edge", "error"), [(0.55, 2e-3), (0.3, 1e-4)])
 def test_eigenvalues_of_a_meshed_disk(edge, error):
-    """Radial modes on a quarter disk as gmsh meshes it are zeros of J_0'; what is left is the mesh's rounded edge."""
+    """Radial modes of a quarter disk meshed by gmsh are zeros of J_0'; the remaining error is that of the rounded
+    edge.
+    """
     found = free_eigenvalues(scalar_basis(disk(2.0, 0.5).domain(edge).mesh, 4), 5)
     assert np.min(np.abs(found / jnp_zeros(0, 1)[0] ** 2 - 1)) < error
 
 
 def test_thickness_modes_between_mirrors_are_exact():
-    """A layer that may not move sideways: open λ = (nπ/t)² c33D/ρ; short X = k_t² tan X at half the thickness.
+    """A layer without lateral motion: open λ = (nπ/t)² c33D/ρ; short X = k_t² tan X at half the thickness.
 
     Exact in three dimensions, with all couplings, and reached on turned cells of order 6.
     """

@@ -19,7 +19,7 @@ LOSSY = PiezoConstants.from_vector(PZT.vector() * (1 - 1j * np.array([14, 12, 13
 
 
 def test_slender_k31_bar_is_the_1d_formula():
-    """Full anisotropy; width and thickness 1/200 of the length leave 3e-5 of lateral inertia."""
+    """Full anisotropy; width and thickness of 1/200 of the length leave an effect of lateral inertia of 3e-5."""
     plate = Plate(40e-3, 0.2e-3, 0.2e-3)
     model = ElectroelasticModel(plate.domain((14, 1, 1)), 7500.0)
     frequency = np.array([1e3, 20e3, 34e3, 39e3, 60e3, 104e3])
@@ -29,7 +29,9 @@ def test_slender_k31_bar_is_the_1d_formula():
     exact = (np.pi / 40e-3) ** 2 / (7500.0 * LOSSY.s11)
     assert poles.eigenvalues[poles.dominant(35e3)] == pytest.approx(exact, rel=1e-4)
     np.testing.assert_allclose(z[[0, 1, 4]] * y[[0, 1, 4]], 1.0, atol=1e-4)
-    np.testing.assert_allclose(z * y, 1.0, atol=3e-3)  # at a resonance 1e-5 of λ is 1e-5/tan φ of Z
+    np.testing.assert_allclose(
+        z * y, 1.0, atol=3e-3
+    )  # near a resonance a relative error of 1e-5 in λ is one of 1e-5/tan φ in Z
 
 
 def test_slender_k33_bar_is_the_1d_formula():
@@ -48,7 +50,7 @@ def test_slender_k33_bar_is_the_1d_formula():
 
 @pytest.mark.parametrize("poling", ["thickness", "length"])
 def test_bar_start_inverts_the_bar_formulas(poling):
-    """The start values from the pole and zero of a lossless 1-D bar are its constants."""
+    """From pole and zero of a lossless 1-D bar the start values are its constants."""
     length, density = 30e-3, 7600.0
     if poling == "thickness":
         pole = 1 / (2 * length * np.sqrt(density * PZT.s11.real))
@@ -106,7 +108,7 @@ def test_energy_balance(small):
         omega = 2 * np.pi * frequency
         state = driven_state(small, e_form, frequency)
         lost = 0.5 * omega * np.imag(state.conj() @ (small.stiffness(e_form) @ state))
-        z_part = state[-1] / (1j * omega)  # volts per ampere in scaled units: unit charge, current jω
+        z_part = state[-1] / (1j * omega)  # Z in scaled units: potential over the current jω of a unit charge
         terminal = 0.5 * np.real(z_part) * omega**2
         assert terminal == pytest.approx(lost, rel=1e-8)
         assert terminal > 0
@@ -119,7 +121,7 @@ def test_a_passive_material_gives_a_passive_impedance(small):
 
 
 def test_lossless_plate_has_a_reactance_that_rises_with_frequency(small):
-    """Foster's theorem between resonances, to check signs."""
+    """Foster's theorem between resonances, as a check of signs."""
     z = full_impedance(small, PZT.to_e_form(), np.array([100e3, 101e3, 230e3, 231e3]))
     assert np.all(np.abs(z.real) < 1e-6 * np.abs(z.imag))
     assert z[1].imag > z[0].imag
@@ -138,7 +140,7 @@ def test_eigenvalues_converge_with_the_fourth_power():
 
     coarse, middle, fine = value(1), value(2), value(3)
     rate = np.log((coarse - fine) / (middle - fine)) / np.log(2)
-    assert coarse > middle > fine  # from above, as a stiffness-conforming method must
+    assert coarse > middle > fine  # conforming elements converge from above
     assert rate > 3.0
 
 

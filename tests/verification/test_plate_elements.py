@@ -1,4 +1,4 @@
-"""The elements that a plate chooses keep the accuracy that was asked for, on bodies of several proportions."""
+"""The elements chosen for a plate keep the accuracy that is asked for, on bodies of several proportions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BODIES = {
 
 
 def values(plate: Plate, elements: tuple, material: LibraryMaterial, band: float) -> np.ndarray:
-    """Eigenvalues of all driven-class modes below the band's end, short-circuited then open."""
+    """Eigenvalues of all modes of the driven class below the end of the band, short-circuited then open."""
     order, divisions = elements
     model = ElectroelasticModel(plate.domain(divisions, order=order), material.density or 7900.0)
     found = []
@@ -36,7 +36,7 @@ def values(plate: Plate, elements: tuple, material: LibraryMaterial, band: float
 
 @pytest.mark.parametrize("body", variants(BODIES, slow=["long plate", "square plate", "thick bar"]))
 def test_the_accuracy_asked_for_is_kept(body):
-    """Every pole and zero, against a mesh for a tenth of the finest accuracy, its elements of one order more."""
+    """Every pole and zero, against the mesh for 1e-5 with elements of one order more."""
     plate, name, band = BODIES[body]
     material = library_material(name)
     shear = 1 / np.sqrt((material.density or 7900.0) * max(material.constants.s44.real, material.constants.s66.real))
@@ -49,7 +49,7 @@ def test_the_accuracy_asked_for_is_kept(body):
 
 
 def test_a_few_elements_of_high_order_are_enough():
-    """A plate 40 × 5 × 1 mm to 300 kHz: once 119 100 unknowns of quadratic elements."""
+    """A plate 40 × 5 × 1 mm to 300 kHz, for which quadratic elements need 119 100 unknowns."""
     order, divisions = Plate(40e-3, 5e-3, 1e-3).elements(1e-5, 300e3, 1706.0)
     assert order > 4 and np.prod(divisions) <= 10
     assert Plate(40e-3, 5e-3, 1e-3).domain_for(1e-5, 300e3, 1706.0).order == order

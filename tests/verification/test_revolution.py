@@ -1,4 +1,4 @@
-"""Fourier orders of disks and rings against global polynomials for Cartesian components, and where they must agree."""
+"""Fourier orders of disks and rings against global polynomials for Cartesian components."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def section(name: str) -> Section:
     ],
 )
 def test_frequencies_of_all_orders_against_global_polynomials(name, flipped):
-    """Short-circuited, even about θ = 0: the orders together are the modes of the whole body, none lost, none twice."""
+    """Short-circuited modes symmetric about θ = 0: all orders together are the modes of the whole body, each once."""
     top, found = (2 * np.pi * TOP_HZ) ** 2, []
     for number in range(10):
         order = section(name).order(number)
@@ -45,12 +45,14 @@ def test_frequencies_of_all_orders_against_global_polynomials(name, flipped):
     exact = sl.eigh(stiffness, part.mass, subset_by_value=(-np.inf, top), eigvals_only=True)
     assert len(found) == exact.size
     rigid = exact < 1e-6 * top
-    assert np.sum(rigid) == (2 if flipped else 1)  # a shift along z and a tilt; a shift along x
+    assert np.sum(rigid) == (
+        2 if flipped else 1
+    )  # rigid motions: a shift along z and a tilt where flipped, else a shift along x
     np.testing.assert_allclose(np.sort(found)[~rigid], exact[~rigid], rtol=1e-4)
 
 
 def test_forms_of_a_shift_and_of_a_tilt_vanish():
-    """Rigid bodies of order 1 strain nothing: u_x = 1, and u_z = x with u_x = −z."""
+    """Rigid motions of order 1 have no strain: u_x = 1, and u_z = x with u_x = −z."""
     order = section("disk").order(1)
     r, z = (part.ravel() for part in np.meshgrid(*(line.places for line in _lines("disk")), indexing="ij"))
     none = np.zeros_like(r)
@@ -63,12 +65,13 @@ def test_forms_of_a_shift_and_of_a_tilt_vanish():
 
 
 def _lines(name: str):
-    own = section(name)
-    return own.radial, own.axial
+    """The elements along r and along z."""
+    of_body = section(name)
+    return of_body.radial, of_body.axial
 
 
 def test_slopes_of_a_face_are_those_of_its_displacements():
-    """∂N/∂x and ∂N/∂y against differences, off the plane θ = 0 as well, and beyond the axis."""
+    """∂N/∂x and ∂N/∂y against differences, also off the plane θ = 0 and at x < 0."""
     rng = np.random.default_rng(3)
     face = RoundFace((0.0, 6e-3), rng.standard_normal((7, 3, 5)), np.array([0, 1, 2, 3, 5]), np.arange(5), 8)
     for x, y in ((3e-3, 0.0), (2e-3, 1.5e-3), (-1e-3, 2e-3)):

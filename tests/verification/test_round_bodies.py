@@ -1,4 +1,6 @@
-"""Disks and rings of curved high-order cells: exact limits, reference codes, convergence, the accuracy asked for."""
+"""Disks and rings of curved high-order cells: exact limits, reference codes, convergence, and the accuracy asked
+for.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ from tests.variants import variants
 MM, EVERY, UP = 1e-3, (0, 1, 2), (0.0, 0.0, 1.0)
 ACCURACIES = (1e-3, 1e-4, 1e-5)
 PIC181 = library_material("pic181")
-#: Radii and thickness, material, end of the band (Hz), unknowns that 1e-5 may take.
+#: Radii and thickness (m), material, end of the band (Hz), most unknowns for an accuracy of 1e-5.
 BODIES = {
     "disk 20 x 1 mm": ((0.0, 10 * MM), 1 * MM, "tj52-hd", 300e3, 2500),
     "ring 20/8 x 1 mm": ((4 * MM, 10 * MM), 1 * MM, "tj52-hd", 300e3, 2500),
@@ -43,7 +45,7 @@ def shear_wavenumber(material: LibraryMaterial, frequency_Hz: float) -> float:
 
 
 def driven(radii, thickness: float, divisions: Divisions, name: str, band: float) -> list[tuple]:
-    """(λ, weights) of the poles, then of the zeros below the band's end; weights relative to the strongest."""
+    """(λ, weights) of the poles, then of the zeros below the end of the band; weights relative to the largest."""
     material = library_material(name)
     model = ElectroelasticModel(round_domain(radii, thickness, divisions, EVERY, UP), material.density or 7900.0)
     constants = material.constants.lossless()
@@ -57,7 +59,9 @@ def driven(radii, thickness: float, divisions: Divisions, name: str, band: float
 
 
 def errors(found: list[tuple], exact: list[tuple]) -> np.ndarray:
-    """Relative errors of λ of all poles and zeros that the terminals drive by more than 1e-5 of the strongest."""
+    """Relative errors of λ of all poles and zeros that the terminals drive by more than 1e-5 of the most strongly
+    driven one.
+    """
     result = []
     for (values, weights), (truth, strength) in zip(found, exact, strict=True):
         for value, weight in zip(truth[strength > 1e-5], strength[strength > 1e-5], strict=True):
@@ -101,7 +105,7 @@ def test_convergence_with_the_order():
 
 
 def test_pic181_disk_has_the_reference_radial_mode():
-    """The figures of another code, given to six digits; one cell more along the radius changes nothing of them."""
+    """Frequencies of another code with six digits."""
     domain = disk(10 * MM, 1 * MM).domain_for(1e-5, 3e5, 1947.0)
     model = ElectroelasticModel(domain, PIC181.density)
     for circuit, reference in (("short", 229_543), ("open", 261_050)):
@@ -164,7 +168,9 @@ def test_parts_have_volume_electrodes_and_planes(inner, mirrors):
 
 @pytest.mark.slow
 def test_the_whole_has_the_driven_modes_of_the_part():
-    """And a body poled along x, which has one mirror plane, is as quadratic hexahedra of gmsh find it."""
+    """An eighth of a disk against the whole; and a disk poled along x, with one mirror plane, against quadratic
+    hexahedra of gmsh.
+    """
     part, whole = (disk(10 * MM, 2 * MM).domain_for(1e-5, 3e5, 1947.0, symmetric) for symmetric in (True, False))
     assert (part.copies, whole.copies) == (8, 1)
     found = []
@@ -183,7 +189,9 @@ def test_the_whole_has_the_driven_modes_of_the_part():
 
 
 def test_curved_cells_know_their_maps():
-    """Places go back to reference points, areas of facets are those of the rim, and no vertex moves alone."""
+    """The inverse map returns reference points, areas of facets are those of the rim, and vertices cannot be moved
+    without the maps.
+    """
     mesh = extruded(polar_plane(np.array([1.0, 1.5, 3.0]), np.linspace(0, np.pi, 3)), np.array([0.0, 0.5]))
     rng, cells = np.random.default_rng(1), np.array([0, 3])
     at = rng.uniform(0, 1, (3, 2, 5))
@@ -199,7 +207,7 @@ def test_curved_cells_know_their_maps():
         mesh.scaled(2.0).mapping()
 
 
-def test_what_is_plain_and_what_is_too_large():
+def test_which_shapes_are_round_bodies_and_too_large_meshes_are_refused():
     assert disk(10 * MM, 1 * MM).radii == (0.0, 5 * MM) and ring(10 * MM, 4 * MM, 1 * MM).radii == (2 * MM, 5 * MM)
     assert disk(10 * MM, 1 * MM, electrodes=Electrodes(margin=1 * MM)).radii is None
     assert disk(10 * MM, 1 * MM, elements="tetrahedron").radii is None

@@ -29,7 +29,7 @@ SHEAR = 1 / np.sqrt(DENSITY * max(PZT.constants.s44.real, PZT.constants.s66.real
 MARGIN, HALF = Electrodes(margin=0.4 * MM), Electrodes(span=(0.0, 5 * MM))
 ROUND = {"corner_radius": 1 * MM}
 HOLE = {"holes": (Circle(2 * MM, (1 * MM, 0.5 * MM)),)}
-#: Body and the perimeter of its outline and holes, m.
+#: Body, and length of its outline and holes (m).
 BODIES: dict[str, tuple[Slab, float]] = {
     "half plate": (plate(10 * MM, 6 * MM, 1 * MM, electrodes=HALF), 32 * MM),
     "plate, margin": (plate(10 * MM, 6 * MM, 1 * MM, electrodes=MARGIN), 32 * MM),
@@ -56,7 +56,9 @@ BODIES: dict[str, tuple[Slab, float]] = {
     [(name, n) for name, (shape, _) in BODIES.items() for n in ((1, 2) if is_round(shape) or is_grid(shape) else (1,))],
 )
 def test_volume_surface_and_electrodes_are_those_of_the_drawing(name, layers):
-    """A facet that two cells do not share adds to the surface, which is known to 1e-8 (the quadrature's share)."""
+    """Facets that two neighbouring cells do not share would add to the surface, which is known to 1e-8 (the error of
+    the quadrature).
+    """
     shape, perimeter = BODIES[name]
     across = np.pi / 4 if is_round(shape) else 2 * MM
     mesh = slab_mesh(shape, Fineness(4, (2 * MM, across, MM), layers), ())
@@ -69,7 +71,9 @@ def test_volume_surface_and_electrodes_are_those_of_the_drawing(name, layers):
 
 @pytest.mark.parametrize(("name", "order"), [("half trapezoid", 5), ("rounded, holed", 3)])
 def test_free_bodies_move_rigidly(name, order):
-    """Six motions without energy, translations exactly, rotations as far as the order follows the maps."""
+    """Six motions without energy: translations exactly, rotations as far as the order of the field represents the
+    curved maps.
+    """
     shape = BODIES[name][0]
     model = ElectroelasticModel(shape.domain(3 * MM, symmetric=False, order=order), DENSITY)
     stiffness, places = model.stiffness(FORM), model.basis.doflocs
@@ -79,8 +83,8 @@ def test_free_bodies_move_rigidly(name, order):
             if kind == "translation":
                 field[axis] = 1.0
             else:
-                one, other = (axis + 1) % 3, (axis + 2) % 3
-                field[one], field[other] = -places[other], places[one]
+                second, third = (axis + 1) % 3, (axis + 2) % 3
+                field[second], field[third] = -places[third], places[second]
             vector = model.prolongation.T @ field.ravel()
             norm = np.sqrt(vector @ (model.mass @ vector))
             energy = vector @ (stiffness @ vector) / norm**2
@@ -88,7 +92,7 @@ def test_free_bodies_move_rigidly(name, order):
 
 
 def driven(domain: Domain, band: float, least: float = 1e-4) -> np.ndarray:
-    """λ below the band's end, short-circuited then open, of modes that the terminals drive by more than a share."""
+    """λ below the end of the band, short-circuited then open, of modes whose participation is above `least`."""
     model, found = ElectroelasticModel(domain, DENSITY), []
     for circuit in ("short", "open"):
         modes = solve_eigen(model, FORM, circuit, 10, near_Hz=0.45 * band)
@@ -111,9 +115,10 @@ SMALL = {
 }
 
 
-#: Driven modes below that by NGSolve 6.2 on curved tetrahedra, Hz: `python -m tests.benchmarks.slabs_in_ngsolve PYTHON
-#: --only rounded --order 5`, `--only holed --order 6 --edge 0.6`, `--only "half plate" --edge 0.5` (order 4, the rim
-#: refined twice). With an order less (half plate: 5 on 0.8 mm) they are within 6e-7, 1.2e-5 and 1.3e-5 in λ.
+#: Driven modes in these bands by NGSolve 6.2 on curved tetrahedra, Hz, as printed by `python -m
+#: tests.benchmarks.slabs_in_ngsolve PYTHON` with `--only rounded --order 5`, `--only holed --order 6 --edge 0.6`
+#: and `--only "half plate" --edge 0.5` (order 4, the rim refined twice). With an order less (half plate: order 5
+#: and an edge of 0.8 mm) they differ by 6e-7, 1.2e-5 and 1.3e-5 in λ.
 BY_NGSOLVE = {
     "rounded": ([236923.394], [248801.768]),
     "holed": ([188588.138, 322591.944], [194088.650, 334095.676]),
@@ -122,7 +127,10 @@ BY_NGSOLVE = {
 
 
 def largest_error(domain: Domain, band: float, exact: np.ndarray) -> float:
-    """Of some λ of the band; a mode at a limit of what counts as driven is found wherever it lies in another mesh."""
+    """Largest relative error over the λ of the band.
+
+    All modes of the mesh count, since one near the limit of participation may be driven in one mesh only.
+    """
     found = driven(domain, 1.1 * band, least=0.0)
     return max(np.min(np.abs(found / value - 1)) for value in exact)
 
@@ -136,7 +144,7 @@ def test_an_independent_code_finds_the_same(name):
 
 
 def against_finer(shape: Slab, band: float, accuracies: tuple[float, ...]) -> list[float]:
-    """Error of λ over the accuracy asked for, against order 6 with two graded cells, whose own is some 1e-5."""
+    """Error of λ over the accuracy asked for, against order 6 with two graded cells, whose error is about 1e-5."""
     edge = (2 * MM, np.pi / 2 if is_round(shape) else 2 * MM, 1 * MM)
     finer = slab_mesh(shape, Fineness(6, edge, 2), shape.mirrors)
     exact = driven(shape._domain(finer, 6, shape.mirrors), band)
@@ -159,7 +167,9 @@ def test_the_accuracy_asked_for_is_kept(name):
 
 
 def by_reduction(domain: Domain, band: float) -> np.ndarray:
-    """λ of poles, then zeros below the band's end that the terminals drive by more than 1e-4, by driven vectors."""
+    """λ of poles, then zeros below the end of the band that the terminals drive by more than 1e-4, by a reduced
+    model.
+    """
     modal = driven_modal(ElectroelasticModel(domain, DENSITY), PZT.constants.lossless(), 1.05 * band, 1e-9)
     found = []
     for values, amplitudes in ((modal.eigenvalues, modal.charges), (modal.zeros[0], modal.zero_amplitudes)):
@@ -171,7 +181,7 @@ def by_reduction(domain: Domain, band: float) -> np.ndarray:
 
 @pytest.mark.slow
 def test_a_half_covered_trapezoid_reaches_what_is_asked():
-    """Against order 6 with three graded cells, and half as wide cells at the slanted sides."""
+    """Against order 6 with three graded cells, and cells half as wide at the slanted sides."""
     shape, band = trapezoid(10 * MM, 3 * MM, 1.5 * MM, 0.7 * MM, electrodes=HALF), 300e3
     finer = slab_mesh(shape, Fineness(6, (2 * MM, 0.75 * MM, 0.7 * MM), 3), shape.mirrors)
     exact = by_reduction(shape._domain(finer, 6, shape.mirrors), band)
@@ -212,8 +222,10 @@ def test_the_rule_for_rims_holds_for_many_bodies(seed):
     assert max(against_finer(*random_body(seed), (1e-3, 3e-4, 1e-4))) < 1
 
 
-def test_rims_that_cannot_be_followed_are_told():
-    """A margin on a large plate: the best cells that fit, and the error that they leave; no refusal."""
+def test_error_of_rims_that_cannot_be_resolved_is_stated():
+    """A narrow margin on a large plate gets the finest cells that fit, and `rim_error` states the remaining error;
+    it is not refused.
+    """
     body = plate(60 * MM, 40 * MM, 1 * MM, electrodes=MARGIN)
     domain = body.domain_for(1e-5, 150e3, SHEAR)
     assert 1e-5 < domain.rim_error < 1e-3
@@ -223,7 +235,7 @@ def test_rims_that_cannot_be_followed_are_told():
 
 
 def test_curved_bodies_agree_with_tetrahedra():
-    """Those of a rounded plate, which are within 2e-5 of λ of a finer mesh of their own."""
+    """A rounded plate by tetrahedra, whose λ are within 2e-5 of a finer mesh of tetrahedra."""
     shape, band = SMALL["rounded"]
     tetrahedra = driven(replace(shape, elements="tetrahedron").domain(0.4 * MM), band)
     assert largest_error(shape.domain_for(1e-4, band, SHEAR), band, tetrahedra) < 3e-5
