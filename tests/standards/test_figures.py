@@ -1,7 +1,7 @@
-"""Standard figures of exact solutions whose constants are known, and what the formulas cost where they are not exact.
+"""Standard figures of exact solutions whose constants are known, and the errors of the formulas for real plates.
 
 The curves are the closed forms of the literature, written here: bars (IEEE 176-1987, 6.4), the thin disk (Mason 1948),
-the thickness plate. Their constants come back within 1e-4; the loss of 1e-3 moves fs by 1e-6 at most.
+the thickness plate. Their constants are recovered within 1e-4; a loss of 1e-3 changes fs by 1e-6 at most.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def k31_bar(f):
 
 
 def along(f, s, d, eps, size, area):
-    """A body driven along its motion (k33, shear): Z = l/(jω A ε^S) (1 − k² tan X/X), X = (ωl/2) sqrt(ρ s^D)."""
+    """Y of a body driven along its motion (k33, shear): Z = l/(jω A ε^S) (1 − k² tan X/X), X = (ωl/2) sqrt(ρ s^D)."""
     k2 = d**2 / (s * eps)
     x = np.pi * f * size * np.sqrt(RHO * s * (1 - k2))
     return 2j * np.pi * f * area * eps * (1 - k2) / size / (1 - k2 * np.tan(x) / x)
@@ -56,8 +56,8 @@ def disk(f, radius=10e-3):
 def ring(f, radius=8e-3):
     k2 = D31**2 / (S11 * EPS33)
     omega = 2 * np.pi * f
-    own = 1 / (RHO * S11 * radius**2)
-    return 1j * omega * AREA / GAP * EPS33 * (1 - k2 + k2 * own / (own - omega**2))
+    resonance = 1 / (RHO * S11 * radius**2)
+    return 1j * omega * AREA / GAP * EPS33 * (1 - k2 + k2 * resonance / (resonance - omega**2))
 
 
 KP2 = (2 * D31**2 / ((S11 + S12) * EPS33)).real
@@ -137,8 +137,8 @@ def test_thickness_mode_gives_stiffness_and_coupling():
 
 
 @pytest.mark.parametrize("name", ["k31 bar", "k33 bar", "shear", "ring"])
-def test_capacitance_carried_from_near_the_resonance(name):
-    """Without low frequencies C^T comes through the formula of the body, which is exact here, and is told."""
+def test_capacitance_from_frequencies_near_the_resonance(name):
+    """Without low frequencies C^T follows from the formula of the body, which is exact here; a note says so."""
     piece, admittance, frequency, truth = CASES[name]
     found = figures_of(piece, admittance, frequency[9:])
     eps = "eps11T" if name == "shear" else "eps33T"
@@ -155,7 +155,7 @@ def circuit(f, c0=1e-9, c1=1e-10, resistance=40.0, fs=100e3):
 
 
 def test_six_frequencies_by_their_definitions():
-    """Of C0 with one branch: G is largest at 1/(2π sqrt(L1 C1)) exactly; the others against a fine grid."""
+    """For C0 with one branch: G is largest at 1/(2π sqrt(L1 C1)) exactly, the others are compared with a fine grid."""
     fs = 100e3
     inductance = 1 / ((2 * np.pi * fs) ** 2 * 1e-10)
     quality = 2 * np.pi * fs * inductance / 40.0
@@ -177,7 +177,7 @@ def test_six_frequencies_by_their_definitions():
 
 
 def test_a_curve_that_never_crosses_zero_reactance_has_no_fr():
-    """Figure of merit below 2: the capacitor outweighs the branch."""
+    """A figure of merit below 2: the capacitance outweighs the branch."""
     found = characteristic_frequencies(
         lambda w: circuit(w / (2 * np.pi), resistance=2e4),
         (2e5 * np.pi) ** 2 * (1 + 1.3j),
@@ -188,7 +188,9 @@ def test_a_curve_that_never_crosses_zero_reactance_has_no_fr():
 
 
 def test_material_figures_are_those_of_ieee_176():
-    """k33, kt, kp, c33D of a set of constants, by the relations of IEEE 176-1987 section 3, from full matrices."""
+    """k33, kt, kp, c33D and c44D of a set of constants by the relations of IEEE 176-1987, section 3, from full
+    matrices.
+    """
     from femu_piezo.material.library import library_material
 
     pzt = library_material("pzt-5h").constants
@@ -235,10 +237,11 @@ def plates(tmp_path_factory):
 
 @pytest.mark.slow
 def test_error_of_the_bar_formula_follows_lateral_inertia(plates):
-    """Rayleigh and Love: lateral motion lowers fs by π² (σ12² w² + σ13² t²)/(24 l²); s11 reads twice that too large.
+    """Rayleigh and Love: lateral motion lowers fs by π² (σ12² w² + σ13² t²)/(24 l²), and s11 is found too large by
+    twice that.
 
-    σ of PZT-5H are −s12/s11 and −s13/s11. The next terms are of the order of (w/l)² of it, with a factor of about one:
-    3 % are allowed at w/l = 1/8, 10 % at 1/4.
+    σ12 and σ13 of PZT-5H are −s12/s11 and −s13/s11. The next terms are smaller by about (w/l)²: 3 % are allowed at w/l
+    = 1/8, 10 % at 1/4.
     """
     for width, allowed in ((3, 0.03), (6, 0.10)):
         figures = plates[width][1]
