@@ -1,4 +1,4 @@
-"""Conversions, their derivative, physical checks."""
+"""Conversions of constants, their derivatives, and physical checks."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_e_form_satisfies_the_constitutive_law():
 
 
 def test_e_form_of_pzt5h_matches_the_data_sheet():
-    """Morgan TP-226 prints c and e of PZT-5H beside s and d: an outside check of the conversion."""
+    """Morgan TP-226 prints c and e of PZT-5H as well as s and d: an independent check of the conversion."""
     e_form = PZT.to_e_form()
     assert e_form.c33.real == pytest.approx(117e9, rel=0.01)
     assert e_form.c11.real == pytest.approx(126e9, rel=0.02)
@@ -119,14 +119,14 @@ def test_unphysical_constants_are_named(change, words):
     ],
 )
 def test_faults_have_a_kind(change, kind):
-    """What is only active is no fault where losses do not matter."""
+    """Constants that are only active have no fault where losses are not checked."""
     constants = PZT.with_values(**change)
     assert {fault.kind for fault in constants.physical_faults()} == {kind}
     assert bool(constants.physical_faults(passive=False)) == (kind != "active")
 
 
 def test_passivity_is_hollands_condition():
-    """Im s11 Im ε33T ≥ (Im d31)² with all other constants lossless fails just beyond the equality."""
+    """Im s11 Im ε33T ≥ (Im d31)² with all other constants lossless: violated just beyond equality."""
     tan = 0.02
     s11, eps = PZT.s11 * (1 - 1j * tan), PZT.eps33T * (1 - 1j * tan)
     # Im s12 must follow s11 so that only the pair (s11, d31, ε33T) is at its limit.
@@ -137,6 +137,7 @@ def test_passivity_is_hollands_condition():
 
 
 def test_tangent_convention():
+    """A positive tangent is a negative imaginary part for positive d-form constants."""
     constants = PiezoConstants.from_real({name: value.real for name, value in PZT.as_dict().items()}, {"d31": 0.013})
     assert constants.d31.imag == pytest.approx(-0.013 * constants.d31.real)
     assert constants.tangent("d31") == pytest.approx(0.013)

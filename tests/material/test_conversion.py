@@ -1,4 +1,6 @@
-"""Constants for other programs: orders, poling axes, loss factors; against physics that does not depend on notation."""
+"""Constants for other programs: orders, poling axes, loss factors, checked by physics that is independent of
+notation.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ PZT = PiezoConstants.from_vector(library_material("pzt-5h").constants.vector() *
 
 
 def test_where_the_constants_stand_in_ansys_order():
-    """x, y, z, xy, yz, xz: c66 fourth, c44 fifth and sixth; e transposed, e15 = e_x,xz in row xz, column x."""
+    """Order x, y, z, xy, yz, xz: c66 is fourth, c44 fifth and sixth; e is transposed, with e15 = e_x,xz in row xz,
+    column x.
+    """
     c, e, eps = to_ansys(PZT)
     form = PZT.to_e_form()
     assert c[3, 3] == pytest.approx(form.c66) and c[4, 4] == pytest.approx(form.c44)
@@ -36,7 +40,9 @@ def test_where_the_constants_stand_in_ansys_order():
 
 
 def test_poled_along_y_as_in_the_published_example():
-    """Poling along y, x kept: e31 stands at (x, y), e33 at (y, y), as in the ANSYS sample of tutorials/notation.md."""
+    """Poling along y with x unchanged: e31 is at (x, y), e33 at (y, y), as in the ANSYS sample of
+    tutorials/notation.md.
+    """
     _, e, eps = to_ansys(PZT, poling=(0.0, 1.0, 0.0))
     form = PZT.to_e_form()
     assert e[0, 1] == pytest.approx(form.e31) and e[2, 1] == pytest.approx(form.e31)
@@ -67,7 +73,7 @@ def test_energy_does_not_depend_on_notation(order):
 
 
 def test_christoffel_speeds_do_not_depend_on_the_poling_axis():
-    """Shear along the poling: sqrt(c44/ρ) whatever the axis is called."""
+    """Shear waves along the poling have the speed sqrt(c44/ρ), whatever the axis is called."""
     for axis in np.eye(3):
         material = stress_charge(PZT, "ieee", tuple(axis))
         first = int(np.flatnonzero(axis)[0])
@@ -89,7 +95,7 @@ def test_loss_factors_are_positive_and_rebuild_the_matrices():
     assert eta["stiffness"][3, 3] == pytest.approx(shear, rel=1e-3)  # 1/(1 − j tan) has loss factor tan
 
 
-def test_wrong_order_or_axis_is_told():
+def test_wrong_order_or_axis_is_refused():
     wrong = StressCharge(
         *[getattr(stress_charge(PZT), n) for n in ("stiffness", "piezoelectric", "permittivity")], "ansys"
     )

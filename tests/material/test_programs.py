@@ -1,4 +1,4 @@
-"""Materials of other programs: orders proven on a rotated triclinic tensor by its indices, round trips, notes."""
+"""Material files of other programs: orders checked on a rotated triclinic tensor by its indices, round trips, notes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def rotation() -> np.ndarray:
 
 
 def _tensors():
-    """c_ijkl, e_ijk, eps_ij with every component its own number, complex, turned by a random rotation."""
+    """Complex c_ijkl, e_ijk, eps_ij with all components different, turned by a random rotation."""
     c = RNG.normal(size=(3,) * 4) + 1j * 0.02 * RNG.normal(size=(3,) * 4)
     c = c + c.transpose(1, 0, 2, 3)
     c = c + c.transpose(0, 1, 3, 2)
@@ -48,7 +48,7 @@ ORDERS = {"ansys": ("11", "22", "33", "12", "23", "13"), "abaqus": ("11", "22", 
 
 
 def c_of(pair: str, other: str) -> complex:
-    """c_ijkl by the letters of its indices: no matrix, no order."""
+    """c_ijkl by its indices, without any matrix or order of components."""
     return C[int(pair[0]) - 1, int(pair[1]) - 1, int(other[0]) - 1, int(other[1]) - 1]
 
 
@@ -63,10 +63,12 @@ RHO = 7654.321
 
 
 def text(name: str) -> str:
+    """The file of a program for the triclinic material."""
     return PROGRAMS[name].write(MATERIAL, RHO, "test piece 1")
 
 
 def test_the_test_matrix_has_no_symmetry():
+    """Components are different from each other and from zero, so that a wrong order would be seen."""
     upper = np.abs(MATERIAL.stiffness[np.triu_indices(6)])
     assert np.min(np.diff(np.sort(upper))) > 1e-4 * upper.max() and upper.min() > 0
     assert np.linalg.matrix_rank(MATERIAL.piezoelectric) == 3 and np.all(np.abs(MATERIAL.piezoelectric) > 0)
@@ -143,7 +145,7 @@ def test_sfepy_file_is_a_python_module():
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
-def test_notes_tell_order_sign_and_loss(name):
+def test_notes_state_order_sign_and_loss(name):
     assert all(word in text(name) for word in ("Order of components", "exp(+j omega t)", "engineering shear"))
 
 
@@ -206,8 +208,10 @@ def test_wrong_input_is_one_sentence(content, extra, told, tmp_path):
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
-def test_constants_of_no_stable_material_are_told_of(name, tmp_path):
-    """d31 three times as large, k31² above one: file and terminal say so; of a stable material they say nothing."""
+def test_constants_of_an_unstable_material_carry_a_note(name, tmp_path):
+    """d31 three times too large, so k31² is above one: file and terminal carry a note, which a stable material does
+    not have.
+    """
     constants = {**RECORD["constants"], "d31": {"value": 3 * PZT.d31.real, "tan": 0.01}}
     (tmp_path / "update.json").write_text(json.dumps({**RECORD, "constants": constants}), encoding="utf-8")
     arguments = ["export", str(tmp_path / "update.json"), "--to", name, "--out", str(tmp_path / "out")]
@@ -222,13 +226,13 @@ def test_constants_of_no_stable_material_are_told_of(name, tmp_path):
     )
 
 
-def test_an_unknown_program_is_told():
+def test_an_unknown_program_is_refused():
     with pytest.raises(fp.InputError, match="not written for 'nastran'; give one of comsol"):
         program("nastran")
 
 
-def test_a_schema_of_another_release_is_told(tmp_path):
-    """Files of 0.1, which have no schema, are read; those of a later one are refused in one sentence."""
+def test_a_schema_of_a_later_release_is_refused(tmp_path):
+    """In one sentence; files without a schema are read."""
     (tmp_path / "update.json").write_text(json.dumps(RECORD), encoding="utf-8")
     assert constants_of_record(tmp_path / "update.json")[2] == RECORD["specimen"]
     (tmp_path / "update.json").write_text(json.dumps({"schema": SCHEMA + 1, **RECORD}), encoding="utf-8")
