@@ -1,4 +1,4 @@
-"""The measured disk of the tutorial: what its one mode tells of four constants, and that no linear body fits it."""
+"""The measured disk of the tutorial: four constants from its one mode, and that no linear body fits it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def disk(measured_folder, monkeypatch):
     return read_specimen(DISK)
 
 
-def test_one_radial_mode_tells_d31_and_eps33T_and_not_s11_and_s12_apart(disk):
+def test_one_radial_mode_determines_d31_and_eps33T_but_not_s11_and_s12(disk):
     weights = {"measurement": disk.measurement.model_copy(update={"noise": 0.005})}
     result = update(disk.model_copy(update=weights))
     assert {name: result.known.verdict(name) for name in result.parameters} == {
@@ -34,8 +34,8 @@ def test_one_radial_mode_tells_d31_and_eps33T_and_not_s11_and_s12_apart(disk):
     assert bound < outcome.rms_after < 1.2 * bound
 
 
-def test_that_no_linear_body_fits_is_told(disk):
-    """With circuits alone, which explain nothing; the tutorial tries every effect."""
+def test_report_says_that_no_linear_body_fits(disk):
+    """With circuits as the only candidates, which explain nothing; the tutorial tries every effect."""
     wish = disk.measurement.model_copy(update={"held_out": (60e3, 63e3)})
     found = diagnose(disk.model_copy(update={"measurement": wish}), effects=(circuits.candidates,))
     assert np.array_equal(found.fitted, np.abs(found.spectrum.frequency - 61.5e3) > 1.5e3)

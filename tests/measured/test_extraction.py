@@ -9,6 +9,7 @@ from femu_piezo.measurement.readers import read_spectrum
 
 
 def one_pair(extraction) -> Pair:
+    """The single pole and zero of an extraction."""
     assert len(extraction.resonances.poles) == len(extraction.resonances.zeros) == 1
     (pair,) = extraction.pairs
     return pair
@@ -28,12 +29,12 @@ def test_k31_bar_of_tsurumi(measured_folder):
 
 
 def test_radial_disk_of_li(measured_folder):
-    """Q about 80 at the resonance and 140 at the antiresonance: the piezoelectric loss is the largest."""
+    """Q is about 80 at the resonance and 140 at the antiresonance, so the piezoelectric loss is the largest."""
     found = extract(read_spectrum(measured_folder / "disk_radial_35x2mm.csv"))
     pair = one_pair(found)
     assert pair.pole.quality_factor == pytest.approx(80, rel=0.05)
     assert pair.zero.quality_factor == pytest.approx(140, rel=0.03)
-    # narrow windows give the pole at 55 589 Hz: the stated deviation has to admit it
+    # narrow windows give a pole at 55 589 Hz, which has to lie within the stated deviation
     assert abs(pair.pole.frequency_Hz - 55_589) < 2 * pair.pole.std_Hz
     assert pair.coupling_phase < -3 * pair.std_coupling_phase
     assert "above the mean of the dielectric and elastic" in found.remarks[0]
@@ -57,20 +58,20 @@ def test_sample_of_the_4294a(measured_folder):
 
 
 def test_thickness_mode_among_lateral_overtones(measured_folder):
-    """Resonances and antiresonances that anyone sees in the curves (README), with intervals, and what is left over."""
+    """Resonances and antiresonances that are visible in the curves (README), with their intervals, and the misfit."""
     found = extract(read_spectrum(measured_folder / "e4990a_thickness_mode.csv"))
     poles = [*found.resonances.poles, *(r for r in found.doubtful if r.kind == "pole")]
     zeros = [*found.resonances.zeros, *(r for r in found.doubtful if r.kind == "zero")]
     for seen, group in (((958.5e3, 994.0e3, 1012e3, 1057e3), poles), ((959e3, 1009e3, 1047e3, 1097e3), zeros)):
         for one in seen:
             near = min(group, key=lambda r, one=one: abs(r.frequency_Hz - one))
-            assert abs(near.frequency_Hz - one) < 500 + 2 * near.std_Hz  # read off to half a kilohertz
+            assert abs(near.frequency_Hz - one) < 500 + 2 * near.std_Hz  # read from the curves to 0.5 kHz
     assert len(poles) == 4
     assert len(zeros) == 4
     assert len(found.resonances.poles) >= 3
     assert found.status == "correlated_residual"
     assert " Hz: drive level" in found.notes[0]
-    # what the fit misses, rms, is one number wherever it stands, and no noise; neighbours agree to 2e-5 (README)
+    # the rms misfit is the same number everywhere in the result; it is no noise, as neighbours agree to 2e-5 (README)
     assert found.noise.origin == "misfit"
     assert f"by {100 * found.noise.relative:.2g} % rms" in found.notes[0]
     assert "scatter by 0.002" in found.notes[0]
