@@ -1,4 +1,4 @@
-"""A page in headless Chromium, driven through its debugging port: real mouse, console messages, screenshots."""
+"""A page in headless Chromium, driven through its debugging port: real mouse events, console messages, screenshots."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The chart of an uncertainty budget: bars of the right length, nothing on top of anything else."""
+"""The chart of an uncertainty budget: bars of the right length, and no overlapping texts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def estimate(value: float, parts: dict[str, float], tan_parts: dict[str, float])
 
 @pytest.fixture
 def parameters():
-    """Two constants; every source there is, those of the second too small to be seen."""
+    """Two constants with every source of uncertainty; those of the second include parts too small to be shown."""
     every = {source: 1e-14 * number for number, source in enumerate(SOURCES, 1)}
     few = {"noise": 3e-12, "geometry": 4e-12, "held": 1e-15}
     return {
@@ -41,7 +41,7 @@ def test_bars_are_shares_of_the_variance(parameters):
         bars = [container[row] for container in axes.containers]
         starts = np.cumsum([0.0, *(bar.get_width() for bar in bars)])
         assert [bar.get_x() for bar in bars] == pytest.approx(starts[:-1], abs=1e-9)
-        assert starts[-1] == pytest.approx(100, abs=0.5)  # what is below half a percent is left out
+        assert starts[-1] == pytest.approx(100, abs=0.5)  # parts below 0.5 % are left out
     colours = [container[0].get_facecolor() for container in axes.containers]
     assert len(set(colours)) == len(colours) == len(SOURCES)
 

@@ -10,7 +10,7 @@ from femu_piezo.output.corner import corner_figure
 
 
 def test_a_column_has_one_axis_and_no_more_bins_than_samples_bear():
-    """The samples of s11 stand at the same places in its histogram and below it; 50 are not spread over 24 bins."""
+    """Samples of s11 have the same axis in its histogram and in the panel below; 50 samples have at most 16 bins."""
     rng = np.random.default_rng(3)
     values = {"s11": rng.normal(16e-12, 1e-13, 50), "tan_s11": rng.normal(0.02, 1e-3, 50)}
     samples = SimpleNamespace(of=values.__getitem__, values=np.zeros((50, 2)))

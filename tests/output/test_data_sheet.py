@@ -1,4 +1,4 @@
-"""The data sheet: one page, every number of the result on it, nothing beyond its edges or over its curves."""
+"""The data sheet: one page with every number of the result, and nothing beyond its edges or over its curves."""
 
 from __future__ import annotations
 

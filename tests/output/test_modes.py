@@ -1,4 +1,6 @@
-"""Mode shapes: words from displacement fields, mirrored parts against whole bodies, pictures, files of the command."""
+"""Mode shapes: names from displacement fields, mirrored parts against whole bodies, pictures, and files of the
+command.
+"""
 
 import json
 import os
@@ -42,8 +44,8 @@ def specimen(folder: Path, text: str = K31):
     return read_specimen(path)
 
 
-def made_up(model: ElectroelasticModel, displacement) -> np.ndarray:
-    """Free unknowns of a given displacement field (x, y, z) → (u_x, u_y, u_z), by its nodal values."""
+def vector_of(model: ElectroelasticModel, displacement) -> np.ndarray:
+    """Vector of the free unknowns for a displacement field (x, y, z) → (u_x, u_y, u_z), by its nodal values."""
     x = model.basis.doflocs
     nodal = np.concatenate([*(np.broadcast_to(part, x[0].shape) for part in displacement(*x)), np.zeros(x.shape[1])])
     return np.asarray(model.prolongation.T @ nodal) * (np.asarray(model.mass.diagonal()) > 0)
@@ -70,7 +72,7 @@ def made_up(model: ElectroelasticModel, displacement) -> np.ndarray:
 )
 def test_family_is_read_from_the_displacement(words: str, field) -> None:
     model = ElectroelasticModel(Plate(20e-3, 8e-3, 1e-3).domain((10, 4, 2), ()), 7800.0)
-    assert family(model, made_up(model, field)) == words
+    assert family(model, vector_of(model, field)) == words
 
 
 def test_radial_modes_of_a_disk_are_named_in_order() -> None:
@@ -121,7 +123,7 @@ def test_modes_of_a_bar_are_those_of_the_thin_bar(tmp_path: Path) -> None:
     assert sum(mode.participation for mode in result.modes) == pytest.approx(1.0)
 
 
-def test_band_without_modes_and_wrong_band_are_told(tmp_path: Path) -> None:
+def test_band_without_modes_and_wrong_band_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no driven mode lies between 1000 and 2000 Hz"):
         modes(specimen(tmp_path), band=(1e3, 2e3))
     with pytest.raises(InputError, match="is no band"):

@@ -1,4 +1,4 @@
-"""The report of an update: one file, nothing from elsewhere, the numbers of update.json, and it runs in a browser."""
+"""The report of an update: a self-contained file with the numbers of update.json that runs in a browser."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ VOID = {"meta", "link", "img", "br", "hr", "input"}
 
 
 class Page(HTMLParser):
-    """Elements in order, their nesting checked, cells with keys and scripts collected."""
+    """Elements of a page in order, their nesting checked, with cells that have keys and with scripts."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -95,7 +95,9 @@ def test_nothing_from_elsewhere(folder, page):
             assert re.match(r"^(#|data:)", attributes.get(key) or "#"), (tag, attributes)
         assert not (tag == "link" and attributes.get("rel") == "stylesheet")
     text = (folder / "report.html").read_text(encoding="utf-8")
-    assert set(re.findall(r"https?://[^\s\"'<>]+", text)) <= {"http://www.w3.org/2000/svg"}  # a name, not an address
+    assert set(re.findall(r"https?://[^\s\"'<>]+", text)) <= {
+        "http://www.w3.org/2000/svg"
+    }  # the name of a namespace, which is not fetched
     assert not re.search(r"@import|url\((?!#)(?!data:)[^$]", text)
     assert not re.search(r"\bfetch\(|XMLHttpRequest|import\(", text)
 
@@ -156,7 +158,9 @@ def test_a_machine_without_renderer_still_gets_a_report(monkeypatch, tmp_path):
     assert answer.exit_code == 0, answer.output
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "could not be drawn here: mode pictures need a library" in text
-    assert text.count("data:image/png") == 1 and "data:image/png" in text.split('id="curves"')[0]  # that of the budget
+    assert (
+        text.count("data:image/png") == 1 and "data:image/png" in text.split('id="curves"')[0]
+    )  # the picture of the budget
 
 
 def test_names_cannot_become_markup():

@@ -1,4 +1,4 @@
-"""The report of a diagnosis: all three verdicts in words, the numbers of diagnosis.json, and it runs in a browser."""
+"""The report of a diagnosis: all verdicts in words, the numbers of diagnosis.json, and charts that run in a browser."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ NOISE, HIGHEST = 2e-3, 140e3
 
 @dataclass(frozen=True)
 class Case:
-    """A diagnosed sweep: its folder, record, page and the text of page one without markup."""
+    """A diagnosed sweep: its folder, record, page, and the text of the section of answers without markup."""
 
     folder: Path
     record: dict
@@ -48,20 +48,23 @@ class Case:
     first: str
 
 
-def _stranger(omega: np.ndarray) -> np.ndarray:
-    """Admittance of a resonator at 100 kHz beside the specimen, such as a holder, S."""
+def _holder(omega: np.ndarray) -> np.ndarray:
+    """Admittance of a resonator at 100 kHz parallel to the specimen, such as a resonating holder, S."""
     own = (2 * np.pi * 100e3) ** 2 * (1 + 0.02j)
     return 1j * omega * 8e-12 * own / (own - omega**2)
 
 
 def _diagnosed(folder: Path, verdict: str) -> Case:
-    """The fundamental of the tutorial's plate, with more noise: 8 Ω in its leads; none; a stranger; softening."""
+    """A diagnosis of the tutorial's plate around its fundamental, with noise added.
+
+    verdict : "effect", 8 Ω in the leads; "none"; "unknown", a resonating holder; "points", a resonance that softens
+    """
     f, real, imag = np.loadtxt(TUTORIAL / "sweep.csv", delimiter=",", skiprows=1).T
     z = real + 1j * imag
     f, z = f[f <= HIGHEST], z[f <= HIGHEST]
     z = z + (6.5 if verdict == "effect" else -1.5)
     if verdict == "unknown":
-        z = 1 / (1 / z + _stranger(2 * np.pi * f))
+        z = 1 / (1 / z + _holder(2 * np.pi * f))
     if verdict == "points":  # the resonance falls by up to 0.5 % where the current is high
         conductance = (1 / z).real
         moved = f * (1 + 5e-3 * conductance / conductance.max())
@@ -77,7 +80,7 @@ def _diagnosed(folder: Path, verdict: str) -> Case:
         command = ["diagnose", str(folder / "plate.toml"), "--out", str(folder / "out"), "--report"]
         answer = CliRunner().invoke(main, command)
         assert answer.exit_code == 0, answer.output
-    else:  # one effect of few at most, which is enough for the words and much faster
+    else:  # one cause at most of few candidates, which is enough for the words and much faster
         few = [circuits.candidates, losses.candidates]
         result = diagnose(read_specimen(folder / "plate.toml"), rules=Rules(most_causes=1), effects=few)
         prepare_folder(folder / "out")
@@ -105,7 +108,7 @@ def unknown(tmp_path_factory) -> Case:
 
 
 def test_a_headline_names_what_is_more_probable_than_not():
-    """The others are told with their probability; where none is, the most probable one stands for all."""
+    """Causes with a probability of 0.5 at least; if there is none, the most probable one."""
     small, large, half = (SimpleNamespace(probability=p) for p in (0.0, 0.67, 0.5))
     assert _likely([small, large, half]) == [large, half]
     assert _likely([small, SimpleNamespace(probability=0.3)])[0].probability == 0.3
@@ -124,7 +127,7 @@ def test_the_reference_explains_every_key_and_column(effect):
     assert columns <= set(re.findall(r"`(\w+)`", page))
 
 
-def test_effect_is_told_in_words_and_figures(effect):
+def test_effect_is_reported_in_words_and_figures(effect):
     assert effect.record["verdict"] == "effect"
     (cause,) = effect.record["causes"]
     assert cause["effect"] == "series_resistance"
@@ -143,13 +146,13 @@ def test_effect_is_told_in_words_and_figures(effect):
     assert "extended.toml" in effect.first
     s11 = effect.record["parameters"]["after"]["s11"]
     away = [(end - s11["value"]) / s11["std"] for end in s11["interval"]]
-    assert away[0] < -1.9 and away[1] > 1.9  # far more: a wrong density, say, is as good as another s11
+    assert away[0] < -1.9 and away[1] > 1.9  # the density, for example, cannot be told from s11
     text = (effect.folder / "out/report.html").read_text(encoding="utf-8")
     assert "95 %, whatever the cause" in text and between(*(1e12 * end for end in s11["interval"])) in text
 
 
 def _known(averaged: Averaged) -> SimpleNamespace:
-    """A result that knows no more of s11 and ε33T than what sets of causes say of them."""
+    """A result whose s11 and ε33T are known by the average over sets of causes."""
     ends, pairs = averaged.interval(0.95).tolist(), zip(averaged.mean[0], averaged.std[0], strict=True)
     numbers = [float(number) for pair in pairs for number in pair]
     after = {
@@ -160,8 +163,8 @@ def _known(averaged: Averaged) -> SimpleNamespace:
     return SimpleNamespace(after=after, comparison=SimpleNamespace(averaged=averaged, final=final, discrepant=False))
 
 
-def test_constants_that_another_cause_would_move_are_told():
-    """One part in ten with a cable, which leaves ε33T elsewhere and nothing else."""
+def test_constants_that_another_cause_would_change_are_named():
+    """A cable, with a probability of 10 %, would change ε33T alone."""
     mean, std = np.array([[1.6e-11, 0.02, 3e-8, 0.02]] * 2), np.array([[1e-13, 1e-4, 1e-10, 1e-4]] * 2)
     mean[1, 2] = 2.5e-8
     averaged = Averaged(((), ("cable",)), (False, False), np.array([0.9, 0.1]), mean, std)
@@ -173,19 +176,21 @@ def test_constants_that_another_cause_would_move_are_told():
     assert whatever_the_cause(_known(replace(averaged, weights=np.array([1.0, 0.0])))) == ()
 
 
-def test_none_is_told_in_words_and_figures(none):
+def test_none_is_reported_in_words_and_figures(none):
     assert none.record["verdict"] == "none" and none.record["causes"] == []
     assert "nothing beyond noise is left over" in none.first
     assert "No bias was found" in none.first and "Use the constants" in none.first
     assert f"errs by {100 * none.record['gain']['held_out_before']:.3g} %" in none.first
-    candidates = [one for one in none.record["candidates"] if one["effect"] != "uneven_body"]  # which is no cause
+    candidates = [
+        one for one in none.record["candidates"] if one["effect"] != "uneven_body"
+    ]  # a form of misfit, not a cause
     assert f"{len(candidates)} candidate effects were tried" in none.first
     best = max(candidates, key=lambda one: one["evidence"])
     assert best["effect"].replace("_", " ") in none.first
     assert "practically certain" not in none.first and "extended.toml" not in none.first
 
 
-def test_unknown_is_told_in_words_and_figures(unknown):
+def test_unknown_is_reported_in_words_and_figures(unknown):
     assert unknown.record["verdict"] == "unknown"
     assert all(cause["probability"] < 0.9 for cause in unknown.record["causes"])
     assert "something that no known effect explains" in unknown.first
@@ -210,14 +215,14 @@ def test_unknown_is_told_in_words_and_figures(unknown):
     assert "It is not the simulation" not in unknown.first
 
 
-def test_a_step_is_told_with_its_place_and_what_makes_one():
+def test_a_step_is_reported_with_its_place_and_possible_reasons():
     left = Discrepancy("a step", 123.4e3, 1e-3, 1.0, 30.0, np.ones((8, 2)))
     (sentence,) = _form(SimpleNamespace(discrepancy=left))
     assert sentence.startswith("It looks like a step near 123 kHz, as where the instrument changes its range")
 
 
-def test_of_a_form_that_no_cause_describes_the_best_cause_is_told_beside_it():
-    """An uneven body is no candidate effect."""
+def test_the_best_cause_is_named_next_to_a_form_that_is_no_cause():
+    """An uneven body is a form of misfit, not a cause."""
 
     def trial(name: str, odds: float, unknown: bool):
         return SimpleNamespace(effect=SimpleNamespace(title=name, law="", of_unknown=unknown), fit=0, log_odds=odds)
@@ -231,7 +236,7 @@ def test_of_a_form_that_no_cause_describes_the_best_cause_is_told_beside_it():
 
 
 @pytest.mark.slow
-def test_points_that_no_linear_body_follows_are_told(tmp_path):
+def test_points_that_no_linear_body_fits_are_reported(tmp_path):
     case = _diagnosed(tmp_path, "points")
     linear = case.record["linear_body"]
     assert case.record["verdict"] == "unknown" and linear["least"] > max(3, 0.6 * linear["model"])
@@ -244,8 +249,8 @@ def test_points_that_no_linear_body_follows_are_told(tmp_path):
     ("least", "control", "model", "blamed"),
     [(20.2, 0.1, 20.7, True), (1.1, 0.1, 20.7, False), (1.6, 0.1, 1.7, False), (21.1, 21.0, 1.05, False)],
 )
-def test_points_are_blamed_where_no_linear_body_follows_them(least, control, model, blamed):
-    """Not where the form of a linear body with so few resonances does not follow the simulation either."""
+def test_data_are_blamed_only_where_a_linear_body_fits_the_simulation(least, control, model, blamed):
+    """If the form with so few resonances does not fit the simulated sweep either, the form is too simple."""
     assert LinearBody(1, least, control, model).to_blame == blamed
 
 
@@ -278,14 +283,16 @@ def test_numbers_are_those_of_diagnosis_json(name, request):
         assert value == found, key
 
 
-def test_poles_and_zeros_come_back(effect):
-    """Q of the poles: wrong by many σ before, by noise after."""
+def test_poles_agree_once_the_cause_is_in_the_fit(effect):
+    """Q of the worst pole is off by more than 4 σ before, and by less after."""
     before, after = ([abs(one[when]["Q_sigma"]) for one in effect.record["poles"]] for when in ("before", "after"))
     assert max(before) > 4 > max(after)
 
 
 def test_runs_in_a_browser_and_the_mouse_zooms(effect, tmp_path):
-    """Headless Chromium: no message on the console; a drag zooms all charts, a double click brings the sweep back."""
+    """Headless Chromium without messages on the console; a drag zooms all charts, a double click restores the whole
+    sweep.
+    """
     program = shutil.which("chromium") or shutil.which("google-chrome")
     if program is None:
         pytest.skip("there is no chromium on this machine")
@@ -338,7 +345,7 @@ def test_quantities_are_readable(name, unit, value, std, text):
     assert quantity(EffectParameter(name, unit, -1, 1, 1, 1), value, std) == text
 
 
-def test_bands_that_touch_are_one():
+def test_touching_bands_are_merged():
     assert merged(((150e3, 160e3), (130e3, 140e3), (141e3, 149.5e3)), 1.5e3) == [(130e3, 160e3)]
     assert merged(((150e3, 160e3), (130e3, 140e3)), 1.5e3) == [(130e3, 140e3), (150e3, 160e3)]
     assert band(130e3, 2.1e6) == "0.13 to 2.1 MHz" and listed(["a", "b", "c"], "or") == "a, b or c"

@@ -1,4 +1,6 @@
-"""VTU of modes and meshes for other programs: read back, of the right volume, with the same pole in our own solver."""
+"""VTU files of modes and meshes for other programs: read back, with the right volume and, by our own solver, the
+same pole.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,7 @@ SHAPES = {
 
 
 def volume_of(mesh: meshio.Mesh) -> float:
-    """By Gauss: hexahedra into six tetrahedra about a diagonal, straight edges."""
+    """Volume by tetrahedra with straight edges into which all cells are split."""
     splits = {
         "tetra10": [(0, 1, 2, 3)],
         "wedge": [(0, 1, 2, 3), (1, 4, 2, 3), (2, 4, 5, 3)],
@@ -43,14 +45,17 @@ def volume_of(mesh: meshio.Mesh) -> float:
     for block in mesh.cells:
         for corners in splits.get(block.type, ()):
             p = mesh.points[block.data[:, list(corners)]]
-            own = np.linalg.det(p[:, 1:] - p[:, :1]) / 6
-            assert np.all(own > 0)  # no cell is inside out
-            total += own.sum()
+            volumes = np.linalg.det(p[:, 1:] - p[:, :1]) / 6
+            assert np.all(volumes > 0)  # no cell is inverted
+            total += volumes.sum()
     return total
 
 
 def share_of_circle(mesh: meshio.Mesh, shape: str) -> float:
-    """Area of the polygon through the points on the rim over that of the circle: edges are straight. 1 for plates."""
+    """Area of the polygon through the points on the rim over that of the circle; 1 for plates.
+
+    Cells in the files have straight edges.
+    """
     if shape != "disk":
         return 1.0
     rim = (np.hypot(*mesh.points[:, :2].T) > 10e-3 * (1 - 1e-6)) & (mesh.points[:, 2] > 1e-3 * (1 - 1e-6))
@@ -61,7 +66,7 @@ def share_of_circle(mesh: meshio.Mesh, shape: str) -> float:
 
 @pytest.fixture(scope="module", params=variants(SHAPES, slow=["plate", "tetrahedra"]))
 def folder(request, tmp_path_factory):
-    """What `modes --vtu --mesh` writes of a body, and the body."""
+    """The output folder of `modes --vtu --mesh`, and the name of the body."""
     out = tmp_path_factory.mktemp(request.param)
     text = "[geometry]\n" + SHAPES[request.param][0] + '[material]\nbase = "pzt-5h"\n'
     (out / "piece.toml").write_text(text, encoding="utf-8")
@@ -72,7 +77,7 @@ def folder(request, tmp_path_factory):
 
 
 def read_mesh(path: Path) -> meshio.Mesh:
-    """A mesh file; meshio knows Abaqus' elements of the same nodes without a potential, and not those with one."""
+    """A mesh file as read by meshio, which knows Abaqus' elements only without a potential."""
     if path.suffix != ".inp":
         return meshio.read(path)
     text = path.read_text()
@@ -116,14 +121,14 @@ def test_the_electrodes_are_named_and_opposite(folder):
 
 
 def test_our_own_reader_of_meshes_finds_the_same_pole(folder, tmp_path):
-    """The .msh as a specimen of shape "mesh", which is read and meshed by other means than it was written."""
+    """The .msh as a specimen of shape "mesh": electrode area, and the pole of the plate."""
     out, shape = folder
     if shape == "disk":
-        return  # wedges along the axis, which specimens of shape "mesh" do not take
+        return  # disks have wedges at the axis, which specimens of shape "mesh" may not have
     assert MeshFile(Path(out / "mesh.msh")).electrode_area == pytest.approx(SHAPES[shape][2], rel=1e-6)
     if shape == "plate":
         text = f'[geometry]\nshape = "mesh"\nfile = "{out / "mesh.msh"}"\nunit = 1.0\n[material]\nbase = "pzt-5h"\n'
-        text += "[simulation]\norder = 1\n"  # 1e-3 too stiff, and faster than order 2 by far
+        text += "[simulation]\norder = 1\n"  # 1e-3 too stiff, but much faster than order 2
         (tmp_path / "mesh.toml").write_text(text, encoding="utf-8")
         first = json.loads((out / "modes.json").read_text(encoding="utf-8"))["modes"][0]["pole"]["frequency_Hz"]
         again = fp.modes(tmp_path / "mesh.toml", count=1, band=(0.5 * first, 1.5 * first)).modes[0].pole.frequency_Hz
