@@ -39,7 +39,7 @@ def coarse(paper_plate) -> ElectroelasticModel:
 
 
 def test_baseline_e_form(baseline):
-    """All printed digits but c11's last two: (30) gives 9.70018e10, and only that agrees with the printed e31."""
+    """All printed digits but the last two of c11: eq (30) gives 9.70018e10, which alone agrees with the printed e31."""
     assert baseline.c11.real == pytest.approx(9.9e-12 / (18.9e-12 * 5.4e-12), rel=1e-12)
     assert baseline.c11.real == pytest.approx(9.70002e10, rel=2e-5)
     assert baseline.c11.real == pytest.approx(baseline.full().to_e_form().c11.real, rel=1e-12)
@@ -52,8 +52,8 @@ def test_baseline_e_form(baseline):
     ("pole", "eigenvalue"),
     [(-1.7726e3 + 2.2196e5j, PAPER[0]), (-2.1307e3 + 2.4834e5j, PAPER[1])],
 )
-def test_paper_pole_and_eigenvalue_are_one_thing(pole, eigenvalue):
-    """λ = −p², to the digits printed."""
+def test_printed_eigenvalues_are_minus_the_squared_poles(pole, eigenvalue):
+    """λ = −p², to the printed digits."""
     assert -(pole**2) == pytest.approx(eigenvalue, rel=1e-4)
     assert Resonance("pole", -(pole**2)).pole_s == pytest.approx(pole)
 
@@ -76,7 +76,7 @@ def test_low_frequency_impedance_and_permittivity(fine, target, paper_plate):
     z = full_impedance(fine, target.full().to_e_form(), np.array([100.0]))[0]
     assert z == pytest.approx(5563.8 - 370919j, rel=1e-5)
     eps = low_frequency_permittivity(100.0, z, paper_plate.electrode_gap, paper_plate.electrode_area)
-    assert eps.real / EPS0 == pytest.approx(2422.5 * (1 + 0.015**2 / 2), rel=1e-5)  # the modulus in (41)
+    assert eps.real / EPS0 == pytest.approx(2422.5 * (1 + 0.015**2 / 2), rel=1e-5)  # eq (41) takes the modulus
     exact = static_permittivity(100.0, z, paper_plate.electrode_gap, paper_plate.electrode_area)
     assert exact == pytest.approx(target.eps33T, rel=1e-5)
     printed = low_frequency_permittivity(
@@ -134,8 +134,9 @@ def _k33_update(side: float):
 
 
 def test_k33_experiment_slender_bar():
-    """Table 6. The tangents of the printed set carry its phase error of 3e-4: exact 1-D theory gives tan φ 0.02105
-    where the paper prints 0.0213, so 1.3 % is the closest any model of a slender bar can come."""
+    """Table 6. The printed poles and zeros have a phase error of 3e-4: exact 1-D theory of them gives tan φ =
+    0.02105 where the paper prints 0.0213, so any model of a slender bar is 1.3 % off.
+    """
     found = _k33_update(0.2e-3)
     assert found.s33.real == pytest.approx(18.846e-12, rel=1e-3)
     assert found.d33.real == pytest.approx(545.46e-12, rel=1e-3)
