@@ -1,4 +1,4 @@
-"""Specimen files: the schema, its messages, the round trip, and input of every kind of wrongness."""
+"""Specimen files: the schema, its messages, the round trip, and faulty input of every kind."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_variables_and_absolute_paths(tmp_path: Path, monkeypatch: pytest.Monkey
     without = read_text(tmp_path, text)
     write_specimen(without, tmp_path / "again.toml")
     assert read_specimen(tmp_path / "again.toml").measurement == without.measurement
-    with pytest.raises(InputError, match=r"FEMU_DATA is not set"):  # only what needs the sweep complains
+    with pytest.raises(InputError, match=r"FEMU_DATA is not set"):  # only commands that need the sweep fail
         measure(without)
     monkeypatch.setenv("FEMU_DATA", "/data")
     assert read_text(tmp_path, text).measurement.file == Path("/data/x.txt")
@@ -127,7 +127,7 @@ def test_variables_and_absolute_paths(tmp_path: Path, monkeypatch: pytest.Monkey
         ('"40 mm"', "[" * 5000, "too long"),
     ],
 )
-def test_wrong_values_are_told_in_one_sentence(tmp_path: Path, old: str, new: str, told: str) -> None:
+def test_wrong_values_are_refused_in_one_sentence(tmp_path: Path, old: str, new: str, told: str) -> None:
     assert old in PLATE
     with pytest.raises(InputError) as caught:
         read_text(tmp_path, PLATE.replace(old, new, 1))
@@ -137,7 +137,7 @@ def test_wrong_values_are_told_in_one_sentence(tmp_path: Path, old: str, new: st
     assert "\n" not in message
 
 
-def test_files_that_are_none(tmp_path: Path) -> None:
+def test_files_that_are_no_specimens_are_refused(tmp_path: Path) -> None:
     (tmp_path / "binary").write_bytes(bytes(range(256)))
     (tmp_path / "large").write_bytes(b"#" * 1_100_000)
     for name, told in (("absent", "no such file"), ("", "directory"), ("binary", "text"), ("large", "MB")):
@@ -254,7 +254,7 @@ def test_mutated_files_read_or_are_refused(tmp_path: Path, data: st.DataObject |
 
 
 def test_files_that_a_result_depends_on(tmp_path):
-    """A job is done anew where any of them changes: the sweeps and what compensates them too."""
+    """The sweeps and the files that compensate them: a job is computed again if any of them changes."""
     body = '[geometry]\nshape = "plate"\nlength = 0.02\nwidth = 0.004\nthickness = 0.001\n[material]\nbase = "pzt-5h"\n'
     fixture = '[measurement]\nopen = "open.csv"\nshort = "short.csv"\nload = { file = "load.csv", resistance = 100 }\n'
     path = tmp_path / "plate.toml"

@@ -1,4 +1,4 @@
-"""What is known of the numbers of a file: every key is told of, checked, and comes back from a file as it was."""
+"""Tolerances and other uncertainties in a specimen file: every key is documented, checked, and read back as written."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from femu_piezo.specimen.file import (
     write_specimen,
 )
 
-#: [geometry] of each key, its own value left open.
+#: Lines of [geometry] for each shape, to which a key is added.
 PLATE = 'shape = "plate"\nlength = "40 mm"\nwidth = "5 mm"\nthickness = "1 mm"\n'
 DISK = 'shape = "disk"\ndiameter = "20 mm"\nthickness = "1 mm"\n'
 RING = 'shape = "ring"\ndiameter = "20 mm"\ninner_diameter = "8 mm"\nthickness = "1 mm"\n'
 TRAPEZOID = 'shape = "trapezoid"\nlength = "20 mm"\nwidth = "6 mm"\nwidth_end = "3 mm"\nthickness = "1 mm"\n'
-#: Key → ([geometry] beside it, a right value with its unit, the same in SI, a value of another dimension).
+#: Key → (lines of [geometry], right value with its unit, the same in SI, value of another dimension).
 GEOMETRY = {
     "std_length": (PLATE, "20 um", 20e-6, "1 kg"),
     "std_width": (PLATE, "0.02 mm", 20e-6, "1 %"),
@@ -48,7 +48,7 @@ RESIDUE = {
 
 
 def text(key: str, value: str) -> tuple[str, str]:
-    """A specimen file with one key, and the name of the key in messages."""
+    """A specimen file with one key, and the name of that key in messages."""
     geometry = GEOMETRY[key][0] if key in GEOMETRY else PLATE
     lines = {name: "" for name in ("geometry", "material", "measurement")}
     for table, keys in (("geometry", GEOMETRY), ("material", MATERIAL), ("measurement", MEASUREMENT)):
@@ -91,7 +91,9 @@ def test_a_value_is_read_with_its_unit_and_comes_back(key, tmp_path):
 
 @pytest.mark.parametrize("key", EVERY)
 def test_a_wrong_value_is_one_sentence(key, tmp_path):
-    """Of another dimension, negative, not finite, no number, a truth value: file, key and what would be right."""
+    """Values of another dimension, negative, not finite, no number or a truth value: file, key and what would be
+    right.
+    """
     path = tmp_path / "plate.toml"
     for value in (f'"{EVERY[key][2]}"', "-0.001", "nan", '"five"', "true", "[1, 2]"):
         content, where = text(key, value)
@@ -137,7 +139,7 @@ def test_keys_that_do_not_go_together_are_one_sentence(given, told, tmp_path):
     assert answer.output.strip().count("\n") == 0
 
 
-def test_what_a_diagnosis_writes_comes_back(tmp_path):
+def test_what_a_diagnosis_writes_is_read_back(tmp_path):
     """[effects] with free parameters, [fitted], noise_only and the residue together."""
     one = Specimen(
         name="plate",
@@ -156,8 +158,8 @@ def test_what_a_diagnosis_writes_comes_back(tmp_path):
     assert read_specimen(tmp_path / "plate.toml") == one.model_copy(update={"path": tmp_path / "plate.toml"})
 
 
-def test_every_key_has_its_sentence():
-    """The pages on budget and inference and the docstrings of the tables name each key, or its family by the first."""
+def test_every_key_is_documented():
+    """The pages of docs/explanation and the docstrings of the tables name each key, or the first key of its family."""
     folder = Path(__file__).resolve().parents[2] / "docs" / "explanation"
     pages = "".join(path.read_text(encoding="utf-8") for path in folder.glob("*.md"))
     schema = "".join(table.__doc__ for table in (Geometry, Material, Measurement, Residue, Update, Specimen))
