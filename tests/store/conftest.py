@@ -1,4 +1,4 @@
-"""Databases for the tests: SQLite files, and a PostgreSQL server of their own on the loopback address."""
+"""Databases for the tests: SQLite files, and a PostgreSQL server on the loopback address."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ _numbers = itertools.count()
 
 
 def _program(name: str) -> str | None:
-    """A program of PostgreSQL's server; Debian keeps them out of the path."""
+    """Path of a program of PostgreSQL's server, which Debian keeps outside of PATH."""
     debian = sorted(Path("/usr/lib/postgresql").glob(f"*/bin/{name}"))
     return shutil.which(name) or (str(debian[-1]) if debian else None)
 
 
 @pytest.fixture(scope="session")
 def postgresql():
-    """URL of a server without databases; it refuses to run as root, so then as nobody."""
+    """URL of a running server; it runs as nobody if the tests run as root, which it refuses."""
     if _program("initdb") is None:
         pytest.skip("PostgreSQL's server is not installed; apt-get install postgresql")
     user = "nobody" if os.geteuid() == 0 else None
@@ -66,5 +66,5 @@ def new_postgresql(request):
 
 @pytest.fixture(params=["sqlite", "postgresql"])
 def address(request, tmp_path, new_postgresql) -> str:
-    """An address without a store yet."""
+    """An address at which there is no store yet."""
     return str(tmp_path / "line.sqlite") if request.param == "sqlite" else new_postgresql()

@@ -1,4 +1,4 @@
-"""Entries with known numbers, as a batch makes them, and a program that writes them."""
+"""Entries of a store with known numbers, in the form that a batch makes, and a program that writes them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PLATE = Described("a" * 64, "plate", {"name": "plate", "geometry": {"shape": "pl
 
 
 def entry(number: int, time: datetime = START, program: str = "0.1.0+test", **values: float) -> Entry:
-    """An update of a piece; values : of the columns of its row, such as s11=16.5e-12."""
+    """An update of a piece; values : numbers of its row, such as s11=16.5e-12"""
     columns = {"s11": 16.5e-12, "s11_std": 5e-14, "s11_tan": 0.015, "s11_tan_std": 1e-4, "k_eff": 0.35} | values
     one = {
         "value": columns["s11"],
@@ -33,7 +33,9 @@ def entry(number: int, time: datetime = START, program: str = "0.1.0+test", **va
 
 
 def lots(months: int, pieces: int, drift: float, seed: int) -> dict[str, list[Entry]]:
-    """Lots a month apart: s11 scatters by 1 % within and 0.3 % between them and drifts by a share per month."""
+    """Lots a month apart: s11 scatters by 1 % within lots and 0.3 % between them, and drifts by `drift` (relative) a
+    month.
+    """
     rng, found = np.random.default_rng(seed), {}
     for month in range(months):
         mean = 16.5e-12 * (1 + drift * month + 0.003 * rng.standard_normal())
@@ -52,7 +54,7 @@ def lots(months: int, pieces: int, drift: float, seed: int) -> dict[str, list[En
 
 
 def write_in_turn(address: str, numbers: Iterable[int], lot: str, at_once: int = 5) -> None:
-    """Write pieces, a few in each transaction."""
+    """Write pieces, `at_once` of them in each transaction."""
     from pathlib import Path
 
     from femu_piezo.store.database import Database
@@ -65,7 +67,7 @@ def write_in_turn(address: str, numbers: Iterable[int], lot: str, at_once: int =
 
 
 def stop_in_the_middle(address: str) -> None:
-    """Begin to write two pieces; say "half" and hang with the first in the tables, not committed."""
+    """Begin to write two pieces, print "half" and hang while the first is in the tables and not committed."""
     import time
 
     from sqlalchemy import Engine, event

@@ -1,4 +1,4 @@
-"""The database under several writers, kills, other versions and bad addresses; SQLite and PostgreSQL alike."""
+"""The database with several writers, kills, other versions and bad addresses, for SQLite and PostgreSQL alike."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ ESTIMATES, PARTS = 3, len(BUDGET) + 1  # s11, s11_tan and k_eff; the parts of th
 
 
 def program(*arguments: str) -> subprocess.Popen:
-    """Another process that writes."""
+    """Another process that writes (made.py)."""
     return subprocess.Popen([sys.executable, FOLDER / "made.py", *arguments], stdout=subprocess.PIPE, text=True)
 
 
 def counted(address: str) -> dict[str, int]:
-    """Rows of the tables."""
+    """Numbers of rows of the tables."""
     database = Database(address, Path(), make=False)
     tables = schema.metadata.tables.values()
     found = database.read(
@@ -45,21 +45,21 @@ def counted(address: str) -> dict[str, int]:
 
 
 def whole(pieces: int) -> dict[str, int]:
-    """The rows of so many pieces, none of them half, none twice."""
+    """Numbers of rows for so many pieces, each stored once and completely."""
     found = dict.fromkeys(schema.metadata.tables, 0)
     found |= {"lots": 1, "specimens": 1, "sweeps": pieces, "results": pieces, "inputs": pieces}
     return found | {"estimates": ESTIMATES * pieces, "budgets": PARTS * pieces}
 
 
 def revised(address: str, statement: str) -> None:
-    """Change a database past the program."""
+    """Change a database directly, without the code under test."""
     database = Database(address, Path())
     database.write(lambda connection: connection.execute(text(statement)))
     database.close()
 
 
 def test_two_writers_at_once(address):
-    """Two processes make the tables, and write the same pieces in part, at the same time."""
+    """Two processes create the tables and write overlapping sets of pieces at the same time."""
     writers = [program("write", address, "0", "60", "may"), program("write", address, "30", "90", "may")]
     assert [one.wait(60) for one in writers] == [0, 0]
     assert counted(address) == whole(90)
@@ -70,9 +70,9 @@ def test_a_kill_in_the_middle_of_a_write_leaves_nothing_and_locks_nothing(addres
     victim = program("stop", address)
     assert victim.stdout.readline() == "half\n"
     other = threading.Thread(target=write_in_turn, args=(address, [1], "killed"))
-    other.start()  # waits for the lock of the one that hangs, in SQLite and for the same sweep in PostgreSQL
+    other.start()  # waits for the lock of the hanging process, in PostgreSQL since it writes the same sweep
     time.sleep(0.3)
-    assert counted(address) == whole(1)  # readers do not wait
+    assert counted(address) == whole(1)  # reading does not wait for the lock
     victim.kill()
     victim.wait()
     other.join(30)
@@ -81,7 +81,7 @@ def test_a_kill_in_the_middle_of_a_write_leaves_nothing_and_locks_nothing(addres
     assert counted(address) == whole(3)
 
 
-def test_the_same_result_is_kept_once_and_goes_where_it_is_put_last(address):
+def test_the_same_result_is_kept_once_in_its_latest_lot(address):
     database = Database(address, Path())
     assert write(database, [entry(1), entry(2)], "may") == 2
     assert write(database, [entry(1), entry(2)]) == 0
@@ -89,13 +89,15 @@ def test_the_same_result_is_kept_once_and_goes_where_it_is_put_last(address):
     assert write(database, [entry(1)], "june") == 0
     assert [row["lot"] for row in read_pieces(database)] == ["june", "may"]
     assert write(database, [entry(1, program="0.2.0+test", s11=17e-12)]) == 1
-    first = read_pieces(database)[0]  # the last word about a piece, while the other version's stays in the tables
+    first = read_pieces(database)[
+        0
+    ]  # the latest result of a piece, while that of the other version stays in the tables
     assert (first["s11"], first["program"], first["measured"].replace(tzinfo=None)) == (17e-12, "0.2.0+test", START)
     database.close()
     assert counted(address)["results"] == 3
 
 
-def test_names_of_any_characters_come_back(address):
+def test_names_of_any_characters_are_kept(address):
     import dataclasses
 
     name = "plate '; DROP TABLE results; -- ñ 𝛼 \" \\"
@@ -106,7 +108,7 @@ def test_names_of_any_characters_come_back(address):
 
 
 def frozen(request, kind: str, tmp_path: Path) -> str:
-    """A database of version 1 as its migration made it, with two pieces."""
+    """A database of schema version 1 with two pieces, as stored in a file."""
     script = (FOLDER / f"version_1.{kind}.sql").read_text(encoding="utf-8")
     if kind == "sqlite":
         with sqlite3.connect(tmp_path / "old.sqlite") as connection:
@@ -148,7 +150,7 @@ def test_the_migrations_make_the_tables_of_the_schema(address):
 
 
 def differences(database: Database) -> list:
-    """What Alembic would change to come from the tables to the schema."""
+    """Changes that Alembic would make to turn the tables into those of the schema."""
     from alembic.autogenerate import compare_metadata
     from alembic.migration import MigrationContext
 
@@ -159,6 +161,7 @@ def differences(database: Database) -> list:
 
 
 def refusal(address: str, make: bool = True) -> str:
+    """The error message for an address."""
     with pytest.raises(InputError) as caught:
         Database(address, Path(), make=make)
     return str(caught.value)
@@ -205,7 +208,7 @@ def test_reading_makes_nothing(tmp_path, new_postgresql):
     assert "no results of femu-piezo" in refusal(new_postgresql(), make=False)
 
 
-def test_a_locked_file_is_tried_again_and_then_told(tmp_path, monkeypatch):
+def test_a_locked_file_is_tried_again_and_then_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_LOCK_S", 0.05)
     address = str(tmp_path / "line.sqlite")
     write_in_turn(address, [0], "may")
@@ -225,7 +228,7 @@ def test_a_locked_file_is_tried_again_and_then_told(tmp_path, monkeypatch):
 
 
 def test_a_server_that_comes_back_is_used_again(new_postgresql):
-    """The connections of a long lot die with the server; the next write opens another."""
+    """Connections of a long lot end when the server restarts; the next write opens a new one."""
     import psycopg
 
     address = new_postgresql()

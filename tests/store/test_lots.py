@@ -1,4 +1,4 @@
-"""A lot kept in a store by the commands, lots compared, charted and exported; and a store that fails meanwhile."""
+"""A lot kept in a store by the commands; lots compared, charted and exported; and a store that fails in between."""
 
 from __future__ import annotations
 
@@ -45,7 +45,9 @@ def table(address: str, name: str) -> list[dict]:
 
 @pytest.fixture(scope="module")
 def line(tmp_path_factory) -> Path:
-    """A folder with sweeps, a specimen file, and a lot of three, the last unreadable, computed but in no store."""
+    """A folder with sweeps, a specimen file, and a computed lot of three, the last of them unreadable, not yet in
+    any store.
+    """
     folder = tmp_path_factory.mktemp("line")
     sweeps, specimen = write_lot(folder, 3)
     (sweeps / "p3.csv").write_bytes(b"\x00\x01\x02")
@@ -60,7 +62,7 @@ def batch(line: Path, *arguments: str, code: int = 0) -> str:
 
 def test_a_lot_is_kept_with_all_that_belongs_to_it(line, address):
     batch(line, "--store", address)
-    batch(line, "--store", address)  # nothing twice
+    batch(line, "--store", address)  # a second run adds nothing
     assert [one["name"] for one in table(address, "lots")] == ["sweeps"]
     results = {one["name"]: one for one in table(address, "results")}
     assert {name: one["status"] for name, one in results.items()} == {
@@ -92,7 +94,7 @@ def test_a_lot_is_kept_with_all_that_belongs_to_it(line, address):
 
 def test_update_finds_its_piece_in_the_lot_and_diagnose_adds_to_it(line, tmp_path, monkeypatch):
     batch(line, "--store", "--lot", "may")
-    store = line / "out"  # the folder stands for the store in it
+    store = line / "out"  # the address of a store may be the folder that contains it
     run("update", line / "bar.toml", "--out", tmp_path / "update", "--store", store)
     assert (tmp_path / "update" / "update.json").exists()
     assert len(table(str(store), "results")) == 3  # the same sweep and description: nothing new
@@ -142,7 +144,7 @@ def test_a_store_that_fails_in_the_middle_loses_nothing_on_disk(line, tmp_path):
     assert len(table(str(out), "results")) == 3
 
 
-def test_an_address_that_does_not_answer_is_told_before_the_work(line, tmp_path):
+def test_an_address_that_does_not_answer_is_refused_before_the_work(line, tmp_path):
     address = "postgresql://me:secret@127.0.0.1:1/line"
     for order in (
         ["batch", line / "sweeps", "--specimen", line / "bar.toml"],
@@ -157,8 +159,8 @@ def test_an_address_that_does_not_answer_is_told_before_the_work(line, tmp_path)
 
 @pytest.mark.parametrize("command", ["batch", "update", "diagnose", "measure", "serve"])
 @pytest.mark.parametrize("word", ["bar.toml", "sweeps", "line7"])
-def test_a_word_after_store_that_is_no_address_is_told(line, tmp_path, command, word):
-    """Such as the argument of the command: neither a database of that name nor a complaint of a missing argument."""
+def test_a_word_after_store_that_is_no_address_is_refused(line, tmp_path, command, word):
+    """Such as the argument of the command: no database of that name is made, and no argument is said to be missing."""
     before = {path: path.read_bytes() for path in line.rglob("*") if path.is_file()}
     out = () if command == "serve" else ("--out", tmp_path / "out")
     said = run(command, "--store", line / word, *out, code=2)
@@ -213,12 +215,14 @@ def test_some_lots_and_quantities_only(months, tmp_path):
     assert pyarrow.parquet.read_metadata(tmp_path / "lots.parquet").num_rows == 50
     found = json.loads((tmp_path / "lots.json").read_text(encoding="utf-8"))
     assert list(found["lots"]) == ["2026-02", "2026-03"] and list(found["quantities"]) == ["k_eff"]
-    assert found["quantities"]["k_eff"]["drift"]["through"] == "pieces"  # two lots make no trend of lots
+    assert (
+        found["quantities"]["k_eff"]["drift"]["through"] == "pieces"
+    )  # two lots are too few for a trend of lots, so single pieces are used
     assert "no such lot" in run("lots", "--store", months, "--lot", "2031", code=2)
     assert "no piece has such a number" in run("lots", "--store", months, "--quantity", "s13", code=2)
 
 
-def test_an_empty_store_is_told(tmp_path):
+def test_an_empty_store_is_reported(tmp_path):
     database = Database(str(tmp_path / "line.sqlite"), Path())
     write(database, [])
     database.close()
