@@ -1,4 +1,4 @@
-"""Quantities with units: exact values, properties, and a sentence for everything that is none."""
+"""Quantities with units: exact values, properties, and one sentence for everything that is no quantity."""
 
 from __future__ import annotations
 
