@@ -1,4 +1,4 @@
-"""What the documentation says exists: keys, commands with their options, tests, links; versions agree."""
+"""The documentation refers to things that exist: keys, commands with their options, tests, links; versions agree."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def page_id(path: Path) -> str:
 
 
 @pytest.mark.parametrize("table", TABLES)
-def test_every_key_says_what_it_is(table):
-    """The reference of the specimen file and the docstring of the table are made of these."""
+def test_every_key_has_a_description(table):
+    """From which the reference of the specimen file and the docstring of the table are generated."""
     for name, field in table.model_fields.items():
         assert field.description or name == "path", f"{table.__name__}.{name}"
         assert name == "path" or f"{name}\n    {field.description}" in table.__doc__
@@ -51,7 +51,7 @@ def commands(text: str) -> list[list[str]]:
 
 
 @pytest.mark.parametrize("path", PAGES, ids=page_id)
-def test_commands_are_spelled_as_they_are(path):
+def test_commands_and_options_exist(path):
     for _, name, *words in commands(path.read_text(encoding="utf-8")):
         if name == "COMMAND" or name.startswith("-"):
             continue
@@ -84,7 +84,7 @@ def test_tests_that_are_named_exist():
 
 @pytest.mark.parametrize("path", PAGES, ids=page_id)
 def test_links_between_pages_lead_somewhere(path):
-    """As the files lie in the repository; docs/tutorials is where a build puts a copy of tutorials."""
+    """In the layout of the repository; docs/tutorials is where a build puts a copy of tutorials."""
     text = re.sub(r"```.*?```", "", path.read_text(encoding="utf-8"), flags=re.S)
     for target in re.findall(r"\]\(([^)#\s]+)", text):
         if re.match(r"\w+:", target):
@@ -103,7 +103,7 @@ def test_versions_agree():
     assert f"## {version}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
-def test_the_check_of_a_site_finds_what_is_wrong(tmp_path):
+def test_the_check_of_a_site_finds_faults(tmp_path):
     spec = importlib.util.spec_from_file_location("check_site", ROOT / "docs/check_site.py")
     check = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(check)
