@@ -68,7 +68,9 @@ def test_tutorial_runs(name, tmp_path, request):
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
 def test_tutorial_is_a_notebook_that_asserts(path):
-    """Cells marked by # %%, the first one a title in markdown; at least two assertions, none without a comparison."""
+    """Cells begin with # %%, the first one is a title in markdown; there are two assertions at least, none without a
+    comparison.
+    """
     text = path.read_text(encoding="utf-8")
     cells = re.split(r"^# %%", text, flags=re.M)
     assert cells[0] == "" and re.match(r" \[markdown\]\n# # \w", cells[1])
@@ -77,7 +79,7 @@ def test_tutorial_is_a_notebook_that_asserts(path):
         if cell.startswith(" [markdown]"):
             assert all(line.startswith("#") for line in cell.splitlines()[1:] if line.strip())
         else:
-            ast.parse("\n".join(cell.splitlines()[1:]))  # a cell of code stands for itself
+            ast.parse("\n".join(cell.splitlines()[1:]))  # each cell of code can be parsed alone
     asserted = [node.test for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Assert)]
     assert len(asserted) >= 2
     assert all(isinstance(test, (ast.Compare, ast.Call, ast.BoolOp)) for test in asserted)
@@ -92,15 +94,15 @@ def test_thumbnails_are_small_and_shown():
         assert f"tutorials/gallery/{path.name}" in pages
 
 
-def test_no_measured_data_among_the_tutorials():
-    """The measured sweeps stay outside: the only sweeps here are simulated, each beside the script that makes it."""
+def test_every_sweep_of_the_tutorials_is_simulated():
+    """Measured sweeps stay outside of the repository: each sweep has the script that makes it next to it."""
     sweeps = [path for path in FOLDER.rglob("*") if path.suffix in {".csv", ".txt"}]
     assert {path.name for path in sweeps} == {"sweep.csv", "up.csv", "down.csv"}
     assert all((path.parent / "make_sweep.py").is_file() for path in sweeps)
 
 
 def test_specimens_in_the_documentation_are_read(tmp_path):
-    """What a newcomer copies from README or a guide is a valid specimen file."""
+    """Specimen files that a newcomer copies from README or a guide are valid."""
     pages = "".join(path.read_text(encoding="utf-8").replace("\n   ", "\n") for path in PAGES)
     blocks = [block for block in re.findall(r"```toml\n(.*?)```", pages, flags=re.S) if "[geometry]" in block]
     shapes = []
