@@ -1,4 +1,4 @@
-"""A server on a free port of this machine, with a folder of its own."""
+"""A server of the page in a process of its own, on a free port and with its own folder."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Server:
         raise AssertionError("the server does not answer")
 
     def stop(self) -> str:
-        """End it as Ctrl-C does; what it said."""
+        """End the server as Ctrl-C does, and return what it printed."""
         self.process.send_signal(signal.SIGINT)
         try:
             return self.said + self.process.communicate(timeout=20)[0]

@@ -36,7 +36,7 @@ def browser() -> Iterator:
 
 @pytest.fixture
 def page(browser) -> Iterator:
-    """A window that remembers what it asked for and what went wrong."""
+    """A window that records its requests and errors."""
     context = browser.new_context(viewport={"width": 1200, "height": 900}, accept_downloads=True)
     found = context.new_page()
     found.set_default_timeout(PATIENCE)
@@ -44,7 +44,7 @@ def page(browser) -> Iterator:
     found.on("request", lambda request: asked.append(request.url))
     yield found
     outside = [url for url in asked if not re.match(r"(http|ws)://127\.0\.0\.1:|data:|blob:", url)]
-    assert not outside  # nothing leaves the machine
+    assert not outside  # no request goes to another machine
     assert asked
     context.close()
 
@@ -80,7 +80,7 @@ def test_dropped_files_give_the_constants_of_the_command_line(serve, page, tmp_p
     start.wait_for()
     before = start.bounding_box()["y"]
     drawn(page)
-    assert start.bounding_box()["y"] == pytest.approx(before, abs=30)  # the curve above it has not moved it
+    assert start.bounding_box()["y"] == pytest.approx(before, abs=30)  # the curve above the button has not displaced it
     start.click()
     page.get_by_text("done in").wait_for()
     found = json.loads((tmp_path / "results/sweep.csv/extract/extraction.json").read_text())
@@ -109,13 +109,13 @@ def test_dropped_files_give_the_constants_of_the_command_line(serve, page, tmp_p
             return Math.max(...words) - right(legend.querySelector('.bg'));
         })"""
     )
-    assert beyond and max(beyond) < 1  # pixels: no word of a legend is cut
+    assert beyond and max(beyond) < 1  # px beyond the edge: no text of a legend is cut off
     names = {path.name for path in (tmp_path / "results/plate.toml/update").iterdir()}
     assert names == {path.name for path in (tmp_path / "terminal").iterdir()} | {"report.html"}
 
 
-def test_a_browser_that_was_away_keeps_its_page(serve, page, tmp_path: Path) -> None:
-    """Five seconds without a connection, in which something is pressed: it is done on return, without a reload."""
+def test_a_browser_without_connection_keeps_its_page(serve, page, tmp_path: Path) -> None:
+    """Five seconds without a connection, in which a button is pressed: it takes effect on return, without a reload."""
     tutorial("k31_plate", tmp_path)
     open_page(page, serve(), "sweep?file=sweep.csv")
     start = page.get_by_role("button", name="Find poles and zeros")
@@ -164,7 +164,7 @@ def test_a_specimen_is_edited_in_both_ways_undone_and_survives(serve, page, tmp_
     assert "length 39 mm" in page.locator("svg[role=img]").get_attribute("aria-label")
     length.fill("39 furlongs")
     length.press("Tab")
-    page.locator(".q-field--error", has_text="furlongs").wait_for()  # beside the field
+    page.locator(".q-field--error", has_text="furlongs").wait_for()  # the message is next to the field
     assert page.get_by_role("button", name="Save").is_disabled()
     page.get_by_role("button", name="Undo").click()
     page.get_by_text("not saved yet").wait_for()
@@ -205,7 +205,7 @@ def test_jobs_run_two_at_once_are_cancelled_and_seen_after_a_reload(serve, page,
     page.get_by_text("done in").wait_for()
     assert (tmp_path / "results/plate.toml/update/update.json").exists()
     left = tmp_path / "results/plate.toml/diagnose"
-    for _ in range(100):  # the command ends where its present step lets it
+    for _ in range(100):  # the command ends after its present step
         if not left.exists():
             break
         page.wait_for_timeout(100)
@@ -257,7 +257,7 @@ def test_another_shape_leaves_no_dimension_of_the_former(serve, page, tmp_path: 
 
 
 @pytest.mark.slow
-def test_results_of_an_earlier_state_are_told(serve, page, tmp_path: Path) -> None:
+def test_results_of_an_earlier_state_are_marked(serve, page, tmp_path: Path) -> None:
     tutorial("k31_plate", tmp_path)
     server = serve()
     open_page(page, server, "update?spec=plate.toml")
@@ -271,12 +271,14 @@ def test_results_of_an_earlier_state_are_told(serve, page, tmp_path: Path) -> No
     below = page.get_by_role("button", name="What can the data tell of each?")
     before = below.bounding_box()["y"]
     page.locator('[aria-label="residual"] .main-svg').first.wait_for()
-    assert below.bounding_box()["y"] == pytest.approx(before, abs=30)  # the charts above it have not moved it
+    assert below.bounding_box()["y"] == pytest.approx(
+        before, abs=30
+    )  # the charts above the button have not displaced it
 
 
 @pytest.mark.slow
 def test_a_lot_is_computed_charted_and_leads_to_its_pieces(serve, page, tmp_path: Path) -> None:
-    """The folder itself is the lot: two specimens of one sweep."""
+    """The folder itself is the lot: two specimens with the same sweep."""
     tutorial("k31_plate", tmp_path)
     (tmp_path / "second.toml").write_text((tmp_path / "plate.toml").read_text().replace("of the paper", "two"))
     server = serve()

@@ -1,4 +1,4 @@
-"""Edits of a specimen file: undone, kept over a restart, never in the file before they are saved."""
+"""Edits of a specimen file: they can be undone, survive a restart, and reach the file only when saved."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_keys_are_set_beside_what_is_written_and_undone(workspace: Workspace) ->
     assert not Draft(workspace, "plate.toml", "somebody else").changed
 
 
-def test_saving_writes_what_is_right_alone(workspace: Workspace) -> None:
+def test_only_valid_drafts_are_saved(workspace: Workspace) -> None:
     draft = Draft(workspace, "plate.toml", "me")
     draft.put("geometry", "length", "39.9 furlongs")
     with pytest.raises(InputError, match=r"plate\.toml: geometry\.length"):
@@ -85,7 +85,7 @@ def test_two_windows_share_their_edits(workspace: Workspace) -> None:
     assert "39.9 mm" in other.text
 
 
-def test_what_is_typed_at_one_go_is_one_step(workspace: Workspace) -> None:
+def test_continuous_typing_is_one_step_to_undo(workspace: Workspace) -> None:
     draft = Draft(workspace, "plate.toml", "me")
     for end in range(1, 6):
         draft.set(TEXT + "# typed"[:end], typed=True)
@@ -104,14 +104,14 @@ def test_any_value_of_a_key_is_answered_by_a_sentence(workspace: Workspace, valu
 
 
 @pytest.mark.parametrize("text", ["geometry = 3", "[[geometry]]"])
-def test_a_key_of_what_is_no_table_is_told(workspace: Workspace, text: str) -> None:
+def test_a_key_of_something_that_is_no_table_is_refused(workspace: Workspace, text: str) -> None:
     draft = Draft(workspace, "plate.toml", "me")
     draft.set(text)
     with pytest.raises(InputError, match="geometry is not a table"):
         draft.put("geometry", "length", "1 mm")
 
 
-def test_text_that_is_no_toml_is_told(workspace: Workspace) -> None:
+def test_text_that_is_no_toml_is_reported(workspace: Workspace) -> None:
     draft = Draft(workspace, "plate.toml", "me")
     draft.set("geometry = [")
     assert "this is not TOML" in draft.problem() and draft.tables() == {}

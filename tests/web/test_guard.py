@@ -1,4 +1,6 @@
-"""Strangers, foreign pages and names, paths outside, and sizes: over real sockets."""
+"""Access to the page over real sockets: strangers, foreign origins and host names, paths outside the folder, and
+sizes.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,7 @@ def ask(
 
 
 def websocket(port: int, origin: str) -> int:
-    """Status that an upgrade to a websocket is answered with."""
+    """Status of the answer to a request for a websocket."""
     with socket.create_connection(("127.0.0.1", port), timeout=20) as stream:
         lines = [
             "GET /_nicegui_ws/socket.io/?EIO=4&transport=websocket HTTP/1.1",
@@ -53,7 +55,7 @@ def test_this_machine_alone_is_answered(serve, tmp_path: Path) -> None:
     status, headers, _ = ask(port, "/sweep")
     assert status == 200 and "connect-src 'self'" in headers["content-security-policy"]
     assert headers["x-content-type-options"] == "nosniff"
-    assert ask(port, "/sweep", host="evil.example")[0] == 403  # a foreign name that points here
+    assert ask(port, "/sweep", host="evil.example")[0] == 403  # a foreign host name that resolves to this machine
     assert ask(port, "/sweep", host=f"localhost:{port}")[0] == 200
     assert ask(port, "/sweep", {"Origin": "http://evil.example"})[0] == 403
     assert ask(port, "/sweep", {"Origin": "null"})[0] == 403
@@ -96,7 +98,7 @@ def test_others_need_the_token_that_the_terminal_shows(serve) -> None:
     assert ask(server.port, "/sweep", {"Cookie": cookie, "Origin": "http://evil.example"})[0] == 403
     assert ask(server.port, f"//evil.example?token={token}")[1]["location"] == "/evil.example"
     server.stop()
-    assert serve("--host", "0.0.0.0").address.partition("token=")[2] == token  # those who know it stay known
+    assert serve("--host", "0.0.0.0").address.partition("token=")[2] == token  # the token stays valid over a restart
 
 
 def test_a_folder_has_one_page(serve, tmp_path: Path) -> None:

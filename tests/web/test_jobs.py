@@ -1,4 +1,4 @@
-"""The queue: progress, cancel, errors, two at once, and what is left after a stop."""
+"""The queue of jobs: progress, cancelling, errors, two at once, and what remains after a stop."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def wait(until: Callable[[], bool], seconds: float = 90.0) -> None:
         time.sleep(0.02)
 
 
-def test_a_command_runs_as_in_a_terminal_and_tells_its_steps(folder: Path, start) -> None:
+def test_a_command_runs_as_in_a_terminal_and_shows_its_steps(folder: Path, start) -> None:
     jobs, seen = start(), set()
     job = jobs.ask("update", "plate.toml", "results/plate.toml/update")
 
@@ -58,7 +58,7 @@ def test_a_command_runs_as_in_a_terminal_and_tells_its_steps(folder: Path, start
         json.loads((folder / "results/plate.toml/update/update.json").read_text())["parameters"]["s11"]["value"] > 1e-11
     )
     again = Job(99, "update", "plate.toml", "x", began=time.time(), state="running")
-    assert 0 < jobs.left(again) < 2 * job.seconds  # the next one knows how long it takes
+    assert 0 < jobs.left(again) < 2 * job.seconds  # the time of the next run is estimated from the last one
 
 
 def test_errors_are_the_sentence_of_the_terminal(start) -> None:
@@ -79,7 +79,7 @@ def test_jobs_wait_are_cancelled_and_are_not_asked_twice(folder: Path, start) ->
     assert first.state == "cancelled"
     wait(lambda: not second.active)
     assert second.state == "done"
-    assert not (folder / "results/plate.toml/diagnose").exists()  # an interrupted command leaves nothing half-written
+    assert not (folder / "results/plate.toml/diagnose").exists()  # an interrupted command leaves no incomplete files
 
 
 def test_two_run_at_once(start) -> None:
@@ -97,7 +97,7 @@ def test_what_waited_is_run_after_a_restart(folder: Path, start) -> None:
     wait(lambda: jobs.latest("diagnose", "plate.toml").state == "running")
     record = (folder / ".femu-piezo/jobs.json").read_text()
     jobs.stop()
-    (folder / ".femu-piezo/jobs.json").write_text(record)  # as a power cut leaves it
+    (folder / ".femu-piezo/jobs.json").write_text(record)  # the record of a job that was running, as after a power cut
     after = start(workers=1)
     assert after.latest("diagnose", "plate.toml").state == "cancelled"
     assert "stopped" in after.latest("diagnose", "plate.toml").message

@@ -1,4 +1,4 @@
-"""Drawings of bodies and figures for the browser: what is where."""
+"""Drawings of bodies and figures for the browser: every part at its place."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_bodies_are_drawn_within_the_paper(body: dict) -> None:
 
 
 def test_the_drawing_shows_the_proportions() -> None:
-    """Of a plate ten times as long the long edge is ten times the same edge of a square one, on the same scale."""
+    """The long edge of a plate ten times as long is ten times that of a square plate, at the same scale."""
 
     def edges(length: float) -> tuple[float, float]:
         text = drawing(Geometry.model_validate(PLATE | {"length": length, "width": 0.01}))

@@ -1,4 +1,4 @@
-"""The folder of the page: nothing outside is read or written, uploads replace nothing."""
+"""The folder of the page: nothing outside of it is read or written, and uploads replace nothing."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_a_specimen_may_name_files_of_the_folder_alone(workspace: Workspace, mon
     (workspace.folder / "study.toml").write_text('specimens = ["../b.toml"]')
     with pytest.raises(InputError, match="outside the folder") as told:
         workspace.specimen("study.toml")
-    assert "secret" not in str(told.value)  # what stands in it is not even read
+    assert "secret" not in str(told.value)  # the content of the file is not even read
     (workspace.folder / "a.toml").write_text(SPECIMEN.format(file="${ELSEWHERE}/x.csv"))
     (workspace.folder / "study.toml").write_text('specimens = ["a.toml"]')
     for name in ("a.toml", "study.toml"):
@@ -99,12 +99,12 @@ def test_lists_leave_out_results_and_hidden_files(workspace: Workspace) -> None:
     assert workspace.free_name("a.toml") == "a-2.toml"
 
 
-def test_a_folder_that_is_none_is_told(tmp_path: Path) -> None:
+def test_a_folder_that_does_not_exist_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such folder"):
         Workspace.of(tmp_path / "none")
 
 
-def test_studies_that_name_each_other_are_told(workspace: Workspace) -> None:
+def test_studies_that_name_each_other_are_refused(workspace: Workspace) -> None:
     for name, other in (("a", "b"), ("b", "a")):
         (workspace.folder / f"{name}.toml").write_text(f'specimens = ["{other}.toml"]')
     with pytest.raises(InputError, match="specimens"):
