@@ -1,4 +1,4 @@
-"""Shared fixtures: the paper's plate, and numpy kept to one thread so that two cores suffice."""
+"""Shared fixtures (the paper's plate and materials), and numpy kept to one thread, so that two cores suffice."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.missing_libraries import skip_without_libraries
 
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_makereport(item, call):
-    """Tests that need what the machine lacks are skipped with a reason."""
+    """Tests that need a library which the machine lacks are skipped with a reason."""
     skip_without_libraries((yield).get_result())
 
 

@@ -1,4 +1,4 @@
-"""Tests that fail because the machine lacks shared libraries of gmsh or VTK are skipped, and say what to install."""
+"""Skips tests that fail because the machine lacks shared libraries of gmsh or VTK, and says what to install."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def drawing_lacks() -> str:
         return f"VTK lacks libEGL and libOSMesa: apt-get install {RENDER_PACKAGES}"
 
 
-#: How femu_piezo says that something is missing → what is missing.
+#: Part of an error message of femu_piezo → function that says what is missing.
 _SENTENCES = {
     "gmsh cannot be loaded on this machine": gmsh_lacks,
     "mode pictures need a library to draw with": drawing_lacks,
@@ -43,7 +43,7 @@ _SENTENCES = {
 
 
 def skip_without_libraries(report: pytest.TestReport) -> None:
-    """Make a failure that says that a library is missing a skip, where that is so."""
+    """Turn a failed report into a skipped one if its error says that a library is missing, and it is."""
     if not report.failed:
         return
     told = "\n".join([report.longreprtext, *(text for _, text in report.sections)])

@@ -1,4 +1,4 @@
-"""Imports point down the layers; extraction and forward never meet."""
+"""Imports go from upper to lower layers only; extraction and forward never import each other."""
 
 from __future__ import annotations
 
@@ -34,10 +34,12 @@ LAYERS = (
 
 
 def _layer(name: str) -> int:
+    """Number of the layer of a module."""
     return next(level for level, members in enumerate(LAYERS) if name in members)
 
 
 def _imports():
+    """(module, imported module) of every import within the package."""
     for path in sorted(ROOT.rglob("*.py")):
         parts = path.relative_to(ROOT).with_suffix("").parts
         if parts[0] == "__init__":

@@ -1,4 +1,4 @@
-"""Every public name says what it is: modules, functions, classes, methods; the snippets of the documentation run."""
+"""Every public module, function, class and method has an explanation; the code in documentation and docstrings runs."""
 
 from __future__ import annotations
 
@@ -45,7 +45,9 @@ def _protocols() -> list[ast.ClassDef]:
 
 
 def _is_explained(method: ast.FunctionDef, owner: ast.ClassDef, classes: dict[str, ast.ClassDef]) -> bool:
-    """A docstring of its own, a line in that of its class, or either in a base class or a protocol it fulfils."""
+    """Whether a method has a docstring or a line in that of its class, or either in a base class or a protocol of
+    it.
+    """
     kin = [owner, *(classes[name] for name in (ast.unparse(base) for base in owner.bases) if name in classes)]
     kin += [
         protocol
@@ -93,8 +95,8 @@ def test_methods_are_explained():
     assert not missing, "\n".join(missing)
 
 
-def test_array_arguments_of_the_public_mathematics_have_shapes():
-    """A function of the lower layers that takes or gives an array says of what shape it is."""
+def test_docstrings_state_the_shapes_of_arrays():
+    """Functions of the lower layers that take or return an array state a shape."""
     missing = []
     for path, tree in _modules():
         if path.parts[0] not in ("extraction", "forward", "inference", "material", "measurement"):

@@ -1,4 +1,6 @@
-"""`import femu_piezo as fp`: light to import, sweeps in memory wherever a file serves, results that show and save."""
+"""`import femu_piezo as fp`: a light import, sweeps in memory in place of files, and results that print, draw and
+save.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,7 @@ base = "pzt-5h"
 
 @pytest.fixture(scope="module")
 def specimen(tmp_path_factory) -> fp.Specimen:
-    """A plate whose file says nothing of a measurement."""
+    """A plate whose file has no [measurement]."""
     path = tmp_path_factory.mktemp("plate") / "plate.toml"
     path.write_text(PLATE, encoding="utf-8")
     return fp.read_specimen(path)
@@ -48,7 +50,7 @@ def specimen(tmp_path_factory) -> fp.Specimen:
 
 @pytest.fixture(scope="module")
 def sweep(specimen) -> fp.ImpedanceSpectrum:
-    """Its sweep over two length modes, leads of 3 Ω, 0.1 % of noise that nobody states."""
+    """The sweep of a similar plate over two length modes, with leads of 3 Ω and 0.1 % of noise, which is not stated."""
     tangents = {"tan_s11": 0.018, "tan_d31": 0.014, "tan_eps33T": 0.02, "s11": 16.9e-12}
     true = specimen.model_copy(
         update={
@@ -68,7 +70,7 @@ def updated(specimen, sweep):
 
 
 def my_leads(context: EffectContext) -> Effect:
-    """Z + R under a name of its own, as a stranger would write it."""
+    """A user's own effect: Z + R under a name of its own."""
     return Effect(
         name="my_leads",
         sentence="the leads are mine",
@@ -83,7 +85,7 @@ def diagnosed(specimen, sweep):
 
 
 def with_file(specimen: fp.Specimen, sweep: fp.ImpedanceSpectrum, folder: Path, name: str = "plate") -> Path:
-    """The specimen file with its sweep in a file beside it."""
+    """The specimen file, with the sweep in a file next to it."""
     write_spectrum(sweep, folder / f"{name}.csv")
     write_specimen(specimen, folder / f"{name}.toml")
     text = (folder / f"{name}.toml").read_text(encoding="utf-8")
@@ -111,7 +113,7 @@ def test_import_loads_nothing_and_takes_no_time():
 
 
 def test_names_are_those_of_the_commands():
-    # a data sheet is a file of `update`; a page, a list of lots and what instruments do are no results
+    # these commands have no result in memory: data sheet, page, lots, instruments
     assert set(main.commands) - {"analyser", "batch", "datasheet", "lots", "measure", "serve"} <= set(dir(fp))
     assert all(getattr(fp, name) is not None for name in fp.__all__)
     with pytest.raises(AttributeError, match="find_modes"):
@@ -158,7 +160,7 @@ def test_arrays_are_checked_as_files_are(specimen, sweep):
 
 
 def test_update_of_a_sweep_in_memory_is_that_of_the_file(specimen, sweep, updated, tmp_path):
-    """To the last digit, whether the sweep comes as arrays, as what was read, as a path, or with the specimen."""
+    """The same numbers, whether the sweep comes in the file, as a spectrum that was read, or as a path."""
     path = with_file(specimen, sweep, tmp_path)
     read = fp.read_spectrum(tmp_path / "plate.csv")
     for result in (fp.update(path), fp.update(specimen, read), fp.update([specimen], [str(tmp_path / "plate.csv")])):
@@ -183,7 +185,7 @@ def test_several_specimens_with_their_sweeps(specimen, sweep, updated):
 
 
 def test_the_keys_of_measurement_count_for_a_sweep_in_memory(specimen, sweep):
-    """Held-out band, noise, accuracy and corrections are of the specimen, whatever brings the sweep."""
+    """Held-out band, noise, accuracy and corrections come from the specimen, wherever the sweep comes from."""
     table = {"held_out": (150e3, 170e3), "noise": 1e-3, "accuracy": 0.02, "correct_phase": True}
     wish = fp.Specimen.model_validate(
         {**specimen.model_dump(exclude_none=True), "measurement": {**table, "held_out": [150e3, 170e3]}}
@@ -198,7 +200,7 @@ def test_the_keys_of_measurement_count_for_a_sweep_in_memory(specimen, sweep):
     assert result.parameters["eps33T"].budget["instrument"] > 5 * plain.parameters["eps33T"].budget["instrument"]
 
 
-def test_faults_are_masked_in_a_sweep_that_was_read_without(specimen, sweep, tmp_path):
+def test_faults_are_masked_in_a_sweep_that_was_read_without_masking(specimen, sweep, tmp_path):
     spiked = sweep.impedance.copy()
     spiked[100] *= 1.5
     path = with_file(specimen, replace(sweep, impedance=spiked), tmp_path)
@@ -210,7 +212,7 @@ def test_faults_are_masked_in_a_sweep_that_was_read_without(specimen, sweep, tmp
 
 
 def test_bands_are_left_out_of_a_file_and_of_a_sweep_in_memory(specimen, sweep, tmp_path):
-    """A spike in a band that the file masks changes nothing: the result is that of the sweep without those points."""
+    """A spike in a masked band of the file has no effect: the result is that of the sweep without those points."""
     spiked = sweep.impedance.copy()
     spiked[100:103] *= 1.5
     low, high = sweep.frequency[[99, 103]]
@@ -237,7 +239,7 @@ def test_bands_are_left_out_of_a_file_and_of_a_sweep_in_memory(specimen, sweep, 
             fp.update(path)
 
 
-def test_what_is_no_specimen_or_sweep_is_told(specimen, sweep, tmp_path):
+def test_arguments_of_wrong_types_are_refused(specimen, sweep, tmp_path):
     for wrong, words in (
         (lambda: fp.update(specimen), "measurement.file is missing"),
         (lambda: fp.update(specimen, sweep.impedance), "from_impedance"),
@@ -303,7 +305,9 @@ def test_verdict_and_causes(diagnosed):
 
 
 def test_extended_specimen_is_written_and_read(diagnosed, sweep, tmp_path):
-    """`extended` alone has no sweep; among saved files it has that of the memory, and leaves nothing to find."""
+    """`extended` itself has no sweep; saved with a result it has the sweep from memory, and its diagnosis finds
+    nothing more.
+    """
     diagnosed.extended.write(tmp_path / "extended.toml")
     alone = fp.read_specimen(tmp_path / "extended.toml")
     assert alone.effects["my_leads"]["resistance"] == diagnosed.causes[0].parameters["resistance"].value
@@ -325,7 +329,7 @@ def test_extended_specimen_is_written_and_read(diagnosed, sweep, tmp_path):
 
 
 def records(folder: Path) -> dict[str, bytes | dict]:
-    """The files of a folder; of JSON the content without times."""
+    """The files of a folder; JSON without times."""
     found: dict[str, bytes | dict] = {}
     for path in sorted(folder.iterdir()):
         found[path.name] = path.read_bytes()
@@ -370,7 +374,7 @@ def test_modes_are_saved_and_drawn(specimen, tmp_path):
     assert {path.name for path in result.save(tmp_path / "m").iterdir()} == {"modes.json", "modes.png", "mode_01.png"}
 
 
-# effects of one's own
+# effects written by users
 
 
 def test_library_is_a_list_of_makers():
@@ -379,7 +383,7 @@ def test_library_is_a_list_of_makers():
     assert library[0] is next(iter(library)) and all(callable(make) for make in library)
 
 
-def test_an_effect_of_ones_own_takes_part_beside_the_tolerances(specimen, sweep, diagnosed):
+def test_a_users_effect_is_a_candidate_beside_the_tolerances(specimen, sweep, diagnosed):
     """As a function or as an effect; dimensions, held constants and instrument stay unknown within their tolerances."""
     keys = [effect.key for effect in diagnosed.comparison.final.parameters.effects]
     assert {"my_leads", "wrong_length", "wrong_density", "series_resistance", "wrong_insensitive_parameter:s12"} <= {

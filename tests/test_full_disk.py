@@ -1,4 +1,4 @@
-"""A disk that fills up while a command writes: one sentence, exit code 2, and nothing half-written."""
+"""A disk that is full while a command writes: one sentence, exit code 2, and no incomplete file."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ COMMANDS = {
 
 
 def run(words: tuple[str, ...], out: Path, largest: int) -> subprocess.CompletedProcess:
-    """A command in a process that may write no file of more than `largest` bytes, which fails as a full disk does.
+    """A command in a process that cannot write files of more than `largest` bytes, which fails as on a full disk.
 
-    It keeps no compiled modules: half of one would be taken for whole by every process after it.
+    It writes no compiled modules, since later processes would take an incomplete one for a complete one.
     """
 
     def limit() -> None:
@@ -48,12 +48,12 @@ def test_nothing_is_half_written(name, largest, tmp_path):
     out = tmp_path / "out"
     answer = run(COMMANDS[name], out, largest)
     assert answer.returncode == 2, answer.stderr
-    # matplotlib may say that it cannot keep its list of fonts either
-    own = [line for line in answer.stderr.splitlines() if not line.startswith("Could not save font_manager cache")]
-    assert len(own) == 1 and "cannot be written" in own[0], answer.stderr
-    left = sorted(out.rglob("*")) if out.exists() else []
-    assert not [path for path in left if ".tmp" in path.name]
-    for path in left:
+    # matplotlib may warn that it cannot keep its list of fonts
+    errors = [line for line in answer.stderr.splitlines() if not line.startswith("Could not save font_manager cache")]
+    assert len(errors) == 1 and "cannot be written" in errors[0], answer.stderr
+    files = sorted(out.rglob("*")) if out.exists() else []
+    assert not [path for path in files if ".tmp" in path.name]
+    for path in files:
         if path.suffix == ".json":
             json.loads(path.read_text(encoding="utf-8"))
         if path.suffix == ".png":

@@ -1,4 +1,4 @@
-"""Every JSON file that a command writes begins with its schema, and only one place writes them."""
+"""Every JSON file that a command writes begins with its schema, and results are written in one place only."""
 
 from __future__ import annotations
 
@@ -43,7 +43,9 @@ def test_commands_write_the_schema_first(tmp_path):
 
 
 def test_results_are_turned_to_json_in_one_place():
-    """What the page keeps or draws, pages of HTML, strings of TOML and what a store hashes are no results."""
+    """The exceptions are no results: data of the page, of charts and scenes, strings of TOML, and content hashed by
+    a store.
+    """
     others = {"output/scene.py", "output/chart.py", "specimen/file.py", "files.py", "store/entry.py"}
     found = {
         str(path.relative_to(PACKAGE))
@@ -53,7 +55,7 @@ def test_results_are_turned_to_json_in_one_place():
     assert found <= others, found - others
 
 
-def test_what_is_written_is_read_and_what_is_not_whole_is_told(tmp_path):
+def test_written_files_are_read_and_incomplete_ones_refused(tmp_path):
     path = tmp_path / "x.json"
     path.write_text(json_text({"a": 1.5}), encoding="utf-8")
     assert read_json(path, 1000, "a result") == {"schema": SCHEMA, "a": 1.5}

@@ -1,4 +1,4 @@
-"""Language, encoding and clock of the machine change nothing that is computed or written."""
+"""Language, encoding and time zone of the machine change nothing that is computed or written."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PLAIN = {"LC_ALL": "POSIX", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
 
 
 def extraction(out: Path, environment: dict[str, str]) -> bytes:
-    """extraction.json of the sweep, computed by the command in another environment."""
+    """extraction.json of the sweep, computed by the command with these environment variables."""
     answer = subprocess.run(
         [sys.executable, "-m", "femu_piezo.cli", "extract", str(SWEEP), "--out", str(out)],
         env=os.environ | environment,
@@ -27,6 +27,7 @@ def extraction(out: Path, environment: dict[str, str]) -> bytes:
 
 @pytest.fixture(scope="module")
 def usual(tmp_path_factory) -> bytes:
+    """The same without changes of the environment."""
     return extraction(tmp_path_factory.mktemp("usual"), {})
 
 

@@ -1,4 +1,4 @@
-"""The help of the commands: whole words to copy, every command named."""
+"""The help of the commands: words are not broken, and every command is named."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WIDTHS = (60, 80, 118)
 @pytest.mark.parametrize("name", ["", *main.commands])
 @pytest.mark.parametrize("width", WIDTHS)
 def test_no_line_of_a_help_ends_within_a_word(name, width):
-    """At a hyphen, as in pip install 'femu-piezo[store]'."""
+    """Not even at a hyphen, as in pip install 'femu-piezo[store]'."""
     shown = CliRunner().invoke(main, [*name.split(), "--help"], terminal_width=width)
     assert shown.exit_code == 0
     assert not re.findall(r"\S*\w-\n.*", shown.output) and "\ue000" not in shown.output

@@ -1,4 +1,4 @@
-"""Work that shares the cores: same results in the same order, errors come through, the user's limit is kept."""
+"""Work shared by the cores: results in order, errors passed on, and the user's limit kept."""
 
 from __future__ import annotations
 
@@ -30,20 +30,22 @@ def test_one_core_is_a_plain_loop(monkeypatch):
 
 
 def test_pieces_run_side_by_side(monkeypatch):
-    """Two pieces that wait for each other can only end together."""
+    """Two pieces of work that wait for each other can only end if they run at the same time."""
     monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
     both = threading.Barrier(2, timeout=10)
     assert sorted(in_parallel(lambda _: both.wait(), range(2))) == [0, 1]
 
 
-def test_an_error_comes_through(monkeypatch):
+def test_an_error_is_passed_on(monkeypatch):
     monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
     with pytest.raises(ZeroDivisionError):
         list(in_parallel(lambda i: 1 / i, [1, 0, 2]))
 
 
-def test_a_core_that_has_nothing_left_joins_work_within_work(monkeypatch):
-    """The second of two pieces has two of its own, which can only end together, after the first has ended."""
+def test_an_idle_core_joins_nested_work(monkeypatch):
+    """The second of two pieces has two inner pieces, which wait for each other and begin after the first piece has
+    ended.
+    """
     monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
     both, first = threading.Barrier(2, timeout=10), threading.Event()
 
@@ -57,14 +59,17 @@ def test_a_core_that_has_nothing_left_joins_work_within_work(monkeypatch):
         first.set()
         return []
 
-    for pieces in ([False, True], [True, False]):  # by the thread that asks or by the one that helps
+    for pieces in (
+        [False, True],
+        [True, False],
+    ):  # the nested work is in the piece of the calling thread, or in that of the helper
         first.clear()
         found = list(in_parallel(outer, pieces))
         assert sorted(found) == [[], [0, 1]]
 
 
-def test_the_thread_that_asks_works_within_what_it_waits_for(monkeypatch):
-    """The other thread has the last piece, and that has two of its own, which can only end together."""
+def test_the_calling_thread_joins_the_nested_work_it_waits_for(monkeypatch):
+    """The other thread has the last piece, whose two inner pieces wait for each other."""
     monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
     both, begun, own = threading.Barrier(2, timeout=10), threading.Event(), threading.get_ident()
 
@@ -78,7 +83,7 @@ def test_the_thread_that_asks_works_within_what_it_waits_for(monkeypatch):
     assert sorted(in_parallel(outer, range(2))) == [[], [0, 1]]
 
 
-def test_work_within_work_counts_as_sharing_the_cores(monkeypatch):
+def test_nested_work_counts_as_sharing_the_cores(monkeypatch):
     """On every thread, and no longer once it has ended."""
     monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
     assert list(in_parallel(lambda _: available_cores(), range(4))) == [1] * 4
@@ -88,8 +93,8 @@ def test_work_within_work_counts_as_sharing_the_cores(monkeypatch):
     assert available_cores() == 2
 
 
-def test_what_was_not_asked_for_is_not_begun(monkeypatch):
-    """Where a loop is left early, or interrupted."""
+def test_pieces_after_an_early_end_are_not_begun(monkeypatch):
+    """A loop over results that is left early or interrupted."""
     monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
     begun = []
     for _ in in_parallel(lambda n: (begun.append(n), time.sleep(0.01)), range(1000)):
@@ -108,8 +113,8 @@ def test_what_was_not_asked_for_is_not_begun(monkeypatch):
     assert len(begun) < 10
 
 
-def test_results_are_let_go(monkeypatch):
-    """Those that were fetched, and all of work within work that has ended."""
+def test_results_are_released(monkeypatch):
+    """Results that were fetched, and all results of nested work that has ended, are freed."""
     monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
     alive: weakref.WeakSet = weakref.WeakSet()
 
@@ -129,7 +134,7 @@ def test_results_are_let_go(monkeypatch):
             assert len(alive) <= 1
 
 
-def test_a_loop_that_is_collected_as_garbage_by_its_own_helper_ends(monkeypatch):
+def test_a_loop_collected_as_garbage_in_its_own_helper_thread_ends(monkeypatch):
     monkeypatch.setattr("femu_piezo.threads.cores_of_process", lambda: 2)
     own, left, collected = threading.get_ident(), [], threading.Event()
 
@@ -148,7 +153,7 @@ def test_a_loop_that_is_collected_as_garbage_by_its_own_helper_ends(monkeypatch)
     assert list(in_parallel(abs, [1, -2])) == [1, 2]
 
 
-def test_columns_are_those_of_one_piece(monkeypatch):
+def test_work_by_columns_is_that_of_the_whole_matrix(monkeypatch):
     matrix, parts = np.random.default_rng(0).standard_normal((5, 41)), []
 
     def work(part: np.ndarray) -> np.ndarray:
@@ -163,7 +168,7 @@ def test_columns_are_those_of_one_piece(monkeypatch):
 
 
 class Thing:
-    """With two properties of which one fails the first time."""
+    """An object with two properties made once, of which `late` fails the first time."""
 
     def __init__(self) -> None:
         self.made, self.failed = 0, False
@@ -184,25 +189,26 @@ class Thing:
 
 
 def test_a_property_is_made_once_for_each_object():
-    one, other = Thing(), Thing()
+    first, second = Thing(), Thing()
     with ThreadPoolExecutor(8) as pool:
-        assert set(pool.map(lambda thing: thing.value, [one, other] * 8)) == {1}
-    assert (one.made, other.made) == (1, 1) and Thing.value.__doc__ == "The words of it."
+        assert set(pool.map(lambda thing: thing.value, [first, second] * 8)) == {1}
+    assert (first.made, second.made) == (1, 1) and Thing.value.__doc__ == "The words of it."
 
 
 def test_objects_do_not_wait_for_each_other():
-    both = threading.Barrier(2, timeout=10)
+    barrier = threading.Barrier(2, timeout=10)
 
     class Waiting:
         @made_once
         def value(self) -> int:
-            return both.wait()
+            return barrier.wait()
 
     with ThreadPoolExecutor(2) as pool:
         assert sorted(pool.map(lambda thing: thing.value, [Waiting(), Waiting()])) == [0, 1]
 
 
-def test_a_property_that_failed_is_tried_again_and_leaves_nothing_behind():
+def test_a_property_that_failed_is_tried_again():
+    """No lock remains, and the object can be pickled and copied."""
     one = Thing()
     with pytest.raises(ValueError):
         one.late  # noqa: B018
@@ -210,7 +216,7 @@ def test_a_property_that_failed_is_tried_again_and_leaves_nothing_behind():
     assert not threads._making
 
 
-def test_values_are_made_once_by_many_threads_and_the_latest_kept():
+def test_values_are_made_once_by_many_threads_and_the_latest_are_kept():
     made, values = [], Once(latest=2)
 
     def make(key):
@@ -221,7 +227,7 @@ def test_values_are_made_once_by_many_threads_and_the_latest_kept():
     with ThreadPoolExecutor(8) as pool:
         found = list(pool.map(lambda key: values.get(key, lambda: make(key)), "aaaabbbb"))
     assert found == [*"AAAABBBB"] and sorted(made) == ["a", "b"]
-    for key in "abca":  # a asked for before b, whichever thread was last: c takes its place
+    for key in "abca":  # the order of use after the threads may be either; a is now used before b, so c replaces a
         values.get(key, lambda key=key: make(key))
-    assert sorted(made) == ["a", "a", "b", "c"]  # a was the oldest
+    assert sorted(made) == ["a", "a", "b", "c"]  # a was the least recently used value and had to be made again
     assert values.get("c", lambda: make("c")) == "C" and len(made) == 4

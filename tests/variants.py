@@ -1,4 +1,4 @@
-"""Variants of a test of which some are slow."""
+"""Parameters of a test or fixture of which some are marked slow."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ import pytest
 
 
 def variants(every: Iterable[str], slow: Collection[str]) -> list:
-    """Each as a parameter of a test or fixture; those of `slow` are left to `pytest -m slow`."""
+    """Each of `every` as a parameter; those in `slow` are marked slow."""
     return [pytest.param(one, marks=[pytest.mark.slow] * (one in slow)) for one in every]
