@@ -106,7 +106,7 @@ def test_a_step_within_bounds(seed):
     np.testing.assert_allclose(found, best.x, atol=1e-5)
 
 
-def test_a_step_beside_walls_and_within_bounds(lab):
+def test_a_step_with_walls_and_within_bounds(lab):
     """A step whose first unknown may only decrease: it stays, and the gain is 98 % of what a simplex search over the
     others finds.
 
