@@ -11,7 +11,6 @@ import numpy as np
 import skfem
 from scipy.spatial import cKDTree
 
-from femu_piezo.errors import InputError
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.curved_mesh import CurvedHexahedra
 from femu_piezo.output.surface import fields_at_points
@@ -22,13 +21,18 @@ _CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 
 _EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 #: Opposite sides of a cube, corner above corner.
 _SIDES = (((0, 1, 2, 3), (4, 5, 6, 7)), ((0, 3, 7, 4), (1, 2, 6, 5)), ((0, 4, 5, 1), (3, 7, 6, 2)))
+#: Kind in meshio and nodes of the faces of a cell, outwards.
+_FACES = {
+    "hexahedron": ("quad", [side for bottom, top in _SIDES for side in (bottom, top[::-1])]),
+    "tetra10": ("triangle6", [(0, 2, 1, 6, 5, 4), (0, 1, 3, 4, 8, 7), (1, 2, 3, 5, 9, 8), (0, 3, 2, 7, 9, 6)]),
+}
 #: Order of the nodes of a mirrored cell in which its volume is positive.
 _MIRRORED = {"hexahedron": (4, 5, 6, 7, 0, 1, 2, 3), "tetra10": (0, 2, 1, 3, 6, 5, 4, 7, 9, 8)}
 #: Distance over the longest side within which nodes are merged.
 _SAME = 1e-7
 
 #: Element that meshio writes for Abaqus → piezoelectric element of the same nodes.
-_ABAQUS = {"C3D8RH": "C3D8E", "C3D6": "C3D6E", "C3D10MH": "C3D10E"}
+_ABAQUS = {"C3D8RH": "C3D8E", "C3D10MH": "C3D10E"}
 
 
 @dataclass(frozen=True)
@@ -139,26 +143,6 @@ def _merged(points, kind: str, cells, fields, hot, ground) -> Volume:
     return Volume(points[first], kind, where[cells], fields[:, first], nodes(hot), nodes(ground))
 
 
-def blocks_of(volume: Volume) -> list[tuple[str, np.ndarray]]:
-    """The cells by their kind in meshio; hexahedra with collapsed edges, as at the axis of a disk, are wedges."""
-    if volume.kind != "hexahedron":
-        return [(volume.kind, volume.cells)]
-    ordered = np.sort(volume.cells, axis=1)
-    whole = (np.diff(ordered, axis=1) > 0).all(axis=1)
-    wedges = [_wedge(cell) for cell in volume.cells[~whole]]
-    found = [("hexahedron", volume.cells[whole])]
-    return [*found, ("wedge", np.array(wedges))] if wedges else found
-
-
-def _wedge(cell: np.ndarray) -> list[int]:
-    """The six nodes of a hexahedron that is a wedge: one edge is collapsed on each of two opposite sides."""
-    for bottom, top in _SIDES:
-        nodes = [list(dict.fromkeys(cell[list(side)].tolist())) for side in (bottom, top)]
-        if [len(one) for one in nodes] == [3, 3]:
-            return nodes[0] + nodes[1]
-    raise InputError("a cell of this body is neither a hexahedron nor a wedge; write its mesh with tetrahedra")
-
-
 def vtu_of_mode(volume: Volume, named: dict[str, np.ndarray]) -> bytes:
     """A VTU file of the body with fields: name → (p, 4) complex; displacements and potentials, Re and Im apart.
 
@@ -170,12 +154,12 @@ def vtu_of_mode(volume: Volume, named: dict[str, np.ndarray]) -> bytes:
         for part, numbers in (("re", scaled.real), ("im", scaled.imag)):
             data[f"displacement_{name}_{part}"] = np.ascontiguousarray(numbers[:, :3])
             data[f"potential_{name}_{part}"] = np.ascontiguousarray(numbers[:, 3])
-    return _written(meshio.Mesh(volume.points, blocks_of(volume), point_data=data), "vtu")
+    return _written(meshio.Mesh(volume.points, [(volume.kind, volume.cells)], point_data=data), "vtu")
 
 
 def mesh_msh(volume: Volume) -> bytes:
     """A gmsh 2.2 file, coordinates in m, with the physical surfaces "hot" and "ground" and the volume "body"."""
-    tagged = [(3, block) for block in blocks_of(volume)]
+    tagged = [(3, (volume.kind, volume.cells))]
     tagged += [(tag, face) for tag, on in ((1, volume.hot), (2, volume.ground)) for face in _faces(volume, on)]
     blocks = [block for _, block in tagged]
     tags = [np.full(len(cells), tag) for tag, (_, cells) in tagged]
@@ -195,9 +179,9 @@ def mesh_inp(volume: Volume) -> bytes:
     """
     mesh = meshio.Mesh(
         volume.points,
-        blocks_of(volume),
+        [(volume.kind, volume.cells)],
         point_sets={"hot": volume.hot, "ground": volume.ground},
-        cell_sets={"body": [np.arange(len(cells)) for _, cells in blocks_of(volume)]},
+        cell_sets={"body": [np.arange(len(volume.cells))]},
     )
     text = _written(mesh, "abaqus")
     for other, piezoelectric in _ABAQUS.items():
@@ -206,32 +190,14 @@ def mesh_inp(volume: Volume) -> bytes:
 
 
 def _faces(volume: Volume, nodes: np.ndarray) -> list[tuple[str, np.ndarray]]:
-    """Faces of the surface all of whose nodes are among those given, by their kind in meshio."""
-    sides = {
-        "hexahedron": [("quad", side) for pair in _SIDES for side in (pair[0], pair[1][::-1])],
-        "wedge": [
-            *(("triangle", side) for side in ((0, 1, 2), (3, 5, 4))),
-            *(("quad", side) for side in ((0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5))),
-        ],
-        "tetra10": [
-            ("triangle6", side)
-            for side in ((0, 2, 1, 6, 5, 4), (0, 1, 3, 4, 8, 7), (1, 2, 3, 5, 9, 8), (0, 3, 2, 7, 9, 6))
-        ],
-    }
-    every: dict[str, list[np.ndarray]] = {}
-    for kind, cells in blocks_of(volume):
-        for flat, side in sides[kind]:
-            every.setdefault(flat, []).append(cells[:, list(side)])
-    found = []
-    for flat, several in every.items():
-        faces = np.vstack(several)
-        _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-        outer = np.zeros(len(faces), bool)
-        outer[first[count == 1]] = True
-        chosen = faces[outer & np.isin(faces, nodes).all(axis=1)]
-        if len(chosen):
-            found.append((flat, chosen))
-    return found
+    """The kind in meshio, and the faces, of the surface whose nodes are all among those given."""
+    flat, sides = _FACES[volume.kind]
+    faces = np.vstack([volume.cells[:, list(side)] for side in sides])
+    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    outer = np.zeros(len(faces), bool)
+    outer[first[count == 1]] = True
+    chosen = faces[outer & np.isin(faces, nodes).all(axis=1)]
+    return [(flat, chosen)] if len(chosen) else []
 
 
 def _written(mesh: meshio.Mesh, form: str, **options) -> bytes:
