@@ -211,7 +211,7 @@ def test_the_usual_drive_is_that_of_the_limits():
     assert Settings().voltage == own and usual_drive(Limits(voltage=2.0)) == own
     assert usual_drive(Limits(voltage=own / 2)) == own / 2
     words = " ".join(main.commands["measure"].get_help(click.Context(main.commands["measure"])).split())
-    assert f"{own:g} V at most" in words and f"({own:g} V, no bias where" in words
+    assert f"[default: {own:g} V, or" in words and f"(by default {own:g} V, no bias)" in words
 
 
 def test_nothing_at_the_address_exits_with_4(specimen, tmp_path):
@@ -245,7 +245,7 @@ def test_a_full_disk_is_reported():
 def test_a_plan_that_separates_needs_a_sweep(specimen, tmp_path):
     command = ["measure", str(specimen), "--plan", "--separate", "--out", str(tmp_path / "out")]
     failed = CliRunner().invoke(main, command)
-    assert failed.exit_code == 2 and "give it by --data" in failed.output and not (tmp_path / "out").exists()
+    assert failed.exit_code == 2 and "give the sweep by --data" in failed.output and not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow

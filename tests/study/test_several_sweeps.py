@@ -314,12 +314,12 @@ WRONG = {
     "direction": (['file = "a.csv"', 'direction = "left"'], [], "direction"),
     "temperature": (['file = "a.csv"', 'temperature = "25 bar"'], [], "is not a temperature"),
     "hot": (['file = "a.csv"', "temperature = 3000"], [], "outside"),
-    "half told": (['file = "a.csv"', 'fixture = "clips"', "[[sweep]]", 'file = "b.csv"'], [], "not of b"),
+    "half told": (['file = "a.csv"', 'fixture = "clips"', "[[sweep]]", 'file = "b.csv"'], [], "not for b"),
     "one name": (['file = "a.csv"', "[[sweep]]", 'file = "x/a.csv"'], [], "two sweeps"),
     "no such fixture": (
         ['file = "a.csv"'],
         ['[effects."stray_capacitance (clips)"]', "capacitance = 1e-12"],
-        "of no fixture",
+        "names a fixture that no",
     ),
 }
 
