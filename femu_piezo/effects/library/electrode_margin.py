@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from femu_piezo.effects.effect import Effect, EffectContext, EffectParameter, LocalTerm
-from femu_piezo.effects.local.end_strips import WIDEST
+from femu_piezo.effects.local.bare_strips import WIDEST
 from femu_piezo.effects.local.operators import Places, stiffness_terms
 from femu_piezo.effects.local.round_fields import ORDERS, RIMS
 

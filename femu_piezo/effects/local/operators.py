@@ -17,13 +17,14 @@ import numpy as np
 from scipy.interpolate import BarycentricInterpolator
 
 from femu_piezo.effects.effect import LocalTerm
+from femu_piezo.effects.local.bare_strips import BareStrips, in_region
 from femu_piezo.effects.local.blocks import Blocks
 from femu_piezo.effects.local.box_fields import SLICES, TAPERED
-from femu_piezo.effects.local.end_strips import BareEnds, in_region, measure_bare_ends
+from femu_piezo.effects.local.end_strips import measure_bare_ends
 from femu_piezo.effects.local.faces import Face
 from femu_piezo.effects.local.mesh_fields import Flipped
 from femu_piezo.effects.local.plane_stress import unstressed
-from femu_piezo.effects.local.rim_strips import BareRims, measure_bare_rims
+from femu_piezo.effects.local.rim_strips import measure_bare_rims
 from femu_piezo.effects.local.round_deformations import COUPLED, OVAL, WEDGE
 from femu_piezo.effects.local.round_fields import ORDERS, RIMS, RoundFields
 from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Sectors
@@ -256,7 +257,7 @@ class Places:
         return self._made(_radial_ramp, lambda flipped, name: name == DRIVEN)
 
     @made_once
-    def bare_ends(self) -> BareEnds | BareRims:
+    def bare_ends(self) -> BareStrips:
         """Bare strips at both ends of a thickness-poled plate, or along the rims of a disk or ring.
 
         On the driven class and, where they are selected, the modes that are odd about the middle of a plate, or the
@@ -334,7 +335,7 @@ def _slices(sectors: Sectors) -> Slices:
     return Slices((ends[1:] + ends[:-1]) / 2, float(ends[-1] / len(inner)), matrices, lateral)
 
 
-def _bare_ends(sectors: Sectors) -> BareEnds | BareRims:
+def _bare_ends(sectors: Sectors) -> BareStrips:
     return (measure_bare_rims if isinstance(sectors.all_fields, RoundFields) else measure_bare_ends)(sectors)
 
 

@@ -2,8 +2,9 @@
 
 An electrode off the centre by a times m leaves strips m (1 − a cos θ) wide along an outer rim and m (1 + a cos θ) along
 an inner one, which couple the driven fields to those of Fourier order 1. A strip is narrow against its radius, so the
-body is taken at θ as with a strip of uniform width m(θ). With T_nn'(m) the S of one rim (`femu_piezo.effects.local.
-end_strips`) between fields of orders n and n' as they are at θ = 0, and D_nn(m) the rest of the S of all rims together,
+body is taken at θ as with a strip of uniform width m(θ). Let T_nn'(m) be the S of one rim between fields of orders n
+and n' as they are at θ = 0 (`femu_piezo.effects.local.bare_strips`), and D_nn(m) the rest of the S of all rims
+together. Then
 
     S_nn' = Σ ⟨cosⁿθ cosⁿ'θ T_nn'(m(θ))⟩ + ⟨cos²ⁿθ⟩ D_nn(m)
 
@@ -16,101 +17,69 @@ response to a wider strip on one side. More of them near the rim do not help: S 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from femu_piezo.effects.local.blocks import Blocks
-from femu_piezo.effects.local.end_strips import (
-    NODES,
+from femu_piezo.effects.local.bare_strips import (
     ORDER,
     REACH,
     WIDEST,
     Answers,
+    BareStrips,
     Base,
+    Part,
     answers,
-    between_widths,
     deep,
     graded,
     in_region,
+    measured,
     stationary,
 )
+from femu_piezo.effects.local.blocks import Blocks
 from femu_piezo.effects.local.round_fields import ORDERS, RIMS, RoundFields
 from femu_piezo.effects.local.sectors import DRIVEN, Sectors
 from femu_piezo.forward.gradient_products import FIELDS
 from femu_piezo.forward.revolution import Line, Section
-from femu_piezo.threads import Once, in_parallel
 
-#: Number of angles over half a turn at which the width is taken.
-_ANGLES = 12
-
-
-@dataclass(frozen=True)
-class BareRims:
-    """S of strips along the rims, interpolated between several widths.
-
-    Attributes
-    ----------
-    widths : (w,) m
-    apart : for each rim, for n + n' = 0, 1, 2: [w, 10] (r, r) ∂T_nn'/∂c of every e-form constant at the reference
-    meeting : [m, 10] (r, r) ∂D/∂c at the first m widths
-    further : makes these strips with more widths, for one wider than the last width
-    """
-
-    widths: np.ndarray
-    apart: tuple[tuple[Blocks, Blocks, Blocks], ...]
-    meeting: Blocks
-    further: Callable[[], BareRims] | None = None
-
-    def at(self, width: float, asymmetry: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """∂S/∂c (10, r, r) of strips m (1 ∓ a cos θ) wide, and its slopes in m and in a."""
-        if self.further is not None and width * (1 + asymmetry) > self.widths[-1]:
-            return self.further().at(width, asymmetry)
-        cosine = np.cos(np.pi * (np.arange(_ANGLES) + 0.5) / _ANGLES)
-        shares, slopes = between_widths(self.widths[: len(self.meeting.inner)], width)
-        value, by_width = self.meeting.combined(shares), self.meeting.combined(slopes)
-        by_asymmetry = np.zeros_like(value)
-        for side, of_orders in zip((-1.0, 1.0), self.apart, strict=False):
-            relative = 1 + side * asymmetry * cosine
-            shares, slopes = between_widths(self.widths, width * relative)
-            for power, blocks in enumerate(of_orders):
-                weight = cosine[:, None] ** power / _ANGLES
-                value = value + blocks.combined(np.sum(weight * shares, axis=0))
-                by_width = by_width + blocks.combined(np.sum(weight * relative[:, None] * slopes, axis=0))
-                moved = side * width * cosine[:, None] * slopes
-                by_asymmetry = by_asymmetry + blocks.combined(np.sum(weight * moved, axis=0))
-        return value, by_width, by_asymmetry
-
-    def embedded(self, numbers: np.ndarray, size: int) -> BareRims:
-        """These strips over `size` unknowns, in which the present unknowns have the given indices."""
-        apart = tuple(tuple(blocks.embedded(numbers, size) for blocks in rim) for rim in self.apart)
-        further = None if self.further is None else lambda: self.further().embedded(numbers, size)
-        return BareRims(self.widths, apart, self.meeting.embedded(numbers, size), further)
+#: cos θ at the angles over half a turn at which the width is taken.
+_COSINES = np.cos(np.pi * (np.arange(12) + 0.5) / 12)
 
 
-def measure_bare_rims(sectors: Sectors) -> BareRims:
-    """S of strips along the rims of a disk or ring, up to a tenth of the way across.
+def measure_bare_rims(sectors: Sectors) -> BareStrips:
+    """S of strips m (1 ∓ a cos θ) wide along the rims of a disk or ring, up to a tenth of the way across.
 
     sectors : the driven one and those of order 1
     """
     fields: RoundFields = sectors.all_fields
     base, widest = _base(sectors), WIDEST * float(np.ptp(fields.model.domain.radii))
-    usual, kept = np.count_nonzero(NODES <= 1), Once()
     orders = base.odd[:, None].astype(int) + base.odd  # n + n'
 
-    def made(nodes: np.ndarray) -> list[np.ndarray]:
-        return list(in_parallel(lambda width: _freed(fields, base, width), (widest * nodes).tolist()))
+    def parts(rims: np.ndarray, rest: np.ndarray) -> tuple[Part, ...]:
+        found = [Part(Blocks(rest, base.kept, sectors.size), _uniform, np.ones(1))]
+        for side, rim in zip((-1.0, 1.0), rims, strict=False):
+            for power in range(3):
+                blocks = Blocks(rim * (orders == power), base.kept, sectors.size)
+                found.append(Part(blocks, partial(_along, side), _weights(power)))
+        return tuple(found)
 
-    def strips(found: list[np.ndarray]) -> BareRims:
-        *rims, meeting = np.array(found).swapaxes(0, 1)
-        apart = tuple(
-            tuple(Blocks(rim * (orders == power), base.kept, sectors.size) for power in range(3)) for rim in rims
-        )
-        return BareRims(widest * NODES[: len(found)], apart, Blocks(meeting[:usual], base.kept, sectors.size))
+    return measured(widest, lambda width: _freed(fields, base, width), parts, unequal=True)
 
-    first = made(NODES[:usual])
-    return replace(strips(first), further=lambda: kept.get("further", lambda: strips([*first, *made(NODES[usual:])])))
+
+def _uniform(asymmetry: float) -> tuple[np.ndarray, np.ndarray]:
+    """Mean width over m, and its slope in a."""
+    return np.ones(1), np.zeros(1)
+
+
+def _along(side: float, asymmetry: float) -> tuple[np.ndarray, np.ndarray]:
+    """Width over m at the angles, along the outer rim (side −1) or the inner one (1), and its slope in a."""
+    return 1 + side * asymmetry * _COSINES, side * _COSINES
+
+
+def _weights(power: int) -> np.ndarray:
+    """Weights of the angles in the mean ⟨cosᵖθ ·⟩."""
+    return _COSINES**power / _COSINES.size
 
 
 def _base(sectors: Sectors) -> Base:
