@@ -104,6 +104,22 @@ class MovedPosterior(Posterior):
         return replace(plain, read=plain.read + self.pulled[self.pulled.size - plain.read.size :])
 
 
+@dataclass(frozen=True)
+class _Linear:
+    """A model linearised at some point, unknowns in prior standard deviations.
+
+    Attributes
+    ----------
+    moving : (n,) numbers of the unknowns that may move
+    triangle : (n + 1, n + 1) R of their Jacobian and of the residual, data and priors
+    determined : number of unknowns that the data determine, Σ (1 − posterior/prior variance)
+    """
+
+    moving: np.ndarray
+    triangle: np.ndarray
+    determined: float
+
+
 class Descent:
     """Levenberg-Marquardt within bounds, unknowns in units of their prior standard deviations.
 
@@ -152,7 +168,8 @@ class Descent:
             while count < most:
                 if not promised:
                     linear = linear or self._linear(self.x, self.parts)
-                    self._ahead, self.promise = self._stepped(self.x, *linear)
+                    self._determined = linear.determined
+                    self._ahead, self.promise = self._stepped(self.x, linear)
                     self._promised_at = self.x
                 if self.promise < gain and settled:
                     return self
@@ -163,7 +180,7 @@ class Descent:
                 share = (here - self.cost(parts, self.level)) / self.promise
                 if -np.inf < share < 0 and count < most:
                     # a step along a curved ridge ends off it, and the next one comes back to it
-                    further, _ = self._stepped(ahead, *self._linear(ahead, parts))
+                    further, _ = self._stepped(ahead, self._linear(ahead, parts))
                     beyond, count = self.posterior.parts(further), count + 1
                     share_back = (here - self.cost(beyond, self.level)) / self.promise
                     if share_back > _BROKEN:
@@ -183,7 +200,9 @@ class Descent:
         best = self.x, self.parts
         for _ in range(count):
             self._settle_level()
-            self.x, _ = self._stepped(self.x, *self._linear(self.x, self.parts))
+            linear = self._linear(self.x, self.parts)
+            self._determined = linear.determined
+            self.x, _ = self._stepped(self.x, linear)
             self.parts = self.posterior.parts(self.x)
         if not self.cost(self.parts, self.level) < self.cost(best[1], self.level):
             self.x, self.parts = best
@@ -194,11 +213,8 @@ class Descent:
         weight, free = weight_of(self.loss, residual / self.level), residual.size - self._determined
         self.level = self._fixed or level_of(weight * residual**2, weight, self.loss, free, known)
 
-    def _linear(self, x: np.ndarray, parts: Parts) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers (n,) of the unknowns that may move, and R (n + 1, n + 1) of their Jacobian and residual at x (n_x,).
-
-        Data and priors at the noise level, without walls and readings. Counts the unknowns that the data determine.
-        """
+    def _linear(self, x: np.ndarray, parts: Parts) -> _Linear:
+        """The model linearised at x (n_x,), without walls and readings, at the noise level."""
         residual, jacobian, further, slopes = parts
         share = np.sqrt(weight_of(self.loss, residual / self.level)) / self.level
         std = self.posterior.parameters.prior_std
@@ -209,12 +225,13 @@ class Descent:
         moving = np.flatnonzero(~held)
         rows = np.concatenate([data_rows, other_rows[: x.size]])
         triangle = np.asarray(np.linalg.qr(rows[:, [*moving, -1]], mode="r"))
-        projected = solve_triangular(triangle[:-1, :-1], data_rows[:, moving].T, trans="T")
-        self._determined = float(np.sum(projected**2))
-        return moving, triangle
+        # R^-1 R^-T is the covariance of the unknowns, whose priors have deviation 1
+        inverse = solve_triangular(triangle[:-1, :-1], np.eye(moving.size))
+        return _Linear(moving, triangle, moving.size - float(np.sum(inverse**2)))
 
-    def _stepped(self, x: np.ndarray, moving: np.ndarray, triangle: np.ndarray) -> tuple[np.ndarray, float]:
+    def _stepped(self, x: np.ndarray, linear: _Linear) -> tuple[np.ndarray, float]:
         """Point (n_x,) to which the damped step from x (n_x,) leads, and the gain that it promises."""
+        moving, triangle = linear.moving, linear.triangle
         std = self.posterior.parameters.prior_std[moving]
 
         def at(step: np.ndarray) -> np.ndarray:
