@@ -153,11 +153,11 @@ def summary(planned: Sequence[Separation]) -> str:
     """A recommendation in words: one measurement and the separation it would bring for several pairs, least first."""
     ordered = sorted(planned, key=lambda one: one.expected)
     pairs = [
-        f"{one.cause}{' of ' + one.size if one.size else ''} from {one.other} {_figure(one.expected)}"
+        f"{one.cause}{' of ' + one.size if one.size else ''} from {one.other} by {_figure(one.expected)}"
         for one in ordered
     ]
     more = f" and {len(pairs) - _TOLD} more" if len(pairs) > _TOLD else ""
-    return f"{ordered[0].measurement}: expected separation of {', '.join(pairs[:_TOLD])}{more}"
+    return f"{ordered[0].measurement}: expected to distinguish {', '.join(pairs[:_TOLD])}{more}"
 
 
 def _figure(sigma: float) -> str:

@@ -215,12 +215,12 @@ def diagnosis_figure(result: Diagnosis) -> Figure:
         axes.plot(x, error.imag, ".", color="#d98032", markersize=3, label="phase")
         limit = max(5.0, 1.1 * float(np.max(np.abs([error.real, error.imag]))))
         axes.set(ylabel="residual (σ)", ylim=(-limit, limit), yscale="symlog" if limit > 30 else "linear")
-        axes.set_title(words or "no effect named: as above", fontsize=10, loc="left")
+        axes.set_title(words or "no effect named: final model is the base model", fontsize=10, loc="left")
     if not np.all(result.fitted):
         unseen = x[~result.fitted]
         for axes in (magnitude, before, after):
             axes.axvspan(unseen[0], unseen[-1], color="#f3e6c4", zorder=0)
-    words = {"none": "nothing beyond noise", "effect": named, "unknown": "something that no candidate explains"}
+    words = {"none": "explained within the noise", "effect": named, "unknown": "misfit that no candidate explains"}
     magnitude.set(ylabel="|Z| (Ω)", xscale=scale, title=f"{result.specimen.name}: {words[result.verdict.word]}")
     magnitude.legend(frameon=False, fontsize=9)
     before.legend(frameon=False, fontsize=9, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderpad=0.1)

@@ -10,7 +10,7 @@ from femu_piezo.inference.readings import reading_words
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.diagnosis_words import answer
 from femu_piezo.output.tables import between, number, text_of, told
-from femu_piezo.output.wording import listed, named, percent, quantity, sizes, spoken, with_article
+from femu_piezo.output.wording import alike_words, named, percent, quantity, sizes, spoken, with_article
 from femu_piezo.study.diagnose import Diagnosis
 from femu_piezo.study.pole_zero_residuals import Difference
 
@@ -25,29 +25,30 @@ def diagnosis_table(result: Diagnosis) -> RenderableType:
     for cause in verdict.causes:
         size = sizes(cause.effect, cause.values, cause.std)
         lines.append(f"  {cause.effect.title}: {cause.effect.sentence}; {size}; probability {cause.probability:.3f}")
-        if cause.indistinguishable_from:
-            lines.append(f"    this sweep cannot tell it from {listed(cause.indistinguishable_from, 'or')}")
+        lines += [f"    {words}" for words in alike_words(cause.indistinguishable_from)]
     for form in verdict.forms:
         size = sizes(form.effect, form.values, form.std)
         looks = with_article(spoken(form.effect))
-        lines.append(f"  what no cause describes looks like {looks}: {form.effect.sentence}; {size}")
+        lines.append(f"  the unexplained misfit looks like {looks}: {form.effect.sentence}; {size}")
     lines.append(
-        f"error on unseen data: {percent(gain['held_out_before'])} before, {percent(gain['held_out_after'])} after "
-        f"({gain['over_expected']:.3g} times that of a right model), noise {percent(gain['noise_floor'])}"
+        f"rms error on data that the fit did not use: base model {percent(gain['held_out_before'])}, final model "
+        f"{percent(gain['held_out_after'])} ({gain['over_expected']:.3g} times that of a correct model), noise "
+        f"{percent(gain['noise_floor'])}"
     )
     if verdict.causes and verdict.after.structured:
         bands = ", ".join(f"{low / 1e3:.4g}-{high / 1e3:.4g} kHz" for low, high in verdict.after.worst_Hz[:3])
-        lines.append(f"left over: {percent(verdict.unexplained)} of the misfit, most of it at {bands or 'all over'}")
+        where = f"largest at {bands}" if bands else "spread over the whole sweep"
+        lines.append(f"unexplained: {percent(verdict.unexplained)} of the misfit, {where}")
     lines += reading_words(result.comparison.final)
     tables = (_candidate_table(result), _constant_table(result), _resonance_table(result))
-    tail = [*(f"measure: {words}" for words in verdict.measurements), *told(result.notes)]
+    tail = [*(f"recommended: {words}" for words in verdict.measurements), *told(result.notes)]
     return Group(text_of(lines), *tables, text_of(tail))
 
 
 def _candidate_table(result: Diagnosis) -> Table:
-    table = Table(title="candidates, each alone with the constants", title_justify="left")
+    table = Table(title="candidate effects, each fitted alone with the constants", title_justify="left")
     table.add_column("effect")
-    for heading in ("log odds", "left-out error (σ)", "size"):
+    for heading in ("log odds", "prediction error (σ)", "size"):
         table.add_column(heading, justify="right")
     base = result.comparison.base
     table.add_row("none", "0", f"{base.held_out.rms:.3g}", "")
@@ -74,7 +75,7 @@ def _constant_table(result: Diagnosis) -> Table:
     for heading in ("constant", "unit"):
         table.add_column(heading)
     known = result.verdict.word != "unknown"  # otherwise the constants absorb what the model lacks
-    for heading in ("before", "after", *["95 %, whatever the cause"] * known):
+    for heading in ("base model", "final model", *["95 %, whatever the cause"] * known):
         table.add_column(heading, justify="right")
     before, after = result.before, result.after
     for name, old in before.items():
@@ -93,7 +94,7 @@ def _resonance_table(result: Diagnosis) -> Table:
     for heading in ("", "measured (Hz)"):
         table.add_column(heading, justify="right")
     extension = result.verdict.extension
-    shown = ["base", f"with {named(extension)}"] if extension else ["base"]
+    shown = ["base model", f"with {named(extension)}"] if extension else ["base model"]
     for words in shown:
         table.add_column(f"Δf, {words}", justify="right")
         table.add_column("ΔQ", justify="right")

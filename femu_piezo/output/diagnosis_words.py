@@ -13,7 +13,18 @@ from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.inference.fit import Fit
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.tables import between
-from femu_piezo.output.wording import band, listed, merged, named, percent, plain, sizes, spoken, with_article
+from femu_piezo.output.wording import (
+    alike_words,
+    band,
+    listed,
+    merged,
+    named,
+    percent,
+    plain,
+    sizes,
+    spoken,
+    with_article,
+)
 from femu_piezo.study.diagnose import Diagnosis, LinearBody
 
 #: Shift of a constant, in standard deviations, above which it is reported.
@@ -23,12 +34,12 @@ _WIDER = 1.5
 #: Share of the swept band with a conspicuous misfit above which the misfit counts as spread over the whole sweep.
 _WHOLE = 0.6
 _POINTS = (
-    "Sweep up and down, and at a tenth of the voltage: a drift or a body that is not linear shows at once. Use the "
-    "original points if these were read off a picture or converted."
+    "Sweep upwards, downwards and at a tenth of the voltage: the sweeps differ if the specimen drifts or its response "
+    "is not linear. Use the original points if these were read from a picture or converted."
 )
 _HOLD = (
-    "Measure again with the specimen held differently and in another fixture: what moves belongs to the holder or the "
-    "fixture, what stays to the specimen."
+    "Measure again with the specimen held differently and in another fixture: residuals that change come from the "
+    "holder or the fixture, residuals that stay come from the specimen."
 )
 
 
@@ -119,8 +130,8 @@ def _other_set(most: tuple[tuple[str, ...], bool] | None, named_causes: tuple[st
         return listed(further)
     missing = [plain(title) for title in named_causes if title not in causes]
     if missing:
-        return f"the same without {listed(missing)}"
-    return "something that no cause describes" if discrepant else "nothing but what is named"
+        return f"the absence of {listed(missing)}"
+    return "an error that no cause describes" if discrepant else "the absence of an error that no cause describes"
 
 
 def answer(result: Diagnosis) -> Answer:
@@ -133,19 +144,18 @@ def answer(result: Diagnosis) -> Answer:
 def _headline(result: Diagnosis) -> str:
     word = result.verdict.word
     if word == "none":
-        return "The simulation explains this sweep: nothing beyond noise is left over, no effect is needed."
+        return "The simulation explains this sweep within the noise: no further effect is needed."
     if word == "effect":
         likely = _likely(result.verdict.causes)
-        return f"The misfit has {'named causes' if len(likely) > 1 else 'a named cause'}: {named(likely)}."
+        return f"{'Causes' if len(likely) > 1 else 'Cause'} of the misfit: {named(likely)}."
     if _points_to_blame(result):
-        return "No linear body follows these points: what is wrong is in the data, not in the simulation."
-    words = "The simulation misses something that no known effect explains"
+        return "No linear body can have this response: the error is in the data, not in the simulation."
+    words = "The simulation lacks something that no known effect explains"
     if result.verdict.causes:
-        return (
-            f"{words}: with {named(result.verdict.causes)} {percent(result.verdict.unexplained)} of the misfit stays."
-        )
+        share = percent(result.verdict.unexplained)
+        return f"{words}: with {named(result.verdict.causes)} in the model, {share} of the misfit remains."
     looks = _looks(result)
-    return f"{words}; it looks like {listed(looks)}." if looks else f"{words}."
+    return f"{words}; the misfit looks like {listed(looks)}." if looks else f"{words}."
 
 
 def _likely(causes: Sequence[Cause]) -> list[Cause]:
@@ -166,24 +176,26 @@ def _wrong(result: Diagnosis) -> tuple[str, ...]:
     found = [_cause(cause) for cause in verdict.causes] if verdict.word == "effect" else []
     if verdict.word == "none":
         points = f"{len(result.spectrum)} points from {band(frequency[0], frequency[-1])}"
-        found.append(f"With its constants updated the model follows the {points} as closely as the noise allows.")
+        found.append(f"With updated constants, the model follows the {points} as closely as the noise allows.")
     if verdict.word == "unknown":
         remaining = verdict.after if verdict.causes else verdict.before
         gap = 2 * float(np.max(np.diff(frequency)))
         where = [band(*one) for one in merged(remaining.worst_Hz[:4], gap)]
         whole = sum(high - low + gap / 2 for low, high in remaining.worst_Hz) > _WHOLE * (frequency[-1] - frequency[0])
         found.append(
-            f"What {'is left over is' if verdict.causes else 'the base model leaves over is'} "
-            f"{np.sqrt(remaining.size):.3g} times the noise"
+            f"The {'remaining misfit' if verdict.causes else 'misfit of the base model'} is "
+            f"{np.sqrt(remaining.size):.3g} times the noise (rms)"
             + (", spread over the whole sweep" if whole or not where else "")
-            + (f", most of it from {listed(where)}." if where else ".")
+            + (f", largest from {listed(where)}." if where else ".")
         )
         if _points_to_blame(result):
             found.append(_linear(result.linear_body))
         else:
             found += [_cause(form) for form in verdict.forms]
             found += _form(result.comparison.final)
-            found += [f"The best guess takes a part of it away. {_cause(cause)}" for cause in verdict.causes[:1]]
+            found += [
+                f"The following cause may explain a part of the misfit. {_cause(cause)}" for cause in verdict.causes[:1]
+            ]
             found += [_cause(cause) for cause in verdict.causes[1:]]
     found += _resonances(result)
     return tuple(found)
@@ -195,14 +207,14 @@ def _form(final: Fit) -> list[str]:
     if discrepancy is None:
         return []
     why = {
-        "smooth": "as the instrument, the fixture, or a law of losses or of drift would",
-        "of every resonance": "as where the body is not the same all along, or is held or loaded in places",
-        "a resonance of its own": "as a loose part, a second piece or the fixture would have; a sweep of the fixture "
-        "without the specimen shows whether it is there",
-        "a step": "as where the instrument changes its range or a contact moves; sweep again in one range, or each "
-        "side by itself",
+        "smooth": "the instrument, the fixture, or a wrong law of losses or of drift can cause it",
+        "of every resonance": "a body that is not uniform, or that is held or loaded in places, can cause it",
+        "a resonance of its own": "a loose part, a second piece or the fixture can cause it; a sweep of the fixture "
+        "without the specimen shows whether the resonance is in the fixture",
+        "a step": "a change of the instrument's range or a moving contact can cause it; sweep again in one range, or "
+        "each side of the step separately",
     }
-    return [f"It looks like {discrepancy}, {why[discrepancy.form]}."]
+    return [f"The unexplained misfit looks like {discrepancy}: {why[discrepancy.form]}."]
 
 
 def _points_to_blame(result: Diagnosis) -> bool:
@@ -213,9 +225,10 @@ def _linear(linear: LinearBody) -> str:
     """Sentences that no linear body explains the points."""
     count = "one resonance" if linear.resonances == 1 else f"{linear.resonances} resonances"
     return (
-        f"It is not the simulation: the best linear body with {count} in this band, whatever its shape, constants and "
-        f"leads, misses the points by {linear.least:.3g} times the noise, the simulation by {linear.model:.3g} times. "
-        "What is wrong is in the points: drift, a drive too high for linearity, or how they became numbers."
+        f"The simulation is not the cause: even the best linear body with {count} in this band, whatever its shape, "
+        f"constants and leads, misses the points by {linear.least:.3g} times the noise, and the simulation by "
+        f"{linear.model:.3g} times. The points are in error: because of drift, a drive too high for a linear response, "
+        "or their conversion to numbers."
     )
 
 
@@ -244,22 +257,21 @@ def _sure(result: Diagnosis) -> tuple[str, ...]:
     for cause in () if _points_to_blame(result) else verdict.causes:
         found.append(f"{spoken(cause.effect).capitalize()} is {_certainty(cause.probability)}.")
         if cause.indistinguishable_from:
-            others = listed([name.replace("_", " ") for name in cause.indistinguishable_from], "or")
-            found.append(f"But this sweep cannot tell it from {others}: the true cause may as well be one of these.")
+            found += [f"But {plain(words)}." for words in alike_words(cause.indistinguishable_from)]
     unseen = "the held-out band" if not np.all(result.fitted) else "bands left out of the fit one by one"
     before, after, floor = (percent(gain[key]) for key in ("held_out_before", "held_out_after", "noise_floor"))
     if verdict.extension:
         found.append(
-            f"The test on data that no fit saw ({unseen}): the error {_moves(gain)} from {before} to {after}, "
-            f"{gain['over_expected']:.3g} times what noise leaves of such a prediction by a right model; the noise is "
-            f"{floor}."
+            f"On data that the fit did not use ({unseen}), the rms error {_moves(gain)} from {before} to {after}, "
+            f"{gain['over_expected']:.3g} times the error that noise causes in predictions of a correct model; the "
+            f"noise is {floor}."
         )
     else:
-        found.append(f"On data that no fit saw ({unseen}) the model errs by {before}; the noise is {floor}.")
+        found.append(f"On data that the fit did not use ({unseen}), the rms error is {before}; the noise is {floor}.")
     if not verdict.causes:
         found.append(_best_candidate(result))
     if not known:
-        found.append("The noise was not given with the data; it was estimated from the roughness of the sweep itself.")
+        found.append("The noise was not given with the data; it was estimated from the sweep itself.")
     return tuple(found)
 
 
@@ -273,7 +285,7 @@ def _certainty(probability: float) -> str:
     figure = f"{probability:.3f}"
     if not 0.001 <= probability <= 0.999:
         figure = "above 0.999" if probability > 0.5 else "below 0.001"
-    return f"{word} (probability {figure} against all other candidates and none)"
+    return f"{word} (probability {figure}, compared with all other candidates and with no cause)"
 
 
 def _best_candidate(result: Diagnosis) -> str:
@@ -284,37 +296,41 @@ def _best_candidate(result: Diagnosis) -> str:
         return "No candidate effect could be tried."
     best = max(tried, key=lambda trial: trial.log_odds)
     if best.log_odds <= 0:
-        reason = "costs more than it explains"
+        reason = "is less probable than no effect"
     elif result.verdict.forms:
         reason = f"explains less than {named(result.verdict.forms)} does"
     else:
         reason = (
-            "explains more than it costs, but is within a few of its standard deviations (or its tolerance) of nothing"
+            "is more probable than no effect, but within a few of its standard deviations (or its tolerance) of zero"
         )
     return (
-        f"{len(candidates)} candidate effects were tried; the best of them, {spoken(best.effect)}, "
-        f"{reason}: its log odds against none are {best.log_odds:+.1f}."
+        f"{len(candidates)} candidate effects were tried; the most probable of them, {spoken(best.effect)}, "
+        f"{reason}: its log odds against no effect are {best.log_odds:+.1f}."
     )
 
 
 def _bias(result: Diagnosis, elsewhere: bool) -> tuple[str, ...]:
     if _points_to_blame(result):
-        return ("They carry an error of unknown size: what is wrong with the points has gone into them as well.",)
+        return ("The constants have an error of unknown size, since they were fitted to points that are in error.",)
     if not result.verdict.causes:
         if result.verdict.word == "none":
-            unless = ", unless a cause is at work that this sweep does not show" if elsewhere else ""
-            return (f"No bias was found: the updated constants stand, within their standard deviations{unless}.",)
+            unless = ", unless there is a cause that this sweep cannot show" if elsewhere else ""
+            return (f"No bias was found: the updated constants hold within their standard deviations{unless}.",)
         if result.verdict.forms:
+            forms = listed([with_article(spoken(form.effect)) for form in result.verdict.forms])
             return (
-                "They move with what the body looks like; their deviations hold as far as it is like that, but no "
-                "known cause makes it so.",
+                f"The constants were fitted together with {forms}, whose cause is unknown; their standard deviations "
+                "hold as far as this describes the specimen.",
             )
-        return ("They carry an error of unknown size: what is missing in the model has gone into them as well.",)
+        return ("The constants have an error of unknown size, since they compensate in part for the missing effect.",)
     if result.verdict.word == "unknown":
-        return ("They move with what is named, but neither set is safe while the rest of the misfit has no name.",)
+        return (
+            f"The constants differ with {named(result.verdict.causes)} in the model, but neither set is reliable while "
+            "the rest of the misfit is unexplained.",
+        )
     moved = [shift for shift in shifts(result) if shift.sigma > _MOVED]
     if not moved:
-        return (f"None of them moved by more than {_MOVED:.0f} of its standard deviations.",)
+        return (f"No constant changed by more than {_MOVED:.0f} of its standard deviations.",)
     found = []
     for shift in moved[:4]:
         name = shift.name.removeprefix("tan ")
@@ -325,7 +341,7 @@ def _bias(result: Diagnosis, elsewhere: bool) -> tuple[str, ...]:
             f"{shift.after * factor:.5g}{' ' if unit else ''}{unit} ({shift.sigma:.2g} standard deviations)."
         )
     if len(moved) > 4:
-        found.append(f"{len(moved) - 4} more moved by more than {_MOVED:.0f} standard deviations; see the table.")
+        found.append(f"{len(moved) - 4} more changed by more than {_MOVED:.0f} standard deviations; see the table.")
     return tuple(found)
 
 
@@ -343,14 +359,15 @@ def whatever_the_cause(result: Diagnosis) -> tuple[str, ...]:
     found = []
     for cause, moved in by_cause.items():
         ends = [
-            f"{spread.name} {between(spread.low, spread.high)}{' ' if spread.unit else ''}{spread.unit}"
+            f"{spread.name} lies within {between(spread.low, spread.high)}{' ' if spread.unit else ''}{spread.unit}"
             for spread in moved
         ]
         each, them = ("each with", "them") if len(moved) > 1 else ("with", "it")
         times = _two_digits(moved[0].wider)
         found.append(
-            f"Whatever the cause, {each} a probability of 95 %: {listed(ends)}, up to {times} times as far away as the "
-            f"deviation says; {cause}, which this sweep does not exclude, would leave {them} elsewhere."
+            f"Whatever the cause, {listed(ends)}, {each} a probability of 95 %, up to {times} times as far from the "
+            f"fitted value as the standard deviation implies: {cause}, which this sweep does not exclude, would change "
+            f"{them}."
         )
     return tuple(found)
 
@@ -358,11 +375,12 @@ def whatever_the_cause(result: Diagnosis) -> tuple[str, ...]:
 def _measures(result: Diagnosis) -> tuple[str, ...]:
     word = result.verdict.word
     if word == "none":
-        first = "Use the constants. What this sweep cannot show is listed below."
+        first = "Use the constants. The effects that this sweep cannot show are listed below."
     elif word == "effect":
+        these = "these causes" if len(result.verdict.causes) > 1 else "this cause"
         first = (
-            "Go on with extended.toml: it is the specimen with this effect and the corrected constants, and it "
-            "simulates, updates and diagnoses like any other."
+            f"Continue with extended.toml, the specimen file with {these} and the corrected constants: simulate, "
+            "update and diagnose accept it like any other."
         )
     else:
         first = "Do not rely on the constants before the cause is known; look at the residual where it is largest."

@@ -39,7 +39,7 @@ def diagnosis_sections(result: Diagnosis) -> list[Section]:
     curves, residuals = curve_charts(result), residual_charts(result)
     return [
         Section("answers", "In short", _answers(result, said)),
-        Section("residuals", "What is left over", "".join(chart.html() for chart in residuals)),
+        Section("residuals", "Residuals", "".join(chart.html() for chart in residuals)),
         Section("curves", "Curves", "".join(chart.html() for chart in curves)),
         Section("resonances", "Poles and zeros", _resonances(result)),
         Section("constants", "Constants before and after", _constants(result)),
@@ -55,7 +55,7 @@ def _answers(result: Diagnosis, said: Answer) -> str:
     groups = (
         ("What is wrong", said.wrong),
         ("How sure", said.sure),
-        ("What it did to your constants", said.constants),
+        ("What it means for the constants", said.constants),
         ("What to do", said.measures),
     )
     body = paragraph(said.headline, f"key {_WORD[result.verdict.word]}")
@@ -67,8 +67,9 @@ def _answers(result: Diagnosis, said: Answer) -> str:
 def _resonances(result: Diagnosis) -> str:
     """One table for the base, one for the final model."""
     words = (
-        "Simulated minus measured, in σ of the measurement. Both curves passed through the same extraction, over the "
-        "same frequencies. Pole: series resonance; zero: parallel resonance. k_eff belongs to a pole and its zero."
+        "Differences are simulated minus measured, with σ of the measurement. Poles and zeros of both curves were "
+        "extracted in the same way, from the same frequencies. Pole: series resonance; zero: parallel resonance. k_eff "
+        "is the effective coupling of a pole and its zero."
     )
     tables = [
         _resonance_table(one, model.words, when)
@@ -141,15 +142,14 @@ def _constants(result: Diagnosis) -> str:
             rows.append((label, words, *cells, bias, between(*(scale * end for end in ends))))
     words = (
         "± is one standard deviation, from the noise of this sweep and from the tolerances of dimensions, density, "
-        "held constants and instrument together, if nothing else is wrong than what is named."
+        "held constants and instrument together, provided that the model of the column is complete."
     )
-    headings = ("", "unit", "base model", "with what is named", "bias of the base model", "95 %, whatever the cause")
+    headings = ("", "unit", "base model", "final model", "bias of the base model", "95 %, whatever the cause")
     known = result.verdict.word != "unknown"  # otherwise the constants absorb what the model lacks
     if known:
         words += (
-            " Between the ends of the last column a constant lies with a probability of 95 % whatever the cause, "
-            "as far as the candidates below hold it: averaged over all sets of causes that were compared, those among "
-            "them that this sweep cannot show."
+            " The last column gives the range of a constant with a probability of 95 %, averaged over all sets of "
+            "candidate causes that were compared, including those that this sweep cannot show."
         )
     shown = [0, 1, 2, *[3, 4] * bool(result.verdict.extension), *[5] * known]
     headings, rows = [headings[n] for n in shown], [[row[n] for n in shown] for row in rows]
@@ -168,19 +168,19 @@ def _candidates(result: Diagnosis) -> str:
                 f"{trial.fit.chi_square:.5g}",
                 f"{trial.fit.held_out.rms:.3g}",
                 fitted_sizes(trial),
-                "at the end of its range" if on_bound else "",
+                "at a limit of its range" if on_bound else "",
             )
         )
     failed = [spoken(trial.effect) for trial in result.comparison.singles if trial.fit is None]
     words = (
-        "Each candidate alone, with all free constants and all tolerances. Log odds: natural logarithm of how much "
-        "more probable it makes the sweep than none, its prior probability and its price for further parameters "
-        "counted; 3 is 20 to 1. χ²: misfit in units of the noise, priors included. Left-out error: of bands predicted "
-        "without them, in σ; 1 is the noise."
+        "Each candidate was fitted alone, together with all free constants and all tolerances. Log odds: natural "
+        "logarithm of its odds against no effect, which include its prior probability and a penalty for further "
+        "parameters; 3 is 20 to 1. χ²: misfit in units of the noise, priors included. Prediction error: rms error, in "
+        "σ, of bands that were left out of the fit one by one; 1 is noise alone."
     )
-    headings = ("candidate", "log odds", "χ²", "left-out error (σ)", "fitted size", "")
+    headings = ("candidate", "log odds", "χ²", "prediction error (σ)", "fitted size", "")
     body = table(headings, rows, kind="candidates") + paragraph(words)
-    return body + notes([f"The fit of {listed(failed)} did not settle."] if failed else [])
+    return body + notes([f"The fit of {listed(failed)} did not converge."] if failed else [])
 
 
 def _hidden(result: Diagnosis) -> str:
@@ -191,10 +191,10 @@ def _hidden(result: Diagnosis) -> str:
         rows = [
             (spoken(effect), effect.sentence, constant.replace("_", " ")) for effect, constant in result.verdict.hidden
         ]
-        caption = "Not visible in this sweep: the free constants take its place"
-        body += table(("effect", "what it is", "looks like"), rows, caption, "words")
+        caption = "Effects that this sweep cannot show, since a change of the free constants imitates them"
+        body += table(("effect", "what it is", "imitated mainly by"), rows, caption, "words")
     else:
-        body += paragraph("Every candidate of usual size would leave a trace in this sweep.")
+        body += paragraph("Every candidate effect of usual size would be visible in this sweep.")
     named = {effect.title for effect in result.comparison.final.parameters.causes}
     rows = [
         (spoken(trial.effect), fitted_sizes(trial))
@@ -202,14 +202,16 @@ def _hidden(result: Diagnosis) -> str:
         if trial.effect.key not in hidden and trial.effect.title not in named
     ]
     if rows and not named:
-        body += table(("effect", "size found"), rows, "Visible, but zero within what their evidence pays for", "words")
+        body += table(("effect", "fitted size"), rows, "Effects that this sweep would show, but does not need", "words")
     return body
 
 
 def _measurements(result: Diagnosis) -> str:
     """The recommended measurements, and the separation of causes in σ that the model expects of each."""
     items = "".join(f"<li>{html.escape(words)}</li>" for words in result.verdict.measurements)
-    body = f"<ol>{items}</ol>" if items else paragraph("Nothing further is needed to tell the candidates apart.")
+    body = (
+        f"<ol>{items}</ol>" if items else paragraph("No further measurement is needed to distinguish the candidates.")
+    )
     if result.separations:
         rows = [
             (
@@ -221,8 +223,13 @@ def _measurements(result: Diagnosis) -> str:
             )
             for one in result.separations
         ]
-        headings = ("measurement", "would tell", "from", "now", "then")
-        body += table(headings, rows, "Separation that the model expects, all constants fitted again", "words")
+        headings = ("measurement", "effect", "distinguished from", "separation now", "expected")
+        body += table(
+            headings,
+            rows,
+            "Separation of effects that the model predicts for each measurement, with all constants fitted again",
+            "words",
+        )
     return body
 
 

@@ -27,7 +27,7 @@ def _axis(result: Diagnosis) -> tuple[np.ndarray, float, Axis, str]:
 
 def _bands(result: Diagnosis, factor: float) -> tuple[Band, ...]:
     unseen = result.spectrum.frequency[~result.fitted] * factor
-    return (Band("x", float(unseen[0]), float(unseen[-1]), "not seen by the fit"),) if unseen.size else ()
+    return (Band("x", float(unseen[0]), float(unseen[-1]), "not used by the fit"),) if unseen.size else ()
 
 
 def _views(result: Diagnosis, factor: float) -> dict[str, tuple[float, float]]:
@@ -51,7 +51,11 @@ def residual_charts(result: Diagnosis) -> list[Chart]:
     for index, curve in enumerate(models(result)):
         error = np.log(curve.impedance / result.spectrum.impedance) / sigma
         remaining = (result.verdict.before, result.verdict.after)[index]
-        judged = "beyond noise, in size or in structure" if remaining.structured else "as noise alone would leave it"
+        judged = (
+            "beyond noise, in size or in correlation of neighbours"
+            if remaining.structured
+            else "compatible with noise alone"
+        )
         rms = float(np.sqrt(np.mean(np.abs(error) ** 2) / 2))
         charts.append(
             Chart(
@@ -62,7 +66,7 @@ def residual_charts(result: Diagnosis) -> list[Chart]:
                     Series("phase", x, error.imag, "#d98032", "points"),
                 ),
                 group,
-                (*_bands(result, factor), Band("y", -1.96, 1.96, "95 % of pure noise", "#e3ece3")),
+                (*_bands(result, factor), Band("y", -1.96, 1.96, "95 % of noise alone", "#e3ece3")),
                 _views(result, factor) if index == 0 else {},
                 height=250,
                 caption=f"{curve.words[0].upper()}{curve.words[1:]}: root mean square {rms:.3g} σ; {judged}.",

@@ -42,6 +42,22 @@ def named(causes: Sequence[Cause]) -> str:
     return listed([spoken(cause.effect) for cause in causes])
 
 
+def alike_words(titles: Sequence[str]) -> list[str]:
+    """What `Cause.indistinguishable_from` says: other causes with the same effect, and constants that imitate it."""
+    constants = [title for title in titles if title.removeprefix("tan_") in PRINTED]
+    causes = [title for title in titles if title not in constants]
+    words = (
+        [f"this sweep cannot distinguish it from {listed(causes, 'or')}, which may equally be the true cause"]
+        if causes
+        else []
+    )
+    if constants:
+        words.append(
+            f"a change of the free constants, mainly {listed(constants)}, has nearly the same effect on this sweep"
+        )
+    return words
+
+
 def quantity(parameter: EffectParameter, value: float, std: float | None) -> str:
     """A parameter of an effect with its deviation, in a readable unit."""
     if parameter.unit == "1" and (parameter.name in _SHARES or parameter.name in PRINTED):

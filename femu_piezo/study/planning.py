@@ -58,7 +58,11 @@ def separations(
     owner = several[0].measured.piece.name
     now = Plan("", Remembered(posterior.evaluation), comparison.base.data.relative_noise, owner)
     plans = [
-        replace(now, words="average until the noise is a third", relative_noise=now.relative_noise / _QUIETER),
+        replace(
+            now,
+            words="average until the noise is a third of the present noise",
+            relative_noise=now.relative_noise / _QUIETER,
+        ),
         *_readings(now, several, tuple(effects.values())),
         *_sweeps(now, several, tuple(effects.values()), constants, posterior.bases),
     ]
@@ -95,7 +99,7 @@ def recommended(verdict: Verdict, planned: Sequence[Separation]) -> tuple[str, .
         words += form.effect.advice
     for effect, constant in verdict.hidden:
         if effect.name != "wrong_insensitive_parameter" and effect.title not in told:
-            words += [f"to tell {effect.title} from {constant}: {advice}" for advice in effect.advice[:2]]
+            words += [f"to distinguish {effect.title} from {constant}: {advice}" for advice in effect.advice[:2]]
     return tuple(dict.fromkeys(words))
 
 
@@ -200,7 +204,7 @@ def _sweeps(
             more = np.arange(end, factor * end, np.median(np.diff(frequency)))[1 : _POINTS + 1]
             parts.append((_share(one, now.owner), Evaluation(model, 2 * np.pi * np.concatenate([frequency, more]))))
             noise.append(_noise(one, frequency.size + more.size))
-        words = f"sweep up to {factor:g} times the present end of the band"
+        words = f"sweep up to {factor:g} times the present upper frequency"
         plans.append(Plan(words, Remembered(Ensemble(tuple(parts))), np.concatenate(noise), now.owner, new_sweeps=True))
     if second is not None:
         plans.append(_beside_the_first(now, several[0], models[0], second))
@@ -265,7 +269,7 @@ def _beside_the_first(now: Plan, one: Subject, model: ExtendedModel, second: _Se
         (Share((_SECOND,)), Evaluation(second.model, 4 * np.pi * frequency)),
     )
     own = tuple(belonging_to(effect, _SECOND) for effect in second.sizes)
-    words = f"measure a second specimen of the same material, half the {second.halved}"
+    words = f"measure a second specimen of the same material with half the {second.halved}"
     noise = np.tile(_noise(one, frequency.size), 2)
     return Plan(words, Remembered(Ensemble(parts)), noise, now.owner, new_sweeps=True, tolerances=own)
 

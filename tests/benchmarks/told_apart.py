@@ -29,7 +29,7 @@ from femu_piezo import diagnose, read_specimen
 from femu_piezo.effects.library import dimensions
 from femu_piezo.study.planning import OPPOSITE
 
-SECOND = "measure a second specimen of the same material, half the length"
+SECOND = "measure a second specimen of the same material with half the length"
 STRAY, LONGER = 40e-12, 0.01
 
 

@@ -171,6 +171,6 @@ def test_recommendation_carries_the_figures():
         Separation("sweep farther", "wrong_width", "s12", "", 0.1, 12.3),
     ]
     assert summary(pairs) == (
-        "sweep farther: expected separation of wrong_width from s12 12 σ, stray_capacitance of 2e-11 F from eps33T "
-        "over 100 σ"
+        "sweep farther: expected to distinguish wrong_width from s12 by 12 σ, stray_capacitance of 2e-11 F from eps33T "
+        "by over 100 σ"
     )

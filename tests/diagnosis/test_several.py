@@ -233,7 +233,7 @@ def test_measurements_recommended_for_one_bar(bars, tmp_path):
     assert record["verdict"] == "none"
     found = {(one["cause"], one["measurement"]): one for one in record["separations"]}
     for cause in ("stray_capacitance", "wrong_length"):
-        second = found[cause, "measure a second specimen of the same material, half the length"]
+        second = found[cause, "measure a second specimen of the same material with half the length"]
         assert second["expected"] > 10 * second["now"]
     reading = found["stray_capacitance", "measure the open fixture without the specimen, to 0.05 pF"]
     typical = next(c for c in record["candidates"] if c["effect"] == "stray_capacitance")["parameters"]["capacitance"]
@@ -241,4 +241,4 @@ def test_measurements_recommended_for_one_bar(bars, tmp_path):
     micrometer = found["wrong_length", "measure the length of long with a micrometer, to 0.1 %"]
     assert micrometer["expected"] == pytest.approx(20.0, rel=0.1)  # an error of 2 %, the usual one, over 0.1 %
     first = record["recommended_measurements"][0]
-    assert first.startswith("measure a second specimen of the same material, half the length: expected separation")
+    assert first.startswith("measure a second specimen of the same material with half the length: expected to dist")

@@ -163,7 +163,7 @@ def test_the_sweeps_that_the_diagnosis_recommends_are_taken(bench, specimen, tmp
 
     def diagnose(wanted, **_):
         asked.append(wanted)
-        words = (f"{OPPOSITE}: expected separation of a drift from a wrong width 12 σ", f"{THIRD}: more")
+        words = (f"{OPPOSITE}: expected to distinguish a drift from a wrong width by 12 σ", f"{THIRD}: more")
         return SimpleNamespace(verdict=SimpleNamespace(measurements=words), save=lambda folder: folder.mkdir())
 
     monkeypatch.setattr("femu_piezo.api.diagnose", diagnose)

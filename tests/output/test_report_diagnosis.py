@@ -139,7 +139,10 @@ def test_effect_is_reported_in_words_and_figures(effect):
     assert "Series resistance is practically certain (probability above 0.999" in effect.first
     gain = effect.record["gain"]
     assert f"falls from {100 * gain['held_out_before']:.3g} % to {100 * gain['held_out_after']:.3g} %" in effect.first
-    assert f"{gain['over_expected']:.3g} times what noise leaves" in effect.first and 0.8 < gain["over_expected"] < 1.2
+    assert (
+        f"{gain['over_expected']:.3g} times the error that noise causes" in effect.first
+        and 0.8 < gain["over_expected"] < 1.2
+    )
     assert f"the noise is {100 * gain['noise_floor']:.3g} %" in effect.first
     before, after = (effect.record["parameters"][when]["eps33T"]["tan"] for when in ("before", "after"))
     assert f"tan eps33T had come out {100 * (before / after - 1):.2g} % too large" in effect.first
@@ -171,16 +174,16 @@ def test_constants_that_another_cause_would_change_are_named():
     (sentence,) = whatever_the_cause(_known(averaged))
     low, high = averaged.interval(0.95)[2] / EPS0
     assert low == pytest.approx(2.5e-8 / EPS0, rel=0.02) and high > 3e-8 / EPS0
-    assert f"with a probability of 95 %: eps33T {low:.0f} to {high:.0f} ε₀" in sentence
-    assert "; cable, which this sweep does not exclude, would leave it elsewhere" in sentence
+    assert f"eps33T lies within {low:.0f} to {high:.0f} ε₀, with a probability of 95 %" in sentence
+    assert ": cable, which this sweep does not exclude, would change it" in sentence
     assert whatever_the_cause(_known(replace(averaged, weights=np.array([1.0, 0.0])))) == ()
 
 
 def test_none_is_reported_in_words_and_figures(none):
     assert none.record["verdict"] == "none" and none.record["causes"] == []
-    assert "nothing beyond noise is left over" in none.first
+    assert "explains this sweep within the noise" in none.first
     assert "No bias was found" in none.first and "Use the constants" in none.first
-    assert f"errs by {100 * none.record['gain']['held_out_before']:.3g} %" in none.first
+    assert f"the rms error is {100 * none.record['gain']['held_out_before']:.3g} %" in none.first
     candidates = [
         one for one in none.record["candidates"] if one["effect"] != "uneven_body"
     ]  # a form of misfit, not a cause
@@ -196,7 +199,10 @@ def test_unknown_is_reported_in_words_and_figures(unknown):
     assert "something that no known effect explains" in unknown.first
     if unknown.record["causes"]:
         share = 100 * unknown.record["remaining"]["unexplained"]
-        assert f"{share:.3g} % of the misfit stays" in unknown.first and "The best guess" in unknown.first
+        assert (
+            f"{share:.3g} % of the misfit remains" in unknown.first
+            and "may explain a part of the misfit" in unknown.first
+        )
     assert "Do not rely on the constants" in unknown.first and "Whatever the cause" not in unknown.first
     assert "whatever the cause" not in (unknown.folder / "out/report.html").read_text(encoding="utf-8")
     left = unknown.record["remaining"]["after"]
@@ -209,16 +215,21 @@ def test_unknown_is_reported_in_words_and_figures(unknown):
     assert "practically certain" not in unknown.first and "Use the constants" not in unknown.first
     form = unknown.record["discrepancy"]
     assert form["form"] == "a resonance of its own" and form["frequency_Hz"] == pytest.approx(100e3, rel=0.01)
-    assert f"It looks like a resonance of its own near {form['frequency_Hz'] / 1e3:.3g} kHz" in unknown.first
+    assert (
+        f"The unexplained misfit looks like a resonance of its own near {form['frequency_Hz'] / 1e3:.3g} kHz"
+        in unknown.first
+    )
     linear = unknown.record["linear_body"]  # specimen and holder together are a linear body
     assert linear["resonances"] == 2 and linear["least"] < 1.3 and linear["model"] > 2
-    assert "It is not the simulation" not in unknown.first
+    assert "The simulation is not the cause" not in unknown.first
 
 
 def test_a_step_is_reported_with_its_place_and_possible_reasons():
     left = Discrepancy("a step", 123.4e3, 1e-3, 1.0, 30.0, np.ones((8, 2)))
     (sentence,) = _form(SimpleNamespace(discrepancy=left))
-    assert sentence.startswith("It looks like a step near 123 kHz, as where the instrument changes its range")
+    assert sentence.startswith(
+        "The unexplained misfit looks like a step near 123 kHz: a change of the instrument's range"
+    )
 
 
 def test_the_best_cause_is_named_next_to_a_form_that_is_no_cause():
@@ -231,7 +242,9 @@ def test_the_best_cause_is_named_next_to_a_form_that_is_no_cause():
     singles = [trial("wedge", -2.0, False), form, trial("tapered_width", 160.0, False)]
     result = SimpleNamespace(comparison=SimpleNamespace(singles=singles), verdict=SimpleNamespace(forms=[form]))
     said = _best_candidate(result)
-    assert said.startswith("2 candidate effects were tried; the best of them, tapered width, explains less than uneven")
+    assert said.startswith(
+        "2 candidate effects were tried; the most probable of them, tapered width, explains less than uneven"
+    )
     assert "+160.0" in said
 
 
@@ -240,9 +253,9 @@ def test_points_that_no_linear_body_fits_are_reported(tmp_path):
     case = _diagnosed(tmp_path, "points")
     linear = case.record["linear_body"]
     assert case.record["verdict"] == "unknown" and linear["least"] > max(3, 0.6 * linear["model"])
-    assert "what is wrong is in the data, not in the simulation" in case.first
+    assert "the error is in the data, not in the simulation" in case.first
     assert f"misses the points by {linear['least']:.3g} times the noise" in case.first
-    assert "at a tenth of the voltage" in case.first and "best guess" not in case.first
+    assert "at a tenth of the voltage" in case.first and "may explain a part" not in case.first
 
 
 @pytest.mark.parametrize(

@@ -323,7 +323,7 @@ def test_a_hidden_effect_is_named_accepted_and_gone(serve, page, tmp_path: Path)
     server = serve()
     open_page(page, server, "diagnosis?spec=plate.toml")
     page.get_by_role("button", name="Diagnose").click()
-    page.get_by_text("The misfit has a named cause: series resistance.").wait_for(timeout=200_000)
+    page.get_by_text("Cause of the misfit: series resistance.").wait_for(timeout=200_000)
     assert cells(page, "named causes")[0][0] == "series resistance"
     page.get_by_role("button", name="Accept").click()
     page.wait_for_url("**spec=plate-extended.toml*")
