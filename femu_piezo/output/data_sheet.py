@@ -135,7 +135,7 @@ def _footer(page: Figure, result: UpdateResult, modes: Sequence[StandardFigures]
     while remaining:
         wrapped = textwrap.wrap(f"{remaining[0][0].upper()}{remaining[0][1:]}.", _WIDTH)
         if len(lines) + len(wrapped) > _LINES - (len(remaining) > 1):
-            lines.append(f"Further notes: {len(remaining)}, in update.json.")
+            lines.append(f"{len(remaining)} more notes are in update.json.")
             break
         lines += wrapped
         remaining.pop(0)

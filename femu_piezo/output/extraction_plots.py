@@ -194,7 +194,7 @@ def _summary(extraction: Extraction) -> str:
 
 def _noise_words(noise: NoiseUsed) -> str:
     if noise.origin == "misfit":
-        return f"misfit of the fit, by which points count: {100 * noise.relative:.2g} % of |Z|"
+        return f"misfit of the fit, used as weight of the points: {100 * noise.relative:.2g} % of |Z|"
     return f"noise: {100 * noise.relative:.2g} % of |Z| and {noise.additive:.2g} Ω (from the {noise.origin})"
 
 

@@ -33,7 +33,7 @@ def measuring_figure(title: str, states: Sequence[State]) -> Figure:
     if last.curve is not None:
         draw_impedance(magnitude, phase, last.curve[0] * factor, [(last.curve[1], "updated model", UPDATED)])
     for number, place in enumerate(last.departures):
-        magnitude.axvline(place * factor, label="" if number else "departs from the model", **_DEPARTED)
+        magnitude.axvline(place * factor, label="" if number else "point that departs from the model", **_DEPARTED)
         phase.axvline(place * factor, **_DEPARTED)
     magnitude.set(title=f"{title}: {len(last.spectrum)} points")
     magnitude.legend(loc="best", fontsize="small")

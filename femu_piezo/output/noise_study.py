@@ -63,11 +63,11 @@ def noise_study_figure(title: str, settings: Sequence[Setting]) -> Figure:
         for one in axes[:2, column]:
             one.set_yscale("log")
         axes[3, column].set_xlabel(words)
-    axes[0, 0].set_ylabel("relative deviation of constants")
-    axes[1, 0].set_ylabel("deviation of tangents")
-    axes[2, 0].set_ylabel("bias: mean error over its deviation\n(filled constants, open tangents)")
-    axes[3, 0].set(ylabel="truth within 1 (●) and 2 (■) stated σ", ylim=(0.4, 1.02))
+    axes[0, 0].set_ylabel("relative standard deviation of constants")
+    axes[1, 0].set_ylabel("standard deviation of tangents")
+    axes[2, 0].set_ylabel("bias: mean error over its std\n(filled constants, open tangents)")
+    axes[3, 0].set(ylabel="share within 1 (●) and 2 (■) stated σ", ylim=(0.4, 1.02))
     axes[0, 1].legend(frameon=False, fontsize=8)
     axes[1, 1].legend(frameon=False, fontsize=8)
-    picture.suptitle(f"{title}: {len(plan.error)} updates of drawn specimens; dots reached, lines stated")
+    picture.suptitle(f"{title}: {len(plan.error)} updates of random specimens; dots: scatter found, lines: stated")
     return picture

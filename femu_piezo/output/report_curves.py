@@ -28,7 +28,7 @@ def curve_charts(outcome: Outcome) -> list[Chart]:
         Curve("updated", outcome.updated_curve, UPDATED["color"], "line"),
     )
     held_out = measured.problem.specimen.measurement.held_out
-    bands = () if held_out is None else (Band("x", held_out[0] * factor, held_out[1] * factor, "not seen by the fit"),)
+    bands = () if held_out is None else (Band("x", held_out[0] * factor, held_out[1] * factor, "not used by the fit"),)
     residual = residual_in_sigma(outcome)
     return [
         *impedance_charts(
@@ -42,7 +42,7 @@ def curve_charts(outcome: Outcome) -> list[Chart]:
                 Series("residual of the phase", x, residual.imag, "#b07d2b", "points"),
             ),
             group,
-            (*bands, Band("y", -1.96, 1.96, "95 % of pure noise", "#e8e8e8")),
+            (*bands, Band("y", -1.96, 1.96, "95 % of noise alone", "#e8e8e8")),
             height=240,
             caption=_residual_words(outcome, residual),
         ),
@@ -75,13 +75,13 @@ def _residual_words(outcome: Outcome, residual: np.ndarray) -> str:
     neighbours = float(np.sum((residual[1:] * residual[:-1].conj()).real) / np.sum(np.abs(residual) ** 2))
     if neighbours > max(0.2, 4 / np.sqrt(2 * residual.size)):
         verdict = (
-            f"and neighbours are alike (correlation {neighbours:.2f}): this is no noise but an error of the model or "
-            "of the instrument, smooth in frequency"
+            f"and neighbouring points are correlated ({neighbours:.2f}): this is not noise but an error of the model "
+            "or of the instrument that is smooth in frequency"
         )
     elif rms > 1.3:
-        verdict = "more than noise alone would leave, without structure in frequency"
+        verdict = "more than noise alone, without correlation of neighbouring points"
     else:
-        verdict = "as noise alone would leave it"
+        verdict = "compatible with noise alone"
     return f"{origin}. Root mean square of this residual: {rms:.3g} σ, {verdict}."
 
 
@@ -103,5 +103,5 @@ def sensitivity_chart(outcome: Outcome) -> Chart:
         views={"around the fundamental": _around_fundamental(outcome, factor)},
         height=360,
         caption="Relative change of Z for a relative change of each constant, at the updated constants: 2 means that "
-        "1 % of the constant moves Z by 2 %. A constant without a curve does not matter in this sweep.",
+        "a change of the constant by 1 % changes Z by 2 %. A constant without a curve has no visible effect.",
     )

@@ -74,7 +74,7 @@ def update_sections(result: UpdateResult) -> list[Section]:
         Section("curves", "Curves", curves),
         Section("resonances", "Poles and zeros", resonances),
         Section("figures", "Standard figures", figures),
-        Section("identifiability", "What the data cannot tell", _identifiability(result)),
+        Section("identifiability", "What the data determine", _identifiability(result)),
         Section("sensitivity", "Sensitivity", sensitivities),
         mode_section(result),
     ]
@@ -84,11 +84,13 @@ def _further_sections(result: UpdateResult) -> list[Section]:
     """The constants over temperature, and samples of the posterior, where there are any."""
     found = []
     if (series := result.temperature) is not None:
-        words = f"Constants over temperature; those of the other sections are at {series.reference_C:.4g} °C"
+        words = f"Constants over temperature; all other sections give the constants at {series.reference_C:.4g} °C"
         figure = temperature_figure(result.name, series)
         found.append(Section("temperature", "Over temperature", picture(figure, words)))
     if result.samples is not None:
-        words = "Samples of the posterior by fits to drawn data; the lines are the stated deviations"
+        words = (
+            "Samples of the posterior from fits to randomly drawn data; the lines are the stated standard deviations"
+        )
         figure = corner_figure(result.name, result.samples, result.parameters)
         found.append(Section("samples", "Samples", picture(figure, words)))
     return found
@@ -131,13 +133,13 @@ def _sentence(name: str, result: UpdateResult) -> str:
 def _method(result: UpdateResult) -> str:
     if result.method == "pole_zero":
         return (
-            f"Method: the finite element model's first pole and zero were brought onto the measured ones in "
-            f"{result.iterations} iterations with exact sensitivities (Cong, Hu, Li 2022). eps33T: "
-            f"{result.permittivity_source}. The rest of the curve was not fitted; it is a test."
+            f"Method: the first pole and zero of the finite element model were fitted to the measured ones in "
+            f"{result.iterations} iterations with exact sensitivities (Cong, Hu, Li 2022). Source of eps33T: "
+            f"{result.permittivity_source}. The rest of the curve was not fitted and serves as a test."
         )
     return (
-        f"Method: {result.iterations} pole-zero iterations, then the whole measured curve by maximum likelihood. "
-        f"eps33T: {result.permittivity_source}."
+        f"Method: {result.iterations} pole-zero iterations, then a maximum-likelihood fit of the whole measured "
+        f"curve. Source of eps33T: {result.permittivity_source}."
     )
 
 
@@ -168,12 +170,12 @@ def _parameters(result: UpdateResult) -> str:
             )
         )
     words = (
-        "A complex constant is value·(1 − j tan), time factor exp(jωt). ± is one standard deviation; the interval is "
-        "1.96 of them to either side. "
+        "A complex constant is value·(1 − j tan), time factor exp(jωt). ± is one standard deviation; the interval "
+        "extends 1.96 standard deviations to either side. "
     ) + (
-        "They count the noise of the sweep and the tolerances of the specimen file; the budget below says which."
+        "They include the noise of the sweep and the tolerances of the specimen file, as in the budget below."
         if any(estimate.budget for estimate in result.parameters.values())
-        else "They count the noise of the sweep alone: errors of dimensions, density or held constants come on top."
+        else "They include the noise of the sweep alone: errors of dimensions, density or held constants add to them."
     )
     interval = "95 % interval"
     return (
@@ -192,7 +194,7 @@ def _budget(result: UpdateResult) -> str:
     largest = {label: max(parts, key=parts.__getitem__) for label, parts in shares.items()}
     words = ", ".join(f"{label} {source} {100 * shares[label][source]:.0f} %" for label, source in largest.items())
     figure = budget_figure("Uncertainty budget: shares of the variance by source", result.parameters)
-    return picture(figure, f"Where the deviations come from; mostly: {words}.")
+    return picture(figure, f"Sources of the standard deviations, as shares of the variance; the largest: {words}.")
 
 
 def _interval(value: float, std: float | None, factor: float) -> str:
@@ -243,7 +245,7 @@ def _identifiability(result: UpdateResult) -> str:
         parts.append(
             paragraph(
                 "One complex pole and one complex zero determine two complex constants exactly, and the low-frequency "
-                "capacitance the permittivity: nothing is left over to contradict them but the rest of the curve."
+                "capacitance determines the permittivity: only the rest of the curve can contradict them."
             )
         )
     else:
@@ -251,19 +253,19 @@ def _identifiability(result: UpdateResult) -> str:
             (name, _VERDICT[known.verdict(name)], _size(known.std[index]), _size(known.std_alone[index]))
             for index, name in enumerate(known.names)
         ]
-        headings = ("unknown", "verdict", "std", "std if all others were known")
-        caption = "From the data alone, without any prior; real parts relative to their value, tangents absolute"
+        headings = ("unknown", "verdict", "std", "std with all others known")
+        caption = "From the data with only a weak prior; real parts relative to their value, tangents absolute"
         parts.append(table(headings, rows, caption, "words"))
         parts += [paragraph(f"Least known combination: {sentence}.") for sentence in known.weakest(1)]
         parts += [
-            paragraph(f"{first} and {second} trade against each other (correlation {value:+.3f}).")
+            paragraph(f"The errors of {first} and {second} are strongly correlated ({value:+.3f}).")
             for first, second, value in known.confounded()
         ]
     return "".join(parts) + _held_fixed(result)
 
 
 def _size(std: float) -> str:
-    return f"{std:.2g}" if std < 10 else "open"
+    return f"{std:.2g}" if std < 10 else "over 10"
 
 
 def _held_fixed(result: UpdateResult) -> str:
@@ -278,8 +280,8 @@ def _held_fixed(result: UpdateResult) -> str:
         largest = max(float(np.max(np.abs(one.sensitivity.values[:, column]))) for one in result.outcomes)
         value = getattr(result.constants, name)
         rows.append((name, MEANING[name], f"{value.real * factor:.5g} {unit}", f"{largest:.2g} %"))
-    headings = ("constant", "meaning", "held at", "1 % of error in it moves Z at most by")
-    return table(headings, rows, "Held fixed: the result is right only as far as these are", "words")
+    headings = ("constant", "meaning", "held at", "largest change of Z by 1 % error")
+    return table(headings, rows, "Constants held fixed: an error in them causes an error of the result", "words")
 
 
 def update_provenance(result: UpdateResult, command: str) -> Section:

@@ -99,7 +99,10 @@ def update_table(result: UpdateResult) -> RenderableType:
     parts = [constants, *(_resonance_table(outcome) for outcome in result.outcomes)]
     for outcome, several in zip(result.outcomes, result.figures, strict=True):
         parts += [figures_table(one, outcome.measured.problem.specimen.name, short=True) for one in several]
-    lines = [f"method: {result.method}, {result.iterations} pole-zero iterations; eps33T: {result.permittivity_source}"]
+    lines = [
+        f"method: {result.method}, {result.iterations} pole-zero iterations; source of eps33T: "
+        f"{result.permittivity_source}"
+    ]
     lines += [
         f"{outcome.measured.problem.specimen.name}: rms |Δ log Z| baseline {100 * outcome.rms_before:.3g} %, updated "
         f"{100 * outcome.rms_after:.3g} %; k_eff = {outcome.measured.pair.k_eff:.4f}; {outcome.unknowns} unknowns"
@@ -114,7 +117,7 @@ def update_table(result: UpdateResult) -> RenderableType:
 
 def _per_kelvin(series: TemperatureSeries) -> list[str]:
     """Lines with the temperature coefficients of constants (relative) and of tangents."""
-    lines = [f"these are the constants at {series.reference_C:.4g} °C; with temperature they change by"]
+    lines = [f"the constants above are those at {series.reference_C:.4g} °C; their temperature coefficients are"]
     for name, one in series.coefficients.items():
         real, tangent = number(1e6 * one.relative, 1e6 * one.std), number(1e6 * one.tangent, 1e6 * one.tangent_std)
         lines.append(f"  {name} ({real}) ppm/K, its tangent ({tangent}) · 10⁻⁶/K")
@@ -268,7 +271,7 @@ def modes_table(result: ModesResult) -> RenderableType:
 def identifiability_table(result: IdentifyResult) -> RenderableType:
     """Predicted standard deviations of the ten constants, and what to measure next."""
     table = Table(
-        title=f"{' + '.join(result.names)}: what a sweep with {100 * result.noise:g} % noise tells",
+        title=f"{' + '.join(result.names)}: constants from a sweep with {100 * result.noise:g} % noise",
         title_justify="left",
     )
     table.add_column("constant")
@@ -286,7 +289,7 @@ def identifiability_table(result: IdentifyResult) -> RenderableType:
             known.verdict(name),
         )
     lines = [_sweep_words(one.title, one.frequency) for one in result.sensitivities]
-    lines += [f"least known: {sentence}" for sentence in known.weakest()]
+    lines += [f"least known combination: {sentence}" for sentence in known.weakest()]
     for item in result.recommendations:
         gained = ", ".join(item.gained) or "no further constant"
         lines.append(f"measure {item.measurement}: determines {gained}")
@@ -311,7 +314,11 @@ def _plan_table(plan: Plan) -> Table:
 
 def _study_lines(settings: Sequence[Setting]) -> list[str]:
     """Deviations, bias and coverage that the study found, a line for each noise and number of points."""
-    lines = [] if not settings else ["drawn specimens, off by their tolerances, updated with the values of the file:"]
+    lines = (
+        []
+        if not settings
+        else ["specimens drawn at random within the tolerances, updated with the values of the file:"]
+    )
     for one in settings:
         parts = []
         for index, label in enumerate(one.labels):
@@ -321,13 +328,13 @@ def _study_lines(settings: Sequence[Setting]) -> list[str]:
             stated = float(np.median(one.stated[:, index]))
             parts.append(
                 f"{label} {100 * one.deviation[index] / size:.2g} % (stated {100 * stated / size:.2g} %, bias "
-                f"{one.bias[index]:+.1f} of its deviations)"
+                f"{one.bias[index]:+.1f} σ of the mean)"
             )
-        lost = f", {one.lost} fits lost" if one.lost else ""
+        lost = f", {one.lost} fits did not converge" if one.lost else ""
         inside = " and ".join(f"{100 * np.mean(one.inside(sigma)):.0f} %" for sigma in (1, 2))
         lines.append(
-            f"  noise {100 * one.noise:.2g} %, {one.points} points: {', '.join(parts)}; {inside} within 1 and 2 stated "
-            f"deviations{lost}"
+            f"  noise {100 * one.noise:.2g} %, {one.points} points: {', '.join(parts)}; {inside} of the true values "
+            f"within 1 and 2 stated deviations{lost}"
         )
     return lines
 
@@ -339,7 +346,9 @@ def _sweep_words(name: str, frequency: np.ndarray) -> str:
 
 def expectation_tables(expected: Expectation) -> list[RenderableType]:
     """Deviations of the free constants that an update would state, and which tolerance to improve first."""
-    stated = Table(title="what an update would state, with the tolerances of the file", title_justify="left")
+    stated = Table(
+        title="standard deviations that an update would state, with the tolerances of the file", title_justify="left"
+    )
     for heading in ("constant", "std", "mostly from", "std of tangent", "mostly from"):
         stated.add_column(heading, justify="right" if heading.startswith("std") else "left")
     for name, one in expected.parameters.items():
@@ -356,7 +365,11 @@ def expectation_tables(expected: Expectation) -> list[RenderableType]:
         sizes = f"{tolerance_words(one, one.today)} -> {tolerance_words(one, one.today / 2)}"
         gains.add_row(f"{one.tolerance}{of}", sizes, *words)
     rest = len(rows) - len(shrinking)
-    more = [f"halving any of the other {rest} tolerances shrinks no deviation by {100 * _WORTH:g} %"] if rest else []
+    more = (
+        [f"halving any of the other {rest} tolerances reduces no standard deviation by {100 * _WORTH:g} % or more"]
+        if rest
+        else []
+    )
     return [stated, gains, text_of(more)]
 
 

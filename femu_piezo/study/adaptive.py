@@ -120,14 +120,14 @@ class Adapted:
         two = last.rivals
         first, second = (two.first, two.second) if two else ("", "")
         why = {
-            "deviations": "the deviations asked for are reached",
-            "separated": f"{first} is told from {second} and every other cause",
-            "alike": f"more points would not tell {first} from {second}: see what the diagnosis recommends",
-            "points": "the points are spent",
+            "deviations": "the requested deviations are reached",
+            "separated": f"{first} is distinguished from {second} and every other cause",
+            "alike": f"more points would not distinguish {first} from {second}: see what the diagnosis recommends",
+            "points": "the points are used up",
             "time": "the time is over",
-            "tolerances": "more points would not bring the deviations asked for: see the tolerances in budget.png",
+            "tolerances": "more points would not reach the requested deviations: see the tolerances in budget.png",
         }
-        seen = f"a further mode of k_eff above {100 * last.least_coupling:.2g} % would have shown"
+        seen = f"any further mode with k_eff above {100 * last.least_coupling:.2g} % would have been visible"
         return f"{count} points: {why[self.ended]}; {seen}"
 
     def to_json(self) -> dict:
@@ -237,14 +237,16 @@ def _check(specimen: Specimen, wish: Wish, band: tuple[float, float]) -> None:
     if wish.points < 2 * FEWEST:
         raise InputError(f"{wish.points} points do not show a resonance; give at least {2 * FEWEST}")
     if not band[0] < band[1]:
-        raise InputError(f"{where}: {band[0]:g} to {band[1]:g} Hz is no band; give another, or change [limits]")
+        raise InputError(
+            f"{where}: {band[0]:g} to {band[1]:g} Hz is no band of frequencies; give another, or change [limits]"
+        )
     free = specimen.material.free
     known = [*free, *(f"tan_{name}" for name in free)]
     for label, value in wish.deviations.items():
         if label not in known:
-            raise InputError(f"a deviation of {label} is asked for, which is not free; known are {', '.join(known)}")
+            raise InputError(f"a deviation is requested of {label}, which is not free; give one of {', '.join(known)}")
         if not 0 < value < 1:
-            raise InputError(f"a deviation of {value:g} of {label} cannot be; give one such as 0.005")
+            raise InputError(f"the deviation {value:g} of {label} is not between 0 and 1; give one such as 0.005")
 
 
 class _Planner:

@@ -61,7 +61,9 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
         attempts.append(lambda: (*_fitted(measured, full, bases, problem.fitted), without_steps))
     elif not attempts:
         where, told = problem.specimen.path or problem.specimen.name, "; ".join(map(str, faults))
-        raise InputError(f"{where}: material: {told}; with [effects] the fit starts from these constants")
+        raise InputError(
+            f"{where}: material: {told}; with [effects] the fit starts from these constants, so correct them"
+        )
     found = []
     for attempt in attempts:
         try:

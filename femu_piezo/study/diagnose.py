@@ -301,8 +301,8 @@ def _accuracy_notes(several: Sequence[Subject]) -> tuple[str, ...]:
     if min(float(np.median(one.noise)) for one in several) >= 2 * LEAST_ERROR:
         return ()
     return (
-        f"the noise of the sweep is near or below the error of the model; errors of Z below {LEAST_ERROR:.0e} "
-        "count as noise",
+        f"the noise of the sweep is near or below the numerical error of the model; relative errors of Z below "
+        f"{LEAST_ERROR:.0e} are counted as noise",
     )
 
 

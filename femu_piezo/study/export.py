@@ -63,7 +63,7 @@ def export_text(
 def cautions(constants: PiezoConstants) -> list[str]:
     """Why these constants together are those of no stable material, which other programs may take without a word."""
     return [
-        f"{fault}: a program that computes with these constants gives answers without a meaning"
+        f"{fault}: results that a program computes with these constants are meaningless"
         for fault in constants.physical_faults(tolerance=1e-3, passive=False)
     ]
 
@@ -75,5 +75,5 @@ def _origin(constants: PiezoConstants, found: Sequence[str]) -> list[str]:
         sentences.append(f"Found from a sweep: {', '.join(found)}. The others were given, or follow from these.")
     empty = [name for name in D_FORM if getattr(constants, name) == 0]
     if empty:
-        sentences.append(f"{', '.join(empty)} are zero by the paper's simplified material: not measured, not real.")
+        sentences.append(f"{', '.join(empty)} are set to zero by the simplified material; they were not measured.")
     return sentences

@@ -86,8 +86,8 @@ class IdentifyResult:
         if not shear or any(set(item.gained) & set(shear) for item in self.recommendations):
             return ()
         return (
-            f"{', '.join(shear)} act only where the field lies across the poling: measure a shear plate, poled along "
-            "its length and electroded on its large faces (k15); not computed here",
+            f"{', '.join(shear)} have an effect only where the field is perpendicular to the poling: measure a shear "
+            "plate, poled along its length and electroded on its large faces (k15), which is not computed here",
         )
 
     def to_json(self) -> dict:
@@ -176,7 +176,7 @@ def identify(
     where = None
     if plan:
         if len(subjects) > 1:
-            raise InputError(f"a plan is one of one specimen, and {len(subjects)} are given; give them one by one")
+            raise InputError(f"a plan takes one specimen, and {len(subjects)} are given; give them one by one")
         progress("plan")
         where = plan_sweep(subjects[0], evaluations[0], noise, plan)
     names, values, prior = _unknowns(first)

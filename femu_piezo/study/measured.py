@@ -145,7 +145,9 @@ def measure(specimen: Specimen, spectrum: Sweep | None = None) -> Measured:
     """
     found = measure_each([specimen], None if spectrum is None else [spectrum])
     if len(found) > 1:
-        raise InputError(f"{specimen.path or specimen.name}: this takes one sweep, and the file names {len(found)}")
+        raise InputError(
+            f"{specimen.path or specimen.name}: one sweep is needed, but the file names {len(found)}; leave one"
+        )
     return found[0]
 
 
@@ -297,7 +299,7 @@ def start_constants(measured: list[Measured]) -> PiezoConstants:
     constants = problem.simplified(constants)
     if constants.physical_faults(passive=False) and not problem.constants.physical_faults(passive=False):
         return problem.constants
-    where = f"{problem.specimen.path}: with the start values of the thin body"
+    where = f"{problem.specimen.path}: with the start values by thin-body formulas"
     return constants.check(where, passive=False)
 
 
@@ -308,4 +310,6 @@ def baseline_constants(measured: list[Measured], start: PiezoConstants) -> tuple
     if not faults:
         return constants, ()
     told = "; ".join(map(str, faults))
-    return start, (f"the baseline is that of the start values, since in the specimen file {told}",)
+    return start, (
+        f"the baseline has the start values, since the constants of the specimen file are impossible: {told}",
+    )

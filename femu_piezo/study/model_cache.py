@@ -118,7 +118,8 @@ class Bases:
             if np.max(np.abs(problem.free(constants).start.real / around.start.real - 1)) <= _LEAVE:
                 return found
         raise ConvergenceError(
-            "the constants kept leaving the range of the reduced model; start from a closer base material or free fewer"
+            "the constants kept leaving the range of the reduced model; start from a closer base material or free "
+            "fewer constants"
         )
 
     def extended(

@@ -146,7 +146,7 @@ def _specimen(unknowns: Unknowns, start: np.ndarray, rng: np.random.Generator) -
         if np.all((x > low) & (x < high)) and _is_passive(unknowns, x):
             return x
     raise ConvergenceError(
-        "no passive specimen was drawn within the tolerances of the held tangents; state them, as tan_ and std_tan_"
+        "no passive specimen was drawn within the tolerances of the held tangents; state both, as tan_ and std_tan_"
     )
 
 

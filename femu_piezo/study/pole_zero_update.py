@@ -46,7 +46,7 @@ def from_poles_and_zeros(posterior: Posterior, start: PiezoConstants, *, fundame
     """
     for one in posterior.several:
         if one.measured.extraction.resonances.covariance is None:
-            raise InputError(f"{one.measured.spectrum.source}: its poles and zeros have no deviations to weigh them by")
+            raise InputError(f"{one.measured.spectrum.source}: no standard deviations of its poles and zeros are known")
 
     def estimate(unknowns: Unknowns, begin: np.ndarray) -> ManyModes:
         if fundamental:

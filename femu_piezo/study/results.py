@@ -41,7 +41,9 @@ def mesh_words(model: ElectroelasticModel, reduced: ExtendedModel) -> str:
     kind = "hexahedra" if "Hex" in type(mesh).__name__ else "tetrahedra"
     what = f"{mesh.nelements} {kind} of order {model.order} in {part}"
     error = reduced.mesh_error
-    words = "" if error is None else f", eigenvalues within {error.error.max():.0e} by a step of the order"
+    words = (
+        "" if error is None else f", relative error of the eigenvalues {error.error.max():.0e} (from a change of order)"
+    )
     return f"{what}; {model.size} unknowns, reduced to {reduced.size}{words}"
 
 

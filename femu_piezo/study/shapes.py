@@ -18,7 +18,7 @@ from femu_piezo.specimen.geometry import Geometry
 
 #: Cosine of the angle between poling and field below which the first mode is a shear of the thickness.
 _SHEARED = 0.5
-_FINER = '; elements = "tetrahedron" in [geometry] leaves a third of it'
+_FINER = '; elements = "tetrahedron" in [geometry] reduces it to a third'
 
 
 def shape_of(specimen: Specimen) -> Shape:
@@ -85,7 +85,7 @@ def electrode_notes(specimen: Specimen) -> tuple[str, ...]:
     size, words = ("a few 1e-4", "") if body.element_shape == "tetrahedron" else ("up to 1e-3", _FINER)
     return (
         f"{specimen.name}: the field is singular where an electrode ends inside a face, which may leave a relative "
-        f"error of {size} in λ (half of it in frequency) whatever the accuracy asked for{words}",
+        f"error of {size} in λ (half of it in frequency) at any requested accuracy{words}",
     )
 
 

@@ -96,8 +96,8 @@ def simulate(
     known = effects_as_simulated(problem, (float(frequency[0]), float(frequency[-1])), effects)
     if known and full_order:
         raise InputError(
-            f"{specimen.path or specimen.name}: a full-order simulation knows no [effects] and no [fitted]; leave one "
-            "out"
+            f"{specimen.path or specimen.name}: a full-order simulation cannot include [effects] or [fitted]; leave "
+            "these tables or --full-order out"
         )
     accuracy = specimen.update.accuracy if specimen.update else 1e-4
     model = problem.model(problem.equivalent_frequency(frequency[-1], accuracy), accuracy)

@@ -81,8 +81,8 @@ class Subject:
         if not self.noise_memory:
             return ()
         return (
-            f"{self.name or self.problem.specimen.name}: the noise of neighbouring points is alike (correlation "
-            f"{self.noise_memory.correlations[0]:.2f}), as a filter or smoothing makes it; each counts for less",
+            f"{self.name or self.problem.specimen.name}: the noise of neighbouring points is correlated "
+            f"({self.noise_memory.correlations[0]:.2f}), as by filtering or smoothing, so each point counts for less",
         )
 
     @made_once
@@ -112,11 +112,11 @@ def subjects(measured: Sequence[Measured], effects: Iterable[Maker] | None = Non
     double = next((name for index, name in enumerate(names) if name in names[:index]), None)
     if double is not None:
         raise InputError(
-            f"{pieces[names.index(double)].path}: two specimens are named {double!r}; results say by name which "
-            "specimen they are about, so give each its own"
+            f"{pieces[names.index(double)].path}: two specimens are named {double!r}; give each a name of its own, "
+            "by which results refer to it"
         )
     if both := fixtures & set(names):
-        raise InputError(f"{pieces[0].path}: {both.pop()!r} is a specimen and a fixture; give one another name")
+        raise InputError(f"{pieces[0].path}: {both.pop()!r} names a specimen and a fixture; give one another name")
     return tuple(
         _subject(
             one,

@@ -67,7 +67,7 @@ def _readings(one: Subject) -> list[Reading]:
     for name, (value, std) in (table.given if table is not None else {}).items():
         if name == "capacitance" and not has_uniform_field(plate):
             raise InputError(
-                f"{problem.specimen.path or problem.specimen.name}: readings.capacitance is of a body with a uniform "
+                f"{problem.specimen.path or problem.specimen.name}: readings.capacitance needs a body with a uniform "
                 "field, poled along it and with electrodes on the whole of two faces; leave it out"
             )
         along = 0 if plate.poling == "length" else 2

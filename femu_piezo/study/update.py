@@ -97,7 +97,7 @@ def update_measured(
     method, origin = _method(measured)
     if method == "pole_zero":
         if samples:
-            raise InputError("samples are drawn of the posterior of a fit of curves; leave --method pole-zero out")
+            raise InputError("samples of the posterior need a fit of the curve; leave out --method pole-zero")
         return _by_pole_zero(several, clock, bases, origin)
     clock.step("start")
     beginning = begin(measured, bases)
@@ -197,8 +197,8 @@ def _method(measured: list[Measured]) -> tuple[str, str]:
         return "curve", origin
     if has_effects(measured) or (specimen.material.simplified and not _is_the_papers(measured, origin)):
         raise InputError(
-            f'{specimen.path or specimen.name}: update.method = "pole_zero" knows no [effects], and of the simplified '
-            f'material only {" and ".join(sorted(names))} at a known eps33T; use method = "curve"'
+            f'{specimen.path or specimen.name}: update.method = "pole_zero" cannot include [effects], and of the '
+            f'simplified material it finds only {" and ".join(sorted(names))} at a known eps33T; use method = "curve"'
         )
     return "pole_zero", "prior" if origin == "curve" else origin
 
@@ -218,9 +218,9 @@ def _low_end_note(measured: Sequence[Measured]) -> tuple[str, ...]:
     plate, eps = read[0].problem.plate, abs(read[0].permittivity)
     picofarad = 1e12 * eps * plate.electrode_area / plate.electrode_gap
     return (
-        f"ε33T is read off the low end of a sweep along the poling, of {picofarad:.2g} pF, of which 1 pF of stray "
-        f"capacitance is {100 / picofarad:.1g} %: take it from a k31 plate of the lot, by eps33T and std_eps33T of its "
-        "update, or update both together",
+        f"ε33T is found from the capacitance at the low end of a sweep along the poling, {picofarad:.2g} pF, of which "
+        f"1 pF of stray capacitance is {100 / picofarad:.1g} %: take ε33T from a k31 plate of the lot, by eps33T and "
+        "std_eps33T of its update, or update both together",
     )
 
 
@@ -230,7 +230,7 @@ def _modes_note(found: ManyModes, fundamental: bool) -> tuple[str, ...]:
     used, every = (sum(map(len, of_each)) for of_each in (found.used, found.measured))
     words = f"{used} of {every} measured poles and zeros determine the constants"
     if found.left > 1:
-        words += f"; they are {found.left:.2g} of their deviations away, by which the stated ones are widened"
+        words += f"; the model misses them by {found.left:.2g} standard deviations, which widens the stated ones alike"
     return (words,)
 
 
@@ -313,15 +313,15 @@ def _notes(
     if known is not None:
         loose = [name for name in known.names if known.verdict(name) == "not"]
         if loose:
-            notes.append(f"the data do not determine {', '.join(loose)}: these stand where the prior holds them")
+            notes.append(f"the data do not determine {', '.join(loose)}: their values are those of the prior")
     if found is not None:
         notes += _fit_notes(found)
     for one, outcome in zip(several, outcomes, strict=True):
         noise = float(np.median(one.noise))
         if outcome.rms_after > max(_POOR, 5 * noise):
             notes.append(
-                f"{one.problem.specimen.name}: the updated model still misses the sweep by "
-                f"{100 * outcome.rms_after:.2g} % rms where its noise is {100 * noise:.2g} %: look at "
+                f"{one.problem.specimen.name}: the updated model differs from the sweep by "
+                f"{100 * outcome.rms_after:.2g} % rms, and the noise is {100 * noise:.2g} %: look at "
                 "the curve before using the constants"
             )
     return tuple(notes)
@@ -330,21 +330,21 @@ def _notes(
 def _fit_notes(found: Fit) -> list[str]:
     notes = []
     if found.on_bound:
-        notes.append(f"{', '.join(found.on_bound)} ended on the border of the range that a fit may use")
+        notes.append(f"{', '.join(found.on_bound)} reached a limit of the range that the fit allows")
     sizes = zip(found.parameters.effects, found.parameters.values(found.x), found.std_of_effects, strict=True)
     for effect, values, std in sizes:
         if effect.freed:
             words = zip(effect.parameters, values, std, strict=True)
             told = ", ".join(f"{p.name} = {value:.4g} ± {sigma:.2g}{p.after_number}" for p, value, sigma in words)
-            notes.append(f"{effect.title}, which the file leaves free, is found with the constants: {told}")
+            notes.append(f"{effect.title}, which the file leaves free, was fitted together with the constants: {told}")
     if found.discrepancy is not None:
         notes.append(
-            f"the model misses the sweep by {found.discrepancy}, about {found.discrepancy.sigma:.1g} of |Z| (rms), "
-            "which the standard deviations take into account; `femu-piezo diagnose` looks for its cause"
+            f"the model differs from the sweep by {found.discrepancy}, about {found.discrepancy.sigma:.1g} of |Z| "
+            "(rms), which the standard deviations take into account; `femu-piezo diagnose` looks for its cause"
         )
     if found.data.noise_known and found.noise_scale > _LOUD:
         notes.append(
-            f"the sweep is {found.noise_scale:.3g} times as noisy as stated: the standard deviations are those of the "
+            f"the sweep is {found.noise_scale:.3g} times as noisy as stated: the standard deviations are based on the "
             "noise found"
         )
     return notes

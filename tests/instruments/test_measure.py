@@ -75,7 +75,7 @@ def test_every_fault_keeps_the_points_and_the_same_command_goes_on(plate, specim
         done = run(specimen, running.address, out, *wish, "--lot", "may", "--store")
         assert done.exit_code == 0, done.output
         assert running.is_off() and running.largest_voltage() == 0.5
-    assert "32 points are in" in done.output and "the deviations asked for are reached" in done.output
+    assert "32 points are in" in done.output and "the requested deviations are reached" in done.output
     sweep = read_spectrum(out / "sweep.csv")
     assert np.all(np.isin(before, sweep.frequency)) and len(sweep) == 64
     record = json.loads((out / "measure.json").read_text())
@@ -140,7 +140,7 @@ def test_interrupted_and_killed_runs_go_on(bench, specimen, tmp_path):
         (("--voltage", "0.7 V"), "above limits.voltage = 0.6 V"),
         (("--bias", "1 V"), "above the 0 V of limits.bias"),
         (("--band", "60 kHz", "200 kHz"), "limits.frequency"),
-        (("--deviation", "s33", "1 %"), "s33 is asked for, which is not free"),
+        (("--deviation", "s33", "1 %"), "a deviation is requested of s33, which is not free"),
         (("--deviation", "s11", "1 m"), "--deviation"),
         (("--data", "x.csv"), "--data goes with --plan"),
         (("--separate", "--band", "9 kHz", "8 kHz"), "no band"),
@@ -261,7 +261,7 @@ def test_causes_are_separated_at_the_analyser(specimen, tmp_path):
         assert done.exit_code == 0, done.output
         assert running.is_off() and running.largest_voltage() == 0.5
     assert "log odds of series_resistance over" in done.output
-    assert "series_resistance is told from" in done.output.splitlines()[-1]
+    assert "series_resistance is distinguished from" in done.output.splitlines()[-1]
     record = json.loads((out / "measure.json").read_text())
     assert record["ended"] == "separated" and len(record["rounds"]) >= 2
     assert json.loads((out / "diagnosis" / "diagnosis.json").read_text())["causes"][0]["effect"] == "series_resistance"

@@ -182,7 +182,7 @@ def test_command_prints_and_writes_them(tmp_path):
     """Table, identifiability.json and budget.png."""
     answer = CliRunner().invoke(main, ["identify", str(FOLDER / "plate.toml"), "--out", str(tmp_path / "out")])
     assert answer.exit_code == 0, answer.output
-    assert "what a sweep with 0.1 % noise tells" in answer.output  # the noise of the file
+    assert "constants from a sweep with 0.1 % noise" in answer.output  # the noise of the file
     assert "201 points from 20 kHz to 200 kHz" in answer.output
     (line,) = (line for line in answer.output.splitlines() if "std_density" in line)
     assert "0.5 % -> 0.25 %" in line and "s11 0.61 % -> 0.42 %" in line

@@ -141,4 +141,4 @@ def test_a_fit_starts_where_the_file_says_that_a_free_effect_is(sweeps, write_sp
     assert unknowns.values(start)[lead] == pytest.approx([50.0])
     assert unknowns.values(unknowns.prior_mean)[lead] == [0.0]
     assert abs(found.parameters.values(found.x)[lead][0]) < 4 * found.std_of_effects[lead][0]
-    assert any(note.startswith("series_resistance, which the file leaves free, is found") for note in result.notes)
+    assert any(note.startswith("series_resistance, which the file leaves free, was fitted") for note in result.notes)

@@ -181,5 +181,5 @@ def test_all_modes_count_the_tolerances(tmp_path):
 
 def test_what_the_method_does_not_know_is_refused(tmp_path):
     more = "noise_only = true\n[effects.series_resistance]\nresistance = 1.0"
-    with pytest.raises(InputError, match=r"knows no \[effects\]"):
+    with pytest.raises(InputError, match=r"cannot include \[effects\]"):
         update(read_specimen(written(tmp_path, 1, more=more)))

@@ -127,5 +127,5 @@ def test_it_ends_when_the_causes_are_separated(bases, tmp_path, monkeypatch):
     last = found.states[-1]
     assert found.ended == "separated" and len(found.states) >= 2 and len(found.spectrum) < 128
     assert last.rivals.first == "series_resistance" and last.rivals.log_odds > Rules().alike
-    assert f"series_resistance is told from {last.rivals.second}" in found.sentence
+    assert f"series_resistance is distinguished from {last.rivals.second}" in found.sentence
     assert found.to_json()["rounds"][-1]["rivals"]["told"] is True

@@ -249,5 +249,5 @@ def test_wrong_tables_of_a_fit_are_told_in_one_sentence(tmp_path, tail, told):
 
 
 def test_full_order_knows_no_fit(tmp_path):
-    with pytest.raises(InputError, match=r"knows no \[effects\] and no \[fitted\]"):
+    with pytest.raises(InputError, match=r"cannot include \[effects\] or \[fitted\]"):
         simulate(specimen(tmp_path, "[fitted.wrong_length]\nrelative_error = 0.02\n"), full_order=True)

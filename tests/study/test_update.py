@@ -277,14 +277,14 @@ def test_a_bad_low_reading_is_left_out_or_noted(sweeps, write_specimen_of, truth
     alone[0] *= 0.8
     single = write_specimen_of("k31", ImpedanceSpectrum(sweep.frequency, alone), TRIO, more=paper)
     result = update(read_specimen(single))
-    assert any("still misses the sweep" in note for note in result.notes)
+    assert any("updated model differs from the sweep" in note for note in result.notes)
 
 
 def test_a_note_says_that_a_bar_is_a_poor_source_of_the_permittivity(sweeps, write_specimen_of):
     """Only for a k33 bar; a k31 plate has a hundred times its capacitance."""
     paper = '[update]\nmethod = "pole_zero"'
     bar = update(read_specimen(write_specimen_of("k33", sweeps["k33"], ("s33", "d33", "eps33T"), more=paper)))
-    assert any("take it from a k31 plate" in note for note in bar.notes)
+    assert any("take ε33T from a k31 plate" in note for note in bar.notes)
     plate = update(read_specimen(write_specimen_of("k31", sweeps["k31"], TRIO, more=paper)))
     assert not any("k31 plate" in note for note in plate.notes)
 
