@@ -90,7 +90,7 @@ def find_jobs(
         files = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in endings and path.is_file()]
     except OSError as error:
         raise InputError(
-            f"{folder}: this is no folder that can be read ({error.strerror}); give that of the lot"
+            f"{folder}: this is no folder that can be read ({error.strerror}); give the folder of the lot"
         ) from None
     files = [path.absolute() for path in files if not path.name.startswith(".")]
     if not files:

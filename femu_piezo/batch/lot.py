@@ -217,13 +217,13 @@ def lot_text(lot: Lot) -> str:
     ]
     lines += [
         f"{one.quantity:12s} median {one.centre:.5g}, robust std {_share(one.sigma, one.centre)}"
-        + ("" if one.measurement is None else f", of one measurement {_share(one.measurement, one.centre)}")
+        + ("" if one.measurement is None else f", std of one measurement {_share(one.measurement, one.centre)}")
         + f", limits {one.limits[0]:.5g} … {one.limits[1]:.5g} ({one.beyond} beyond)"
         + (f", drifts by {one.drift / abs(one.centre):+.2%} over the lot (p = {one.drift_p:.1g})" if one.drifts else "")
         for one in lot.distributions
     ]
     if lot.distributions and lot.distributions[0].values.size < FEWEST:
-        lines.append(f"outliers and drift are estimated from {FEWEST} specimens on")
+        lines.append(f"outliers and drift are estimated for lots of {FEWEST} or more specimens")
     for words, found in (("diagnoses", lot.verdicts), ("first causes", lot.causes)):
         if found:
             lines.append(f"{words}: " + ", ".join(f"{name} {count}" for name, count in found.items()))
@@ -234,7 +234,7 @@ def lot_text(lot: Lot) -> str:
             lines.append(f"    diagnosis: {of_file[0].diagnosis}")
         if of_file[0].notes:
             lines.append(f"    notes: {of_file[0].notes}")
-    lines += [f"no result {file}: {reason}" for file, reason in lot.faults]
+    lines += [f"no result for {file}: {reason}" for file, reason in lot.faults]
     return "\n".join(lines) + "\n"
 
 

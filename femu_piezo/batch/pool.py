@@ -218,10 +218,14 @@ class _Dispatch:
         elapsed, limit = time.monotonic() - began, self._pool.limit_s
         self._died += 1
         if limit is not None and elapsed >= limit:
-            self._finished(task, None, f"it took longer than the {limit:g} s allowed, and was ended; see --time-limit")
+            self._finished(
+                task, None, f"it took longer than the {limit:g} s allowed, and was stopped; see --time-limit"
+            )
         else:
             self._check_hope(str(future.exception()))
-            self._finished(task, None, "the worker process died of it (out of memory, or a crash of a library)")
+            self._finished(
+                task, None, "the worker process died during this task (out of memory, or a crash of a library)"
+            )
         return True
 
     def _check_hope(self, reason: str) -> None:

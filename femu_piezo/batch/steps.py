@@ -111,12 +111,14 @@ def _diagnosis_words(word: str, causes) -> str:
     for cause in causes:
         parameters = zip(cause.effect.parameters, cause.values, cause.std, strict=True)
         sizes = (f"{p.name} {v:.4g} ± {std:.2g}{p.after_number}" for p, v, std in parameters)
-        alike = f", not to be told from {', '.join(cause.indistinguishable_from)}" * bool(cause.indistinguishable_from)
+        alike = f", indistinguishable from {', '.join(cause.indistinguishable_from)}" * bool(
+            cause.indistinguishable_from
+        )
         named.append(f"{cause.effect.title} ({', '.join(sizes)}; probability {cause.probability:.2f}{alike})")
     if word == "none":
-        return "nothing beyond the noise is left over"
+        return "the simulation explains the sweep within the noise"
     if word == "unknown":
-        return "something that no candidate explains" + f", in part {' + '.join(named)}" * bool(named)
+        return "misfit that no candidate explains" + f", in part {' + '.join(named)}" * bool(named)
     return " + ".join(named)
 
 

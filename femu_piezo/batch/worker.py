@@ -93,7 +93,7 @@ def _computed(job: Job, checksum: str, program: str) -> dict:
 def _changed(job: Job) -> str:
     return (
         f"{job.name}: its files changed during the work, or this worker sees other files than the machine that "
-        "started the lot; keep them still, on a file system that all workers share"
+        "started the lot; leave them unchanged, on a file system that all workers share"
     )
 
 

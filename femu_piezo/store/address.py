@@ -25,7 +25,7 @@ def check_address(word: str) -> str:
         return word
     raise InputError(
         f"--store {word}: this is no address of a store; give postgresql://user@host/name or a file that ends in "
-        f"{_ENDINGS[0]}, and where --store is to have no address write --store={HERE} or put it last"
+        f"{_ENDINGS[0]}, and to use --store without an address write --store={HERE} or put it last"
     )
 
 

@@ -62,7 +62,7 @@ def _check(store: str, rows: list[dict[str, Any]], lots: Sequence[str], quantiti
     missing = set(lots) - {row["lot"] for row in rows}
     if not rows and not lots:
         raise InputError(
-            f"--store {store}: the store holds no piece yet; batch, update, measure and diagnose keep theirs in it"
+            f"--store {store}: the store holds no piece yet; run batch, update, measure or diagnose with this --store"
         )
     if missing:
         raise InputError(
@@ -71,7 +71,9 @@ def _check(store: str, rows: list[dict[str, Any]], lots: Sequence[str], quantiti
     numbers = {name for row in rows for name, value in row.items() if isinstance(value, (int, float))}
     for name in quantities:
         if name not in numbers:
-            raise InputError(f"--quantity {name}: no piece has such a number; give one such as s11, s11_tan or k_eff")
+            raise InputError(
+                f"--quantity {name}: no piece has a quantity of this name; give one such as s11, s11_tan or k_eff"
+            )
 
 
 def _by_lot(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
@@ -155,7 +157,7 @@ def _charts_table(charts: Sequence[Control]) -> Table:
             unit,
             f"{factor * means.centre:.5g}",
             limits,
-            f"of {FEWEST} on" if single is None else f"{len(single.beyond)} of {control.values.size}",
+            f"needs {FEWEST}" if single is None else f"{len(single.beyond)} of {control.values.size}",
             "-" if means.within is None else f"{to_percent * means.within:.2g} %",
             "-" if drift is None or not drift.of_lots else f"{to_percent * drift.between:.2g} %",
             "-" if drift is None else _drift_words(to_percent, drift),

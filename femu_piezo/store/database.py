@@ -121,7 +121,7 @@ class Database:
         if version is not None and not (version.isdecimal() and int(version) < int(VERSION)):
             raise InputError(
                 f"--store {self.shown}: its tables are of version {version}, made by a newer femu-piezo; this one "
-                f"knows version {VERSION}; install the newer one here as well"
+                f"reads version {VERSION}; install the newer one here as well"
             )
         self._with_retries(self._upgrade)
         self._ready = True

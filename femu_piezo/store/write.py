@@ -93,8 +93,8 @@ def lot_keeper(store: str, out: Path, lot: str) -> Iterator[Callable[[Job, dict[
         kept.close()
     if kept.error is not None:
         raise InputError(
-            f"{kept.error}; all results are in {out}, {kept.missing} of them not in the store: the same command writes "
-            "them once it can be reached"
+            f"{kept.error}; all results are in {out}, {kept.missing} of them not in the store: run the same command "
+            "again once the store can be reached"
         )
 
 

@@ -219,7 +219,7 @@ def test_some_lots_and_quantities_only(months, tmp_path):
         found["quantities"]["k_eff"]["drift"]["through"] == "pieces"
     )  # two lots are too few for a trend of lots, so single pieces are used
     assert "no such lot" in run("lots", "--store", months, "--lot", "2031", code=2)
-    assert "no piece has such a number" in run("lots", "--store", months, "--quantity", "s13", code=2)
+    assert "no piece has a quantity of this name" in run("lots", "--store", months, "--quantity", "s13", code=2)
 
 
 def test_an_empty_store_is_reported(tmp_path):
