@@ -18,12 +18,12 @@ class Rules:
         "expected number of causes in a sweep a priori, shared equally by all candidates of the library and the forms "
         "of a discrepancy: a smooth error, a resonance and a step weigh as much as a candidate, errors of every "
         "resonance a hundredth of it; multiplied by the share of the misfit that a cause explains over the share that "
-        "it leaves, these are the odds that the cause is real and no imitation of something unknown",
+        "it leaves, these are the odds that the cause is real and not imitated by an unknown error",
     )
     significant: float = _rule(
         3.0,
-        "a cause without which the other causes would do is named only where it differs from zero by at least this "
-        "many of its standard deviations, and of its tolerance",
+        "a cause is named although the other causes would suffice only where its size differs from zero by at least "
+        "this many of its standard deviations, and of its tolerance",
     )
     alike: float = _rule(
         3.0,

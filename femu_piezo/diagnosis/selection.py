@@ -197,7 +197,7 @@ class _Search:
             titles = {effect.title for effect in current.parameters.causes}
             with_placed = self._weighing.leaves_something(current)  # candidates at a place take longest
             others = [e for e in self._library if e.title not in titles and (with_placed or e.local is None)]
-            words = f"beside {' and '.join(sorted(keys))}" if keys else "candidate"
+            words = f"candidate with {' and '.join(sorted(keys))}" if keys else "candidate"
             unions = {effect.key: self._known.get(keys | {effect.key}) for effect in others}
             known = {key: one.fit for key, one in unions.items() if one is not None and not one.fit.extrapolated}
             enlarged = Enlargement(self._weighing, current, others, known, self._tell, words)

@@ -83,7 +83,7 @@ def test_no_third_cause_is_sought_where_an_uneven_body_is_all_there_is(setup):
     library = [setup.library[name] for name in names]
     result = compare(setup.evaluation, data, setup.unknowns, setup.x, library, progress=steps.append)
     assert judge(result).word == "unknown" and not result.found
-    assert any(words.startswith("beside ") for words in steps)
+    assert any(words.startswith("candidate with ") for words in steps)
     assert not any(" and " in words for words in steps)
 
 

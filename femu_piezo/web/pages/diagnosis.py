@@ -17,7 +17,7 @@ from femu_piezo.web.site import Site, complain, nothing, table
 _ANSWERS = {
     "wrong": "What is wrong",
     "sure": "How sure",
-    "constants": "What it did to your constants",
+    "constants": "What it means for the constants",
     "measures": "What to do",
 }
 _MOST = 12
