@@ -52,7 +52,7 @@ def residual_charts(result: Diagnosis) -> list[Chart]:
         error = np.log(curve.impedance / result.spectrum.impedance) / sigma
         remaining = (result.verdict.before, result.verdict.after)[index]
         judged = (
-            "beyond noise, in size or in correlation of neighbours"
+            "beyond noise, in size or in correlation of neighbouring points"
             if remaining.structured
             else "compatible with noise alone"
         )
