@@ -113,7 +113,7 @@ def from_table(
         variants = [effect for effect in known if effect.name == name]
         if not variants:
             names = ", ".join(sorted({effect.name for effect in known}))
-            raise InputError(f"{where}: {kind}.{name} is no effect that this specimen can have; known are {names}")
+            raise InputError(f"{where}: {kind}.{name} is no effect that this specimen can have; use one of {names}")
         if not isinstance(free, tuple) or not set(free) <= set(values):
             raise InputError(
                 f"{where}: {kind}.{name}.{FREE} = {_as_written(free)} is no list of parameters of its table, such as "
@@ -128,7 +128,8 @@ def from_table(
                 found.append((effect.within_spread if asked else effect, np.array(given)))
         if unread or not values:
             words = "; or ".join(", ".join(f"{p.name} ({p.unit})" for p in effect.parameters) for effect in variants)
-            raise InputError(f"{where}: {kind}.{name} has {sorted(unread) or 'nothing'}; give {words}")
+            keys = ", ".join(sorted(unread)) or "no parameters"
+            raise InputError(f"{where}: {kind}.{name} cannot be made from {keys}; give {words}")
     return tuple(found)
 
 

@@ -83,7 +83,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         found.append(
             Effect(
                 name="repeatability",
-                sentence="the resonances of a specimen are not the same from sweep to sweep",
+                sentence="the resonance frequencies of the specimen differ from sweep to sweep",
                 parameters=tuple(
                     EffectParameter(
                         f"sweep_{number + 1}", "1", -0.01, 0.01, repeats, repeats, optional=True, tolerance=repeats

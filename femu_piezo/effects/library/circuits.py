@@ -140,7 +140,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         ),
         Effect(
             name="stray_capacitance",
-            sentence="cable or fixture add a capacitance parallel to the specimen",
+            sentence="the cable or the fixture adds a capacitance in parallel with the specimen",
             parameters=(
                 EffectParameter(
                     "capacitance",
@@ -154,16 +154,16 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             ),
             confusable_with=("eps33T",),
             advice=(
-                "measure the open fixture without the specimen and compensate it",
-                "measure a second specimen of the same material and other size: ε33T scales with it, a stray "
-                "capacitance does not",
+                "sweep the open fixture without the specimen, and compensate its capacitance",
+                "measure a second specimen of the same material and another size: its capacitance differs, the stray "
+                "capacitance stays the same",
             ),
             circuit=_in_parallel(_derivative),
             outward=4.0,
         ),
         Effect(
             name="leakage",
-            sentence="a conductance leaks parallel to the specimen (surface, moisture, fixture)",
+            sentence="a leakage conductance lies in parallel with the specimen (surface, moisture, fixture)",
             parameters=(
                 EffectParameter(
                     "conductance", "S", -0.1 * conductance, conductance, 1e-3 * conductance, 0.02 * conductance
@@ -171,7 +171,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             ),
             confusable_with=("tan_eps33T", "dielectric_dispersion"),
             advice=(
-                "measure at 100 Hz to 1 kHz, where a conductance outweighs the capacitance",
+                "measure at 100 Hz to 1 kHz, where a leakage conductance raises the loss tangent most",
                 "clean and dry the rim",
             ),
             circuit=_in_parallel(_constant),
@@ -179,7 +179,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         ),
         Effect(
             name="contact_gap",
-            sentence="an electrode or contact stands off its face: the gap is a capacitance in series",
+            sentence="an electrode or contact does not touch its face, and the gap is a capacitance in series",
             parameters=(
                 EffectParameter(
                     "inverse_capacitance",
@@ -203,8 +203,8 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             confusable_with=("eps33T", "d31", "series_inductance"),
             advice=(
                 "measure again with electrodes sputtered or painted onto the faces",
-                "press the contacts harder, or move them: a gap changes, the material does not",
-                "measure a second specimen of the same material and other thickness: ε33T is common to both",
+                "press the contacts harder, or move them: this changes a gap, but not the material",
+                "measure a second specimen of the same material and another thickness: both have the same ε33T",
             ),
             circuit=_gap,
             outward=0.5,
@@ -218,7 +218,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             ),
             confusable_with=("stray_capacitance", "series_inductance", "eps33T"),
             advice=(
-                "sweep the open and the shorted end of the cable: one shows its capacitance, the other its inductance",
+                "sweep the cable with its end open for its capacitance, and with its end shorted for its inductance",
                 "measure again at the terminals of the instrument, or compensate with the cable in place",
             ),
             circuit=_cable,

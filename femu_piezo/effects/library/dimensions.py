@@ -68,8 +68,8 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             confusable_with=_CONFUSABLE[name],
             advice=(
                 f"measure the {words} with a micrometer",
-                "widen the band to the modes of the other dimensions",
-                "measure a second specimen of the same material and other size: a constant is common to both",
+                "sweep a wider band, which holds modes that depend on the other dimensions",
+                "measure a second specimen of the same material and another size: both have the same constants",
             ),
             **hooks,
         )

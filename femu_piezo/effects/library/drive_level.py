@@ -74,15 +74,15 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     return (
         Effect(
             name="drive_level",
-            sentence="the drive is too high: the material softens where the strain is large, and resonances lean over",
+            sentence="the drive voltage is too high: large strain softens the material and lowers its resonances",
             parameters=(
                 EffectParameter("softening", "1", 0.0, 0.1, 5e-4, 3e-3, law_error=_LAW_ERROR),
                 EffectParameter("loss_ratio", "1", 0.0, 3.0, 0.2, 0.4, rest=0.4, optional=True, law_error=_LAW_ERROR),
             ),
             confusable_with=("temperature_drift", "sweep_too_fast", "tan_s11"),
             advice=(
-                "sweep again at a third of the voltage: the lean falls to a ninth",
-                "sweep again in the opposite direction: a drift changes its sign, a lean does not",
+                "sweep again at a third of the voltage: the shift of the resonances falls to a ninth",
+                "sweep again in the opposite direction: a shift by drift changes its sign, one by the drive does not",
             ),
             acquisition=_hook(context.taken.drive),
             outward=0.3,

@@ -28,7 +28,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     return (
         Effect(
             name="edge_depoling",
-            sentence="the poling is lost along the edges: less of the body is driven than its electrodes cover",
+            sentence="the material is depoled along the edges: less of it is driven than the electrodes cover",
             parameters=(
                 EffectParameter("reach", "m", 0.0, DEEPEST * size, 0.005 * size, 0.02 * size, starts, law_error=0.03),
             ),

@@ -32,7 +32,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     return (
         Effect(
             name="electrode_margin",
-            sentence=f"the electrodes end before the body does: {where}",
+            sentence=f"the electrodes do not reach the edges of the body: {where}",
             parameters=(
                 EffectParameter(
                     "margin",

@@ -72,7 +72,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     return (
         Effect(
             name="electrode_resistance",
-            sentence="the electrodes are thin: they have a sheet resistance, and currents run within them",
+            sentence="the electrodes are thin, and the current along them loses power in their sheet resistance",
             parameters=(
                 EffectParameter(
                     "sheet_resistance", "ohm", 0.0, 10 * typical, 5e-3 * typical, 0.1 * typical, law_error=_LAW_ERROR
@@ -81,9 +81,9 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             ),
             confusable_with=("series_resistance", "tan_s11", "tan_eps33T"),
             advice=(
-                "measure the resistance along each electrode by four points",
-                "sweep again with the contacts moved from the middle to one end: the loss of the electrodes grows to "
-                "four times, that of the leads stays",
+                "measure the resistance along each electrode with four probes",
+                "sweep again with the contacts moved from the middle to one end: the loss in the electrodes grows "
+                "fourfold, that in the leads stays the same",
             ),
             circuit=_hook(context, context.dimensions),
             outward=0.7,

@@ -30,10 +30,13 @@ def _mean_film(context: EffectContext) -> tuple[Effect, ...]:
     return (
         Effect(
             name="electrode_mass",
-            sentence="the electrodes are heavy: a film of mass on both faces",
+            sentence="the electrodes are heavy, and their mass loads both faces",
             parameters=(EffectParameter("mass_per_area", "kg/m^2", 0.0, 0.2 * mass, 0.005 * mass, 0.05 * mass),),
             confusable_with=("wrong_length", "s11"),
-            advice=("weigh the specimen and compare with density × volume", "measure the thickness of the electrodes"),
+            advice=(
+                "weigh the specimen, and compare its mass with density × volume",
+                "measure the thickness of the electrodes",
+            ),
             terms=(ExtraTerm("film", "inertia", None, _mass, (0.02 * mass,), on_electrodes=electrode_film),),
         ),
     )
@@ -61,7 +64,10 @@ def _unequal(context: EffectContext) -> tuple[Effect, ...]:
                 ),
             ),
             confusable_with=("electrode_mass", "point_mass"),
-            advice=("measure the thickness of both electrodes", "compare with the simulation of a bare plate"),
+            advice=(
+                "measure the thickness of both electrodes",
+                "compare the sweep with a simulation without electrode mass",
+            ),
             local=_difference,
             sectors=("z", "z film") if context.radii is None else (BENDING, FILM),
         ),

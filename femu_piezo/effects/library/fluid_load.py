@@ -38,7 +38,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     return (
         Effect(
             name="fluid_load",
-            sentence="the faces are wet: a liquid is sheared and pressed by them as they vibrate",
+            sentence="a liquid or gas loads the faces: they shear and compress it as they vibrate",
             parameters=(
                 EffectParameter("shear_load", "kg/(m^2 s^0.5)", 0.0, 1e3, 1.0, 10.0, law_error=0.05),
                 EffectParameter("radiation", "kg/(m^2 s)", 0.0, 5e6, 1e4, 1e5, optional=True),
@@ -47,7 +47,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             confusable_with=("electrode_mass", "frequency_dependent_elastic_loss", "tan_s11"),
             advice=(
                 "clean and dry the specimen, and sweep it again",
-                "sweep it once more in vacuum: the load of air goes, losses of the material stay",
+                "sweep it once more in vacuum: the load by the air disappears, the losses of the material remain",
             ),
             terms=(
                 ExtraTerm("tangential film", "stiffness", None, _shear, on_electrodes=_TANGENTIAL),

@@ -17,13 +17,13 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         Effect(
             name="wrong_insensitive_parameter",
             variant=name,
-            sentence=f"the constant {name}, held fixed, is not that of this material",
+            sentence=f"the constant {name} is held at a value that is not that of this material",
             parameters=(
                 _value(name, context.tolerances.get(name, 0.0)),
                 _tangent(name, context.tolerances.get(f"tan_{name}", 0.0)),
             ),
             confusable_with=tuple(other for other in held if other != name),
-            advice=(f"free {name} and measure a specimen that determines it (`femu-piezo identify` says which)",),
+            advice=(f"set {name} free, and measure a specimen that determines it (see `femu-piezo identify`)",),
             constants=ConstantFactor(D_FORM.index(name)),
         )
         for name in held

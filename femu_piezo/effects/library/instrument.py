@@ -35,7 +35,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     return (
         Effect(
             name="instrument",
-            sentence="the instrument's error of magnitude and phase, within its accuracy",
+            sentence="the instrument has an error of magnitude and phase, within its stated accuracy",
             parameters=tuple(
                 EffectParameter(name, "1", -20.0, 20.0, 1.0, 1.0, optional=True, tolerance=1.0) for name in names
             ),

@@ -121,12 +121,12 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         return ()
     common = Effect(
         name="local_crack",
-        sentence="a spot yields more than the rest in the plane of the faces: a crack, or a hole",
+        sentence="a spot is more compliant than the rest in the plane of the faces: a crack, or a hole",
         parameters=(),
         confusable_with=("point_mass", "s11", "wrong_length"),
         advice=(
-            "look at it under a microscope or with dye",
-            "ring it at higher drive: cracks rattle",
+            "look for a crack under a microscope or with a dye penetrant",
+            "sweep again at a higher voltage: the response of a crack changes with amplitude",
         ),
     )
     if context.dimensions is None:
@@ -162,7 +162,7 @@ def _of_a_slice(length: float, common: Effect) -> Effect:
     sites, width = _SITES * length / 2, length / 40
     return replace(
         common,
-        sentence="a slice across the plate yields more than the rest: a crack or a soft joint",
+        sentence="a slice across the plate is more compliant than the rest: a crack or a soft joint",
         parameters=(
             EffectParameter("added_length", "m", 0.0, 0.2 * length, 0.002 * length, 0.03 * length, law_error=0.04),
             EffectParameter("position", "m", 0.0, length / 2, length / 40, 5 * length, rest=length / 4, law_error=0.02),

@@ -30,7 +30,7 @@ _ELASTIC = slice(0, 5)
 _LAW_ERROR = 0.1
 #: Largest exponent (that of a causal law is below 2), and largest change of it, which its prior keeps smaller still.
 _STEEPEST, _CHANGE = 1.5, 4.0
-_SENTENCE = "the elastic loss tangent follows a power of frequency about the fundamental"
+_SENTENCE = "the elastic loss tangent changes with frequency by a power law"
 
 
 def partner(n: float, logs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -78,8 +78,13 @@ def _elastic(context: EffectContext) -> tuple[Effect, ...]:
 
     change = EffectParameter("change_of_exponent", "1", -_CHANGE, _CHANGE, 0.3, 0.5, optional=True)
     laws = (
-        ("", (exponent("exponent"), change), False, "; not causal"),
-        ("causal", (exponent("causal_exponent"),), True, ", with the dispersion it causes"),
+        ("", (exponent("exponent"), change), False, "; the law is not causal"),
+        (
+            "causal",
+            (exponent("causal_exponent"),),
+            True,
+            ", with the dispersion of the compliances that causality requires",
+        ),
     )
     return tuple(
         Effect(
@@ -88,7 +93,7 @@ def _elastic(context: EffectContext) -> tuple[Effect, ...]:
             sentence=_SENTENCE + words,
             parameters=parameters,
             confusable_with=("wrong_insensitive_parameter", "tan_s11"),
-            advice=("measure up to the next overtones: each new mode is one more loss",),
+            advice=("measure up to the next overtones: each further mode gives the loss at another frequency",),
             constants=_hook(anchor, causal),
             dispersive=True,
         )
@@ -115,13 +120,13 @@ def _dielectric(context: EffectContext) -> tuple[Effect, ...]:
     return (
         Effect(
             name="dielectric_dispersion",
-            sentence="ε33T falls with frequency, by a share per decade",
+            sentence="ε33T falls with frequency, by a fraction of its value per decade",
             parameters=(
                 EffectParameter("fall_per_decade", "1", -0.1, 0.4, 0.01, 0.1, law_error=_LAW_ERROR),
                 EffectParameter("change_per_decade", "1", -2.0, 2.0, 0.1, 0.3, optional=True),
             ),
             confusable_with=("eps33T", "series_inductance", "leakage"),
-            advice=("measure over two more decades towards low frequency, where no resonance disturbs",),
+            advice=("measure over two more decades of low frequencies, far below the resonances",),
             constants=constants,
             dispersive=True,
         ),

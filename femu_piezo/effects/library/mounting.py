@@ -113,10 +113,13 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     )
     common = Effect(
         name="mounting",
-        sentence="the support holds the body: springs and dashpots to ground",
+        sentence="the support restrains the body, like springs and dashpots to ground",
         parameters=parameters,
         confusable_with=("frequency_dependent_elastic_loss", "wrong_insensitive_parameter"),
-        advice=("measure again hung on thin wires or lying on foam", "move the support and see what changes"),
+        advice=(
+            "measure again with the specimen hung on thin wires or lying on foam",
+            "move the support, and compare the sweeps",
+        ),
         dispersive=True,
     )
     if context.upper is not None:
@@ -126,7 +129,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         width = EffectParameter(
             "width", "m", 0.0, length / 4, length / 20, length / 15, rest=length / 15, optional=True
         )
-        sentence = "the support at the middle holds the plate: a spring and a dashpot to ground"
+        sentence = "the support restrains the plate at its middle, like a spring and a dashpot to ground"
         hook = _hook(_line, 1 / np.sqrt(12.0))
         return (replace(common, sentence=sentence, parameters=(*parameters, width), local=hook),)
     inner, outer = context.radii

@@ -39,7 +39,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         curved = (EffectParameter("curvature", "1", -0.5, 0.5, 0.02, 0.05, optional=True),)
         advice = (
             "measure d33 at both ends with a d33 meter",
-            "split one electrode across the length and compare the halves",
+            "divide one electrode into halves along the length, and compare the sweeps of the two",
         )
     else:
         along, low, local, sectors, curved = "the radius", -0.95, _radial, (), ()
@@ -48,7 +48,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     return (
         Effect(
             name="poling_gradient",
-            sentence=f"the poling changes along {along}: modes are driven otherwise than in a uniform body",
+            sentence=f"the poling changes along {along}: modes are driven more or less strongly than in a uniform body",
             parameters=(
                 EffectParameter("gradient", "1", low, 0.95, 0.1, 0.3, starts=starts),
                 *curved,

@@ -48,8 +48,8 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
         Effect(
             name="relaxation",
             sentence=(
-                "the permittivity relaxes: it falls over some decade of frequency, with a peak of its loss, "
-                "which comes on top of tan eps33T"
+                "the permittivity has a relaxation: it falls about one frequency, where its loss has a peak, "
+                "in addition to tan eps33T"
             ),
             parameters=(
                 EffectParameter("strength", "1", 0.0, 3.0, 0.01, 0.1),
@@ -67,8 +67,9 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             ),
             confusable_with=("dielectric_dispersion", "tan_eps33T", "leakage"),
             advice=(
-                "measure over two more decades towards low frequency, where no resonance disturbs",
-                "measure once more at another temperature: a relaxation moves along frequency, an electrode does not",
+                "measure over two more decades of low frequencies, far below the resonances",
+                "measure once more at another temperature: a relaxation moves in frequency, the effect of an electrode "
+                "does not",
             ),
             constants=_hook(fundamental),
             dispersive=True,

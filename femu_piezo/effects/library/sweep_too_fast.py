@@ -45,14 +45,14 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     return (
         Effect(
             name="sweep_too_fast",
-            sentence="the sweep was too fast for the resonances: they still ring from the frequencies before",
+            sentence="the sweep was too fast: resonances were still ringing from the frequencies before",
             parameters=(
                 EffectParameter("rate", "Hz/s", -0.2 * limit, 0.2 * limit, 5e-3 * limit, 0.03 * limit, law_error=0.05),
             ),
             confusable_with=("temperature_drift", "tan_s11", "frequency_dependent_elastic_loss"),
             advice=(
-                "sweep again at a tenth of the rate: what is the body's stays",
-                "sweep again in the opposite direction: the rate changes its sign",
+                "sweep again at a tenth of the rate: only what belongs to the body remains",
+                "sweep again in the opposite direction: the error changes its sign with the rate",
             ),
             acquisition=_hook(1.0 if context.taken.rising else -1.0),
             outward=6.0,

@@ -60,7 +60,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     return (
         Effect(
             name="temperature_drift",
-            sentence="the specimen warmed up or cooled down during the sweep: resonances drift, later ones further",
+            sentence="the specimen warmed up or cooled down during the sweep: later resonances are shifted further",
             parameters=(
                 EffectParameter("drift", "1", -0.1, 0.1, 5e-4, 3e-3, law_error=_LAW_ERROR),
                 *(
@@ -70,8 +70,8 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             ),
             confusable_with=("wrong_insensitive_parameter", "wrong_width", "frequency_dependent_elastic_loss"),
             advice=(
-                "sweep again in the opposite direction: a drift changes its sign, a constant does not",
-                "wait until the specimen has the temperature of the room, and sweep at a lower level",
+                "sweep again in the opposite direction: a drift changes the sign of its shift, a constant does not",
+                "wait until the specimen has the temperature of the room, and sweep at a lower voltage",
             ),
             acquisition=_hook(context),
             outward=0.25,

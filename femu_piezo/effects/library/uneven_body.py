@@ -40,7 +40,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     return (
         Effect(
             name="uneven_body",
-            sentence="density, stiffness or poling change along the length, as no cause of the library describes",
+            sentence="density, stiffness or poling changes along the length as no other effect describes",
             parameters=(
                 parameter("density_gradient", 0.5, 0.03, (0.01, 0.04)),
                 parameter("density_curvature", 0.5, 0.03),
