@@ -235,30 +235,32 @@ def _notes(circuit: Circuit) -> list[str]:
     if negative:
         places = ", ".join(f"{one.frequency_Hz:.6g} Hz" for one in negative)
         found.append(
-            f"the residue at {places} is turned so far that a resistance of its branch is negative: right as a part of "
-            "the circuit, in SPICE too, but not to be bought"
+            f"the residue at {places} has a phase that makes a resistance of its branch negative: the circuit is right "
+            "with it, in SPICE too, but cannot be built from passive components"
         )
     if doubtful := [f"{one.frequency_Hz:.6g} Hz" for one in circuit.branches if one.doubtful]:
         found.append(
-            f"the sweep hardly tells the branch at {', '.join(doubtful)} by itself: it belongs to the curve and need "
-            "not be a mode"
+            f"the sweep hardly determines the branch at {', '.join(doubtful)}: the curve needs it, but it may not be a "
+            "mode of the body"
         )
     broad = sum(part.kind == "RLC" for part in circuit.static)
     if broad:
         found.append(
-            f"no passive elements follow what the branches leave of this curve: {broad} broad resonances and a C and R "
-            "beside them have either sign, and are right together and in this band alone"
+            f"the rest of this curve, without the branches, is not that of passive elements: it is fitted by {broad} "
+            "broad resonances, a C and an R of either sign, which are valid only together and only in this band"
         )
     elif any(part.values["R"] < 0 for part in circuit.static if part.kind == "R"):
-        found.append("the negative resistor takes back the direct current which the Rp of the branches let through")
+        found.append("the negative resistor cancels the direct current through the Rp of the branches")
     rms, largest = circuit.misfit
     found.append(f"the circuit follows its curve within {100 * rms:.2g} % rms and {100 * largest:.2g} % at most")
     if circuit.misfit_of_sweep is not None:
         rms, most = circuit.misfit_of_sweep
-        found[-1] += f", the measured sweep with its noise within {100 * rms:.2g} % rms and {100 * most:.2g} % at most"
+        found[-1] += (
+            f", and the measured sweep, with its noise, within {100 * rms:.2g} % rms and {100 * most:.2g} % at most"
+        )
     if largest > _MISSED and not broad:
         found.append(
-            "a circuit of R, L and C is causal and passive; constant loss tangents over a wide band (Kramers and "
-            "Kronig) and what a sweep has of errors are not, and stay outside it"
+            "a circuit of R, L and C is causal and passive; it cannot follow loss tangents that are constant over a "
+            "wide band (Kramers and Kronig), nor the errors of a sweep"
         )
     return found

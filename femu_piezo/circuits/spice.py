@@ -30,7 +30,10 @@ def spice_text(circuit: Circuit) -> str:
         lines.append(f"* mode {index}: {branch.frequency_Hz:.6f} Hz, Q {branch.quality_factor:.6g}{doubtful}")
         lines += _series(f"m{index}", branch.elements)
     signed = any(part.kind == "RLC" for part in circuit.static)
-    lines.append("* what the modes leave" + (", of either sign: right together and in this band alone" * signed))
+    lines.append(
+        "* rest of the curve, without the modes"
+        + (", of either sign: valid only together and only in this band" * signed)
+    )
     for index, part in enumerate(circuit.static, 1):
         lines += _series(f"s{index}", part.values) if len(part.values) > 1 else _single(f"s{index}", part.values)
     return "\n".join([*lines, f".ends {name}", ""])

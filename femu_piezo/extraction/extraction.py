@@ -195,8 +195,8 @@ def _inflation(result: Fit, findings: list[Finding]) -> float:
     findings.append(
         Finding(
             "noise_underestimated",
-            f"the residual is {result.scale:.2f} times the noise given in the file: standard deviations are "
-            "widened by that factor",
+            f"the rms residual is {result.scale:.2f} times the noise given in the file: the standard deviations "
+            "are multiplied by this factor",
         )
     )
     return result.scale

@@ -59,8 +59,8 @@ def too_few_points(spectrum: ImpedanceSpectrum, usable: int, needed: int) -> Fin
     """The finding of a sweep with fewer usable points than a fit of one mode on a background needs."""
     return Finding(
         "too_few_points",
-        f"{spectrum.source}: {usable} usable points are fewer than the {needed} that one resonance on a "
-        "background needs; measure more points",
+        f"{spectrum.source}: the sweep has {usable} usable points, and a fit of one resonance on a "
+        f"background needs {needed}; measure more points",
     )
 
 
@@ -79,8 +79,8 @@ def find_clipping(spectrum: ImpedanceSpectrum) -> tuple[np.ndarray, list[Finding
             findings.append(
                 Finding(
                     "clipped",
-                    f"{run} readings side by side share the {name} |Z| = {extreme:.4g} ohm: the peak is "
-                    "clipped; these points are left out of the fit, check the range of the instrument",
+                    f"{run} neighbouring readings have the same {name} |Z| = {extreme:.4g} ohm: the peak is "
+                    "clipped; these points are left out of the fit; check the range of the instrument",
                 )
             )
     return clipped, findings
@@ -104,10 +104,10 @@ def find_systematic(systematic: Discrepancy, error: np.ndarray, freedom: int, sw
     return [
         Finding(
             "correlated_residual",
-            f"the best passive linear body misses the sweep by {100 * missed:.2g} % rms, alike at neighbouring "
-            f"points, which scatter by {100 * scatter:.2g} %; most of it between {_hertz(low)} and {_hertz(high)} Hz: "
-            "drive level, drift, a moving contact, the instrument, or modes too close to be told; standard deviations "
-            "allow for it",
+            f"the best fit of a passive linear body differs from the sweep by {100 * missed:.2g} % rms, with a scatter "
+            f"of {100 * scatter:.2g} % between neighbouring points; the misfit is largest between {_hertz(low)} and "
+            f"{_hertz(high)} Hz; causes may be the drive level, a drift, a moving contact, the instrument, or modes "
+            "too close to be separated; the standard deviations allow for it",
         )
     ]
 
@@ -122,8 +122,8 @@ def find_doubtful(roots: Roots) -> list[Finding]:
     return [
         Finding(
             "doubtful",
-            f"{what} at {places} Hz {verb} doubtful: the sweep asks for a resonance there, and does not tell its loss "
-            "or its strength",
+            f"{what} at {places} Hz {verb} doubtful: the sweep shows a resonance there, but does not determine its "
+            "loss or its strength",
         )
     ]
 
@@ -135,8 +135,8 @@ def find_reversed(data: NormalisedSweep) -> list[Finding]:
     return [
         Finding(
             "negative_resistance",
-            "the resistance is negative at most points: terminals reversed, or 180° in the phase; poles, zeros and "
-            "k_eff do not depend on the sign",
+            "the resistance is negative at most points: the terminals are reversed, or the phase is off by 180°; "
+            "poles, zeros and k_eff do not depend on the sign",
         )
     ]
 
@@ -149,7 +149,7 @@ def find_missing(roots: Roots, spectrum: ImpedanceSpectrum) -> list[Finding]:
         return [
             Finding(
                 "no_resonance",
-                f"no resonance between {_hertz(low)} and {_hertz(high)} Hz stands out of the noise; "
+                f"no resonance between {_hertz(low)} and {_hertz(high)} Hz can be told from noise; "
                 "measure another band, or average more",
             )
         ]
@@ -163,7 +163,7 @@ def find_missing(roots: Roots, spectrum: ImpedanceSpectrum) -> list[Finding]:
 
 def _outside(word: str, kind: str, roots: Roots, end: float) -> str:
     far = [r for r in roots.outside if r.kind == kind]
-    guess = f"; extrapolated to {_hertz(far[0].frequency_Hz)} Hz, not to be relied on" if far else ""
+    guess = f", at an extrapolated {_hertz(far[0].frequency_Hz)} Hz, which is not reliable" if far else ""
     return f"a mode has its {word} ({kind}) outside the sweep, beyond {_hertz(end)} Hz{guess}; widen the sweep"
 
 

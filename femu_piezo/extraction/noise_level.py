@@ -37,7 +37,7 @@ def weight_of_file(spectrum: ImpedanceSpectrum) -> np.ndarray | None:
     if spectrum.noise is None:
         return None
     if not (np.all(np.isfinite(spectrum.noise)) and np.all(spectrum.noise > 0)):
-        raise InputError(f"{spectrum.source}: the noise must be positive at every point; leave it out if unknown")
+        raise InputError(f"{spectrum.source}: the noise must be positive at every point; leave it out if it is unknown")
     return np.abs(spectrum.impedance) / spectrum.noise
 
 

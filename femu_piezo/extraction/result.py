@@ -87,7 +87,7 @@ class Extraction:
         """A sentence for each pair whose quality factors differ; and why there are no figures, where there are none."""
         told = tuple(p.remark for p in self.pairs if p.remark)
         if self.pairs and self.figures is None:
-            told += ("no pole has its zero above it in this sweep, so there are no standard figures and no k_eff",)
+            told += ("no pole of this sweep has a zero above it, so there are no standard figures and no k_eff",)
         return told
 
     def to_json(self) -> dict:

@@ -70,8 +70,8 @@ def test_thickness_mode_among_lateral_overtones(measured_folder):
     assert len(zeros) == 4
     assert len(found.resonances.poles) >= 3
     assert found.status == "correlated_residual"
-    assert " Hz: drive level" in found.notes[0]
+    assert " Hz; causes may be the drive level" in found.notes[0]
     # the rms misfit is the same number everywhere in the result; it is no noise, as neighbours agree to 2e-5 (README)
     assert found.noise.origin == "misfit"
     assert f"by {100 * found.noise.relative:.2g} % rms" in found.notes[0]
-    assert "scatter by 0.002" in found.notes[0]
+    assert "scatter of 0.002" in found.notes[0]
