@@ -19,7 +19,7 @@ _CAUSES = {
     "phase_turned": "{told}: the phase is turned by 180°; set correct_phase = true in [measurement] of the specimen "
     "file (or --correct-phase) to turn it back",
     "reactance_sign": "the locus of Z turns counter-clockwise as the frequency rises, which no passive piece does; the "
-    "sign of the reactance (phase, susceptance) is swapped: change the sign of that column",
+    "sign of the reactance (or phase, or susceptance) is wrong: change the sign of that column",
     "resistance_sign": "{told} and the locus turns counter-clockwise; change the sign of the resistance column",
     "columns_exchanged": "{told} and the piece looks like a resistor; the columns of resistance and reactance are "
     "exchanged: exchange them or their names",
@@ -44,15 +44,15 @@ def order_points(
     if np.any(frequency <= 0):
         row = int(np.argmax(frequency <= 0))
         raise InputError(
-            f"{source}, line {lines[row]}: the frequency is {frequency[row]:g} Hz, and zero or less at "
+            f"{source}, line {lines[row]}: the frequency is {frequency[row]:g} Hz, and it is zero or less at "
             f"{int(np.sum(frequency <= 0))} points; remove these lines, or check which column is the frequency"
         )
     bad = (impedance == 0) | ~np.isfinite(impedance)
     if np.any(bad):
         row = int(np.argmax(bad))
         raise InputError(
-            f"{source}, line {lines[row]}: the impedance at {frequency[row]:g} Hz is {impedance[row]:g} ohm, and zero "
-            f"or infinite at {int(bad.sum())} points; measure these points again or remove their lines"
+            f"{source}, line {lines[row]}: the impedance at {frequency[row]:g} Hz is {impedance[row]:g} ohm, and it is "
+            f"zero or infinite at {int(bad.sum())} points; measure these points again or remove their lines"
         )
     notes = []
     steps = np.diff(frequency)
@@ -103,12 +103,15 @@ def _frequency_unit(spectrum: ImpedanceSpectrum, hertz_stated: bool) -> DataFaul
     told = f"the sweep runs from {low:.6g} to {high:.6g} Hz"
     whole = np.array([], dtype=int)
     if high < 1000 and not hertz_stated:
-        message = f"{told} by a header without a unit, which looks like kHz or MHz; write frequency_kHz or frequency_Hz"
+        message = (
+            f"{told} if its frequencies are in Hz, but they look like kHz or MHz, and the header gives no unit; write "
+            "frequency_kHz or frequency_Hz in the header"
+        )
         return DataFault("khz_for_hz", message, whole)
     if not resonant:
         return None
     message = (
-        f"{told} and has a resonance, which for a piece of ceramic means a length of metres; if the frequencies are "
+        f"{told} and has a resonance there, as only a piece of ceramic metres long would have; if the frequencies are "
         "in kHz, write frequency_kHz in the header"
     )
     return DataFault("khz_for_hz", message, whole, fatal=bool(high < 1000))

@@ -15,9 +15,9 @@ import numpy as np
 from femu_piezo.errors import InputError
 
 UNDERSTOOD = (
-    "understood are a frequency with R and X, |Z| and theta, G and B, |Y| and theta, or Cp and D, each with its unit, "
-    'such as "frequency_Hz,resistance_ohm,reactance_ohm" or "Frequency (kHz), |Z| (Ohm), theta (deg)"; '
-    'columns = ["Frequency (Hz)", "R (Ohm)", "X (Ohm)"] in [measurement] names those of a file that does not'
+    "a sweep needs columns of frequency with R and X, |Z| and theta, G and B, |Y| and theta, or Cp and D, each with "
+    'its unit, such as "frequency_Hz,resistance_ohm,reactance_ohm" or "Frequency (kHz), |Z| (Ohm), theta (deg)"; '
+    'columns = ["Frequency (Hz)", "R (Ohm)", "X (Ohm)"] in [measurement] names them for a file that does not'
 )
 
 _LABELS = {
@@ -171,14 +171,14 @@ def choose_columns(names: list[str], columns: list[Column | None], source: str) 
     shown = ", ".join(name.strip() for name in names)[:120]
     kinds = [column.kind if column else None for column in columns]
     if "frequency" not in kinds:
-        raise InputError(f"{source}: no column of ({shown}) is known to be the frequency; {UNDERSTOOD}")
+        raise InputError(f"{source}: none of the columns ({shown}) is recognised as the frequency; {UNDERSTOOD}")
     phase_kind = "phase_z" if "abs_z" in kinds else "phase_y"
     kinds = [phase_kind if kind == "phase" and phase_kind not in kinds else kind for kind in kinds]
     for pair in (*_PAIRS, *_LCR):
         if pair[0] in kinds and pair[1] in kinds:
             break
     else:
-        raise InputError(f"{source}: the columns ({shown}) hold no whole pair of impedance; {UNDERSTOOD}")
+        raise InputError(f"{source}: the columns ({shown}) include no complete pair for an impedance; {UNDERSTOOD}")
     for kind in ("frequency", *pair, "noise"):
         if kinds.count(kind) > 1:
             raise InputError(

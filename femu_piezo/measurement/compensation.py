@@ -61,7 +61,7 @@ class Compensation:
 
     def __post_init__(self) -> None:
         if self.load is not None and (self.open is None or self.short is None or self.standard is None):
-            raise InputError(f"{self.load.source}: a load compensates only together with open, short and its value")
+            raise InputError(f"{self.load.source}: a load needs the sweeps of open and short too, and its value")
         if self.open is None and self.short is None:
             raise InputError("a compensation needs a sweep of the open or of the shorted fixture")
 
@@ -82,7 +82,7 @@ class Compensation:
             slopes = compensation_slopes(raw, known=known, **values)
         if not np.all(np.isfinite(found)) or np.any(found == 0):
             raise InputError(
-                f"{spectrum.source}: the compensation leaves no impedance at "
+                f"{spectrum.source}: the compensated impedance is zero or infinite at "
                 f"{int(np.sum(~np.isfinite(found) | (found == 0)))} points; are open and short exchanged?"
             )
         raw_noise = _noise(spectrum)
@@ -90,7 +90,7 @@ class Compensation:
         for name, (_, noise) in readings.items():
             variance = variance + np.abs(slopes[name]) ** 2 * noise**2
         largest = float(np.max(np.abs(found / raw - 1)))
-        note = f"compensated by {', '.join(names)} from raw files: Z moved by up to {100 * largest:.2g} %"
+        note = f"compensated by {', '.join(names)} from raw files: Z changed by up to {100 * largest:.2g} %"
         return replace(spectrum, impedance=found, noise=np.sqrt(variance), notes=(*spectrum.notes, note))
 
 
@@ -134,7 +134,7 @@ def _at(reading: ImpedanceSpectrum, frequency: np.ndarray, as_admittance: bool) 
     low, high = reading.frequency[[0, -1]]
     if frequency[0] < low * (1 - 1e-9) or frequency[-1] > high * (1 + 1e-9):
         raise InputError(
-            f"{reading.source}: reaches from {low:.6g} to {high:.6g} Hz, and the sweep from {frequency[0]:.6g} to "
+            f"{reading.source}: this reading covers {low:.6g} to {high:.6g} Hz, and the sweep {frequency[0]:.6g} to "
             f"{frequency[-1]:.6g} Hz; measure the fixture over the whole sweep"
         )
     values = reading.admittance if as_admittance else reading.impedance

@@ -67,7 +67,7 @@ class Discrepancy:
         if self.form == "smooth":
             return "a smooth function of frequency"
         if self.form == "of every resonance":
-            return "an error of its own at every resonance"
+            return "a separate error at every resonance"
         return f"{self.form} near {self.place / 1e3:.3g} kHz"
 
     @property

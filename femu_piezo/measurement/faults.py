@@ -218,15 +218,15 @@ def _spike_faults(spectrum: ImpedanceSpectrum, spikes: dict[int, float]) -> list
     mains = _is_mains(spectrum.frequency[points])
     faults = []
     for kind, chosen, what in (
-        ("mains", points[mains], "multiples of the frequency of the mains, which leaks into the reading"),
-        ("spike", points[~mains], "single readings in error, or a resonance narrower than the steps"),
+        ("mains", points[mains], "interference at multiples of the mains frequency"),
+        ("spike", points[~mains], "faulty readings, or a resonance narrower than the steps of the frequency"),
     ):
         if chosen.size:
             shown = ", ".join(f"{f:.6g}" for f in spectrum.frequency[chosen[:5]])
             worst = max(spikes[int(point)] for point in chosen)
             message = (
-                f"{chosen.size} point{'s are' if chosen.size > 1 else ' is'} off the neighbours by up to {worst:.0f} "
-                f"standard deviations, at {shown}{' …' if chosen.size > 5 else ''} Hz: {what}; {_REMEDY}"
+                f"{chosen.size} point{'s differ' if chosen.size > 1 else ' differs'} from the neighbours by up to "
+                f"{worst:.0f} standard deviations, at {shown}{' …' if chosen.size > 5 else ''} Hz: {what}; {_REMEDY}"
             )
             faults.append(DataFault(kind, message, chosen, fatal=False))
     return faults
@@ -260,9 +260,9 @@ def _quantised(spectrum: ImpedanceSpectrum) -> tuple[DataFault | None, np.ndarra
     if np.median(worst) < 2 * np.median(noise) and equal < 0.2:
         return None, worst
     message = (
-        f"the {told[0]} is read in steps of {told[1]:.3g}, coarser than its noise ({equal:.0%} of the neighbours are "
-        f"equal), which is an error of {np.median(worst) / np.sqrt(12):.1e} of |Z|; export more digits, or give "
-        f"noise = {np.median(worst) / np.sqrt(12):.1g} in [measurement]"
+        f"the {told[0]} is recorded in steps of {told[1]:.3g}, coarser than its noise ({equal:.0%} of the "
+        f"neighbours are equal), which is a relative error of {np.median(worst) / np.sqrt(12):.1e} of |Z|; export more "
+        f"digits, or give noise = {np.median(worst) / np.sqrt(12):.1g} in [measurement]"
     )
     return DataFault("quantised", message, np.array([], dtype=int), fatal=False), worst
 

@@ -55,8 +55,8 @@ def read_formatted_trace(lines: list[str], source: str, names: Sequence[str] | N
     table = read_table(lines, source, names=names)
     if not np.any(table.values[:, -1]):
         raise InputError(
-            f"{source}: the second Formatted Data are zeros: the trace was shown in a rectangular format, which has "
-            "half of an impedance; save it in the format of R + jX, G + jB or |Z| and phase"
+            f"{source}: the second column of Formatted Data is zero: the trace was saved in a rectangular format, "
+            "which holds only one part of the impedance; save it in the format of R + jX, G + jB or |Z| and phase"
         )
     return table
 

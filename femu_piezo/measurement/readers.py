@@ -138,8 +138,8 @@ def _without(spectrum: ImpedanceSpectrum, mask: Bands) -> ImpedanceSpectrum:
         keep &= (spectrum.frequency < low) | (spectrum.frequency > high)
     if keep.sum() < FEWEST_POINTS:
         raise InputError(
-            f"{spectrum.source}: mask leaves {int(keep.sum())} of {len(spectrum)} points, and {FEWEST_POINTS} are the "
-            "fewest that serve; give narrower bands"
+            f"{spectrum.source}: mask leaves {int(keep.sum())} of {len(spectrum)} points, and at least "
+            f"{FEWEST_POINTS} are needed; give narrower bands"
         )
     left_out = int(np.sum(~keep))
     return replace(spectrum.select(keep), notes=(*spectrum.notes, f"left out (mask), {left_out} points"))
@@ -188,8 +188,8 @@ def _refuse_not_finite(table: Table, layout: Layout, source: str) -> None:
         row = int(np.argmax(wrong))
         column = next(index for index in used if not np.isfinite(table.values[row, index]))
         raise InputError(
-            f"{source}, line {table.lines[row]}: {table.names[column]!r} is {table.values[row, column]}, and so in "
-            f"{int(wrong.sum())} of {wrong.size} rows; measure these points again or remove their lines"
+            f"{source}, line {table.lines[row]}: {table.names[column]!r} is {table.values[row, column]}, and "
+            f"{int(wrong.sum())} of {wrong.size} rows are not finite; measure these points again or remove their lines"
         )
 
 
@@ -201,9 +201,8 @@ def _checked(
     if correct_phase:
         if not any(fault.kind == "phase_turned" for fault in faults):
             raise InputError(
-                f"{spectrum.source}: the phase is not turned by 180°, Re Z is negative at "
-                f"{int(np.sum(spectrum.impedance.real < 0))} of {len(spectrum)} points only; "
-                "leave the correction of the phase out"
+                f"{spectrum.source}: the phase is not turned by 180°, as Re Z is negative at only "
+                f"{int(np.sum(spectrum.impedance.real < 0))} of {len(spectrum)} points; remove correct_phase"
             )
         spectrum = replace(spectrum, impedance=-spectrum.impedance)
         note = "the phase was turned by 180°: Re Z was negative over most of the sweep"

@@ -31,7 +31,7 @@ def interpolated(spectrum: ImpedanceSpectrum) -> DataFault | None:
         if share > _SHARE:
             message = (
                 f"{share:.0%} of the points lie on straight lines of {name} between others, as in a curve read off a "
-                "picture or resampled: they are not measurements of their own, so stated deviations are too small; "
+                "picture or resampled: they are interpolated, not measured, so the standard deviations are too small; "
                 "use the original points"
             )
             return DataFault("interpolated", message, np.array([], dtype=int), fatal=False)

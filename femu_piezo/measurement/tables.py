@@ -48,7 +48,7 @@ def decode(raw: bytes, source: str) -> str:
         except UnicodeDecodeError:
             continue
     else:
-        raise InputError(f"{source}: this is not text, or text cut off in a character; give a text file of a sweep")
+        raise InputError(f"{source}: this is not text, or it ends within a character; give a text file of a sweep")
     text = text.rstrip("\x1a").replace("\r\n", "\n").replace("\r", "\n")
     if not text.strip():
         raise InputError(f"{source}: the file is empty; give a text file of a sweep")
@@ -89,8 +89,8 @@ def read_table(lines: list[str], source: str, first_line: int = 1, names: Sequen
         names = _find_names(lines[max(0, start - _HEADER_LINES) : start], delimiter, values.shape[1], source)
     elif len(names) != values.shape[1]:
         raise InputError(
-            f"{source}: columns names {len(names)} columns ({', '.join(names)[:80]}), and the rows have "
-            f'{values.shape[1]} numbers; name each, "" for one that is not meant'
+            f"{source}: the key columns names {len(names)} columns ({', '.join(names)[:80]}), and the rows have "
+            f'{values.shape[1]} numbers; name each, with "" for a column that is not used'
         )
     return Table(list(names), values, numbers)
 
@@ -105,7 +105,7 @@ def _with_points(lines: list[str], source: str) -> list[str]:
         return lines
     if all(re.fullmatch(r"[+-]?[1-9]\d{0,2},\d{3}", number) for number in quoted):
         raise InputError(
-            f"{source}: {quoted[0]!r} in quotes may be a decimal or have a separator of thousands; export plain numbers"
+            f"{source}: the comma of {quoted[0]!r} may be a decimal comma or separate thousands; export plain numbers"
         )
     return [_QUOTED_COMMA.sub(lambda match: match[0].replace(",", "."), line) for line in lines]
 
@@ -138,8 +138,8 @@ def _refuse_thousands(body: list[str], source: str) -> None:
     for line in body:
         if re.search(r"\d\.\d+,\d|\d,\d+\.\d|\d,\d+,\d", line):
             raise InputError(
-                f"{source}: {line.strip()[:60]!r} has numbers with separators of thousands, or points and commas both; "
-                "export plain numbers with one decimal sign"
+                f"{source}: {line.strip()[:60]!r} has numbers with separators of thousands, or with both points and "
+                "commas; export plain numbers with one decimal sign"
             )
 
 

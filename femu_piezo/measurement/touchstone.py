@@ -50,7 +50,7 @@ def read_touchstone(text: str, source: str, connection: Connection | None = None
     frequency, s, reference = _parse(text, source)
     ports = s.shape[1]
     if ports > 2:
-        raise InputError(f"{source}: the file has {ports} ports; export those one or two that the piece lies between")
+        raise InputError(f"{source}: the file has {ports} ports; export the one or two to which the piece is connected")
     if not np.all(np.isfinite(frequency)):
         raise InputError(f"{source}: a frequency of the file is not a finite number; export the sweep again")
     keep = frequency > 0
@@ -64,9 +64,7 @@ def read_touchstone(text: str, source: str, connection: Connection | None = None
     impedance, slope = impedance_of(seen, kind, reference[:, 0], reference[:, -1])
     if not np.all(np.isfinite(impedance)) or np.any(impedance == 0):
         bad = frequency[np.argmax(~np.isfinite(impedance) | (impedance == 0))]
-        raise InputError(
-            f"{source}: S at {bad:g} Hz is that of an open or a short circuit, without impedance; remove such points"
-        )
+        raise InputError(f"{source}: S at {bad:g} Hz is exactly that of an open or a short circuit; remove such points")
     order = np.argsort(frequency, kind="stable")
     frequency, impedance, slope, seen = (values[order] for values in (frequency, impedance, slope, seen))
     if np.any(np.diff(frequency) == 0):
@@ -163,10 +161,10 @@ def _noise(frequency, s, impedance, slope, kind: str, reference: float, source: 
     worst = int(np.argmax(relative))
     words = (
         f"{kind} against {reference:g} ohm: |Z| is {np.abs(impedance).min():.3g} to {np.abs(impedance).max():.3g} ohm, "
-        f"and an error of 0.001 in S is {0.1 * relative.min():.2g} % of |Z| at best and {0.1 * relative[worst]:.2g} % "
-        f"at {frequency[worst]:.6g} Hz"
+        f"and an error of 0.001 in S is one of {0.1 * relative.min():.2g} % of |Z| at best and of "
+        f"{0.1 * relative[worst]:.2g} % at {frequency[worst]:.6g} Hz"
     )
     if frequency.size < _FEWEST:
         return None, words
     sigma = estimate_noise(ImpedanceSpectrum(frequency, s, source=source)).std(s)
-    return sigma * slope, f"{words}; the noise counts it, that of S being {np.median(sigma):.1e}"
+    return sigma * slope, f"{words}; the noise of Z is computed from that of S, {np.median(sigma):.1e}"

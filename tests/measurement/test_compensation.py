@@ -145,7 +145,7 @@ def test_wrong_fixtures_are_told(tmp_path):
     with pytest.raises(InputError, match=r"measurement\.load\.resistance is missing; say what the load is"):
         read_specimen(tmp_path / "plate.toml")
     same = ImpedanceSpectrum(FREQUENCY, open_)
-    with pytest.raises(InputError, match="leaves no impedance"):
+    with pytest.raises(InputError, match="compensated impedance is zero or infinite"):
         Compensation(open=same, short=same).applied(same)
 
 

@@ -107,7 +107,7 @@ def test_noise_of_s_becomes_that_of_z(tmp_path, kind):
     found = read_spectrum(write(tmp_path, s, 50.0), connection=kind)
     sigma = np.abs(found.impedance - IMPEDANCE) / found.noise
     assert np.sqrt(np.mean(sigma**2)) == pytest.approx(1.0, abs=0.15)
-    assert "the noise counts it, that of S being" in found.notes[0]
+    assert "the noise of Z is computed from that of S" in found.notes[0]
     relative = found.noise / np.abs(found.impedance)
     assert relative.max() > 8 * relative.min()
 
