@@ -54,11 +54,11 @@ MEANING = {
     "N15": ("frequency constant fp t", "Hz m"),
     "s11": ("compliance across the poling", "m^2/N"),
     "s33": ("compliance along the poling", "m^2/N"),
-    "s33D": ("compliance along the poling, open", "m^2/N"),
+    "s33D": ("compliance along the poling, open circuit", "m^2/N"),
     "s44": ("shear compliance", "m^2/N"),
     "c33": ("stiffness along the poling", "Pa"),
-    "c33D": ("stiffness along the poling, open", "Pa"),
-    "c44D": ("shear stiffness, open", "Pa"),
+    "c33D": ("stiffness along the poling, open circuit", "Pa"),
+    "c44D": ("shear stiffness, open circuit", "Pa"),
     "d31": ("strain across the poling per field", "C/N"),
     "d33": ("strain along the poling per field", "C/N"),
     "d15": ("shear strain per field", "C/N"),
@@ -259,7 +259,8 @@ def _free_capacitance(points, piece: Piece, fs: float, fp: float) -> tuple[float
     """C^T, F, extrapolated to zero frequency by the formula of the body; loss tangent and notes."""
     frequency, impedance = points
     if frequency[0] >= 0.97 * fs:
-        return None, _Low(None, ("the sweep starts at the resonance: no capacitance and nothing that follows from it",))
+        note = "the sweep starts at the resonance, so it gives no capacitance and no figure that depends on it"
+        return None, _Low(None, (note,))
     y = 1 / impedance
     at = STATED if frequency[0] <= STATED <= min(_LOW * fs, frequency[-1]) else float(frequency[0])
     capacitance = float(np.interp(at, frequency, y.imag / (2 * np.pi * frequency)))
@@ -267,7 +268,7 @@ def _free_capacitance(points, piece: Piece, fs: float, fp: float) -> tuple[float
     notes = ()
     if at != STATED:
         way = "the formula of the body" if piece.kind not in ("other", "thickness plate") else "that of a single mode"
-        notes = (f"the sweep does not hold 1 kHz: its capacitance at {at:.6g} Hz was carried there by {way}",)
+        notes = (f"the sweep does not include 1 kHz: its capacitance at {at:.6g} Hz was extrapolated there by {way}",)
     if piece.kind == "thickness plate" and at > _LOW * fs:
         return None, _Low(tangent, notes)  # lateral modes lie between this frequency and fs
     return capacitance / piece.share(at, fs, fp), _Low(tangent, notes)
@@ -287,7 +288,8 @@ def _with_poisson(piece: Piece, pole: Resonance, overtone: Resonance | None) -> 
     ratio = overtone.frequency_Hz / pole.frequency_Hz if overtone is not None else 0.0
     poisson = disk_poisson(ratio) if _SECOND_RADIAL[0] < ratio < _SECOND_RADIAL[1] else None
     if poisson is None:
-        return piece, (f"sigma = {piece.poisson:.4g} is that of the material: the sweep holds no second radial mode",)
+        words = "is that of the material, as the sweep includes no second radial mode"
+        return piece, (f"the planar Poisson ratio {piece.poisson:.4g} {words}",)
     return replace(piece, poisson=poisson), ()
 
 
