@@ -116,7 +116,9 @@ class Draft:
         self.problem_or_raise()
         if self._on_disk() != self._saved:
             self._read()
-            raise InputError(f"{self._name}: the file was changed elsewhere; it is shown now, Undo leads to your edits")
+            raise InputError(
+                f"{self._name}: the file was changed elsewhere and is shown as it is now; Undo brings your edits back"
+            )
         write_atomically(self._workspace.path(self._name), self.text)
         self._saved = self.text
         self._keep()
@@ -153,7 +155,9 @@ class Draft:
         try:
             document = tomlkit.parse(self.text)
         except (TOMLKitError, RecursionError):
-            raise InputError(f"{self._name}: the text is no TOML just now; mend it on the right first") from None
+            raise InputError(
+                f"{self._name}: the text is not valid TOML at present; correct it on the right first"
+            ) from None
         if table and table not in document:
             if value is None:
                 return

@@ -63,15 +63,15 @@ class Guard:
         name = urlsplit(f"//{host}").hostname or ""
         # a foreign name that resolves to this machine would give a foreign page our origin (DNS rebinding)
         if self._token is None and not is_loopback(name):
-            return 403, "this page answers to this machine alone"
+            return 403, "this page can be opened on this machine only"
         origin = headers.get(b"origin")
         if origin is not None and urlsplit(origin).netloc != host:
-            return 403, "this request comes from another page"
+            return 403, "requests from other pages are refused"
         if self._token is not None and not self._has_token(scope, headers):
             return 403, "open the address with its token, as the terminal shows it"
         length = headers.get(b"content-length", "0")
         if not length.isdigit() or int(length) > _LARGEST_BODY:
-            return 413, f"more than {_LARGEST_BODY / 1e6:.0f} MB are not taken"
+            return 413, f"a request may have {_LARGEST_BODY / 1e6:.0f} MB at most"
         return None
 
     def _has_token(self, scope, headers: dict[bytes, str]) -> bool:

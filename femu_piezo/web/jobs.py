@@ -21,7 +21,7 @@ from femu_piezo.threads import available_cores
 State = Literal["waiting", "running", "done", "failed", "cancelled"]
 #: Jobs that are remembered in addition to waiting ones, and most that may wait.
 _REMEMBERED, _MOST_WAITING = 60, 200
-_STOPPED = "the server was stopped meanwhile"
+_STOPPED = "the server was stopped while the job ran"
 #: Environment variable in which the commands find the address of a store.
 STORE_VARIABLE = "FEMU_PIEZO_STORE"
 #: Seconds that an interrupted command has to tidy up.
@@ -109,7 +109,7 @@ class Jobs:
             number = 1 + max((job.number for job in self._jobs), default=0)
             job = Job(number, command, source, out, list(arguments), asked=time.time())
             if sum(one.active for one in self._jobs) >= _MOST_WAITING:
-                job.state, job.message = "failed", f"{_MOST_WAITING} jobs wait already; wait for some of them"
+                job.state, job.message = "failed", f"{_MOST_WAITING} jobs are waiting already; start this one later"
             self._jobs = [*self._jobs, job][-_REMEMBERED - _MOST_WAITING :]
             self._keep()
             self._wake.notify()

@@ -35,7 +35,7 @@ def serve(folder: Path, host: str, port: int, store: str | None = None) -> None:
     """
     workspace = Workspace.of(folder)
     if not os.access(workspace.folder, os.W_OK):
-        raise InputError(f"{folder}: the folder cannot be written to, and results are kept in it; choose another one")
+        raise InputError(f"{folder}: results are kept in this folder, but it cannot be written to; choose another one")
     os.environ["NICEGUI_STORAGE_PATH"] = str(workspace.own / "browsers")  # read when nicegui is imported
     os.environ.setdefault("MATPLOTLIB", "false")
     try:

@@ -103,7 +103,7 @@ class Site:
         def tell() -> None:
             jobs = self.jobs.all()[:12]
             active = sum(job.active for job in jobs)
-            button.text = f"jobs: {active} at work" if active else "jobs"
+            button.text = f"jobs: {active} active" if active else "jobs"
             state = [(job.number, job.state) for job in jobs]
             if state == shown:
                 return
@@ -111,7 +111,7 @@ class Site:
             rows.clear()
             with rows:
                 if not jobs:
-                    ui.label("Nothing was computed here yet.")
+                    ui.label("Nothing has been computed here yet.")
                 for job in jobs:
                     with ui.row().classes("items-center gap-2 no-wrap"):
                         ui.label(f"{job.command} {job.source}: {job.state}").classes("grow")
@@ -145,7 +145,7 @@ class Site:
                 start = ui.button(words).props("no-caps")
                 state = ui.label().props('role="status" aria-live="polite"').classes("grow")
                 cancel = ui.button("Cancel", color=None).props("flat no-caps")
-            bar = ui.linear_progress(show_value=False).props('indeterminate aria-label="at work"')
+            bar = ui.linear_progress(show_value=False).props('indeterminate aria-label="running"')
         seen: dict[str, object] = {}
 
         def ask() -> None:
@@ -194,7 +194,7 @@ class Site:
         if job.state == "running":
             left = self.jobs.left(job)
             rest = "a little longer than the last time" if left is None else f"about {_seconds(left)} left"
-            return f"{job.step or 'begins'} … {_seconds(job.seconds)}, {rest}"
+            return f"{job.step or 'starting'} … {_seconds(job.seconds)}, {rest}"
         if job.state == "failed":
             return job.message
         if job.state == "cancelled":
@@ -220,7 +220,9 @@ class Site:
         spec = spec or (names[0] if names else "")
         self.choose(names, spec if spec in names else "", "Specimen", page, "spec")
         if not spec:
-            nothing("No specimen file is in this folder yet: choose a sweep, and describe its specimen there.")
+            nothing(
+                "This folder has no specimen file yet: choose a sweep on its page, and describe its specimen there."
+            )
         elif spec not in names:
             ui.label(f"{spec} is not saved yet; the commands work with saved files.").props('role="alert"')
             ui.link("see it, and save it", f"/specimen?{urlencode({**chosen, 'spec': spec})}")
@@ -263,7 +265,7 @@ class Site:
             taken([name])
 
         def refuse() -> None:
-            text = f"the file is larger than the {LARGEST_UPLOAD / 1e6:.0f} MB that are taken; is this the right file?"
+            text = f"the file is larger than the {LARGEST_UPLOAD / 1e6:.0f} MB allowed; is this the right file?"
             complain(text)
 
         upload = ui.upload(

@@ -159,8 +159,8 @@ class Workspace:
             raise InputError(f"{name}: files of this kind are not read; give one of {', '.join(_ACCEPTED)}")
         if len(content) > LARGEST_UPLOAD:
             raise InputError(
-                f"{name}: the file has {len(content) / 1e6:.0f} MB, more than the {LARGEST_UPLOAD / 1e6:.0f} MB that "
-                "are taken; is this the right file?"
+                f"{name}: the file has {len(content) / 1e6:.0f} MB, more than the {LARGEST_UPLOAD / 1e6:.0f} MB "
+                "allowed; is this the right file?"
             )
         if sum(1 for _ in self.folder.iterdir()) > _MOST_FILES:
             raise InputError(f"{self.folder.name}: the folder holds more than {_MOST_FILES} files; use another one")

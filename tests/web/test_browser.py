@@ -197,7 +197,7 @@ def test_jobs_run_two_at_once_are_cancelled_and_seen_after_a_reload(serve, page,
     page.get_by_text(re.compile("left|longer")).wait_for()
     open_page(page, server, "update?spec=plate.toml")
     page.get_by_role("button", name="Update the constants").click()
-    page.get_by_role("button", name=re.compile("jobs: 2 at work")).click()
+    page.get_by_role("button", name=re.compile("jobs: 2 active")).click()
     page.get_by_text(re.compile("update plate.toml: (running|waiting)")).wait_for()
     page.get_by_text("diagnose plate.toml: running").locator("..").get_by_role("button", name="Cancel").click()
     page.get_by_text("diagnose plate.toml: cancelled").wait_for()
@@ -268,7 +268,7 @@ def test_results_of_an_earlier_state_are_marked(serve, page, tmp_path: Path) -> 
     (tmp_path / "plate.toml").write_text((tmp_path / "plate.toml").read_text().replace("40 mm", "39.9 mm"))
     page.reload()
     page.get_by_text("earlier state").wait_for()
-    below = page.get_by_role("button", name="What can the data tell of each?")
+    below = page.get_by_role("button", name="Which constants can this sweep determine?")
     before = below.bounding_box()["y"]
     page.locator('[aria-label="residual"] .main-svg').first.wait_for()
     assert below.bounding_box()["y"] == pytest.approx(

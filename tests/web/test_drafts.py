@@ -115,7 +115,7 @@ def test_text_that_is_no_toml_is_reported(workspace: Workspace) -> None:
     draft = Draft(workspace, "plate.toml", "me")
     draft.set("geometry = [")
     assert "this is not TOML" in draft.problem() and draft.tables() == {}
-    with pytest.raises(InputError, match="no TOML just now"):
+    with pytest.raises(InputError, match="not valid TOML at present"):
         draft.put("geometry", "length", "1 mm")
 
 

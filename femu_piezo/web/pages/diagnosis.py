@@ -53,7 +53,7 @@ class _Diagnosis:
         found = results.record(self._folder / "diagnosis.json")
         with self._body:
             if found is None:
-                nothing("This specimen was not diagnosed yet.")
+                nothing("This specimen has not been diagnosed yet.")
                 return
             self._site.age(self._name, self._folder / "diagnosis.json")
             answers = found.get("answers") or {}
@@ -84,7 +84,7 @@ class _Diagnosis:
                         (one["measurement"], one["cause"], one["other"], f"{one['now']:.2g}", f"{one['expected']:.3g}")
                         for one in found["separations"]
                     ]
-                    headings = ("measurement", "cause", "from", "now (σ)", "expected (σ)")
+                    headings = ("measurement", "cause", "separated from", "now (σ)", "expected (σ)")
                     table(headings, rows, "separations by further measurements")
             if (self._folder / "report.html").exists():
                 with ui.expansion("Report").classes("w-full border rounded"):

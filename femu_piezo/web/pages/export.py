@@ -36,7 +36,7 @@ def _material(site: Site, spec: str) -> None:
     with ui.card().classes("w-full"):
         ui.label("Material for another program").classes("text-lg font-bold")
         if results.record(record) is None:
-            nothing("There are no updated constants of this specimen yet: update it first.")
+            nothing("The constants of this specimen have not been updated yet: update them first.")
             return
         site.age(spec, record)
         program = ui.select(list(PROGRAMS), value="comsol", label="Program").props("outlined").classes("w-64")

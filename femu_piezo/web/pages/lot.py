@@ -28,7 +28,7 @@ def register(site: Site) -> None:
         with site.frame("lot", {"spec": spec, "file": file, "lot": lot}):
             site.choose(lots, lot, "Lot (a folder of specimen files)", "lot", "lot")
             if not lot:
-                nothing("A lot is a folder in this one that holds specimen files; there is none yet.")
+                nothing("A lot is a folder of specimen files inside this folder; there is none yet.")
                 return
             _Lot(site, lot).build()
 
@@ -75,7 +75,7 @@ class _Lot:
         rows, lot = self._rows(), results.record(self._folder / "lot.json")
         with self._body:
             if not rows or lot is None:
-                nothing("This lot was not computed yet.")
+                nothing("This lot has not been computed yet.")
                 return
             names = [name for name in PRINTED if any(row.get(name) for row in rows)]
             headings = ["number", "specimen", "status", *(f"{name} ({PRINTED[name][1]})" for name in names)]

@@ -22,7 +22,7 @@ def register(site: Site) -> None:
             found = results.record(folder / "modes.json")
             with body:
                 if found is None:
-                    nothing("The modes of this specimen were not computed yet.")
+                    nothing("The modes of this specimen have not been computed yet.")
                     return
                 site.age(spec, folder / "modes.json")
                 scene = folder / "modes.html"
@@ -38,7 +38,7 @@ def register(site: Site) -> None:
                     )
                     for number, mode in enumerate(found["modes"], start=1)
                 ]
-                table(("mode", "pole (Hz)", "zero (Hz)", "k_eff", "what the body does"), rows, "modes")
+                table(("mode", "pole (Hz)", "zero (Hz)", "k_eff", "motion"), rows, "modes")
                 notes(found["notes"])
                 report_links(site, folder)
 

@@ -67,7 +67,9 @@ def register(site: Site) -> None:
         with site.frame("specimen", {"spec": spec, "file": file}):
             site.choose([*names, *([spec] if spec and spec not in names else [])], spec, "Specimen", "specimen", "spec")
             if not spec:
-                nothing("No specimen file is in this folder yet: choose a sweep, and describe its specimen there.")
+                nothing(
+                    "This folder has no specimen file yet: choose a sweep on its page, and describe its specimen there."
+                )
                 return
             try:
                 _Form(site, spec, site.draft(spec)).build()
@@ -278,7 +280,7 @@ class _Form:
             tables = self._draft.tables().get("geometry", {})
             self._picture.content = drawing(Geometry.model_validate({k: v for k, v in tables.items() if k != "file"}))
         except (InputError, AttributeError, TypeError, ZeroDivisionError):
-            self._picture.content = "<p>A drawing follows as soon as shape and dimensions are given.</p>"
+            self._picture.content = "<p>A drawing appears here as soon as shape and dimensions are given.</p>"
 
 
 def _read(text: str, words: bool) -> Any:

@@ -14,7 +14,7 @@ from femu_piezo.web import charts, results
 from femu_piezo.web.pages.common import chart, figure_rows, notes, report_links
 from femu_piezo.web.site import Site, complain, nothing, table
 
-_TEMPLATE = """# What is known of the piece. Dimensions and material stand for yours: check every line.
+_TEMPLATE = """# Description of the piece. Dimensions and material are examples: replace them by those of your piece.
 name = {name}
 
 [geometry]
@@ -75,7 +75,7 @@ class _Sweep:
                 if self._chosen:
                     self._next_step(await run.io_bound(self._owners))
         if not self._chosen:
-            nothing("No sweep is in this folder yet: drop one, or choose it with the button of the field above.")
+            nothing("This folder has no sweep yet: drop one into the field above, or choose a file with its button.")
             return
         problem = await self._load(self._chosen)
         if problem:
@@ -119,7 +119,7 @@ class _Sweep:
         for name in owners[:4]:
             query = urlencode({"spec": name})
             with ui.row().classes("gap-3"):
-                ui.label(f"{name} is its specimen:")
+                ui.label(f"specimen of this sweep: {name}")
                 for page in ("specimen", "update", "diagnosis"):
                     ui.link(page, f"/{page}?{query}")
 
@@ -132,7 +132,9 @@ class _Sweep:
                 draft.set(_TEMPLATE.format(name=json.dumps(stem), file=json.dumps(Path(self._chosen).name)))
             ui.navigate.to(f"/specimen?{urlencode({'spec': name})}")
 
-        button = ui.button("Describe its specimen", color=None if owners else "primary", on_click=describe)
+        button = ui.button(
+            "Describe the specimen of this sweep", color=None if owners else "primary", on_click=describe
+        )
         button.props("no-caps" + (" outline" if owners else ""))
 
     async def _load(self, name: str) -> str:
@@ -236,7 +238,7 @@ class _Sweep:
         found = results.record(self._folder() / "extraction.json")
         with self._found:
             if found is None:
-                nothing("Poles and zeros of this sweep were not looked for yet.")
+                nothing("The poles and zeros of this sweep have not been computed yet.")
                 return
             rows = [row for kind in ("pole", "zero") for row in results.resonance_rows(found[f"{kind}s"], kind)]
             with ui.grid().classes("w-full grid-cols-1 lg:grid-cols-2 gap-4 items-start"):

@@ -53,7 +53,7 @@ class _Update:
         found = results.record(self._folder / "update.json")
         with self._body:
             if found is None:
-                nothing("The constants of this specimen were not updated yet.")
+                nothing("The constants of this specimen have not been updated yet.")
                 return
             self._site.age(self._name, self._folder / "update.json")
             headings = ("constant", "unit", "updated", "loss tangent", "± mostly from")
@@ -64,8 +64,8 @@ class _Update:
                 ui.label(f"{one['name']}: rms |Δ log Z| baseline {before:.3g} %, updated {after:.3g} %")
             shares = results.shares(found["parameters"])
             if shares:
-                ui.label("Where the deviations come from").classes("text-lg font-bold")
-                chart(charts.bar_chart(shares, "share of the variance (%)"), "budget of the deviations")
+                ui.label("Where the standard deviations come from").classes("text-lg font-bold")
+                chart(charts.bar_chart(shares, "share of the variance (%)"), "budget of the standard deviations")
             self._places = self._reserved_places()
             ui.timer(0.05, self._draw, once=True)
             figures = found["specimens"][0].get("standard_figures") or []
@@ -110,7 +110,9 @@ class _Update:
     def _freeing(self) -> None:
         """Show which constants are free, and how well `identify` expects a sweep to determine each."""
         ui.label("Free constants").classes("text-lg font-bold")
-        self._site.job_card("identify", self._name, "What can the data tell of each?", self._told, check=self._check)
+        self._site.job_card(
+            "identify", self._name, "Which constants can this sweep determine?", self._told, check=self._check
+        )
         self._table = ui.column().classes("w-full")
         self._told()
 
@@ -127,15 +129,16 @@ class _Update:
             return
         if len(several) > 1:
             with self._table:
-                nothing("Which constants are free is said in the first specimen file of a study.")
+                nothing("The first specimen file of a study says which constants are free.")
             return
         free = self._draft_free(several[0])
         with self._table, ui.element("div").classes("w-full grid grid-cols-1 sm:grid-cols-2 gap-x-6"):
             for name in CONSTANTS:
                 one = determined.get(name)
-                words = "not seen by this sweep" if known and one is None else ""
+                words = "zero in this material" if known and one is None else ""
                 if one is not None:
-                    words = f"determined {one['determined']}, to {100 * one['relative_std']:.2g} % by noise alone"
+                    words = "not determined" if one["determined"] == "not" else f"determined {one['determined']}"
+                    words += f": ± {100 * one['relative_std']:.2g} % by noise alone"
                 if name in expected and expected[name]["std"] is not None:
                     words += (
                         f"; ± {100 * abs(expected[name]['std'] / expected[name]['value']):.2g} % with the tolerances"
