@@ -160,7 +160,9 @@ class Analyser(ABC):
         self._refuse_voltage(settings.voltage)
         allowed = min(self.limits.bias, self.most_bias)
         if abs(settings.bias) > allowed:
-            raise InputError(f"a bias of {settings.bias:g} V is above the {allowed:g} V of limits.bias or the analyser")
+            raise InputError(
+                f"a bias of {settings.bias:g} V is above the {allowed:g} V that limits.bias and the analyser allow"
+            )
 
     def _refuse_voltage(self, voltage: float) -> None:
         if voltage > self.limits.voltage:
@@ -172,7 +174,7 @@ class Analyser(ABC):
             raise InputError(f"a drive of {voltage:g} V is outside the {low:g} … {high:g} V of the {self.model}")
 
     def _refuse_band(self, low: float, high: float) -> None:
-        of_model = (f"what the {self.model} can", self.band_Hz)
+        of_model = (f"the range of the {self.model}", self.band_Hz)
         for whose, (lowest, highest) in (("limits.frequency", self.limits.frequency or self.band_Hz), of_model):
             if low < lowest or high > highest:
                 raise InputError(f"{low:g} … {high:g} Hz are outside {lowest:g} … {highest:g} Hz, {whose}")
@@ -192,8 +194,8 @@ class Analyser(ABC):
         if not np.all(np.isfinite(values)):
             bad = int(np.sum(~np.isfinite(values)))
             raise InstrumentError(
-                f"the {self.model} marks {bad} of {count} values as not measured (overload): look at the contacts, or "
-                "lower --voltage; then " + ONWARDS
+                f"the {self.model} marks {bad} of {count} values as not measured (overload): check the contacts, or "
+                "lower --voltage; " + ONWARDS
             )
         return values
 
@@ -214,7 +216,7 @@ class Analyser(ABC):
     def _confirm(self, asked: float, reply: str) -> None:
         """Raise InstrumentError where the level read back is not the level set, V."""
         if not abs(_number(reply) - asked) <= _LEVEL_RESOLUTION * max(1.0, self.limits.voltage):
-            raise InstrumentError(f"the {self.model} is at {reply.strip()} V where {asked:g} V were set; {ONWARDS}")
+            raise InstrumentError(f"the {self.model} gives {reply.strip()} V where {asked:g} V were set; {ONWARDS}")
 
     def _prepare(self) -> None:
         """Set everything except level, bias and frequencies; read the state of the compensation."""
@@ -304,7 +306,7 @@ class Session:
         try:
             import pyvisa
         except ImportError:
-            raise InputError("talking to an analyser needs pip install 'femu-piezo[measure]'") from None
+            raise InputError("an analyser needs further packages; pip install 'femu-piezo[measure]'") from None
         self._visa, self.address, self._timeout = pyvisa, address, timeout
         self._resource: Any = None
         self._open()

@@ -26,7 +26,9 @@ def connect(address: str, limits: Limits, settings: Settings) -> Analyser:
     try:
         if driver is None:
             known = " and ".join(one.model for one in DRIVERS)
-            raise InputError(f"{address} is {session.identity[:80]!r}, which has no driver here; known are {known}")
+            raise InputError(
+                f"{address} is {session.identity[:80]!r}, for which there is no driver; use one of {known}"
+            )
         return driver(session, limits, settings)
     except InputError:
         session.close()

@@ -118,7 +118,7 @@ def measure(
             found = api.diagnose(diagnosed, progress=progress, bases=bases)
             more = _recommended(found, settings, analyser.voltages[0]) if diagnose else []
             if more:
-                tell(f"the diagnosis recommends {' and '.join(more)}: taken now")
+                tell(f"the diagnosis recommends {' and '.join(more)}; the sweeps are taken now")
                 diagnosed = _further(alone, address, out, sweep.frequency, settings, more)
                 found = api.diagnose(diagnosed, progress=progress)
             found.save(out / "diagnosis")
@@ -220,7 +220,9 @@ def state_words(state: State) -> str:
         two = state.rivals
         words += f"; log odds of {two.first} over {two.second} {two.log_odds:+.1f}"
     if state.departures:
-        words += "; departs from the model near " + ", ".join(f"{one / 1e3:.4g} kHz" for one in state.departures)
+        words += "; the sweep departs from the model near " + ", ".join(
+            f"{one / 1e3:.4g} kHz" for one in state.departures
+        )
     return words
 
 

@@ -48,7 +48,9 @@ class Fault:
         """The fault of a text "KIND@N"; InputError for anything else."""
         kind, _, number = text.partition("@")
         if kind not in FAULTS or not number.isdigit() or not 1 <= int(number) <= 10**6:
-            raise InputError(f"--fail {text!r} is no fault; known are {', '.join(FAULTS)}, each with a sweep: error@3")
+            raise InputError(
+                f"--fail {text!r} is no fault; give one of {', '.join(FAULTS)} and a sweep, such as error@3"
+            )
         return cls(kind, int(number))
 
 

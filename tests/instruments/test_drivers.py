@@ -78,7 +78,7 @@ def test_nothing_beyond_the_limits_is_set(bench):
     for limits, settings, words in (
         (Limits(), Settings(voltage=0.51), r"0\.51 V is above limits\.voltage = 0\.5 V"),
         (Limits(voltage=3.0), Settings(voltage=2.0), r"outside the 0\.005 … 1 V of the E4990A"),
-        (Limits(), Settings(bias=1.0), r"bias of 1 V is above the 0 V of limits\.bias"),
+        (Limits(), Settings(bias=1.0), r"bias of 1 V is above the 0 V that limits\.bias"),
     ):
         with pytest.raises(InputError, match=words):
             connect(bench.address, limits, settings)
@@ -104,7 +104,7 @@ def test_an_unknown_instrument_and_an_address_with_none(bench, monkeypatch):
     with pytest.raises(InstrumentError, match="cannot be reached"):
         connect("nonsense", LIMITS, FAST)
     monkeypatch.setattr("femu_piezo.instruments.connect.DRIVERS", DRIVERS[1:])
-    with pytest.raises(InputError, match=r"has no driver here; known are 4294A"):
+    with pytest.raises(InputError, match=r"there is no driver; use one of 4294A"):
         connect(bench.address, LIMITS, FAST)
 
 

@@ -138,7 +138,7 @@ def test_interrupted_and_killed_runs_go_on(bench, specimen, tmp_path):
     ("options", "words"),
     [
         (("--voltage", "0.7 V"), "above limits.voltage = 0.6 V"),
-        (("--bias", "1 V"), "above the 0 V of limits.bias"),
+        (("--bias", "1 V"), "above the 0 V that limits.bias"),
         (("--band", "60 kHz", "200 kHz"), "limits.frequency"),
         (("--deviation", "s33", "1 %"), "a deviation is requested of s33, which is not free"),
         (("--deviation", "s11", "1 m"), "--deviation"),
