@@ -113,7 +113,7 @@ def solve_eigen(
             k, count, M=m, sigma=shift, OPinv=inverse, v0=start, tol=tolerance, ncv=max(2 * count + 10, 24)
         )
     except spla.ArpackNoConvergence as error:
-        raise ConvergenceError(f"{circuit}-circuit eigenpairs: {error}; ask for more or other modes") from error
+        raise ConvergenceError(f"{circuit}-circuit eigenpairs: {error}; compute more modes, or other ones") from error
     order = np.argsort(values.real)
     values, vectors = values[order].astype(complex), vectors[:, order].astype(complex)
     vectors /= np.sqrt(np.einsum("ik,ik->k", vectors, m @ vectors))

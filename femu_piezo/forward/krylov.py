@@ -44,7 +44,7 @@ def driven_krylov(
     while settled > accuracy:
         if count >= _MOST_STEPS:
             raise ConvergenceError(
-                f"{_MOST_STEPS} Lanczos steps left Z with a relative change of {settled:.1e}: narrow the band"
+                f"after {_MOST_STEPS} Lanczos steps Z still changes by a relative {settled:.1e}: narrow the band"
             )
         if count + _STEPS >= len(lanczos):
             lanczos, weighted = (np.concatenate([rows, np.empty_like(rows)]) for rows in (lanczos, weighted))

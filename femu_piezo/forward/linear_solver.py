@@ -169,7 +169,9 @@ class Analysis:
             try:
                 return SymmetricSolver(latest.symbolic.factor(matrix.data[latest.lower]), "rslab")
             except RuntimeError as error:
-                warnings.warn(f"rslab could not factorise ({error}); SuperLU is used", RuntimeWarning, stacklevel=2)
+                warnings.warn(
+                    f"rslab could not factorise the matrix ({error}); SuperLU is used", RuntimeWarning, stacklevel=2
+                )
         return SymmetricSolver(_superlu(_whole(matrix)), "scipy")
 
 

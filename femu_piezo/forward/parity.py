@@ -77,13 +77,13 @@ def modes_below(stiffness: sp.csr_matrix, mass: sp.csr_matrix, top: float) -> np
                 stiffness, count, M=mass, sigma=shift, OPinv=inverse, v0=start, tol=_TOLERANCE, ncv=2 * count + 4
             )
         except spla.ArpackNoConvergence as error:
-            raise ConvergenceError(f"modes of a class: {error}; ask for a narrower band") from error
+            raise ConvergenceError(f"modes of one symmetry: {error}; narrow the band") from error
         # shift-invert finds the modes nearest to the shift: once one lies above the top, all below are found,
         # as the shift is at 0.3 top
         if values.max() > top:
             break
         if count >= stiffness.shape[0] // 4:
-            raise ConvergenceError("the mesh is too coarse for the modes of a class in this band")
+            raise ConvergenceError("the mesh is too coarse for the modes of one symmetry in this band")
         count *= 2
     vectors = vectors[:, values < top]
     return vectors / np.sqrt(np.einsum("ik,ik->k", vectors, mass @ vectors))

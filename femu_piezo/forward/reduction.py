@@ -140,7 +140,7 @@ def reduce_model(
         enriched = _enriched(model, points, checks, band_Hz, accuracy, max_rounds)
         if not enriched.error < max(_USELESS, accuracy):
             raise ConvergenceError(
-                f"the reduced model reached a relative error of {enriched.error:.1e}, asked were {accuracy:.1e}: "
+                f"the relative error of the reduced model is {enriched.error:.1e}, more than {accuracy:.1e}: "
                 "narrow the band or the range of the constants"
             )
         return _finished(model, enriched, band_Hz, accuracy)

@@ -69,7 +69,7 @@ class MeshFile:
         extent = float(np.ptp(mesh.p, axis=1).max())
         if not _PLAUSIBLE[0] <= extent <= _PLAUSIBLE[1]:
             raise InputError(
-                f"{self.file}: the body is {extent:.3g} m long, which is no piezoceramic; say the unit of the "
+                f"{self.file}: the body is {extent:.3g} m long, which no piezoceramic is; give the unit of the "
                 'coordinates, such as geometry.unit = "mm"'
             )
         return mesh
@@ -168,8 +168,8 @@ def _read(path: Path) -> skfem.Mesh:
             raw = meshio.read(path)
     except MemoryError:
         raise InputError(
-            f"{path}: by its counts of points and elements this mesh takes more than {most / 1e6:.0f} MB, which its "
-            f"{size / 1e6:.3g} MB cannot hold; save the mesh again"
+            f"{path}: by its counts of points and elements this mesh takes more than {most / 1e6:.0f} MB, which a "
+            f"file of {size / 1e6:.3g} MB cannot hold; save the mesh again"
         ) from None
     except (Exception, SystemExit) as error:  # the readers of meshio raise anything for a damaged file
         reason = str(error).strip().splitlines()

@@ -20,7 +20,7 @@ def check_elements(mesh: skfem.Mesh, what: str = "the mesh") -> None:
     try:
         jacobian = mapping.detDF(np.hstack([points, np.array(mesh.elem.refdom.p, dtype=float)]))
     except Exception:  # skfem raises plain Exception for a determinant that is exactly zero
-        raise InputError(f"{what} has an element without volume; mesh it again, or finer there") from None
+        raise InputError(f"{what} has an element without volume; mesh it again, or more finely") from None
     jacobian = np.broadcast_to(jacobian, (mesh.nelements, jacobian.shape[-1]))
     mean = np.abs(jacobian.mean(axis=1))
     if not np.all(np.isfinite(jacobian)) or not mean.max() > 0:

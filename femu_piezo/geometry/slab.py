@@ -68,9 +68,13 @@ class Electrodes:
         if self.margin < 0:
             raise InputError(f"the electrode margin {self.margin:g} m must not be negative")
         if self.wrap is not None and self.margin > 0:
-            raise InputError("a wrap-around electrode reaches the edge, so it has no electrode margin; give one")
+            raise InputError(
+                "a wrap-around electrode reaches the edge, so it has no electrode margin; give only one of the two"
+            )
         if self.wrap is not None and self.span is not None:
-            raise InputError("a hot electrode is either partial in length or leaves room for a wrap-around; give one")
+            raise InputError(
+                "a hot electrode is either partial in length or leaves room for a wrap-around; give only one of the two"
+            )
         if self.wrap is not None and not (self.wrap[0] > 0 and self.wrap[1] > 0):
             raise InputError(f"a wrap-around electrode needs a positive length and gap, got {self.wrap} m")
         if self.span is not None and not (self.span[0] >= 0 and self.span[1] > 0):
@@ -114,7 +118,7 @@ class Slab:
                 f"{self.thickness / 2:g} m"
             )
         if self.chamfer and self.elements == "hexahedron":
-            raise InputError("a chamfered slab is meshed by tetrahedra; leave elements out")
+            raise InputError("a chamfered slab is meshed by tetrahedra; remove the key elements")
         self._check_holes()
         if self.direction is not None:
             unit_direction(self.direction)

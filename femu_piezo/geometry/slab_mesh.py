@@ -329,7 +329,7 @@ def _drawn_plane(slab: Slab, fine: Fineness, mirrors: tuple[int, ...]) -> PlaneM
         if quality > _GOOD:
             break
     if best is None:
-        raise NoQuadrangles("gmsh divides the slab into no quadrangles of a good shape")
+        raise NoQuadrangles("gmsh cannot divide the slab into quadrangles of a good shape")
     return best
 
 
