@@ -149,7 +149,7 @@ def find_missing(roots: Roots, spectrum: ImpedanceSpectrum) -> list[Finding]:
         return [
             Finding(
                 "no_resonance",
-                f"no resonance between {_hertz(low)} and {_hertz(high)} Hz can be told from noise; "
+                f"no resonance between {_hertz(low)} and {_hertz(high)} Hz can be distinguished from noise; "
                 "measure another band, or average more",
             )
         ]

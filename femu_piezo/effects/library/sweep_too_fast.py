@@ -45,7 +45,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
     return (
         Effect(
             name="sweep_too_fast",
-            sentence="the sweep was too fast: resonances were still ringing from the frequencies before",
+            sentence="the sweep was too fast: resonances were still ringing from preceding frequencies",
             parameters=(
                 EffectParameter("rate", "Hz/s", -0.2 * limit, 0.2 * limit, 5e-3 * limit, 0.03 * limit, law_error=0.05),
             ),
