@@ -88,7 +88,7 @@ def test_unknown_effect_in_a_specimen_file_is_one_sentence(tmp_path):
     spec.write_text(spec.read_text(encoding="utf-8") + "[effects.ghost]\nsize = 1.0\n", encoding="utf-8")
     answer = CliRunner().invoke(main, ["diagnose", str(spec), "--out", str(tmp_path / "out")])
     assert answer.exit_code == 2
-    assert "ghost" in answer.output and "known are" in answer.output
+    assert "ghost" in answer.output and "use one of" in answer.output
     assert answer.output.strip().count("\n") == 0
 
 
