@@ -37,7 +37,7 @@ def linear_body_misfit(
     ValueError : no pole is given
     """
     if not len(poles_Hz):
-        raise ValueError("a linear body needs at least one resonance; give a pole")
+        raise ValueError("a linear body needs a resonance; give at least one pole")
     near = float(np.median(poles_Hz))
     x = (spectrum.frequency / near) ** 2
     weight = np.ones(x.size) if relative_noise is None else 1 / np.asarray(relative_noise)
