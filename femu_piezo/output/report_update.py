@@ -27,6 +27,7 @@ from femu_piezo.output.report_figures import standard_figures_html
 from femu_piezo.output.report_modes import mode_section
 from femu_piezo.output.tables import number
 from femu_piezo.output.temperature_chart import temperature_figure
+from femu_piezo.specimen.geometry import Geometry
 from femu_piezo.study.results import Outcome, UpdateResult
 
 #: What each constant is, for readers who do not have the notation by heart.
@@ -292,12 +293,16 @@ def update_provenance(result: UpdateResult, command: str) -> Section:
         specimen = problem.specimen
         inputs += [path for path in (specimen.path, specimen.measurement.file) if path is not None]
         given = {key: value for key, value in specimen.geometry if value is not None and key != "density"}
-        words = ", ".join(f"{key} {_dimension(value)}" for key, value in given.items())
+        words = ", ".join(f"{key} {_stated(key, value)}" for key, value in given.items())
         facts.append((f"body of {specimen.name}", f"{words}; density {problem.density:.6g} kg/m³"))
         facts.append((f"mesh of {specimen.name}", outcome.mesh))
     times = ", ".join(f"{step} {seconds:.3g} s" for step, seconds in result.seconds.items())
     return provenance_section(inputs, [*facts, ("times", times)])
 
 
-def _dimension(value: object) -> str:
-    return f"{1e3 * value:.6g} mm" if isinstance(value, float) else str(value)
+def _stated(key: str, value: object) -> str:
+    """A value of [geometry] with its unit."""
+    factor, unit = {"m": (1e3, "mm"), "kg": (1e3, "g"), "1": (1e2, "%")}.get(Geometry.si_unit(key) or "", (1.0, ""))
+    if isinstance(value, tuple):
+        return f"({', '.join(f'{factor * part:.6g}' for part in value)}) {unit}".strip()
+    return f"{factor * value:.6g} {unit}".strip() if isinstance(value, float) else str(value)

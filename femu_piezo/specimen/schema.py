@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import difflib
 import inspect
+import typing
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -65,6 +67,20 @@ class Table(BaseModel):
     def problem(self) -> str | None:
         """What is wrong between several keys: key, value and what would be right. None if nothing."""
         return None
+
+    @classmethod
+    def si_unit(cls, key: str) -> str | None:
+        """SI unit of the numbers of a key, "1" for a pure number; None where it takes no quantity."""
+        field = cls.model_fields[key]
+        parts = _parts((field.annotation, *field.metadata))
+        return next((part.unit for part in parts if isinstance(part, Quantity)), None)
+
+
+def _parts(hints: Iterable[object]) -> Iterator[object]:
+    """Types and metadata inside of type hints."""
+    for hint in hints:
+        yield hint
+        yield from _parts(typing.get_args(hint))
 
 
 def _sentence(error: Any, table: type[Table]) -> str:

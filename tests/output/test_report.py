@@ -17,6 +17,7 @@ from femu_piezo.cli import main
 from femu_piezo.errors import InputError
 from femu_piezo.output import report_modes
 from femu_piezo.output.report import Section, report_html
+from femu_piezo.output.report_update import _stated
 
 ROOT = Path(__file__).resolve().parents[2]
 SPEC = ROOT / "tutorials" / "k31_plate" / "plate.toml"
@@ -188,3 +189,19 @@ def test_runs_in_a_browser(folder, tmp_path):
     measured = re.search(r'<path d="([^"]+)" stroke="#222222" class="points"', dom)[1]
     assert measured.count("M") == 500  # every point of the sweep
     assert "NaN" not in re.sub(r'<script.*?</script>|data:image/[^"]+', "", dom, flags=re.S)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("length", 0.04, "40 mm"),
+        ("std_length", 2e-5, "0.02 mm"),
+        ("std_density", 0.003, "0.3 %"),
+        ("mass", 1.58e-3, "1.58 g"),
+        ("hole_position", (1e-3, 0.0), "(1, 0) mm"),
+        ("poling", (0.0, 1.0, 0.0), "(0, 1, 0)"),
+        ("shape", "plate", "plate"),
+    ],
+)
+def test_values_of_the_body_have_their_units(key, value, words):
+    assert _stated(key, value) == words

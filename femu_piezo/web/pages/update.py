@@ -138,7 +138,8 @@ class _Update:
                 words = "zero in this material" if known and one is None else ""
                 if one is not None:
                     words = "not determined" if one["determined"] == "not" else f"determined {one['determined']}"
-                    words += f": ± {100 * one['relative_std']:.2g} % by noise alone"
+                    if one["relative_std"] is not None:
+                        words += f": ± {100 * one['relative_std']:.2g} % by noise alone"
                 if name in expected and expected[name]["std"] is not None:
                     words += (
                         f"; ± {100 * abs(expected[name]['std'] / expected[name]['value']):.2g} % with the tolerances"
