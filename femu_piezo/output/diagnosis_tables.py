@@ -14,8 +14,8 @@ from femu_piezo.output.wording import alike_words, named, percent, quantity, siz
 from femu_piezo.study.diagnose import Diagnosis
 from femu_piezo.study.pole_zero_residuals import Difference
 
-#: Candidates shown.
-_CANDIDATES = 8
+#: Candidates, and recommended measurements, that are shown.
+_CANDIDATES, _MEASUREMENTS = 8, 5
 
 
 def diagnosis_table(result: Diagnosis) -> RenderableType:
@@ -41,8 +41,11 @@ def diagnosis_table(result: Diagnosis) -> RenderableType:
         lines.append(f"unexplained: {percent(verdict.unexplained)} of the misfit, {where}")
     lines += reading_words(result.comparison.final)
     tables = (_candidate_table(result), _constant_table(result), _resonance_table(result))
-    tail = [*(f"recommended: {words}" for words in verdict.measurements), *told(result.notes)]
-    return Group(text_of(lines), *tables, text_of(tail))
+    tail = [f"recommended: {words}" for words in verdict.measurements[:_MEASUREMENTS]]
+    further = len(verdict.measurements) - len(tail)
+    if further > 0:
+        tail.append(f"{further} further recommendation{'s' if further > 1 else ''} in diagnosis.json")
+    return Group(text_of(lines), *tables, text_of([*tail, *told(result.notes)]))
 
 
 def _candidate_table(result: Diagnosis) -> Table:

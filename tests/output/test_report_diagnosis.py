@@ -40,12 +40,16 @@ NOISE, HIGHEST = 2e-3, 140e3
 
 @dataclass(frozen=True)
 class Case:
-    """A diagnosed sweep: its folder, record, page, and the text of the section of answers without markup."""
+    """A diagnosed sweep: its folder, record, page, and the text of the section of answers without markup.
+
+    terminal : what the command printed; empty where it was not run
+    """
 
     folder: Path
     record: dict
     page: Page
     first: str
+    terminal: str
 
 
 def _holder(omega: np.ndarray) -> np.ndarray:
@@ -80,8 +84,9 @@ def _diagnosed(folder: Path, verdict: str) -> Case:
         command = ["diagnose", str(folder / "plate.toml"), "--out", str(folder / "out"), "--report"]
         answer = CliRunner().invoke(main, command)
         assert answer.exit_code == 0, answer.output
+        terminal = answer.output
     else:  # one cause at most of few candidates, which is enough for the words and much faster
-        few = [circuits.candidates, losses.candidates]
+        few, terminal = [circuits.candidates, losses.candidates], ""
         result = diagnose(read_specimen(folder / "plate.toml"), rules=Rules(most_causes=1), effects=few)
         prepare_folder(folder / "out")
         write_json(folder / "out/diagnosis.json", diagnosis_record(result))
@@ -89,7 +94,7 @@ def _diagnosed(folder: Path, verdict: str) -> Case:
     record = json.loads((folder / "out/diagnosis.json").read_text(encoding="utf-8"))
     text = (folder / "out/report.html").read_text(encoding="utf-8")
     one = re.search(r'<section id="answers">(.*?)</section>', text, flags=re.S)[1]
-    return Case(folder, record, Page(text), re.sub(r"<[^>]+>", " ", one))
+    return Case(folder, record, Page(text), re.sub(r"<[^>]+>", " ", one), terminal)
 
 
 @pytest.fixture(scope="module")
@@ -125,6 +130,12 @@ def test_the_reference_explains_every_key_and_column(effect):
     curves = (effect.folder / "out/curves.csv").read_text(encoding="utf-8").split("\n")[0].split(",")
     columns = {*curves, *DIAGNOSIS_COLUMNS, *UPDATE_COLUMNS} - {*CONSTANT_COLUMNS, "frequency_Hz"}
     assert columns <= set(re.findall(r"`(\w+)`", page))
+
+
+def test_the_terminal_shows_the_first_recommendations(effect):
+    count = len(effect.record["recommended_measurements"])
+    assert count > 5 and effect.terminal.count("recommended: ") == 5
+    assert f"{count - 5} further recommendations in diagnosis.json" in " ".join(effect.terminal.split())
 
 
 def test_effect_is_reported_in_words_and_figures(effect):
