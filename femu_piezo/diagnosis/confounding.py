@@ -13,10 +13,8 @@ from femu_piezo.inference.fit import Fit
 
 #: |cos| from which two tangents count as parallel, the span of the unknowns of the base fit projected out of both.
 PARALLEL = 0.99
-#: Misfit in σ that an effect of usual size (its scale) must leave after a refit of those unknowns to be seen at all.
+#: Misfit in σ that an effect must leave after a refit of those unknowns to be seen.
 VISIBLE = 5.0
-#: Share of a tangent outside that span below which the constants imitate the effect.
-_SHARE = 0.02
 
 
 @dataclass(frozen=True)
@@ -27,20 +25,22 @@ class Tangent:
     ----------
     outside : (2k, 1) part outside the span of the unknowns, whitened, for one scale of the size (the first parameter)
     visible : |outside|, the misfit in σ that one scale of the effect leaves after a refit
-    share : |outside| / |tangent|
     nearest : the free constant (or loss tangent) that imitates the effect best
     """
 
     effect: Effect
     outside: np.ndarray
     visible: float
-    share: float
     nearest: str
 
     @property
     def hidden(self) -> bool:
-        """Whether the sweep cannot tell the effect from the free constants."""
-        return self.share < _SHARE or self.visible < VISIBLE
+        """Whether the free constants hide the effect at its usual size (`EffectParameter.usual`)."""
+        return self.hides(self.effect.parameters[0].usual / self.effect.parameters[0].scale)
+
+    def hides(self, size: float) -> bool:
+        """Whether a change of the free constants explains the effect, of a size over its scale, within the noise."""
+        return self.visible * size < VISIBLE
 
 
 def tangents(base: Fit, alone: Sequence[Start]) -> list[Tangent]:
@@ -49,13 +49,12 @@ def tangents(base: Fit, alone: Sequence[Start]) -> list[Tangent]:
     for start in alone:
         tangent = start.direction(base)
         outside = tangent - span @ (span.T @ tangent)
-        size, visible = np.linalg.norm(tangent), np.linalg.norm(outside)
         count = base.parameters.of_material
         scaled = base.jacobian[:, :count] * base.parameters.prior_std[:count]
         moves = np.linalg.lstsq(scaled, tangent, rcond=None)[0]
         strength = np.linalg.norm(scaled, axis=0)[:, None] * np.abs(moves)
         nearest = base.parameters.names[int(np.argmax(strength.sum(axis=1)))]
-        found.append(Tangent(start.cause, outside, float(visible), float(visible / size), nearest))
+        found.append(Tangent(start.cause, outside, float(np.linalg.norm(outside)), nearest))
     return found
 
 

@@ -141,10 +141,10 @@ def _cause(found: Found, comparison: Comparison, moves: list[Tangent], genuine: 
     place = final.parameters.index(effect.key)
     values = final.parameters.values(final.x)[place]
     tangent = next(t for t in moves if t.effect.key == effect.key)
-    size = float(np.max(np.abs(values / effect.scale)))
+    size = float(np.max(np.abs((values - effect.rest) / effect.scale)[effect.sizes]))
     alike = [other.title for other in comparison.alike[effect.key]]
     alike += [t.effect.title for t in moves if t.effect.title != effect.title and parallel(tangent, t, size)]
-    if tangent.hidden:
+    if tangent.hides(size):
         alike.append(tangent.nearest)
     return Cause(
         effect=effect,

@@ -141,6 +141,11 @@ class EffectParameter:
     tolerance: float = 0.0
 
     @property
+    def usual(self) -> float:
+        """Usual distance from `rest` where the effect is present, within the bounds."""
+        return min(self.spread, self.high - self.rest)
+
+    @property
     def after_number(self) -> str:
         """The unit as it follows a number: " kg", and nothing for a pure number."""
         return "" if self.unit == "1" else f" {self.unit}"

@@ -165,7 +165,7 @@ def _hidden(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
     with_all, pairs = Point(every, every.carried(base.parameters, base.x)), []
     for effect, constant in hidden.values():
         parameter, parameters = effect.parameters[0], base.parameters.with_candidate(effect)
-        size = min(parameter.spread, parameter.high - parameter.rest)
+        size = parameter.usual
         x = parameters.carried(base.parameters, base.x)
         point = Point(parameters, x, with_all if effect.acquisition is None else None)
         pairs.append(_Pair(effect, point, constant, None, size, f"{size:.2g}{parameter.after_number}"))

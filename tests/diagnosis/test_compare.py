@@ -18,6 +18,7 @@ from femu_piezo.diagnosis.verdict import judge, no_imitation
 from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.held_out import misfit_of_unseen
 from femu_piezo.measurement.sweeps import SweepData
+from femu_piezo.specimen.file import CONSTANTS
 
 NOISE = 1e-3
 
@@ -237,3 +238,13 @@ def test_a_second_cause_is_doubted_where_an_undescribed_resonance_is_as_large(se
     assert second.probability < 0.85 if height else second.probability > 0.99
     if height:
         assert str(result.final.discrepancy) == "a resonance of its own near 159 kHz"
+
+
+def test_a_cause_of_many_standard_deviations_is_not_said_to_be_imitated_by_constants(setup):
+    """A resistance of one scale is hidden by the constants in this noise, a resistance of ten scales is not."""
+    result, verdict = run(setup, data_with(setup, {"series_resistance": 20.0}, 1, noise=0.02))
+    (cause,) = verdict.causes
+    assert cause.effect.key == "series_resistance" and cause.values[0] > 10 * cause.std[0]
+    assert not [title for title in cause.indistinguishable_from if title.removeprefix("tan_") in CONSTANTS]
+    (tangent,) = tangents(result.base, [starts(setup.evaluation, result.base, cause.effect)[0]])
+    assert tangent.hides(1.0) and not tangent.hidden
