@@ -127,3 +127,20 @@ def test_snippets_of_the_notation_page_run():
     exec(compile(code[0], str(NOTATION), "exec"), names)
     assert names["c"].shape == (6, 6) and names["e"].shape == (6, 3)
     assert abs(names["same"].s33 / names["pzt"].s33 - 1) < 1e-9
+
+
+def test_lists_in_docstrings_begin_after_a_blank_line():
+    """Else docutils takes the items for a part of the sentence before, and the site is not built."""
+    wrong = []
+    for path, tree in _modules():
+        for node in ast.walk(tree):
+            if not isinstance(node, (ast.Module, ast.ClassDef, *FUNCTIONS)):
+                continue
+            before, in_list = "", False
+            for line in (ast.get_docstring(node) or "").splitlines():
+                item = line.startswith("- ")
+                if item and before.strip() and not in_list:
+                    wrong.append(f"{path}: {line}")
+                in_list = item or (in_list and line.startswith("  "))
+                before = line
+    assert not wrong

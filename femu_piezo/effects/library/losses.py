@@ -3,6 +3,7 @@
 Elastic losses that follow a power of frequency: tan φ(ω) = tan φ (ω/ω0)^n for all five compliances.
 
 Two laws, which the data tell apart:
+
 - plain: the real parts do not change, which is not causal. The exponent may change with frequency, n + m ln(ω/ω0), as
   at a broad peak of the loss.
 - causal: the real parts change as well, as the change of the loss demands by the Kramers-Kronig relations. A loss

@@ -1,6 +1,7 @@
 """The support is not free: springs and dashpots to ground.
 
 The support has the total stiffness k and the total damping d, and stands
+
 - on a plate on a narrow strip across the middle of both faces, |x| < w/2;
 - on a disk or ring on a circle of radius r of both faces, uniform and equal in all directions, or on three patches of
   one face, 120° apart;

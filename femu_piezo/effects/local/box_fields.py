@@ -2,6 +2,7 @@
 
 Besides the sectors of any body (`femu_piezo.effects.local.mesh_fields`) there are local responses of the driven class
 and of class "x":
+
 - "slices", "x slices": to a yielding slice across the plate;
 - "ramp", "x ramp": to driven fields while the piezoelectric coupling varies along x;
 - "x taper", "x wedge": to driven fields while the width or the thickness varies along x.

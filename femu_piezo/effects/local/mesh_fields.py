@@ -1,6 +1,7 @@
 """`MeshFields`: fields of every sector of a body on its own mesh, or on the part that its mirror planes cut.
 
 The sectors, besides "driven" and "spot", are
+
 - "x" to "xyz": the modes of the parity class that is flipped about these axes (`femu_piezo.forward.parity`), as far as
   the body has mirror planes normal to them;
 - "undriven": modes of the driven class that the driven unknowns lack; on a body without mirror planes these are all

@@ -1,6 +1,7 @@
 """`RoundFields`: the sectors of a disk or ring that is poled along its axis.
 
 The driven fields are of Fourier order 0 (`femu_piezo.forward.revolution`). The further sectors are
+
 - "z": modes of order 0 whose parity about the mid-plane is flipped, bending above all, and the local response of that
   class to a film that moves with driven fields;
 - "film": the local response of the driven class to films that move with bending modes;
