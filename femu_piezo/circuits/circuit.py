@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from femu_piezo.circuits.branch import UNITS, Branch
+from femu_piezo.measurement.spectrum import evenly
 
 #: Most points at which the rest of Y is fitted, and share of |Y| below which an element of it is dropped.
 _POINTS, _SMALL = 400, 1e-9
@@ -174,7 +175,7 @@ def _rest(
 
     Points count by the share of the band that they stand for, on a linear and on a logarithmic scale alike.
     """
-    at = np.unique(np.linspace(0, omega.size - 1, min(_POINTS, omega.size)).astype(int))
+    at = evenly(omega.size, _POINTS)
     omega, y = omega[at], 1 / curve[at]
     weight = _weights(omega) / np.abs(y)
     remainder = (y - sum((one.section(omega) for one in branches), np.zeros(omega.shape, complex))) * weight

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from femu_piezo.extraction.model import FrequencyAxis, RationalModel
+from femu_piezo.measurement.spectrum import evenly
 from femu_piezo.threads import made_once
 
 # Relative size below which a residual is rounding and no evidence
@@ -15,11 +16,6 @@ ROUNDING = 1e-10
 _ALIKE = 1e-7  # sine of the angle between a column and the span of those before it, below which it depends on them
 _HOPE = 10.0  # bound on the further fall of the misfit, over that of the last step or of the linearised problem
 MAX_DAMPING = 1e6  # damping at which steps are so short that a misfit which they do not lower is at its minimum
-
-
-def evenly(count: int, most: int) -> np.ndarray:
-    """(m,) indices of at most `most` points, evenly spaced over `count`."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
 
 
 @dataclass(frozen=True)

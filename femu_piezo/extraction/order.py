@@ -9,9 +9,10 @@ from itertools import islice
 import numpy as np
 
 from femu_piezo.extraction.covariance import fisher_spread
-from femu_piezo.extraction.fit import Fit, NormalisedSweep, evenly, penalty, refit
+from femu_piezo.extraction.fit import Fit, NormalisedSweep, penalty, refit
 from femu_piezo.extraction.model import RationalModel
 from femu_piezo.extraction.vector_fitting import DEGREE, relocated_poles
+from femu_piezo.measurement.spectrum import evenly
 
 MAX_BACKGROUND = 12
 MAX_LOSS = 0.3  # beyond η = 0.3 a term is background, not a resonance

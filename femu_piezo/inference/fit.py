@@ -184,7 +184,7 @@ class Fit:
         columns, held, weights = self._columns, walls & (self.further_residual < 0), (~walls).astype(float)
         projected = columns.projected(np.concatenate([self.residual, self.further_residual]), self.level)
         weights[held] = behind_walls(
-            columns.rows(self.level), projected, columns.among_all(walls), columns.among_all(held)
+            columns.rows(self.level), projected, columns.in_all_rows(walls), columns.in_all_rows(held)
         )[2]
         return weights[:, None] * self.further_jacobian
 

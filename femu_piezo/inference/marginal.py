@@ -45,7 +45,7 @@ class Columns:
         size = len(self.triangle)
         return np.concatenate([self.basis @ rows[:size], rows[size:]])
 
-    def among_all(self, chosen: np.ndarray) -> np.ndarray:
+    def in_all_rows(self, chosen: np.ndarray) -> np.ndarray:
         """(r + m,) bool: the chosen (m,) of the rows that are no data; no row of the data."""
         return np.append(np.zeros(len(self.triangle), dtype=bool), chosen)
 
@@ -87,7 +87,7 @@ class Marginal:
         share = 0.0
         if np.any(walls):
             projected = columns.projected(residual, level)
-            triangle, share, _ = behind_walls(rows, projected, columns.among_all(walls), columns.among_all(held))
+            triangle, share, _ = behind_walls(rows, projected, columns.in_all_rows(walls), columns.in_all_rows(held))
         volume = share - float(np.sum(np.log(np.abs(np.diag(triangle)))))
         return cls(residual[:count], residual[count:], columns.expanded(basis), triangle, volume, level)
 

@@ -21,6 +21,7 @@ from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.forward.modal import ModalModel, diagonalise
 from femu_piezo.inference.coefficients import Active, Coefficients, active_effects, collect, e_form_constants
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.measurement.spectrum import evenly
 from femu_piezo.threads import blas_limit, made_once
 
 #: Chebyshev nodes in log ω on which coefficients that depend on ω are evaluated; they are smooth.
@@ -303,7 +304,7 @@ def _solved(
     """Y (k,) and ∂Y/∂x (wanted, n_x) by one dense solve per frequency; weights (k, nodes) interpolate coefficients."""
     system = _System(c.terms, np.array(c.masses), model.displacements, c, weights)
     if system.displacements > _SAMPLES < sweep.size:
-        system = system.on_states_of(sweep, np.unique(np.linspace(0, sweep.size - 1, _SAMPLES).astype(int)))
+        system = system.on_states_of(sweep, evenly(sweep.size, _SAMPLES))
     y = np.empty(sweep.size, dtype=complex)
     slopes = np.empty((wanted, c.stiffness_tangents.shape[2]), dtype=complex)
     for part in np.array_split(np.arange(sweep.size), max(1, sweep.size // _BATCH)):

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import AAA
 
+from femu_piezo.measurement.spectrum import evenly
 from femu_piezo.resonances import Kind, Resonance
 from femu_piezo.threads import blas_limit, made_once
 
@@ -41,14 +42,13 @@ class RationalCurve:
     @made_once
     def _charge(self) -> AAA:
         """C over ω²/ω_end²."""
-        size = self.frequency.size
-        some = np.unique(np.linspace(0, size - 1, min(size, _POINTS)).astype(int))
+        some = evenly(self.frequency.size, _POINTS)
         omega = 2 * np.pi * self.frequency[some]
         values = 1 / (1j * omega * self.impedance[some])
         with blas_limit(), warnings.catch_warnings():
             # AAA warns where a curve is no rational function of few terms, as that of a drifting specimen
             warnings.simplefilter("ignore", RuntimeWarning)
-            # without the clean-up of AAA, which imports scipy.stats: poles due to rounding go by their strength
+            # the clean-up of AAA would import scipy.stats; `visible` leaves out poles due to rounding
             return AAA(
                 omega**2 / self._end, values, rtol=self.exact, max_terms=min(self.terms, some.size // 2), clean_up=False
             )

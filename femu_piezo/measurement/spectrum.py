@@ -137,3 +137,8 @@ class ImpedanceSpectrum:
     def band(self, low: float, high: float) -> ImpedanceSpectrum:
         """The points with low ≤ frequency ≤ high (Hz)."""
         return self.select((self.frequency >= low) & (self.frequency <= high))
+
+
+def evenly(count: int, most: int) -> np.ndarray:
+    """(m,) indices of at most `most` of `count` points, evenly spaced."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))

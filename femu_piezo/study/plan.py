@@ -11,6 +11,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.inference.design import chosen, observed
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Unknowns
+from femu_piezo.measurement.spectrum import evenly
 from femu_piezo.study.expectation import labels_of, whitened_jacobian
 from femu_piezo.study.subjects import Subject
 from femu_piezo.study.unknowns import as_filed, unknowns_of
@@ -115,4 +116,4 @@ def _about(resonances: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _thinned(values: np.ndarray, count: int) -> Sequence[float]:
-    return values[np.unique(np.linspace(0, values.size - 1, count).astype(int))] if values.size else values
+    return values[evenly(values.size, count)]

@@ -7,6 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from femu_piezo.measurement.spectrum import evenly
+
 #: Most points of a curve that are sent to the browser; longer curves are thinned.
 _MOST = 6000
 #: Colours of curves that readers with red-green blindness can tell apart (Okabe and Ito).
@@ -196,7 +198,7 @@ def _band(low: float, high: float, color: str, opacity: float = 1.0) -> dict:
 
 
 def _thinned(x: np.ndarray, y: np.ndarray) -> Curve:
-    keep = np.unique(np.linspace(0, x.size - 1, min(x.size, _MOST)).astype(int))
+    keep = evenly(x.size, _MOST)
     return x[keep], y[keep]
 
 

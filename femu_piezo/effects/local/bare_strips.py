@@ -74,12 +74,12 @@ class Part:
         """(3, 10, r, r): the part at a width m and an asymmetry, and its slopes in both; widths (w,) of the blocks."""
         relative, slopes = self.relative(asymmetry)
         shares, by_width = between_widths(widths[: len(self.blocks.inner)], width * relative)
-        along = (
+        along = [
             self.weights @ shares,
             (self.weights * relative) @ by_width,
             (self.weights * width * slopes) @ by_width,
-        )
-        return np.array([self.blocks.combined(one) for one in along])
+        ]
+        return self.blocks.combined(np.array(along))
 
 
 @dataclass(frozen=True)
@@ -120,8 +120,8 @@ def measured(
 
     Parameters
     ----------
-    widest : m;  unequal : whether a strip may be wider
-    freed : width → (p, 10, k, k) ∂T/∂c of p − 1 single strips, and what S of all strips together is more
+    widest : of equal strips, m;  unequal : whether one of several strips may be wider
+    freed : width → (p, 10, k, k) ∂T/∂c of p − 1 single strips, and the rest of ∂S/∂c of all strips together
     parts : of the single strips (p − 1, w, 10, k, k) and of the rest (n, 10, k, k)
     """
     usual, kept = np.count_nonzero(NODES <= 1), Once()

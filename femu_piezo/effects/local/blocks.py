@@ -25,7 +25,7 @@ class Blocks:
         return self._full(self.inner[number])
 
     def combined(self, weights: np.ndarray) -> np.ndarray:
-        """(…, r, r) sum of the matrices along their first axis with weights (n,)."""
+        """(…, r, r) sum of the matrices along their first axis with weights (n,); (k, …, r, r) with weights (k, n)."""
         return self._full(np.tensordot(weights, self.inner, axes=1))
 
     def embedded(self, numbers: np.ndarray, size: int) -> Blocks:
