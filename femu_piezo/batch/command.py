@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 
 from femu_piezo.batch.jobs import Job, find_jobs
-from femu_piezo.batch.lot import Lot, lot_of, lot_text
-from femu_piezo.batch.lot_figure import lot_figure
 from femu_piezo.batch.pool import LocalPool, Pool
 from femu_piezo.batch.progress import lot_progress
-from femu_piezo.batch.run import Diagnosed, LotResult, run_lot
+from femu_piezo.batch.run import Diagnosed, run_lot
 from femu_piezo.errors import InputError
-from femu_piezo.files import write_atomically
-from femu_piezo.output.folder import write_figure, write_json
 from femu_piezo.threads import available_cores
+
+#: Modules of table and report, which load large libraries.
+_AT_THE_END = ("femu_piezo.batch.table", "pyarrow.parquet", "femu_piezo.batch.report")
 
 
 def run_batch(
@@ -42,6 +43,8 @@ def run_batch(
     jobs = find_jobs(folder, specimen, correct_phase=correct_phase, mask_faults=mask_faults)
 
     def make_pool() -> Pool:
+        # this process waits while the workers start: time to load what it needs at the end
+        Thread(target=lambda: [import_module(name) for name in _AT_THE_END], daemon=True).start()
         if scheduler is not None:
             try:
                 from femu_piezo.batch.cluster import DaskPool
@@ -66,15 +69,8 @@ def run_batch(
     except KeyboardInterrupt:
         words = ", ".join(done.values()) or "nothing"
         return f"femu-piezo: interrupted with {words} done; run the same command to continue\n", 130
-    lot = write_report(result, out)
-    text = lot_text(lot) + f"{result.computed} computed now, {result.kept} kept → {out / 'table.csv'}\n"
+    from femu_piezo.batch.report import lot_text, write_report
+
+    text = lot_text(write_report(result, out))
+    text += f"{result.computed} computed now, {result.kept} kept → {out / 'table.csv'}\n"
     return text, 0 if result.count("ok") else 3
-
-
-def write_report(result: LotResult, out: Path) -> Lot:
-    """Write lot.json, lot.txt and lot.png; the statistics of the rows."""
-    lot = lot_of(result.rows)
-    write_json(out / "lot.json", lot.to_json())
-    write_atomically(out / "lot.txt", lot_text(lot))
-    write_figure(out / "lot.png", lot_figure(lot), dots_per_inch=110)
-    return lot

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import femu_piezo
 from femu_piezo.errors import InputError
-from femu_piezo.measurement.readers import ENDINGS
+from femu_piezo.measurement.spectrum import ENDINGS
 from femu_piezo.specimen.file import Specimen, read_specimens, with_measurement
 
 _ABSENT = "absent"

@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import Literal
 
 from femu_piezo.batch.jobs import Job, program_checksum
-from femu_piezo.batch.lot import lot_of
 from femu_piezo.batch.pool import Pool, run_all
 from femu_piezo.batch.records import Records, locked, write_record
-from femu_piezo.batch.table import rows_of, write_table
 from femu_piezo.batch.worker import record, run_job
 from femu_piezo.output.folder import prepare_folder
 
@@ -65,6 +63,8 @@ def run_lot(
         run = _Run(make_pool, finished, patience_s)
         try:
             updated = run.step("update", jobs, Records(out / "records"))
+            from femu_piezo.batch.table import rows_of, write_table  # loads what only workers need
+
             rows, diagnosed = rows_of(updated), None
             if diagnose is not None:
                 chosen = _to_diagnose(rows, diagnose)
@@ -80,6 +80,8 @@ def run_lot(
 
 def _to_diagnose(rows: list[dict], which: Diagnosed) -> set[str]:
     if which == "outliers":
+        from femu_piezo.batch.lot import lot_of  # loads the statistics of scipy
+
         return {one.file for one in lot_of(rows).outliers}
     return {row["file"] for row in rows if row["status"] == "ok"}
 

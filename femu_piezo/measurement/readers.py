@@ -27,8 +27,6 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.tables import Table, decode, read_table
 from femu_piezo.measurement.touchstone import Connection, is_touchstone, read_touchstone
 
-#: Endings of the names of files that may be sweeps.
-ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn", ".s1p", ".s2p", ".y1p", ".z1p")
 #: Bands of frequency (low, high), Hz.
 Bands = Sequence[tuple[float, float]]
 

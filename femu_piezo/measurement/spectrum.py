@@ -9,6 +9,9 @@ from numpy.typing import ArrayLike
 
 from femu_piezo.errors import InputError
 
+#: Endings of the names of files that may be sweeps.
+ENDINGS = (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn", ".s1p", ".s2p", ".y1p", ".z1p")
+
 
 @dataclass(frozen=True, repr=False)
 class ImpedanceSpectrum:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from femu_piezo.errors import InputError
 from femu_piezo.files import write_atomically
-from femu_piezo.measurement.readers import ENDINGS
+from femu_piezo.measurement.spectrum import ENDINGS
 from femu_piezo.specimen.file import Specimen, read_specimens
 
 RESULTS = "results"

@@ -20,8 +20,8 @@ from femu_piezo.batch.pool import in_turn
 from femu_piezo.batch.run import run_lot
 from femu_piezo.cli import main
 from femu_piezo.errors import ConvergenceError, InputError
-from femu_piezo.measurement.readers import ENDINGS, write_spectrum
-from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.measurement.spectrum import ENDINGS, ImpedanceSpectrum
 
 
 def no_pool():

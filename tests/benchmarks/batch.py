@@ -258,8 +258,8 @@ def growth(count: int, folder: Path) -> None:
     """Print a line of the table: ms per sweep of a lot without its fits, first run and resumed, with a store, and
     memory.
     """
-    from femu_piezo.batch.command import write_report
     from femu_piezo.batch.jobs import find_jobs, program_checksum
+    from femu_piezo.batch.report import write_report
     from femu_piezo.batch.run import run_lot
     from femu_piezo.batch.worker import run_job
     from femu_piezo.measurement.readers import read_spectrum, write_spectrum
