@@ -26,6 +26,8 @@ from femu_piezo.study.results import rms
 _ACCURACY, _BASIS_ACCURACY, _NOISE = 5e-3, 1e-3, 1e-2
 #: Constants are poor if rms |Δ log Z| is above this multiple of the noise and above this value.
 _POOR, _LEAST_POOR = 10.0, 5e-3
+#: Least eigenvalue of the energy that start constants have, as a share of that of the file's.
+_STABLE = 0.1
 
 
 @dataclass(frozen=True)
@@ -76,8 +78,26 @@ def begin(measured: Sequence[Measured], bases: Bases) -> Beginning:
     if not found:
         raise reason
     _, constants, histories = min(found, key=lambda item: item[0])
+    if not faults:
+        constants = _away_from_wall(constants, problem.fitted)
     of_piece = dict(zip(leading, histories, strict=True))
     return Beginning(constants, tuple(of_piece[one.piece.name] for one in every))
+
+
+def _away_from_wall(found: PiezoConstants, of_file: PiezoConstants) -> PiezoConstants:
+    """The constants found; half way back to the file's, once or again, where they are hardly stable.
+
+    A fit without effects may end there where the sweep shows an effect. No basis follows such constants.
+    """
+
+    def stability(constants: PiezoConstants) -> np.ndarray:
+        blocks = range(constants.block_count)
+        return np.array([np.linalg.eigvalsh(constants.energy_block(block))[0] for block in blocks])
+
+    least = np.minimum(_STABLE * stability(of_file), stability(of_file))
+    while np.any(stability(found) < least):
+        found = PiezoConstants.from_vector((found.vector() + of_file.vector()) / 2)
+    return found
 
 
 def _is_poor(misfit: float, measured: Sequence[Measured]) -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from femu_piezo.diagnosis.comparison import Comparison
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.selection import compare_from
+from femu_piezo.errors import ConvergenceError
 from femu_piezo.study.beginning import begin
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.posterior import Posterior
@@ -20,11 +21,16 @@ def compare_causes(
     """The models of the sweeps, and the comparison of sets of causes.
 
     Without its cause a sweep may be so far from the model that no fit of the constants alone settles; the comparison
-    then starts from a coarse fit.
+    then starts from a coarse fit, and where even that has no start, at the constants of the file.
     """
     library = tuple(effect for effect in shared_library(several) if effect.is_candidate)
     clock.step("start")
-    start = begin([one.measured for one in several], bases).constants
+    start = several[0].problem.fitted
+    try:
+        start = begin([one.measured for one in several], bases).constants
+    except ConvergenceError:
+        if start.physical_faults(passive=False):
+            raise
     posterior = Posterior(several, clock, bases, library)
     base = posterior.base(start, settled=False)
     clock.step("compare")

@@ -50,6 +50,7 @@ def _number(name: str, default: int) -> int:
         ("disk:point_mass", 380000, 0.9),
         ("disk:local_crack", 395000, 0.9),
         ("disk:poling_gradient", 450000, 0.9),
+        ("disk:contact_gap", 540000, 0.9),
     ],
 )
 def test_causes_whose_fits_take_many_steps_are_found(name, seed, least, tmp_path):
