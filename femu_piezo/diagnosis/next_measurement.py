@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from femu_piezo.effects.effect import Effect
-from femu_piezo.inference.ensemble import Ensemble, is_common, owned_by
+from femu_piezo.inference.ensemble import Ensemble, is_common, with_default_owner
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.threads import Once
@@ -41,7 +41,7 @@ class Plan:
     evaluation : Z of all sweeps
     relative_noise : (k,) sqrt(E|δZ/Z|²) of all sweeps
     owner : name of the present specimen, for effects that belong to a specimen but name none
-    readings : one direct reading: (effect name, its specimen) → (n,) slope of the reading in the effect's parameters
+    readings : one direct reading: (effect name, its owner) → (n,) slope of the reading in the effect's parameters
         over the reading's σ; the contributions of several effects add up; empty for none
     new_sweeps : whether there are sweeps beyond the present ones
     tolerances : further unknowns, held by their tolerances: the uncertain sizes of a further specimen
@@ -67,7 +67,7 @@ class Plan:
         """The unknowns, every effect that specimens do not share assigned to `owner` unless it names its specimen."""
 
         def own(effect):
-            return owned_by(effect, self.owner)
+            return with_default_owner(effect, self.owner)
 
         renamed = {effect.key: own(effect).key for effect in parameters.effects}
         return replace(
@@ -85,7 +85,7 @@ class Plan:
         rows = slopes / z[:, None] * weight[:, None]
         reading, row = 0.0, np.zeros((1, x.size))
         for index, (effect, values) in enumerate(zip(owned.effects, owned.values(x), strict=True)):
-            slope = self.readings.get((effect.name, "" if is_common(effect) else effect.specimen))
+            slope = self.readings.get((effect.name, "" if is_common(effect) else effect.owner))
             if slope is not None:
                 reading += float(slope @ (values - effect.rest))
                 row[0, owned.columns(index)] = slope * effect.scale

@@ -18,18 +18,18 @@ _FIXTURE = {
 #: Relative σ of a length by micrometer, and of a mass by balance.
 _MICROMETER, _BALANCE = 1e-3, 1e-3
 
-#: What to do, and (effect name, specimen) → (n,) slope of the reading over its σ.
+#: What to do, and (effect name, its owner) → (n,) slope of the reading over its σ.
 Reading = tuple[str, dict[tuple[str, str], np.ndarray]]
 
 
 def readings(effects: Sequence[Effect], contexts: dict[str, EffectContext]) -> list[Reading]:
     """Every direct reading that tells about one of the effects.
 
-    contexts : name of a specimen, as in `Effect.specimen` → what is known of it
+    contexts : name of a specimen, as in `Effect.owner` → what is known of it
     """
     found: list[Reading] = []
     for effect in effects:
-        key = (effect.name, effect.specimen)
+        key = (effect.name, effect.owner)
         if effect.name in _FIXTURE:
             words, std = _FIXTURE[effect.name]
             found.append((words, {key: np.eye(1, len(effect.parameters))[0] / std}))
@@ -38,7 +38,7 @@ def readings(effects: Sequence[Effect], contexts: dict[str, EffectContext]) -> l
             words = f"measure the {dimension}{_whose(effect)} with a micrometer, to 0.1 %"
             found.append((words, {key: np.array([1 / _MICROMETER])}))
     for name, context in contexts.items():
-        of_specimen = [effect for effect in effects if effect.specimen == name]
+        of_specimen = [effect for effect in effects if effect.owner == name]
         slopes = {(effect.name, name): slope for effect in of_specimen if (slope := _mass(effect, context)) is not None}
         if slopes:
             found.append((f"weigh the specimen{f' {name}' if name else ''}, to 0.1 %", slopes))
@@ -47,7 +47,7 @@ def readings(effects: Sequence[Effect], contexts: dict[str, EffectContext]) -> l
 
 
 def _whose(effect: Effect) -> str:
-    return f" of {effect.specimen}" if effect.specimen else ""
+    return f" of {effect.owner}" if effect.owner else ""
 
 
 def _mass(effect: Effect, context: EffectContext) -> np.ndarray | None:

@@ -186,7 +186,7 @@ class Effect:
     sentence : what it is, in physical words
     variant : the constant that the candidate is about, where several candidates have one name
     law : name of the formula, where the cause has several; "" for its plain one
-    specimen : name of the specimen or fixture that has the effect, of several diagnosed together; "" where all share it
+    owner : name of the specimen or fixture that has it, of several diagnosed together; "" where all share it
     confusable_with : names of effects and constants it may be hard to tell from
     advice : further measurements that separate it from those
     reshaping : map of the body, its size the first parameter, for a dimension that no stretch along an axis changes
@@ -211,7 +211,7 @@ class Effect:
     parameters: tuple[EffectParameter, ...]
     variant: str = ""
     law: str = ""
-    specimen: str = ""
+    owner: str = ""
     confusable_with: tuple[str, ...] = ()
     advice: tuple[str, ...] = ()
     constants: ConstantsHook | None = None
@@ -275,14 +275,14 @@ class Effect:
 
     @made_once
     def key(self) -> str:
-        """Name, variant, specimen and law, unique in the library."""
+        """Name, variant, owner and law, unique in the library."""
         return f"{self.title}/{self.law}" if self.law else self.title
 
     @made_once
     def title(self) -> str:
-        """The cause in words of the library: its name, with the constant it is about and the specimen that has it."""
+        """The cause in words of the library: its name, with the constant it is about and its owner."""
         name = f"{self.name}:{self.variant}" if self.variant else self.name
-        return f"{name} ({self.specimen})" if self.specimen else name
+        return f"{name} ({self.owner})" if self.owner else name
 
     @property
     def rest(self) -> np.ndarray:

@@ -47,7 +47,7 @@ class ExtendedModel:
 
     Attributes
     ----------
-    owner : (n_s,) index of the e-form constant of each stratum
+    constant_of_stratum : (n_s,) index of the e-form constant of each stratum
     exponents : (n_s, 3) exponents 1 − k of the factors on the three dimensions
     places : operators that effects at a place need
     closed_forms : the latest, by a hash of their stiffness and mass
@@ -55,7 +55,7 @@ class ExtendedModel:
 
     def __init__(self, source: _Source, sectors: Sectors) -> None:
         self._source, self._sectors, self._extra = source, sectors, Once()
-        self.owner, self.exponents = source.owner, source.exponents
+        self.constant_of_stratum, self.exponents = source.constant_of_stratum, source.exponents
         self.places = Places(sectors, source.shared)
         self.closed_forms = Once(_FORMS)
 
@@ -149,7 +149,9 @@ class _Source:
         self._terms = {term.name: term for term in needs.terms}
         self.reduced, self.shared, self._models = fields.reduced, Once(), Once(_MODELS)
         tensors = fields.model.unit_tensors
-        self._parts, self.owner, self.exponents = _strata(tensors) if needs.stretching else _whole(tensors)
+        self._parts, self.constant_of_stratum, self.exponents = (
+            _strata(tensors) if needs.stretching else _whole(tensors)
+        )
 
     @property
     def mesh_error(self) -> MeshError | None:
@@ -169,7 +171,7 @@ class _Source:
     def bulk(self, names: tuple[str, ...]) -> np.ndarray:
         """(10, k, k) unit-constant matrices on the sectors of one class."""
         strata = self.strata(names)
-        return np.array([strata[self.owner == q].sum(axis=0) for q in range(len(E_FORM))])
+        return np.array([strata[self.constant_of_stratum == q].sum(axis=0) for q in range(len(E_FORM))])
 
     def extra(self, name: str, names: tuple[str, ...]) -> np.ndarray:
         """(k, k) matrix of an extra term on the sectors of one class."""

@@ -93,13 +93,13 @@ def collect(
     e_form, e_tangents = e_form_constants(parameters, x, active, omega)
     factors, factor_tangents = _stretch(active, x.size)
     stretched = bool(np.any(factors != 1) or np.any(factor_tangents))
-    owner = model.owner if stretched else np.arange(e_form.shape[1])
-    powers = model.exponents if stretched else np.zeros((owner.size, 3))
+    constant = model.constant_of_stratum if stretched else np.arange(e_form.shape[1])
+    powers = model.exponents if stretched else np.zeros((constant.size, 3))
     terms = model.strata if stretched else model.bulk
     scaling = np.prod(factors**powers, axis=1)
     scaling_tangents = scaling[:, None] * (powers @ (factor_tangents / factors[:, None]))
-    values = e_form[:, owner] * scaling
-    tangents = e_tangents[:, owner] * scaling[:, None] + e_form[:, owner, None] * scaling_tangents
+    values = e_form[:, constant] * scaling
+    tangents = e_tangents[:, constant] * scaling[:, None] + e_form[:, constant, None] * scaling_tangents
     volume = np.prod(factors)
     growth = volume * np.sum(factor_tangents / factors[:, None], axis=0)
     density, denser = _density(active, x.size)

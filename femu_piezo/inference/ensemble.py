@@ -26,14 +26,14 @@ def is_common(effect: Effect) -> bool:
     return (effect.circuit is not None and effect.outward >= 1) or effect.constants is not None
 
 
-def belonging_to(effect: Effect, specimen: str) -> Effect:
-    """The effect, assigned to a specimen."""
-    return replace(effect, specimen=specimen)
+def with_owner(effect: Effect, owner: str) -> Effect:
+    """The effect, assigned to a specimen or fixture by its name."""
+    return replace(effect, owner=owner)
 
 
-def owned_by(effect: Effect, specimen: str) -> Effect:
+def with_default_owner(effect: Effect, owner: str) -> Effect:
     """The effect, assigned to a specimen unless all share it or it is assigned already."""
-    return effect if effect.specimen or is_common(effect) else belonging_to(effect, specimen)
+    return effect if effect.owner or is_common(effect) else with_owner(effect, owner)
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Share:
 
     def has(self, effect: Effect) -> bool:
         """Whether an effect concerns the sweep."""
-        return effect.specimen in ("", *self.owners)
+        return effect.owner in ("", *self.owners)
 
     def of(self, parameters: Unknowns) -> tuple[Unknowns, np.ndarray]:
         """The unknowns that concern the sweep, and their places (m,) in x (n_x,)."""

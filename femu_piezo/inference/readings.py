@@ -38,7 +38,7 @@ class Reading:
     Attributes
     ----------
     name : its key in `[readings]`;  value, std : SI
-    specimen : its name as in `Effect.specimen`; "" where there is only one
+    specimen : its name as in `Effect.owner`; "" where there is only one
     density, volume, area, gap : of the body as the file says, SI;  normal : axis of the electrodes' normal
     """
 

@@ -270,7 +270,7 @@ def material_prior(
 class Read(Protocol):
     """One number that another instrument has read (`femu_piezo.inference.readings`).
 
-    name : its key in `[readings]`;  specimen : name of the specimen as in `Effect.specimen`;  value, std : SI
+    name : its key in `[readings]`;  specimen : name of the specimen as in `Effect.owner`;  value, std : SI
     """
 
     @property

@@ -87,7 +87,7 @@ def _answers(result: Diagnosis) -> dict:
 def _cause_record(cause: Cause) -> dict:
     return {
         "effect": cause.effect.name,
-        "specimen": cause.effect.specimen or None,
+        "specimen": cause.effect.owner or None,
         "parameters": _sizes(cause.effect, cause.values, cause.std),
         "probability": cause.probability,
         "indistinguishable_from": list(cause.indistinguishable_from),

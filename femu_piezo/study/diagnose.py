@@ -361,10 +361,10 @@ def extended_specimen(diagnosis: Diagnosis) -> Specimen:
         "fitted": {"material": values},
     }
     for effect, fitted in zip(final.parameters.effects, final.parameters.values(final.x), strict=True):
-        if effect.specimen not in {"", owner, *fixtures}:
+        if effect.owner not in {"", owner, *fixtures}:
             continue
         named = effect.freed or effect.key in final.parameters.candidates
-        title = f"{effect.name} ({effect.specimen})" if effect.specimen in fixtures else effect.name
+        title = f"{effect.name} ({effect.owner})" if effect.owner in fixtures else effect.name
         table = tables["effects" if named else "fitted"].setdefault(title, {})
         found = {parameter.name: float(value) for parameter, value in zip(effect.parameters, fitted, strict=True)}
         table.update(found)

@@ -177,7 +177,7 @@ def _columns(unknowns: Unknowns, subjects: Sequence[Subject]) -> dict[tuple[str,
         for column, parameter in enumerate(effect.parameters, unknowns.columns(number).start):
             name = _tolerance_of(effect, parameter.name)
             if name in known and parameter.tolerance > 0 and not effect.freed:
-                found.setdefault((name, effect.specimen), []).append(column)
+                found.setdefault((name, effect.owner), []).append(column)
     return found
 
 

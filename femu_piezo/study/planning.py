@@ -16,7 +16,7 @@ from femu_piezo.effects.effect import Effect
 from femu_piezo.effects.extended_model import ExtendedModel
 from femu_piezo.errors import ConvergenceError, InputError
 from femu_piezo.geometry.reshaping import reshapings
-from femu_piezo.inference.ensemble import Ensemble, Share, belonging_to, is_common, owned_by
+from femu_piezo.inference.ensemble import Ensemble, Share, is_common, with_default_owner, with_owner
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.specimen.file import Specimen
@@ -173,7 +173,7 @@ def _hidden(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
 
 
 def _readings(now: Plan, several: Sequence[Subject], effects: Sequence[Effect]) -> list[Plan]:
-    owned = [owned_by(effect, now.owner) for effect in effects]
+    owned = [with_default_owner(effect, now.owner) for effect in effects]
     contexts = {one.name or now.owner: one.context for one in several}
     return [replace(now, words=words, readings=slopes) for words, slopes in readings(owned, contexts)]
 
@@ -229,7 +229,7 @@ def _again(now: Plan, one: Subject, model: ExtendedModel) -> list[Plan]:
 
 def _share(one: Subject, owner: str) -> Share:
     """The unknowns that concern a sweep of a plan; its specimen is named `owner` where it has no name."""
-    forms = [owned_by(form, owner) for form in one.share.forms.values()]
+    forms = [with_default_owner(form, owner) for form in one.share.forms.values()]
     return Share((one.name or owner, one.fixture), {form.key: form for form in forms})
 
 
@@ -268,7 +268,7 @@ def _beside_the_first(now: Plan, one: Subject, model: ExtendedModel, second: _Se
         (_share(one, now.owner), Evaluation(model, 2 * np.pi * frequency)),
         (Share((_SECOND,)), Evaluation(second.model, 4 * np.pi * frequency)),
     )
-    own = tuple(belonging_to(effect, _SECOND) for effect in second.sizes)
+    own = tuple(with_owner(effect, _SECOND) for effect in second.sizes)
     words = f"measure a second specimen of the same material with half the {second.halved}"
     noise = np.tile(_noise(one, frequency.size), 2)
     return Plan(words, Remembered(Ensemble(parts)), noise, now.owner, new_sweeps=True, tolerances=own)

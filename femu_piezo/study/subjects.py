@@ -10,7 +10,7 @@ import numpy as np
 from femu_piezo.effects.effect import Effect, EffectContext
 from femu_piezo.effects.library import Maker, effects_of, library
 from femu_piezo.errors import InputError
-from femu_piezo.inference.ensemble import Share, belonging_to, is_common
+from femu_piezo.inference.ensemble import Share, is_common, with_owner
 from femu_piezo.measurement.autoregression import WHITE, Autoregression, autoregression
 from femu_piezo.measurement.noise import estimate_noise
 from femu_piezo.measurement.sweeps import level_std
@@ -54,9 +54,9 @@ class Subject:
 
     def owned(self, effect: Effect) -> Effect:
         """The effect, assigned to its owner: all specimens for a law of the material, the fixture, or the specimen."""
-        if effect.specimen or effect.constants is not None:
+        if effect.owner or effect.constants is not None:
             return effect
-        return belonging_to(effect, self.fixture if is_common(effect) else self.name)
+        return with_owner(effect, self.fixture if is_common(effect) else self.name)
 
     @made_once
     def share(self) -> Share:
@@ -152,9 +152,7 @@ def subject(
     """The specimen with the effects of its file; arguments as the attributes of `Subject`."""
     known = known_effects(problem, context, effects)
     fixed = tuple(
-        (effect if effect.specimen else belonging_to(effect, name), values)
-        for effect, values in known
-        if not effect.freed
+        (effect if effect.owner else with_owner(effect, name), values) for effect, values in known if not effect.freed
     )
     freed = tuple(item for item in known if item[0].freed)
     return Subject(name, problem, measured, noise, context, fixed, effects, freed, fixture, noise_memory)
@@ -168,12 +166,12 @@ def shared_library(several: Sequence[Subject]) -> tuple[Effect, ...]:
     if len(several) == 1:
         return several[0].library
     first = several[0]
-    common = [effect for effect in first.library if is_common(effect) and not first.owned(effect).specimen]
+    common = [effect for effect in first.library if is_common(effect) and not first.owned(effect).owner]
     found = {effect.key: effect for effect in common if all(_open(effect, one) for one in several)}
     for one in several:
         for effect in one.library:
             owned = one.owned(effect)
-            if owned.specimen or not is_common(effect):
+            if owned.owner or not is_common(effect):
                 found.setdefault(owned.key, owned)
     return tuple(found.values())
 

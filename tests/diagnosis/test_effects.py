@@ -277,7 +277,7 @@ def test_a_trial_step_may_make_the_mass_indefinite(setup):
 def test_strata_sum_to_the_bulk_matrices(setup):
     """Parts of equal exponents under stretching (strata) add up to the matrix of each e-form constant."""
     for q in range(10):
-        total = setup.model.strata[setup.model.owner == q].sum(axis=0)
+        total = setup.model.strata[setup.model.constant_of_stratum == q].sum(axis=0)
         assert np.max(np.abs(total - setup.model.bulk[q])) < 1e-9 * np.max(np.abs(setup.model.bulk[q]))
 
 

@@ -11,7 +11,7 @@ from diagnosis.conftest import FREQUENCY, SIZE
 from femu_piezo.diagnosis.next_measurement import Plan, Point, Remembered, Separation, between, strength, summary
 from femu_piezo.diagnosis.readings import readings
 from femu_piezo.effects.effect import EffectContext
-from femu_piezo.inference.ensemble import belonging_to
+from femu_piezo.inference.ensemble import with_owner
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.measurement.sweeps import SweepData
@@ -70,7 +70,7 @@ def test_the_tolerance_of_a_further_specimen_bounds_the_strength(setup, low):
     with_tolerance = replace(width, parameters=(replace(one, tolerance=tolerance),)).within_tolerance
     alone = strength(plan, Point(parameters, x), 0, size)
     bounded = strength(
-        replace(plan, tolerances=(belonging_to(with_tolerance, "the second"),)), Point(parameters, x), 0, size
+        replace(plan, tolerances=(with_owner(with_tolerance, "the second"),)), Point(parameters, x), 0, size
     )
     assert bounded == pytest.approx((alone**-2 + (tolerance / size) ** 2) ** -0.5, rel=1e-4)
     assert bounded < 0.9 * alone

@@ -21,7 +21,7 @@ from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.effects.library import library
 from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
-from femu_piezo.inference.ensemble import Ensemble, Share, belonging_to, is_common
+from femu_piezo.inference.ensemble import Ensemble, Share, is_common, with_owner
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
@@ -80,7 +80,7 @@ class Bars:
         if len(names) > 1:
             evaluation = Ensemble(tuple((Share((name,)), self.parts[name]) for name in names))
             effects = [effect for effect in effects if is_common(effect)]
-            effects += [belonging_to(e, name) for name in names for e in self.library[name] if not is_common(e)]
+            effects += [with_owner(e, name) for name in names for e in self.library[name] if not is_common(e)]
         start = self.material.x_of(self.material.free.start) * 1.01
         result = compare(evaluation, data, self.unknowns, start, effects, rules=Rules(most_causes=2))
         return result, judge(result)
@@ -135,7 +135,7 @@ def test_jacobian_of_several_sweeps(bars):
     names = ("wrong_length", "stray_capacitance")
     length, stray = (next(e for e in bars.library["long"] if e.name == name) for name in names)
     ensemble = Ensemble(tuple((Share((name,)), part) for name, part in bars.parts.items()))
-    parameters = bars.unknowns.with_candidate(belonging_to(length, "short")).with_candidate(stray)
+    parameters = bars.unknowns.with_candidate(with_owner(length, "short")).with_candidate(stray)
     x = np.concatenate([bars.material.x_of(bars.material.free.start), [0.7, 0.4]])
     z, slopes = ensemble.with_jacobian(parameters, x)
     points = bars.frequency["long"].size

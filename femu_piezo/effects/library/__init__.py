@@ -124,7 +124,7 @@ def from_table(
                 key = f"{where}: {kind}.{name}"
                 given = [_value(p, unread.pop(p.name, p.rest), f"{key}.{p.name}") for p in effect.parameters]
                 asked = any(parameter.name in free for parameter in effect.parameters)
-                effect = replace(effect, specimen=fixture)
+                effect = replace(effect, owner=fixture)
                 found.append((effect.within_spread if asked else effect, np.array(given)))
         if unread or not values:
             words = "; or ".join(", ".join(f"{p.name} ({p.unit})" for p in effect.parameters) for effect in variants)
