@@ -12,12 +12,12 @@ from femu_piezo.effects.local.face_compliance import FaceCompliance, yielding_be
 YOUNG, POISSON, THICKNESS, DENSITY = 60e9, 0.3, 1.5e-3, 7500.0
 
 
-def isotropic(cut: float, radii: tuple[float, float], poling: str = "thickness") -> FaceCompliance:
+def isotropic(cutoff_omega: float, radii: tuple[float, float], poling: str = "thickness") -> FaceCompliance:
     shear = YOUNG / (2 * (1 + POISSON))
     lame = YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
     normal = lame + 2 * shear
     constants = (normal, lame, lame, normal, shear, 0.0, 0.0, 0.0, 1e-9, 1e-9)
-    return FaceCompliance(constants, poling, DENSITY, THICKNESS, cut, radii)
+    return FaceCompliance(constants, poling, DENSITY, THICKNESS, cutoff_omega, radii)
 
 
 @pytest.mark.parametrize("poling", ["thickness", "length"])
@@ -32,7 +32,7 @@ def test_short_waves_see_a_half_space(poling):
 
 
 def test_small_patch_on_a_half_space():
-    """16 (1 − ν²)/(3π² E a), less the share of waves below the cut, which is proportional to the radius a."""
+    """16 (1 − ν²)/(3π² E a), less the share of waves below the cutoff, which is proportional to the radius a."""
     excess = []
     for radius in (8e-5, 1.6e-4):
         compliance = isotropic(2 * np.pi * 0.3e6, (radius / 2, 2 * radius))

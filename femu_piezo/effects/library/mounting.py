@@ -74,7 +74,7 @@ def _patches(context: EffectContext, radii: tuple[float, float], directions: np.
         (stiffness, damping), place, radius = p[:2], p[2:-1], p[-1]
         patches = [Patch(places.face, *(place @ ways), radius) for ways in directions]
         u, size, count, found = patches[0].mean.shape[1], places.size, len(patches), []
-        springs, softer = FaceCompliance.of(context, places.cut, radii).stiffness(radius)
+        springs, softer = FaceCompliance.of(context, places.cutoff_omega, radii).stiffness(radius)
         zeros, ones = np.zeros(omega.shape, dtype=complex), np.ones(omega.shape, dtype=complex)
         per_patch = (stiffness + 1j * omega * damping) / count  # s/n
 

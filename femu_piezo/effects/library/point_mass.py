@@ -47,7 +47,7 @@ def _hook(context: EffectContext, radii: tuple[float, float]):
         gap[:, :u] = -patch.mean
         gap[np.arange(3), places.spot] = 1 / np.sqrt(whole)
         moved[:, :, :u] = -patch.mean_slopes
-        compliance = FaceCompliance.of(context, places.cut, radii)
+        compliance = FaceCompliance.of(context, places.cutoff_omega, radii)
         springs, softer = (part[:, None] for part in compliance.stiffness(radius))
         found = [
             term("stiffness", gap.T @ (springs * gap), 1.0),

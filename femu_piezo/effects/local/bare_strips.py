@@ -89,28 +89,28 @@ class BareStrips:
     Attributes
     ----------
     widths : (w,) m
-    further : makes these strips with more widths, for one wider than the last width
+    with_more_widths : makes these strips with more widths, for one wider than the last width
     """
 
     widths: np.ndarray
     parts: tuple[Part, ...]
-    further: Callable[[], BareStrips] | None = None
+    with_more_widths: Callable[[], BareStrips] | None = None
 
     def at(self, width: float, asymmetry: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """∂S/∂c (10, r, r) of strips of a width m, the widest m (1 + α) wide, and its slopes in m and in α."""
-        if self.further is not None and width * (1 + asymmetry) > self.widths[-1]:
-            return self.further().at(width, asymmetry)
+        if self.with_more_widths is not None and width * (1 + asymmetry) > self.widths[-1]:
+            return self.with_more_widths().at(width, asymmetry)
         value, by_width, by_asymmetry = sum(part.at(self.widths, width, asymmetry) for part in self.parts)
         return value, by_width, by_asymmetry
 
     def embedded(self, numbers: np.ndarray, size: int) -> BareStrips:
         """These strips over `size` unknowns, in which the present unknowns have the given indices."""
         parts = tuple(replace(part, blocks=part.blocks.embedded(numbers, size)) for part in self.parts)
-        further = None if self.further is None else lambda: self.further().embedded(numbers, size)
+        further = None if self.with_more_widths is None else lambda: self.with_more_widths().embedded(numbers, size)
         return BareStrips(self.widths, parts, further)
 
 
-def measured(
+def strips_at_nodes(
     widest: float,
     freed: Callable[[float], np.ndarray],
     parts: Callable[[np.ndarray, np.ndarray], tuple[Part, ...]],
@@ -136,7 +136,7 @@ def measured(
         return strips(np.concatenate([first, matrices(NODES[usual:])], axis=1))
 
     first = matrices(NODES[:usual])
-    return replace(strips(first), further=(lambda: kept.get("further", further)) if unequal else None)
+    return replace(strips(first), with_more_widths=(lambda: kept.get("further", further)) if unequal else None)
 
 
 def between_widths(widths: np.ndarray, width: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
@@ -238,11 +238,12 @@ class Answers:
 
     Attributes
     ----------
-    own : (10, r, r) forms of the unit constants on the answers;  between : (10, k, r) between base fields and answers
+    within : (10, r, r) forms of the unit constants on the answers
+    between : (10, k, r) forms of the unit constants between base fields and answers
     momentum : (k − 1, r) ∫ ρ u·v between the base fields that are displacements and the answers
     """
 
-    own: np.ndarray
+    within: np.ndarray
     between: np.ndarray
     momentum: np.ndarray
 
@@ -259,29 +260,29 @@ class Answers:
         ends : 1 where the answers are at both ends, with the parity of the base fields; ½ where they are at one
         """
         found = np.zeros_like(base.bulk)
-        found[(..., *np.ix_(chosen, chosen))] = stationary(*self.apart(base, chosen, ends), base.constants)
+        found[(..., *np.ix_(chosen, chosen))] = stationary(*self.without_momentum(base, chosen, ends), base.constants)
         return found
 
-    def apart(self, base: Base, chosen: np.ndarray, ends: float) -> tuple[np.ndarray, np.ndarray]:
-        """`own` and `between` for the chosen base fields (bool (k,)), of ψ less those of these with its momentum."""
+    def without_momentum(self, base: Base, chosen: np.ndarray, ends: float) -> tuple[np.ndarray, np.ndarray]:
+        """`within` and `between` for the chosen base fields (bool (k,)), of ψ less those of these with its momentum."""
         moving, bulk = np.flatnonzero(chosen[:-1]), base.bulk[(..., *np.ix_(chosen, chosen))]
-        share = np.zeros((bulk.shape[1], self.own.shape[1]))
+        share = np.zeros((bulk.shape[1], self.within.shape[1]))
         momenta = base.momenta[np.ix_(moving, moving)]
         share[: moving.size] = np.linalg.lstsq(momenta, ends * self.momentum[moving], rcond=ROUNDING)[0]
         between = ends * self.between[:, chosen]
-        own = ends * self.own - share.T @ between - between.transpose(0, 2, 1) @ share
-        return own + share.T @ bulk @ share, between - bulk @ share
+        within = ends * self.within - share.T @ between - between.transpose(0, 2, 1) @ share
+        return within + share.T @ bulk @ share, between - bulk @ share
 
 
-def stationary(own: np.ndarray, crossed: np.ndarray, constants: np.ndarray) -> np.ndarray:
+def stationary(within: np.ndarray, crossed: np.ndarray, constants: np.ndarray) -> np.ndarray:
     """∂S/∂c (10, k, k) at the stationary amplitudes.
 
-    own, crossed : forms (10, r, r) on the answers and (10, k, r) with the base fields;  constants : (10,)
+    within, crossed : forms (10, r, r) on the answers and (10, k, r) with the base fields;  constants : (10,)
     """
-    whole, joined = (np.tensordot(constants, part, axes=1) for part in (own, crossed))
+    whole, joined = (np.tensordot(constants, part, axes=1) for part in (within, crossed))
     amplitudes = -np.linalg.solve(whole, joined.T)
     half = crossed @ amplitudes
-    return half + half.transpose(0, 2, 1) + amplitudes.T @ own @ amplitudes
+    return half + half.transpose(0, 2, 1) + amplitudes.T @ within @ amplitudes
 
 
 def _patterns(charges: np.ndarray) -> np.ndarray:

@@ -33,7 +33,7 @@ from femu_piezo.effects.local.bare_strips import (
     deep,
     graded,
     in_region,
-    measured,
+    strips_at_nodes,
 )
 from femu_piezo.effects.local.blocks import Blocks
 from femu_piezo.effects.local.sectors import Sectors
@@ -45,7 +45,7 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.boxes import divided, grid_lines
 
 
-def measure_bare_ends(sectors: Sectors) -> BareStrips:
+def compute_bare_ends(sectors: Sectors) -> BareStrips:
     """S of strips m (1 ± a) wide, up to a tenth of the length of a plate whose electrodes are on the large faces.
 
     sectors : the driven one and, for strips of two widths, the modes that are odd about the middle
@@ -62,7 +62,7 @@ def measure_bare_ends(sectors: Sectors) -> BareStrips:
         return Part(right, _wider, half), Part(left, _narrower, half), Part(together, _mean, np.ones(1))
 
     widest = WIDEST * 2 * model.domain.mesh.p[0].max()
-    return measured(widest, lambda width: _bare_end(model, base, width), parts, bool(np.any(base.odd)))
+    return strips_at_nodes(widest, lambda width: _bare_end(model, base, width), parts, bool(np.any(base.odd)))
 
 
 def _wider(asymmetry: float) -> tuple[np.ndarray, np.ndarray]:

@@ -47,7 +47,7 @@ class FaceCompliance:
     constants : (10,) of the e-form, of which the real parts are used
     poling : "thickness" (both faces are short-circuited electrodes) or "length" (along x, the faces are bare)
     density : kg/m³;  thickness : m
-    cut : Ω, rad/s
+    cutoff_omega : Ω, rad/s
     radii : the smallest and the largest patch, m
     """
 
@@ -55,15 +55,15 @@ class FaceCompliance:
     poling: str
     density: float
     thickness: float
-    cut: float
+    cutoff_omega: float
     radii: tuple[float, float]
 
     @classmethod
-    def of(cls, context: EffectContext, cut: float, radii: tuple[float, float]) -> FaceCompliance:
-        """Of the faces of a specimen, without the modes below Ω = `cut`."""
+    def of(cls, context: EffectContext, cutoff_omega: float, radii: tuple[float, float]) -> FaceCompliance:
+        """Of the faces of a specimen, without the modes below Ω = `cutoff_omega`."""
         height = context.thickness if context.dimensions is None else context.dimensions[2]
         constants = tuple(context.constants.to_e_form().vector().tolist())
-        return cls(constants, context.poling, context.density, height, cut, radii)
+        return cls(constants, context.poling, context.density, height, cutoff_omega, radii)
 
     @property
     def _log(self) -> CubicSpline:
@@ -118,7 +118,7 @@ class _Waves:
         self._mass = sl.block_diag(*[of.density * (values.T * weights) @ values] * 3)
         across = of.poling == "thickness"
         inner = np.arange(n)[1:-1] if across else np.arange(n)
-        self._inner, self._cut = 3 * n + inner, of.cut
+        self._inner, self._cut = 3 * n + inner, of.cutoff_omega
         phase = np.where([f == axis or (f == 3 and axis == 0 and not across) for f in range(FIELDS)], 1j, 1.0)
         gradients = {axis: (1j, values, 1), 2: (1.0, slopes, 0)}
         powers = np.zeros((3, FIELDS, n, FIELDS, n), dtype=complex)

@@ -106,7 +106,7 @@ class MeshFields(Fields):
         """Make the fields of some sectors, all those of a class at once, and the classes on several threads."""
         tuple(in_parallel(self._class, {flipped_axes(name) for name in names}))
 
-    def beside(self, name: str) -> tuple[str, ...]:
+    def needed_by(self, name: str) -> tuple[str, ...]:
         """For a local response the modes of its class and the local responses made before it; else no sectors."""
         flipped = flipped_axes(name)
         local = self._local.get(flipped, [])
@@ -114,7 +114,7 @@ class MeshFields(Fields):
             return ()
         return (letters(flipped) or UNDRIVEN, *local[: local.index(name)])
 
-    def further(self, name: str) -> int:
+    def count_of_further(self, name: str) -> int:
         """Number of unknowns of a sector beyond the driven one."""
         return self.of(name).shape[2]
 

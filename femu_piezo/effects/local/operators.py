@@ -20,11 +20,11 @@ from femu_piezo.effects.effect import LocalTerm
 from femu_piezo.effects.local.bare_strips import BareStrips, in_region
 from femu_piezo.effects.local.blocks import Blocks
 from femu_piezo.effects.local.box_fields import SLICES, TAPERED
-from femu_piezo.effects.local.end_strips import measure_bare_ends
+from femu_piezo.effects.local.end_strips import compute_bare_ends
 from femu_piezo.effects.local.faces import Face
 from femu_piezo.effects.local.mesh_fields import Flipped
 from femu_piezo.effects.local.plane_stress import unstressed
-from femu_piezo.effects.local.rim_strips import measure_bare_rims
+from femu_piezo.effects.local.rim_strips import compute_bare_rims
 from femu_piezo.effects.local.round_deformations import COUPLED, OVAL, WEDGE
 from femu_piezo.effects.local.round_fields import ORDERS, RIMS, RoundFields
 from femu_piezo.effects.local.sectors import DRIVEN, MODES_BEYOND, SPOT, Sectors
@@ -41,7 +41,7 @@ Made = TypeVar("Made")
 ELASTIC, PIEZOELECTRIC = range(5), range(5, 8)
 #: Number of reaches at which operators near edges are made.
 _REACHES = 6
-#: Eigenvalue of the elastic stiffness, over the ω² of the cut, below which an eigenvector moves without strain.
+#: Eigenvalue of the elastic stiffness, over the square of the cutoff, below which an eigenvector moves without strain.
 _RIGID = 1e-7
 
 
@@ -153,13 +153,13 @@ class Uneven:
     inertia: Blocks
 
     @property
-    def both(self) -> tuple[Blocks, Blocks]:
+    def blocks(self) -> tuple[Blocks, Blocks]:
         """Stiffness and inertia."""
         return self.stiffness, self.inertia
 
     def embedded(self, numbers: np.ndarray, size: int) -> Uneven:
         """These operators over `size` unknowns, in which the present unknowns have the given indices."""
-        return Uneven(*(part.embedded(numbers, size) for part in self.both))
+        return Uneven(*(part.embedded(numbers, size) for part in self.blocks))
 
 
 class Places:
@@ -200,7 +200,7 @@ class Places:
         return self.sectors.all_fields.model.domain.copies
 
     @property
-    def cut(self) -> float:
+    def cutoff_omega(self) -> float:
         """Ω, rad/s: modes of other classes than the driven one are kept below it."""
         return 2 * np.pi * self.sectors.all_fields.reduced.band_Hz * np.sqrt(MODES_BEYOND)
 
@@ -219,7 +219,7 @@ class Places:
             at = self.sectors.numbers(names)
             stiffness[np.ix_(at, at)] = self.sectors.all_fields.projected(names, [tensor])[0]
         values, vectors = np.linalg.eigh(self.copies * self.of_displacements(stiffness))
-        strained = values > _RIGID * self.copies * self.cut**2
+        strained = values > _RIGID * self.copies * self.cutoff_omega**2
         return vectors[:, strained] / np.sqrt(values[strained])
 
     @made_once
@@ -249,7 +249,7 @@ class Places:
 
         On the driven class and that of flipped parity about x.
         """
-        return self._made(_uneven, lambda flipped, name: flipped in ((), (0,)) and not name.endswith(SLICES)).both
+        return self._made(_uneven, lambda flipped, name: flipped in ((), (0,)) and not name.endswith(SLICES)).blocks
 
     @made_once
     def radial_ramp(self) -> Blocks:
@@ -336,7 +336,7 @@ def _slices(sectors: Sectors) -> Slices:
 
 
 def _bare_ends(sectors: Sectors) -> BareStrips:
-    return (measure_bare_rims if isinstance(sectors.all_fields, RoundFields) else measure_bare_ends)(sectors)
+    return (compute_bare_rims if isinstance(sectors.all_fields, RoundFields) else compute_bare_ends)(sectors)
 
 
 def _ramp(sectors: Sectors) -> Blocks:
@@ -457,8 +457,8 @@ def _deformed(kind: str, sectors: Sectors) -> Deformation:
     rows, columns = sectors.numbers([DRIVEN]), sectors.numbers(name for name in sectors.names if name != DRIVEN)
     driven, others = fields.on_section, fields.of_order(COUPLED[kind], sectors.names)
     found, inertia = np.zeros((2, len(units), size, size)), np.zeros((size, size))
-    _put(found[0], deformation.coupling(driven, others, units), rows, columns)
-    _put(found[1], deformation.own(driven, units), rows)
+    _put(found[0], deformation.first_order_forms(driven, others, units), rows, columns)
+    _put(found[1], deformation.second_order_forms(driven, units), rows)
     _put(inertia, deformation.inertia(driven, others), rows, columns)
     return Deformation(*(Blocks(matrices, np.arange(size), size) for matrices in (*found, inertia)))
 

@@ -34,8 +34,8 @@ from femu_piezo.effects.local.bare_strips import (
     deep,
     graded,
     in_region,
-    measured,
     stationary,
+    strips_at_nodes,
 )
 from femu_piezo.effects.local.blocks import Blocks
 from femu_piezo.effects.local.round_fields import ORDERS, RIMS, RoundFields
@@ -47,7 +47,7 @@ from femu_piezo.forward.revolution import Line, Section
 _COSINES = np.cos(np.pi * (np.arange(12) + 0.5) / 12)
 
 
-def measure_bare_rims(sectors: Sectors) -> BareStrips:
+def compute_bare_rims(sectors: Sectors) -> BareStrips:
     """S of strips m (1 ∓ a cos θ) wide along the rims of a disk or ring, up to a tenth of the way across.
 
     sectors : the driven one and those of order 1
@@ -64,7 +64,7 @@ def measure_bare_rims(sectors: Sectors) -> BareStrips:
                 found.append(Part(blocks, partial(_along, side), _weights(power)))
         return tuple(found)
 
-    return measured(widest, lambda width: _freed(fields, base, width), parts, unequal=True)
+    return strips_at_nodes(widest, lambda width: _freed(fields, base, width), parts, unequal=True)
 
 
 def _uniform(asymmetry: float) -> tuple[np.ndarray, np.ndarray]:
@@ -135,7 +135,7 @@ def _freed(fields: RoundFields, base: Base, width: float) -> np.ndarray:
         psi = answers(lambda free: free.T @ operator @ free, held, strip, charges)
         after = even.at_points(psi)
         return Answers(
-            own=even.joined(after, after, base.units),
+            within=even.joined(after, after, base.units),
             between=even.joined(gradients, after, base.units),
             momentum=inside[:, :-1].T @ (even.mass @ psi),
         )
@@ -149,11 +149,11 @@ def _freed(fields: RoundFields, base: Base, width: float) -> np.ndarray:
 def _of_both_orders(answered: Answers, base: Base) -> np.ndarray:
     """∂T/∂c (10, k, k) of the answers of one region, on and between the fields of orders 0 and 1."""
     of_orders = ~base.odd, base.odd
-    parts = [answered.apart(base, chosen, 1.0) for chosen in of_orders]
-    crossed = np.zeros((len(base.units), base.kept.size, answered.own.shape[1]))
+    parts = [answered.without_momentum(base, chosen, 1.0) for chosen in of_orders]
+    crossed = np.zeros((len(base.units), base.kept.size, answered.within.shape[1]))
     for chosen, (_, between) in zip(of_orders, parts, strict=True):
         crossed[:, chosen] = between
-    found = stationary(sum(own for own, _ in parts) / 2, crossed, base.constants)
+    found = stationary(sum(within for within, _ in parts) / 2, crossed, base.constants)
     for chosen, part in zip(of_orders, parts, strict=True):
         found[(..., *np.ix_(chosen, chosen))] = stationary(*part, base.constants)
     return found

@@ -61,13 +61,13 @@ class RoundDeformation:
 
     Attributes
     ----------
-    even, other : the orders 0 and m
+    order_0, order_m : the orders 0 and m
     first, second : (3, 3, q) Tc + Ts, and the mean of T₂ over θ, along r, θ, z
     volume : (q,) factor of cos mθ in v
     """
 
-    even: FourierOrder
-    other: FourierOrder
+    order_0: FourierOrder
+    order_m: FourierOrder
     first: np.ndarray
     second: np.ndarray
     volume: np.ndarray
@@ -75,40 +75,40 @@ class RoundDeformation:
     @classmethod
     def of(cls, kind: str, orders: Callable[[int], FourierOrder]) -> RoundDeformation:
         """The deformation of a kind in `COUPLED`; orders : number → the Fourier order of a body."""
-        even, other = orders(0), orders(COUPLED[kind])
-        outer = even.section.radial.ends[-1]
-        return cls(even, other, *_MAPS[kind](even.radii / outer, even.heights / outer))
+        order_0, order_m = orders(0), orders(COUPLED[kind])
+        outer = order_0.section.radial.ends[-1]
+        return cls(order_0, order_m, *_MAPS[kind](order_0.radii / outer, order_0.heights / outer))
 
-    def coupling(self, driven: np.ndarray, others: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
+    def first_order_forms(self, driven: np.ndarray, others: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
         """F₁ (n_tensors, k, l) of extended tensors between fields (4n, k) of order 0 and (4n, l) of order m."""
-        left, right = self.even.at_points(driven), self.other.at_points(others)
+        left, right = self.order_0.at_points(driven), self.order_m.at_points(others)
         whole = self.volume[:, None] * left - _turned(self.first, left)
-        join = self.other.joined
+        join = self.order_m.joined
         return join(whole, right, tensors) - join(left, _turned(self.first, right), tensors)
 
-    def own(self, driven: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
+    def second_order_forms(self, driven: np.ndarray, tensors: Sequence[np.ndarray]) -> np.ndarray:
         """F₂ (n_tensors, k, k) on fields (4n, k) of order 0."""
-        plain = self.even.at_points(driven)
+        plain = self.order_0.at_points(driven)
         once, twice = _turned(self.first, plain), _turned(self.second, plain)
         half = twice - self.volume[:, None] / 2 * once  # the mean of cos² mθ
-        join = self.even.joined
+        join = self.order_0.joined
         across = join(half, plain, tensors)
         return across + across.transpose(0, 2, 1) + join(once, once, tensors) / 2
 
     def inertia(self, driven: np.ndarray, others: np.ndarray) -> np.ndarray:
         """(k, l) mass of first order in ε between fields (4n, k) of order 0 and (4n, l) of order m, kg."""
-        return self.other.momentum(driven, self.volume).T @ others
+        return self.order_m.momentum(driven, self.volume).T @ others
 
     def loads(self, states: np.ndarray, tensor: np.ndarray) -> np.ndarray:
         """(4n, 2k) loads of first order on order m by states (4n, k) of order 0: of the tensor, then of inertia."""
-        left = self.even.at_points(states)
+        left = self.order_0.at_points(states)
 
         def flow(gradients: np.ndarray) -> np.ndarray:
             return np.einsum("fagb,faqk->gbqk", tensor, gradients)
 
         whole = flow(self.volume[:, None] * left - _turned(self.first, left))
         back = _turned(self.first.transpose(1, 0, 2), flow(left))
-        return np.hstack([self.other.load(whole - back), self.other.momentum(states, self.volume)])
+        return np.hstack([self.order_m.load(whole - back), self.order_m.momentum(states, self.volume)])
 
 
 def _turned(matrix: np.ndarray, gradients: np.ndarray) -> np.ndarray:

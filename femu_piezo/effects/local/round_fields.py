@@ -108,14 +108,14 @@ class RoundFields(Fields):
         for name in names:
             self._modes(name)
 
-    def beside(self, name: str) -> tuple[str, ...]:
+    def needed_by(self, name: str) -> tuple[str, ...]:
         """For a sector that completes an order the modes of that order, for "rims" also responses of the same order."""
         if name not in JOINING:
             return ()
         order = JOINING[name]
         return (ORDERS[order], *(kind for kind, m in COUPLED.items() if name == RIMS and m == order))
 
-    def further(self, name: str) -> int:
+    def count_of_further(self, name: str) -> int:
         """Number of unknowns of a sector beyond the driven one."""
         return sum(one.fields.shape[1] for one in self._modes(name))
 
@@ -240,7 +240,7 @@ class RoundFields(Fields):
         outward = np.tile(np.repeat((r / r[-1]) ** 2, axial), FIELDS)[:, None]
         fields = self.on_section[:, : self.reduced.displacements] * outward
         fields[3 * n :] = 0.0
-        known = [name for name in self.names if name in self.beside(RIMS)]
+        known = [name for name in self.names if name in self.needed_by(RIMS)]
         known_fields = np.hstack([one.fields for name in known for one in self._modes(name)])
         return self._new_beside(order, False, fields, known_fields)
 

@@ -53,9 +53,9 @@ class Fields(ABC):
         return self.reduced.size - self.reduced.displacements
 
     def chosen(self, wanted: Iterable[str]) -> tuple[str, ...]:
-        """Names of the driven sector, the wanted ones and those that these need (`beside`), in the order of `names`."""
+        """Names of the driven sector, the wanted ones and those `needed_by` these, in the order of `names`."""
         wanted = {DRIVEN, *wanted}
-        wanted |= {other for name in wanted for other in self.beside(name)}
+        wanted |= {other for name in wanted for other in self.needed_by(name)}
         return tuple(name for name in self.names if name in wanted)
 
     def select(self, names: tuple[str, ...]) -> Sectors:
@@ -64,7 +64,7 @@ class Fields(ABC):
         return Sectors(names, self)
 
     @abstractmethod
-    def beside(self, name: str) -> tuple[str, ...]:
+    def needed_by(self, name: str) -> tuple[str, ...]:
         """Sectors of the same class to which a sector is orthogonal: without them it lacks a part of its response."""
 
     @abstractmethod
@@ -75,10 +75,10 @@ class Fields(ABC):
         """Number of displacement unknowns of a sector."""
         if name == DRIVEN:
             return self.reduced.displacements
-        return 3 if name == SPOT else self.further(name)
+        return 3 if name == SPOT else self.count_of_further(name)
 
     @abstractmethod
-    def further(self, name: str) -> int:
+    def count_of_further(self, name: str) -> int:
         """Number of unknowns of a sector beyond the driven one."""
 
     @abstractmethod
