@@ -144,7 +144,7 @@ def find_reversed(data: NormalisedSweep) -> list[Finding]:
 def find_missing(roots: Roots, spectrum: ImpedanceSpectrum) -> list[Finding]:
     """Findings of no resonance at all, or of poles without zeros and zeros without poles at the ends of the sweep."""
     low, high = spectrum.frequency[0], spectrum.frequency[-1]
-    poles, zeros = roots.every("pole"), roots.every("zero")
+    poles, zeros = roots.sound_and_doubtful("pole"), roots.sound_and_doubtful("zero")
     if not poles and not zeros:
         return [
             Finding(

@@ -70,7 +70,7 @@ class Roots:
     outside: tuple[Resonance, ...]
     doubtful: tuple[Resonance, ...] = ()
 
-    def every(self, kind: Kind) -> tuple[Resonance, ...]:
+    def sound_and_doubtful(self, kind: Kind) -> tuple[Resonance, ...]:
         """The poles or zeros inside the sweep, sound and doubtful."""
         sound = self.inside.poles if kind == "pole" else self.inside.zeros
         return sound + tuple(r for r in self.doubtful if r.kind == kind)

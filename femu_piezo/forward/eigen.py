@@ -59,7 +59,7 @@ class Eigenpairs:
         weight = np.abs(self.amplitudes**2 / np.where(elastic, self.eigenvalues, 1.0)) * elastic
         return weight / weight.sum()
 
-    def dominant(self, near_Hz: float | None = None) -> int:
+    def dominant_index(self, near_Hz: float | None = None) -> int:
         """Index of the mode that the terminals drive most, within a factor two of `near_Hz` where that is given.
 
         Raises ConvergenceError where no computed mode lies in that range.

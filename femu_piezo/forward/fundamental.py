@@ -44,7 +44,7 @@ def full_source(model: ElectroelasticModel, count: int = 8) -> PairSource:
         values, slopes = [], []
         for circuit in ("short", "open"):
             modes = solve_eigen(model, e_form, circuit, count, near_Hz=0.97 * near_Hz)
-            index = modes.dominant(near_Hz)
+            index = modes.dominant_index(near_Hz)
             values.append(modes.eigenvalues[index])
             slopes.append(modes.sensitivity(model, index, E_FORM))
         return PoleZeroPair(np.array(values), np.array(slopes))

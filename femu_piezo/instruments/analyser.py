@@ -109,7 +109,7 @@ class Analyser(ABC):
     ) -> None:
         try:
             if kind is not None:  # part of a reply may still arrive
-                self._session.again()
+                self._session.reconnect()
             self._off()
             if kind is None:
                 self._check("the end")
@@ -330,7 +330,7 @@ class Session:
             "connected?"
         )
 
-    def again(self) -> None:
+    def reconnect(self) -> None:
         """Close and open the connection, so that no reply to an earlier question is taken for a later one."""
         self.close()
         self._open()

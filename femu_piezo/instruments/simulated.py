@@ -65,7 +65,7 @@ class Bench:
     Attributes
     ----------
     level, bias : V;  biased, armed : whether the bias is on, and whether a trigger starts a sweep
-    found : segments of the next sweep
+    segments : those of the next sweep
     frequency, values : (n,) Hz and complex (n,) ohm of the last sweep
     queue : errors, the oldest first
     """
@@ -82,7 +82,7 @@ class Bench:
     averaged: bool = False
     trace: int = 0
     sweeps: int = 0
-    found: list[Segment] = field(default_factory=list)
+    segments: list[Segment] = field(default_factory=list)
     frequency: np.ndarray = field(default_factory=lambda: np.zeros(0))
     values: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=complex))
     queue: deque[str] = field(default_factory=lambda: deque(maxlen=_QUEUE))
@@ -94,11 +94,11 @@ class Bench:
 
     def trigger(self) -> None:
         """Measure the segments once."""
-        if not self.armed or not self.found:
+        if not self.armed or not self.segments:
             self.queue.append('-211,"Trigger ignored"')
             return
         self.sweeps += 1
-        rising = np.unique(np.concatenate([one.frequency for one in self.found]))
+        rising = np.unique(np.concatenate([one.frequency for one in self.segments]))
         order = np.arange(rising.size) if self.rising else np.arange(rising.size)[::-1]
         measured = self.piece.measured(rising[order], self.level, self.speed, self.averages if self.averaged else 1)
         self.frequency, self.values = rising, measured[np.argsort(order)]
@@ -251,7 +251,7 @@ def _set_segments(bench: Bench, listed: list[Segment], driver: type[Analyser]) -
     ):
         bench.queue.append('-222,"Data out of range"')
         return
-    bench.found = listed
+    bench.segments = listed
 
 
 #: Model → its driver, and the function that makes its handlers.

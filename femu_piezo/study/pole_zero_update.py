@@ -77,7 +77,7 @@ def _modes(one: Subject, model: ExtendedModel, fundamental: bool) -> MeasuredMod
         share=one.share,
         model_error=mesh_error_at(one, model, frequency),
         low_end=low_end,
-        only=(measured.pair.pole, measured.pair.zero) if fundamental else None,
+        selected=(measured.pair.pole, measured.pair.zero) if fundamental else None,
     )
 
 

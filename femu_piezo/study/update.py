@@ -229,8 +229,9 @@ def _modes_note(found: ManyModes, fundamental: bool) -> tuple[str, ...]:
         return ()
     used, every = (sum(map(len, of_each)) for of_each in (found.used, found.measured))
     words = f"{used} of {every} measured poles and zeros determine the constants"
-    if found.left > 1:
-        words += f"; the model misses them by {found.left:.2g} standard deviations, which widens the stated ones alike"
+    if found.rms_residual > 1:
+        misfit = f"{found.rms_residual:.2g} standard deviations"
+        words += f"; the model misses them by {misfit}, which widens the stated ones alike"
     return (words,)
 
 

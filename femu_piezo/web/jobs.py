@@ -127,7 +127,7 @@ class Jobs:
         if process is not None:
             threading.Thread(target=_interrupt, args=(process,), daemon=True).start()
 
-    def left(self, job: Job) -> float | None:
+    def seconds_left(self, job: Job) -> float | None:
         """Seconds to the end of a job, from the last run of its command; None once that time is over."""
         known = self._times.get(job.command, {"all": _FIRST_GUESS.get(job.command, 30.0), "steps": {}})
         whole, begun = known["all"], known["steps"].get(job.step)

@@ -192,7 +192,7 @@ class Site:
             before = sum(one.active and one.number < job.number for one in self.jobs.all())
             return f"waiting for {before} other{'s' if before > 1 else ''}" if before else "waiting"
         if job.state == "running":
-            left = self.jobs.left(job)
+            left = self.jobs.seconds_left(job)
             rest = "a little longer than the last time" if left is None else f"about {_seconds(left)} left"
             return f"{job.step or 'starting'} … {_seconds(job.seconds)}, {rest}"
         if job.state == "failed":

@@ -123,7 +123,7 @@ def k31_update(repeats: int) -> None:
     for divisions in ((7, 1, 1), (20, 3, 1)):
         model = ElectroelasticModel(K31.domain(divisions), DENSITY)
         full = [solve_eigen(model, target.full().to_e_form(), circuit, 6, 35e3) for circuit in ("short", "open")]
-        measured = np.array([modes.eigenvalues[modes.dominant(35e3)] for modes in full])
+        measured = np.array([modes.eigenvalues[modes.dominant_index(35e3)] for modes in full])
         band = 1.05 * float(np.sqrt(measured[1].real)) / (2 * np.pi)
 
         def update(divisions=divisions, measured=measured, band=band):

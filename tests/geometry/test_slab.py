@@ -57,7 +57,7 @@ def test_thin_disk_follows_the_bessel_roots(loss: float) -> None:
     for circuit in ("short", "open"):
         exact = thin_disk_eigenvalues(constants, PIC181.density, radius, 1, circuit)[0]
         modes = solve_eigen(model, constants.to_e_form(), circuit, 6)
-        value = modes.eigenvalues[modes.dominant(np.sqrt(exact.real) / (2 * np.pi))]
+        value = modes.eigenvalues[modes.dominant_index(np.sqrt(exact.real) / (2 * np.pi))]
         assert value.real == pytest.approx(exact.real, rel=3e-4)
         assert value.imag / value.real == pytest.approx(exact.imag / exact.real, rel=1e-3, abs=1e-12)
 

@@ -93,7 +93,7 @@ def test_mirrored_part_shows_the_mode_of_the_whole(circuit: str) -> None:
     for axes, divisions in (((0, 1, 2), (4, 2, 1)), ((), (8, 4, 2))):
         model = ElectroelasticModel(plate.domain(divisions, axes), PIC255.density)
         modes = solve_eigen(model, PIC255.constants.to_e_form(), circuit, 10, near_Hz=1.6e5)
-        index = modes.dominant(1.6e5)
+        index = modes.dominant_index(1.6e5)
         surface = surface_of(model, modes.vectors[:, [index]], subdivisions=2)
         order = np.lexsort(np.round(surface.points.T * 1e7))
         points, first = np.unique(np.round(surface.points[order] * 1e7), axis=0, return_index=True)

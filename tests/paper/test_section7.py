@@ -161,7 +161,7 @@ def test_k33_lateral_inertia_moves_the_eigenvalues():
         model = ElectroelasticModel(Plate(length, side, side, "length").domain((12, 1, 1)), DENSITY)
         values.append(
             [
-                modes.eigenvalues[modes.dominant(near)].real
+                modes.eigenvalues[modes.dominant_index(near)].real
                 for modes, near in (
                     (solve_eigen(model, constants, "short", 3, 55e3), 59e3),
                     (solve_eigen(model, constants, "open", 3, 80e3), 83e3),

@@ -110,7 +110,7 @@ def test_pic181_disk_has_the_reference_radial_mode():
     model = ElectroelasticModel(domain, PIC181.density)
     for circuit, reference in (("short", 229_543), ("open", 261_050)):
         modes = solve_eigen(model, PIC181.constants.to_e_form(), circuit, 4)
-        found = np.sqrt(modes.eigenvalues[modes.dominant(reference)].real) / (2 * np.pi)
+        found = np.sqrt(modes.eigenvalues[modes.dominant_index(reference)].real) / (2 * np.pi)
         assert found == pytest.approx(reference, rel=2e-5)
 
 
@@ -121,7 +121,7 @@ def extrapolated(radii, circuit: str, near_Hz: float) -> float:
         domain = round_domain(radii, thickness, Divisions(6, 2, 1, 1), EVERY, UP)
         model = ElectroelasticModel(domain, PIC181.density)
         modes = solve_eigen(model, PIC181.constants.to_e_form(), circuit, 6, 0.9 * near_Hz)
-        found.append(modes.eigenvalues[modes.dominant(near_Hz)].real)
+        found.append(modes.eigenvalues[modes.dominant_index(near_Hz)].real)
     return (4 * found[1] - found[0]) / 3
 
 
@@ -177,7 +177,7 @@ def test_the_whole_has_the_driven_modes_of_the_part():
     e_form = PIC181.constants.to_e_form()
     for domain in (part, whole):
         modes = solve_eigen(ElectroelasticModel(domain, PIC181.density), e_form, "short", 8, 226e3)
-        found.append(modes.eigenvalues[modes.dominant(226e3)].real)
+        found.append(modes.eigenvalues[modes.dominant_index(226e3)].real)
     assert found[0] == pytest.approx(found[1], rel=1e-5)
     askew = disk(6 * MM, 2 * MM, direction=(1.0, 0.0, 0.0))
     curved = askew.domain_for(1e-4, 4e5, 1947.0)

@@ -58,7 +58,7 @@ def test_a_command_runs_as_in_a_terminal_and_shows_its_steps(folder: Path, start
         json.loads((folder / "results/plate.toml/update/update.json").read_text())["parameters"]["s11"]["value"] > 1e-11
     )
     again = Job(99, "update", "plate.toml", "x", began=time.time(), state="running")
-    assert 0 < jobs.left(again) < 2 * job.seconds  # the time of the next run is estimated from the last one
+    assert 0 < jobs.seconds_left(again) < 2 * job.seconds  # the time of the next run is estimated from the last one
 
 
 def test_errors_are_the_sentence_of_the_terminal(start) -> None:

@@ -66,7 +66,7 @@ def pole(share, mode):
     for _ in range(8):
         load = {"end mass": -((2 * np.pi * frequency) ** 2) * share * mass / section}
         found = solve_eigen(loaded, constants, "short", count=3, near_Hz=0.97 * frequency, extra=load)
-        frequency = float(np.sqrt(found.eigenvalues[found.dominant(frequency)].real) / (2 * np.pi))
+        frequency = float(np.sqrt(found.eigenvalues[found.dominant_index(frequency)].real) / (2 * np.pi))
     return frequency
 
 

@@ -64,7 +64,7 @@ class MeasuredModes:
     evaluation : the model of its specimen;  share : which unknowns concern it
     model_error : (m,) relative errors by the mesh of the model's λ, of the poles, then of the zeros
     low_end : None where the sweep has none
-    only : resonances that the update uses; where None, all that are near one of the model at the start
+    selected : resonances that the update uses; where None, all that are near one of the model at the start
     """
 
     resonances: ResonanceSet
@@ -72,10 +72,10 @@ class MeasuredModes:
     share: Share
     model_error: np.ndarray
     low_end: LowEnd | None = None
-    only: tuple[Resonance, ...] | None = None
+    selected: tuple[Resonance, ...] | None = None
 
     @property
-    def every(self) -> tuple[Resonance, ...]:
+    def poles_and_zeros(self) -> tuple[Resonance, ...]:
         """Poles, then zeros."""
         return (*self.resonances.poles, *self.resonances.zeros)
 
@@ -90,7 +90,7 @@ class ManyModes:
     measured : poles and zeros of every sweep;  used : those that the update used
     residual, jacobian : (m,), (m, n_x) of what was measured, whitened by its noise and the errors of the mesh
     mesh : (m, n) the errors of the mesh, whitened, each column one standard deviation
-    read : (n, n_x) slopes of the readings of other instruments
+    reading_slopes : (n, n_x) slopes of the readings of other instruments
     """
 
     parameters: Unknowns
@@ -100,7 +100,7 @@ class ManyModes:
     residual: np.ndarray
     jacobian: np.ndarray
     mesh: np.ndarray
-    read: np.ndarray
+    reading_slopes: np.ndarray
 
     @property
     def constants(self) -> PiezoConstants:
@@ -108,7 +108,7 @@ class ManyModes:
         return self.parameters.material.constants(self.x[: self.parameters.of_material])
 
     @property
-    def left(self) -> float:
+    def rms_residual(self) -> float:
         """rms of the whitened residual of what was measured."""
         return float(np.sqrt(np.mean(self.residual**2)))
 
@@ -120,7 +120,7 @@ class ManyModes:
         was measured may be a million times as exact as what is known before.
         """
         std = self.parameters.prior_std
-        rows = np.concatenate([self.jacobian * std, np.eye(std.size), self.read * std])
+        rows = np.concatenate([self.jacobian * std, np.eye(std.size), self.reading_slopes * std])
         order = np.argsort(-np.max(np.abs(rows), axis=1))
         span, triangle, columns = qr(rows[order], mode="economic", pivoting=True)
         found = np.empty(rows.T.shape)
@@ -131,7 +131,7 @@ class ManyModes:
     def budget(self) -> dict[str, np.ndarray]:
         """Source → (n_x,) its part of every standard deviation, as `femu_piezo.inference.budget`.
 
-        All of them are multiplied by `left` where that is above 1.
+        All of them are multiplied by `rms_residual` where that is above 1.
         """
         data, prior, read = np.split(self.gain, np.cumsum([self.residual.size, self.x.size]), axis=1)
         mesh = np.sum((data @ self.mesh) ** 2, axis=1)
@@ -140,7 +140,7 @@ class ManyModes:
             parts["readings"] = np.sum(read**2, axis=1)
         for source, columns in groups(self.parameters).items():
             parts[source] = np.sum(prior[:, columns] ** 2, axis=1)
-        return {source: max(1.0, self.left) * np.sqrt(parts[source]) for source in SOURCES if source in parts}
+        return {source: max(1.0, self.rms_residual) * np.sqrt(parts[source]) for source in SOURCES if source in parts}
 
     @property
     def std(self) -> np.ndarray:
@@ -177,8 +177,8 @@ def update_many(measured: Sequence[MeasuredModes], parameters: Unknowns, start: 
 
 def _used(sweep: MeasuredModes, parameters: Unknowns, x: np.ndarray) -> np.ndarray:
     """(m,) bool: which of the poles, then zeros, the update uses."""
-    if sweep.only is not None:
-        return np.array([any(resonance is other for other in sweep.only) for resonance in sweep.every], dtype=bool)
+    if sweep.selected is not None:
+        return np.array([any(one is other for other in sweep.selected) for one in sweep.poles_and_zeros], dtype=bool)
     unknowns, columns = sweep.share.of(parameters)
     modal = sweep.evaluation.modal(unknowns, x[columns])
     found = []
@@ -207,15 +207,15 @@ def _linearised(
     return ManyModes(
         parameters=parameters,
         x=x,
-        measured=tuple(sweep.every for sweep in measured),
+        measured=tuple(sweep.poles_and_zeros for sweep in measured),
         used=tuple(
-            tuple(resonance for resonance, wanted in zip(sweep.every, use, strict=True) if wanted)
+            tuple(resonance for resonance, wanted in zip(sweep.poles_and_zeros, use, strict=True) if wanted)
             for sweep, use in zip(measured, kept, strict=True)
         ),
         residual=np.concatenate(rows),
         jacobian=np.concatenate(slopes),
         mesh=block_diag(*mesh),
-        read=readings(parameters, x)[1],
+        reading_slopes=readings(parameters, x)[1],
     )
 
 
@@ -236,7 +236,7 @@ def _mode_residuals(
         residuals.append(roots**2 - [resonance.eigenvalue for resonance in chosen])
         slopes.append(2 * roots[:, None] * root_slopes(sweep.evaluation, unknowns, x, kind, roots))
     where = np.repeat(use, 2)
-    size = np.array([abs(resonance.eigenvalue) for resonance in sweep.every])[use]
+    size = np.array([abs(resonance.eigenvalue) for resonance in sweep.poles_and_zeros])[use]
     mesh = np.zeros((2 * size.size, size.size))
     mesh[2 * np.arange(size.size), np.arange(size.size)] = sweep.model_error[use] * size
     if sweep.resonances.covariance is None:
