@@ -202,7 +202,7 @@ class Effect:
     freed : whether its parameters are unknowns of every fit with the prior of a cause, as the specimen file asks
     of_unknown : whether it stands for what no cause of the library describes: it competes with the causes, and where it
         is needed the verdict is unknown
-    of_conditions : whether its law depends on the conditions of a sweep (`EffectContext.taken`), so that each of
+    of_conditions : whether its law depends on the conditions of a sweep (`EffectContext.conditions`), so that each of
         several sweeps of a specimen has a hook of its own, with the same parameters
     """
 
@@ -323,7 +323,7 @@ class Effect:
 
 
 @dataclass(frozen=True)
-class Taken:
+class SweepConditions:
     """How one of the sweeps of a specimen was taken.
 
     Attributes
@@ -361,7 +361,7 @@ class EffectContext:
     tolerances : standard deviations by name: relative of dimensions, of the density and of held constants ("s12"),
         absolute of their tangents ("tan_s12"), SI of the fixture's "resistance", "inductance" and "capacitance";
         relative "accuracy" and "phase_accuracy" (rad) of the instrument. What has none is known exactly.
-    weighed : whether the density follows from a mass, so that a larger body is a lighter material
+    density_from_mass : whether the density follows from a mass, so that a larger body is a lighter material
     band_Hz : lowest and highest frequency of the sweep
     pace_Hz : frequencies that the sweep reached after equal shares of its time, rising; empty where it went evenly
         through `band_Hz`
@@ -369,7 +369,7 @@ class EffectContext:
     radii : inner and outer radius of a disk or ring with covered faces, poled along its axis, m; None for others
     upper : the upper face of any other body, where a mass may stick or a support stand; None where there is none
     poling : "thickness" (k31) or "length" (k33)
-    taken : how the sweep was taken
+    conditions : how the sweep was taken
     """
 
     fundamental_Hz: float
@@ -385,9 +385,9 @@ class EffectContext:
     tolerances: Mapping[str, float] = field(default_factory=dict)
     band_Hz: tuple[float, float] = (100.0, 1e6)
     reshapings: Mapping[str, Reshaping] = field(default_factory=dict)
-    weighed: bool = False
+    density_from_mass: bool = False
     pace_Hz: tuple[float, ...] = ()
-    taken: Taken = field(default_factory=Taken)
+    conditions: SweepConditions = field(default_factory=SweepConditions)
     upper: UpperFace | None = None
 
     @property

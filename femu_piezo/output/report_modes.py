@@ -15,7 +15,7 @@ from femu_piezo.study.results import Outcome, UpdateResult
 
 def mode_section(result: UpdateResult) -> Section:
     """The fundamental of each piece, once for all its sweeps: a picture, or a sentence where it cannot be drawn."""
-    first = [outcome for outcome in result.outcomes if outcome.measured.taken.number == 0]
+    first = [outcome for outcome in result.outcomes if outcome.measured.conditions.number == 0]
     return Section("modes", "Mode shapes", "".join(_fundamental(result, outcome) for outcome in first))
 
 

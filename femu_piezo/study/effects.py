@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from femu_piezo.effects.effect import Effect, EffectContext, Taken
+from femu_piezo.effects.effect import Effect, EffectContext, SweepConditions
 from femu_piezo.effects.extended_model import ExtendedModel, extend_model
 from femu_piezo.effects.library import Maker, from_table, with_library
 from femu_piezo.forward.model import ElectroelasticModel
@@ -17,7 +17,7 @@ from femu_piezo.geometry.slab import Slab
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.study.measured import Measured, taken_of
+from femu_piezo.study.measured import Measured, conditions_of
 from femu_piezo.study.problem import Problem
 from femu_piezo.study.shapes import shape_of
 from femu_piezo.study.tolerances import tolerances
@@ -45,7 +45,7 @@ def effect_context(
     impedance: float,
     band_Hz: tuple[float, float],
     frequency: np.ndarray | None = None,
-    taken: Taken | None = None,
+    conditions: SweepConditions | None = None,
 ) -> EffectContext:
     """What the library of effects must know of a specimen.
 
@@ -54,7 +54,7 @@ def effect_context(
     impedance : typical |Z|, ohm, which bounds the parameters of circuits
     band_Hz : lowest and highest frequency of the sweep
     frequency : (k,) its points, Hz, all of which took equally long; evenly spaced over the band where None
-    taken : how the sweep was taken; as the only one, upwards, where None
+    conditions : how the sweep was taken; as the only one, upwards, where None
     """
     points = np.array(band_Hz) if frequency is None else frequency
     pace = np.interp(np.linspace(0, 1, _PACE), np.linspace(0, 1, points.size), points)
@@ -75,9 +75,9 @@ def effect_context(
         poling=plate.poling,
         tolerances=tolerances(problem),
         band_Hz=band_Hz,
-        weighed=problem.specimen.geometry.mass is not None,
+        density_from_mass=problem.specimen.geometry.mass is not None,
         pace_Hz=tuple(pace.tolist()),
-        taken=taken or Taken(),
+        conditions=conditions or SweepConditions(),
     )
 
 
@@ -86,7 +86,7 @@ def expected_context(problem: Problem, band_Hz: tuple[float, float]) -> EffectCo
     capacitance = abs(problem.constants.eps33T) * problem.plate.electrode_area / problem.plate.electrode_gap
     pole = problem.expected_pole_Hz
     impedance = 1 / (2 * np.pi * pole * capacitance)
-    return effect_context(problem, pole, impedance, band_Hz, taken=taken_of(problem.specimen)[0])
+    return effect_context(problem, pole, impedance, band_Hz, conditions=conditions_of(problem.specimen)[0])
 
 
 def known_effects(

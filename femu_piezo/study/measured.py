@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from femu_piezo.effects.effect import Taken
+from femu_piezo.effects.effect import SweepConditions
 from femu_piezo.errors import InputError
 from femu_piezo.extraction import Extraction, extract
 from femu_piezo.extraction.roots import Pair, fundamental
@@ -41,7 +41,7 @@ class Measured:
     problem : the specimen as computed, with this sweep alone; its name includes that of the sweep where it has several
     spectrum : the whole sweep;  fitted : without the held-out band
     pair : pole and zero of the fundamental, of another sweep of the specimen where this one does not hold them
-    piece : the specimen with all its sweeps;  taken : how this sweep was taken
+    piece : the specimen with all its sweeps;  conditions : how this sweep was taken
     permittivity : complex ε33T from the low end of the sweep, None where it has none
     """
 
@@ -52,7 +52,7 @@ class Measured:
     pair: Pair
     permittivity: complex | None
     piece: Specimen
-    taken: Taken = field(default_factory=Taken)
+    conditions: SweepConditions = field(default_factory=SweepConditions)
 
     @property
     def holds_fundamental(self) -> bool:
@@ -198,24 +198,33 @@ def _of_one_piece(piece: Specimen, sweeps: Sequence[_Analysed]) -> list[Measured
     pairs = [pair for pair in own if pair is not None] or [fundamental_pair(sweeps[0].extraction, sweeps[0].spectrum)]
     lowest = min(pairs, key=lambda pair: pair.pole.frequency_Hz)
     found = []
-    for one, pair, taken in zip(sweeps, own, taken_of(piece), strict=True):
+    for one, pair, conditions in zip(sweeps, own, conditions_of(piece), strict=True):
         near = pair is not None and pair.pole.frequency_Hz < _SAME_MODE * lowest.pole.frequency_Hz
         pair = pair if near else lowest
         permittivity = _low_permittivity(one.problem, one.fitted, pair)
-        found.append(Measured(one.problem, one.spectrum, one.fitted, one.extraction, pair, permittivity, piece, taken))
+        analysed = one.problem, one.spectrum, one.fitted, one.extraction
+        found.append(Measured(*analysed, pair, permittivity, piece, conditions))
     return found
 
 
-def taken_of(piece: Specimen) -> list[Taken]:
+def conditions_of(piece: Specimen) -> list[SweepConditions]:
     """How each sweep of a specimen was taken; a single one, upwards, where its file has no [[sweep]] tables."""
     sweeps = piece.sweep
     if sweeps is None:
-        return [Taken()]
+        return [SweepConditions()]
     volts = [one.drive_voltage or 1.0 for one in sweeps]
     warm = np.array([one.temperature or 0.0 for one in sweeps])
     span = float(np.ptp(warm)) / 2
     return [
-        Taken(number, len(sweeps), one.direction != "down", volt / max(volts), one.fixture or "", float(kelvin), span)
+        SweepConditions(
+            number=number,
+            count=len(sweeps),
+            rising=one.direction != "down",
+            drive=volt / max(volts),
+            fixture=one.fixture or "",
+            warmer_K=float(kelvin),
+            span_K=span,
+        )
         for number, (one, volt, kelvin) in enumerate(zip(sweeps, volts, warm - warm.mean(), strict=True))
     ]
 

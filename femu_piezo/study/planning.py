@@ -213,15 +213,15 @@ def _sweeps(
 
 def _again(now: Plan, one: Subject, model: ExtendedModel) -> list[Plan]:
     """The same sweep in the other direction, and at a third of the voltage, by the model of the diagnosis."""
-    frequency, taken = _thinned(one.measured.fitted.frequency), one.context.taken
+    frequency, conditions = _thinned(one.measured.fitted.frequency), one.context.conditions
     part, noise = Evaluation(model, 2 * np.pi * frequency), np.tile(_noise(one, frequency.size), 2)
     ways = {
-        OPPOSITE: replace(taken, rising=not taken.rising),
-        THIRD: replace(taken, drive=taken.drive / 3),
+        OPPOSITE: replace(conditions, rising=not conditions.rising),
+        THIRD: replace(conditions, drive=conditions.drive / 3),
     }
     plans = []
     for words, way in ways.items():
-        other = replace(one, context=replace(one.context, taken=way))
+        other = replace(one, context=replace(one.context, conditions=way))
         parts = tuple((_share(sweep, now.owner), part) for sweep in (one, other))
         plans.append(Plan(words, Remembered(Ensemble(parts)), noise, now.owner))
     return plans

@@ -139,7 +139,7 @@ class Posterior:
         full = self.full
         self._clock.step("reduce")
         self._around = self.bases.around(self.problem, constants)
-        spread = _FREE_SPREAD + _PER_KELVIN * max(one.context.taken.span_K for one in self.several)
+        spread = _FREE_SPREAD + _PER_KELVIN * max(one.context.conditions.span_K for one in self.several)
         training = _training(self._around, self.problem.free(self._around), spread)
         self.models = self._of_pieces(lambda number, several: self._reduced(full[number], number, several, training))
 

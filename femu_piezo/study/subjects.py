@@ -107,8 +107,8 @@ def subjects(measured: Sequence[Measured], effects: Iterable[Maker] | None = Non
     effects : what they may have in addition to the effects of their files; the library where None
     """
     effects = None if effects is None else tuple(effects)
-    pieces = [one.piece for one in measured if one.taken.number == 0]
-    names, fixtures = [piece.name for piece in pieces], {one.taken.fixture for one in measured}
+    pieces = [one.piece for one in measured if one.conditions.number == 0]
+    names, fixtures = [piece.name for piece in pieces], {one.conditions.fixture for one in measured}
     double = next((name for index, name in enumerate(names) if name in names[:index]), None)
     if double is not None:
         raise InputError(
@@ -121,7 +121,7 @@ def subjects(measured: Sequence[Measured], effects: Iterable[Maker] | None = Non
         _subject(
             one,
             one.piece.name if len(pieces) > 1 else "",
-            one.taken.fixture if len(fixtures) > 1 else "",
+            one.conditions.fixture if len(fixtures) > 1 else "",
             effects,
         )
         for one in measured
@@ -133,7 +133,7 @@ def _subject(measured: Measured, name: str, fixture: str, effects: tuple[Maker, 
     typical = float(np.median(np.abs(measured.spectrum.impedance)))
     band = (float(frequency[0]), float(frequency[-1]))
     pole = measured.pair.pole.frequency_Hz
-    context = effect_context(measured.problem, pole, typical, band, frequency, measured.taken)
+    context = effect_context(measured.problem, pole, typical, band, frequency, measured.conditions)
     noise = np.hypot(_relative_noise(measured), LEAST_ERROR)
     memory, louder = _noise_memory(measured, noise[np.isin(frequency, measured.fitted.frequency)])
     return subject(name, measured.problem, measured, noise * louder, context, effects, fixture, memory)

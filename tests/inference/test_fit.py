@@ -62,7 +62,9 @@ def test_jacobian_of_a_weighed_body(lab):
     from femu_piezo.effects.effect import EffectContext
     from femu_piezo.effects.library import library
 
-    context = EffectContext(FUNDAMENTAL, FREE, CONSTANTS, AXES, DENSITY, SIZE[2], tolerances=TOLERANCES, weighed=True)
+    context = EffectContext(
+        FUNDAMENTAL, FREE, CONSTANTS, AXES, DENSITY, SIZE[2], tolerances=TOLERANCES, density_from_mass=True
+    )
     effects = {effect.name: effect for effect in library(context)}
     length, density = effects["wrong_length"], effects["wrong_density"]
     unknowns = replace(lab.unknowns, effects=(length,))

@@ -102,7 +102,7 @@ def from_table(
     for title, values in table.items():
         split = _OF_FIXTURE.fullmatch(title)
         name, fixture = (split["name"], split["fixture"]) if split else (title, "")
-        if fixture not in ("", context.taken.fixture):
+        if fixture not in ("", context.conditions.fixture):
             continue
         unread = dict(values)
         free = unread.pop(FREE, ())

@@ -28,7 +28,7 @@ def _constants(context: EffectContext) -> tuple[str, ...]:
 
 
 def _coefficients(context: EffectContext):
-    indices, kelvin = [D_FORM.index(name) for name in _constants(context)], context.taken.warmer_K
+    indices, kelvin = [D_FORM.index(name) for name in _constants(context)], context.conditions.warmer_K
 
     def constants(theta, tangents, omega, p):
         theta, tangents = theta.copy(), tangents.copy()
@@ -60,8 +60,8 @@ def _shift(number: int):
 
 def candidates(context: EffectContext) -> tuple[Effect, ...]:
     """Present where there are several sweeps; never causes."""
-    taken, found = context.taken, []
-    if taken.span_K > 0:
+    conditions, found = context.conditions, []
+    if conditions.span_K > 0:
         found.append(
             Effect(
                 name="temperature_coefficients",
@@ -79,7 +79,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             )
         )
     repeats = context.tolerances.get("repeatability", 0.0)
-    if taken.count > 1 and repeats:
+    if conditions.count > 1 and repeats:
         found.append(
             Effect(
                 name="repeatability",
@@ -88,9 +88,9 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                     EffectParameter(
                         f"sweep_{number + 1}", "1", -0.01, 0.01, repeats, repeats, optional=True, tolerance=repeats
                     )
-                    for number in range(1, taken.count)
+                    for number in range(1, conditions.count)
                 ),
-                constants=_shift(taken.number),
+                constants=_shift(conditions.number),
                 of_conditions=True,
             )
         )

@@ -74,17 +74,17 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
             **hooks,
         )
 
-    weighed = context.weighed
+    from_mass = context.density_from_mass
     stretched = (
         dimension(
             name,
             stretch=_stretch(np.isin(np.arange(3), axes).astype(float)),
-            density=_lighter(len(axes)) if weighed else None,
+            density=_lighter(len(axes)) if from_mass else None,
         )
         for name, axes in context.axes.items()
     )
     reshaped = (
-        dimension(name, reshaping=reshaping, density=_thinner(reshaping) if weighed else None)
+        dimension(name, reshaping=reshaping, density=_thinner(reshaping) if from_mass else None)
         for name, reshaping in context.reshapings.items()
     )
     density = Effect(

@@ -84,7 +84,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 "sweep again at a third of the voltage: the shift of the resonances falls to a ninth",
                 "sweep again in the opposite direction: a shift by drift changes its sign, one by the drive does not",
             ),
-            acquisition=_hook(context.taken.drive),
+            acquisition=_hook(context.conditions.drive),
             outward=0.3,
             of_conditions=True,
         ),

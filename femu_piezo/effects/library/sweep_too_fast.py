@@ -54,7 +54,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 "sweep again at a tenth of the rate: only what belongs to the body remains",
                 "sweep again in the opposite direction: the error changes its sign with the rate",
             ),
-            acquisition=_hook(1.0 if context.taken.rising else -1.0),
+            acquisition=_hook(1.0 if context.conditions.rising else -1.0),
             outward=6.0,
             of_conditions=True,
         ),

@@ -29,8 +29,8 @@ _SIDE, _STEP = 4e-3, 1e-6
 def _hook(context: EffectContext) -> AcquisitionHook:
     pace = np.array(context.pace_Hz or context.band_Hz)
     shares = np.linspace(0, 1, pace.size)
-    at, number = np.interp(context.fundamental_Hz, pace, shares), context.taken.number
-    sign = 1.0 if context.taken.rising else -1.0
+    at, number = np.interp(context.fundamental_Hz, pace, shares), context.conditions.number
+    sign = 1.0 if context.conditions.rising else -1.0
 
     def acquisition(inside: Reached, omega: np.ndarray, p: np.ndarray):
         weights = np.zeros((omega.size, p.size))
@@ -65,7 +65,7 @@ def candidates(context: EffectContext) -> tuple[Effect, ...]:
                 EffectParameter("drift", "1", -0.1, 0.1, 5e-4, 3e-3, law_error=_LAW_ERROR),
                 *(
                     EffectParameter(f"level_{number + 1}", "1", -0.1, 0.1, 5e-4, 3e-3, optional=True)
-                    for number in range(1, context.taken.count)
+                    for number in range(1, context.conditions.count)
                 ),
             ),
             confusable_with=("wrong_insensitive_parameter", "wrong_width", "frequency_dependent_elastic_loss"),
