@@ -39,8 +39,8 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Found:
-    """One named cause and the candidates that could take its place.
+class NamedCause:
+    """A cause, or form of an unknown error, of the final set, and the candidates that could take its place.
 
     Attributes
     ----------
@@ -48,15 +48,15 @@ class Found:
     probability : summed posterior of the sets that hold it
     fits : the final set with each candidate (the cause included) in place of the cause, best first; odds over the final
         set
-    rest : the fit of least χ² with no causes but the others of the final set, and no form of an unknown error
-    without : log odds of the final set over the set without the cause
+    fit_without : the fit of least χ² with no causes but the others of the final set, and no form of an unknown error
+    log_odds : log odds of the final set over the set without the cause
     """
 
     effect: Effect
     probability: float
     fits: tuple[Trial, ...]
-    rest: Fit
-    without: float
+    fit_without: Fit
+    log_odds: float
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Comparison:
     final : fit of the most probable set, without causes that are neither significant nor demanded by the data; the base
         where no cause remains
     described : fit of the final set without forms of unknown errors (`Effect.of_unknown`)
-    found : the causes of the final set, first the one with the highest log odds of the set over that without it
+    causes : the causes of the final set, first the one with the highest log odds of the set over that without it
     forms : the forms of unknown errors in the final set
     discrepant : whether the final set is more probable with a discrepancy than without
     averaged : the free constants over all sets
@@ -83,15 +83,15 @@ class Comparison:
     starts: tuple[Start, ...]
     final: Fit
     described: Fit
-    found: tuple[Found, ...]
-    forms: tuple[Found, ...]
+    causes: tuple[NamedCause, ...]
+    forms: tuple[NamedCause, ...]
     discrepant: bool
     averaged: Averaged
     rules: Rules = field(default_factory=Rules)
     probabilities: dict[str, float] = field(default_factory=dict)
 
     @property
-    def alike(self) -> dict[str, tuple[Effect, ...]]:
+    def indistinguishable_from(self) -> dict[str, tuple[Effect, ...]]:
         """Key of a named cause or form → candidates that the data do not tell from it."""
         return {
             named.effect.key: tuple(
@@ -99,5 +99,5 @@ class Comparison:
                 for trial in named.fits
                 if trial.log_odds > -self.rules.alike and trial.effect.title != named.effect.title
             )
-            for named in (*self.found, *self.forms)
+            for named in (*self.causes, *self.forms)
         }

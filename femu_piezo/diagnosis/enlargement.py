@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
 from femu_piezo.diagnosis.hypotheses import Weighing
-from femu_piezo.diagnosis.starts import Start, of_either_sign, promise_of, relocated, starts, stepped_start, unstrained
+from femu_piezo.diagnosis.starts import Start, of_either_sign, relocated, starts, starts_at_prior_means, stepped_start
 from femu_piezo.diagnosis.whiteness import strain_of
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.descent import COARSE
@@ -179,7 +180,7 @@ class Enlargement:
         response, current = self._weighing.response, self._current
         further = in_parallel(lambda prospect: stepped_start(response, current, prospect.starts[0]), without_fit)
         for prospect, start in zip(without_fit, further, strict=True):
-            prospect.starts = sorted([*prospect.starts, start], key=promise_of)
+            prospect.starts = sorted([*prospect.starts, start], key=attrgetter("promised_chi_square"))
             prospect.promised_odds = max(prospect.promised_odds, self._odds(start.linear, prospect.effect))
         worth = [prospect for prospect in without_fit if self._hopeful(prospect)]
         self._record(worth, list(in_parallel(self._roughly, worth)))
@@ -237,7 +238,7 @@ class Enlargement:
         return self._weighing.fitted(prospect.starts[0].linear.parameters, begins, COARSE)
 
     def _from_means(self, prospect: _Prospect) -> Fit | None:
-        at_means = unstrained(self._weighing.response, self._current, prospect.effect)
+        at_means = starts_at_prior_means(self._weighing.response, self._current, prospect.effect)
         return self._weighing.fitted(at_means[0].linear.parameters, [start.x for start in at_means], COARSE)
 
     def _hopeful(self, prospect: _Prospect) -> bool:
@@ -263,8 +264,8 @@ class Enlargement:
 
     def _explains_most(self, prospect: _Prospect) -> bool:
         """Whether by linearisation a candidate explains more than half of the misfit of the set beyond noise."""
-        promised, misfit, size = prospect.starts[0].promised, self._current.chi_square, self._current.residual.size
-        return promised - size < (misfit - size) / 2
+        misfit, size = self._current.chi_square, self._current.residual.size
+        return prospect.starts[0].promised_chi_square - size < (misfit - size) / 2
 
     def _outdone(self) -> bool:
         """Whether the best fit gained clearly more than linearisation promised; False if the set has a discrepancy."""
@@ -296,7 +297,7 @@ class Enlargement:
         """Log odds that a close fit may reach: the larger of what the next step and linearisation promise."""
         if prospect.rough is None:
             return prospect.promised_odds
-        return max(prospect.odds + prospect.rough.promise / 2, prospect.promised_odds)
+        return max(prospect.odds + prospect.rough.promised_gain / 2, prospect.promised_odds)
 
     def _closely(self, prospect: _Prospect, best: float) -> Fit | None:
         """A close fit where it may come near the best log odds, else the rough fit.
@@ -304,7 +305,7 @@ class Enlargement:
         The close fit also begins at starts whose linearisation promises a lower χ² than the rough fit has reached.
         """
         rough, screened = prospect.rough, prospect.starts
-        unfinished = rough is not None and rough.promise > COARSE  # it ran out of evaluations
+        unfinished = rough is not None and rough.promised_gain > COARSE  # it ran out of evaluations
         goes_on = self._from_no_cause and unfinished and self._unexplained()
         # its odds stayed below what was promised, so it ended at a wrong place
         astray = (
@@ -319,11 +320,11 @@ class Enlargement:
         reached, margin = np.inf, _AS_PROMISED
         if rough is not None:
             reached, margin = rough.chi_square, _AS_PROMISED * max(1.0, rough.chi_square / rough.residual.size)
-        further = [screened[0].alone()] if reached > screened[0].promised + margin else []
-        further += [start.x for start in screened[1:] if start.promised < reached - margin]
+        further = [screened[0].alone()] if reached > screened[0].promised_chi_square + margin else []
+        further += [start.x for start in screened[1:] if start.promised_chi_square < reached - margin]
         if rough is not None and rough.chi_square > _MISPLACED * rough.residual.size:
             elsewhere = relocated(self._weighing.response, rough, prospect.effect)
-            further += [start.x for start in elsewhere if start.promised < reached - margin]
+            further += [start.x for start in elsewhere if start.promised_chi_square < reached - margin]
         if prospect.known is not None and not further:
             return rough
         begins = further if rough is None else [rough.x, *further]

@@ -26,12 +26,12 @@ class Hypothesis:
     Attributes
     ----------
     log_prior : log prior probability of the set, up to a constant
-    chance : prior probability of a discrepancy
+    discrepancy_prior : prior probability of a discrepancy
     """
 
     fit: Fit
     log_prior: float
-    chance: float
+    discrepancy_prior: float
 
     @property
     def keys(self) -> frozenset[str]:
@@ -51,14 +51,19 @@ class Hypothesis:
     @made_once
     def log_plain(self) -> float:
         """log posterior (up to a constant) without a discrepancy."""
-        return self.fit.log_evidence + self.log_prior + float(np.log1p(-self.chance))
+        return self.fit.log_evidence + self.log_prior + float(np.log1p(-self.discrepancy_prior))
 
     @made_once
     def log_with_discrepancy(self) -> float:
         """log posterior (same constant) with a discrepancy; −inf where the set has a form of an unknown error."""
         if self.forms:
             return -np.inf
-        return self.fit.log_evidence + self.fit.learned.log_evidence + self.log_prior + float(np.log(self.chance))
+        return (
+            self.fit.log_evidence
+            + self.fit.learned.log_evidence
+            + self.log_prior
+            + float(np.log(self.discrepancy_prior))
+        )
 
     @property
     def discrepant(self) -> bool:
@@ -86,7 +91,7 @@ class Weighing:
 
     Attributes
     ----------
-    log_prior : key of a candidate → log prior probability;  chance : prior probability of a discrepancy
+    log_prior : key of a candidate → log prior probability;  discrepancy_prior : prior probability of a discrepancy
     """
 
     def __init__(
@@ -96,7 +101,7 @@ class Weighing:
         each = rules.expected_causes / (len({effect.title for effect in library}) + sum(WEIGHTS.values()))
         laws = {effect.key: sum(other.title == effect.title for other in library) for effect in library}
         self.log_prior = {key: float(np.log(each / count)) for key, count in laws.items()}
-        self.chance = each * sum(WEIGHTS.values())
+        self.discrepancy_prior = each * sum(WEIGHTS.values())
 
     def fitted(self, parameters: Unknowns, places: Sequence[np.ndarray], gain: float = RANKED) -> Fit | None:
         """The fit from several starts (n_x,); None where it does not settle."""
@@ -107,7 +112,7 @@ class Weighing:
 
     def hypothesis(self, of: Fit) -> Hypothesis:
         """The set of causes of a fit, with its prior."""
-        return Hypothesis(of, sum(self.log_prior[key] for key in of.parameters.candidates), self.chance)
+        return Hypothesis(of, sum(self.log_prior[key] for key in of.parameters.candidates), self.discrepancy_prior)
 
     def forms_beside(self, current: Fit) -> list[list[Alternatives]]:
         """Forms of the discrepancy of a set of causes, where that is more probable than none; else an empty list.
@@ -124,8 +129,8 @@ class Weighing:
         """
         if not forms:
             return one.log_evidence
-        with_it = one.log_evidence + one.learned_of(forms, level).log_evidence + float(np.log(self.chance))
-        return float(np.logaddexp(one.log_evidence + np.log1p(-self.chance), with_it))
+        with_it = one.log_evidence + one.learned_of(forms, level).log_evidence + float(np.log(self.discrepancy_prior))
+        return float(np.logaddexp(one.log_evidence + np.log1p(-self.discrepancy_prior), with_it))
 
     def leaves_something(self, current: Fit) -> bool:
         """Whether residuals or deviations from priors leave something that a cause at a place might explain."""

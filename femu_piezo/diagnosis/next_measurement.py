@@ -60,8 +60,8 @@ class Plan:
         """The point with `tolerances` as further unknowns, each at rest."""
         parameters = replace(point.parameters, effects=(*point.parameters.effects, *self.tolerances))
         expected = [effect.rest / effect.scale for effect in self.tolerances]
-        among = None if point.among is None else self.widened(point.among)
-        return Point(parameters, np.concatenate([point.x, *expected]), among)
+        nested_in = None if point.nested_in is None else self.widened(point.nested_in)
+        return Point(parameters, np.concatenate([point.x, *expected]), nested_in)
 
     def owned(self, parameters: Unknowns) -> Unknowns:
         """The unknowns, every effect that specimens do not share assigned to `owner` unless it names its specimen."""
@@ -107,13 +107,13 @@ class Point:
     Attributes
     ----------
     x : (n_x,) values, as of `Unknowns`
-    among : a point of the same Z with further unknowns, whose Jacobian has the columns of this point's; several points
-        share its evaluation; None where the Jacobian is that of the point itself
+    nested_in : a point of the same Z with further unknowns, whose Jacobian has the columns of this point's; several
+        points share its evaluation; None where the Jacobian is that of the point itself
     """
 
     parameters: Unknowns
     x: np.ndarray
-    among: Point | None = None
+    nested_in: Point | None = None
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ def between(plan: Plan, first: Point, second: Point) -> float:
 def strength(plan: Plan, point: Point, effect: int, size: float) -> float:
     """size/σ of the first parameter of the effect number `effect`, all other unknowns free; size in SI."""
     point = plan.widened(point)
-    whole = point.among or point
+    whole = point.nested_in or point
     jacobian = plan.triangle(whole)[:, [whole.parameters.names.index(name) for name in point.parameters.names]]
     column = point.parameters.columns(effect).start
     others = np.delete(np.arange(point.x.size), column)

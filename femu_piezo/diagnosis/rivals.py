@@ -29,13 +29,13 @@ class Rivals:
     named: bool
 
     @property
-    def told(self) -> bool:
+    def told_apart(self) -> bool:
         """Whether the first cause is named and told from the second."""
         return self.named and self.log_odds > self.enough
 
     def to_json(self) -> dict:
         """ "rivals" of a round in measure.json."""
-        return {"first": self.first, "second": self.second, "log_odds": self.log_odds, "told": self.told}
+        return {"first": self.first, "second": self.second, "log_odds": self.log_odds, "told": self.told_apart}
 
 
 def rivals(comparison: Comparison) -> Rivals | None:
@@ -48,7 +48,7 @@ def rivals(comparison: Comparison) -> Rivals | None:
     enough = comparison.rules.alike
     alternatives = [
         (found.effect.title, trial)
-        for found in comparison.found
+        for found in comparison.causes
         for trial in found.fits
         if trial.fit is not None and trial.effect.title != found.effect.title
     ]
@@ -58,7 +58,7 @@ def rivals(comparison: Comparison) -> Rivals | None:
     singles = sorted(
         (trial for trial in comparison.singles if trial.fit is not None), key=lambda trial: -trial.log_odds
     )
-    if comparison.found or not singles:
+    if comparison.causes or not singles:
         return None
     best, title = singles[0], singles[0].effect.title
     if comparison.discrepant:

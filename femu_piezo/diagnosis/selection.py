@@ -23,11 +23,11 @@ import numpy as np
 from scipy.special import logsumexp
 
 from femu_piezo.diagnosis.averaging import averaged
-from femu_piezo.diagnosis.comparison import Comparison, Found, Trial
+from femu_piezo.diagnosis.comparison import Comparison, NamedCause, Trial
 from femu_piezo.diagnosis.enlargement import Enlargement
 from femu_piezo.diagnosis.hypotheses import Hypothesis, Weighing
 from femu_piezo.diagnosis.rules import Rules
-from femu_piezo.diagnosis.starts import Start, promises_together, start_together
+from femu_piezo.diagnosis.starts import Start, log_evidence_of_pairs, start_together
 from femu_piezo.diagnosis.whiteness import unexplained_share
 from femu_piezo.effects.effect import Effect
 from femu_piezo.inference.descent import CLOSE
@@ -217,7 +217,7 @@ class _Search:
         every = (start for starts in self._starts for start in starts)
         singles = [start for start in every if start.cause.sites is None and not start.cause.of_unknown]
         promised: dict[frozenset[str], tuple[float, int, int]] = {}
-        promises = promises_together(current, singles)
+        promises = log_evidence_of_pairs(current, singles)
         for first, second in combinations(range(len(singles)), 2):
             causes = singles[first].cause, singles[second].cause
             keys = frozenset(cause.key for cause in causes)
@@ -249,7 +249,7 @@ class _Search:
             self._without(best.fit, effect.key)
         total = logsumexp([other.log_posterior for other in self._known.values()])
         base = final if not best.keys else self._settled(self._base)
-        found = tuple(self._found(best, effect, total) for effect in final.parameters.causes)
+        named = tuple(self._named(best, effect, total) for effect in final.parameters.causes)
         described = best.fit
         for effect in best.forms:
             described = self._without(described, effect.key)
@@ -263,8 +263,8 @@ class _Search:
             starts=tuple(of_candidate[0] for of_candidate in self._starts),
             final=final,
             described=described,
-            found=tuple(sorted((f for f in found if not f.effect.of_unknown), key=lambda item: -item.without)),
-            forms=tuple(f for f in found if f.effect.of_unknown),
+            causes=tuple(sorted((f for f in named if not f.effect.of_unknown), key=lambda item: -item.log_odds)),
+            forms=tuple(f for f in named if f.effect.of_unknown),
             discrepant=best.discrepant,
             averaged=averaged(list(self._known.values())),
             rules=self._rules,
@@ -296,7 +296,7 @@ class _Search:
         sizes = [index for index, parameter in enumerate(effect.parameters) if not parameter.optional]
         return float(np.max(away[sizes] / std[sizes]))
 
-    def _found(self, final: Hypothesis, effect: Effect, total: float) -> Found:
+    def _named(self, final: Hypothesis, effect: Effect, total: float) -> NamedCause:
         rest = final.keys - {effect.key}
         others = {h.keys - rest: h for h in self._known.values() if rest < h.keys and len(h.keys) == len(final.keys)}
         by_key = {e.key: e for e in self._library}
@@ -307,12 +307,12 @@ class _Search:
         ]
         without, described = self._known.get(rest), final.causes - {effect.key}
         fitted = [h.fit for keys, h in self._known.items() if keys <= described and not h.fit.extrapolated]
-        return Found(
+        return NamedCause(
             effect=effect,
             probability=self._probability(effect.title, total),
             fits=tuple(sorted(fits, key=lambda trial: -trial.log_odds)),
-            rest=min(fitted, key=lambda fit_: fit_.chi_square),
-            without=np.inf if without is None else final.log_posterior - without.log_posterior,
+            fit_without=min(fitted, key=lambda fit_: fit_.chi_square),
+            log_odds=np.inf if without is None else final.log_posterior - without.log_posterior,
         )
 
     def _probability(self, title: str, total: float) -> float:

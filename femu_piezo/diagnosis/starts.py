@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
+from operator import attrgetter
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -24,6 +25,8 @@ _AT_REST = 1.001 * _REST
 _TURNS = 4
 #: Number of most promising sites of an effect at a place from which fits start.
 _SITES = 3
+#: Key that sorts starts, the most promising first.
+_BY_PROMISE = attrgetter("promised_chi_square")
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,7 @@ class Start:
     residual: np.ndarray
 
     @property
-    def promised(self) -> float:
+    def promised_chi_square(self) -> float:
         """χ² that linearisation promises."""
         return self.linear.chi_square
 
@@ -51,14 +54,14 @@ class Start:
         """The last of the new causes."""
         return self.linear.parameters.causes[-1]
 
-    def own(self, effect: Effect) -> slice:
-        """Where the parameters of a cause stand in x."""
+    def columns_of(self, effect: Effect) -> slice:
+        """Columns of the parameters of a cause in x."""
         parameters = self.linear.parameters
         return parameters.columns(parameters.index(effect.key))
 
     def direction(self, current: Fit) -> np.ndarray:
         """(2k, 1) change of the whitened sweep per scale of the size: slope, or secant from rest to the start."""
-        own, effect = self.own(self.cause), self.cause
+        own, effect = self.columns_of(self.cause), self.cause
         moved = self.x[own.start] - effect.rest[0] / effect.scale[0]
         if effect.sites is not None or current.parameters.has(effect) or abs(moved) <= _AT_REST:
             return self.linear.jacobian[:, own.start : own.start + 1]
@@ -70,7 +73,7 @@ class Start:
 
     def alone(self) -> np.ndarray:
         """(n_x,) x with the linearised step of the last cause alone, within half its bounds."""
-        x, own = self.x.copy(), self.own(self.cause)
+        x, own = self.x.copy(), self.columns_of(self.cause)
         low, high = self.linear.parameters.bounds[own].T / 2
         x[own] = np.clip(self.linear.x[own], low, high)
         return x
@@ -93,7 +96,7 @@ def starts(response, current: Fit, effect: Effect) -> list[Start]:
             at[own] = site / effect.scale
             at[own.start + effect.sizes] *= share
             found.append(Start(at, *linear_fit(response, current, parameters, at)))
-        return sorted(found, key=promise_of)[:_SITES]
+        return sorted(found, key=_BY_PROMISE)[:_SITES]
     if current.parameters.has(effect):
         lifted = _widened(current, parameters, x, {}, current.residual)
         return [Start(x, stepped(lifted), current.residual)]
@@ -104,7 +107,7 @@ def starts(response, current: Fit, effect: Effect) -> list[Start]:
             found.append(_at_rest(response, current, effect, parameters, at))
         else:
             found.append(Start(at, *linear_fit(response, current, parameters, at)))
-    return sorted(found, key=promise_of)
+    return sorted(found, key=_BY_PROMISE)
 
 
 def _at_rest(response, current: Fit, effect: Effect, parameters: Unknowns, x: np.ndarray) -> Start:
@@ -116,7 +119,7 @@ def _at_rest(response, current: Fit, effect: Effect, parameters: Unknowns, x: np
     return Start(x, stepped(_widened(current, parameters, x, columns, residual)), residual)
 
 
-def unstrained(response, current: Fit, effect: Effect) -> list[Start]:
+def starts_at_prior_means(response, current: Fit, effect: Effect) -> list[Start]:
     """The most promising starts with all tolerances at their prior means: at sites, or at rest and the listed values.
 
     In a fit that lacks the true cause, tolerances may have moved far to compensate it; no descent leads back.
@@ -133,7 +136,7 @@ def unstrained(response, current: Fit, effect: Effect) -> list[Start]:
         at = x.copy()
         at[own] = values / effect.scale
         found.append(Start(at, *linear_fit(response, current, parameters, at)))
-    return sorted(found, key=promise_of)[:_SITES]
+    return sorted(found, key=_BY_PROMISE)[:_SITES]
 
 
 def of_either_sign(found: Sequence[Start]) -> list[Start]:
@@ -143,16 +146,11 @@ def of_either_sign(found: Sequence[Start]) -> list[Start]:
     near the true one: then no descent leads there from rest, and linearisation promises nothing.
     """
     effect = found[0].cause
-    away = np.array([start.x[start.own(effect).start] - effect.rest[0] / effect.scale[0] for start in found])
+    away = np.array([start.x[start.columns_of(effect).start] - effect.rest[0] / effect.scale[0] for start in found])
     beyond = [np.flatnonzero(sign * away > _AT_REST) for sign in (-1, 1)]
     if effect.sites is not None or not all(side.size for side in beyond):
         return []
     return [found[side[np.argmin(np.abs(away[side]))]] for side in beyond]
-
-
-def promise_of(start: Start) -> float:
-    """χ² that linearisation promises, to sort starts by."""
-    return start.promised
 
 
 def stepped_start(response, current: Fit, start: Start) -> Start:
@@ -175,7 +173,7 @@ def relocated(response, reached: Fit, effect: Effect) -> list[Start]:
         x = reached.x.copy()
         x[own.start + placed] = (site / effect.scale)[placed]
         found.append(Start(x, *linear_fit(response, reached, reached.parameters, x)))
-    return sorted(found, key=promise_of)[:_SITES]
+    return sorted(found, key=_BY_PROMISE)[:_SITES]
 
 
 def _listed(effect: Effect) -> list[np.ndarray]:
@@ -195,7 +193,7 @@ def _listed(effect: Effect) -> list[np.ndarray]:
     return found
 
 
-def promises_together(current: Fit, alone: Sequence[Start]) -> np.ndarray:
+def log_evidence_of_pairs(current: Fit, alone: Sequence[Start]) -> np.ndarray:
     """(m, m) log evidence of a fit with the causes of two of m starts, by linearisation; above the diagonal, else −inf.
 
     The span of the unknowns of the current fit is projected out. Two causes with columns C per prior deviation leave
@@ -208,7 +206,7 @@ def promises_together(current: Fit, alone: Sequence[Start]) -> np.ndarray:
     rows, basis = current.residual.size, current.span
     columns, offsets = [], []
     for start in alone:
-        own = start.own(start.cause)
+        own = start.columns_of(start.cause)
         columns.append(start.linear.jacobian[:, own] * start.linear.parameters.prior_std[own])
         offsets.append(start.residual - current.residual)
     widths = [part.shape[1] for part in columns]
@@ -243,7 +241,7 @@ def promises_together(current: Fit, alone: Sequence[Start]) -> np.ndarray:
 
 def _limits(start: Start) -> np.ndarray:
     """(2, n) lowest and highest steps of the parameters of the cause of a start, in prior standard deviations."""
-    parameters, own = start.linear.parameters, start.own(start.cause)
+    parameters, own = start.linear.parameters, start.columns_of(start.cause)
     return (parameters.bounds[own].T - start.x[own]) / parameters.prior_std[own]
 
 
@@ -274,7 +272,7 @@ def _prior_gains(alone: Sequence[Start], places: np.ndarray, steps: np.ndarray, 
     for numbers in places.T:
         for number in np.unique(numbers):
             start, of = alone[number], np.flatnonzero(numbers == number)
-            own = start.own(start.cause)
+            own = start.columns_of(start.cause)
             std, end = start.linear.parameters.prior_std[own], begin + own.stop - own.start
             at = start.x[own] + std * steps[of, begin:end]
             own_covariance = covariance[of, begin:end, begin:end] * np.outer(std, std)
@@ -289,7 +287,7 @@ def start_together(current: Fit, first: Start, second: Start) -> Start:
     x = parameters.carried(first.linear.parameters, first.x)
     columns = {}
     for start in (first, second):
-        effect, own = start.cause, start.own(start.cause)
+        effect, own = start.cause, start.columns_of(start.cause)
         x[parameters.columns(parameters.index(effect.key))] = start.x[own]
         columns[effect.key] = start.linear.jacobian[:, own]
     residual = current.residual + sum(start.residual - current.residual for start in (first, second))

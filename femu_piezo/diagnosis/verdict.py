@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from femu_piezo.diagnosis.comparison import Comparison, Found
+from femu_piezo.diagnosis.comparison import Comparison, NamedCause
 from femu_piezo.diagnosis.confounding import Tangent, parallel, tangents
 from femu_piezo.diagnosis.whiteness import Remaining, noise_level_of, remaining_of, unexplained_share
 from femu_piezo.effects.effect import Effect
@@ -97,7 +97,7 @@ def judge(comparison: Comparison) -> Verdict:
     final, rules = comparison.final, comparison.rules
     discrepant = comparison.discrepant and _beyond_noise(final, rules.significant)
     # the residuals may be too rough for a smooth discrepancy, and still be no noise
-    discrepant |= after.alike and final.marginal.level > rules.loudest
+    discrepant |= after.correlated and final.marginal.level > rules.loudest
     discrepant |= bool(comparison.forms)
 
     def share_left(before: Fit) -> float:
@@ -106,8 +106,8 @@ def judge(comparison: Comparison) -> Verdict:
 
     unexplained = share_left(comparison.base)
     causes = tuple(
-        _cause(found, comparison, moves, no_imitation(share_left(found.rest), rules.expected_causes))
-        for found in comparison.found
+        _cause(found, comparison, moves, no_imitation(share_left(found.fit_without), rules.expected_causes))
+        for found in comparison.causes
     )
     unknown = discrepant and (not causes or unexplained > rules.unexplained)
     word = "unknown" if unknown else "effect" if causes else "none"
@@ -136,13 +136,13 @@ def _beyond_noise(final: Fit, significant: float) -> bool:
     return discrepancy.over_noise * discrepancy.level > max(noise_level_of(final, significant), 1.0)
 
 
-def _cause(found: Found, comparison: Comparison, moves: list[Tangent], genuine: float) -> Cause:
+def _cause(found: NamedCause, comparison: Comparison, moves: list[Tangent], genuine: float) -> Cause:
     effect, final = found.effect, comparison.final
     place = final.parameters.index(effect.key)
     values = final.parameters.values(final.x)[place]
     tangent = next(t for t in moves if t.effect.key == effect.key)
     size = float(np.max(np.abs((values - effect.rest) / effect.scale)[effect.sizes]))
-    alike = [other.title for other in comparison.alike[effect.key]]
+    alike = [other.title for other in comparison.indistinguishable_from[effect.key]]
     alike += [t.effect.title for t in moves if t.effect.title != effect.title and parallel(tangent, t, size)]
     if tangent.hides(size):
         alike.append(tangent.nearest)

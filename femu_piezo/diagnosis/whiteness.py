@@ -42,7 +42,7 @@ class Remaining:
         return replace(self, worst_Hz=own, worst_sweep=(sweep,) * len(own))
 
     @property
-    def alike(self) -> bool:
+    def correlated(self) -> bool:
         """Whether neighbouring residuals are correlated beyond chance."""
         return self.p_white < _LEVEL
 
@@ -54,7 +54,7 @@ class Remaining:
         """
         if self.size < _BELOW:
             return False
-        return self.alike or (self.p_size is not None and self.p_size < _LEVEL)
+        return self.correlated or (self.p_size is not None and self.p_size < _LEVEL)
 
 
 def remaining(

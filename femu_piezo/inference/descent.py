@@ -133,7 +133,7 @@ class Descent:
     ----------
     x : (n_x,) current unknowns;  parts : residuals and Jacobians there
     level : factor on the noise; `fixed` where that is given
-    promise : gain in χ² that the next step promises, last computed at `_promised_at`; this step leads to `_ahead`
+    promised_gain : gain in χ² that the next step promises, last computed at `_promised_at`; this step leads to `_ahead`
     """
 
     def __init__(self, posterior: Posterior, start: np.ndarray, loss: str, fixed: float | None = None) -> None:
@@ -142,7 +142,7 @@ class Descent:
         margin = posterior.parameters.margin
         self.x = np.clip(start, self._low + margin, self._high - margin)
         self.parts = posterior.parts(self.x)
-        self.level, self.promise, self._damping, self._determined = np.inf, np.inf, _DAMPING, 0.0
+        self.level, self.promised_gain, self._damping, self._determined = np.inf, np.inf, _DAMPING, 0.0
         self._ahead, self._promised_at = self.x, None
 
     def cost(self, parts: Parts, level: float) -> float:
@@ -169,20 +169,20 @@ class Descent:
                 if not promised:
                     linear = linear or self._linear(self.x, self.parts)
                     self._determined = linear.determined
-                    self._ahead, self.promise = self._stepped(self.x, linear)
+                    self._ahead, self.promised_gain = self._stepped(self.x, linear)
                     self._promised_at = self.x
-                if self.promise < gain and settled:
+                if self.promised_gain < gain and settled:
                     return self
                 count, promised, ahead = count + 1, False, self._ahead
-                if self.promise < gain:  # only the level has not settled
+                if self.promised_gain < gain:  # only the level has not settled
                     break
                 parts = self.posterior.parts(ahead)
-                share = (here - self.cost(parts, self.level)) / self.promise
+                share = (here - self.cost(parts, self.level)) / self.promised_gain
                 if -np.inf < share < 0 and count < most:
                     # a step along a curved ridge ends off it, and the next one comes back to it
                     further, _ = self._stepped(ahead, self._linear(ahead, parts))
                     beyond, count = self.posterior.parts(further), count + 1
-                    share_back = (here - self.cost(beyond, self.level)) / self.promise
+                    share_back = (here - self.cost(beyond, self.level)) / self.promised_gain
                     if share_back > _BROKEN:
                         ahead, parts, share = further, beyond, share_back
                 if share > _KEPT:
@@ -191,7 +191,7 @@ class Descent:
                     self._damping = max(self._damping, _FELT) * _RAISED
                 if share > 0:
                     self.x, self.parts = ahead, parts
-                    gained += share * self.promise
+                    gained += share * self.promised_gain
                     break
         return self
 
@@ -262,7 +262,7 @@ def descended(posterior: Posterior, starts: Sequence[np.ndarray], gain: float, l
         one = Descent(posterior, start, loss)
         for _ in range(_RUNS if len(starts) > 1 else 1):
             one.run(COARSE, FEW)
-            if not one.promise > _ON_ITS_WAY * one.cost(one.parts, one.level):
+            if not one.promised_gain > _ON_ITS_WAY * one.cost(one.parts, one.level):
                 break
         return one
 
@@ -272,7 +272,7 @@ def descended(posterior: Posterior, starts: Sequence[np.ndarray], gain: float, l
     coarse = gain >= COARSE
     if not coarse:
         best.run(gain, MANY)
-    if not np.isfinite(best.cost(best.parts, best.level)) or (not coarse and best.promise > UNSETTLED):
+    if not np.isfinite(best.cost(best.parts, best.level)) or (not coarse and best.promised_gain > UNSETTLED):
         raise ConvergenceError(
             f"no fit of {', '.join(posterior.parameters.material.free.names)} settled: check dimensions, density and "
             "poling, or free fewer constants"

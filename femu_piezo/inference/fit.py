@@ -74,7 +74,7 @@ class Fit:
     level : factor on the noise that the fit was made with
     loss : name of the loss of the data
     weight : (2k,) ρ' that the loss gives the data; its square root is a factor in residual, jacobian, law and mesh
-    promise : gain in χ² that a further step promises, of a fit that was not brought to its end
+    promised_gain : gain in χ² that a further step promises, of a fit that was not brought to its end
     extrapolated : whether x follows from the model linearised at another point, without Z at x
     discrepancy : counted in the intervals beside noise and priors; None where there is none
     law, mesh : (2k, m) whitened errors of the laws of causes and of the mesh, each column one standard deviation; the
@@ -93,7 +93,7 @@ class Fit:
     level: float = 1.0
     loss: str = "linear"
     weight: np.ndarray | float = field(default=1.0, repr=False)
-    promise: float = 0.0
+    promised_gain: float = 0.0
     extrapolated: bool = False
     discrepancy: Discrepancy | None = field(default=None, repr=False)
     law: np.ndarray | None = field(default=None, repr=False)
@@ -426,7 +426,7 @@ def _at(descent: Descent, log_slope: np.ndarray, law: np.ndarray) -> Fit:
         level=descent.level,
         loss=descent.loss,
         weight=weight,
-        promise=descent.promise,
+        promised_gain=descent.promised_gain,
         law=law * share[:, None],
         mesh=posterior.data.mesh_misses(log_slope) * share[:, None],
     )
@@ -503,4 +503,4 @@ def refitted(response: Response, solution: Fit, moved: np.ndarray, pulled: np.nd
     found = Descent(posterior, solution.x, solution.loss, solution.level)
     found.leap(_LEAPS)
     found.run(CLOSE, MANY)
-    return found.x if found.promise <= UNSETTLED else None
+    return found.x if found.promised_gain <= UNSETTLED else None

@@ -247,7 +247,7 @@ def _provenance(result: Diagnosis, command: str) -> Section:
         ("command", command),
         ("noise of |Z|", f"{100 * noise:.3g} %, {origin}"),
         *((f"mesh of {one.specimen.name}", one.mesh) for one in result.sweeps),
-        ("fits", f"{len(result.comparison.singles)} candidates, {len(result.comparison.found)} accepted"),
+        ("fits", f"{len(result.comparison.singles)} candidates, {len(result.comparison.causes)} accepted"),
         ("times", ", ".join(f"{step} {seconds:.3g} s" for step, seconds in result.seconds.items())),
     ]
     return provenance_section(inputs, facts)

@@ -290,7 +290,7 @@ class _Planner:
         about = Linearised(posterior, found, self._gap / 2)
         deviations = about.relative(np.sqrt(np.diag(about.covariance)))
         missing = [name for name, goal in self._wish.deviations.items() if deviations[name] > goal]
-        if two is not None and not (two.told and self._looked):
+        if two is not None and not (two.told_apart and self._looked):
             self._next = lambda remaining: self._separating(about, two, remaining)
         else:
             self._next = lambda remaining: self._telling(about, remaining)

@@ -139,7 +139,7 @@ def _named(comparison: Comparison, verdict: Verdict) -> list[_Pair]:
     """Pairs of each named cause with what it is not told from."""
     final, pairs = comparison.final, []
     point = Point(final.parameters, final.x)
-    for cause, found in zip(verdict.causes, comparison.found, strict=True):
+    for cause, found in zip(verdict.causes, comparison.causes, strict=True):
         for title in cause.indistinguishable_from[:_ALTERNATIVES]:
             others = [trial for trial in found.fits if trial.effect.title == title]
             if others:

@@ -56,7 +56,7 @@ def test_a_cause_that_the_sweep_cannot_show_keeps_its_prior_probability(setup):
     library = [setup.library[name] for name in ("stray_capacitance", "series_resistance")]
     result = compare(setup.evaluation, data_with(setup, {}, 21), setup.unknowns, setup.x, library)
     one, final = result.averaged, result.final
-    assert result.found == () and one.weights.sum() == pytest.approx(1)
+    assert result.causes == () and one.weights.sum() == pytest.approx(1)
     each = Rules().expected_causes / (len(library) + sum(WEIGHTS.values()))
     assert result.probabilities["stray_capacitance"] == pytest.approx(each, rel=0.5)
     shares = {causes: one.weights[[own == causes for own in one.causes]].sum() for causes in one.causes}
@@ -74,7 +74,7 @@ def test_with_a_clear_cause_the_intervals_are_those_of_its_set(setup):
     library, rules = [setup.library[name] for name in ("series_resistance", "leakage")], Rules(expected_causes=0.01)
     result = compare(setup.evaluation, data, setup.unknowns, setup.x, library, rules=rules)
     final, ends = result.final, result.averaged.interval(LEVEL)
-    assert [one.effect.key for one in result.found] == ["series_resistance"]
+    assert [one.effect.key for one in result.causes] == ["series_resistance"]
     of_set = np.array([_value(final, place) for place in range(ends.shape[0])])
     away = (ends - of_set[:, :1]) / of_set[:, 1:]
     assert away == pytest.approx(np.array([[-1.0, 1.0]] * len(of_set)), abs=0.05)

@@ -71,7 +71,7 @@ def test_an_uneven_body_gives_the_verdict_unknown_and_its_profile(setup):
     verdict = judge(result)
     assert verdict.word == "unknown" and [form.effect.key for form in verdict.forms] == ["uneven_body"]
     assert [cause.effect.key for cause in verdict.causes] == ["series_resistance"]
-    assert result.found[0].probability > 0.99 and verdict.causes[0].probability < 0.9
+    assert result.causes[0].probability > 0.99 and verdict.causes[0].probability < 0.9
     form = verdict.forms[0]
     assert np.all(np.abs(form.values - truth) < 4 * form.std)
 
@@ -83,7 +83,7 @@ def test_no_third_cause_is_sought_where_an_uneven_body_is_all_there_is(setup):
     names = ("series_resistance", "poling_gradient", "tapered_width", "wrong_width", "point_mass", "uneven_body")
     library = [setup.library[name] for name in names]
     result = compare(setup.evaluation, data, setup.unknowns, setup.x, library, progress=steps.append)
-    assert judge(result).word == "unknown" and not result.found
+    assert judge(result).word == "unknown" and not result.causes
     assert any(words.startswith("candidate with ") for words in steps)
     assert not any(" and " in words for words in steps)
 
@@ -94,7 +94,7 @@ def test_null_stays_null(setup, known):
     for seed in range(3):
         result, verdict = run(setup, data_with(setup, {}, 10 + seed, known))
         assert verdict.word == "none"
-        assert result.found == ()
+        assert result.causes == ()
         hidden = {effect.key: constant for effect, constant in verdict.hidden}
         assert hidden["stray_capacitance"] == "eps33T"
 
@@ -110,7 +110,7 @@ def test_false_alarms_are_rare(setup, known):
     start = setup.x * (1 + 0.02 * np.cos(np.arange(setup.x.size)))
     for seed in range(300):
         data = data_with(setup, {}, 1000 + seed, known)
-        alarms += bool(compare(setup.evaluation, data, setup.unknowns, start, library).found)
+        alarms += bool(compare(setup.evaluation, data, setup.unknowns, start, library).causes)
     assert alarms <= 1
 
 
@@ -234,7 +234,7 @@ def test_a_second_cause_is_doubted_where_an_undescribed_resonance_is_as_large(se
     first, second = verdict.causes
     assert [first.effect.key, second.effect.key] == ["series_resistance", "wrong_width"]
     assert first.probability > 0.9 and verdict.unexplained < 0.05
-    assert result.found[1].probability > 0.95
+    assert result.causes[1].probability > 0.95
     assert second.probability < 0.85 if height else second.probability > 0.99
     if height:
         assert str(result.final.discrepancy) == "a resonance of its own near 159 kHz"

@@ -13,7 +13,7 @@ import pytest
 from diagnosis.test_compare import data_with
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.selection import _Search, compare
-from femu_piezo.diagnosis.starts import _least_within, promises_together, start_together, starts
+from femu_piezo.diagnosis.starts import _least_within, log_evidence_of_pairs, start_together, starts
 from femu_piezo.diagnosis.verdict import judge
 from femu_piezo.inference.fit import fit, linear_fit
 from femu_piezo.inference.step import bounded_step
@@ -34,8 +34,8 @@ def test_predicted_gain_of_two_effects_is_that_of_a_linearised_fit_with_both(set
     alone = [starts(setup.evaluation, base, setup.library[key])[0] for key in TRUTH]
     together = start_together(base, *alone)
     direct, _ = linear_fit(setup.evaluation, base, together.linear.parameters, together.x)
-    assert together.promised == pytest.approx(direct.chi_square, rel=1e-3)
-    assert together.promised < min(start.promised for start in alone)
+    assert together.promised_chi_square == pytest.approx(direct.chi_square, rel=1e-3)
+    assert together.promised_chi_square < min(start.promised_chi_square for start in alone)
     assert np.allclose(together.alone()[: base.x.size], base.x)
 
 
@@ -76,8 +76,8 @@ def test_pair_for_which_a_third_effect_is_more_probable_as_a_single_cause(setup,
     result = compare(setup.evaluation, data, setup.unknowns, setup.x, smooth)
     odds = {trial.effect.key: trial.log_odds for trial in result.singles}
     assert max(odds[key] for key in set(odds) - set(truth)) > odds["wrong_thickness"] + 10
-    assert {found.effect.key for found in result.found} == set(truth)
-    for found in result.found:
+    assert {found.effect.key for found in result.causes} == set(truth)
+    for found in result.causes:
         (named,) = [trial for trial in found.fits if trial.effect.key == found.effect.key]
         assert named.log_odds == 0 and abs(named.values[0] - truth[found.effect.key]) < 4 * named.std[0]
 
@@ -87,7 +87,7 @@ def test_pair_with_an_effect_whose_slope_vanishes_at_rest(setup, smooth):
     """Bare end strips act with the square of their width, and a wrong width."""
     data = data_with(setup, {"electrode_margin": 0.2e-3, "wrong_width": 0.004}, 1)
     result = compare(setup.evaluation, data, setup.unknowns, setup.x, smooth)
-    assert {found.effect.key for found in result.found} == {"electrode_margin", "wrong_width"}
+    assert {found.effect.key for found in result.causes} == {"electrode_margin", "wrong_width"}
 
 
 def test_no_pair_where_nothing_is_left(setup, smooth):
@@ -97,7 +97,7 @@ def test_no_pair_where_nothing_is_left(setup, smooth):
     """
     result = compare(setup.evaluation, data_with(setup, {}, 3), setup.unknowns, setup.x, smooth)
     assert len(result.singles) == sum(effect.local is None for effect in smooth) < len(smooth)
-    assert result.found == () and not result.discrepant
+    assert result.causes == () and not result.discrepant
     assert max(trial.log_odds for trial in result.singles) < 0
 
 
@@ -108,7 +108,7 @@ def test_predicted_evidence_of_all_pairs_is_that_of_each(setup, smooth):
     """
     base = fit(setup.evaluation, data_with(setup, TRUTH, 1), setup.unknowns, [setup.x])
     alone = [starts(setup.evaluation, base, effect)[0] for effect in smooth[:9]]
-    promises = promises_together(base, alone)
+    promises = log_evidence_of_pairs(base, alone)
     for first, second in combinations(range(len(alone)), 2):
         each = start_together(base, alone[first], alone[second]).linear.log_evidence
         above = promises[first, second] - each

@@ -299,7 +299,7 @@ def test_slopes_of_every_size_at_a_place(setup):
     data = setup.data(impedance_at(0.0, 30.0, 4e-3), 1e-4)
     base = fit(setup.evaluation, data, setup.unknowns, [setup.x])
     best = starts(setup.evaluation, base, effect)[0]
-    columns = best.own(effect)
+    columns = best.columns_of(effect)
     assert best.x[columns.start + 1] > 0
     found = fit(setup.evaluation, data, best.linear.parameters, [best.x, best.stepped()])
     gained = found.log_evidence - base.log_evidence

@@ -224,7 +224,7 @@ def test_stiff_points_are_sought_again_with_the_constants_found(bodies, distance
     effect = ring.library["mounting/three points"]
     base = fit(ring.evaluation, data, ring.unknowns, [ring.x * 1.01])
     first = starts(ring.evaluation, base, effect)
-    columns, parameters = first[0].own(effect), first[0].linear.parameters
+    columns, parameters = first[0].columns_of(effect), first[0].linear.parameters
     found = fit(ring.evaluation, data, parameters, [first[0].x], gain=COARSE)
     assert found.chi_square > 10 * found.residual.size
     again = [start.x for start in relocated(ring.evaluation, found, effect)]
@@ -250,7 +250,7 @@ def test_a_size_of_either_sign_is_fitted_from_both_sides(bodies, bare):
     data = SweepData(disk.frequency, bare["disk"], np.full(disk.frequency.size, 1e-3), True)
     base = fit(disk.evaluation, data, disk.unknowns, [disk.x], gain=COARSE)
     first = starts(disk.evaluation, base, disk.library["poling_gradient"])
-    sides = [start.x[start.own(start.cause)] * start.cause.scale for start in of_either_sign(first)]
+    sides = [start.x[start.columns_of(start.cause)] * start.cause.scale for start in of_either_sign(first)]
     np.testing.assert_allclose(np.ravel(sides), [-0.1, 0.1])
     for key in (
         "edge_depoling",
@@ -277,7 +277,7 @@ def test_predicted_gain_of_a_small_mass_is_that_of_a_fit(bodies, share, place):
     true = np.append(base.x, (added, place, 0.5e-3) / effect.scale)
     gained = base.chi_square - fit(disk.evaluation, data, first.linear.parameters, [true]).chi_square
     assert gained > 500
-    assert base.chi_square - first.promised > 0.8 * gained
+    assert base.chi_square - first.promised_chi_square > 0.8 * gained
 
 
 @pytest.mark.parametrize("key", ["wedge", "ovality"])
@@ -466,7 +466,7 @@ def test_errors_of_the_law_of_a_wedge_are_no_further_cause(bodies):
     data = SweepData(disk.frequency, z, np.full(z.size, noise), True)
     offered = [disk.library[key] for key in ("wedge", "mounting/circle", "point_mass")]
     found = compare(disk.evaluation, data, disk.unknowns, disk.x, offered)
-    assert [item.effect.key for item in found.found] == ["wedge"]
+    assert [item.effect.key for item in found.causes] == ["wedge"]
     final = found.final
     assert final.residual @ final.residual > 1.5 * final.residual.size
     assert final.marginal.residual @ final.marginal.residual < 1.2 * final.residual.size

@@ -121,7 +121,7 @@ def test_wrong_length_is_told_from_the_compliance_by_two_bars(bars):
     (cause,) = both.causes
     names = {cause.effect.key, *cause.indistinguishable_from}
     assert names == {"wrong_length (long)", "wrong_length (short)"}
-    sizes = {trial.effect.key: trial.values[0] for trial in result.found[0].fits}
+    sizes = {trial.effect.key: trial.values[0] for trial in result.causes[0].fits}
     assert sizes["wrong_length (long)"] == pytest.approx(stretch, rel=0.1)
     assert sizes["wrong_length (short)"] == pytest.approx(-stretch, rel=0.1)
 

@@ -260,11 +260,11 @@ class Detour:
     """
 
     def __init__(self, posterior, start, loss):
-        self.x, self.level, self.promise, self.parts, self.calls = start, 1.0, np.inf, None, 0
+        self.x, self.level, self.promised_gain, self.parts, self.calls = start, 1.0, np.inf, None, 0
 
     def run(self, gain, most):
         self.calls += 1
-        self.promise = 50.0 if self.x[0] == 1 and self.calls < 3 else 0.1
+        self.promised_gain = 50.0 if self.x[0] == 1 and self.calls < 3 else 0.1
         return self
 
     def cost(self, parts, level):

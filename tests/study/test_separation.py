@@ -64,15 +64,15 @@ def test_the_pair_is_the_named_cause_and_the_best_in_its_place(compared):
     """The named cause and its best alternative; log odds and whether they count as separated."""
     two = rivals(compared[1])
     assert (two.first, two.second, two.named) == ("dielectric_dispersion", "relaxation", True)
-    assert two.log_odds == -next(t.log_odds for t in compared[1].found[0].fits if t.effect.title == "relaxation")
-    assert two.told == (two.log_odds > Rules().alike)
-    assert not replace(two, named=False, log_odds=99.0).told
+    assert two.log_odds == -next(t.log_odds for t in compared[1].causes[0].fits if t.effect.title == "relaxation")
+    assert two.told_apart == (two.log_odds > Rules().alike)
+    assert not replace(two, named=False, log_odds=99.0).told_apart
 
 
 def test_where_nothing_is_named_the_pair_is_the_best_cause_and_none(compared):
     """Or the two best causes where a misfit remains; no pair where every cause is improbable."""
     comparison = compared[1]
-    alone = replace(comparison, final=comparison.base, found=(), discrepant=False)
+    alone = replace(comparison, final=comparison.base, causes=(), discrepant=False)
     by_title = {one.effect.title: one for one in comparison.singles}
     odds = {"relaxation": -1.0, "dielectric_dispersion": -2.0}
     weak = tuple(replace(by_title[title], log_odds=value) for title, value in odds.items())
@@ -80,7 +80,7 @@ def test_where_nothing_is_named_the_pair_is_the_best_cause_and_none(compared):
     assert (two.first, two.second, two.log_odds) == ("no cause", "relaxation", 1.0)
     assert rivals(replace(alone, singles=tuple(replace(one, log_odds=-9.0) for one in weak))) is None
     two = rivals(replace(alone, singles=weak, discrepant=True))
-    assert (two.first, two.second, two.told) == ("relaxation", "dielectric_dispersion", False)
+    assert (two.first, two.second, two.told_apart) == ("relaxation", "dielectric_dispersion", False)
 
 
 def test_sixteen_points_tell_what_sixty_four_equally_spaced_do(compared):
