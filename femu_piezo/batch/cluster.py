@@ -66,7 +66,7 @@ class DaskPool:
     Raises InputError where no scheduler answers, or its workers cannot serve.
     """
 
-    lost = (KilledWorker,)
+    lost_worker_errors = (KilledWorker,)
     breaks_whole = False
     bundle = 4  # handing over a single job costs some ms on either side
     limit_s = None

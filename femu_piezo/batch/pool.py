@@ -31,7 +31,7 @@ class Pool(Protocol):
 
     Attributes
     ----------
-    lost : exceptions that mean a dead worker
+    lost_worker_errors : exceptions that mean a dead worker
     breaks_whole : whether all jobs in flight are lost when one worker dies
     bundle : most jobs that are handed to a worker at once; above 1 where handing over takes long
     limit_s : seconds after which a worker ends itself, None where it must not
@@ -39,7 +39,7 @@ class Pool(Protocol):
     `restart` raises InputError where the workers do not come back; the waiting jobs are then left to the next run.
     """
 
-    lost: tuple[type[BaseException], ...]
+    lost_worker_errors: tuple[type[BaseException], ...]
     breaks_whole: bool
     bundle: int
     limit_s: float | None
@@ -59,7 +59,7 @@ class Pool(Protocol):
 class LocalPool:
     """`workers` processes of this machine, each on one thread; they end with this process, however it ends."""
 
-    lost = (BrokenProcessPool,)
+    lost_worker_errors = (BrokenProcessPool,)
     breaks_whole = True
     bundle = 1
 
@@ -192,7 +192,7 @@ class _Dispatch:
         self._running[future] = (tasks, alone, time.monotonic())
 
     def _is_lost(self, future: Future) -> bool:
-        return not future.cancelled() and isinstance(future.exception(), self._pool.lost)
+        return not future.cancelled() and isinstance(future.exception(), self._pool.lost_worker_errors)
 
     def _take(self, future: Future) -> bool:
         """Report the tasks of a future that is done; whether its worker was lost."""

@@ -166,7 +166,7 @@ def _figure(sigma: float) -> str:
     return f"{sigma:.{0 if sigma >= 10 else 1}f} σ"
 
 
-def between(plan: Plan, first: Point, second: Point) -> float:
+def separation(plan: Plan, first: Point, second: Point) -> float:
     """Separation in σ: misfit of the second point to what the first predicts, all unknowns of the second refitted."""
     first, second = plan.widened(first), plan.widened(second)
     target, _ = plan.predicted(first.parameters, first.x)

@@ -93,7 +93,7 @@ def _extract(
         systematic = result.is_correlated
         if systematic:
             points = _points(sweep)
-            result, discrepancy = _most_probable((*estimate.way, result), data, points)
+            result, discrepancy = _most_probable((*estimate.intermediate_fits, result), data, points)
             spread = systematic_spread(result.model, data, points, discrepancy)
             noise = noise if noise.origin == "file" else replace(noise, relative=result.scale)
             findings += find_systematic(discrepancy, result.residual / data.weight, result.degrees_of_freedom, points)

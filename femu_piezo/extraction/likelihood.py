@@ -19,12 +19,12 @@ FEW_POINTS = 200  # below, a sweep hardly tells relative from additive noise: bo
 
 @dataclass(frozen=True)
 class Estimate:
-    """The final fit, the noise used, every order tried, and the fits on the way of the first search (`Search.way`)."""
+    """The final fit, the noise used, every order tried, and the `Search.intermediate_fits` of the first search."""
 
     fit: Fit
     noise: NoiseUsed
     orders: tuple[Candidate, ...]
-    way: tuple[Fit, ...]
+    intermediate_fits: tuple[Fit, ...]
 
 
 def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int, start: RationalModel | None = None) -> Estimate:
@@ -51,7 +51,7 @@ def maximum_likelihood(sweep: ImpedanceSpectrum, max_modes: int, start: Rational
         noise = NoiseUsed(final.scale, 0.0, "misfit")
     else:
         noise = noise_of(final, sweep)
-    return Estimate(final, noise, tried, first.way)
+    return Estimate(final, noise, tried, first.intermediate_fits)
 
 
 def _learn_noise(sweep: ImpedanceSpectrum, max_modes: int, best: Fit) -> tuple[Fit, tuple[Candidate, ...]]:

@@ -84,12 +84,12 @@ class Search:
     Attributes
     ----------
     best : the fit of most evidence;  tried : every order
-    way : the successive fits of most evidence that led to `best`, among them those of fewer modes
+    intermediate_fits : the successive fits of most evidence that led to `best`, among them those of fewer modes
     """
 
     best: Fit
     tried: tuple[Candidate, ...]
-    way: tuple[Fit, ...]
+    intermediate_fits: tuple[Fit, ...]
 
 
 def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = None) -> Search:
@@ -109,7 +109,7 @@ def search(data: NormalisedSweep, max_modes: int, start: RationalModel | None = 
     if start is None and len(data) > MANY_POINTS:
         few = search(data.thinned(MANY_POINTS), max_modes)
         start, tried = few.best.model, list(few.tried)
-        way = [refit(one.model, data) for one in few.way]
+        way = [refit(one.model, data) for one in few.intermediate_fits]
     first = _standing_out(data, max_modes) if start is None else start
     best = _grown(_record(_passive(refit(first, data)), tried), max_modes, tried, way)
     for count in CROWDS if start is None else ():

@@ -51,14 +51,14 @@ def _log_det(rows: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return np.log(np.maximum((1 + first) * (1 + second) - mixed**2, 1.0))
 
 
-def observed(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
+def covariance_after(covariance: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """The covariance (n, n) after whitened rows (m, n) were measured."""
     gain = covariance @ rows.T
     found = covariance - gain @ np.linalg.solve(np.eye(len(rows)) + rows @ gain, gain.T)
     return (found + found.T) / 2
 
 
-def chosen(rows: np.ndarray, covariance: np.ndarray, wanted: np.ndarray, count: int) -> list[int]:
+def most_informative(rows: np.ndarray, covariance: np.ndarray, wanted: np.ndarray, count: int) -> list[int]:
     """Numbers of the `count` most informative frequencies, each once, the most informative first.
 
     Parameters
@@ -71,18 +71,18 @@ def chosen(rows: np.ndarray, covariance: np.ndarray, wanted: np.ndarray, count: 
         best = int(np.argmax(gain))
         found.append(best)
         free[best] = False
-        covariance = observed(covariance, rows[best])
+        covariance = covariance_after(covariance, rows[best])
     return found
 
 
-def missed(rows: np.ndarray, covariance: np.ndarray, error: np.ndarray) -> float:
+def misfit_after_refit(rows: np.ndarray, covariance: np.ndarray, error: np.ndarray) -> float:
     """χ² of whitened errors e (m,) after a refit of unknowns of covariance C (n, n) by their slopes J (m, n)."""
     moved = rows.T @ error
     moves = np.linalg.solve(np.eye(moved.size) + covariance @ (rows.T @ rows), covariance @ moved)
     return float(error @ error - moved @ moves)
 
 
-def telling_apart(explanations: Sequence[Explanation], apart: np.ndarray, count: int) -> list[int]:
+def most_separating(explanations: Sequence[Explanation], apart: np.ndarray, count: int) -> list[int]:
     """Numbers of `count` frequencies, each once, in the order in which they tell two explanations apart.
 
     Each is the one at which χ² grows most, the mean of what each explanation misses if the other holds.
@@ -104,7 +104,7 @@ def telling_apart(explanations: Sequence[Explanation], apart: np.ndarray, count:
             gain = covariance @ slopes[place].T
             move = gain @ np.linalg.solve(np.eye(2) + slopes[place] @ gain, error[place])
             errors[number] = error - slopes @ move
-            covariances[number] = observed(covariance, slopes[place])
+            covariances[number] = covariance_after(covariance, slopes[place])
     return found
 
 

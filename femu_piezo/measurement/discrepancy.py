@@ -196,7 +196,7 @@ class _FitResidual:
 
     def columns(self, one: Alternatives) -> np.ndarray:
         """(2k, m) of a single alternative, whitened, at σ = 1."""
-        rows, white = one.among(self.data), one.whitened(self.data)[:, 0]
+        rows, white = one.indices_in(self.data), one.whitened(self.data)[:, 0]
         found = np.zeros((len(self.span), white.shape[1]))
         found[rows] = white * self.share[rows, None]
         return found

@@ -145,7 +145,7 @@ class Alternatives:
         every = self.rows[:, None] * factors[:, None] * self.scale[:, None, None, None]
         return every.reshape(len(self.rows), -1, self.points.size).transpose(2, 0, 1)
 
-    def among(self, data: SweepData) -> np.ndarray:
+    def indices_in(self, data: SweepData) -> np.ndarray:
         """(2k',) indices of Re and Im at its points in a vector (2k,) of all data."""
         return np.concatenate([self.points, self.points + data.impedance.size])
 
@@ -170,7 +170,7 @@ class Alternatives:
         the same for all fits of a sweep whose loss gives its points the same weights, and is kept for them.
         """
         if sides.turned is None:
-            among = self.among(sides.data)
+            among = self.indices_in(sides.data)
             whole = self._whole(sides.data, sides.share[among])
             return self._squares(sides), whole @ sides.vectors[among]
         acting, amounts = self._acting, self.amounts[self._acting]
@@ -205,7 +205,7 @@ class Alternatives:
         return np.tile(values, 2), np.concatenate([turned.real, turned.imag])
 
     def _key(self, sides: Sides) -> tuple[Hashable, ...]:
-        data, share = sides.data, sides.share[self.among(sides.data)]
+        data, share = sides.data, sides.share[self.indices_in(sides.data)]
         return share.tobytes(), data.relative_noise.tobytes(), data.noise_memory
 
     def _squares(self, sides: Sides) -> np.ndarray:
@@ -215,7 +215,7 @@ class Alternatives:
 
     def _squares_of(self, sides: Sides) -> np.ndarray:
         """ΦᵗΦ (n, 2m, 2m), not kept; by complex products where noise is white and Re and Im have the same share."""
-        share = sides.share[self.among(sides.data)]
+        share = sides.share[self.indices_in(sides.data)]
         if any(sides.data.noise_memory) or sides.turned is None:
             whole = self._whole(sides.data, share)
             return whole @ whole.transpose(0, 2, 1)

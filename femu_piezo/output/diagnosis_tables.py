@@ -9,8 +9,8 @@ from femu_piezo.diagnosis.comparison import Trial
 from femu_piezo.inference.readings import reading_words
 from femu_piezo.output.curves import PRINTED
 from femu_piezo.output.diagnosis_words import answer
-from femu_piezo.output.tables import between, number, text_of, told
-from femu_piezo.output.wording import alike_words, named, percent, quantity, sizes, spoken, with_article
+from femu_piezo.output.tables import interval_text, note_lines, number, text_of
+from femu_piezo.output.wording import alike_words, names_of, percent, quantity, sizes, spoken, with_article
 from femu_piezo.study.diagnose import Diagnosis
 from femu_piezo.study.pole_zero_residuals import Difference
 
@@ -45,7 +45,7 @@ def diagnosis_table(result: Diagnosis) -> RenderableType:
     further = len(verdict.measurements) - len(tail)
     if further > 0:
         tail.append(f"{further} further recommendation{'s' if further > 1 else ''} in diagnosis.json")
-    return Group(text_of(lines), *tables, text_of([*tail, *told(result.notes)]))
+    return Group(text_of(lines), *tables, text_of([*tail, *note_lines(result.notes)]))
 
 
 def _candidate_table(result: Diagnosis) -> Table:
@@ -85,9 +85,9 @@ def _constant_table(result: Diagnosis) -> Table:
         factor, unit = PRINTED[name]
         new = after[name]
         values = (number(one.value * factor, one.std * factor) for one in (old, new))
-        table.add_row(name, unit, *values, *[between(*(factor * end for end in new.interval))] * known)
+        table.add_row(name, unit, *values, *[interval_text(*(factor * end for end in new.interval))] * known)
         tangents = (number(one.tan, one.tan_std) for one in (old, new))
-        table.add_row(f"tan {name}", "", *tangents, *[between(*new.tan_interval)] * known)
+        table.add_row(f"tan {name}", "", *tangents, *[interval_text(*new.tan_interval)] * known)
     return table
 
 
@@ -97,7 +97,7 @@ def _resonance_table(result: Diagnosis) -> Table:
     for heading in ("", "measured (Hz)"):
         table.add_column(heading, justify="right")
     extension = result.verdict.extension
-    shown = ["base model", f"with {named(extension)}"] if extension else ["base model"]
+    shown = ["base model", f"with {names_of(extension)}"] if extension else ["base model"]
     for words in shown:
         table.add_column(f"Δf, {words}", justify="right")
         table.add_column("ΔQ", justify="right")

@@ -12,13 +12,13 @@ from femu_piezo.diagnosis.averaging import LEVEL
 from femu_piezo.diagnosis.verdict import Cause
 from femu_piezo.inference.fit import Fit
 from femu_piezo.output.curves import PRINTED
-from femu_piezo.output.tables import between
+from femu_piezo.output.tables import interval_text
 from femu_piezo.output.wording import (
     alike_words,
     band,
     listed,
     merged,
-    named,
+    names_of,
     percent,
     plain,
     sizes,
@@ -147,13 +147,13 @@ def _headline(result: Diagnosis) -> str:
         return "The simulation explains this sweep within the noise: no further effect is needed."
     if word == "effect":
         likely = _likely(result.verdict.causes)
-        return f"{'Causes' if len(likely) > 1 else 'Cause'} of the misfit: {named(likely)}."
+        return f"{'Causes' if len(likely) > 1 else 'Cause'} of the misfit: {names_of(likely)}."
     if _points_to_blame(result):
         return "No linear body can have this response: the error is in the data, not in the simulation."
     words = "The simulation lacks something that no known effect explains"
     if result.verdict.causes:
         share = percent(result.verdict.unexplained)
-        return f"{words}: with {named(result.verdict.causes)} in the model, {share} of the misfit remains."
+        return f"{words}: with {names_of(result.verdict.causes)} in the model, {share} of the misfit remains."
     looks = _looks(result)
     return f"{words}; the misfit looks like {listed(looks)}." if looks else f"{words}."
 
@@ -298,7 +298,7 @@ def _best_candidate(result: Diagnosis) -> str:
     if best.log_odds <= 0:
         reason = "is less probable than no effect"
     elif result.verdict.forms:
-        reason = f"explains less than {named(result.verdict.forms)} does"
+        reason = f"explains less than {names_of(result.verdict.forms)} does"
     else:
         reason = (
             "is more probable than no effect, but within a few of its standard deviations (or its tolerance) of zero"
@@ -325,8 +325,8 @@ def _bias(result: Diagnosis, elsewhere: bool) -> tuple[str, ...]:
         return ("The constants have an error of unknown size, since they compensate in part for the missing effect.",)
     if result.verdict.word == "unknown":
         return (
-            f"The constants differ with {named(result.verdict.causes)} in the model, but neither set is reliable while "
-            "the rest of the misfit is unexplained.",
+            f"The constants differ with {names_of(result.verdict.causes)} in the model, but neither set is reliable "
+            "while the rest of the misfit is unexplained.",
         )
     moved = [shift for shift in shifts(result) if shift.sigma > _MOVED]
     if not moved:
@@ -359,7 +359,8 @@ def whatever_the_cause(result: Diagnosis) -> tuple[str, ...]:
     found = []
     for cause, moved in by_cause.items():
         ends = [
-            f"{spread.name} lies within {between(spread.low, spread.high)}{' ' if spread.unit else ''}{spread.unit}"
+            f"{spread.name} lies within {interval_text(spread.low, spread.high)}"
+            f"{' ' if spread.unit else ''}{spread.unit}"
             for spread in moved
         ]
         each, them = ("each with", "them") if len(moved) > 1 else ("with", "it")

@@ -15,7 +15,7 @@ from femu_piezo.output.report import Cell, Section, notes, paragraph, provenance
 from femu_piezo.output.report_diagnosis_charts import curve_charts, models, residual_charts
 from femu_piezo.output.report_figures import standard_figures_html
 from femu_piezo.output.report_modes import fundamental_picture
-from femu_piezo.output.tables import between, number
+from femu_piezo.output.tables import interval_text, number
 from femu_piezo.output.wording import listed, spoken
 from femu_piezo.study.diagnose import Diagnosis, extended_specimen
 from femu_piezo.study.pole_zero_residuals import PoleZeroResiduals
@@ -139,7 +139,7 @@ def _constants(result: Diagnosis) -> str:
             shift = moved[label]
             bias = f"{shift.percent:+.3g} % ({shift.sigma:.2g} σ)" if result.verdict.extension else ""
             ends = getattr(new, "interval" if part == "value" else "tan_interval")
-            rows.append((label, words, *cells, bias, between(*(scale * end for end in ends))))
+            rows.append((label, words, *cells, bias, interval_text(*(scale * end for end in ends))))
     words = (
         "± is one standard deviation, from the noise of this sweep and from the tolerances of dimensions, density, "
         "held constants and instrument together, provided that the model of the column is complete."

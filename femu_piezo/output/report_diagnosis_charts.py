@@ -7,7 +7,7 @@ import numpy as np
 from femu_piezo.output.chart import Axis, Band, Chart, Series
 from femu_piezo.output.curves import BASELINE, MEASURED, UPDATED, frequency_axis
 from femu_piezo.output.impedance_charts import Curve, impedance_charts
-from femu_piezo.output.wording import named
+from femu_piezo.output.wording import names_of
 from femu_piezo.study.diagnose import Diagnosis
 
 
@@ -16,7 +16,7 @@ def models(result: Diagnosis) -> tuple[Curve, ...]:
     base = Curve("base model, updated", result.curves[0], BASELINE["color"], "dashed")
     if not result.verdict.extension:
         return (base,)
-    return (base, Curve(f"with {named(result.verdict.extension)}", result.curves[1], UPDATED["color"], "line"))
+    return (base, Curve(f"with {names_of(result.verdict.extension)}", result.curves[1], UPDATED["color"], "line"))
 
 
 def _axis(result: Diagnosis) -> tuple[np.ndarray, float, Axis, str]:

@@ -70,7 +70,7 @@ def number(value: float, std: float | None) -> str:
     return f"{value:.{digits}f} ± {std:.{digits}f}"
 
 
-def between(low: float, high: float) -> str:
+def interval_text(low: float, high: float) -> str:
     """The ends of an interval of 95 %, to the second digit of a quarter of its length."""
     size = max((high - low) / 4, 1e-7 * max(abs(low), abs(high)))
     digits = _decimals(size) if size > 0 else 6
@@ -112,7 +112,7 @@ def update_table(result: UpdateResult) -> RenderableType:
         lines += _per_kelvin(result.temperature)
     if result.provenance is not None and len(result.outcomes) > 1:
         lines += [f"{name} from {_shares(shares)}" for name, shares in result.provenance.items()]
-    return Group(*parts, text_of([*lines, *reading_words(result.fit), *told(result.notes)]))
+    return Group(*parts, text_of([*lines, *reading_words(result.fit), *note_lines(result.notes)]))
 
 
 def _per_kelvin(series: TemperatureSeries) -> list[str]:
@@ -144,7 +144,7 @@ def figures_table(figures: StandardFigures, name: str = "", *, short: bool = Fal
             cells += [figure_words(one, model=True), deviation_percent(one.deviation)]
         table.add_row(*cells, *([] if short else [one.meaning]))
     sentences = [figures.formula_words] if figures.formula_words else []
-    return Group(table, text_of([*sentences, *([] if short else told(figures.notes))]))
+    return Group(table, text_of([*sentences, *([] if short else note_lines(figures.notes))]))
 
 
 def figure_words(one: Figure, model: bool = False) -> str:
@@ -226,7 +226,7 @@ def text_of(lines: Iterable[str]) -> Text:
     return Text("\n".join(lines))
 
 
-def told(notes: Iterable[str]) -> list[str]:
+def note_lines(notes: Iterable[str]) -> list[str]:
     """Notes as lines that begin with "note:"."""
     return [f"note: {note}" for note in notes]
 
@@ -237,7 +237,7 @@ def simulation_table(result: SimulationResult) -> RenderableType:
     if result.effects:
         names = ", ".join(result.effects)
         lines.append(f"poles, zeros and sweep are those of the specimen with its effects ({names})")
-    return text_of([*lines, *told(result.notes)])
+    return text_of([*lines, *note_lines(result.notes)])
 
 
 def extraction_table(result: Extraction) -> RenderableType:
@@ -246,7 +246,7 @@ def extraction_table(result: Extraction) -> RenderableType:
     lines = [_resonance_words(one) for one in sound]
     lines += [f"{_resonance_words(one)}   doubtful" for one in result.doubtful]
     why_no_figures = result.remarks[-1:] if result.pairs and result.figures is None else ()  # why there are no figures
-    text = text_of([*lines, *told((*result.spectrum.notes, *result.notes, *why_no_figures))])
+    text = text_of([*lines, *note_lines((*result.spectrum.notes, *result.notes, *why_no_figures))])
     return text if result.figures is None else Group(text, figures_table(result.figures))
 
 
@@ -265,7 +265,7 @@ def modes_table(result: ModesResult) -> RenderableType:
     for mode in result.modes:
         zero = "" if mode.zero is None else f"   zero {mode.zero.frequency_Hz:14.3f} Hz   k_eff {mode.k_eff:.4f}"
         lines.append(f"pole {mode.pole.frequency_Hz:14.3f} Hz{zero}   {mode.pole_family}")
-    return text_of([*lines, *told(result.notes)])
+    return text_of([*lines, *note_lines(result.notes)])
 
 
 def identifiability_table(result: IdentifyResult) -> RenderableType:

@@ -37,7 +37,7 @@ def listed(words: list[str] | tuple[str, ...], last: str = "and") -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
 
 
-def named(causes: Sequence[Cause]) -> str:
+def names_of(causes: Sequence[Cause]) -> str:
     """The names of causes, one or more, in plain words."""
     return listed([spoken(cause.effect) for cause in causes])
 

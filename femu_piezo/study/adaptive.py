@@ -25,7 +25,7 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.beginning import begin
 from femu_piezo.study.comparing import compare_causes
-from femu_piezo.study.linearised import Linearised, between
+from femu_piezo.study.linearised import Linearised, dividing_points
 from femu_piezo.study.measured import measure_each
 from femu_piezo.study.model_cache import Bases, SharedBases
 from femu_piezo.study.plan import FEWEST, SPREAD
@@ -34,7 +34,7 @@ from femu_piezo.study.problem import prepare
 from femu_piezo.study.progress import Clock, Progress
 from femu_piezo.study.simulate import sweep_frequencies
 from femu_piezo.study.subjects import subjects
-from femu_piezo.study.update import settled
+from femu_piezo.study.update import with_probable_discrepancy
 from femu_piezo.threads import with_blas_limit
 
 #: Points of a round, while resonances are located and afterwards.
@@ -316,22 +316,22 @@ class _Planner:
             posterior, comparison = compare_causes(several, clock, self._bases, Rules())
             return posterior, comparison.final, rivals(comparison)
         posterior = Posterior(several, clock, self._bases)
-        return posterior, settled(posterior.base(begin(measured, self._bases).constants)), None
+        return posterior, with_probable_discrepancy(posterior.base(begin(measured, self._bases).constants)), None
 
     def _changing(self, remaining: int) -> np.ndarray:
         """Frequencies (n,), Hz, within the intervals over which log(jωZ) changes most."""
         frequency = self._spectrum.frequency
         change = np.abs(_steps(np.log(self._spectrum.impedance * frequency)))
-        return between(frequency, change, min(_LOCATING, remaining))
+        return dividing_points(frequency, change, min(_LOCATING, remaining))
 
     def _telling(self, about: Linearised, remaining: int) -> np.ndarray:
         """Frequencies next to points that depart from the model, and where the constants asked for gain most."""
         count = min(_REFINING, remaining)
-        closer = about.closer(int(_CLOSER * count))
+        closer = about.next_to_departures(int(_CLOSER * count))
         goals = self._wish.deviations
         deviations = about.relative(np.sqrt(np.diag(about.covariance)))
         asked = [name for name, goal in goals.items() if deviations[name] > goal] or list(deviations)
-        found, after = about.telling(self._band, asked, count - closer.size)
+        found, after = about.most_informative(self._band, asked, count - closer.size)
         gain = max(1 - about.relative(after)[name] / deviations[name] for name in asked)
         if goals and gain < _WORTH and not closer.size:
             self.ended = "tolerances"
@@ -344,8 +344,8 @@ class _Planner:
         Such points are taken once even where the causes are told apart already, by points that were chosen otherwise.
         """
         count = min(_REFINING, remaining)
-        closer = about.closer(int(_CLOSER * count))
-        found, expected_odds = about.telling_apart(self._band, two.fits, count - closer.size)
+        closer = about.next_to_departures(int(_CLOSER * count))
+        found, expected_odds = about.most_separating(self._band, two.fits, count - closer.size)
         if two.log_odds + expected_odds < two.enough and not closer.size:
             if self._wish.deviations:
                 return self._telling(about, remaining)

@@ -115,7 +115,7 @@ def expect(subjects: Sequence[Subject], evaluations: Sequence[Evaluation], noise
     ----------
     subjects : of `planned`
     evaluations : of each specimen over its sweep, by a model that serves its tolerances
-        (`femu_piezo.study.unknowns.served`)
+        (`femu_piezo.study.unknowns.effects_served`)
     noise : relative standard deviation of every point
     """
     unknowns = unknowns_of(subjects)

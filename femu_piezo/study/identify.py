@@ -30,7 +30,7 @@ from femu_piezo.study.problem import Problem, prepare
 from femu_piezo.study.progress import Progress
 from femu_piezo.study.resonances_with_effects import sensitivity_with_effects
 from femu_piezo.study.simulate import sweep_frequencies
-from femu_piezo.study.unknowns import served, tolerances_of
+from femu_piezo.study.unknowns import effects_served, tolerances_of
 from femu_piezo.threads import with_blas_limit
 
 #: Eigenvalue error of the mesh: sensitivities need not be better.
@@ -167,7 +167,7 @@ def identify(
     blocks, pictures, evaluations = [], [], []
     for problem, subject, frequency in zip(problems, subjects, sweeps, strict=True):
         progress(problem.specimen.name)
-        evaluation = _evaluation(problem, first, frequency, served(subject, tolerances_of(subjects)))
+        evaluation = _evaluation(problem, first, frequency, effects_served(subject, tolerances_of(subjects)))
         block, picture = _jacobian(evaluation, problem.specimen.name, first, noise)
         blocks.append(block)
         pictures.append(picture)

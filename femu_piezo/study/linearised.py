@@ -12,7 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from femu_piezo.inference.design import Explanation, chosen, missed, observed, telling_apart
+from femu_piezo.inference.design import (
+    Explanation,
+    covariance_after,
+    misfit_after_refit,
+    most_informative,
+    most_separating,
+)
 from femu_piezo.inference.fit import Fit
 from femu_piezo.measurement.segments import RESOLUTION
 from femu_piezo.study.expectation import labels_of
@@ -68,20 +74,22 @@ class Linearised:
     def _at(self, frequency: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return replace(self._evaluation, omega=2 * np.pi * frequency).with_jacobian(self._unknowns, self._found.x)
 
-    def telling(self, band: tuple[float, float], asked: list[str], count: int) -> tuple[np.ndarray, np.ndarray]:
+    def most_informative(
+        self, band: tuple[float, float], asked: list[str], count: int
+    ) -> tuple[np.ndarray, np.ndarray]:
         """`count` frequencies, Hz, that tell most of `asked`, and the deviations (n_x,) with them, over the priors'."""
         candidates = self._candidates(band)
         rows = self._rows(self._found, candidates)[0]
         wanted = np.array([self._labels[name][0] for name in asked])
-        places = chosen(rows, self.covariance, wanted, count)
-        after = observed(self.covariance, rows[places].reshape(-1, self._scale.size))
+        places = most_informative(rows, self.covariance, wanted, count)
+        after = covariance_after(self.covariance, rows[places].reshape(-1, self._scale.size))
         return candidates[places], np.sqrt(np.diag(after))
 
-    def telling_apart(self, band: tuple[float, float], two: tuple[Fit, Fit], count: int) -> tuple[np.ndarray, float]:
+    def most_separating(self, band: tuple[float, float], two: tuple[Fit, Fit], count: int) -> tuple[np.ndarray, float]:
         """`count` frequencies, Hz, that tell two fits apart; log odds expected from all candidates of the band."""
         candidates = self._candidates(band)
         explanations, apart = self._explanations(two, candidates)
-        places = telling_apart(explanations, apart, count)
+        places = most_separating(explanations, apart, count)
         return candidates[places], _expected(explanations, apart)
 
     def separation(self, two: tuple[Fit, Fit], frequency: np.ndarray) -> float:
@@ -146,7 +154,7 @@ class Linearised:
         found[inner] = times > DEPARTS * usual
         return found
 
-    def closer(self, count: int) -> np.ndarray:
+    def next_to_departures(self, count: int) -> np.ndarray:
         """At most `count` frequencies, Hz, next to departing points, where the error against the model changes most.
 
         Intervals are divided until they are shorter than half the width of the sharpest mode that is looked for.
@@ -155,7 +163,7 @@ class Linearised:
         change = np.abs(np.diff(self._log_error)) * (departing[1:] | departing[:-1])
         change[change < DEPARTS * np.hypot(self._noise[1:], self._noise[:-1])] = 0.0
         sharpest = np.min(np.abs(self._resonances.imag / self._resonances.real)) / _SHARPER
-        return between(self._frequency, change, count, sharpest / 4 * self._frequency[1:])
+        return dividing_points(self._frequency, change, count, sharpest / 4 * self._frequency[1:])
 
     def departures(self) -> tuple[float, ...]:
         """Of every run of departing points, the frequency of the one with the largest error, Hz."""
@@ -179,11 +187,14 @@ def _median_over(widths: np.ndarray, values: np.ndarray) -> float:
 
 def _expected(explanations: Sequence[Explanation], apart: np.ndarray) -> float:
     """Half the χ² that one explanation leaves of what the other predicts, after a refit; mean of both directions."""
-    every = [missed(rows.reshape(apart.size, -1), covariance, apart.ravel()) for rows, covariance in explanations]
-    return float(np.mean(every)) / 2
+    errors = apart.ravel()
+    left = [misfit_after_refit(rows.reshape(apart.size, -1), covariance, errors) for rows, covariance in explanations]
+    return float(np.mean(left)) / 2
 
 
-def between(frequency: np.ndarray, change: np.ndarray, count: int, least: np.ndarray | float = 0.0) -> np.ndarray:
+def dividing_points(
+    frequency: np.ndarray, change: np.ndarray, count: int, least: np.ndarray | float = 0.0
+) -> np.ndarray:
     """At most `count` points that divide intervals of frequencies (n,) equally, so that the largest change is small.
 
     change : (n − 1,) over each interval; an interval without any change gets no point

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from femu_piezo.errors import InputError
-from femu_piezo.inference.design import chosen, observed
+from femu_piezo.inference.design import covariance_after, most_informative
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import Unknowns
 from femu_piezo.measurement.spectrum import evenly
@@ -72,16 +72,16 @@ def plan_sweep(subject: Subject, evaluation: Evaluation, noise: float, points: i
         return (sweep * unknowns.prior_std).reshape(2, frequency.size, -1).transpose(1, 0, 2)
 
     readings = whitened_jacobian(unknowns, x, [subject], [evaluation], noise)[1] * unknowns.prior_std
-    prior = observed(np.eye(x.size), readings) if len(readings) else np.eye(x.size)
+    prior = covariance_after(np.eye(x.size), readings) if len(readings) else np.eye(x.size)
 
     def deviations(frequency: np.ndarray) -> dict[str, float]:
-        std = np.sqrt(np.diag(observed(prior, rows(frequency).reshape(-1, x.size)))) * unknowns.prior_std
+        std = np.sqrt(np.diag(covariance_after(prior, rows(frequency).reshape(-1, x.size)))) * unknowns.prior_std
         return {label: float(std[column] * size) for label, (column, size) in labels.items()}
 
     watching = np.linspace(low, high, round(SPREAD * points))
     candidates = np.setdiff1d(candidate_frequencies(resonances, low, high), watching)
-    known = observed(prior, rows(watching).reshape(-1, x.size))
-    found = chosen(rows(candidates), known, wanted, points - watching.size)
+    known = covariance_after(prior, rows(watching).reshape(-1, x.size))
+    found = most_informative(rows(candidates), known, wanted, points - watching.size)
     frequency = np.sort(np.concatenate([watching, candidates[found]]))
     crowded = np.unique(np.concatenate([watching, _thinned(_about(resonances, low, high), points - watching.size)]))
     recipes = {

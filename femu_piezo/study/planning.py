@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from femu_piezo.diagnosis.comparison import Comparison
-from femu_piezo.diagnosis.next_measurement import Plan, Point, Remembered, Separation, between, strength, summary
+from femu_piezo.diagnosis.next_measurement import Plan, Point, Remembered, Separation, separation, strength, summary
 from femu_piezo.diagnosis.readings import readings
 from femu_piezo.diagnosis.verdict import Verdict
 from femu_piezo.effects.effect import Effect
@@ -123,7 +123,7 @@ class _Pair:
         """Expected separation with a plan."""
         if self._second is None:
             return strength(plan, self._first, self._index, self._value)
-        return between(plan, self._first, self._second)
+        return separation(plan, self._first, self._second)
 
     def concerns(self, plan: Plan) -> bool:
         """Whether a plan has a reading that depends on one of the two, or sweeps by a model that includes both."""

@@ -27,7 +27,7 @@ from femu_piezo.specimen.file import Update
 from femu_piezo.study.model_cache import CLOSE, Bases
 from femu_piezo.study.progress import Clock
 from femu_piezo.study.subjects import LEAST_ERROR, Subject
-from femu_piezo.study.unknowns import as_filed, served, tolerances_of, unknowns_of
+from femu_piezo.study.unknowns import as_filed, effects_served, tolerances_of, unknowns_of
 from femu_piezo.threads import made_once
 
 #: Mesh error (relative, of eigenvalues at the end of the sweep) and error of the reduced model, as shares of the noise,
@@ -172,7 +172,7 @@ class Posterior:
         training: Sequence[PiezoConstants],
     ) -> ExtendedModel:
         offered = (*self.tolerances, *self._candidates)
-        effects = list({effect.key: effect for one in several for effect in served(one, offered)}.values())
+        effects = list({effect.key: effect for one in several for effect in effects_served(one, offered)}.values())
         accuracy = _share_of_noise(several, _BASIS_SHARE, _BASIS_RANGE)
         return self.bases.extended(full, training, effects, self.several[number].measured, accuracy)
 

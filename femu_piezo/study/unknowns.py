@@ -49,7 +49,7 @@ def tolerances_of(several: Sequence[Subject]) -> tuple[Effect, ...]:
     return tuple(effect for effect in shared_library(several) if effect.has_tolerance)
 
 
-def served(one: Subject, effects: Iterable[Effect]) -> list[Effect]:
+def effects_served(one: Subject, effects: Iterable[Effect]) -> list[Effect]:
     """The effects that the model of one specimen must serve: its own and shared ones, and those of its file."""
     own = [effect for effect in dict.fromkeys(effects) if one.share.has(effect)]
     return own + [effect for effect, _ in one.fixed]

@@ -103,7 +103,7 @@ def update_measured(
     beginning = begin(measured, bases)
     posterior = Posterior(several, clock, bases)
     found = posterior.base(beginning.constants)
-    found = settled(found)
+    found = with_probable_discrepancy(found)
     drawn = None
     if samples:
         clock.step("sample")
@@ -134,7 +134,7 @@ def update_measured(
     )
 
 
-def settled(found: Fit) -> Fit:
+def with_probable_discrepancy(found: Fit) -> Fit:
     """The fit, its intervals counting a discrepancy where the data ask for one."""
     learned = found.learned
     return with_discrepancy(found, learned) if learned.probable else found

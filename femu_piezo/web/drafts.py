@@ -32,7 +32,7 @@ class Draft:
     def __init__(self, workspace: Workspace, name: str, who: str) -> None:
         self._workspace, self._name = workspace, name
         key = hashlib.sha256(f"{who}\0{name}".encode()).hexdigest()[:24]
-        folder = workspace.own / "drafts"
+        folder = workspace.own_folder / "drafts"
         folder.mkdir(exist_ok=True)
         self._file = folder / f"{key}.json"
         self._typed_at = 0.0

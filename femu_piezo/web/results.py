@@ -12,7 +12,7 @@ from femu_piezo.files import read_json
 from femu_piezo.measurement.checks import check_spectrum
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.output.curves import PRINTED
-from femu_piezo.output.tables import between, number
+from femu_piezo.output.tables import interval_text, number
 from femu_piezo.web.charts import Curve
 
 _LARGEST = 300_000_000
@@ -76,7 +76,7 @@ def interval_rows(parameters: dict) -> list[tuple[str, str]]:
         if value is None or tangent is None:
             rows.append(("", ""))
         else:
-            rows.append((between(*(PRINTED[name][0] * end for end in value)), between(*tangent)))
+            rows.append((interval_text(*(PRINTED[name][0] * end for end in value)), interval_text(*tangent)))
     return rows
 
 

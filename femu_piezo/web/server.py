@@ -36,7 +36,7 @@ def serve(folder: Path, host: str, port: int, store: str | None = None) -> None:
     workspace = Workspace.of(folder)
     if not os.access(workspace.folder, os.W_OK):
         raise InputError(f"{folder}: results are kept in this folder, but it cannot be written to; choose another one")
-    os.environ["NICEGUI_STORAGE_PATH"] = str(workspace.own / "browsers")  # read when nicegui is imported
+    os.environ["NICEGUI_STORAGE_PATH"] = str(workspace.own_folder / "browsers")  # read when nicegui is imported
     os.environ.setdefault("MATPLOTLIB", "false")
     try:
         import tomlkit  # noqa: F401  drafts edit TOML with it
@@ -51,9 +51,9 @@ def serve(folder: Path, host: str, port: int, store: str | None = None) -> None:
 
     listening = _bound(host, port)
     lock = _locked(workspace)  # held until the end
-    secret = _secret(workspace.own)
+    secret = _secret(workspace.own_folder)
     token = None if is_loopback(host) else hashlib.sha256(f"token {secret}".encode()).hexdigest()[:32]
-    jobs = Jobs(workspace.folder, workspace.own, store=store and _checked(store, workspace.folder))
+    jobs = Jobs(workspace.folder, workspace.own_folder, store=store and _checked(store, workspace.folder))
     application = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
 
     @application.get("/files/{name:path}")
@@ -116,7 +116,7 @@ def _bound(host: str, port: int) -> socket.socket:
 
 def _locked(workspace: Workspace):
     """The lock of a folder, which one page at a time has; InputError where another has it."""
-    lock = open(workspace.own / "lock", "w")  # noqa: SIM115  held as long as the page runs
+    lock = open(workspace.own_folder / "lock", "w")  # noqa: SIM115  held as long as the page runs
     try:
         import fcntl
 

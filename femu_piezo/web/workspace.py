@@ -72,7 +72,7 @@ class Workspace:
         return path.relative_to(self.folder).as_posix()
 
     @property
-    def own(self) -> Path:
+    def own_folder(self) -> Path:
         """The folder `OWN`; made where it is missing."""
         folder = self.folder / OWN
         folder.mkdir(exist_ok=True)

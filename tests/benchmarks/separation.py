@@ -85,7 +85,7 @@ def row(effect: str, number: int, bases: SharedBases, folder: Path) -> list[str]
     if rival_causes is None:
         return [effect, str(number), "nothing shows", *[""] * (len(EQUAL) + 3)]
     about = Linearised(posterior, comparison.final, 0.0)
-    best = added(posterior, rival_causes.fits, about.telling_apart(BAND, rival_causes.fits, CHOSEN)[0])
+    best = added(posterior, rival_causes.fits, about.most_separating(BAND, rival_causes.fits, CHOSEN)[0])
     equal = [added(posterior, rival_causes.fits, np.linspace(*BAND, count + 2)[1:-1]) for count in EQUAL]
     above = next((place for place, value in enumerate(equal) if value >= best), None)
     if above is None:

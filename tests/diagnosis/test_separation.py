@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from diagnosis.conftest import FREQUENCY, SIZE
-from femu_piezo.diagnosis.next_measurement import Plan, Point, Remembered, Separation, between, strength, summary
+from femu_piezo.diagnosis.next_measurement import Plan, Point, Remembered, Separation, separation, strength, summary
 from femu_piezo.diagnosis.readings import readings
 from femu_piezo.effects.effect import EffectContext
 from femu_piezo.inference.ensemble import with_owner
@@ -51,13 +51,13 @@ def test_wider_band_separates_as_a_fit_to_it_does(setup, low):
     plan = Plan("wider band", setup.evaluation, np.full(z.size, NOISE))
     present = replace(plan, evaluation=evaluation, relative_noise=plan.relative_noise[kept])
     points = Point(first, truth), Point(second, narrow.x)
-    expected = between(plan, *points)
+    expected = separation(plan, *points)
     reached = np.linalg.norm(fitted(setup.evaluation, FREQUENCY, z, second, narrow.x).residual)
     assert expected == pytest.approx(reached, rel=0.1)
-    assert between(present, *points) == pytest.approx(np.linalg.norm(narrow.residual), rel=0.05)
-    assert expected > 5 * between(present, *points)
+    assert separation(present, *points) == pytest.approx(np.linalg.norm(narrow.residual), rel=0.05)
+    assert expected > 5 * separation(present, *points)
     quiet = replace(plan, relative_noise=plan.relative_noise / 3)
-    assert between(quiet, *points) == pytest.approx(3 * expected, rel=1e-5)
+    assert separation(quiet, *points) == pytest.approx(3 * expected, rel=1e-5)
 
 
 def test_the_tolerance_of_a_further_specimen_bounds_the_strength(setup, low):
@@ -160,9 +160,9 @@ def test_readings_add_what_they_measure(setup, low):
     plan = replace(dull, readings=found["measure the width with a micrometer, to 0.1 %"])
     assert strength(plan, Point(*wide), 0, 0.004) == pytest.approx(4.0, rel=1e-3)
     both = Point(*wide), Point(*setup.with_effects({"electrode_mass": 0.0}))
-    assert between(plan, *both) == pytest.approx(4.0, rel=1e-3)
+    assert separation(plan, *both) == pytest.approx(4.0, rel=1e-3)
     # the balance cannot separate width and film, which may weigh the same
-    assert between(replace(dull, readings=weighed), *both) < 0.1
+    assert separation(replace(dull, readings=weighed), *both) < 0.1
 
 
 def test_recommendation_carries_the_figures():

@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from femu_piezo.inference.design import chosen, information, missed, observed, telling_apart
+from femu_piezo.inference.design import (
+    covariance_after,
+    information,
+    misfit_after_refit,
+    most_informative,
+    most_separating,
+)
 
 
 @pytest.fixture
@@ -18,9 +24,9 @@ def problem():
 
 
 def test_covariance_after_a_measurement(problem):
-    """`observed` gives (C^-1 + JᵗJ)^-1."""
+    """`covariance_after` gives (C^-1 + JᵗJ)^-1."""
     rows, covariance, _ = problem
-    found = observed(covariance, rows[0])
+    found = covariance_after(covariance, rows[0])
     assert found == pytest.approx(np.linalg.inv(np.linalg.inv(covariance) + rows[0].T @ rows[0]), rel=1e-9)
 
 
@@ -30,7 +36,7 @@ def test_information_is_what_the_marginal_determinant_loses(problem):
     part = np.ix_(wanted, wanted)
     gains = information(rows, covariance, wanted)
     for number in (0, 7, 39):
-        after = observed(covariance, rows[number])
+        after = covariance_after(covariance, rows[number])
         lost = 0.5 * (np.linalg.slogdet(covariance[part])[1] - np.linalg.slogdet(after[part])[1])
         assert gains[number] == pytest.approx(lost, rel=1e-9)
 
@@ -40,15 +46,15 @@ def test_each_frequency_is_the_best_of_the_remaining_ones(problem):
     three are chosen.
     """
     rows, covariance, wanted = problem
-    found = chosen(rows, covariance, wanted, 8)
+    found = most_informative(rows, covariance, wanted, 8)
     assert len(set(found)) == 8
     part = np.ix_(wanted, wanted)
     for place, number in enumerate(found):
         remaining = [k for k in range(len(rows)) if k not in found[:place]]
-        determinants = [np.linalg.det(observed(covariance, rows[k])[part]) for k in remaining]
+        determinants = [np.linalg.det(covariance_after(covariance, rows[k])[part]) for k in remaining]
         assert remaining[int(np.argmin(determinants))] == number
-        covariance = observed(covariance, rows[number])
-    assert chosen(rows[:3], covariance, wanted, 8).__len__() == 3
+        covariance = covariance_after(covariance, rows[number])
+    assert most_informative(rows[:3], covariance, wanted, 8).__len__() == 3
 
 
 def test_a_frequency_that_informs_about_other_unknowns_comes_last():
@@ -57,7 +63,7 @@ def test_a_frequency_that_informs_about_other_unknowns_comes_last():
     rows[0, 0] = [0, 100]
     rows[1, 0] = [1, 0]
     rows[2, 0] = [0.5, 0]
-    assert chosen(rows, np.eye(2), np.array([0]), 3) == [1, 2, 0]
+    assert most_informative(rows, np.eye(2), np.array([0]), 3) == [1, 2, 0]
 
 
 @pytest.fixture
@@ -77,7 +83,7 @@ def test_what_is_missed_is_the_misfit_of_a_refit(explanations):
         stacked = np.concatenate([flat, np.linalg.cholesky(np.linalg.inv(covariance)).T])
         target = np.concatenate([error.ravel(), np.zeros(len(covariance))])
         remainder = target - stacked @ np.linalg.lstsq(stacked, target, rcond=None)[0]
-        assert missed(flat, covariance, error.ravel()) == pytest.approx(remainder @ remainder, rel=1e-9)
+        assert misfit_after_refit(flat, covariance, error.ravel()) == pytest.approx(remainder @ remainder, rel=1e-9)
 
 
 def test_each_frequency_separates_two_explanations_best(explanations):
@@ -85,12 +91,12 @@ def test_each_frequency_separates_two_explanations_best(explanations):
     so far, is largest.
     """
     two, apart = explanations
-    found = telling_apart(two, apart, 6)
+    found = most_separating(two, apart, 6)
     assert len(set(found)) == 6
 
     def misfit(places: list[int]) -> float:
         return sum(
-            missed(rows[places].reshape(2 * len(places), -1), covariance, apart[places].ravel())
+            misfit_after_refit(rows[places].reshape(2 * len(places), -1), covariance, apart[places].ravel())
             for rows, covariance in two
         )
 
@@ -108,5 +114,5 @@ def test_a_difference_that_a_refit_absorbs_is_not_chosen():
     rows[0, 0] = 1.0
     apart = np.array([[3.0, 0.0], [1.0, 0.0]])
     explanation = (rows, np.array([[100.0]]))
-    assert telling_apart([explanation, explanation], apart, 1) == [1]
-    assert missed(rows[:1].reshape(2, 1), np.array([[100.0]]), apart[0]) == pytest.approx(9 / 101)
+    assert most_separating([explanation, explanation], apart, 1) == [1]
+    assert misfit_after_refit(rows[:1].reshape(2, 1), np.array([[100.0]]), apart[0]) == pytest.approx(9 / 101)

@@ -29,7 +29,7 @@ from femu_piezo.output.diagnosis import diagnosis_record
 from femu_piezo.output.diagnosis_words import _best_candidate, _form, _likely, whatever_the_cause
 from femu_piezo.output.folder import prepare_folder, write_json
 from femu_piezo.output.report_diagnosis import write_diagnosis_report
-from femu_piezo.output.tables import between
+from femu_piezo.output.tables import interval_text
 from femu_piezo.output.wording import band, listed, merged, quantity
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import LinearBody, diagnose
@@ -162,7 +162,7 @@ def test_effect_is_reported_in_words_and_figures(effect):
     away = [(end - s11["value"]) / s11["std"] for end in s11["interval"]]
     assert away[0] < -1.9 and away[1] > 1.9  # the density, for example, cannot be told from s11
     text = (effect.folder / "out/report.html").read_text(encoding="utf-8")
-    assert "95 %, whatever the cause" in text and between(*(1e12 * end for end in s11["interval"])) in text
+    assert "95 %, whatever the cause" in text and interval_text(*(1e12 * end for end in s11["interval"])) in text
 
 
 def _known(averaged: Averaged) -> SimpleNamespace:

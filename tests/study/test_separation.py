@@ -91,7 +91,7 @@ def test_sixteen_points_tell_what_sixty_four_equally_spaced_do(compared):
     posterior, comparison = compared
     rival_causes = rivals(comparison)
     about = Linearised(posterior, comparison.final, 0.0)
-    chosen, whole = about.telling_apart(BAND, rival_causes.fits, 16)
+    chosen, whole = about.most_separating(BAND, rival_causes.fits, 16)
     few, many = (np.linspace(*BAND, count + 2)[1:-1] for count in (16, 64))
     assert np.unique(chosen).size == 16 and BAND[0] <= chosen.min() and chosen.max() <= BAND[1]
     assert whole > about.separation(rival_causes.fits, chosen) > 3 * about.separation(rival_causes.fits, few)

@@ -19,7 +19,7 @@ from femu_piezo.output.curves import GRID, MEASURED, UPDATED, draw_impedance, fr
 from femu_piezo.output.folder import prepare_folder, write_figure, write_json
 from femu_piezo.output.picture import Picture
 from femu_piezo.output.results.result import Result
-from femu_piezo.output.tables import number, text_of, told
+from femu_piezo.output.tables import note_lines, number, text_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,7 +47,7 @@ class EquivalentCircuit(Result, Circuit):
         counts += ", of either sign" if "RLC" in kinds else ""
         static = ", ".join(filter(None, [f"C0 = {1e12 * self.static_capacitance:.6g} pF", counts]))
         static_words = f"beside the branches: {static} (circuit.cir)"
-        return Group(table, text_of([static_words, *told(self.notes)]))
+        return Group(table, text_of([static_words, *note_lines(self.notes)]))
 
     def plot(self, number: int | None = None) -> Figure:
         """|Z| and phase of the curve and of the circuit, and their difference."""
