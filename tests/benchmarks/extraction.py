@@ -20,6 +20,7 @@ from femu_piezo.extraction import extract
 from femu_piezo.extraction.prony_ss import prony_ss
 from femu_piezo.measurement.readers import read_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests.noise import noisy
 
 from ..extraction.bar import Bar, close_pair, sweep, truth_of
 from ..extraction.bounds import cramer_rao, score
@@ -148,9 +149,8 @@ def against_bound(title, truth, frequency, noise, draws, names=None) -> None:
             continue
         results, started = [], time.perf_counter()
         for draw in range(draws):
-            rng = np.random.default_rng([draw, int(1 / noise), frequency.size, int(frequency[0])])
-            error = noise * (rng.normal(size=omega.size) + 1j * rng.normal(size=omega.size)) / np.sqrt(2)
-            results.append(method(ImpedanceSpectrum(frequency, exact * (1 + error))))
+            seed = [draw, int(1 / noise), frequency.size, int(frequency[0])]
+            results.append(method(ImpedanceSpectrum(frequency, noisy(exact, noise, seed))))
         spent = 1e3 * (time.perf_counter() - started) / draws
         good = [r for r in results if r is not None]
         for i, kind in enumerate(("pole", "zero")):
@@ -177,9 +177,7 @@ def close_modes(draws) -> None:
         errors = {"strong pole": [], "weak pole": [], "strong zero": [], "weak zero": []}
         seen = 0
         for draw in range(draws):
-            rng = np.random.default_rng([draw, 7])
-            error = noise * (rng.normal(size=omega.size) + 1j * rng.normal(size=omega.size)) / np.sqrt(2)
-            found = extract(ImpedanceSpectrum(frequency, exact * (1 + error))).resonances
+            found = extract(ImpedanceSpectrum(frequency, noisy(exact, noise, [draw, 7]))).resonances
             if len(found.poles) != 2 or len(found.zeros) != 2:
                 continue
             seen += 1

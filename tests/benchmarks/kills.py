@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 
 TESTS = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(TESTS), str(TESTS / "batch")]
+sys.path[:0] = [str(TESTS.parent), str(TESTS), str(TESTS / "batch")]
 PLATE = TESTS.parent / "tutorials" / "k31_plate"
 SERVER = """
 import sys, time

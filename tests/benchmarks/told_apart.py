@@ -20,14 +20,18 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from hidden_effects.build import Build
 from hidden_effects.draws import DENSITY, NAMES, PZT5H
-from study.test_several_sweeps import DRIFT, FEW, FREQUENCY, SIZE, Bench, down, noisy, softer, sweep, truth, up
+from study.test_several_sweeps import DRIFT, FEW, FREQUENCY, SIZE, Bench, down, softer, sweep, truth, up
 
 from femu_piezo import diagnose, read_specimen
 from femu_piezo.effects.library import dimensions
+from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.study.planning import OPPOSITE
+from tests.noise import noisy
 
 SECOND = "measure a second specimen of the same material with half the length"
 STRAY, LONGER = 40e-12, 0.01
@@ -95,9 +99,8 @@ def _plate(folder: Path, name: str, share: float, *, beside: float = 0.0, longer
     size, frequency = SIZE * [share, 1, 1], FREQUENCY / share
     build = Build(size * [1 + longer, 1, 1], DENSITY, truth(), 115e3 / share)
     build.circuits.append(lambda w, z: 1 / (1 / z + 1j * w * beside))
-    rows = noisy(frequency, build.impedance(frequency), 1e-3, seed=len(name))
-    header = "frequency_Hz,resistance_ohm,reactance_ohm"
-    np.savetxt(folder / f"{name}.csv", rows, delimiter=",", header=header, comments="")
+    spectrum = ImpedanceSpectrum(frequency, noisy(build.impedance(frequency), 1e-3, len(name)))
+    write_spectrum(spectrum, folder / f"{name}.csv")
     lines = [f'name = "{name}"', "[geometry]", 'shape = "plate"', f"density = {DENSITY}"]
     lines += [f"{key} = {value!r}" for key, value in zip(("length", "width", "thickness"), size.tolist(), strict=True)]
     lines += ["[material]", 'free = ["s11", "d31", "eps33T"]']

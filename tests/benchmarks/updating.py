@@ -12,6 +12,7 @@ import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -19,6 +20,8 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from femu_piezo.effects.extended_model import ExtendedModel, extend_model
 from femu_piezo.errors import ConvergenceError, FemuPiezoError
@@ -38,6 +41,7 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.update import update
+from tests.noise import noisy_sweep
 
 DENSITY = 7500.0
 TANGENTS = np.array([15, 13, 12, 16, 20, 13, 12, 14, 18, 17]) * 1e-3
@@ -52,12 +56,6 @@ def data(band: tuple[float, float], points: int, divisions: tuple[int, int, int]
     model = ElectroelasticModel(PLATE.domain(divisions), DENSITY)
     frequency = np.linspace(*band, points)
     return ImpedanceSpectrum(frequency, full_impedance(model, TRUTH.to_e_form(), frequency))
-
-
-def noisy(sweep: ImpedanceSpectrum, level: float, seed: int) -> ImpedanceSpectrum:
-    normal = np.random.default_rng(seed).standard_normal((2, len(sweep)))
-    error = level * (normal[0] + 1j * normal[1]) / np.sqrt(2)
-    return ImpedanceSpectrum(sweep.frequency, sweep.impedance * (1 + error))
 
 
 def _model(band: float, accuracy: float) -> ElectroelasticModel:
@@ -105,7 +103,7 @@ def starts_of_update(sweep: ImpedanceSpectrum, count: int = 50) -> None:
     rng = np.random.default_rng(5)
     found, failed, seconds = [], [], []
     with tempfile.TemporaryDirectory() as folder:
-        write_spectrum(noisy(sweep, 1e-3, 0), Path(folder) / "sweep.csv")
+        write_spectrum(noisy_sweep(sweep, 1e-3, 0), Path(folder) / "sweep.csv")
         for number in range(count):
             factors = dict(zip(TRIO, 1 + rng.uniform(-0.3, 0.3, 3), strict=True))
             material = {name: float(value.real * factors.get(name, 1.0)) for name, value in TRUTH.as_dict().items()}
@@ -139,7 +137,7 @@ def coverage(sweep: ImpedanceSpectrum, draws: int = 100, level: float = 1e-3) ->
     exact = parameters.x_of(free.start)
     pulls = []
     for seed in range(draws):
-        solution = _fitted(reduced, free, free.start, noisy(sweep, level, seed), level)
+        solution = _fitted(reduced, free, free.start, noisy_sweep(sweep, level, seed), level)
         pulls.append((solution.x - exact) / solution.std)
     pulls = np.array(pulls)
     table = Table(title=f"intervals, {draws} draws of {100 * level:g} % noise", title_justify="left")
@@ -181,7 +179,7 @@ def speed(sweep: ImpedanceSpectrum) -> None:
     theta = free.start.real * np.array([1.03, 0.95, 1.05]) * (1 - 0.01j)
     times = []
     for seed in range(5):
-        drawn = noisy(sampled, 1e-3, seed)
+        drawn = noisy_sweep(sampled, 1e-3, seed)
         begin = time.perf_counter()
         pole = reduced_source(reduced)(TRUTH, 118e3)
         two = FreeConstants.of(free.constants(theta), ("s11", "d31"))

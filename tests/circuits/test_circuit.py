@@ -19,6 +19,7 @@ from femu_piezo.cli import main
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from tests.extraction.bar import Bar
+from tests.noise import noisy
 
 NGSPICE = shutil.which("ngspice")
 FREQUENCY = np.linspace(5e3, 120e3, 2301)
@@ -78,9 +79,7 @@ def test_stated_deviations_cover_the_truth():
     clean = 1 / bvd(FREQUENCY[::4])
     far = []
     for seed in range(20):
-        rng = np.random.default_rng(seed)
-        noise = 1e-3 / np.sqrt(2) * (rng.normal(size=clean.size) + 1j * rng.normal(size=clean.size))
-        circuit = fp.circuit(ImpedanceSpectrum.from_impedance(FREQUENCY[::4], clean * (1 + noise)))
+        circuit = fp.circuit(ImpedanceSpectrum.from_impedance(FREQUENCY[::4], noisy(clean, 1e-3, seed)))
         branch = min(circuit.branches, key=lambda one: abs(one.frequency_Hz - 1e5))
         for key, truth in zip("LRC", (L1, R1, C1), strict=True):
             far.append((branch.elements[key] - truth) / branch.std[key])

@@ -19,6 +19,7 @@ from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.held_out import misfit_of_unseen
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import CONSTANTS
+from tests.noise import noisy
 
 NOISE = 1e-3
 
@@ -26,8 +27,7 @@ NOISE = 1e-3
 def data_with(setup, sizes: dict[str, float], seed: int, known: bool = True, noise: float = NOISE) -> SweepData:
     """A noisy sweep of the plate with effects of the given sizes."""
     z = setup.evaluation.impedance(*setup.with_effects(sizes))
-    normal = np.random.default_rng(seed).standard_normal((2, z.size))
-    return setup.data(z * (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2)), noise, known)
+    return setup.data(noisy(z, noise, seed), noise, known)
 
 
 def run(setup, data, *, placed: bool = True):

@@ -13,6 +13,7 @@ from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE
 from femu_piezo.effects.local.plane_stress import unstressed
 from femu_piezo.inference.budget import budget
 from femu_piezo.inference.fit import Fit, fit, with_discrepancy
+from tests.noise import noisy
 
 NOISE = 2e-4
 
@@ -26,11 +27,6 @@ def fitted(setup, key: str, z: np.ndarray, values) -> tuple[Fit, Fit]:
     return replace(found, law=None), with_discrepancy(found, found.learned)
 
 
-def noisy(z: np.ndarray) -> np.ndarray:
-    normal = np.random.default_rng(4).standard_normal((2, z.size))
-    return z * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2))
-
-
 def test_constants_lie_within_deviations_that_hold_the_error_of_the_law(setup):
     """Bare ends of 0.8 mm by the independent solver: with noise alone, an error is above 3 stated deviations; with
     the error of the law and a discrepancy none is.
@@ -40,7 +36,7 @@ def test_constants_lie_within_deviations_that_hold_the_error_of_the_law(setup):
     margin = 0.8e-3
     built = Build(np.array(SIZE), DENSITY, setup.theta, FUNDAMENTAL)
     built.margins = (margin, margin)
-    plain, honest = fitted(setup, "electrode_margin", noisy(built.impedance(FREQUENCY)), margin)
+    plain, honest = fitted(setup, "electrode_margin", noisy(built.impedance(FREQUENCY), NOISE, 4), margin)
     truth = np.append(setup.x, margin / setup.library["electrode_margin"].scale)
     assert np.max(np.abs(plain.x - truth) / plain.std) > 3
     assert plain.learned.probable
@@ -53,7 +49,7 @@ def test_a_margin_that_is_known_has_the_error_of_its_law_too(setup):
     built = Build(np.array(SIZE), DENSITY, setup.theta, FUNDAMENTAL)
     built.margins = (margin, margin)
     known = replace(setup.unknowns, fixed=((effect, np.array([margin])),))
-    found = fit(setup.evaluation, setup.data(noisy(built.impedance(FREQUENCY)), NOISE), known, [setup.x])
+    found = fit(setup.evaluation, setup.data(noisy(built.impedance(FREQUENCY), NOISE, 4), NOISE), known, [setup.x])
     assert np.max(np.abs(found.x - setup.x) / replace(found, law=None).std) > 3
     assert np.max(np.abs(found.x - setup.x) / found.std) < 3
 
@@ -67,7 +63,8 @@ def test_the_error_of_a_law_as_a_whole_is_one_of_its_parameters(setup):
     crack = setup.library["local_crack"]
     values = np.array([1e-2 * SIZE[0], 0.3 * SIZE[0], SIZE[0] / 40])
     parameters, x = setup.with_effects({"local_crack": values})
-    found = fit(setup.evaluation, setup.data(noisy(setup.evaluation.impedance(parameters, x)), NOISE), parameters, [x])
+    data = setup.data(noisy(setup.evaluation.impedance(parameters, x), NOISE, 4), NOISE)
+    found = fit(setup.evaluation, data, parameters, [x])
     shares = np.array([parameter.law_error for parameter in crack.parameters])
     assert np.all(shares > 0)
     columns = parameters.columns(0)
@@ -80,7 +77,7 @@ def test_the_error_of_a_law_as_a_whole_is_one_of_its_parameters(setup):
 
 def test_laws_without_approximation_ask_for_no_discrepancy(setup):
     """A series resistance is exact: no discrepancy and no part "law" in the budget."""
-    z = noisy(setup.evaluation.impedance(*setup.with_effects({"series_resistance": 1.0})))
+    z = noisy(setup.evaluation.impedance(*setup.with_effects({"series_resistance": 1.0})), NOISE, 4)
     plain, found = fitted(setup, "series_resistance", z, 1.0)
     assert not plain.learned.probable
     assert "law" not in budget(found)

@@ -19,6 +19,8 @@ from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.library import library_material
+from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.beginning import begin
 from femu_piezo.study.diagnose import diagnose
@@ -27,6 +29,7 @@ from femu_piezo.study.measured import measure, start_constants
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.problem import prepare
 from femu_piezo.study.update import update
+from tests.noise import noisy
 from tests.variants import variants
 
 NOISE = 2e-3
@@ -79,11 +82,7 @@ def write(
     path.write_text(specification(body, TRUTH, more, material), encoding="utf-8")
     frequency = np.linspace(*BODIES[body][2], 121)
     z = 1 / (1 / exact(body, theta, frequency, path) + conductance) + resistance
-    normal = np.random.default_rng(len(body)).standard_normal((2, z.size))
-    z = z * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2))
-    rows = np.column_stack([frequency, z.real, z.imag]).tolist()
-    text = ["frequency_Hz,resistance_ohm,reactance_ohm", *(",".join(map(repr, row)) for row in rows)]
-    (folder / "sweep.csv").write_text("\n".join(text) + "\n", encoding="utf-8")
+    write_spectrum(ImpedanceSpectrum(frequency, noisy(z, NOISE, len(body))), folder / "sweep.csv")
     return read_specimen(path)
 
 

@@ -17,6 +17,7 @@ from femu_piezo.errors import InputError
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.readings import Reading, read_beside
 from femu_piezo.specimen.file import Readings
+from tests.noise import noisy
 
 VOLUME, AREA, GAP, NOISE = float(np.prod(SIZE)), SIZE[0] * SIZE[1], SIZE[2], 0.02
 NAMES = ("mass", "capacitance", "d33", "sound_velocity")
@@ -88,8 +89,7 @@ def test_a_reading_narrows_by_the_right_amount(setup, name, cause):
     distributions.
     """
     z = RitzPlate(SIZE, DENSITY, (13, 10, 5)).impedance(setup.theta, FREQUENCY)
-    normal = np.random.default_rng(3).standard_normal((2, z.size))
-    data = setup.data(z * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2)), NOISE)
+    data = setup.data(noisy(z, NOISE, 3), NOISE)
     parameters, x = setup.with_effects({cause: 0.0})
     value = known(setup.theta)[name]
     read = reading(name, value, 5e-4 * abs(value))

@@ -32,6 +32,7 @@ from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unk
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.sweeps import SweepData, stacked
+from tests.noise import noisy
 
 THICKNESS = 1.5e-3
 SPOT_RADIUS = 0.5e-3
@@ -461,8 +462,7 @@ def test_errors_of_the_law_of_a_wedge_are_no_further_cause(bodies):
     probability above 0.5.
     """
     disk, noise, size = bodies["disk"], 1e-3, 0.185
-    normal = np.random.default_rng(5).standard_normal((2, disk.frequency.size))
-    z = disk.exact(disk.body(wedge=size)) * (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2))
+    z = noisy(disk.exact(disk.body(wedge=size)), noise, 5)
     data = SweepData(disk.frequency, z, np.full(z.size, noise), True)
     offered = [disk.library[key] for key in ("wedge", "mounting/circle", "point_mass")]
     found = compare(disk.evaluation, data, disk.unknowns, disk.x, offered)

@@ -27,7 +27,10 @@ from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.library import library_material
+from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.sweeps import SweepData
+from tests.noise import noisy
 
 NOISE = 1e-3
 #: Length, width, thickness (m), fundamental (Hz) and band (Hz), which holds the first length mode alone.
@@ -66,8 +69,7 @@ class Bars:
         size[0] *= 1 + stretch
         z = RitzPlate(size, DENSITY, (11, 5, 4)).impedance(self.theta, frequency)
         z = 1 / (1 / z + 2j * np.pi * frequency * stray)
-        normal = np.random.default_rng(len(name)).standard_normal((2, z.size))
-        return z * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2))
+        return noisy(z, NOISE, len(name))
 
     def judged(self, sweeps: dict[str, np.ndarray]):
         """Comparison and verdict of the given sweeps, of one bar or of both."""
@@ -174,10 +176,8 @@ def write_study(bars, folder, **hidden: float):
     """Specimen files, sweeps and the study file of both bars; `hidden` as for `Bars.sweep`."""
     values = dict(zip(D_FORM, bars.theta.tolist(), strict=True))
     for name, (size, *_) in BARS.items():
-        z = bars.sweep(name, **hidden)
-        rows = np.column_stack([bars.frequency[name], z.real, z.imag]).tolist()
-        lines = ["frequency_Hz,resistance_ohm,reactance_ohm", *(",".join(map(repr, row)) for row in rows)]
-        (folder / f"{name}.csv").write_text("\n".join(lines) + "\n")
+        spectrum = ImpedanceSpectrum(bars.frequency[name], bars.sweep(name, **hidden))
+        write_spectrum(spectrum, folder / f"{name}.csv")
         lines = [f'name = "{name}"', "[geometry]", 'shape = "plate"', f"density = {DENSITY}"]
         lines += [f"{key} = {value}" for key, value in zip(("length", "width", "thickness"), size, strict=True)]
         lines += ["[material]", 'free = ["s11", "d31", "eps33T"]']

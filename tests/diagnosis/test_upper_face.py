@@ -25,8 +25,11 @@ from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.library import library_material
+from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import diagnose
+from tests.noise import noisy
 from tests.variants import variants
 
 THETA = library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS)
@@ -240,10 +243,8 @@ def test_a_support_of_a_trapezoid_is_found(tmp_path):
     built = Build(np.array(SIZE) * (1.0002, 0.9995, 1.001), DENSITY, THETA, FUNDAMENTAL, taper=TAPER)
     support(built)
     frequency = np.linspace(20e3, 240e3, 401)
-    normal = np.random.default_rng(5).standard_normal((2, frequency.size))
-    impedance = built.impedance(frequency) * (1 + 1e-3 * (normal[0] + 1j * normal[1]) / np.sqrt(2))
-    rows = np.column_stack([frequency, impedance.real, impedance.imag])
-    np.savetxt(tmp_path / "sweep.csv", rows, delimiter=",", header="frequency_Hz,resistance_ohm,reactance_ohm")
+    sweep = ImpedanceSpectrum(frequency, noisy(built.impedance(frequency), 1e-3, 5))
+    write_spectrum(sweep, tmp_path / "sweep.csv")
     free = ("s11", "s12", "d31", "eps33T")
     given = dict(zip(D_FORM, (THETA * [1.03 if name in free else 1.01 for name in D_FORM]).tolist(), strict=True))
     material = [f"{name} = {one.real!r}\ntan_{name} = {-one.imag / one.real!r}" for name, one in given.items()]

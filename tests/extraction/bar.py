@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests.noise import with_noise
 
 from .bounds import Truth
 
@@ -62,11 +63,9 @@ class Bar:
 
 def sweep(bar: Bar, frequency, relative: float = 0.0, additive: float = 0.0, seed: int = 0, noise: bool = False):
     """A sweep with circular complex noise; `noise=True` puts the true noise in the spectrum."""
-    rng = np.random.default_rng(seed)
     z = bar.impedance(frequency)
     sigma = np.hypot(relative * np.abs(z), additive)
-    error = sigma * (rng.normal(size=z.size) + 1j * rng.normal(size=z.size)) / np.sqrt(2)
-    return ImpedanceSpectrum(frequency, z + error, noise=sigma if noise else None, source="bar")
+    return ImpedanceSpectrum(frequency, with_noise(z, sigma, seed), noise=sigma if noise else None, source="bar")
 
 
 def truth_of(bar: Bar, *modes: int) -> Truth:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests.noise import circular_noise
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ def crowded(seed: int, error: float = 0.0) -> Crowded:
 
     omega = 2 * np.pi * grid
     z = 1 / (1j * omega * scale * relative_charge(omega**2))
-    scatter = noise * (rng.normal(size=points) + 1j * rng.normal(size=points)) / np.sqrt(2)
+    scatter = circular_noise(points, noise, rng)
     knots = rng.normal(size=(2, 12))
     smooth = np.array([np.interp(np.linspace(0, 11, points), np.arange(12), one) for one in knots])
     z = z * np.exp(scatter + error * (smooth[0] + 1j * smooth[1]))

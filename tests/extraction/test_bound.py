@@ -5,6 +5,7 @@ import pytest
 
 from femu_piezo.extraction import extract
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests.noise import noisy
 
 from .bar import Bar, close_pair, truth_of
 from .bounds import cramer_rao, score
@@ -19,9 +20,7 @@ def study(truth, frequency, noise, draws, seed=0):
     exact = 1 / (1j * omega * truth.charge(omega))
     errors, stated = {"pole": [], "zero": []}, {"pole": [], "zero": []}
     for draw in range(draws):
-        rng = np.random.default_rng([seed, draw])
-        error = noise * (rng.normal(size=omega.size) + 1j * rng.normal(size=omega.size)) / np.sqrt(2)
-        found = extract(ImpedanceSpectrum(frequency, exact * (1 + error))).resonances
+        found = extract(ImpedanceSpectrum(frequency, noisy(exact, noise, [seed, draw]))).resonances
         for kind, group, values in (("pole", found.poles, truth.poles), ("zero", found.zeros, truth.zeros)):
             assert len(group) == len(values)
             nearest = min(group, key=lambda r, value=values[0]: abs(r.eigenvalue - value))
@@ -82,7 +81,5 @@ def test_no_mode_is_invented():
     """White noise on a capacitor, and on one mode: no further mode is reported."""
     frequency = np.linspace(50e3, 80e3, 301)
     for seed in range(20):
-        rng = np.random.default_rng([3, seed])
-        noise = 1e-3 * (rng.normal(size=301) + 1j * rng.normal(size=301)) / np.sqrt(2)
-        z = 1 / (2j * np.pi * frequency * 1e-9 * (1 - 0.015j)) * (1 + noise)
+        z = noisy(1 / (2j * np.pi * frequency * 1e-9 * (1 - 0.015j)), 1e-3, [3, seed])
         assert extract(ImpedanceSpectrum(frequency, z)).status == "no_resonance"

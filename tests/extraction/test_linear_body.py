@@ -8,6 +8,7 @@ import pytest
 from femu_piezo.extraction.linear_body import linear_body_misfit
 from femu_piezo.inference.starts.thin_body import k31_bar_admittance
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests.noise import circular_noise
 
 FREQUENCY = np.linspace(100e3, 160e3, 201)
 
@@ -20,8 +21,7 @@ def admittance(frequency: np.ndarray) -> np.ndarray:
 
 
 def spectrum(y: np.ndarray, noise: float) -> ImpedanceSpectrum:
-    normal = np.random.default_rng(1).standard_normal((2, y.size))
-    return ImpedanceSpectrum(FREQUENCY, (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2)) / y)
+    return ImpedanceSpectrum(FREQUENCY, (1 + circular_noise(y.size, noise, 1)) / y)
 
 
 @pytest.mark.parametrize("resistance", [0.0, 40.0])

@@ -10,6 +10,7 @@ from femu_piezo.extraction.fit import Fit, NormalisedSweep, correlation, fit, re
 from femu_piezo.extraction.model import FrequencyAxis, RationalModel
 from femu_piezo.extraction.order import _least
 from femu_piezo.measurement.sweeps import SweepData
+from tests.noise import circular_noise
 
 from .bar import Bar, sweep
 
@@ -123,9 +124,8 @@ def test_residual_is_the_relative_error_of_the_impedance():
 
 def test_correlation_of_a_first_order_error():
     """A complex first-order autoregression, within four standard errors."""
-    rng = np.random.default_rng(1)
     n, phi = 4000, 0.8 * np.exp(0.3j)
-    white = (rng.normal(size=n) + 1j * rng.normal(size=n)) / np.sqrt(2)
+    white = circular_noise(n, 1.0, 1)
     error = np.zeros(n, complex)
     error[0] = white[0] / np.sqrt(1 - abs(phi) ** 2)
     for i in range(1, n):
@@ -175,8 +175,7 @@ def test_stated_deviations_count_a_smooth_error(length):
     root = np.linalg.cholesky(np.exp(-0.5 * ((share[:, None] - share) / length) ** 2) + 1e-9 * np.eye(share.size))
     pulls = []
     for seed in range(draws):
-        rng = np.random.default_rng([5, seed])
-        smooth = 1e-3 * root @ (rng.normal(size=share.size) + 1j * rng.normal(size=share.size)) / np.sqrt(2)
+        smooth = root @ circular_noise(share.size, 1e-3, [5, seed])
         measured = sweep(bar, frequency, relative=noise, seed=seed)
         z = measured.impedance * np.exp(smooth)
         rows = NormalisedSweep.of(measured.omega, 1 / z, np.ones(frequency.size))

@@ -16,6 +16,7 @@ from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unk
 from femu_piezo.material.constants import D_FORM, PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.sweeps import SweepData
+from tests.noise import noisy
 
 SIZE, DENSITY, FUNDAMENTAL = (12e-3, 3e-3, 1e-3), 7500.0, 118e3
 AXES = {"length": (0,), "width": (1,), "thickness": (2,)}
@@ -98,9 +99,7 @@ class Laboratory:
 
     def measured(self, impedance: np.ndarray, seed: int, noise: float = NOISE, known: bool = True) -> SweepData:
         """The sweep of a specimen with circular complex noise of relative size `noise` (rms of |δZ/Z|)."""
-        normal = np.random.default_rng([1906, seed]).standard_normal((2, impedance.size))
-        z = impedance * (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2))
-        return SweepData(FREQUENCY, z, np.full(z.size, noise), known)
+        return SweepData(FREQUENCY, noisy(impedance, noise, [1906, seed]), np.full(impedance.size, noise), known)
 
 
 def shifted(unknowns: Unknowns, column: int, by: float) -> Unknowns:

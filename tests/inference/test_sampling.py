@@ -11,6 +11,7 @@ from femu_piezo.inference.sampling import sample_posterior
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.sweeps import SweepData
+from tests.noise import circular_noise
 
 NOISE = 1e-3
 PRIOR = {"s11": (17e-12, 0.2e-12), "tan_s11": (0.02, 0.003)}
@@ -41,8 +42,7 @@ def problem():
     rng = np.random.default_rng(3)
     slopes = 0.06 * rng.standard_normal((40, 2)) * (1 + 0.5j)
     response = Exponential(slopes, np.array([1.0, 0.02]))
-    normal = rng.standard_normal((2, 40))
-    z = np.exp(NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2))
+    z = np.exp(circular_noise(40, NOISE, rng))
     data = SweepData(np.linspace(1e3, 2e3, 40), z, np.full(40, NOISE), True)
     solution = fit(response, data, unknowns, [unknowns.prior_mean])
     weight = np.sqrt(2) / NOISE / solution.noise_scale

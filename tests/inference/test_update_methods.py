@@ -24,6 +24,7 @@ from femu_piezo.material.library import library_material
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.resonances import Resonance
+from tests.noise import noisy_sweep
 
 PZT = library_material("pzt-5h").constants
 LOSSY = PiezoConstants.from_vector(PZT.vector() * (1 - 1j * np.array([14, 12, 13, 15, 20, 16, 17, 18, 19, 20]) * 1e-3))
@@ -46,12 +47,6 @@ def bar():
     frequency = np.linspace(20e3, 60e3, 401)
     y = k31_bar_admittance(2 * np.pi * frequency, 40e-3, 0.2e-3, 0.2e-3, DENSITY, LOSSY.s11, LOSSY.d31, LOSSY.eps33T)
     return model, reduced, free, ImpedanceSpectrum(frequency, 1 / y)
-
-
-def _noisy(spectrum: ImpedanceSpectrum, level: float, seed: int) -> ImpedanceSpectrum:
-    normal = np.random.default_rng(seed).standard_normal((2, len(spectrum)))
-    error = level * (normal[0] + 1j * normal[1]) / np.sqrt(2)
-    return ImpedanceSpectrum(spectrum.frequency, spectrum.impedance * (1 + error))
 
 
 def _fitted(bar, spectrum: ImpedanceSpectrum, start: np.ndarray) -> Fit:
@@ -80,7 +75,7 @@ def test_intervals_of_the_curve_fit_hold_the_truth(bar):
     exact = _fitted(bar, spectrum, free.start)
     truth, pulls = exact.parameters.material.theta(exact.x), []
     for seed in range(40):
-        found = _fitted(bar, _noisy(spectrum, 1e-3, seed), truth)
+        found = _fitted(bar, noisy_sweep(spectrum, 1e-3, seed), truth)
         pulls.append((found.x - exact.x) / found.std)
     pulls = np.array(pulls)
     assert np.all(np.abs(pulls.mean(axis=0)) < 3.3 / np.sqrt(40))

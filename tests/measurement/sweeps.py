@@ -19,13 +19,6 @@ def bar_impedance(frequency: np.ndarray, s11: complex, d31: complex, eps33: comp
     return 1 / (1j * omega * capacitance)
 
 
-def with_noise(impedance: np.ndarray, std: np.ndarray | float, seed: int) -> np.ndarray:
-    """Z plus circular complex Gaussian noise of standard deviation `std` (ohm)."""
-    rng = np.random.default_rng(seed)
-    real, imag = rng.standard_normal((2, impedance.size))
-    return impedance + std * (real + 1j * imag) / np.sqrt(2)
-
-
 def columns_of(frequency: np.ndarray, impedance: np.ndarray, pair: str) -> tuple[np.ndarray, np.ndarray]:
     """The two columns "z_deg", "z_rad", "rx", "y_deg" or "gb" of a sweep."""
     values = 1 / impedance if pair in ("y_deg", "gb") else impedance

@@ -12,8 +12,9 @@ from femu_piezo.measurement.checks import check_spectrum
 from femu_piezo.measurement.orientation import turning_sense
 from femu_piezo.measurement.readers import read_spectrum, write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests.noise import with_noise
 
-from .sweeps import HARD, SOFT, bar_impedance, columns_of, with_noise
+from .sweeps import HARD, SOFT, bar_impedance, columns_of
 
 SWEEPS = {
     "resonance": (30e3, 50e3),

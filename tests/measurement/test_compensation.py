@@ -17,8 +17,9 @@ from femu_piezo.specimen.file import read_specimen, write_specimen
 from femu_piezo.study.measured import measure
 from femu_piezo.study.tolerances import tolerances
 from femu_piezo.study.update import update
+from tests.noise import with_noise
 
-from .sweeps import SOFT, bar_impedance, with_noise
+from .sweeps import SOFT, bar_impedance
 
 SWEEP = Path(__file__).parents[2] / "tutorials/k31_plate/sweep.csv"
 FREQUENCY = np.linspace(30e3, 50e3, 201)

@@ -11,8 +11,9 @@ from femu_piezo.errors import InputError
 from femu_piezo.measurement.faults import _candidates, local_faults
 from femu_piezo.measurement.readers import read_spectrum, write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests.noise import with_noise
 
-from .sweeps import HARD, SOFT, bar_impedance, with_noise
+from .sweeps import HARD, SOFT, bar_impedance
 
 BANDS = [(30e3, 50e3), (32e3, 42e3), (1e3, 5e5), (38e3, 44e3), (100.0, 2e4), (5e3, 120e3)]
 

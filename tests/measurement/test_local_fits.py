@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from femu_piezo.measurement.local_fits import _least_moved, left_out, stepped
+from tests.noise import with_noise
 
-from .sweeps import HARD, SOFT, bar_impedance, with_noise
+from .sweeps import HARD, SOFT, bar_impedance
 
 WINDOWS = ((14, (2, 1)), (16, (3, 2)), (22, (4, 3)))
 

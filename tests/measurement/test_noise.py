@@ -8,8 +8,9 @@ import pytest
 from femu_piezo.errors import InputError
 from femu_piezo.measurement.noise import NoiseModel, estimate_noise
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests.noise import with_noise
 
-from .sweeps import HARD, SOFT, bar_impedance, with_noise
+from .sweeps import HARD, SOFT, bar_impedance
 
 
 @pytest.mark.parametrize("level", [1e-4, 3e-4, 1e-3, 3e-3])

@@ -33,6 +33,7 @@ from femu_piezo.output.tables import interval_text
 from femu_piezo.output.wording import band, listed, merged, quantity
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import LinearBody, diagnose
+from tests.noise import noisy
 
 TUTORIAL = Path(__file__).resolve().parents[2] / "tutorials" / "hidden_effect"
 NOISE, HIGHEST = 2e-3, 140e3
@@ -73,8 +74,7 @@ def _diagnosed(folder: Path, verdict: str) -> Case:
         conductance = (1 / z).real
         moved = f * (1 + 5e-3 * conductance / conductance.max())
         z = np.interp(moved, f, z.real) + 1j * np.interp(moved, f, z.imag)
-    first, second = np.random.default_rng(5).standard_normal((2, f.size))
-    z = z * (1 + np.sqrt(NOISE**2 - 1e-6) * (first + 1j * second) / np.sqrt(2))
+    z = noisy(z, np.sqrt(NOISE**2 - 1e-6), 5)
     rows = "".join(f"{a!r},{b.real!r},{b.imag!r}\n" for a, b in zip(f.tolist(), z.tolist(), strict=True))
     (folder / "sweep.csv").write_text("frequency_Hz,resistance_ohm,reactance_ohm\n" + rows, encoding="utf-8")
     text = (TUTORIAL / "plate.toml").read_text(encoding="utf-8").replace("noise = 0.001", f"noise = {NOISE}")

@@ -19,6 +19,7 @@ from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.problem import prepare
 from femu_piezo.study.simulate import simulate
 from femu_piezo.study.update import update
+from tests.noise import noisy
 
 TRIO = ("s11", "d31", "eps33T")
 NOISE = 5e-4
@@ -46,8 +47,7 @@ def diagnosed(request, sweeps, write_specimen_of, tmp_path):
         z = z + 60.0
     if request.param == "leakage":
         z = 1 / (1 / z + 2e-7)
-    normal = np.random.default_rng(1).standard_normal((2, z.size))
-    z = 1.001 * z * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2))
+    z = noisy(1.001 * z, NOISE, 1)
     factors = {"s11": 1.01, "s12": 1.02, "d31": 0.97}
     extra = 'std_s11 = "0.2 %"\nstd_tan_d31 = 0.002\nstd_s12 = "2 %"'
     path = write_specimen_of("k31", ImpedanceSpectrum(frequency, z), TRIO, factors, extra, f"noise = {NOISE}", True)

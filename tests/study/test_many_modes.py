@@ -26,6 +26,9 @@ from hidden_effects.draws import (
 from femu_piezo import read_specimen, update
 from femu_piezo.cli import main
 from femu_piezo.errors import InputError
+from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests.noise import noisy
 
 SIZE = np.array([12e-3, 6.7e-3, 1.6e-3])
 FREE = ("s11", "s12", "d31", "eps33T")
@@ -45,16 +48,8 @@ def clean(length: float) -> tuple[np.ndarray, np.ndarray]:
 def written(folder, seed: int, length: float = SIZE[0], more: str = "noise_only = true"):
     """Specimen file with a noisy sweep; the free constants of the file are 3 to 5 % off."""
     frequency, z = clean(length)
-    draw = np.random.default_rng(seed).standard_normal((2, z.size)) * 1e-3 / np.sqrt(2)
-    z = z * (1 + draw[0] + 1j * draw[1])
     name = f"plate {1e3 * length:g} mm"
-    np.savetxt(
-        folder / f"{name}.csv",
-        np.column_stack([frequency, z.real, z.imag]),
-        delimiter=",",
-        header="frequency_Hz,resistance_ohm,reactance_ohm",
-        comments="",
-    )
+    write_spectrum(ImpedanceSpectrum(frequency, noisy(z, 1e-3, seed)), folder / f"{name}.csv")
     body = ['shape = "plate"', f"length = {length}", f"width = {SIZE[1]}", f"thickness = {SIZE[2]}"]
     constants = [f"{one} = {value.real!r}" for one, value in zip(NAMES, PZT5H.tolist(), strict=True)]
     text = [f'name = "{name}"', "[geometry]", *body, f"density = {DENSITY}", "[material]", f"free = {list(FREE)}"]
@@ -115,11 +110,8 @@ def in_a_laboratory(folder, seed: int, more: str = ""):
     )
     build.circuits.append(instrument(rng))
     frequency = np.concatenate([np.linspace(2e3, 3e3, 11), np.geomspace(4e3, 85e3, 30), np.linspace(90e3, 160e3, 281)])
-    clean, normal = build.impedance(frequency), rng.standard_normal((2, frequency.size))
-    z = clean * (1 + 5e-4 * (normal[0] + 1j * normal[1]) / np.sqrt(2))
     folder.mkdir(exist_ok=True)
-    rows = (",".join(map(repr, row)) for row in np.column_stack([frequency, z.real, z.imag]).tolist())
-    (folder / "sweep.csv").write_text("frequency_Hz,resistance_ohm,reactance_ohm\n" + "\n".join(rows) + "\n")
+    write_spectrum(ImpedanceSpectrum(frequency, noisy(build.impedance(frequency), 5e-4, rng)), folder / "sweep.csv")
     sizes = zip(("length", "width", "thickness"), BAR.tolist(), STD_SIZE.tolist(), strict=True)
     text = ['name = "plate"', "[geometry]", 'shape = "plate"', f"density = {DENSITY}", f"std_density = {STD_DENSITY}"]
     text += [f"{one} = {size!r}\nstd_{one} = {std!r}" for one, size, std in sizes]

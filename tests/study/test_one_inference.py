@@ -11,16 +11,11 @@ from femu_piezo.inference.walls import Walls
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.output.tables import number
 from femu_piezo.specimen.file import Specimen, read_specimen
+from tests.noise import noisy_sweep
 from tests.variants import variants
 
 TRIO = ("s11", "d31", "eps33T")
 NOISE = 5e-4
-
-
-def noisy(sweep: ImpedanceSpectrum, seed: int = 1, level: float = NOISE) -> ImpedanceSpectrum:
-    normal = np.random.default_rng(seed).standard_normal((2, len(sweep)))
-    error = level * (normal[0] + 1j * normal[1]) / np.sqrt(2)
-    return ImpedanceSpectrum(sweep.frequency, sweep.impedance * (1 + error))
 
 
 def constants_by(how: str, specimen: Specimen):
@@ -60,7 +55,7 @@ ALIKE = ("noise estimated", "an ideal world", "a held-out band")
 def test_diagnose_without_candidates_is_update(sweeps, write_specimen_of, case):
     """Values and deviations agree to the last printed digit, budgets to 1e-6 and curves to 1e-9."""
     factors, extra, more, lead = CASES[case]
-    sweep = noisy(ImpedanceSpectrum(sweeps["k31"].frequency, sweeps["k31"].impedance + lead))
+    sweep = noisy_sweep(ImpedanceSpectrum(sweeps["k31"].frequency, sweeps["k31"].impedance + lead), NOISE, 1)
     specimen = read_specimen(write_specimen_of("k31", sweep, TRIO, factors, extra=extra, more=more))
     updated, result = fp.update(specimen), fp.diagnose(specimen, effects=[])
     assert result.comparison.singles == () and result.causes == ()
@@ -78,7 +73,8 @@ def test_diagnose_without_candidates_is_update(sweeps, write_specimen_of, case):
 @pytest.mark.parametrize("how", ["update", "diagnose"])
 def test_priors_of_the_file_count_and_are_about_the_file(sweeps, write_specimen_of, how):
     """With a tight prior about a wrong value of the file, s11 or its tangent is the mean weighted by precisions."""
-    path = write_specimen_of("k31", noisy(sweeps["k31"]), TRIO, {"s11": 1.01}, more=f"noise = {NOISE}", lossy=True)
+    sweep = noisy_sweep(sweeps["k31"], NOISE, 1)
+    path = write_specimen_of("k31", sweep, TRIO, {"s11": 1.01}, more=f"noise = {NOISE}", lossy=True)
     text = path.read_text(encoding="utf-8")
 
     def found(tan: float, known: str):
@@ -106,7 +102,8 @@ def test_held_constants_are_as_uncertain_as_the_file_says(sweeps, write_specimen
     parts = []
     for extra in ('std_s12 = "0.1 %"', "", 'std_s12 = "10 %"'):
         rest = "\n".join(f'std_{name} = "0.01 %"' for name in ("s13", "s33", "s44", "d33", "d15", "eps11T"))
-        path = write_specimen_of("k31", noisy(sweeps["k31"]), TRIO, {}, f"{extra}\n{rest}", f"noise = {NOISE}")
+        sweep = noisy_sweep(sweeps["k31"], NOISE, 1)
+        path = write_specimen_of("k31", sweep, TRIO, {}, f"{extra}\n{rest}", f"noise = {NOISE}")
         found = constants_by(how, read_specimen(path))
         parts.append([found[name].budget["held"] / abs(found[name].value) for name in TRIO])
     exact, usual, loose = np.array(parts)
@@ -116,7 +113,7 @@ def test_held_constants_are_as_uncertain_as_the_file_says(sweeps, write_specimen
 @pytest.mark.parametrize("how", ["update", "diagnose"])
 def test_the_loss_of_the_file_counts(sweeps, write_specimen_of, truth, how):
     """Five readings are 5 % off: with a Cauchy loss ε33T is right to 0.15 %, with the linear one it is not."""
-    spoiled = noisy(sweeps["k31"])
+    spoiled = noisy_sweep(sweeps["k31"], NOISE, 1)
     spoiled.impedance[[5, 17, 30, 41, 55]] *= 1.05
     away = {}
     for loss in ("linear", "cauchy"):
@@ -144,7 +141,7 @@ def test_no_path_creates_energy(sweep_of, write_specimen_of, truth, case, loss):
     tangents, lead, tables = ACTIVE[case]
     values = {n: getattr(truth, n).real * (1 - 1j * tan) for n, tan in zip(TRIO, tangents, strict=True)}
     bare = sweep_of("k31", truth.with_values(**values))
-    sweep = noisy(ImpedanceSpectrum(bare.frequency, bare.impedance + lead))
+    sweep = noisy_sweep(ImpedanceSpectrum(bare.frequency, bare.impedance + lead), NOISE, 1)
     more = f'noise = {NOISE}\n[update]\nloss = "{loss}"\n{tables}'
     path = write_specimen_of("k31", sweep, TRIO, {}, more=more, lossy=True)
     specimen = read_specimen(path)
@@ -157,7 +154,7 @@ def test_no_path_creates_energy(sweep_of, write_specimen_of, truth, case, loss):
 def test_known_effects_are_in_all_results_of_an_update(sweeps, write_specimen_of, truth):
     """A known lead, and a start 25 % off: constants, curve, poles and zeros are those with the lead."""
     lead, far = 60.0, {"s11": 1.25, "d31": 0.75, "eps33T": 1.25}
-    sweep = noisy(ImpedanceSpectrum(sweeps["k31"].frequency, sweeps["k31"].impedance + lead))
+    sweep = noisy_sweep(ImpedanceSpectrum(sweeps["k31"].frequency, sweeps["k31"].impedance + lead), NOISE, 1)
     path = write_specimen_of("k31", sweep, TRIO, far, more=f"noise = {NOISE}\n{LEAD}")
     result = fp.update(read_specimen(path))
     for name, estimate in result.parameters.items():

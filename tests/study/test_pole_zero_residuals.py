@@ -8,6 +8,7 @@ import pytest
 from femu_piezo.extraction import extract
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.study.pole_zero_residuals import match, pole_zero_residuals
+from tests.noise import noisy
 
 FREQUENCY = np.linspace(50e3, 250e3, 501)
 NOISE = 1e-3
@@ -26,10 +27,8 @@ def circuit(modes) -> np.ndarray:
 
 
 def measured(modes, seed: int) -> ImpedanceSpectrum:
-    rng = np.random.default_rng(seed)
     z = circuit(modes)
-    error = NOISE * (rng.standard_normal(z.size) + 1j * rng.standard_normal(z.size)) / np.sqrt(2)
-    return ImpedanceSpectrum(FREQUENCY, z * (1 + error), NOISE * np.abs(z))
+    return ImpedanceSpectrum(FREQUENCY, noisy(z, NOISE, seed), NOISE * np.abs(z))
 
 
 def residuals(model, seed: int = 1, modes=MODES):

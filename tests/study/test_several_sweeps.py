@@ -23,6 +23,9 @@ from femu_piezo import diagnose, read_specimen, simulate, update
 from femu_piezo.cli import main
 from femu_piezo.effects.library import circuits, drive_level, losses, sweep_too_fast, temperature_drift
 from femu_piezo.errors import InputError
+from femu_piezo.measurement.readers import write_spectrum
+from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests.noise import noisy
 
 SIZE = np.array([12e-3, 6.7e-3, 1.6e-3])
 TANGENTS = {"s11": 0.016, "d31": 0.012, "eps33T": 0.018}
@@ -45,19 +48,12 @@ def fundamental() -> float:
     return Build(size=SIZE, density=DENSITY, theta=truth(), fundamental=0.0).pole(115e3)
 
 
-def sweep(law=None, theta=None, frequency=FREQUENCY, noise=7e-4, seed=0, circuits=()) -> np.ndarray:
-    """Rows of frequency, resistance and reactance, with noise."""
+def sweep(law=None, theta=None, frequency=FREQUENCY, noise=7e-4, seed=0, circuits=()) -> ImpedanceSpectrum:
+    """A sweep of the plate with noise."""
     build = Build(SIZE, DENSITY, truth() if theta is None else theta, fundamental())
     build.laws += [] if law is None else [law]
     build.circuits += circuits
-    return noisy(frequency, build.impedance(frequency), noise, seed)
-
-
-def noisy(frequency, z, noise, seed) -> np.ndarray:
-    """Rows of frequency, resistance and reactance of Z with relative noise."""
-    draw = np.random.default_rng(seed).standard_normal((2, z.size)) * noise / np.sqrt(2)
-    z = z * (1 + draw[0] + 1j * draw[1])
-    return np.column_stack([frequency, z.real, z.imag])
+    return ImpedanceSpectrum(frequency, noisy(build.impedance(frequency), noise, seed))
 
 
 def softer(share):
@@ -78,15 +74,14 @@ class Bench:
     folder: object
     lines: list[str] = field(default_factory=list)
 
-    def add(self, name: str, rows: np.ndarray, **keys) -> None:
+    def add(self, name: str, spectrum: ImpedanceSpectrum, **keys) -> None:
         """Write a sweep, and a [[sweep]] table with these keys."""
         self.lines += ["[[sweep]]", f'file = "{name}.csv"', *(f"{key} = {value!r}" for key, value in keys.items())]
-        self.put(name, rows)
+        self.put(name, spectrum)
 
-    def put(self, name: str, rows: np.ndarray) -> None:
+    def put(self, name: str, spectrum: ImpedanceSpectrum) -> None:
         """Write a sweep without a table."""
-        header = "frequency_Hz,resistance_ohm,reactance_ohm"
-        np.savetxt(self.folder / f"{name}.csv", rows, delimiter=",", header=header, comments="")
+        write_spectrum(spectrum, self.folder / f"{name}.csv")
 
     def write(self, *more: str):
         constants = [f"{name} = {value.real!r}" for name, value in zip(NAMES, PZT5H.tolist(), strict=True)]
@@ -267,8 +262,8 @@ def test_softening_grows_with_the_square_of_the_voltage(bench):
     """Sweeps at two voltages have one softening, stated for the higher of them."""
     frequency, beta = np.linspace(100e3, 140e3, 401), 2e-3
     for name, drive in (("loud", 1.0), ("quiet", 1 / 3)):
-        rows = noisy(frequency, leaning(drive, beta, 0.4, frequency), 5e-4, seed=len(name))
-        bench.add(name, rows, drive_voltage=f"{0.9 * drive} V")
+        found = ImpedanceSpectrum(frequency, noisy(leaning(drive, beta, 0.4, frequency), 5e-4, len(name)))
+        bench.add(name, found, drive_voltage=f"{0.9 * drive} V")
     result = diagnose(bench.write(), effects=FEW)
     (cause,) = result.causes
     assert cause.effect.name == "drive_level" and cause.probability > 0.9
@@ -343,7 +338,7 @@ def test_a_table_with_single_brackets_is_refused(bench):
 
 def test_list_of_files_is_a_list_of_sweeps(bench):
     for name in ("a", "b"):
-        bench.put(name, np.ones((4, 3)))
+        bench.put(name, ImpedanceSpectrum(np.arange(1.0, 5.0), np.ones(4)))
     specimen = read_specimen(bench.write("[measurement]", 'file = ["a.csv", "b.csv"]'))
     assert [one.file.name for one in specimen.sweep] == ["a.csv", "b.csv"]
     assert [one.label for one in specimen.sweep] == ["a", "b"]

@@ -16,16 +16,11 @@ from femu_piezo.study.beginning import begin
 from femu_piezo.study.measured import measure
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.update import update
+from tests.noise import noisy_sweep
 
 TRIO = ("s11", "d31", "eps33T")
 #: Table of a file by which dimensions, density, held constants and instrument are exactly known.
 IDEAL = "[update]\nnoise_only = true\n"
-
-
-def noisy(sweep: ImpedanceSpectrum, level: float, seed: int) -> ImpedanceSpectrum:
-    normal = np.random.default_rng(seed).standard_normal((2, len(sweep)))
-    error = level * (normal[0] + 1j * normal[1]) / np.sqrt(2)
-    return ImpedanceSpectrum(sweep.frequency, sweep.impedance * (1 + error))
 
 
 @pytest.mark.parametrize("method", ["pole_zero", "curve"])
@@ -52,7 +47,7 @@ def test_the_fit_begins_at_the_pole_zero_update_where_that_is_near(sweeps, write
     """The fit on a coarse mesh is skipped where the pole-zero update explains the curve well; otherwise it comes
     closer.
     """
-    spec = write_specimen_of("k31", noisy(sweeps["k31"], 1e-3, 1), TRIO, {"s11": 0.8, "d31": 1.25, "eps33T": 0.7})
+    spec = write_specimen_of("k31", noisy_sweep(sweeps["k31"], 1e-3, 1), TRIO, {"s11": 0.8, "d31": 1.25, "eps33T": 0.7})
     measured = [measure(read_specimen(spec))]
 
     def away(found) -> np.ndarray:
@@ -76,7 +71,8 @@ def test_pole_zero_intervals_carry_the_error_of_the_permittivity(sweeps, write_s
     pulls = []
     for seed in range(12):
         more = 'noise = 0.001\n[update]\nmethod = "pole_zero"\nnoise_only = true'
-        result = update(read_specimen(write_specimen_of("k31", noisy(sweeps["k31"], 1e-3, seed), TRIO, more=more)))
+        sweep = noisy_sweep(sweeps["k31"], 1e-3, seed)
+        result = update(read_specimen(write_specimen_of("k31", sweep, TRIO, more=more)))
         assert result.method == "pole_zero"
         for name in TRIO:
             estimate = result.parameters[name]
@@ -97,7 +93,8 @@ def test_joint_k31_and_k33_determine_more_constants(sweeps, write_specimen_of, t
     factors = {"s11": 0.9, "s12": 1.1, "s13": 0.93, "s33": 1.1, "d31": 0.9, "d33": 1.1, "eps33T": 0.9}
     noise = f"noise = 0.0005\n{IDEAL}"
     paths = [
-        write_specimen_of(name, noisy(sweeps[name], 5e-4, 3), free, factors, more=noise) for name in ("k31", "k33")
+        write_specimen_of(name, noisy_sweep(sweeps[name], 5e-4, 3), free, factors, more=noise)
+        for name in ("k31", "k33")
     ]
     result = update(read_specimens(paths))
     assert len(result.outcomes) == 2
@@ -125,7 +122,7 @@ def test_prior_of_the_specimen_file_is_kept_where_the_data_say_nothing(sweeps, w
 
 
 def test_command_line_writes_the_contract(sweeps, write_specimen_of, tmp_path):
-    spec = write_specimen_of("k31", noisy(sweeps["k31"], 1e-3, 1), TRIO)
+    spec = write_specimen_of("k31", noisy_sweep(sweeps["k31"], 1e-3, 1), TRIO)
     out = tmp_path / "out"
     answer = CliRunner().invoke(main, ["update", str(spec), "--out", str(out), "--timings"])
     assert answer.exit_code == 0, answer.output
@@ -150,7 +147,7 @@ def test_command_line_writes_the_contract(sweeps, write_specimen_of, tmp_path):
 
 def test_samples_of_a_sound_sweep_are_those_of_the_stated_deviations(sweeps, write_specimen_of, tmp_path):
     """With all tolerances sampled; the command writes the corner picture, samples and intervals."""
-    spec = write_specimen_of("k31", noisy(sweeps["k31"], 1e-3, 1), TRIO)
+    spec = write_specimen_of("k31", noisy_sweep(sweeps["k31"], 1e-3, 1), TRIO)
     out = tmp_path / "out"
     answer = CliRunner().invoke(main, ["update", str(spec), "--out", str(out), "--sample", "150"])
     assert answer.exit_code == 0, answer.output
@@ -241,7 +238,7 @@ def test_the_fundamental_is_the_lowest_strong_pair():
 
 def test_a_misfit_beyond_the_stated_noise_widens_the_intervals(sweeps, write_specimen_of):
     """Noise of 0.5 % where the file states 0.01 %: deviations are those of the true noise, and a note says so."""
-    sweep = noisy(sweeps["k31"], 5e-3, 4)
+    sweep = noisy_sweep(sweeps["k31"], 5e-3, 4)
     result = update(read_specimen(write_specimen_of("k31", sweep, TRIO, more=f"noise = 1e-4\n{IDEAL}")))
     right = update(read_specimen(write_specimen_of("k31", sweep, TRIO, more=f"noise = 5e-3\n{IDEAL}")))
     assert right.fit.noise_scale == pytest.approx(1.0, abs=0.02)
@@ -254,7 +251,7 @@ def test_a_misfit_beyond_the_stated_noise_widens_the_intervals(sweeps, write_spe
 def test_a_prior_keeps_its_weight_where_the_noise_is_learned(sweeps, write_specimen_of):
     """s44 is not determined by the sweep: its deviation is the prior's 1 %, not scaled by the noise level."""
     spec = write_specimen_of(
-        "k31", noisy(sweeps["k31"], 2e-3, 5), (*TRIO, "s44"), {"s44": 1.02}, extra='std_s44 = "1 %"', more=IDEAL
+        "k31", noisy_sweep(sweeps["k31"], 2e-3, 5), (*TRIO, "s44"), {"s44": 1.02}, extra='std_s44 = "1 %"', more=IDEAL
     )
     estimate = update(read_specimen(spec)).parameters["s44"]
     assert estimate.std / estimate.value <= 0.0101
