@@ -29,6 +29,7 @@ from rich.console import Console
 from rich.table import Table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from hidden_effects.catalogue import NAMES
 from hidden_effects.draws import Draw, draw
@@ -37,13 +38,13 @@ from hidden_effects.round_draws import ROUND_EFFECTS, draw_round
 from femu_piezo.errors import FemuPiezoError
 from femu_piezo.extraction import extract
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.specimen.file import Specimen, read_specimen
+from femu_piezo.specimen.file import Specimen
 from femu_piezo.study.adaptive import Wish, adapt
 from femu_piezo.study.diagnose import diagnose
 from femu_piezo.study.model_cache import SharedBases
 from femu_piezo.study.update import update
+from tests.study.bench import BAND, Bench, specimen_of
 
-BAND, NOISE = (20e3, 240e3), 1e-3
 #: Body → function (number of the draw, effect) → draw. Every sixth seed gives plates, or bars, of a single set-up.
 BODIES: dict[str, Callable[[int, str], Draw]] = {
     "plate": lambda number, effect: draw(f"laboratory:{effect}", 6 * number),
@@ -54,22 +55,9 @@ EFFECTS = ("series_resistance", "leakage", "frequency_dependent_elastic_loss", "
 CONSOLE = Console(width=150)
 
 
-@dataclass
-class Bench:
-    """Measures a drawn specimen with noise; counts its readings."""
-
-    drawn: Draw
-    readings: int = 0
-    rng: np.random.Generator = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.rng = np.random.default_rng([21, self.drawn.seed])
-
-    def __call__(self, frequency: np.ndarray) -> ImpedanceSpectrum:
-        self.readings += frequency.size
-        z = self.drawn.build.impedance(np.append(frequency, BAND[1]))[:-1]
-        normal = self.rng.standard_normal((2, frequency.size))
-        return ImpedanceSpectrum(frequency, z * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2)), source="bench")
+def bench_of(drawn: Draw) -> Bench:
+    """The bench that measures a draw."""
+    return Bench(drawn, level=1e-3, series=(21,))
 
 
 def crowded(bench: Bench, points: int) -> ImpedanceSpectrum:
@@ -107,11 +95,9 @@ RECIPES: dict[str, Recipe] = {
 }
 
 
-def specimen_of(drawn: Draw, folder: Path) -> Specimen:
+def plain_specimen_of(drawn: Draw, folder: Path) -> Specimen:
     """The specimen of a draw, without stated noise and held-out band."""
-    path = folder / "piece.toml"
-    path.write_text(drawn.specification, encoding="utf-8")
-    found = read_specimen(path)
+    found = specimen_of(drawn, folder)
     return found.model_copy(
         update={"measurement": found.measurement.model_copy(update={"noise": None, "held_out": None})}
     )
@@ -157,7 +143,7 @@ def deviations(bodies: list[str], draws: range, kept: Kept) -> None:
             bases = SharedBases()
             for number in draws:
                 drawn = BODIES[body](number, "none")
-                specimen = specimen_of(drawn, Path(folder))
+                specimen = plain_specimen_of(drawn, Path(folder))
                 for name, recipe in RECIPES.items():
                     make = partial(updated, drawn, specimen, recipe, bases)
                     kept.result(["deviations", body, name, number], make)
@@ -169,7 +155,7 @@ def deviations(bodies: list[str], draws: range, kept: Kept) -> None:
 def updated(drawn: Draw, specimen: Specimen, recipe: Recipe, bases: SharedBases) -> dict:
     """Stated deviations, their part from noise, and errors over stated deviations, of an update after a recipe."""
     stated, noise, off = {}, {}, []
-    found = update(specimen, bases=bases, spectra=[recipe(specimen, Bench(drawn), bases)])
+    found = update(specimen, bases=bases, spectra=[recipe(specimen, bench_of(drawn), bases)])
     for constant, one in found.parameters.items():
         true = drawn.theta[NAMES.index(constant)]
         tangent = -true.imag / true.real
@@ -198,7 +184,7 @@ def table(title: str, results: dict[str, list[dict]], which: str) -> None:
 
 def diagnosed(drawn: Draw, specimen: Specimen, recipe: Recipe, bases: SharedBases) -> dict:
     """Verdict and names of its causes in a diagnosis after a recipe."""
-    found = diagnose(specimen, bases=bases, spectra=[recipe(specimen, Bench(drawn), bases)]).verdict
+    found = diagnose(specimen, bases=bases, spectra=[recipe(specimen, bench_of(drawn), bases)]).verdict
     return {"word": found.word, "causes": [one.effect.name for one in found.causes]}
 
 
@@ -212,7 +198,7 @@ def effects(bodies: list[str], draws: range, kept: Kept) -> None:
             for effect in drawable:
                 for number in draws:
                     drawn = BODIES[body](number, effect)
-                    specimen = specimen_of(drawn, Path(folder))
+                    specimen = plain_specimen_of(drawn, Path(folder))
                     for name, recipe in recipes.items():
                         make = partial(diagnosed, drawn, specimen, recipe, bases)
                         kept.result(["effects", body, name, effect, number], make)

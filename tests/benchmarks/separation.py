@@ -17,7 +17,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import argparse
 import sys
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,13 +25,12 @@ from rich.table import Table
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from adaptive_sweeps import BAND, BODIES, Bench, specimen_of
+from adaptive_sweeps import BODIES, bench_of, plain_specimen_of
 
 from femu_piezo.diagnosis.rivals import rivals
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.effects.library import circuits, electrode_resistance, losses, mounting, relaxation
-from femu_piezo.inference.fit import Fit, fit
-from femu_piezo.measurement.sweeps import SweepData
+from femu_piezo.inference.fit import Fit
 from femu_piezo.study.comparing import compare_causes
 from femu_piezo.study.linearised import Linearised
 from femu_piezo.study.measured import measure_each
@@ -40,6 +38,7 @@ from femu_piezo.study.model_cache import SharedBases
 from femu_piezo.study.posterior import Posterior
 from femu_piezo.study.progress import Clock
 from femu_piezo.study.subjects import subjects
+from tests.study.bench import BAND, misfit_of_wrong
 
 #: Hidden effect → modules of the candidates, the effect and others that imitate it.
 PAIRS = {
@@ -48,17 +47,6 @@ PAIRS = {
     "mounting": (mounting, circuits),
 }
 START, CHOSEN, EQUAL = 64, 16, (16, 32, 64, 128, 256)
-
-
-def misfit_of_wrong(posterior: Posterior, right: Fit, wrong: Fit, extra: np.ndarray) -> float:
-    """χ² of the wrong cause fitted to noiseless data of the right one, at the existing points and at further ones
-    `extra`, Hz.
-    """
-    evaluation, unknowns, _ = posterior.whole_sweep(0, right)
-    evaluation = replace(evaluation, omega=np.sort(np.concatenate([evaluation.omega, 2 * np.pi * extra])))
-    noise = np.full(evaluation.omega.size, float(np.median(right.data.relative_noise)))
-    data = SweepData(evaluation.omega / (2 * np.pi), evaluation.impedance(unknowns, right.x), noise, noise_known=True)
-    return fit(evaluation, data, wrong.parameters, [wrong.x]).chi_square
 
 
 def added(posterior: Posterior, two: tuple[Fit, Fit], extra: np.ndarray) -> float:
@@ -76,9 +64,9 @@ def added(posterior: Posterior, two: tuple[Fit, Fit], extra: np.ndarray) -> floa
 def row(effect: str, number: int, bases: SharedBases, folder: Path) -> list[str]:
     """A row of the table for a draw."""
     drawn = BODIES["plate"](number, effect)
-    spectrum = Bench(drawn)(np.linspace(*BAND, START))
+    spectrum = bench_of(drawn)(np.linspace(*BAND, START))
     several = subjects(
-        measure_each([specimen_of(drawn, folder)], [spectrum]), [module.candidates for module in PAIRS[effect]]
+        measure_each([plain_specimen_of(drawn, folder)], [spectrum]), [module.candidates for module in PAIRS[effect]]
     )
     posterior, comparison = compare_causes(several, Clock(lambda step: None), bases, Rules())
     rival_causes = rivals(comparison)

@@ -5,7 +5,6 @@ The data come from an independent discretisation (`hidden_effects`), with every 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -14,54 +13,14 @@ from hidden_effects.draws import Draw, draw
 
 from femu_piezo.errors import InputError
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.adaptive import Wish, adapt, joined, next_frequencies, watching
 from femu_piezo.study.linearised import _median_over
 from femu_piezo.study.model_cache import SharedBases
 from femu_piezo.study.update import update
+from tests.study.bench import BAND, Bench, specimen_of
 
-BAND, NOISE = (20e3, 240e3), 5e-4
 #: Peak of |ΔZ/Z| above which a resonance is plainly visible in a dense sweep.
 PLAIN = 0.1
-
-
-@dataclass
-class Bench:
-    """Measures a drawn plate with noise, and possibly with a further narrow mode; keeps the frequencies asked for.
-
-    mode : (frequency, Hz, Q, k_eff²) of a branch parallel to the plate, Y = jωC k²/(1 − (f/f0)² + j f/(f0 Q))
-    """
-
-    drawn: Draw
-    mode: tuple[float, float, float] | None = None
-    asked: list[np.ndarray] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self._rng = np.random.default_rng(self.drawn.seed)
-
-    def __call__(self, frequency: np.ndarray) -> ImpedanceSpectrum:
-        self.asked.append(frequency)
-        normal = self._rng.standard_normal((2, frequency.size))
-        z = self.clean(frequency) * (1 + NOISE * (normal[0] + 1j * normal[1]) / np.sqrt(2))
-        return ImpedanceSpectrum(frequency, z, source="bench")
-
-    def clean(self, frequency: np.ndarray) -> np.ndarray:
-        """Z (n,) without noise, ohm."""
-        z = self.drawn.build.impedance(np.append(frequency, BAND[1]))[:-1]
-        return z if self.mode is None else 1 / (1 / z + self.branch(frequency))
-
-    def branch(self, frequency: np.ndarray) -> np.ndarray:
-        """Admittance (n,) of the further mode, S."""
-        place, quality, square = self.mode
-        capacitance = (1 / self.drawn.clean[0]).imag / (2 * np.pi * self.drawn.frequency[0])
-        ratio = frequency / place
-        return 2j * np.pi * frequency * capacitance * square / (1 - ratio**2 + 1j * ratio / quality)
-
-
-def specimen_of(drawn: Draw, folder: Path):
-    path = folder / "plate.toml"
-    path.write_text(drawn.specification, encoding="utf-8")
-    return read_specimen(path)
 
 
 @pytest.fixture(scope="module")
@@ -166,7 +125,7 @@ def test_a_sweep_without_a_resonance_ends_with_the_reason(drawn, specimen, bases
 
     def capacitor(frequency: np.ndarray) -> ImpedanceSpectrum:
         normal = np.random.default_rng(frequency.size).standard_normal(frequency.size)
-        return ImpedanceSpectrum(frequency, (1 + NOISE * normal) / (2j * np.pi * frequency * 1e-9) + 1.0)
+        return ImpedanceSpectrum(frequency, (1 + 5e-4 * normal) / (2j * np.pi * frequency * 1e-9) + 1.0)
 
     with pytest.raises(InputError, match="no resonance"):
         adapt(specimen, capacitor, Wish(points=64, band_Hz=BAND), bases=bases)

@@ -11,10 +11,6 @@ from hidden_effects.draws import draw
 from femu_piezo.diagnosis.rivals import rivals
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.effects.library import circuits, electrode_resistance, losses, relaxation
-from femu_piezo.inference.fit import Fit, fit
-from femu_piezo.measurement.spectrum import ImpedanceSpectrum
-from femu_piezo.measurement.sweeps import SweepData
-from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.adaptive import Wish, adapt
 from femu_piezo.study.comparing import compare_causes
 from femu_piezo.study.linearised import Linearised
@@ -22,25 +18,7 @@ from femu_piezo.study.measured import measure_each
 from femu_piezo.study.model_cache import SharedBases
 from femu_piezo.study.progress import Clock
 from femu_piezo.study.subjects import subjects
-
-BAND = (20e3, 240e3)
-
-
-def bench(drawn, noise: float):
-    """A function that measures a drawn plate with noise."""
-    rng = np.random.default_rng([21, drawn.seed])
-
-    def take(frequency: np.ndarray) -> ImpedanceSpectrum:
-        z = drawn.build.impedance(np.append(frequency, BAND[1]))[:-1]
-        normal = rng.standard_normal((2, frequency.size))
-        return ImpedanceSpectrum(frequency, z * (1 + noise * (normal[0] + 1j * normal[1]) / np.sqrt(2)))
-
-    return take
-
-
-def specimen_of(drawn, folder):
-    (folder / "plate.toml").write_text(drawn.specification, encoding="utf-8")
-    return read_specimen(folder / "plate.toml")
+from tests.study.bench import BAND, Bench, misfit_of_wrong, specimen_of
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +33,7 @@ def compared(bases, tmp_path_factory):
     """
     drawn = draw("laboratory:dielectric_dispersion", 0)
     specimen = specimen_of(drawn, tmp_path_factory.mktemp("separation"))
-    spectrum = bench(drawn, 1e-3)(np.linspace(*BAND, 64))
+    spectrum = Bench(drawn, level=1e-3, series=(21,))(np.linspace(*BAND, 64))
     several = subjects(measure_each([specimen], [spectrum]), [losses.candidates, relaxation.candidates])
     return compare_causes(several, Clock(lambda step: None), bases, Rules())
 
@@ -102,18 +80,6 @@ def test_sixteen_points_tell_what_sixty_four_equally_spaced_do(compared):
         assert best > 0.9 * dense and best - before > 3 * (equal - before) > 0
 
 
-def misfit_of_wrong(posterior, right: Fit, wrong: Fit, extra: np.ndarray) -> float:
-    """χ² of the wrong cause fitted to noiseless data of the right one, at the existing points and at further ones
-    `extra`, Hz.
-    """
-    evaluation, unknowns, _ = posterior.whole_sweep(0, right)
-    evaluation = replace(evaluation, omega=np.sort(np.concatenate([evaluation.omega, 2 * np.pi * extra])))
-    noise = np.full(evaluation.omega.size, float(np.median(right.data.relative_noise)))
-    z = evaluation.impedance(unknowns, right.x)
-    data = SweepData(evaluation.omega / (2 * np.pi), z, noise, noise_known=True)
-    return fit(evaluation, data, wrong.parameters, [wrong.x]).chi_square
-
-
 @pytest.mark.slow
 def test_it_ends_when_the_causes_are_separated(bases, tmp_path, monkeypatch):
     """After a second round at least, since the first points are not chosen to separate the two causes.
@@ -123,7 +89,8 @@ def test_it_ends_when_the_causes_are_separated(bases, tmp_path, monkeypatch):
     drawn = draw("laboratory:series_resistance", 6)
     offered = [circuits.candidates, electrode_resistance.candidates]
     monkeypatch.setattr("femu_piezo.study.adaptive.subjects", lambda measured: subjects(measured, offered))
-    found = adapt(specimen_of(drawn, tmp_path), bench(drawn, 2e-3), Wish(128, band_Hz=BAND, separate=True), bases=bases)
+    bench = Bench(drawn, level=2e-3, series=(21,))
+    found = adapt(specimen_of(drawn, tmp_path), bench, Wish(128, band_Hz=BAND, separate=True), bases=bases)
     last = found.states[-1]
     assert found.ended == "separated" and len(found.states) >= 2 and len(found.spectrum) < 128
     assert last.rivals.first == "series_resistance" and last.rivals.log_odds > Rules().alike
