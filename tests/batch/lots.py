@@ -17,6 +17,7 @@ import psutil
 
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests import k31_bar
 from tests.noise import noisy
 
 S11, D31, EPS33T = 16.5e-12 * (1 - 0.015j), -274e-12 * (1 - 0.013j), 3400 * 8.854e-12 * (1 - 0.016j)
@@ -43,9 +44,8 @@ def sweep(seed: int, scatter: float = 0.01, noise: float = 1e-3, width: float = 
     """A noisy sweep of a bar whose constants scatter by the relative size `scatter`."""
     rng = np.random.default_rng(seed)
     s11, d31, eps = np.array([S11, D31, EPS33T]) * (1 + scatter * rng.standard_normal(3))
-    x = np.pi * FREQUENCY * 40e-3 * np.sqrt(7500.0 * s11)
-    capacitance = 40e-3 * width / 0.5e-3 * (eps - d31**2 / s11 * (1 - np.tan(x) / x))
-    return ImpedanceSpectrum(FREQUENCY, noisy(1 / (2j * np.pi * FREQUENCY * capacitance), noise, rng))
+    z = k31_bar.impedance(2 * np.pi * FREQUENCY, (40e-3, width, 0.5e-3), 7500.0, s11, d31, eps)
+    return ImpedanceSpectrum(FREQUENCY, noisy(z, noise, rng))
 
 
 def write_lot(folder: Path, count: int) -> tuple[Path, Path]:

@@ -13,6 +13,7 @@ from femu_piezo.effects.effect import EffectContext
 from femu_piezo.effects.library import drive_level, sweep_too_fast
 from femu_piezo.effects.softening import softened
 from femu_piezo.material.library import library_material
+from tests import k31_bar
 
 #: A series branch of L, R, C parallel to C0 = STATIC: resonance (rad/s), Q, C0 (F).
 RESONANCE, QUALITY, STATIC = 2 * np.pi * 100e3, 80.0, 1e-9
@@ -35,8 +36,7 @@ def inside(omega, *beside, slopes=None):
 def bar(omega, share: float = 0.0, softer: float = 1.0):
     """Z of a lossy thin k31 bar of 20 x 2 x 1 mm, with d times 1 + `share` and s times `softer`²."""
     s, d, eps = 16e-12 * (1 - 0.015j) * softer**2, -2.7e-10 * (1 - 0.01j) * (1 + share), 3e-8 * (1 - 0.02j)
-    x = omega * 10e-3 * np.sqrt(7500 * s)
-    return 1 / (1j * omega * 0.04 * (eps - d**2 / s + d**2 / s * np.tan(x) / x))
+    return k31_bar.impedance(omega, (20e-3, 2e-3, 1e-3), 7500.0, s, d, eps)
 
 
 def test_softer_body_by_the_same_body_at_other_frequencies():

@@ -1,6 +1,5 @@
-"""The exact 1-D k31 bar (METHOD section 7): known complex poles and zeros, independent of femu_piezo.
+"""Known complex poles and zeros of the exact 1-D k31 bar (tests/k31_bar.py), independent of femu_piezo.
 
-Y = jω (L w/t) [ε33T − d31²/s11 + (d31²/s11) tan X / X], X = (ωL/2) sqrt(ρ s11).
 Poles: cos X = 0, λ_n = ((2n−1)π/L)²/(ρ s11). Zeros: (ε33T − d31²/s11) X cos X + (d31²/s11) sin X = 0.
 """
 
@@ -11,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from tests import k31_bar
 from tests.noise import with_noise
 
 from .bounds import Truth
@@ -30,16 +30,18 @@ class Bar:
     d31: complex = -293.25e-12 * (1 - 0.013j)
     eps33: complex = 2422.5 * EPS0 * (1 - 0.015j)
 
+    @property
+    def _given(self) -> tuple:
+        """What `k31_bar` takes."""
+        return (self.length, self.width, self.thickness), self.density, self.s11, self.d31, self.eps33
+
     def charge(self, omega):
         """Y/(jω), farad."""
-        x = omega * self.length / 2 * np.sqrt(self.density * self.s11)
-        k = self.d31**2 / self.s11
-        return self.length * self.width / self.thickness * (self.eps33 - k + k * np.tan(x) / x)
+        return k31_bar.charge(omega, *self._given)
 
     def impedance(self, frequency):
         """Z at frequency in Hz."""
-        omega = 2 * np.pi * np.asarray(frequency)
-        return 1 / (1j * omega * self.charge(omega))
+        return k31_bar.impedance(2 * np.pi * np.asarray(frequency), *self._given)
 
     def pole(self, n: int) -> complex:
         """λ of the n-th pole, n = 1, 2, …"""

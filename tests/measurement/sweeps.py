@@ -1,4 +1,4 @@
-"""Sweeps with known values: the exact 1-D k31 bar (METHOD section 7), independent of femu_piezo, and writers of
+"""Sweeps with known values: the exact 1-D k31 bar, independent of femu_piezo, and writers of
 instrument files.
 """
 
@@ -6,17 +6,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from tests import k31_bar
+
 SOFT = {"s11": 15.84e-12 * (1 - 0.016j), "d31": -293.25e-12 * (1 - 0.013j), "eps33": 2422.5 * 8.854e-12 * (1 - 0.015j)}
 HARD = {"s11": 11.5e-12 * (1 - 0.001j), "d31": -100e-12 * (1 - 0.001j), "eps33": 1000 * 8.854e-12 * (1 - 0.002j)}
 
 
 def bar_impedance(frequency: np.ndarray, s11: complex, d31: complex, eps33: complex) -> np.ndarray:
     """(n,) ohm: Z of a 40 × 5 × 1 mm bar of 7900 kg/m³; fundamental at 35.6 kHz (soft), 41.5 kHz (hard)."""
-    length, width, thickness, density = 40e-3, 5e-3, 1e-3, 7900.0
-    omega = 2 * np.pi * frequency
-    x = omega * length / 2 * np.sqrt(density * s11)
-    capacitance = length * width / thickness * (eps33 - d31**2 / s11 + d31**2 / s11 * np.tan(x) / x)
-    return 1 / (1j * omega * capacitance)
+    return k31_bar.impedance(2 * np.pi * frequency, (40e-3, 5e-3, 1e-3), 7900.0, s11, d31, eps33)
 
 
 def columns_of(frequency: np.ndarray, impedance: np.ndarray, pair: str) -> tuple[np.ndarray, np.ndarray]:
