@@ -33,10 +33,10 @@ from femu_piezo.inference.unknowns import FreeConstants
 from femu_piezo.material.constants import E_FORM, EPS0, PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.material.simplified import SimplifiedK31
+from tests.materials import FORWARD_TANGENTS
 
 BASE = library_material("tj52-hd").constants
-TANGENTS = np.array([14, 12, 13, 15, 20, 16, 17, 18, 19, 20]) * 1e-3
-LOSSY = PiezoConstants.from_vector(BASE.vector().real * (1 - 1j * TANGENTS))
+LOSSY = PiezoConstants.from_vector(BASE.vector().real * (1 - 1j * FORWARD_TANGENTS))
 DENSITY, BAND = 7900.0, 300e3
 K31, K33 = Plate(40e-3, 5e-3, 1e-3), Plate(20e-3, 2e-3, 2e-3, "length")
 PLATES = {

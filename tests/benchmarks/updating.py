@@ -33,19 +33,16 @@ from femu_piezo.inference.fit import Fit, fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.starts.pole_zero import update_pair
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
-from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.material.library import library_material
 from femu_piezo.material.simplified import simplify
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.update import update
+from tests.materials import LOSSY as TRUTH
 from tests.noise import noisy_sweep
 
 DENSITY = 7500.0
-TANGENTS = np.array([15, 13, 12, 16, 20, 13, 12, 14, 18, 17]) * 1e-3
-TRUTH = PiezoConstants.from_vector(library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS))
 PLATE = Plate(12e-3, 3e-3, 1e-3)
 TRIO = ("s11", "d31", "eps33T")
 CONSOLE = Console(width=110)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hidden_effects.build import Build
 
-from diagnosis.conftest import DENSITY, TANGENTS
+from diagnosis.conftest import DENSITY
 from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.effects.library import circuits, library
 from femu_piezo.errors import ConvergenceError
@@ -18,7 +18,6 @@ from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import D_FORM, PiezoConstants
-from femu_piezo.material.library import library_material
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import read_specimen
@@ -29,13 +28,14 @@ from femu_piezo.study.measured import measure, start_constants
 from femu_piezo.study.model_cache import Bases
 from femu_piezo.study.problem import prepare
 from femu_piezo.study.update import update
+from tests.materials import PZT5H, TANGENTS
 from tests.noise import noisy
 from tests.variants import variants
 
 NOISE = 2e-3
 #: Hidden causes: a resistance in series with the body (ohm) or a conductance parallel to it (S).
 RESISTANCE, CONDUCTANCE = 3.0, 1e-7
-TRUTH = library_material("pzt-5h").constants.vector() * np.linspace(0.985, 1.015, 10) * (1 - 1j * TANGENTS)
+TRUTH = PZT5H.vector() * np.linspace(0.985, 1.015, 10) * (1 - 1j * TANGENTS)
 #: Geometry table, axis of the poling, band (Hz), which holds width modes or overtones.
 BODIES = {
     "k33": ('shape = "plate"\npoling = "length"\nlength = 12e-3\nwidth = 3.2e-3\nthickness = 2.5e-3', 0, (20e3, 240e3)),
@@ -59,7 +59,7 @@ def specification(body: str, theta: np.ndarray, more: str = "", material: str = 
     """A specimen file whose free constants are those of the library, and all others those of `theta`."""
     values = dict(zip(D_FORM, theta.tolist(), strict=True))
     for name in driving(body):
-        values[name] = getattr(library_material("pzt-5h").constants, name) * (1 - 0.015j)
+        values[name] = getattr(PZT5H, name) * (1 - 0.015j)
     lines = [f'name = "{body}"', "[geometry]", BODIES[body][0], f"density = {DENSITY}", "[material]", material]
     lines += [f"{key} = {v.real!r}\ntan_{key} = {-v.imag / v.real!r}" for key, v in values.items()]
     lines += [f"free = {list(driving(body))}", "[measurement]", 'file = "sweep.csv"', f"noise = {NOISE}", more]

@@ -7,7 +7,7 @@ import pytest
 from hidden_effects.body import Surface
 from hidden_effects.build import Build
 
-from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE, Setup
+from diagnosis.conftest import DENSITY, FREQUENCY, FUNDAMENTAL, SIZE, Setup, unequal_films
 from femu_piezo.diagnosis.starts import starts
 from femu_piezo.effects.effect import Effect, EffectParameter, LocalTerm
 from femu_piezo.effects.local.mesh_fields import flipped_axes
@@ -18,11 +18,6 @@ from femu_piezo.inference.fit import fit
 from tests.variants import variants
 
 
-def impedance(setup, key: str = "", values=()):
-    """Z (k,) of the reduced model, with an effect at the given parameters where there is a key."""
-    return setup.evaluation.impedance(*setup.with_effects({key: values} if key else {}))
-
-
 def build(setup) -> Build:
     return Build(np.array(setup.size), DENSITY, setup.theta, FUNDAMENTAL)
 
@@ -30,7 +25,7 @@ def build(setup) -> Build:
 def change_and_error(setup, bare: np.ndarray, built: Build, key: str, values) -> tuple[float, float]:
     """rms over the sweep of the change of log Z by the independent solver, and of the law's error in that change."""
     exact = np.log(built.impedance(FREQUENCY) / bare)
-    by_law = np.log(impedance(setup, key, values) / impedance(setup))
+    by_law = np.log(setup.impedance(key, values) / setup.impedance())
     size, error = (float(np.sqrt(np.mean(np.abs(part) ** 2))) for part in (exact, by_law - exact))
     return size, error
 
@@ -100,11 +95,6 @@ def uneven(built: Build) -> None:
         (built.heaviness, built.stiffness, built.piezoelectric), ((0.03, 0.02), (-0.05, 0.04), (0.1, 0.06)), strict=True
     ):
         profiles.append(lambda x, odd=odd, even=even: 1 + odd * x / 6e-3 + even * ((x / 6e-3) ** 2 - 1 / 3))
-
-
-def unequal_films(built: Build) -> None:
-    for side in (1, -1):
-        built.surfaces.append(Surface(*built.whole_face, (side,), lambda w, side=side: -(w**2) * side * 0.3))
 
 
 #: Case → parameters of the effect, function that builds it, and the error allowed as a share of the change (rms over
@@ -258,7 +248,7 @@ def test_slopes_at_a_site_are_those_of_a_small_mass(setup):
     found = []
     for mass in (2e-9, 4e-9):
         site[0] = mass
-        found.append(impedance(setup, "point_mass", site))
+        found.append(setup.impedance("point_mass", site))
     difference = (found[1] - found[0]) / 2e-9
     assert np.max(np.abs(difference - slopes)) < 0.01 * np.max(np.abs(slopes))
 

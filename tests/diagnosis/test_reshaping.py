@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from diagnosis.conftest import DENSITY, TANGENTS
+from diagnosis.conftest import DENSITY, ReducedBody
 from femu_piezo.effects.effect import Effect, EffectContext
 from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.effects.library import library
@@ -16,9 +16,6 @@ from femu_piezo.geometry import catalogue
 from femu_piezo.geometry.reshaping import reshapings
 from femu_piezo.geometry.slab import Slab
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
-from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.material.library import library_material
 
 FREQUENCY = np.linspace(20e3, 200e3, 181)
 #: Dimension → function that gives the body with this dimension 1 + p times as large, and axes of the other dimensions.
@@ -31,19 +28,16 @@ BODIES = {
 }
 
 
-class Body:
+class Body(ReducedBody):
     """A body as a reduced model, with the effect of an error of `dimension`."""
 
     def __init__(self, dimension: str, p: float) -> None:
         make, axes = BODIES[dimension]
         self.shape: Slab = make(p)
-        constants = PiezoConstants.from_vector(library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS))
-        free = FreeConstants.of(constants, ("s11", "s12", "d31", "eps33T"))
-        self.material = MaterialParameters.around(free, free.start)
-        self.x = self.material.x_of(free.start)
-        self.unknowns = Unknowns(self.material, material_prior(free, {}, {}))
+        super().__init__("s11", "s12", "d31", "eps33T")
+        constants = self.constants
         context = EffectContext(
-            100e3, free.names, constants, axes, DENSITY, self.shape.thickness, reshapings=reshapings(self.shape)
+            100e3, self.free.names, constants, axes, DENSITY, self.shape.thickness, reshapings=reshapings(self.shape)
         )
         self.library = {effect.key: effect for effect in library(context)}
         self.effect: Effect = self.library[f"wrong_{dimension}"]

@@ -10,7 +10,7 @@ from hidden_effects.reduced import Plate
 from hidden_effects.round_body import RoundBody, RoundSurface
 from hidden_effects.round_draws import soft_volume
 
-from diagnosis.conftest import DENSITY, TANGENTS
+from diagnosis.conftest import DENSITY, ReducedBody
 from femu_piezo.diagnosis.comparison import Comparison
 from femu_piezo.diagnosis.selection import compare
 from femu_piezo.diagnosis.starts import of_either_sign, relocated, starts
@@ -28,9 +28,7 @@ from femu_piezo.inference.descent import COARSE, RANKED
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.laws import law_misses
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.material.library import library_material
 from femu_piezo.measurement.sweeps import SweepData, stacked
 from tests.noise import noisy
 
@@ -45,19 +43,15 @@ FREQUENCY = {
 AXES = {"diameter": (0, 1), "thickness": (2,)}
 
 
-class Round:
+class Round(ReducedBody):
     """A disk or ring as an extended reduced model with every effect of the library, and as a body of the independent
     solver.
     """
 
     def __init__(self, name: str) -> None:
         self.radii, self.frequency = RADII[name], FREQUENCY[name]
-        self.theta = library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS)
-        constants = PiezoConstants.from_vector(self.theta)
-        free = FreeConstants.of(constants, ("s11", "s12", "d31", "eps33T"))
-        self.material = MaterialParameters.around(free, free.start)
-        self.x = self.material.x_of(free.start)
-        self.unknowns = Unknowns(self.material, material_prior(free, {}, {}))
+        super().__init__("s11", "s12", "d31", "eps33T")
+        constants, free = self.constants, self.free
         band = (float(self.frequency[0]), float(self.frequency[-1]))
         self.context = EffectContext(
             165e3, free.names, constants, AXES, DENSITY, THICKNESS, 1e3, radii=self.radii, band_Hz=band
@@ -75,15 +69,6 @@ class Round:
     def exact(self, body: RoundBody, *surfaces: RoundSurface) -> np.ndarray:
         """Z (k,) of a body with surfaces by the independent solver."""
         return Plate(body, self.theta, self.frequency[-1], surfaces).impedance(self.theta, self.frequency)
-
-    def impedance(self, key: str = "", values=()) -> np.ndarray:
-        """Z (k,) of the reduced model, with an effect at the given parameters where there is a key."""
-        unknowns, x = self.unknowns, self.x
-        if key:
-            effect = self.library[key]
-            unknowns = unknowns.with_candidate(effect)
-            x = np.concatenate([x, np.append(values, effect.rest[len(values) :]) / effect.scale])
-        return self.evaluation.impedance(unknowns, x)
 
 
 @pytest.fixture(scope="module")

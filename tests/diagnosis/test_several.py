@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 from hidden_effects.ritz import RitzPlate
 
-from diagnosis.conftest import DENSITY, TANGENTS
+from diagnosis.conftest import DENSITY, ReducedBody
 from femu_piezo.cli import main
 from femu_piezo.diagnosis.rules import Rules
 from femu_piezo.diagnosis.selection import compare
@@ -24,9 +24,7 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.ensemble import Ensemble, Share, is_common, with_owner
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
-from femu_piezo.material.constants import D_FORM, PiezoConstants
-from femu_piezo.material.library import library_material
+from femu_piezo.material.constants import D_FORM
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.sweeps import SweepData
@@ -42,15 +40,12 @@ OF_EACH_BAR = ("wrong_length", "wrong_thickness", "electrode_mass")
 COMMON = ("stray_capacitance", "series_resistance", "leakage")
 
 
-class Bars:
+class Bars(ReducedBody):
     """Reduced models of both bars and their libraries of effects."""
 
     def __init__(self) -> None:
-        self.theta = library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS)
-        constants = PiezoConstants.from_vector(self.theta)
-        free = FreeConstants.of(constants, ("s11", "d31", "eps33T"))
-        self.material = MaterialParameters.around(free, free.start)
-        self.unknowns = Unknowns(self.material, material_prior(free, {}, {}))
+        super().__init__("s11", "d31", "eps33T")
+        constants, free = self.constants, self.free
         training = [constants, *free.training_sets(free.start, 0.04, 3)[1:]]
         self.parts, self.library, self.frequency = {}, {}, {}
         for name, (size, fundamental, band) in BARS.items():
@@ -83,7 +78,7 @@ class Bars:
             evaluation = Ensemble(tuple((Share((name,)), self.parts[name]) for name in names))
             effects = [effect for effect in effects if is_common(effect)]
             effects += [with_owner(e, name) for name in names for e in self.library[name] if not is_common(e)]
-        start = self.material.x_of(self.material.free.start) * 1.01
+        start = self.x * 1.01
         result = compare(evaluation, data, self.unknowns, start, effects, rules=Rules(most_causes=2))
         return result, judge(result)
 
@@ -138,7 +133,7 @@ def test_jacobian_of_several_sweeps(bars):
     length, stray = (next(e for e in bars.library["long"] if e.name == name) for name in names)
     ensemble = Ensemble(tuple((Share((name,)), part) for name, part in bars.parts.items()))
     parameters = bars.unknowns.with_candidate(with_owner(length, "short")).with_candidate(stray)
-    x = np.concatenate([bars.material.x_of(bars.material.free.start), [0.7, 0.4]])
+    x = np.concatenate([bars.x, [0.7, 0.4]])
     z, slopes = ensemble.with_jacobian(parameters, x)
     points = bars.frequency["long"].size
     assert np.all(slopes[:points, 6] == 0) and np.all(slopes[points:, 6] != 0)
@@ -158,7 +153,7 @@ def test_left_out_bands_are_those_of_each_sweep(bars):
     frequency = np.concatenate(list(bars.frequency.values()))
     points = bars.frequency["long"].size
     data = SweepData(frequency, z, np.full(z.size, NOISE), True, (points, z.size - points))
-    start = bars.material.x_of(bars.material.free.start)
+    start = bars.x
     ensemble = Ensemble(tuple((Share((name,)), part) for name, part in bars.parts.items()))
     predicted = fit(ensemble, data, bars.unknowns, [start]).held_out.predicted
     band = np.array_split(np.arange(points, z.size), 10)[3]

@@ -11,7 +11,7 @@ from hidden_effects.body import Surface
 from hidden_effects.build import Build
 from hidden_effects.round_draws import soft_volume
 
-from diagnosis.conftest import AXES, BAND, DENSITY, FREQUENCY, FUNDAMENTAL, SIZE, TANGENTS
+from diagnosis.conftest import AXES, BAND, DENSITY, FREQUENCY, FUNDAMENTAL, SIZE, ReducedBody, unequal_films
 from femu_piezo.effects.effect import EffectContext
 from femu_piezo.effects.extended_model import extend_model
 from femu_piezo.effects.library import library
@@ -22,17 +22,16 @@ from femu_piezo.geometry.gmsh_session import gmsh_session
 from femu_piezo.geometry.mesh_file import MeshFile
 from femu_piezo.geometry.slab import Slab
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
-from femu_piezo.material.constants import D_FORM, PiezoConstants
-from femu_piezo.material.library import library_material
+from femu_piezo.material.constants import D_FORM
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import diagnose
+from tests.materials import LOSSY
 from tests.noise import noisy
 from tests.variants import variants
 
-THETA = library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS)
+THETA = LOSSY.vector()
 TAPER = 0.25
 
 
@@ -72,31 +71,19 @@ def meshed(folder) -> MeshFile:
     return MeshFile(folder / "plate.msh")
 
 
-class Body:
+class Body(ReducedBody):
     """A body as a reduced model, with its library of effects."""
 
     def __init__(self, shape) -> None:
-        self.shape = shape
-        constants = PiezoConstants.from_vector(THETA)
-        free = FreeConstants.of(constants, ("s11", "d31", "eps33T"))
-        self.material = MaterialParameters.around(free, free.start)
-        self.x, self.unknowns = self.material.x_of(free.start), Unknowns(self.material, material_prior(free, {}, {}))
+        super().__init__("s11", "d31", "eps33T")
+        self.shape, constants = shape, self.constants
         context = EffectContext(
-            FUNDAMENTAL, free.names, constants, AXES, DENSITY, SIZE[2], 2e3, band_Hz=BAND, upper=shape.upper_face
+            FUNDAMENTAL, self.free.names, constants, AXES, DENSITY, SIZE[2], 2e3, band_Hz=BAND, upper=shape.upper_face
         )
         self.library = {effect.key: effect for effect in library(context)}
         full = ElectroelasticModel(shape.domain_for(1e-4, FREQUENCY[-1], 1900.0), DENSITY)
         self.model = extend_model(full, [constants], [*self.library.values()], FREQUENCY[-1], accuracy=1e-5)
         self.evaluation = Evaluation(self.model, 2 * np.pi * FREQUENCY)
-
-    def at(self, key: str, values) -> tuple[Unknowns, np.ndarray]:
-        """The unknowns with one effect as a cause, and x (n_x,) with its parameters, SI."""
-        effect = self.library[key]
-        values = np.append(values, effect.rest[len(values) :])
-        return self.unknowns.with_candidate(effect), np.concatenate([self.x, values / effect.scale])
-
-    def impedance(self, key: str = "", values=()) -> np.ndarray:
-        return self.evaluation.impedance(*(self.at(key, values) if key else (self.unknowns, self.x)))
 
 
 BODIES = {"trapezoid": (trapezoid, TAPER), "rounded plate": (rounded, 0.0), "mesh of a user": (meshed, 0.0)}
@@ -123,11 +110,6 @@ def support(built: Build) -> None:
     built.surfaces.append(Surface(*patch(built), (1,), lambda w: (3e5 + 2j * w) / SIDE**2))
 
 
-def films(built: Build) -> None:
-    for side in (1, -1):
-        built.surfaces.append(Surface(*built.whole_face, (side,), lambda w, side=side: -(w**2) * side * 0.3))
-
-
 #: Depth k, radius a and place of a soft spot 1 − k exp(−r²/a²) on the middle line.
 SOFT, SPOT_RADIUS, SPOT_X = 0.4, 0.7e-3, 3.1e-3
 
@@ -143,7 +125,7 @@ def soft_spot(built: Build) -> None:
 CASES = {
     "point_mass": ((2.5e-6, *PLACE, RADIUS), mass, 0.02),
     "mounting/one patch": ((3e5, 2.0, *PLACE, RADIUS), support, 0.03),
-    "unequal_electrode_mass": ((0.6,), films, 0.03),
+    "unequal_electrode_mass": ((0.6,), unequal_films, 0.03),
     "local_crack": ((soft_volume(SIZE[2], SOFT, SPOT_RADIUS), SPOT_X, 0.0), soft_spot, 0.11),
 }
 #: Cases that take longest, marked slow.
@@ -189,7 +171,7 @@ def test_slopes_are_those_of_differences(body_and_solver, key, place):
     """Also where the patch lies across a mirror line or partly outside the body."""
     body, _ = body_and_solver
     values = (*CASES[key][0][:-3], *place, RADIUS)
-    parameters, x = body.at(key, values)
+    parameters, x = body.with_effects({key: values})
     slopes = body.evaluation.with_jacobian(parameters, x)[1][:, -len(values) :]
     steps = 1e-5 * np.eye(x.size)[-len(values) :]
     ahead, behind = (np.array([body.evaluation.impedance(parameters, x + way * h) for h in steps]) for way in (1, -1))

@@ -16,11 +16,8 @@ from femu_piezo.forward.response import full_impedance
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.unknowns import FreeConstants
 from femu_piezo.material.constants import PiezoConstants
-from femu_piezo.material.library import library_material
-
-PZT = library_material("pzt-5h").constants.lossless()
-TANGENTS = np.array([14, 12, 13, 15, 20, 16, 17, 18, 19, 20]) * 1e-3
-LOSSY = PiezoConstants.from_vector(PZT.vector() * (1 - 1j * TANGENTS))
+from tests.materials import FORWARD_LOSSY as LOSSY
+from tests.materials import PZT5H as PZT
 
 
 def resonances_Hz(modal, band: float) -> np.ndarray:

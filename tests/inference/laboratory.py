@@ -13,9 +13,9 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.response import Evaluation
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
-from femu_piezo.material.constants import D_FORM, PiezoConstants
-from femu_piezo.material.library import library_material
+from femu_piezo.material.constants import D_FORM
 from femu_piezo.measurement.sweeps import SweepData
+from tests.materials import LOSSY as CONSTANTS
 from tests.noise import noisy
 
 SIZE, DENSITY, FUNDAMENTAL = (12e-3, 3e-3, 1e-3), 7500.0, 118e3
@@ -24,8 +24,6 @@ FREE = ("s11", "d31", "eps33T")
 #: 12 points far below the fundamental of 118 kHz, for the permittivity, and 48 points around it, Hz.
 FREQUENCY = np.concatenate([np.geomspace(2e3, 90e3, 12), np.linspace(100e3, 140e3, 48)])
 NOISE = 5e-4
-TANGENTS = np.array([15, 13, 12, 16, 20, 13, 12, 14, 18, 17]) * 1e-3
-CONSTANTS = PiezoConstants.from_vector(library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS))
 #: Standard deviations of calliper, balance, held constants and their tangents, residue of the fixture, and instrument.
 TOLERANCES = {
     "length": 0.02e-3 / SIZE[0],

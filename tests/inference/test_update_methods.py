@@ -19,15 +19,13 @@ from femu_piezo.inference.starts.pole_zero import update_pair
 from femu_piezo.inference.starts.thin_body import k31_bar_admittance
 from femu_piezo.inference.terminal_roots import root_slopes, terminal_roots
 from femu_piezo.inference.unknowns import FreeConstants, MaterialParameters, Unknowns, material_prior
-from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.material.library import library_material
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.sweeps import SweepData
 from femu_piezo.resonances import Resonance
+from tests.materials import FORWARD_LOSSY as LOSSY
 from tests.noise import noisy_sweep
 
-PZT = library_material("pzt-5h").constants
-LOSSY = PiezoConstants.from_vector(PZT.vector() * (1 - 1j * np.array([14, 12, 13, 15, 20, 16, 17, 18, 19, 20]) * 1e-3))
 #: A bar so slender that the 1-D formula, which needs no discretisation, holds to 1e-5.
 BAR = Plate(40e-3, 0.2e-3, 0.2e-3)
 DENSITY = 7500.0

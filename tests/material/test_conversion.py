@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from femu_piezo.errors import InputError
-from femu_piezo.material.constants import EPS0, PiezoConstants
+from femu_piezo.material.constants import EPS0
 from femu_piezo.material.conversion import (
     ORDERS,
     StressCharge,
@@ -18,10 +18,7 @@ from femu_piezo.material.conversion import (
     stress_charge,
     to_ansys,
 )
-from femu_piezo.material.library import library_material
-
-TANGENTS = np.array([15, 13, 12, 16, 20, 13, 12, 14, 18, 17]) * 1e-3
-PZT = PiezoConstants.from_vector(library_material("pzt-5h").constants.vector() * (1 - 1j * TANGENTS))
+from tests.materials import LOSSY as PZT
 
 
 def test_where_the_constants_stand_in_ansys_order():

@@ -11,11 +11,10 @@ from femu_piezo.forward.model import ElectroelasticModel
 from femu_piezo.forward.response import driven_state, full_impedance
 from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.starts.thin_body import bar_permittivity, bar_start, k31_bar_admittance, k33_bar_impedance
-from femu_piezo.material.constants import D_FORM, E_FORM, PiezoConstants
+from femu_piezo.material.constants import D_FORM, E_FORM
 from femu_piezo.material.library import library_material
-
-PZT = library_material("pzt-5h").constants
-LOSSY = PiezoConstants.from_vector(PZT.vector() * (1 - 1j * np.array([14, 12, 13, 15, 20, 16, 17, 18, 19, 20]) * 1e-3))
+from tests.materials import FORWARD_LOSSY as LOSSY
+from tests.materials import PZT5H as PZT
 
 
 def test_slender_k31_bar_is_the_1d_formula():
