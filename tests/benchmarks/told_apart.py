@@ -23,8 +23,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from hidden_effects.build import Build
-from hidden_effects.draws import DENSITY, NAMES, PZT5H
-from study.test_several_sweeps import DRIFT, FEW, FREQUENCY, SIZE, Bench, down, softer, sweep, truth, up
+from hidden_effects.draws import DENSITY
+from study.test_several_sweeps import ASSUMED, DRIFT, FEW, FREQUENCY, SIZE, Bench, down, softer, sweep, truth, up
 
 from femu_piezo import diagnose, read_specimen
 from femu_piezo.effects.library import dimensions
@@ -32,6 +32,7 @@ from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.study.planning import OPPOSITE
 from tests.noise import noisy
+from tests.specimens import plate
 
 SECOND = "measure a second specimen of the same material with half the length"
 STRAY, LONGER = 40e-12, 0.01
@@ -101,12 +102,9 @@ def _plate(folder: Path, name: str, share: float, *, beside: float = 0.0, longer
     build.circuits.append(lambda w, z: 1 / (1 / z + 1j * w * beside))
     spectrum = ImpedanceSpectrum(frequency, noisy(build.impedance(frequency), 1e-3, len(name)))
     write_spectrum(spectrum, folder / f"{name}.csv")
-    lines = [f'name = "{name}"', "[geometry]", 'shape = "plate"', f"density = {DENSITY}"]
-    lines += [f"{key} = {value!r}" for key, value in zip(("length", "width", "thickness"), size.tolist(), strict=True)]
-    lines += ["[material]", 'free = ["s11", "d31", "eps33T"]']
-    lines += [f"{constant} = {value.real!r}" for constant, value in zip(NAMES, PZT5H.tolist(), strict=True)]
     path = folder / f"{name}.toml"
-    path.write_text("\n".join([*lines, "[measurement]", f'file = "{name}.csv"']) + "\n", encoding="utf-8")
+    text = plate(name, size, DENSITY) + ASSUMED + f'[measurement]\nfile = "{name}.csv"\n'
+    path.write_text(text, encoding="utf-8")
     return path
 
 

@@ -41,6 +41,7 @@ from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.update import update
 from tests.materials import LOSSY as TRUTH
 from tests.noise import noisy_sweep
+from tests.specimens import material, plate
 
 DENSITY = 7500.0
 PLATE = Plate(12e-3, 3e-3, 1e-3)
@@ -103,13 +104,10 @@ def starts_of_update(sweep: ImpedanceSpectrum, count: int = 50) -> None:
         write_spectrum(noisy_sweep(sweep, 1e-3, 0), Path(folder) / "sweep.csv")
         for number in range(count):
             factors = dict(zip(TRIO, 1 + rng.uniform(-0.3, 0.3, 3), strict=True))
-            material = {name: float(value.real * factors.get(name, 1.0)) for name, value in TRUTH.as_dict().items()}
-            tangents = {f"tan_{name}": float(TRUTH.tangent(name)) for name in material if name not in TRIO}
-            lines = [f'name = "start {number}"', "[geometry]", 'shape = "plate"', f"density = {DENSITY}"]
-            lines += [f"{key} = {getattr(PLATE, key)!r}" for key in ("length", "width", "thickness")]
-            lines += ["[material]", *(f"{name} = {value!r}" for name, value in {**material, **tangents}.items())]
+            text = plate(f"start {number}", (PLATE.length, PLATE.width, PLATE.thickness), DENSITY)
+            text += material(TRUTH, TRIO, factors, TRIO)
             path = Path(folder) / f"{number}.toml"
-            path.write_text("\n".join([*lines, "[measurement]", 'file = "sweep.csv"']), encoding="utf-8")
+            path.write_text(f'{text}[measurement]\nfile = "sweep.csv"\n', encoding="utf-8")
             begin = time.perf_counter()
             try:
                 found.append(list(update(read_specimen(path)).parameters.values()))

@@ -30,6 +30,7 @@ from femu_piezo.study.problem import prepare
 from femu_piezo.study.update import update
 from tests.materials import PZT5H, TANGENTS
 from tests.noise import noisy
+from tests.specimens import material
 from tests.variants import variants
 
 NOISE = 2e-3
@@ -55,15 +56,14 @@ def driving(body: str) -> tuple[str, ...]:
     return ("s33", "d33", "eps33T") if body == "k33" else ("s11", "d31", "eps33T")
 
 
-def specification(body: str, theta: np.ndarray, more: str = "", material: str = "") -> str:
+def specification(body: str, theta: np.ndarray, more: str = "", extra: str = "") -> str:
     """A specimen file whose free constants are those of the library, and all others those of `theta`."""
     values = dict(zip(D_FORM, theta.tolist(), strict=True))
     for name in driving(body):
         values[name] = getattr(PZT5H, name) * (1 - 0.015j)
-    lines = [f'name = "{body}"', "[geometry]", BODIES[body][0], f"density = {DENSITY}", "[material]", material]
-    lines += [f"{key} = {v.real!r}\ntan_{key} = {-v.imag / v.real!r}" for key, v in values.items()]
-    lines += [f"free = {list(driving(body))}", "[measurement]", 'file = "sweep.csv"', f"noise = {NOISE}", more]
-    lines += ["[update]", "noise_only = true"]
+    table = material(PiezoConstants(**values), driving(body))
+    lines = [f'name = "{body}"', "[geometry]", BODIES[body][0], f"density = {DENSITY}", table, extra]
+    lines += ["[measurement]", 'file = "sweep.csv"', f"noise = {NOISE}", more, "[update]", "noise_only = true"]
     return "\n".join(lines) + "\n"
 
 
@@ -75,11 +75,11 @@ def write(
     conductance: float = 0.0,
     theta: np.ndarray = TRUTH,
     more: str = "",
-    material: str = "",
+    extra: str = "",
 ):
     """Specimen file and noisy sweep of a body with a resistance in series and a conductance parallel to it."""
     path = folder / f"{body}.toml"
-    path.write_text(specification(body, TRUTH, more, material), encoding="utf-8")
+    path.write_text(specification(body, TRUTH, more, extra), encoding="utf-8")
     frequency = np.linspace(*BODIES[body][2], 121)
     z = 1 / (1 / exact(body, theta, frequency, path) + conductance) + resistance
     write_spectrum(ImpedanceSpectrum(frequency, noisy(z, NOISE, len(body))), folder / "sweep.csv")

@@ -24,11 +24,11 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.inference.ensemble import Ensemble, Share, is_common, with_owner
 from femu_piezo.inference.fit import fit
 from femu_piezo.inference.response import Evaluation
-from femu_piezo.material.constants import D_FORM
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.measurement.sweeps import SweepData
 from tests.noise import noisy
+from tests.specimens import material, plate
 
 NOISE = 1e-3
 #: Length, width, thickness (m), fundamental (Hz) and band (Hz), which holds the first length mode alone.
@@ -169,16 +169,12 @@ def test_left_out_bands_are_those_of_each_sweep(bars):
 
 def write_study(bars, folder, **hidden: float):
     """Specimen files, sweeps and the study file of both bars; `hidden` as for `Bars.sweep`."""
-    values = dict(zip(D_FORM, bars.theta.tolist(), strict=True))
     for name, (size, *_) in BARS.items():
         spectrum = ImpedanceSpectrum(bars.frequency[name], bars.sweep(name, **hidden))
         write_spectrum(spectrum, folder / f"{name}.csv")
-        lines = [f'name = "{name}"', "[geometry]", 'shape = "plate"', f"density = {DENSITY}"]
-        lines += [f"{key} = {value}" for key, value in zip(("length", "width", "thickness"), size, strict=True)]
-        lines += ["[material]", 'free = ["s11", "d31", "eps33T"]']
-        lines += [f"{key} = {v.real!r}\ntan_{key} = {-v.imag / v.real!r}" for key, v in values.items()]
-        lines += ["[measurement]", f'file = "{name}.csv"', f"noise = {NOISE}", "[update]", "noise_only = true"]
-        (folder / f"{name}.toml").write_text("\n".join(lines).replace("[material]", 'poling = "thickness"\n[material]'))
+        text = plate(name, size, DENSITY, 'poling = "thickness"') + material(bars.constants, bars.free.names)
+        text += f'[measurement]\nfile = "{name}.csv"\nnoise = {NOISE}\n[update]\nnoise_only = true\n'
+        (folder / f"{name}.toml").write_text(text)
     (folder / "study.toml").write_text('specimens = ["long.toml", "short.toml"]\n')
     return folder / "study.toml"
 

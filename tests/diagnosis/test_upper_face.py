@@ -29,6 +29,7 @@ from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.diagnose import diagnose
 from tests.materials import LOSSY
 from tests.noise import noisy
+from tests.specimens import material
 from tests.variants import variants
 
 THETA = LOSSY.vector()
@@ -228,8 +229,7 @@ def test_a_support_of_a_trapezoid_is_found(tmp_path):
     sweep = ImpedanceSpectrum(frequency, noisy(built.impedance(frequency), 1e-3, 5))
     write_spectrum(sweep, tmp_path / "sweep.csv")
     free = ("s11", "s12", "d31", "eps33T")
-    given = dict(zip(D_FORM, (THETA * [1.03 if name in free else 1.01 for name in D_FORM]).tolist(), strict=True))
-    material = [f"{name} = {one.real!r}\ntan_{name} = {-one.imag / one.real!r}" for name, one in given.items()]
+    given = material(LOSSY, free, {name: 1.03 if name in free else 1.01 for name in D_FORM})
     text = f"""
 name = "trapezoid"
 [geometry]
@@ -240,9 +240,7 @@ width = {width * (1 - TAPER)}
 width_end = {width * (1 + TAPER)}
 thickness = {thickness}
 density = {DENSITY}
-[material]
-free = {list(free)}
-{chr(10).join(material)}
+{given}
 [measurement]
 file = "sweep.csv"
 """

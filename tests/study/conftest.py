@@ -14,6 +14,7 @@ from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from tests.materials import LOSSY
+from tests.specimens import material, plate
 
 DENSITY = 7500.0
 
@@ -67,24 +68,12 @@ def write_specimen_of(tmp_path, truth):
         more: str = "",
         lossy=False,
     ) -> Path:
-        plate = BODIES[name][0]
-        factors = factors or {}
-        lines = [
-            f'name = "{name}"',
-            "[geometry]",
-            'shape = "plate"',
-            f'poling = "{plate.poling}"',
-            f"density = {DENSITY}",
-        ]
-        lines += [f"{key} = {getattr(plate, key)!r}" for key in ("length", "width", "thickness")]
-        lines += ["[material]", f"free = {list(free)}"]
-        for constant, value in truth.as_dict().items():
-            lines.append(f"{constant} = {value.real * factors.get(constant, 1.0)!r}")
-            lines.append(f"tan_{constant} = {0.0 if constant in free and not lossy else truth.tangent(constant)!r}")
-        lines += [extra, "[measurement]", f'file = "{name}.csv"', more]
+        body = BODIES[name][0]
+        text = plate(name, (body.length, body.width, body.thickness), DENSITY, f'poling = "{body.poling}"')
+        text += material(truth, free, factors, () if lossy else free)
         write_spectrum(sweep, tmp_path / f"{name}.csv")
         path = tmp_path / f"{name}.toml"
-        path.write_text("\n".join(lines), encoding="utf-8")
+        path.write_text(f'{text}{extra}\n[measurement]\nfile = "{name}.csv"\n{more}', encoding="utf-8")
         return path
 
     return write

@@ -26,9 +26,11 @@ from hidden_effects.draws import (
 from femu_piezo import read_specimen, update
 from femu_piezo.cli import main
 from femu_piezo.errors import InputError
+from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from tests.noise import noisy
+from tests.specimens import material, plate
 
 SIZE = np.array([12e-3, 6.7e-3, 1.6e-3])
 FREE = ("s11", "s12", "d31", "eps33T")
@@ -50,12 +52,10 @@ def written(folder, seed: int, length: float = SIZE[0], more: str = "noise_only 
     frequency, z = clean(length)
     name = f"plate {1e3 * length:g} mm"
     write_spectrum(ImpedanceSpectrum(frequency, noisy(z, 1e-3, seed)), folder / f"{name}.csv")
-    body = ['shape = "plate"', f"length = {length}", f"width = {SIZE[1]}", f"thickness = {SIZE[2]}"]
-    constants = [f"{one} = {value.real!r}" for one, value in zip(NAMES, PZT5H.tolist(), strict=True)]
-    text = [f'name = "{name}"', "[geometry]", *body, f"density = {DENSITY}", "[material]", f"free = {list(FREE)}"]
-    text += [*constants, "[measurement]", f'file = "{name}.csv"', "[update]", 'method = "pole_zero"', more]
+    text = plate(name, [length, *SIZE[1:]], DENSITY) + material(PiezoConstants.from_vector(PZT5H), FREE)
     path = folder / f"{name}.toml"
-    path.write_text("\n".join(text), encoding="utf-8")
+    text += f'[measurement]\nfile = "{name}.csv"\n[update]\nmethod = "pole_zero"\n{more}'
+    path.write_text(text, encoding="utf-8")
     return path
 
 

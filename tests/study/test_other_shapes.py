@@ -19,6 +19,7 @@ from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.specimen.file import read_specimen
 from femu_piezo.study.starts import has_uniform_field, pair_names, solid_disk_radius
 from femu_piezo.study.update import update
+from tests.specimens import material
 
 DENSITY = 7500.0
 
@@ -63,10 +64,7 @@ def _specimen(folder, truth, body, domain, geometry, free, factors, band, points
     model = ElectroelasticModel(domain, DENSITY)
     frequency = np.linspace(*band, points)
     write_spectrum(ImpedanceSpectrum(frequency, full_impedance(model, truth.to_e_form(), frequency)), folder / "z.csv")
-    lines = ['name = "body"', "[geometry]", *geometry, f"density = {DENSITY}", "[material]", f"free = {list(free)}"]
-    for name, value in truth.as_dict().items():
-        lines.append(f"{name} = {value.real * factors.get(name, 1.0)!r}")
-        lines.append(f"tan_{name} = {0.0 if name in free else truth.tangent(name)!r}")
+    lines = ['name = "body"', "[geometry]", *geometry, f"density = {DENSITY}", material(truth, free, factors, free)]
     path = folder / "body.toml"
     lines += ["[measurement]", 'file = "z.csv"', "[update]", "noise_only = true"]
     path.write_text("\n".join(lines), encoding="utf-8")

@@ -23,15 +23,18 @@ from femu_piezo import diagnose, read_specimen, simulate, update
 from femu_piezo.cli import main
 from femu_piezo.effects.library import circuits, drive_level, losses, sweep_too_fast, temperature_drift
 from femu_piezo.errors import InputError
+from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from tests.noise import noisy
+from tests.specimens import material, plate
 
 SIZE = np.array([12e-3, 6.7e-3, 1.6e-3])
 TANGENTS = {"s11": 0.016, "d31": 0.012, "eps33T": 0.018}
 FREQUENCY = np.linspace(20e3, 240e3, 201)
 #: True over assumed value of each free constant.
 OFF = {"s11": 1.03, "d31": 0.97, "eps33T": 1.05}
+ASSUMED = material(PiezoConstants.from_vector(PZT5H), OFF)
 
 
 def truth() -> np.ndarray:
@@ -84,12 +87,8 @@ class Bench:
         write_spectrum(spectrum, self.folder / f"{name}.csv")
 
     def write(self, *more: str):
-        constants = [f"{name} = {value.real!r}" for name, value in zip(NAMES, PZT5H.tolist(), strict=True)]
-        body = [f"{key} = {value}" for key, value in zip(("length", "width", "thickness"), SIZE, strict=True)]
-        head = ['name = "piece"', "[geometry]", 'shape = "plate"', *body, f"density = {DENSITY}"]
-        text = [*head, "[material]", 'free = ["s11", "d31", "eps33T"]', *constants, *self.lines, *more]
         path = self.folder / "piece.toml"
-        path.write_text("\n".join(text), encoding="utf-8")
+        path.write_text("\n".join([plate("piece", SIZE, DENSITY) + ASSUMED, *self.lines, *more]), encoding="utf-8")
         return path
 
 
