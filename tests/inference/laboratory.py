@@ -38,6 +38,16 @@ TOLERANCES = {
 } | {key: std for name in D_FORM if name not in FREE for key, std in ((name, 0.03), (f"tan_{name}", 0.003))}
 
 
+class Response:
+    """A response that stands for a model at any factor of the frequency; its kinds give `with_jacobian`."""
+
+    def at(self, factor):
+        return self
+
+    def impedance(self, parameters, x):
+        return self.with_jacobian(parameters, x)[0]
+
+
 class Laboratory:
     """The reduced model and two sets of unknowns.
 

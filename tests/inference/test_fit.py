@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from laboratory import FREQUENCY, NOISE
+from laboratory import FREQUENCY, NOISE, Response
 
 from femu_piezo.inference import descent
 from femu_piezo.inference.descent import CLOSE, COARSE, RANKED
@@ -182,7 +182,7 @@ def test_no_fit_creates_energy(lab, loss, tangents):
         assert -Walls(unknowns, found.x).values.min() * TOLERANCE < 1e-3
 
 
-class Curved:
+class Curved(Response):
     """A response log Z = A (x − x0) + B (x − x0)² that is nearly linear in any number of unknowns."""
 
     def __init__(self, size: int, seed: int, strength: float, curvature: float) -> None:
@@ -191,33 +191,21 @@ class Curved:
         self.curvature = curvature * rng.standard_normal((30, size))
         self.x0 = np.tile([1.0, 0.02], size)[:size]
 
-    def at(self, factor):
-        return self
-
     def logarithm(self, x: np.ndarray) -> np.ndarray:
         """log Z (30, …) at x (size, …)."""
         away = x - self.x0.reshape(-1, *[1] * (x.ndim - 1))
         return np.tensordot(self.slopes, away, axes=1) + np.tensordot(self.curvature, away**2, axes=1)
-
-    def impedance(self, parameters, x):
-        return np.exp(self.logarithm(x))
 
     def with_jacobian(self, parameters, x):
         z = np.exp(self.logarithm(x))
         return z, z[:, None] * (self.slopes + 2 * self.curvature * (x - self.x0))
 
 
-class Ridge:
+class Ridge(Response):
     """A response that determines y − 3 x² far better than x (both in units of the prior); counts its evaluations."""
 
     def __init__(self, unknowns: Unknowns) -> None:
         self._mean, self._std, self.count = unknowns.prior_mean, unknowns.prior_std, 0
-
-    def at(self, factor):
-        return self
-
-    def impedance(self, parameters, x):
-        return self.with_jacobian(parameters, x)[0]
 
     def with_jacobian(self, parameters, x):
         self.count += 1

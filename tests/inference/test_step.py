@@ -15,6 +15,19 @@ from femu_piezo.inference.walls import TOLERANCE, Walls, WallsAndReadings
 STARTS = {"inside": (0.02, 0.015, 0.02), "lossless": (0.0, 0.0, 0.0), "near": (0.0150, 0.0240, 0.0170)}
 
 
+def terms_and_cost(lab, x: np.ndarray, unit: np.ndarray, factor: np.ndarray, right: np.ndarray):
+    """Functions of a step (6,) from x in units `unit`: its walls, and |factor step + right|² with their cost."""
+
+    def terms(step: np.ndarray) -> WallsAndReadings:
+        return WallsAndReadings(Walls(lab.ideal, x + unit * step), np.zeros(0), np.zeros((0, 6)))
+
+    def cost(step: np.ndarray) -> float:
+        residual = factor @ step + right
+        return float(residual @ residual) + terms(step).walls.cost
+
+    return terms, cost
+
+
 @pytest.mark.parametrize("where", STARTS)
 @pytest.mark.parametrize("wish", [(0.015, 0.035, 0.017), (0.001, 0.02, 0.001), (-0.01, 0.01, 0.02)])
 @pytest.mark.parametrize("damping", [0.0, 1e-3])
@@ -66,13 +79,7 @@ def test_a_step_begins_just_inside_a_wall(lab):
     unit, factor = np.tile([1e-3, 1e-2], 3), np.eye(6)
     right = np.array([0.0, 0.5, 3.0, -6.0, -2.0, 0.3])
 
-    def terms(step: np.ndarray) -> WallsAndReadings:
-        return WallsAndReadings(Walls(lab.ideal, x + unit * step), np.zeros(0), np.zeros((0, 6)))
-
-    def cost(step: np.ndarray) -> float:
-        residual = factor @ step + right
-        return float(residual @ residual) + terms(step).walls.cost
-
+    terms, cost = terms_and_cost(lab, x, unit, factor, right)
     step, gain = damped_step(factor, right, 0.0, (np.arange(6), unit), terms)
     best = minimize(cost, step, method="Nelder-Mead", options={"maxiter": 6000, "xatol": 1e-10, "fatol": 1e-9})
     assert gain > 0.97 * (cost(np.zeros(6)) - best.fun) > 1.0
@@ -119,13 +126,7 @@ def test_a_step_with_walls_and_within_bounds(lab):
     right = -factor @ ((np.array([1.002, 0.015, 0.999, 0.035, 1.001, 0.017]) - x) / unit)
     low, high = np.full(6, -np.inf), np.array([0.0, *[np.inf] * 5])
 
-    def terms(step: np.ndarray) -> WallsAndReadings:
-        return WallsAndReadings(Walls(lab.ideal, x + unit * step), np.zeros(0), np.zeros((0, 6)))
-
-    def cost(step: np.ndarray) -> float:
-        residual = factor @ step + right
-        return float(residual @ residual) + terms(step).walls.cost
-
+    terms, cost = terms_and_cost(lab, x, unit, factor, right)
     step, gain = damped_step(factor, right, 0.0, (np.arange(6), unit), terms, bounds=(low, high))
     assert abs(step[0]) < 1e-6
 

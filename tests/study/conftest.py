@@ -13,6 +13,7 @@ from femu_piezo.geometry.shapes import Plate
 from femu_piezo.material.constants import PiezoConstants
 from femu_piezo.measurement.readers import write_spectrum
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
+from femu_piezo.study.model_cache import SharedBases
 from tests.materials import LOSSY
 from tests.specimens import material, plate
 
@@ -50,6 +51,12 @@ def sweep_of():
 def sweeps(truth) -> dict[str, ImpedanceSpectrum]:
     """Noise-free sweeps of the bodies."""
     return {name: solved(name, truth) for name in BODIES}
+
+
+@pytest.fixture(scope="module")
+def bases() -> SharedBases:
+    """Bases of reduced models that the tests of one file share."""
+    return SharedBases()
 
 
 @pytest.fixture

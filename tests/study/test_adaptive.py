@@ -15,17 +15,11 @@ from femu_piezo.errors import InputError
 from femu_piezo.measurement.spectrum import ImpedanceSpectrum
 from femu_piezo.study.adaptive import Wish, adapt, joined, next_frequencies, watching
 from femu_piezo.study.linearised import _median_over
-from femu_piezo.study.model_cache import SharedBases
 from femu_piezo.study.update import update
 from tests.study.bench import BAND, Bench, specimen_of
 
 #: Peak of |ΔZ/Z| above which a resonance is plainly visible in a dense sweep.
 PLAIN = 0.1
-
-
-@pytest.fixture(scope="module")
-def bases() -> SharedBases:
-    return SharedBases()
 
 
 @pytest.fixture(scope="module")

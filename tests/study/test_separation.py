@@ -15,15 +15,9 @@ from femu_piezo.study.adaptive import Wish, adapt
 from femu_piezo.study.comparing import compare_causes
 from femu_piezo.study.linearised import Linearised
 from femu_piezo.study.measured import measure_each
-from femu_piezo.study.model_cache import SharedBases
 from femu_piezo.study.progress import Clock
 from femu_piezo.study.subjects import subjects
 from tests.study.bench import BAND, Bench, misfit_of_wrong, specimen_of
-
-
-@pytest.fixture(scope="module")
-def bases() -> SharedBases:
-    return SharedBases()
 
 
 @pytest.fixture(scope="module")
