@@ -150,8 +150,8 @@ class ParityClass(CrystalForms):
         self._kept = self._free_potentials()
         self._products: dict[tuple, np.ndarray] = {}
         sizes = [int(np.prod([line.positions.size for line in self.lines[f]])) for f in range(3)]
-        self._starts = np.concatenate([[0], np.cumsum(sizes)])
-        self.displacements, self.potentials = int(self._starts[-1]), self._kept.size
+        self.starts = np.concatenate([[0], np.cumsum(sizes)])
+        self.displacements, self.potentials = int(self.starts[-1]), self._kept.size
         self.mass = self._mass()
         self.elastic, self.coupling, self.dielectric = (
             self.elastic_forms(),
@@ -209,9 +209,6 @@ class ParityClass(CrystalForms):
             total = total[self._kept] if f == 3 else total
             self._products[f, a, g, b] = total[:, self._kept] if g == 3 else total
         return self._products[f, a, g, b]
-
-    def block(self, f: int) -> slice:
-        return slice(self._starts[f], self._starts[f + 1])
 
     def _mass(self) -> np.ndarray:
         found = np.zeros((self.displacements, self.displacements))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hidden_effects.body import Body, Surface
+from hidden_effects.body import Body
 from hidden_effects.reduced import Plate
 from hidden_effects.spectral import Axis, joined
 
@@ -41,15 +41,23 @@ class Grading:
 _GRADING = Grading((0.05e-3,), 3, (8, 8)), Grading((0.015e-3, 0.1e-3), 4, (6, 14))
 
 
+@dataclass(kw_only=True)
 class Swept:
-    """The steps from a body to its sweep that plates and round bodies share; `Build` documents the attributes."""
+    """The steps from a body with constants `theta` to its sweep that plates and round bodies share.
 
-    theta: np.ndarray
-    surfaces: list
-    laws: list[Law]
-    relaxations: list[Law]
-    circuits: list[Circuit]
-    warp: Profile | None
+    Attributes
+    ----------
+    admittance : of the specimen over that of the plates, for the sizes of what stands parallel to it
+    warp : frequency (k,) → frequency at which the linear body answers, for what no linear body does
+    """
+
+    poling: int = 2
+    admittance: float = 1.0
+    surfaces: list = field(default_factory=list)
+    laws: list[Law] = field(default_factory=list)
+    relaxations: list[Law] = field(default_factory=list)
+    circuits: list[Circuit] = field(default_factory=list)
+    warp: Profile | None = None
 
     def body(self):
         """The body without its surfaces."""
@@ -92,16 +100,12 @@ class Build(Swept):
     theta : (10,) true d-form constants
     fundamental : Hz, where laws over frequency are anchored: the first pole of the plate without effects
     elements, elements_across : further ends of elements along x, and along y, m
-    admittance : of the specimen over that of the plates, for the sizes of what stands parallel to it
-    warp : frequency (k,) → frequency at which the linear body answers, for what no linear body does
     """
 
     size: np.ndarray
     density: float
     theta: np.ndarray
     fundamental: float
-    poling: int = 2
-    admittance: float = 1.0
     taper: float = 0.0
     wedge: float = 0.0
     margins: tuple[float, float] = (0.0, 0.0)
@@ -112,11 +116,6 @@ class Build(Swept):
     soft: tuple[Profile, Profile] | None = None
     elements: list[float] = field(default_factory=list)
     elements_across: list[float] = field(default_factory=list)
-    surfaces: list[Surface] = field(default_factory=list)
-    laws: list[Law] = field(default_factory=list)
-    relaxations: list[Law] = field(default_factory=list)
-    circuits: list[Circuit] = field(default_factory=list)
-    warp: Profile | None = None
 
     @property
     def area(self) -> float:

@@ -20,17 +20,19 @@ class CrystalForms(ABC):
     ----------
     driven : whether the volt drives these fields
     displacements, potentials : numbers n and m of functions, the volt apart
+    starts : (4,) first displacements of u_x, u_y and u_z, and n
     poling : axis 2 or 0
     """
 
     driven: bool
     displacements: int
     potentials: int
+    starts: np.ndarray
     poling: int
 
-    @abstractmethod
     def block(self, f: int) -> slice:
         """Where the functions of u_x, u_y or u_z are among the displacements."""
+        return slice(self.starts[f], self.starts[f + 1])
 
     @abstractmethod
     def product(self, f: int, a: int, g: int, b: int, profile: str) -> np.ndarray:

@@ -185,8 +185,8 @@ class RoundClass(CrystalForms):
         self._nodes, self._weights = legendre.leggauss(body.layers + 4)
         self._lines = [self._line(f, sign, self._nodes) for f in range(4)]
         sizes = [self._plane[self._parity[f]].shape[1] * len(self._lines[f][0]) for f in range(4)]
-        self._starts = np.concatenate([[0], np.cumsum(sizes[:3])])
-        self.displacements, self.potentials = int(self._starts[-1]), sizes[3]
+        self.starts = np.concatenate([[0], np.cumsum(sizes[:3])])
+        self.displacements, self.potentials = int(self.starts[-1]), sizes[3]
         self.mass = sl.block_diag(*(body.density * self.product(f, -1, f, -1) for f in range(3)))
         self.elastic, self.coupling, self.dielectric = (
             self.elastic_forms(),
@@ -238,9 +238,6 @@ class RoundClass(CrystalForms):
         if a == 0 and rise:
             found.append((-plane[0] * rise / height, half * self._nodes * line[1]))
         return found
-
-    def block(self, f: int) -> slice:
-        return slice(self._starts[f], self._starts[f + 1])
 
     def factor(self, surface: RoundSurface) -> np.ndarray:
         """B (n, g) with Σ weight |u|² = |Bᵗ u|² over the surface; the classes share columns."""

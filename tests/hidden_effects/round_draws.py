@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hidden_effects import catalogue, draws
-from hidden_effects.build import Circuit, Law, Profile, Swept
+from hidden_effects.build import Swept
 from hidden_effects.catalogue import NAMES, Hidden, log_uniform
 from hidden_effects.draws import PZT5H, Draw
 from hidden_effects.round_body import RoundBody, RoundSurface
@@ -44,13 +44,6 @@ class RoundBuild(Swept):
     density: float
     theta: np.ndarray
     fundamental: float
-    poling: int = 2
-    admittance: float = 1.0
-    surfaces: list[RoundSurface] = field(default_factory=list)
-    laws: list[Law] = field(default_factory=list)
-    relaxations: list[Law] = field(default_factory=list)
-    circuits: list[Circuit] = field(default_factory=list)
-    warp: Profile | None = None
     profiles: dict[str, Callable] = field(default_factory=dict)
     wedge: float = 0.0
     oval: float = 0.0
